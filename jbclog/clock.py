@@ -1,0 +1,75 @@
+"""Two clocks, never mixed: a monotonic one that everything is timed by, and UTC that people read.
+
+Durations, due times and time-outs use `monotonic()`, in seconds. UTC is only ever derived from it by
+an offset, so that a stepped wall clock neither moves a sample nor turns a duration negative.
+"""
+
+from __future__ import annotations
+
+import time
+from typing import Protocol
+
+
+class Clock(Protocol):
+    """What the rooms may know of time."""
+
+    def monotonic(self) -> float:
+        """Seconds on a clock that never goes back."""
+
+    def utc(self) -> float:
+        """Seconds since 1970 UTC, as the host believes now."""
+
+
+class SystemClock:
+    """The host's clocks."""
+
+    monotonic = staticmethod(time.monotonic)
+    utc = staticmethod(time.time)
+
+
+class VirtualClock:
+    """A clock that stands still until it is told to go on; for tests and for the virtual driver."""
+
+    def __init__(self, monotonic: float = 1000.0, utc: float = 1_790_000_000.0) -> None:
+        self._monotonic = monotonic
+        self._utc = utc
+
+    def monotonic(self) -> float:
+        return self._monotonic
+
+    def utc(self) -> float:
+        return self._utc
+
+    def advance_to(self, moment: float) -> None:
+        """Go on to `moment` (monotonic seconds); a moment in the past changes nothing."""
+        ahead = moment - self._monotonic
+        if ahead > 0:
+            self._monotonic = moment
+            self._utc += ahead
+
+    def step_utc(self, seconds: float) -> None:
+        """Step the wall clock alone, as an operator or NTP would."""
+        self._utc += seconds
+
+
+class UtcOffset:
+    """Turns monotonic moments into UTC microseconds by an offset that only `check` renews.
+
+    Between checks every row of a run has the same offset, so rows cannot overtake each other.
+    """
+
+    STEP_S = 0.5  # a larger change is a step (faults.md, row 20); a smaller one is drift and is followed
+
+    def __init__(self, clock: Clock) -> None:
+        self._clock = clock
+        self.offset = clock.utc() - clock.monotonic()
+
+    def micros(self, moment: float) -> int:
+        """UTC microseconds since 1970 of a monotonic `moment`."""
+        return round((moment + self.offset) * 1e6)
+
+    def check(self) -> float:
+        """Follow the wall clock; give the size of a step in seconds, 0.0 where there was none."""
+        now = self._clock.utc() - self._clock.monotonic()
+        change, self.offset = now - self.offset, now
+        return change if abs(change) > self.STEP_S else 0.0

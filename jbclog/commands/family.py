@@ -1,0 +1,124 @@
+"""Families: which table, tools, errors and safe states hold for a station, found by its model name."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+
+from jbclog.commands import ale, robot, ucr
+from jbclog.commands.command import Command
+from jbclog.commands.signals import FEEDER_COUNTERS, FEEDER_SIGNALS, HOUR_COUNTERS, SOLDERING_SIGNALS, Counter, Signal
+
+WORKING = (0, 0, 0, 0, 0)
+STAND = (0, 0, 0, 0, 1)
+EXTRACTOR = (0, 0, 0, 1, 0)
+STATUS_ORDERS: Mapping[str, tuple[int, ...]] = MappingProxyType({"working": WORKING, "stand": STAND, "extractor": EXTRACTOR})
+STATUS_NAMES = ("working", "stand", "sleep", "hibernation")
+
+
+def _by_name(commands: Iterable[Command]) -> Mapping[str, Command]:
+    return MappingProxyType({command.name: command for command in commands})
+
+
+@dataclass(frozen=True, slots=True)
+class Family:
+    """One family of control units. All of its tables are read-only data.
+
+    `models` are the beginnings of model names that prove the family. `ports` is None where the manual
+    does not say how many there are: then those that answer R-CT are meant.
+    """
+
+    name: str
+    title: str
+    models: tuple[str, ...]
+    commands: Mapping[str, Command]
+    ports: tuple[int, ...] | None
+    tools: Mapping[int, str]
+    safe_states: tuple[str, ...] = ("stand",)
+    run_statuses: tuple[str, ...] = ("working", "stand")
+    signals: tuple[Signal, ...] = SOLDERING_SIGNALS
+    counters: tuple[Counter, ...] = HOUR_COUNTERS
+    port_errors: Mapping[int, str] = field(default_factory=lambda: MappingProxyType(robot.PORT_ERRORS))
+    station_errors: Mapping[int, str] = field(default_factory=lambda: MappingProxyType(robot.STATION_ERRORS))
+    has_feeder: bool = False
+    manual: str = "002"
+
+    def tool_name(self, code: int) -> str:
+        """The tool's name; an unknown code is kept as ``tool_<n>``."""
+        return self.tools.get(code, f"tool_{code}")
+
+    def port_error_text(self, code: int) -> str:
+        return self.port_errors.get(code, f"unknown port error {code}")
+
+    def station_error_text(self, code: int) -> str:
+        return self.station_errors.get(code, f"unknown station error {code}")
+
+    def proves(self, model: str) -> bool:
+        """Whether a station that calls itself `model` is of this family."""
+        return model.upper().startswith(self.models)
+
+
+_BENCH = _by_name((*robot.COMMON, robot.STORE, robot.SOFTWARE_VERSION))
+_OLD = _by_name(robot.COMMON)
+_UCR = _by_name((*robot.COMMON, *ucr.UCR, *ale.DISPENSED))
+_ALE = _by_name((*robot.COMMON, robot.STORE, robot.SOFTWARE_VERSION, *ale.FEEDER, *ale.DISPENSED))
+
+
+def _bench(name: str, title: str, ports: tuple[int, ...] | None) -> Family:
+    return Family(name, title, (name.upper(),), _BENCH, ports, robot.TOOLS_002)
+
+
+FAMILIES: Mapping[str, Family] = MappingProxyType(
+    {
+        family.name: family
+        for family in (
+            Family(
+                "soldering",
+                "older soldering stations (manual 000)",
+                # 000 prints only "DDR"; the others are the letters of the maker's units of that time
+                ("DDR", "DIR", "CDR", "HDR", "NAR", "DMR", "DD", "DI", "CD", "HD", "NA", "DM"),
+                _OLD,
+                None,
+                robot.TOOLS_000,
+                manual="000",
+            ),
+            _bench("dde", "DDE 2-tool control unit", (1, 2)),
+            _bench("nae", "NAE 2-tool nano control unit", (1, 2)),
+            _bench("dme", "DME 4-tool control unit", (1, 2, 3, 4)),
+            _bench("hde", "HDE heavy-duty control unit", None),
+            Family(
+                "ucr",
+                "UCR control unit for robots (UCR245, UCR470)",
+                ("UCR",),
+                _UCR,
+                (1,),
+                robot.TOOLS_004,
+                ("stand", "extractor"),
+                ("working", "stand", "extractor"),
+                manual="004, 002",
+            ),
+            Family(
+                "ale",
+                "ALE automatic-feed control unit",
+                ("ALE",),
+                _ALE,
+                (1,),
+                robot.TOOLS_002,
+                ("stand", "extractor"),
+                ("working", "stand", "extractor"),
+                (*SOLDERING_SIGNALS, *FEEDER_SIGNALS),
+                (*HOUR_COUNTERS, *FEEDER_COUNTERS),
+                has_feeder=True,
+            ),
+        )
+    }
+)
+
+
+def family_of(model: str) -> Family | None:
+    """The family that a model name proves, newest tables first; None where none knows it."""
+    named = [family for family in FAMILIES.values() if family.name != "soldering" and family.proves(model)]
+    if named:
+        return named[0]
+    return FAMILIES["soldering"] if FAMILIES["soldering"].proves(model) else None

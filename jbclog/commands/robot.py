@@ -1,0 +1,188 @@
+"""The common table of JBC soldering stations in Robot mode: seeds 000, 002 and 004 agree on it.
+
+Notes cite the digest of contradictions ("B-nn") where the manuals doubt or contradict themselves.
+"""
+
+from __future__ import annotations
+
+from jbclog.commands.command import Command, Effect, Limits, Scope
+from jbclog.quantities import (
+    AlarmDelay,
+    AlarmLimit,
+    Delay,
+    Number,
+    Quantity,
+    Text,
+    Unsigned,
+    Whole,
+    Word,
+)
+
+CELSIUS = Whole("°C")
+HOURS = Unsigned("h")
+COUNT = Unsigned("count")
+NOTHING = Number()
+STATUS_WORD = Word((0, 2, 1, 1, 3))
+ALARM_FLAGS = Word((0, 0, 0, 1, 1))
+
+
+def per_port(name: str, letters: str, quantity: Quantity, manual: str, **more: object) -> Command:
+    """A command that is only read, on one port."""
+    return Command(name, letters, Scope.PORT, quantity, "r", manual, **more)  # type: ignore[arg-type]  # table helper
+
+
+def setting(name: str, letters: str, scope: Scope, quantity: Quantity, manual: str, limits: Limits, note: str = "") -> Command:
+    """A command that is written and read back."""
+    return Command(name, letters, scope, quantity, "rw", manual, limits, note=note)
+
+
+READINGS = (
+    per_port("tip_temperature", "TT", CELSIUS, "002 R-TTx; 000 4.8.3"),
+    per_port("power", "PP", Unsigned("‰"), "002 R-PPx; 000 4.8.4", limits=Limits(0, 1000), note="B-32: per mille"),
+    per_port("port_error", "PE", Number(), "002 R-PEx, Port Errors; 000 4.8.5", note="B-28: 80000 is read as 8"),
+    per_port("tool", "CT", Number(), "002 R-CTx, Tools; 000 4.8.8"),
+    per_port("time_to_sleep", "ED", Unsigned("s"), "002 R-EDx; 000 4.8.9", note="B-25: value when not counting unprinted"),
+    per_port("transistor_temperature", "QT", CELSIUS, "002 R-QTx; 000 4.8.18"),
+    per_port(
+        "alarm_flags",
+        "TA",
+        ALARM_FLAGS,
+        "002 R-TAx; 000 4.8.27",
+        effect=Effect.CLEARS,
+        note="B-24: latched, cleared by reading (000); units high, tens low",
+    ),
+    Command(
+        "model", "SMN", Scope.STATION, Text(), "r", "002 R-SMN; 000 4.8.28", answer_digits=None, note="B-34: six letters occur"
+    ),
+    Command("station_error", "SER", Scope.STATION, Number(), "r", "002 R-SER, Station Errors; 000 4.8.33"),
+    Command("transformer_temperature", "TT", Scope.STATION, CELSIUS, "r", "002 R-TT; 000 4.8.34", note="B-10: two letters"),
+)
+
+SETTINGS = (
+    setting(
+        "selected_temperature", "ST", Scope.PORT, CELSIUS, "002 W-STx; 000 4.8.2", Limits(step=5), "B-27: volatile; within MIT..MAT"
+    ),
+    Command(
+        "status",
+        "PS",
+        Scope.PORT,
+        STATUS_WORD,
+        "rw",
+        "002 W-PSx, Tool Operating Status; 000 4.6, 4.8.7",
+        note="B-19: only 00000, 00001 and, not in 000, 00010 are written",
+    ),
+    setting("adjust", "A", Scope.TOOL, CELSIUS, "002 W-Axy; 000 4.8.11", Limits(-50, 50, 1)),
+    setting("sleep_temperature", "S", Scope.TOOL, CELSIUS, "002 W-Sxy; 000 4.8.13", Limits(step=5)),
+    setting("sleep_delay", "D", Scope.TOOL, Delay("min"), "002 W-Dxy; 000 4.8.15", Limits(0, 9, 1, off=True), "B-20: minutes"),
+    setting(
+        "hibernation_delay", "H", Scope.TOOL, Delay("min"), "002 W-Hxy; 000 4.8.17", Limits(0, 60, 5, off=True), "B-20: minutes"
+    ),
+    setting(
+        "alarm_high_limit",
+        "HA",
+        Scope.PORT,
+        AlarmLimit(),
+        "002 W-HAx; 000 4.8.20",
+        Limits(low=5, step=5),
+        "B-23: not set is 99999 or 0",
+    ),
+    setting(
+        "alarm_low_limit",
+        "LA",
+        Scope.PORT,
+        AlarmLimit(),
+        "002 W-LAx; 000 4.8.22",
+        Limits(low=5, step=5),
+        "B-23: not set is 99999 or 0",
+    ),
+    setting(
+        "alarm_high_delay", "HD", Scope.PORT, AlarmDelay(), "002 W-HDx; 000 4.8.24", Limits(0, 99.99, 0.01, off=True), "B-21, B-22"
+    ),
+    setting(
+        "alarm_low_delay", "LD", Scope.PORT, AlarmDelay(), "002 W-LDx; 000 4.8.26", Limits(0, 99.99, 0.01, off=True), "B-21, B-22"
+    ),
+)
+
+STATION_LIMITS = (
+    Command("maximum_temperature", "MAT", Scope.STATION, CELSIUS, "rw", "002 W-MAT; 000 4.8.30", dangerous=True),
+    Command("minimum_temperature", "MIT", Scope.STATION, CELSIUS, "rw", "002 W-MIT; 000 4.8.32", dangerous=True),
+)
+
+COUNTERS = (
+    per_port("plugged_hours", "CP", HOURS, "002 R-CPx; 000 4.8.36"),
+    per_port("no_tool_hours", "CN", HOURS, "002 R-CNx; 000 4.8.37"),
+    per_port("sleep_hours", "CS", HOURS, "002 R-CSx; 000 4.8.38"),
+    per_port("hibernation_hours", "CH", HOURS, "002 R-CHx; 000 4.8.39"),
+    per_port("work_hours", "CW", HOURS, "002 R-CWx; 000 4.8.40"),
+    per_port("sleep_cycles", "CC", COUNT, "002 R-CCx; 000 4.8.41"),
+    per_port("desolder_cycles", "CD", COUNT, "002 R-CDx; 000 4.8.42", note="B-36: the printed example RCC1 is a misprint"),
+)
+
+
+def _order(name: str, letters: str, manual: str, effect: Effect, note: str = "") -> Command:
+    return Command(name, letters, Scope.STATION, NOTHING, "w", manual, Limits(0, 0), effect, True, note=note)
+
+
+ORDERS = (
+    _order("restart", "RST", "002 W-RST; 000 4.7", Effect.ERASES, "B-40: answer unprinted, may be silence; B-37: data 00000"),
+    _order("factory_reset", "RSP", "002 W-RSP; 000 4.9.35", Effect.ERASES, "B-37: data 00000"),
+)
+STORE = _order("store", "NVS", "002 W-NVS", Effect.ERASES, "writes the selected temperature into the EEPROM, which wears")
+SOFTWARE_VERSION = Command(
+    "software_version", "SVR", Scope.STATION, Text(), "r", "002 R-SVR", answer_digits=None, note="B-5: format unprinted"
+)
+
+COMMON = READINGS + SETTINGS + STATION_LIMITS + COUNTERS + ORDERS
+
+TOOLS_000 = {0: "none", 1: "T210", 2: "T245/T470", 3: "PA", 4: "HT", 5: "DS", 6: "DR", 7: "NT105", 8: "NP105"}
+TOOLS_002 = {
+    0: "none",
+    1: "T210",
+    2: "T245/T470",
+    3: "PA120/AM120",
+    4: "HT420/AT420",
+    5: "DS360",
+    6: "DR560",
+    7: "NT115",
+    8: "NP115/AN115",
+    9: "TRA245/TRA470",
+}
+TOOLS_004 = {0: "none", 2: "TR245/TR470", 9: "TRA245/TRA470"}
+
+PORT_ERRORS = {
+    0: "ok",
+    1: "short circuit",
+    2: "short circuit, not recoverable; restart the station",
+    3: "open circuit",
+    4: "no tool",
+    5: "tool not accepted",
+    6: "detecting the tool",
+    7: "stopped: maximum power",
+    8: "stopped: overload (MOS)",
+    9: "warning: overload (MOS)",
+}
+PORT_ERROR_NO_TOOL = 4
+PORT_ERROR_STATES = frozenset({4, 6})  # states of the port rather than faults (digest A.5)
+PORT_ERROR_WARNINGS = frozenset({9})
+
+STATION_ERRORS = {
+    0: "ok",
+    1: "stopped: transformer overload",
+    2: "temperature sensor",
+    3: "memory",
+    4: "mains frequency",
+    5: "station model",
+    6: "tool controller not connected",
+    7: "warning: transformer overload",
+}
+STATION_ERROR_WARNINGS = frozenset({7})
+
+COMMUNICATION_ERRORS = {
+    1: "wrong check byte",
+    2: "wrong format",
+    3: "value out of range",
+    4: "command not accepted",
+    5: "Robot mode is off",
+    6: "station model unknown",
+    99999: "undefined",
+}

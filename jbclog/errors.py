@@ -1,0 +1,161 @@
+"""Every error that jbclog raises, and what each means to the person who reads it.
+
+::
+
+    JbclogError
+    ├── UsageError                  exit 2: a wrong file, name or option; nothing was sent
+    │   └── Problems                several of them, each with file, line and key
+    ├── LinkError (OSError)         the cable, the port or the server is gone
+    │   └── PortBusy                somebody else holds the port
+    ├── StationError                the link works, the station did not give what was asked
+    │   ├── AnswerTimeout (TimeoutError)
+    │   ├── AnswerCorrupt           an answer came, its check byte was wrong
+    │   ├── AnswerFormat            an answer came that no answer to this question can be
+    │   ├── ImplausibleAnswer       well-formed, and not believable
+    │   └── Refusal                 the station said N
+    │       ├── NotReceived         1, 2: it did not understand the frame
+    │       ├── OutOfRange          3
+    │       ├── NotSupported        4: it does not know the command
+    │       ├── RobotModeOff        5: nobody switched Robot mode on
+    │       └── ModelUnknown        6
+    ├── StartRefused                exit 3: the station, the recipe or the rate does not fit
+    ├── RecordError                 exit 4: the record could not be kept whole
+    └── Unsafe                      exit 5: a tool could not be put in its safe state
+
+Alarms and faults *of a station* are not here: they are rows in `events`. An exception is for what the
+program cannot do.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+class JbclogError(Exception):
+    """The root. `exit_code` is what a command ends with when nothing catches it (contract, "Exit codes")."""
+
+    exit_code = 1
+
+
+class UsageError(JbclogError):
+    """A wrong file, name or option. Nothing was sent to any station."""
+
+    exit_code = 2
+
+
+@dataclass(frozen=True, slots=True)
+class Problem:
+    """One thing wrong in a file: where it stands, what is wrong, what to do."""
+
+    file: str
+    line: int | None
+    key: str
+    text: str
+
+    def __str__(self) -> str:
+        where = f"{self.file}:{self.line}" if self.line else self.file
+        return f"{where}: {self.key}: {self.text}" if self.key else f"{where}: {self.text}"
+
+
+class Problems(UsageError):
+    """All problems of the files given, at once."""
+
+    def __init__(self, problems: list[Problem]) -> None:
+        super().__init__("\n".join(str(problem) for problem in problems))
+        self.problems = problems
+
+
+class LinkError(JbclogError, OSError):
+    """The port is gone: every kind of exception that pyserial throws at a pulled cable becomes this one."""
+
+    exit_code = 3
+    reason = "disconnected"
+
+
+class PortBusy(LinkError):
+    """Another program holds the port."""
+
+
+class StationError(JbclogError):
+    """One question got no usable answer. `reason` is the word that stands in the record."""
+
+    exit_code = 3
+    reason = "format"
+
+
+class AnswerTimeout(StationError, TimeoutError):
+    """No answer within the time that bytes and turnaround need."""
+
+    reason = "timeout"
+
+
+class AnswerCorrupt(StationError):
+    """An answer whose check byte does not match."""
+
+    reason = "bcc"
+
+
+class AnswerFormat(StationError):
+    """A whole frame that cannot be the answer: other code, address, length or digits."""
+
+    reason = "format"
+
+
+class ImplausibleAnswer(StationError):
+    """A well-formed answer whose value cannot be true."""
+
+    reason = "implausible"
+
+
+class Refusal(StationError):
+    """The station answered N. `code` is its communication error (seed 002, "Communication Errors")."""
+
+    def __init__(self, code: int, text: str) -> None:
+        super().__init__(text)
+        self.code = code
+
+    @property
+    def reason(self) -> str:  # type: ignore[override]  # the code belongs into the word
+        return f"nak{self.code}"
+
+
+class NotReceived(Refusal):
+    """N 1 or 2: the station found a wrong check byte or format. A read may be sent again."""
+
+
+class OutOfRange(Refusal):
+    """N 3: the value is outside the station's limits."""
+
+
+class NotSupported(Refusal):
+    """N 4: the station does not accept this command."""
+
+
+class RobotModeOff(Refusal):
+    """N 5: Robot mode is off in the station's menu."""
+
+    @property
+    def reason(self) -> str:  # type: ignore[override]
+        return "robot_off"
+
+
+class ModelUnknown(Refusal):
+    """N 6: the station does not know its own model."""
+
+
+class StartRefused(JbclogError):
+    """A station's run cannot begin: wrong identity, recipe refused, rate does not fit."""
+
+    exit_code = 3
+
+
+class RecordError(JbclogError):
+    """The record is, or would become, incomplete."""
+
+    exit_code = 4
+
+
+class Unsafe(JbclogError):
+    """A tool that the run touched could not be put in its safe state."""
+
+    exit_code = 5

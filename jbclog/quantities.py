@@ -1,0 +1,269 @@
+"""Values at the border: what five characters on the wire mean, and how a value is written as such.
+
+A `Quantity` is one kind of value. `decode` takes the data field as text and gives a typed value or raises
+`ValueError`; `encode` does the reverse. A value is an `int`, a `float`, a `str`, a tuple of digits, or
+`OFF` where the manual prints 99999 for "disabled". Unknown is never a value here: whoever does not have
+one holds `None` and a reason.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+from typing import Final, Protocol
+
+
+class Off(Enum):
+    """The one value of a delay that is switched off."""
+
+    OFF = "off"
+
+    def __str__(self) -> str:
+        return "off"
+
+
+OFF: Final = Off.OFF
+OFF_ON_WIRE: Final = "99999"
+
+Value = int | float | str | Off | tuple[int, ...]
+"""What a station can tell: a number, a name, off, or the digits of a status word."""
+
+
+class Quantity(Protocol):
+    """One kind of value: its unit and the two directions of the border."""
+
+    @property
+    def unit(self) -> str: ...
+
+    def decode(self, data: str) -> Value: ...
+
+    def encode(self, value: Value) -> str: ...
+
+
+def _digits(data: str) -> int:
+    """The whole number in `data`: a sign in the first place at most, no blank, no underscore, ASCII only."""
+    body = data[1:] if data[:1] == "-" else data
+    if len(data) != 5 or not (body.isascii() and body.isdigit()):
+        raise ValueError(f"{data!r} is not five digits")
+    return int(data)
+
+
+def _whole(value: Value) -> int:
+    if isinstance(value, bool) or not isinstance(value, int):
+        raise ValueError(f"{value!r} is not a whole number")
+    if not -9999 <= value <= 99999:
+        raise ValueError(f"{value} does not fit in five characters")
+    return value
+
+
+@dataclass(frozen=True, slots=True)
+class Whole:
+    """A whole number in `unit`, zero-filled, minus in the first place: ``-0050`` (seed 002, "Frame Fields")."""
+
+    unit: str
+
+    def decode(self, data: str) -> int:
+        return _digits(data)
+
+    def encode(self, value: Value) -> str:
+        return f"{_whole(value):05d}"
+
+
+@dataclass(frozen=True, slots=True)
+class Unsigned:
+    """A whole number in `unit` that is never negative: a count, an hour, a power."""
+
+    unit: str
+
+    def decode(self, data: str) -> int:
+        number = _digits(data)
+        if data[0] == "-":
+            raise ValueError(f"{data!r} is negative")
+        return number
+
+    def encode(self, value: Value) -> str:
+        if _whole(value) < 0:
+            raise ValueError(f"{value} is negative")
+        return f"{value:05d}"
+
+
+@dataclass(frozen=True, slots=True)
+class Delay:
+    """A delay in whole `unit`; 99999 means that the feature is off (seed 002, W-Dxy and W-Hxy)."""
+
+    unit: str
+
+    def decode(self, data: str) -> int | Off:
+        return OFF if data == OFF_ON_WIRE else Unsigned(self.unit).decode(data)
+
+    def encode(self, value: Value) -> str:
+        return OFF_ON_WIRE if value is OFF else Unsigned(self.unit).encode(value)
+
+
+@dataclass(frozen=True, slots=True)
+class AlarmDelay:
+    """Seconds as ``ss.cc``: ``01.60`` is 1.6 s, 99999 means that the alarm is off (seed 002, W-HDx)."""
+
+    unit: str = "s"
+
+    def decode(self, data: str) -> float | Off:
+        if data == OFF_ON_WIRE:
+            return OFF
+        whole, dot, hundredths = data[:2], data[2:3], data[3:]
+        if len(data) != 5 or dot != "." or not (whole + hundredths).isascii() or not (whole + hundredths).isdigit():
+            raise ValueError(f"{data!r} is not a delay of the form ss.cc")
+        return int(whole + hundredths) / 100
+
+    def encode(self, value: Value) -> str:
+        if value is OFF:
+            return OFF_ON_WIRE
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            raise ValueError(f"{value!r} is not a number of seconds")
+        hundredths = round(value * 100)
+        if not 0 <= hundredths <= 9999 or abs(hundredths - value * 100) > 1e-6:
+            raise ValueError(f"{value} s is not within 0.00 to 99.99 s in steps of 0.01")
+        return f"{hundredths // 100:02d}.{hundredths % 100:02d}"
+
+
+@dataclass(frozen=True, slots=True)
+class AlarmLimit:
+    """A limit in °C. "Not set" has no printed wire value: 99999 and 00000 are read as OFF (digest B-23).
+
+    What lies outside the station's own limits is kept as it is; only the station knows those.
+    """
+
+    unit: str = "°C"
+
+    def decode(self, data: str) -> int | Off:
+        number = _digits(data)
+        return OFF if data in (OFF_ON_WIRE, "00000") else number
+
+    def encode(self, value: Value) -> str:
+        if value is OFF:
+            raise ValueError("no manual prints how a limit is taken back; switch its delay off instead")
+        return Unsigned(self.unit).encode(value)
+
+
+@dataclass(frozen=True, slots=True)
+class Scaled:
+    """A length or speed sent as a whole number of `1/per_unit` (seed 002, R-LEN: 01000 dmm = 100 mm)."""
+
+    unit: str
+    per_unit: int
+
+    def decode(self, data: str) -> float:
+        return Unsigned(self.unit).decode(data) / self.per_unit
+
+    def encode(self, value: Value) -> str:
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            raise ValueError(f"{value!r} is not a number")
+        raw = round(value * self.per_unit)
+        if abs(raw - value * self.per_unit) > 1e-6:
+            raise ValueError(f"{value} {self.unit} is not a multiple of {1 / self.per_unit} {self.unit}")
+        return Unsigned(self.unit).encode(raw)
+
+
+@dataclass(frozen=True, slots=True)
+class HexLength:
+    """Dispensed length in 0.1 mm, hexadecimal, with or without ``0x``, of any width (seed 002, R-DLx).
+
+    A field of decimal digits is still hexadecimal: ``01000`` is 4096 dmm.
+    """
+
+    unit: str = "mm"
+
+    def decode(self, data: str) -> float:
+        digits = data[2:] if data[:2] in ("0x", "0X") else data
+        if not 1 <= len(digits) <= 16 or any(c not in "0123456789abcdefABCDEF" for c in digits):
+            raise ValueError(f"{data!r} is not hexadecimal")
+        return int(digits, 16) / 10
+
+    def encode(self, value: Value) -> str:
+        if isinstance(value, bool) or not isinstance(value, int | float) or value < 0:
+            raise ValueError(f"{value!r} is not a length")
+        return f"{round(value * 10):05X}"
+
+
+@dataclass(frozen=True, slots=True)
+class Text:
+    """Printable characters, filled with blanks on the left to five (seed 000, 4.8.28)."""
+
+    unit: str = ""
+
+    def decode(self, data: str) -> str:
+        name = data.strip(" ")
+        if not name or not name.isascii() or not name.isprintable():
+            raise ValueError(f"{data!r} is not a name")
+        return name
+
+    def encode(self, value: Value) -> str:
+        if not isinstance(value, str):
+            raise ValueError(f"{value!r} is not a name")
+        return value.rjust(5)
+
+
+@dataclass(frozen=True, slots=True)
+class Choice:
+    """A number that stands for a word: a mode. Only the numbers named are accepted when writing."""
+
+    names: tuple[str, ...]
+    unit: str = ""
+
+    def decode(self, data: str) -> str:
+        number = _digits(data)
+        if not 0 <= number < len(self.names):
+            raise ValueError(f"{data!r} is none of {', '.join(self.names)}")
+        return self.names[number]
+
+    def encode(self, value: Value) -> str:
+        if value not in self.names:
+            raise ValueError(f"{value!r} is none of {', '.join(self.names)}")
+        return f"{self.names.index(str(value)):05d}"
+
+
+@dataclass(frozen=True, slots=True)
+class Number:
+    """A code whose meaning a table of the family gives: an error, a tool. Unknown codes are kept."""
+
+    unit: str = ""
+
+    def decode(self, data: str) -> int:
+        return Unsigned("").decode(data)
+
+    def encode(self, value: Value) -> str:
+        return Unsigned("").encode(value)
+
+
+@dataclass(frozen=True, slots=True)
+class Word:
+    """Five decimal digits that are read one by one; `highest` bounds each, from the left (digest A.7).
+
+    The value is the tuple of digits, most significant first.
+    """
+
+    highest: tuple[int, int, int, int, int]
+    unit: str = ""
+
+    def decode(self, data: str) -> tuple[int, ...]:
+        if len(data) != 5 or not (data.isascii() and data.isdigit()):
+            raise ValueError(f"{data!r} is not five digits")
+        digits = tuple(map(int, data))
+        if any(digit > top for digit, top in zip(digits, self.highest, strict=True)):
+            raise ValueError(f"{data!r} has a digit that no manual describes")
+        return digits
+
+    def encode(self, value: Value) -> str:
+        if not isinstance(value, tuple) or len(value) != 5:
+            raise ValueError(f"{value!r} is not five digits")
+        text = "".join(map(str, value))
+        self.decode(text)
+        return text
+
+
+def text_of(value: Value) -> str:
+    """The value as the `settings` table and messages show it: ``350``, ``1.60``, ``off``, ``00001``."""
+    if isinstance(value, tuple):
+        return "".join(map(str, value))
+    if isinstance(value, float):
+        return f"{value:.2f}"
+    return str(value)

@@ -1,0 +1,170 @@
+"""The rows of a record, as the session makes them: plain tuples, no Arrow, no I/O.
+
+A row of `samples` is a list in the order of `SAMPLE_COLUMNS`, because a run makes thousands a second of
+them; the other three are rare and are named tuples. What every column means is in the contract ("Run
+folder"); types and units for Parquet are in `record/schema.py`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import StrEnum
+from typing import Final, NamedTuple, Protocol
+
+SampleRow = list[object]
+"""One tick of one port, in the order of `SAMPLE_COLUMNS`."""
+
+SAMPLE_COLUMNS: Final = (
+    "time",
+    "tick",
+    "station",
+    "port",
+    "late_us",
+    "scan_us",
+    "quality",
+    "reasons",
+    "temperature_c",
+    "power_permille",
+    "status",
+    "cooling",
+    "desoldering",
+    "motor",
+    "set_c",
+    "tool",
+    "port_error",
+    "station_error",
+    "alarm_high",
+    "alarm_low",
+    "transformer_c",
+    "transistor_c",
+    "delay_s",
+    "external_c",
+    "set_flow_permille",
+    "feeding",
+    "solder_shortage",
+    "clogged",
+    "preparing",
+    "in_range",
+)
+COLUMN: Final = {name: place for place, name in enumerate(SAMPLE_COLUMNS)}
+SIGNAL_COLUMNS: Final = SAMPLE_COLUMNS[COLUMN["temperature_c"] :]
+
+QUALITIES: Final = ("disconnected", "robot_off", "timeout", "bcc", "format", "nak", "implausible", "no_tool", "skipped", "ok")
+"""In the order in which the first that applies is taken (contract, "quality")."""
+
+
+class Severity(StrEnum):
+    INFO = "info"
+    WARNING = "warning"
+    ERROR = "error"
+    CRITICAL = "critical"
+
+
+class EventRow(NamedTuple):
+    """One fact. Times are UTC microseconds; `earliest` is the other end of the interval in which it happened."""
+
+    time: int
+    kind: str
+    severity: Severity
+    text: str
+    station: str | None = None
+    port: int | None = None
+    earliest: int | None = None
+    code: int | None = None
+    value: float | None = None
+    limit: float | None = None
+    raw: str | None = None
+
+
+class SettingRow(NamedTuple):
+    """The outcome of one setting on one station; values as text in the setting's unit."""
+
+    time: int
+    station: str
+    port: int | None
+    tool: str | None
+    setting: str
+    unit: str
+    requested: str | None
+    written: str | None
+    readback: str | None
+    nak: int | None
+    outcome: str
+
+
+OUTCOMES: Final = ("confirmed", "unchanged", "mismatch", "refused", "unconfirmed", "unsupported", "read")
+
+
+class CounterRow(NamedTuple):
+    """One reading of a counter. Where it failed `value` is None and `raw` is the reason in angle brackets."""
+
+    time: int
+    station: str
+    port: int | None
+    counter: str
+    value: float | None
+    unit: str
+    raw: str
+
+
+class Journal(Protocol):
+    """Where a session puts what it has learnt. Each call returns at once; keeping it safe is the journal's work."""
+
+    def sample(self, row: SampleRow) -> None: ...
+
+    def event(self, event: EventRow, *, at_once: bool = False) -> None:
+        """`at_once`: commit now, because the station has already forgotten it (alarm flags)."""
+
+    def setting(self, setting: SettingRow) -> None: ...
+
+    def counter(self, counter: CounterRow) -> None: ...
+
+    def facts(self, facts: StationFacts) -> None:
+        """What is now known of a station; replaces what was handed over before."""
+
+
+def quality_of(reasons: dict[str, str]) -> str:
+    """The row's quality: the first of `QUALITIES` among its reasons, ``nak3`` counting as ``nak``."""
+    present = {"nak" if reason.startswith("nak") else reason for reason in reasons.values()}
+    return next((quality for quality in QUALITIES if quality in present), "ok")
+
+
+def reasons_text(reasons: dict[str, str]) -> str | None:
+    """``power_permille=timeout;alarm_high=nak3``, or None when all is well."""
+    return ";".join(f"{column}={reason}" for column, reason in reasons.items()) or None
+
+
+@dataclass(slots=True)
+class StationFacts:
+    """What a run knows of one station, kept in the manifest; a session hands it over again when it learns more.
+
+    `outcome` is ``running`` until the end, then ``completed``, ``stopped`` (by a setting found changed),
+    ``refused`` (before sampling), ``gone`` (did not answer at the start or at the end) or ``failed``.
+    `safe_state` maps a touched port to ``verified``, ``sent`` or ``failed``.
+    """
+
+    name: str
+    url: str
+    family: str
+    model: str | None = None
+    software: str | None = None
+    address: int | None = None
+    baudrate: int = 19200
+    format: str = "8N1"
+    ports: list[int] = field(default_factory=list)
+    tools: dict[int, str] = field(default_factory=dict)
+    turnaround_us: dict[str, float] = field(default_factory=dict)  # median, p99, n
+    period_s: float | None = None
+    recipe: str | None = None
+    rated_power_w: float | None = None
+    not_supported: list[str] = field(default_factory=list)
+    first_tick: int | None = None
+    last_tick: int | None = None
+    due: dict[str, dict[str, int]] = field(default_factory=dict)  # port -> signal -> readings due, as the session counted
+    skipped: int = 0  # ticks without rows: the host stood still
+    garbage_bytes: int = 0
+    touched: list[int] = field(default_factory=list)
+    outcome: str = "running"
+    reason: str = ""
+    safe_state: dict[int, str] = field(default_factory=dict)
+    last_temperature_c: dict[int, float] = field(default_factory=dict)
