@@ -46,7 +46,7 @@ class Limits:
             return None if self.off else "cannot be switched off"
         if not isinstance(value, int | float):
             return None
-        if self.low is not None and value < self.low or self.high is not None and value > self.high:
+        if (self.low is not None and value < self.low) or (self.high is not None and value > self.high):
             return f"{value} is outside {self}"
         if self.step and abs(value / self.step - round(value / self.step)) > 1e-6:
             return f"{value} is not a step of {self.step:g}"
