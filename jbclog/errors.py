@@ -9,6 +9,7 @@
     │   └── PortBusy                somebody else holds the port
     ├── StationError                the link works, the station did not give what was asked
     │   ├── AnswerTimeout (TimeoutError)
+    │   │   └── StationSilent       nothing answers any more, probes included
     │   ├── AnswerCorrupt           an answer came, its check byte was wrong
     │   ├── AnswerFormat            an answer came that no answer to this question can be
     │   ├── ImplausibleAnswer       well-formed, and not believable
@@ -87,6 +88,10 @@ class AnswerTimeout(StationError, TimeoutError):
     """No answer within the time that bytes and turnaround need."""
 
     reason = "timeout"
+
+
+class StationSilent(AnswerTimeout):
+    """Nothing answers any more: neither the question nor the probes after it."""
 
 
 class AnswerCorrupt(StationError):

@@ -1,0 +1,52 @@
+"""What a session wants done, and what it is told: the whole border between knowing and doing.
+
+A session is a generator. It yields one of the wishes below; a driver (`drive/`) does it and sends back a
+`Heard`. Where the link breaks, the driver throws `LinkError` into the session at the wish that failed; where
+the run is to end, `RunEnded`. The session never waits, never opens anything and never asks for the time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Generator
+from typing import NamedTuple, TypeVar
+
+
+class Ask(NamedTuple):
+    """Send `data`, then give the first bytes that come, or none once `patience_s` is over."""
+
+    data: bytes
+    patience_s: float
+
+
+class Listen(NamedTuple):
+    """Give the next bytes that come, or none at `until` (monotonic seconds)."""
+
+    until: float
+
+
+class Wait(NamedTuple):
+    """Sleep until `until` (monotonic seconds); give the bytes that came unasked meanwhile."""
+
+    until: float
+
+
+class Reopen(NamedTuple):
+    """Close the port and open it again; `LinkError` comes back where that fails."""
+
+
+class Heard(NamedTuple):
+    """What came back: the moment, the bytes (none: the time was over), and when the question left."""
+
+    now: float
+    data: bytes
+    sent: float
+
+
+class RunEnded(Exception):
+    """Thrown into a session to end it. It still puts its tools in their safe state before it returns."""
+
+
+T = TypeVar("T")
+Wish = Ask | Listen | Wait | Reopen
+Steps = Generator[Wish, Heard, T]
+"""A piece of a session: yields wishes, is sent what was heard, returns a `T`."""

@@ -1,0 +1,299 @@
+"""One client of one station: questions, answers, and how far an answer may be believed.
+
+The rules:
+
+1. One question is outstanding at a time. An answer is believed only when its check byte, addresses, header,
+   code, length and digits are those of the pending question; anything else on the line is counted and dropped.
+2. A read is asked again at most `REPEATS` times. What clears, moves or erases something is sent once (faults.md,
+   rows 2 and 39), and so is every write: whether it took is a matter of reading back.
+3. Answers carry no sequence number, so a late one looks like a fresh one. After a time-out the line is drained and
+   a probe with another code must be answered before any code is believed again (faults.md, row 5).
+4. How long an answer may take follows from the bytes, the line format and the turnaround seen on this station.
+
+Everything here is a generator that does no I/O (`effects`).
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass
+
+from jbclog.commands.command import Command
+from jbclog.commands.robot import COMMON, COMMUNICATION_ERRORS
+from jbclog.effects import Ask, Heard, Listen, Steps
+from jbclog.errors import (
+    AnswerCorrupt,
+    AnswerFormat,
+    AnswerTimeout,
+    ModelUnknown,
+    NotReceived,
+    NotSupported,
+    OutOfRange,
+    Refusal,
+    RobotModeOff,
+    StationError,
+    StationSilent,
+)
+from jbclog.protocol.frame import ETX, Frame, check_byte
+from jbclog.protocol.reader import Corrupt, FrameReader
+from jbclog.quantities import Value
+from jbclog.wire import LineFormat
+
+REPEATS = 2  # a read goes out three times at most
+UNMEASURED_S = 0.3  # turnaround allowed before any was seen (digest B-13)
+LEAST_S = 0.1  # turnaround allowed at the least: a busy host may well need that long to hand bytes over
+QUIET_S = 0.02  # a line that was silent this long after a bad answer is drained
+PROBES = 2  # questions a silent station gets before it counts as silent
+UNEXPECTED_LENGTH = 20  # characters allowed for an answer of unprinted length, for its time-out
+
+PROBE_COMMANDS = [command for command in COMMON if command.name in ("model", "station_error", "maximum_temperature")]
+
+REFUSALS: dict[int, type[Refusal]] = {
+    1: NotReceived,
+    2: NotReceived,
+    3: OutOfRange,
+    4: NotSupported,
+    5: RobotModeOff,
+    6: ModelUnknown,
+}
+
+
+@dataclass(slots=True)
+class Question:
+    """A frame to send and the shape that its answer must have."""
+
+    command: Command
+    port: int | None
+    frame: bytes
+    code: str
+    digits: int | None  # characters of data that the answer carries; None: any number but none
+    answer_start: bytes  # STX, addresses, A and the code
+    answer_length: int
+    wire_s: float
+
+    def title(self) -> str:
+        """How messages name it: ``tip temperature of port 1``."""
+        name = self.command.name.replace("_", " ")
+        return name if self.port is None else f"{name} of port {self.port}"
+
+
+class Station:
+    """A station on a line. `address` is None on a line without addresses.
+
+    `sent` and `heard` are the moments (monotonic seconds) at which the last question left and its answer was whole; `now` is
+    the last moment that anything was heard of, or not.
+    `strays` counts by kind what was on the line and answered nothing.
+    """
+
+    def __init__(self, line: LineFormat, address: int | None = 1, host_address: int = 0) -> None:
+        self.line = line
+        self.address = address
+        self.host_address = host_address
+        self.sent = 0.0
+        self.heard = 0.0
+        self.now = 0.0
+        self.turnaround_s: float | None = None  # the longest seen lately
+        self.strays: Counter[str] = Counter()
+        self._reader = FrameReader()
+        self._answer_from_station = True  # the order of addresses in answers is learnt (digest B-6)
+        self._questions: dict[tuple[str, int | None, int | None], Question] = {}
+
+    @property
+    def garbage_bytes(self) -> int:
+        """Bytes that belonged to no frame."""
+        return self._reader.garbage
+
+    # -- what a session asks for ----------------------------------------------------------------------------------
+
+    def read(self, command: Command, port: int | None = None, tool: int | None = None) -> Steps[Value]:
+        """Read a value. Raises `StationError` when no try gave one; `StationSilent` when nothing answers any more."""
+        return self.ask(self.question(command, port, tool))
+
+    def ask(self, question: Question) -> Steps[Value]:
+        """The same with a question made before; the path of every sample."""
+        tries = 1 if question.command.asked_once else 1 + REPEATS
+        while True:
+            tries -= 1
+            try:
+                data = yield from self._exchange(question)
+                return question.command.quantity.decode(data)
+            except ValueError as error:
+                failure: StationError = AnswerFormat(f"{question.title()}: {error}")
+            except AnswerTimeout as error:
+                failure = error
+                yield from self.recover(question.code)
+            except (AnswerCorrupt, AnswerFormat, NotReceived) as error:
+                failure = error
+                yield from self._drain()
+            if not tries:
+                raise failure
+
+    def write(self, command: Command, value: Value, port: int | None = None, tool: int | None = None) -> Steps[None]:
+        """Write a value once. An acknowledgement is not proof: read back.
+
+        Raises `Refusal` where the station says no, `AnswerTimeout` or another `StationError` where what it says is
+        not known; then it may or may not have been done.
+        """
+        question = self._make(command, "W", port, tool, command.quantity.encode(value))
+        try:
+            yield from self._exchange(question)
+        except AnswerTimeout:
+            yield from self.recover(question.code)
+            raise
+        except (AnswerCorrupt, AnswerFormat):
+            yield from self._drain()
+            raise
+
+    def recover(self, doubted: str) -> Steps[None]:
+        """After a time-out: drain the line, then have another code answered. Raises `StationSilent`."""
+        for probe in self._probes(doubted):
+            yield from self._drain()
+            try:
+                yield from self._exchange(probe)
+            except AnswerTimeout:
+                continue
+            except StationError:  # a refusal, too, proves that the station has done with what was asked before
+                return
+            return
+        raise StationSilent(f"no answer to {PROBES + 1} questions in a row")
+
+    # -- questions -------------------------------------------------------------------------------------------------
+
+    def question(self, command: Command, port: int | None = None, tool: int | None = None) -> Question:
+        """The read of `command`, made once and kept."""
+        key = (command.name, port, tool)
+        known = self._questions.get(key)
+        if known is None:
+            known = self._questions[key] = self._make(command, "R", port, tool)
+        return known
+
+    def _make(self, command: Command, header: str, port: int | None, tool: int | None, data: str = "") -> Question:
+        code = command.code(port, tool)
+        return self._shape(command, port, header, code, data, 0 if header == "W" else command.answer_digits)
+
+    def _probes(self, doubted: str) -> list[Question]:
+        """Harmless reads, none of which has the code in doubt, each another code than the one before."""
+        return [self.question(command) for command in PROBE_COMMANDS if command.letters != doubted][:PROBES]
+
+    def _shape(self, command: Command, port: int | None, header: str, code: str, data: str, digits: int | None) -> Question:
+        frame = self._frame(header, code + data, sending=True)
+        start = self._frame("A", code, sending=not self._answer_from_station)[:-2]
+        length = len(start) + (UNEXPECTED_LENGTH if digits is None else digits) + 2
+        return Question(command, port, frame, code, digits, start, length, self.line.seconds(len(frame) + length))
+
+    def _frame(self, header: str, text: str, *, sending: bool) -> bytes:
+        if self.address is None:
+            return Frame(header, text).encode()
+        source, target = (self.host_address, self.address) if sending else (self.address, self.host_address)
+        return Frame(header, text, source, target).encode()
+
+    # -- one exchange ----------------------------------------------------------------------------------------------
+
+    def patience_s(self, question: Question) -> float:
+        """How long the answer may take from the moment the question is handed over."""
+        seen = self.turnaround_s
+        return question.wire_s + (UNMEASURED_S if seen is None else max(LEAST_S, 4 * seen))
+
+    def _exchange(self, question: Question) -> Steps[str]:
+        """Ask once; give the data field of the answer."""
+        heard = yield Ask(question.frame, self.patience_s(question))
+        self.sent = heard.sent
+        data = heard.data
+        if (  # the whole answer in one piece and nothing else: nearly always so
+            len(data) == question.answer_length
+            and data.startswith(question.answer_start)
+            and data[-2] == ETX
+            and check_byte(data[:-1]) == data[-1]
+        ):
+            self._note_time(heard.now, question.wire_s)
+            return data[len(question.answer_start) : -2].decode("ascii", "replace")
+        return (yield from self._gather(question, heard))
+
+    def _gather(self, question: Question, heard: Heard) -> Steps[str]:
+        """The answer out of whatever comes: in pieces, among garbage, after frames that answer nothing."""
+        until = heard.sent + self.patience_s(question)
+        unanswered: StationError = AnswerTimeout(f"{question.title()}: no answer within {until - heard.sent:.3f} s")
+        while heard.data:
+            self.now = heard.now
+            for found in self._reader.feed(heard.data):
+                if isinstance(found, Corrupt):
+                    raise AnswerCorrupt(f"{question.title()}: wrong check byte in {found.raw.hex(' ')}")
+                data = self._match(question, found)
+                if data is not None:
+                    self._note_time(heard.now, self.line.seconds(len(question.frame) + len(found.encode())))
+                    return data
+                unanswered = AnswerFormat(f"{question.title()}: answered by {found.header}{found.text}, which is no answer to it")
+            heard = yield Listen(until)
+        self.now = heard.now
+        self._reader.reset()
+        raise unanswered
+
+    def _match(self, question: Question, frame: Frame) -> str | None:
+        """The data of `frame` if it answers `question`, None if it answers nothing; refusals and bad data raise."""
+        if frame.header in "RW":
+            self.strays["echo"] += 1
+            return None
+        if not self._addresses_fit(frame):
+            self.strays["address"] += 1
+            return None
+        if frame.header == "N":
+            self._refused(question, frame)
+            return None
+        data = frame.text[len(question.code) :]
+        if not frame.text.startswith(question.code) or self._is_another_kind(question, data):
+            self.strays["code"] += 1
+            return None
+        if question.digits in (None, len(data)):
+            return data
+        raise AnswerFormat(f"{question.title()}: {len(data)} characters of data in A{frame.text}")
+
+    @staticmethod
+    def _is_another_kind(question: Question, data: str) -> bool:
+        """An acknowledgement for a read, a value for a write, or ATT1ddddd for RTT (digest A.12, B-10)."""
+        wanted = question.digits
+        return (wanted == 0) != (not data) or (wanted == 5 and len(data) == 6)
+
+    def _addresses_fit(self, frame: Frame) -> bool:
+        """Either order names this station (digest B-6); the check byte cannot tell them apart."""
+        if frame.source is None or self.address is None:
+            return frame.source is None and self.address is None
+        ordered = (self.address, self.host_address)
+        pair = (frame.source, frame.target)
+        if pair == ordered[::-1] and self._answer_from_station:
+            self._answer_from_station = False
+            self._questions.clear()
+        return pair in (ordered, ordered[::-1])
+
+    def _refused(self, question: Question, frame: Frame) -> None:
+        """Raise what an N frame says; one with another code answers something else, unless nothing can be read in it."""
+        code, digits = frame.text[:-5], frame.text[-5:]
+        if not digits.isdigit():
+            raise AnswerFormat(f"{question.title()}: N{frame.text} carries no error number")
+        number = int(digits)
+        if code not in ("", question.code) and number not in (1, 2):
+            self.strays["code"] += 1
+            return
+        meaning = COMMUNICATION_ERRORS.get(number, "unknown communication error")
+        raise REFUSALS.get(number, Refusal)(number, f"{question.title()}: refused with N {number:05d}, {meaning}")
+
+    def _note_time(self, now: float, wire_s: float) -> None:
+        self.now = self.heard = now
+        took = max(now - self.sent - wire_s, 0.0)
+        seen = self.turnaround_s
+        if seen is None or took > seen:
+            self.turnaround_s = took
+        else:
+            self.turnaround_s = seen * 0.999 + took * 0.001  # forget a single late answer slowly
+
+    def _drain(self) -> Steps[None]:
+        """Listen until the line has been quiet long enough for any late answer to have come."""
+        quiet = max(QUIET_S, self.turnaround_s or 0.0) + self.line.seconds(4)
+        end = self.now + 50 * quiet  # a line that never falls silent makes the next question fail
+        while self.now < end:
+            heard = yield Listen(self.now + quiet)
+            self.now = heard.now
+            if not heard.data:
+                break
+            self.strays["late"] += 1
+            self._reader.feed(heard.data)
+        self._reader.reset()
