@@ -1,0 +1,257 @@
+"""A line file: which stations there are, on which ports of this computer, and how they are spoken to."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from collections.abc import Iterable, Iterator
+from pathlib import Path, PurePosixPath
+from typing import Annotated, Final
+from urllib.parse import urlsplit
+
+from pydantic import AfterValidator, Field, PlainValidator
+
+from jbclog.commands.family import FAMILIES
+from jbclog.errors import Problem, Problems
+from jbclog.recipe.keys import KeyPath
+from jbclog.recipe.model import NOT_DRIVEN
+from jbclog.recipe.schema import NAME_ALLOWED, FromList, Name, Table, read_table, said, shortened, shown, unknown
+from jbclog.recipe.sim_spec import SimSpec
+from jbclog.recipe.toml import TomlText, parse, read_text, unusable
+from jbclog.wire import BAUDRATES, LineFormat
+
+AUTO: Final = "auto"
+SCHEMES: Final = ("socket", "rfc2217", "loop", "hwgrep", "spy", "alt", "cp2110")
+_WINDOWS_PORT = re.compile(r"COM\d{1,3}|\\\\\.\\.+", re.IGNORECASE)
+_DRIVEN: Final = ", ".join((*FAMILIES, AUTO))
+
+
+def _address(value: object) -> int | None:
+    if value is False:
+        return None
+    if isinstance(value, bool) or not isinstance(value, int) or not 1 <= value <= 99:
+        raise said(f"{shown(value)} is not allowed; 1 to 99, or false for frames without addresses")
+    return value
+
+
+def _family(name: str) -> str:
+    if name in NOT_DRIVEN:
+        raise said(f'"{name}" is known, but not driven by this version of jbclog; it drives {_DRIVEN}')
+    if name != AUTO and name not in FAMILIES:
+        raise said(f"{shown(name)} is {unknown(name, [*FAMILIES, AUTO])}")
+    return name
+
+
+def _baudrate(value: int) -> int:
+    if value not in BAUDRATES:
+        raise said(f"{value} is not allowed; one of {', '.join(map(str, BAUDRATES))}")
+    return value
+
+
+def _format(value: str) -> str:
+    LineFormat(format=value)
+    return value
+
+
+def _distinct(ports: tuple[int, ...]) -> tuple[int, ...]:
+    if len(set(ports)) != len(ports):
+        raise said(f"{list(ports)} names a port twice")
+    return ports
+
+
+def _url(value: str) -> str:
+    """A device path, absolute or below the line file's folder, or one of pyserial's URLs with what it needs."""
+    if "://" not in value:
+        if ".." in PurePosixPath(value).parts:
+            raise said(f"{shown(value)} is not allowed; a relative path stays below the line file's folder")
+        return value
+    scheme = value.partition("://")[0].lower()
+    if scheme not in SCHEMES:
+        raise said(f"the kind of port {shown(scheme)} is {unknown(scheme, list(SCHEMES))}")
+    if scheme in ("socket", "rfc2217") and not _has_host_and_port(value):
+        raise said(f"{shown(value)} is not allowed; {scheme}://HOST:PORT")
+    return value
+
+
+def _has_host_and_port(url: str) -> bool:
+    try:
+        parts = urlsplit(url)
+        return bool(parts.hostname) and bool(parts.port)
+    except ValueError:
+        return False
+
+
+PortNumber = Annotated[int, Field(ge=1, le=4)]
+
+
+class StationTable(Table):
+    """One table `[[station]]`, as it stands in the file."""
+
+    name: Name = Field(description=NAME_ALLOWED)
+    url: Annotated[str, AfterValidator(_url)] = Field(
+        min_length=1, max_length=1024, description="a device path, socket://HOST:PORT or rfc2217://HOST:PORT"
+    )
+    family: Annotated[str, AfterValidator(_family)] = Field(description=f"one of {_DRIVEN}")
+    baudrate: Annotated[int, AfterValidator(_baudrate)] = Field(19200, description="bits per second, default 19200")
+    format: Annotated[str, AfterValidator(_format)] = Field("8N1", description="a line format such as 8N1, 8E1 or 8O2")
+    address: Annotated[int | None, PlainValidator(_address)] = 1
+    ports: Annotated[tuple[PortNumber, ...], FromList, AfterValidator(_distinct)] | None = Field(
+        None, min_length=1, max_length=4, description="a list of ports from 1 to 4"
+    )
+    turnaround_ms: float | None = Field(None, ge=0, le=5000, description="milliseconds from 0 to 5000")
+    recipe: Path | None = Field(None, strict=False, description="a recipe file's path, from the line file's folder")
+    rated_power_w: float | None = Field(None, gt=0, le=10_000, description="watts, more than 0")
+    sim: SimSpec | None = Field(None, description="a table that describes the virtual station")
+
+
+class StationSpec(StationTable):
+    """One control unit on one serial line.
+
+    `url` and `recipe` are absolute where they are paths; `written_url` is the url as it stands in the file.
+    `address` None means frames without addresses. `ports` None means the family's own.
+    """
+
+    written_url: str = ""
+
+    @property
+    def line_format(self) -> LineFormat:
+        return LineFormat(self.baudrate, self.format)
+
+    @property
+    def is_device(self) -> bool:
+        """Whether the url is a path and not one of pyserial's URLs or a COM port."""
+        return _is_path(self.url)
+
+    @property
+    def is_relative(self) -> bool:
+        """Whether the file gives a device path that is taken from the file's own folder (virtual stations)."""
+        return _is_path(self.written_url) and not Path(self.written_url).is_absolute()
+
+
+class Head(Table):
+    name: Name = Field(description=NAME_ALLOWED)
+
+
+class LineTables(Table):
+    line: Head = Field(description='a table with the line\'s name: [line] name = "bench-3"')
+    station: Annotated[tuple[dict[str, object], ...], FromList] = Field(
+        min_length=1, description="at least one table [[station]] with name, url and family"
+    )
+
+
+class Line(Table):
+    """The stations that one recorder drives, in the file's order, and the text they were read from."""
+
+    name: str
+    stations: tuple[StationSpec, ...]
+    source: TomlText = Field(repr=False)
+
+    @property
+    def path(self) -> Path:
+        return Path(self.source.file)
+
+    @property
+    def text(self) -> str:
+        """The file's text: ``text.encode()`` are its very bytes."""
+        return self.source.text
+
+    @property
+    def sha256(self) -> str:
+        return hashlib.sha256(self.text.encode()).hexdigest()
+
+    def station(self, name: str) -> StationSpec:
+        """The station of that name; `KeyError` where there is none."""
+        return next(iter(station for station in self.stations if station.name == name))
+
+    def problem(self, key: KeyPath, text: str) -> Problem:
+        """Something that is wrong with one of the file's keys, with file and line."""
+        return self.source.problem(key, text)
+
+
+def load_line(path: Path) -> Line:
+    """The line file at `path`. Raises `Problems` with everything that is wrong with it."""
+    return parse_line(read_text(path), path)
+
+
+def parse_line(text: str, path: Path) -> Line:
+    """The line file of that text; relative paths are taken from the folder of `path`."""
+    source = parse(text, str(path))
+    problems = list(unusable(source, (), source.tables))
+    tables, wrong, _ = read_table(LineTables, source, (), source.tables)
+    problems += wrong
+    stations = [_read_station(source, place, table, problems) for place, table in _station_tables(source)]
+    problems += _between_stations(source, path)
+    if problems or tables is None:
+        raise Problems(shortened(problems))
+    found = tuple(_placed(station, path) for station in stations if station is not None)
+    return Line(name=tables.line.name, stations=found, source=source)
+
+
+def _station_tables(source: TomlText) -> Iterator[tuple[int, dict[str, object]]]:
+    tables = source.tables.get("station")
+    for place, table in enumerate(tables if isinstance(tables, list) else ()):
+        if isinstance(table, dict):
+            yield place, table
+
+
+def _read_station(source: TomlText, place: int, table: dict[str, object], problems: list[Problem]) -> StationTable | None:
+    at: KeyPath = ("station", place)
+    station, wrong, _ = read_table(StationTable, source, at, table)
+    problems += wrong
+    if station is not None:
+        problems += _within_family(source, at, station)
+    return station
+
+
+def _within_family(source: TomlText, at: KeyPath, station: StationTable) -> Iterator[Problem]:
+    family = FAMILIES.get(station.family)
+    if family is None or family.ports is None:
+        return
+    for port in station.ports or ():
+        if port not in family.ports:
+            allowed = ", ".join(map(str, family.ports))
+            yield source.problem((*at, "ports"), f"{family.title} has no port {port}; it has {allowed}")
+
+
+def _between_stations(source: TomlText, path: Path) -> Iterator[Problem]:
+    """Names and ports of this computer that two stations share."""
+    tables = list(_station_tables(source))
+    names = [(place, table.get("name")) for place, table in tables]
+    urls = [(place, _same_port(table.get("url"), path)) for place, table in tables]
+    yield from _shared(source, "name", names, "is the name of two stations")
+    yield from _shared(source, "url", urls, "is the port of two stations")
+
+
+def _shared(source: TomlText, key: str, values: Iterable[tuple[int, object]], text: str) -> Iterator[Problem]:
+    first: dict[str, int] = {}
+    for place, value in values:
+        if isinstance(value, str) and first.setdefault(value, place) != place:
+            line = source.lines.get(("station", first[value], key))
+            yield source.problem(("station", place, key), f"{shown(value)} {text}, first in line {line}")
+
+
+def _same_port(url: object, path: Path) -> object:
+    """What two urls of one port have in common: links of devices are followed."""
+    if not isinstance(url, str) or not _is_path(url) or not url:
+        return url
+    try:
+        return str((_folder(path) / url).resolve())
+    except (OSError, ValueError, RuntimeError):  # a loop of links, or no name that a file can have
+        return url
+
+
+def _is_path(url: str) -> bool:
+    return "://" not in url and not _WINDOWS_PORT.fullmatch(url)
+
+
+def _folder(path: Path) -> Path:
+    return path.absolute().parent
+
+
+def _placed(table: StationTable, path: Path) -> StationSpec:
+    """The station with absolute paths."""
+    folder = _folder(path)
+    values = {name: getattr(table, name) for name in StationTable.model_fields}
+    values["url"] = str(folder / table.url) if _is_path(table.url) else table.url
+    values["recipe"] = None if table.recipe is None else folder / table.recipe
+    return StationSpec.model_construct(**values, written_url=table.url)

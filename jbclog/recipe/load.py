@@ -1,0 +1,65 @@
+"""From a recipe file to a `Recipe`, or to everything that is wrong with it, at once."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Final
+
+from jbclog.commands.family import FAMILIES
+from jbclog.errors import Problem, Problems
+from jbclog.recipe.checks import problems_between
+from jbclog.recipe.keys import KeyPath
+from jbclog.recipe.model import Recipe, RecipeTables
+from jbclog.recipe.schema import read_table, shortened
+from jbclog.recipe.toml import TomlText, parse, read_text, unusable
+
+_STAND_IN: Final[dict[str, object]] = {"name": "unnamed", "revision": 0, "families": list(FAMILIES)}
+
+
+def load_recipe(path: Path) -> Recipe:
+    """The recipe at `path`. Raises `Problems` with everything that is wrong with it."""
+    return parse_recipe(read_text(path), path)
+
+
+def parse_recipe(text: str, path: Path = Path("recipe.toml")) -> Recipe:
+    """The recipe of that text; `path` stands in its sentences."""
+    source = parse(text, str(path))
+    problems = list(unusable(source, (), source.tables))
+    tables, wrong, keys = read_table(RecipeTables, source, (), source.tables)
+    problems += wrong
+    whole = tables if tables is not None else _what_is_left(source, keys)
+    if whole is not None:
+        problems += problems_between(_recipe(whole, source))
+    if problems or tables is None:
+        raise Problems(shortened(problems))
+    return _recipe(tables, source)
+
+
+def _recipe(tables: RecipeTables, source: TomlText) -> Recipe:
+    return Recipe.model_construct(**{name: getattr(tables, name) for name in RecipeTables.model_fields}, source=source)
+
+
+def _what_is_left(source: TomlText, wrong: Iterable[KeyPath]) -> RecipeTables | None:
+    """The recipe without the keys that are wrong, so that what belongs together is checked at the same time."""
+    data = copy.deepcopy(source.tables)
+    for key in wrong:
+        _drop(data, source.known(key))
+    head = data.get("recipe")
+    data["recipe"] = {**_STAND_IN, **(head if isinstance(head, dict) else {})}
+    return read_table(RecipeTables, source, (), data)[0]
+
+
+def _drop(table: object, key: KeyPath) -> None:
+    """Take `key` out of `table`; a member of a list takes the list with it."""
+    for part in key[:-1]:
+        if not isinstance(table, dict) or not isinstance(table.get(part), dict):
+            key = key[: key.index(part) + 1]
+            break
+        table = table[part]
+    if isinstance(table, dict) and key:
+        table.pop(key[-1], None)
+
+
+__all__ = ["Problem", "load_recipe", "parse_recipe"]

@@ -1,0 +1,131 @@
+"""TOML read with limits, and each key's line kept, so that every problem can say where it stands."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+import stat
+import tomllib
+import unicodedata
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from jbclog.errors import Problem, Problems
+from jbclog.recipe.keys import KeyPath, KeyScan, Lost, TooLarge
+
+MAX_BYTES = 64 * 1024
+_HIDDEN = ("Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp")  # control, bidirectional and other characters that do not show
+_BARE = re.compile(r"[A-Za-z0-9_-]+")
+_AT_LINE = re.compile(r" \(at (?:line (\d+), column \d+|end of document)\)$")
+
+
+@dataclass(frozen=True, slots=True)
+class TomlText:
+    """A file as it was read: its text (``text.encode()`` are the file's very bytes), its tables, its keys' lines."""
+
+    file: str
+    text: str
+    tables: dict[str, object]
+    lines: Mapping[KeyPath, int]
+
+    def known(self, key: KeyPath) -> KeyPath:
+        """The longest beginning of `key` that stands in the text."""
+        while key and key not in self.lines:
+            key = key[:-1]
+        return key
+
+    def problem(self, key: KeyPath, text: str) -> Problem:
+        """What is wrong with `key`, at its line or, where it is missing, at that of the table it belongs into."""
+        return Problem(self.file, self.lines.get(self.known(key)), dotted(key), text)
+
+
+def dotted(key: KeyPath) -> str:
+    """``port.2.sleep.delay_min``; tables in a list are counted from one: ``station[2].url``."""
+    text = ""
+    for part in key:
+        if isinstance(part, int):
+            text += f"[{part + 1}]"
+        else:
+            text += ("." if text else "") + (part if _BARE.fullmatch(part) else json.dumps(part))
+    return text
+
+
+def read_text(path: Path) -> str:
+    """The file's text. Raises `Problems` where it is no ordinary file, too large or not UTF-8."""
+    try:
+        if not stat.S_ISREG(path.stat().st_mode):
+            raise Problems([Problem(str(path), None, "", "is not an ordinary file")])
+        with path.open("rb") as file:
+            data = file.read(MAX_BYTES + 1)
+    except OSError as error:
+        raise Problems([Problem(str(path), None, "", error.strerror or str(error))]) from error
+    except ValueError as error:  # a NUL in the name
+        raise Problems([Problem(ascii(str(path)), None, "", "is not a file's name")]) from error
+    if len(data) > MAX_BYTES:
+        raise Problems([Problem(str(path), None, "", f"is larger than {MAX_BYTES // 1024} KiB")])
+    try:
+        return data.decode("utf-8")
+    except UnicodeDecodeError as error:
+        line = data.count(b"\n", 0, error.start) + 1
+        raise Problems([Problem(str(path), line, "", f"is not UTF-8 (byte {error.start})")]) from error
+
+
+def parse(text: str, file: str) -> TomlText:
+    """Tables and lines of `text`. Raises `Problems` where it does not parse or goes beyond a limit."""
+    if len(text) > MAX_BYTES:
+        raise Problems([Problem(file, None, "", f"is larger than {MAX_BYTES // 1024} KiB")])
+    plain = text.removeprefix("\ufeff")
+    scan = KeyScan(plain)
+    try:
+        scan.run()
+    except TooLarge as error:
+        raise Problems([Problem(file, error.line, "", str(error))]) from error
+    except Lost as error:
+        raise Problems([_syntax(plain, file, error.line)]) from error
+    if scan.twice:
+        raise Problems([Problem(file, line, dotted(key), f"given twice, first in line {first}") for key, line, first in scan.twice])
+    return TomlText(file, text, _tables(plain, file), scan.lines)
+
+
+def _tables(text: str, file: str) -> dict[str, object]:
+    try:
+        return tomllib.loads(text)
+    except RecursionError as error:
+        raise Problems([Problem(file, None, "", "is nested too deeply")]) from error
+    except ValueError as error:  # TOMLDecodeError, and what a date or number of its own raises
+        raise Problems([_sentence(str(error), text, file)]) from error
+
+
+def _syntax(text: str, file: str, line: int) -> Problem:
+    """tomllib's opinion of the text up to `line`, where the scan lost the thread."""
+    beginning = "\n".join(text.split("\n")[:line])
+    try:
+        _tables(beginning, file)
+    except Problems as found:
+        return found.problems[0]
+    return Problem(file, line, "", "this line is not TOML")
+
+
+def _sentence(message: str, text: str, file: str) -> Problem:
+    at = _AT_LINE.search(message)
+    line = int(at[1]) if at and at[1] else text.count("\n") + 1
+    return Problem(file, line, "", f"this is not TOML: {_AT_LINE.sub('', message)}")
+
+
+def unusable(source: TomlText, key: KeyPath, value: object) -> Iterator[Problem]:
+    """Texts with characters that do not show, and numbers that are none, anywhere in `value`, which stands at `key`."""
+    if isinstance(value, dict):
+        for name, inner in value.items():
+            yield from unusable(source, (*key, name), name)
+            yield from unusable(source, (*key, name), inner)
+    elif isinstance(value, list):
+        for place, inner in enumerate(value):
+            yield from unusable(source, (*key, place), inner)
+    elif isinstance(value, str):
+        bad = next((sign for sign in value if unicodedata.category(sign) in _HIDDEN), None)
+        if bad is not None:
+            yield source.problem(key, f"holds the hidden or control character U+{ord(bad):04X}")
+    elif isinstance(value, float) and not math.isfinite(value):
+        yield source.problem(key, f"{value} is not a number that can be used")
