@@ -1,0 +1,15 @@
+"""VERDICT. What a sealed run is worth against the limits that its recipes state.
+
+Owns: the definitions of coverage, longest gap, idle error and counted alarms; the rules; the verdict.
+Never: measures what was not recorded, takes missing evidence for good, imports pandas or matplotlib (the
+recorder calls it when a run has ended), writes a file.
+May use: `rows` and `errors`; pyarrow and numpy.
+Start reading: `verdict.py`, then `rules.py`; `samples.py` and `idle.py` say how each figure is measured.
+"""
+
+from jbclog.judge.acceptance import Acceptance, Limits
+from jbclog.judge.evidence import Evidence
+from jbclog.judge.rule import Result, Rule
+from jbclog.judge.verdict import Judgement, Verdict, judge
+
+__all__ = ["Acceptance", "Evidence", "Judgement", "Limits", "Result", "Rule", "Verdict", "judge"]

@@ -1,0 +1,49 @@
+"""What a verdict may rest on: a recipe's `[acceptance]`, whoever holds it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+
+class Acceptance(Protocol):
+    """The limits of one station. None: the recipe does not ask for it, and it is not judged."""
+
+    @property
+    def coverage_percent(self) -> float | None:
+        """Least share of the due readings of the tip temperature that are there."""
+
+    @property
+    def longest_gap_s(self) -> float | None:
+        """Longest time without a temperature."""
+
+    @property
+    def idle_error_c(self) -> float | None:
+        """Greatest distance, either way, of the idle tip from its setting, on average."""
+
+    @property
+    def idle_sd_c(self) -> float | None:
+        """Greatest standard deviation of the idle tip around its setting."""
+
+    @property
+    def alarms_max(self) -> int | None:
+        """How many counted alarms are allowed."""
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """An `Acceptance` of plain values, for callers without a recipe model."""
+
+    coverage_percent: float | None = None
+    longest_gap_s: float | None = None
+    idle_error_c: float | None = None
+    idle_sd_c: float | None = None
+    alarms_max: int | None = None
+
+
+LIMIT_NAMES = ("coverage_percent", "longest_gap_s", "idle_error_c", "idle_sd_c", "alarms_max")
+
+
+def asks_for_anything(acceptance: Acceptance | None) -> bool:
+    """Whether there is any limit at all to judge by."""
+    return acceptance is not None and any(getattr(acceptance, name) is not None for name in LIMIT_NAMES)

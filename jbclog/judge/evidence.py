@@ -1,0 +1,32 @@
+"""What is put before the judge: a folder of sealed tables and what the manifest is about to say of them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from jbclog.rows import StationFacts
+
+PortLedger = Mapping[str, Mapping[str, int]]
+"""signal -> {"due": n, "ok": n, reason: n ...}."""
+
+Ledger = Mapping[str, Mapping[str, PortLedger]]
+"""station -> port (as text, as in the manifest) -> `PortLedger`."""
+
+
+@dataclass(frozen=True, slots=True)
+class Evidence:
+    """One run: `folder` holds `samples/`, `events/` and `settings/`, sealed.
+
+    `exit_status` is the manifest's; ``lost`` means that a crash ended the run and its last moments are missing.
+    """
+
+    folder: Path
+    stations: Sequence[StationFacts]
+    ledger: Ledger
+    exit_status: str | None = "success"
+
+    def port_ledger(self, station: str, port: int) -> PortLedger:
+        """The ledger of one port; empty where nothing was ever due."""
+        return self.ledger.get(station, {}).get(str(port), {})

@@ -1,0 +1,34 @@
+"""One line of a verdict: what was asked, what was found, and a sentence that says so."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from enum import StrEnum
+
+
+class Result(StrEnum):
+    PASS = "pass"
+    FAIL = "fail"
+    MISSING = "missing"  # there is not enough evidence to say
+    DEVIATION = "deviation"  # no limit was broken, and it was not as planned
+
+
+Figure = float | int | str
+
+
+@dataclass(frozen=True, slots=True)
+class Rule:
+    """`limit` and `observed` are numbers in `unit` where they can be, else words; None: not known."""
+
+    name: str
+    station: str | None
+    port: int | None
+    limit: Figure | None
+    observed: Figure | None
+    unit: str
+    result: Result
+    text: str
+
+    def as_dict(self) -> dict[str, object]:
+        """For `manifest.verdict_rules` and `report.json`."""
+        return {**asdict(self), "result": self.result.value}

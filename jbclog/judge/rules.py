@@ -1,0 +1,152 @@
+"""The rules, each a function from what was measured to one `Rule`. The definitions of the figures are in `samples` and `idle`."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from math import floor
+
+from jbclog.judge.acceptance import Acceptance
+from jbclog.judge.evidence import Evidence, PortLedger
+from jbclog.judge.rule import Result, Rule
+from jbclog.judge.samples import PortMeasure
+from jbclog.judge.tables import Event
+from jbclog.rows import StationFacts
+
+COUNTED_ALARMS = ("alarm.high", "alarm.low")
+COUNTED_SEVERITIES = ("error", "critical")
+
+ENDINGS = {
+    "success": (Result.PASS, "The record runs from start to end."),
+    "aborted": (Result.DEVIATION, "The run was ended before its stated duration; what was recorded until then is whole."),
+    "failed": (Result.DEVIATION, "The run ended with an error; what was recorded until then is whole."),
+    "lost": (Result.MISSING, "A crash ended the run: its last second and everything after it are not in the record."),
+}
+STATION_ENDINGS = {
+    "completed": (Result.PASS, "It was recorded to the end."),
+    "stopped": (Result.FAIL, "It was stopped because a setting was found changed."),
+    "refused": (Result.MISSING, "It was refused before sampling began."),
+    "gone": (Result.MISSING, "It did not answer at the start or at the end."),
+    "failed": (Result.MISSING, "Its recording failed."),
+}
+
+
+def record_rule(evidence: Evidence) -> Rule:
+    """Whether the record runs to the end of the run."""
+    unknown = (Result.MISSING, "How the run ended is not known.")
+    result, text = ENDINGS.get(evidence.exit_status or "", unknown)
+    return Rule("record", None, None, "whole", evidence.exit_status, "", result, text)
+
+
+def station_rules(
+    facts: StationFacts, acceptance: Acceptance, evidence: Evidence, events: Sequence[Event], outcomes: Counter[str]
+) -> Iterator[Rule]:
+    """The rules that hold for a station as a whole."""
+    result, text = STATION_ENDINGS.get(facts.outcome, (Result.MISSING, "How it ended is not known."))
+    text = f"{text} {facts.reason}".strip() if result is not Result.PASS else text
+    yield Rule("station", facts.name, None, "completed", facts.outcome, "", result, text)
+    yield settings_rule(facts.name, outcomes)
+    if acceptance.alarms_max is not None:
+        yield alarms_rule(facts, acceptance.alarms_max, evidence, events)
+
+
+def settings_rule(station: str, outcomes: Counter[str]) -> Rule:
+    """Whether every setting of the recipe was read back as asked. What the family does not have is not counted."""
+    asked = sum(count for outcome, count in outcomes.items() if outcome != "unsupported")
+    held = outcomes["confirmed"] + outcomes["unchanged"]
+    observed = f"{held} of {asked}"
+    if outcomes["mismatch"] or outcomes["refused"]:
+        return Rule("settings", station, None, "all read back", observed, "", Result.FAIL, "A setting is not what the recipe asks.")
+    if held < asked:
+        return Rule("settings", station, None, "all read back", observed, "", Result.MISSING, "A setting could not be read back.")
+    text = "Every setting of the recipe was read back as asked." if asked else "The recipe asks for no setting."
+    return Rule("settings", station, None, "all read back", observed, "", Result.PASS, text)
+
+
+def alarms_rule(facts: StationFacts, most: int, evidence: Evidence, events: Sequence[Event]) -> Rule:
+    """Counts high and low alarms, where the station's flags were read at all."""
+    count = sum(event.kind in COUNTED_ALARMS and event.severity in COUNTED_SEVERITIES for event in events)
+    if count > most:
+        text = f"{count} alarm{'s' * (count != 1)} counted; {most} allowed."
+        return Rule("alarms", facts.name, None, most, count, "", Result.FAIL, text)
+    unread = [
+        port for port in used_ports(facts, evidence) if not evidence.port_ledger(facts.name, port).get("alarm_high", {}).get("ok")
+    ]
+    if unread or not facts.ports:
+        text = f"The alarm flags of port {', '.join(map(str, unread))} were never read." if unread else "No port was read."
+        return Rule("alarms", facts.name, None, most, None, "", Result.MISSING, text)
+    return Rule("alarms", facts.name, None, most, count, "", Result.PASS, f"{count} counted; {most} allowed.")
+
+
+def used_ports(facts: StationFacts, evidence: Evidence) -> list[int]:
+    """The station's ports, without those that had no tool all along and so were never put to work."""
+    return [port for port in facts.ports if not never_had_a_tool(facts, port, evidence.port_ledger(facts.name, port))]
+
+
+def never_had_a_tool(facts: StationFacts, port: int, ledger: PortLedger) -> bool:
+    """Whether every reading that a tool is needed for says that there was none."""
+    temperature = ledger.get("temperature_c", {})
+    return port not in facts.touched and not temperature.get("ok") and bool(temperature.get("no_tool"))
+
+
+def port_rules(station: str, port: int, acceptance: Acceptance, ledger: PortLedger, measure: PortMeasure | None) -> Iterator[Rule]:
+    """The rules that hold for one port, in the order in which they are read."""
+    if acceptance.coverage_percent is not None:
+        yield coverage_rule(station, port, acceptance.coverage_percent, ledger, measure)
+    if acceptance.longest_gap_s is not None:
+        seen = None if measure is None else measure.gap_s
+        yield _at_most("longest_gap", station, port, acceptance.longest_gap_s, seen, "s", "without a temperature at the longest")
+    if acceptance.idle_error_c is not None:
+        mean = None if measure is None else measure.idle.mean_c
+        yield idle_error_rule(station, port, acceptance.idle_error_c, mean)
+    if acceptance.idle_sd_c is not None:
+        spread = None if measure is None else measure.idle.sd_c
+        yield _at_most("idle_sd", station, port, acceptance.idle_sd_c, spread, "°C", "of standard deviation while idle")
+
+
+def coverage_rule(station: str, port: int, least: float, ledger: PortLedger, measure: PortMeasure | None) -> Rule:
+    """Readings of the tip temperature that are there, in per cent of those due; ledger and samples must agree."""
+    signal = ledger.get("temperature_c", {})
+    due, there = signal.get("due", 0), 0 if measure is None else measure.temperatures
+    if not due:
+        return Rule("coverage", station, port, least, None, "%", Result.MISSING, "No reading of the tip was ever due.")
+    if there != signal.get("ok", 0):
+        text = f"The ledger counts {signal.get('ok', 0)} readings of the tip, the samples hold {there}."
+        return Rule("coverage", station, port, least, None, "%", Result.MISSING, text)
+    percent = 100 * there / due
+    result = Result.PASS if percent >= least else Result.FAIL
+    text = f"{there} of {due} readings of the tip are there, {_shown(_floor(percent))} %; {_shown(least)} % are asked."
+    return Rule("coverage", station, port, least, percent, "%", result, text)
+
+
+def idle_error_rule(station: str, port: int, most: float, mean: float | None) -> Rule:
+    """The mean distance of the idle tip from its setting, either way."""
+    if mean is None:
+        return _not_idle("idle_error", station, port, most)
+    result = Result.PASS if abs(mean) <= most else Result.FAIL
+    text = f"{mean:+.1f} °C from the setting on average while idle; {_shown(most)} °C allowed either way."
+    return Rule("idle_error", station, port, most, mean, "°C", result, text)
+
+
+def _at_most(name: str, station: str, port: int, most: float, seen: float | None, unit: str, what: str) -> Rule:
+    if seen is None and name == "idle_sd":
+        return _not_idle(name, station, port, most)
+    if seen is None:
+        return Rule(name, station, port, most, None, unit, Result.MISSING, "No temperature was recorded at all.")
+    result = Result.PASS if seen <= most else Result.FAIL
+    return Rule(name, station, port, most, seen, unit, result, f"{_shown(seen)} {unit} {what}; {_shown(most)} {unit} allowed.")
+
+
+def _not_idle(name: str, station: str, port: int, most: float) -> Rule:
+    text = "The tip was not seen idle for long enough to say."
+    return Rule(name, station, port, most, None, "°C", Result.MISSING, text)
+
+
+def _shown(figure: float) -> str:
+    """Up to three decimals, without the zeros behind."""
+    return f"{figure:.3f}".rstrip("0").rstrip(".")
+
+
+def _floor(percent: float) -> float:
+    """Two decimals, never rounded up to a limit that is missed."""
+    return floor(percent * 100 + 1e-9) / 100

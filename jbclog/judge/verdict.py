@@ -1,0 +1,102 @@
+"""The verdict: all rules together.
+
+One broken limit is REJECT. Without one, missing evidence is INCONCLUSIVE, which is never accepted. Without
+either, anything that was not as planned makes it ACCEPT WITH DEVIATIONS. A run whose recipes state no limit
+is NOT JUDGED.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+
+from jbclog.judge.acceptance import Acceptance, asks_for_anything
+from jbclog.judge.deviations import deviations, not_judged, unused_ports
+from jbclog.judge.evidence import Evidence
+from jbclog.judge.rule import Result, Rule
+from jbclog.judge.rules import port_rules, record_rule, station_rules, used_ports
+from jbclog.judge.samples import Measures, measure
+from jbclog.judge.tables import Event, read_events, read_outcomes
+from jbclog.rows import StationFacts
+
+
+class Verdict(StrEnum):
+    ACCEPT = "ACCEPT"
+    WITH_DEVIATIONS = "ACCEPT WITH DEVIATIONS"
+    REJECT = "REJECT"
+    INCONCLUSIVE = "INCONCLUSIVE"
+    NOT_JUDGED = "NOT JUDGED"
+
+
+@dataclass(frozen=True, slots=True)
+class Judgement:
+    """A verdict and every rule that it rests on."""
+
+    verdict: Verdict
+    rules: tuple[Rule, ...]
+
+    @property
+    def fine(self) -> bool:
+        """Whether the verdict leaves the exit code at 0."""
+        return self.verdict in (Verdict.ACCEPT, Verdict.NOT_JUDGED)
+
+    def rules_as_dicts(self) -> list[dict[str, object]]:
+        """For `manifest.verdict_rules`."""
+        return [rule.as_dict() for rule in self.rules]
+
+
+def judge(evidence: Evidence, acceptance: Mapping[str, Acceptance | None]) -> Judgement:
+    """Judge a sealed run. `acceptance` maps each station to its recipe's limits, None where it states none."""
+    limits = {name: asked for name, asked in acceptance.items() if asked is not None and asks_for_anything(asked)}
+    if not limits:
+        return Judgement(Verdict.NOT_JUDGED, ())
+    rules = tuple(_all_rules(evidence, limits))
+    return Judgement(verdict_of(rules), rules)
+
+
+def verdict_of(rules: Sequence[Rule]) -> Verdict:
+    """The verdict that a list of rules comes to; no rule at all is no evidence."""
+    results = {rule.result for rule in rules}
+    if Result.FAIL in results:
+        return Verdict.REJECT
+    if Result.MISSING in results or Result.PASS not in results:
+        return Verdict.INCONCLUSIVE
+    return Verdict.WITH_DEVIATIONS if Result.DEVIATION in results else Verdict.ACCEPT
+
+
+def _all_rules(evidence: Evidence, limits: Mapping[str, Acceptance]) -> Iterator[Rule]:
+    judged = [facts for facts in evidence.stations if facts.name in limits]
+    measures = measure(evidence.folder, {facts.name: facts for facts in judged})
+    events, outcomes = read_events(evidence.folder), read_outcomes(evidence.folder)
+    yield record_rule(evidence)
+    yield from (_no_facts(name) for name in limits if name not in {facts.name for facts in judged})
+    for facts in judged:
+        own = [event for event in events if event.station == facts.name]
+        yield from _station(facts, limits[facts.name], evidence, own, outcomes.get(facts.name, Counter()), measures)
+    yield from (not_judged(facts) for facts in evidence.stations if facts.name not in limits)
+    yield from deviations([event for event in events if event.station is None or event.station in limits])
+
+
+def _station(
+    facts: StationFacts,
+    acceptance: Acceptance,
+    evidence: Evidence,
+    events: Sequence[Event],
+    outcomes: Counter[str],
+    measures: Measures,
+) -> Iterator[Rule]:
+    yield from station_rules(facts, acceptance, evidence, events, outcomes)
+    ports = used_ports(facts, evidence)
+    if not ports:
+        yield Rule("ports", facts.name, None, "one at least", 0, "", Result.MISSING, "None of its ports was recorded with a tool.")
+    for port in ports:
+        yield from port_rules(
+            facts.name, port, acceptance, evidence.port_ledger(facts.name, port), measures.get((facts.name, port))
+        )
+    yield from unused_ports(facts, evidence)
+
+
+def _no_facts(station: str) -> Rule:
+    return Rule("station", station, None, "completed", None, "", Result.MISSING, "The record knows nothing of this station.")
