@@ -1,13 +1,193 @@
-"""What the schema alone cannot tell of a recipe: ranges and steps of the families listed, and what belongs together."""
+"""What the schema alone cannot tell of a recipe: the families' ranges and steps, and what belongs together.
+
+Only what a manual prints is held against a value (`Command.limits`); what the station alone knows, its highest
+and lowest temperature, is checked live (`settings.live_problems`).
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from typing import Final
 
+from jbclog.commands.command import Command
+from jbclog.commands.family import FAMILIES
 from jbclog.errors import Problem
-from jbclog.recipe.model import Recipe
+from jbclog.quantities import OFF
+from jbclog.recipe.model import Asked, Recipe, asked_in
+from jbclog.recipe.order import COMMAND_OF
+
+SOLDERING: Final = tuple(FAMILIES)
+SECTION_FAMILIES: Final[Mapping[str, tuple[str, ...]]] = {
+    "temperature": SOLDERING,
+    "sleep": SOLDERING,
+    "hibernation": SOLDERING,
+    "alarm": SOLDERING,
+    "port": SOLDERING,
+    "feeder": tuple(name for name, family in FAMILIES.items() if family.has_feeder),
+    "air": ("jtse",),
+    "omega": ("omega",),
+}
+"""The families that a section of settings speaks to."""
+
+SAFE_STATES: Final[Mapping[str, tuple[str, ...]]] = {
+    **{name: family.safe_states for name, family in FAMILIES.items()},
+    "jtse": ("cooling", "off"),
+    "omega": (),
+}
+STATUSES: Final[Mapping[str, tuple[str, ...]]] = {
+    **{name: family.run_statuses for name, family in FAMILIES.items()},
+    "jtse": ("on", "off"),
+    "omega": (),
+}
+LONGEST_FEED_S: Final = 600.0  # no joint takes ten minutes of wire; a slip of the decimal point does
+COOLING_DELAYS: Final = ("sleep.delay_min", "hibernation.delay_min")
 
 
 def problems_between(recipe: Recipe) -> Iterator[Problem]:
     """Everything that is wrong with a recipe whose keys have the right types."""
-    yield from ()
+    yield from _foreign_sections(recipe)
+    yield from _foreign_ports(recipe)
+    yield from _out_of_range(recipe)
+    yield from _states(recipe)
+    for port in (None, *recipe.ports_named()):
+        yield from _temperatures(recipe, recipe.asked(port))
+    yield from _feeder(recipe)
+    if not recipe.run.allow_no_cooldown:
+        yield from no_cooldown(recipe)
+    if recipe.acceptance is not None and not recipe.acceptance.model_fields_set:
+        yield recipe.problem(("acceptance",), "names no limit; without the table the run is not judged")
+
+
+def no_cooldown(recipe: Recipe) -> Iterator[Problem]:
+    """Delays switched off by a recipe whose safe state needs them: told to stand, the tool never cools by itself."""
+    if not any(recipe.safe_state(family) == "stand" for family in recipe.families if family in FAMILIES):
+        return
+    for port in (None, *recipe.ports_named()):
+        asked = recipe.asked(port)
+        for one in (asked[key] for key in COOLING_DELAYS if key in asked):
+            if one.value is OFF:
+                yield recipe.problem(
+                    one.key, 'is "off", so a tool told to stand never cools; give minutes, or run.allow_no_cooldown = true'
+                )
+
+
+def _foreign_sections(recipe: Recipe) -> Iterator[Problem]:
+    for section, families in SECTION_FAMILIES.items():
+        if (section,) in recipe.source.lines and not set(families) & set(recipe.families):
+            listed, belongs = ", ".join(recipe.families), ", ".join(families)
+            yield recipe.problem((section,), f"fits none of the families listed ({listed}); it is for {belongs}")
+
+
+def _foreign_ports(recipe: Recipe) -> Iterator[Problem]:
+    families = [FAMILIES[name] for name in recipe.families if name in FAMILIES]
+    for port in recipe.ports_named():
+        if families and not any(family.ports is None or port in family.ports for family in families):
+            yield recipe.problem(
+                ("port", str(port)), f"none of the families listed ({', '.join(recipe.families)}) has a port {port}"
+            )
+
+
+def _out_of_range(recipe: Recipe) -> Iterator[Problem]:
+    families = [FAMILIES[name] for name in recipe.families if name in FAMILIES] or list(FAMILIES.values())
+    for one in _everything_asked(recipe):
+        name = COMMAND_OF.get(one.setting)
+        commands = [family.commands[name] for family in families if name in family.commands] if name else []
+        problem = next((text for command in commands if (text := range_problem(command, one)) is not None), None)
+        if problem is not None:
+            yield recipe.problem(one.key, problem)
+
+
+def _everything_asked(recipe: Recipe) -> Iterator[Asked]:
+    yield from recipe.asked().values()
+    for port in recipe.ports_named():
+        yield from recipe.asked_of(port)
+    yield from asked_in(recipe.feeder, ("feeder",))
+
+
+def range_problem(command: Command, one: Asked) -> str | None:
+    """Why the command cannot carry the value that is asked for, with what is allowed, or None."""
+    if command.limits.problem(one.value) is not None:
+        return f"{command.shown(one.value)} is not allowed; {allowed(command)}"
+    try:
+        command.quantity.encode(one.value)
+    except ValueError as error:
+        return f"{error}; {allowed(command)}"
+    return None
+
+
+def allowed(command: Command) -> str:
+    """What a manual prints as allowed, or that none does."""
+    limits = command.limits
+    if not limits.printed:
+        return "no manual prints a range"
+    if limits.low is None and limits.high is None:
+        return f"steps of {limits.step:g} {command.unit}, within what the station itself allows" if limits.step else "anything"
+    return f"{limits} ({command.unit})" if command.unit else str(limits)
+
+
+def _states(recipe: Recipe) -> Iterator[Problem]:
+    run = recipe.run
+    if "safe_state" in run.model_fields_set:
+        yield from _state(recipe, "safe_state", run.safe_state, SAFE_STATES)
+    if run.status is not None:
+        yield from _state(recipe, "status", run.status, STATUSES)
+
+
+def _state(recipe: Recipe, key: str, state: str, table: Mapping[str, tuple[str, ...]]) -> Iterator[Problem]:
+    for family in recipe.families:
+        if state not in table[family]:
+            possible = ", ".join(table[family]) or "nothing"
+            yield recipe.problem(
+                ("run", key), f'"{state}" is not allowed on {family}, which the recipe lists; it allows {possible}'
+            )
+
+
+def _temperatures(recipe: Recipe, asked: Mapping[str, Asked]) -> Iterator[Problem]:
+    """Limits and temperatures of one port that contradict each other. An alarm that is off contradicts nothing."""
+    select, sleep = asked.get("temperature.select_c"), asked.get("sleep.temperature_c")
+    high, low = _armed(asked, "high"), _armed(asked, "low")
+    yield from _below(recipe, select, high, "must be above", "must be below")
+    yield from _below(recipe, low, select, "must be above", "must be below")
+    yield from _below(recipe, low, high, "must be above", "must be below")
+    yield from _below(recipe, sleep, select, "must not be below", "must not be above", equal=True)
+
+
+def _armed(asked: Mapping[str, Asked], side: str) -> Asked | None:
+    delay = asked.get(f"alarm.{side}.delay_s")
+    return None if delay is not None and delay.value is OFF else asked.get(f"alarm.{side}.limit_c")
+
+
+def _below(
+    recipe: Recipe, low: Asked | None, high: Asked | None, above: str, below: str, *, equal: bool = False
+) -> Iterator[Problem]:
+    """A problem where `low` is not below `high`; it stands at the port's own one of the two keys, else at the limit's."""
+    if low is None or high is None or not isinstance(low.value, int) or not isinstance(high.value, int):
+        return
+    if low.value < high.value or (equal and low.value == high.value):
+        return
+    blame_low = _rank(low) >= _rank(high)
+    one, other = (low, high) if blame_low else (high, low)
+    yield recipe.problem(one.key, f"{one.value} °C {below if blame_low else above} {other.setting} ({other.value} °C)")
+
+
+def _rank(one: Asked) -> tuple[bool, bool]:
+    return one.key[0] == "port", one.setting != "temperature.select_c"
+
+
+def _feeder(recipe: Recipe) -> Iterator[Problem]:
+    """Lengths and speeds that cannot be meant together."""
+    feeder = recipe.feeder
+    if feeder.length_mm is not None and feeder.backward_mm is not None and feeder.backward_mm > feeder.length_mm:
+        yield recipe.problem(("feeder", "backward_mm"), f"pulls back more than feeder.length_mm ({feeder.length_mm:g} mm) feeds")
+    if feeder.length_mm is not None and feeder.speed_mm_s is not None:
+        seconds = feeder.length_mm / feeder.speed_mm_s
+        if seconds > LONGEST_FEED_S:
+            at = feeder.speed_mm_s
+            yield recipe.problem(
+                ("feeder", "length_mm"), f"takes {seconds:.0f} s at {at:g} mm/s; at most {LONGEST_FEED_S:.0f} s are believed"
+            )
+
+
+def warnings(recipe: Recipe) -> list[Problem]:
+    """What is allowed and should be said before a run begins."""
+    return list(dict.fromkeys(no_cooldown(recipe))) if recipe.run.allow_no_cooldown else []

@@ -179,7 +179,8 @@ class KeyScan:
         line = self._ahead.line
         path: KeyPath = table
         for part in self._key():
-            self.lines.setdefault(path, line)
+            if path:
+                self.lines.setdefault(path, line)
             path = (*path, part)
         self._take("=")
         self._count(line)

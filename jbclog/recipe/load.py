@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Iterable
 from pathlib import Path
 from typing import Final
 
 from jbclog.commands.family import FAMILIES
-from jbclog.errors import Problem, Problems
+from jbclog.errors import Problems
 from jbclog.recipe.checks import problems_between
 from jbclog.recipe.keys import KeyPath
 from jbclog.recipe.model import Recipe, RecipeTables
@@ -41,25 +40,33 @@ def _recipe(tables: RecipeTables, source: TomlText) -> Recipe:
     return Recipe.model_construct(**{name: getattr(tables, name) for name in RecipeTables.model_fields}, source=source)
 
 
-def _what_is_left(source: TomlText, wrong: Iterable[KeyPath]) -> RecipeTables | None:
+def _what_is_left(source: TomlText, wrong: list[KeyPath]) -> RecipeTables | None:
     """The recipe without the keys that are wrong, so that what belongs together is checked at the same time."""
     data = copy.deepcopy(source.tables)
-    for key in wrong:
+    for key in reversed(wrong):  # from the end, so that places in lists stay what they were
         _drop(data, source.known(key))
     head = data.get("recipe")
     data["recipe"] = {**_STAND_IN, **(head if isinstance(head, dict) else {})}
     return read_table(RecipeTables, source, (), data)[0]
 
 
-def _drop(table: object, key: KeyPath) -> None:
-    """Take `key` out of `table`; a member of a list takes the list with it."""
+def _drop(tables: dict[str, object], key: KeyPath) -> None:
+    """Take `key` out of `tables`. A head that only lacks something is kept: a stand-in fills it."""
+    if not key or (key == ("recipe",) and isinstance(tables.get("recipe"), dict)):
+        return
+    table: object = tables
     for part in key[:-1]:
-        if not isinstance(table, dict) or not isinstance(table.get(part), dict):
-            key = key[: key.index(part) + 1]
-            break
-        table = table[part]
-    if isinstance(table, dict) and key:
-        table.pop(key[-1], None)
+        table = _member(table, part)
+    last = key[-1]
+    if isinstance(table, dict):
+        table.pop(last, None)
+    elif isinstance(table, list) and isinstance(last, int) and last < len(table):
+        del table[last]
 
 
-__all__ = ["Problem", "load_recipe", "parse_recipe"]
+def _member(table: object, part: str | int) -> object:
+    if isinstance(table, dict):
+        return table.get(part)
+    if isinstance(table, list) and isinstance(part, int) and part < len(table):
+        return table[part]
+    return None

@@ -26,6 +26,9 @@ NOT_DRIVEN: Final = ("jtse", "omega")
 """Families that files may name and that this version does not drive."""
 
 KNOWN_FAMILIES: Final = (*FAMILIES, *NOT_DRIVEN)
+_FIVE_DIGITS: Final = "as far as five digits go; no manual prints a range"
+_TENTHS: Final = "0 to 409.5 in steps of 0.1"
+_CONDITIONS: Final = "101 to 199, 201 to 299 or 301 to 399"
 METADATA: Final = ("operator", "order", "product", "unit")
 
 
@@ -59,6 +62,18 @@ def _on_off(value: object) -> str:
     return "on" if value else "off"
 
 
+def _tenths(value: float) -> float:
+    if abs(value * 10 - round(value * 10)) > 1e-6:
+        raise said(f"{value} is not allowed; {_TENTHS}")
+    return round(value, 1)
+
+
+def _condition(number: int) -> int:
+    if number // 100 not in (1, 2, 3) or number % 100 == 0:
+        raise said(f"{number} is not allowed; {_CONDITIONS}")
+    return number
+
+
 def _family(name: str) -> str:
     if name not in KNOWN_FAMILIES:
         raise said(f"{shown(name)} is {unknown(name, list(KNOWN_FAMILIES))}")
@@ -90,7 +105,7 @@ Required = Annotated[tuple[Annotated[str, AfterValidator(_metadata)], ...], From
 
 class Head(Table):
     name: Name = Field(description=NAME_ALLOWED)
-    revision: int = Field(ge=0, description="a whole number from 0 on")
+    revision: int = Field(ge=0, le=999_999, description="a whole number from 0 on")
     families: Families = Field(min_length=1, description=f"a list of some of {', '.join(KNOWN_FAMILIES)}")
 
 
@@ -131,10 +146,10 @@ class Feeder(Table):
     mode: Literal["continuous", "discontinuous", "program", "reload"] | None = Field(
         None, description="one of continuous, discontinuous, program, reload"
     )
-    length_mm: float | None = Field(None, description="mm in steps of 0.1")
-    speed_mm_s: float | None = Field(None, description="mm/s in steps of 0.1")
-    diameter_mm: float | None = Field(None, description="mm in steps of 0.01")
-    backward_mm: float | None = Field(None, description="mm in steps of 0.1")
+    length_mm: float | None = Field(None, ge=0, le=9999.9, description=f"mm in steps of 0.1, {_FIVE_DIGITS}")
+    speed_mm_s: float | None = Field(None, gt=0, le=9999.9, description=f"mm/s in steps of 0.1, {_FIVE_DIGITS}")
+    diameter_mm: float | None = Field(None, gt=0, le=999.99, description=f"mm in steps of 0.01, {_FIVE_DIGITS}")
+    backward_mm: float | None = Field(None, ge=0, le=9999.9, description=f"mm in steps of 0.1, {_FIVE_DIGITS}")
     clog_detection: Switch | None = None
 
 
@@ -147,14 +162,13 @@ class Air(Table):
     mode: Literal["manual", "profile"] | None = Field(None, description="manual or profile")
 
 
-Tenths = Annotated[float, Field(ge=0, le=409.5, multiple_of=0.1, description="0 to 409.5 in steps of 0.1")]
-_TENTHS: Final = "0 to 409.5 in steps of 0.1"
+Tenths = Annotated[float, Field(ge=0, le=409.5), AfterValidator(_tenths)]
 
 
 class Omega(Table):
     """One solder condition (omega), a family that this version does not drive: its whole record of fifteen fields."""
 
-    condition: int = Field(description="101 to 199, 201 to 299 or 301 to 399")
+    condition: Annotated[int, AfterValidator(_condition)] = Field(description=_CONDITIONS)
     mode: int = Field(ge=0, le=4, description="0 to 4: special point, special slide, the same without iron up, pre-solder")
     rise_s: Tenths = Field(description=_TENTHS)
     feed1_mm: Tenths = Field(description=_TENTHS)
@@ -182,13 +196,13 @@ class Sampling(Table):
 
 
 class Run(Table):
-    """How the run treats the tools. `status` None: not changed at the start; `safe_state` None: the family's own."""
+    """How the run treats the tools. `status` None: not changed at the start. Ask `Recipe.safe_state` for a family's own."""
 
     status: Literal["working", "stand", "extractor", "on", "off"] | None = Field(
         None, description="working, stand or extractor (jtse: on, off)"
     )
-    safe_state: Literal["stand", "extractor", "cooling", "off"] | None = Field(
-        None, description="stand or extractor (jtse: cooling, off)"
+    safe_state: Literal["stand", "extractor", "cooling", "off"] = Field(
+        "stand", description="stand or extractor (jtse: cooling, off)"
     )
     require_tool: bool = Field(True, description="true or false")
     on_difference: Literal["stop", "continue"] = Field("stop", description="stop or continue")
@@ -286,15 +300,20 @@ class Recipe(RecipeTables):
         Without a port: what a port without tables of its own is asked to hold.
         """
         common = PortSettings(**{name: getattr(self, name) for name in PortSettings.model_fields})
-        wanted = {asked.setting: asked for asked in asked_in(common)}
-        own = self.port.get(str(port))  # type: ignore[call-overload]  # a number that is no port has no tables
-        if own is not None:
-            wanted |= {asked.setting: asked for asked in asked_in(own, ("port", str(port)))}
-        return wanted
+        own = self.asked_of(port) if port is not None else ()
+        return {asked.setting: asked for asked in (*asked_in(common), *own)}
+
+    def asked_of(self, port: int) -> Iterator[Asked]:
+        """What the port's own tables ask for."""
+        for name, table in self.port.items():
+            if int(name) == port:
+                yield from asked_in(table, ("port", name))
 
     def safe_state(self, family: str) -> str:
         """What every touched tool is put in at the end on a station of this family (contract, "Safe state")."""
-        return self.run.safe_state or ("cooling" if family == "jtse" else "stand")
+        if family == "jtse" and "safe_state" not in self.run.model_fields_set:
+            return "cooling"
+        return self.run.safe_state
 
     def problem(self, key: KeyPath, text: str) -> Problem:
         """Something that is wrong with one of the recipe's keys, with file and line."""

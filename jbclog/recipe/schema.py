@@ -11,6 +11,7 @@ from collections.abc import Mapping
 from typing import Annotated, TypeVar, get_args
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
+from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails, PydanticCustomError
 
 from jbclog.errors import Problem
@@ -80,8 +81,10 @@ def _sentence(row: type[Table], key: KeyPath, detail: ErrorDetails) -> str:
         return detail["msg"].removeprefix("Value error, ")
     if kind in _TABLE_ERRORS:
         return f"{shown(detail['input'])} stands where a table belongs"
-    allowed = _allowed(row, key) or detail["msg"]
-    return f"missing; {allowed}" if kind == "missing" else f"{shown(detail['input'])} is not allowed; {allowed}"
+    allowed = _allowed(row, key)
+    if kind == "missing":
+        return f"missing; {allowed}" if allowed else "missing"
+    return f"{shown(detail['input'])} is not allowed; {allowed or detail['msg'].lower()}"
 
 
 def unknown(name: str, names: list[str]) -> str:
@@ -104,12 +107,18 @@ def _names_beside(row: type[Table], key: KeyPath) -> list[str]:
 
 
 def _allowed(row: type[Table], key: KeyPath) -> str | None:
-    """The description of the field that `key` leads to, or of the list that it is a member of."""
+    """The description of the field that `key` leads to, or of the list or mapping that it is a member of."""
     while key and isinstance(key[-1], int):
         key = key[:-1]
-    table = _table_at(row, key[:-1]) if key else None
-    field = table.model_fields.get(str(key[-1])) if table is not None else None
+    field, around = _field(row, key), _field(row, key[:-1])
+    if field is None and around is not None and _is_mapping(around.annotation):
+        field = around
     return field.description if field is not None else None
+
+
+def _field(row: type[Table], key: KeyPath) -> FieldInfo | None:
+    table = _table_at(row, key[:-1]) if key else None
+    return table.model_fields.get(str(key[-1])) if table is not None else None
 
 
 def _table_at(row: type[BaseModel], key: KeyPath) -> type[BaseModel] | None:
