@@ -48,6 +48,22 @@ SAMPLE_COLUMNS: Final = (
 )
 COLUMN: Final = {name: place for place, name in enumerate(SAMPLE_COLUMNS)}
 SIGNAL_COLUMNS: Final = SAMPLE_COLUMNS[COLUMN["temperature_c"] :]
+FLAG_COLUMNS: Final = frozenset(
+    "cooling desoldering alarm_high alarm_low feeding solder_shortage clogged preparing in_range".split()
+)
+"""Held as `bool`."""
+TEXT_COLUMNS: Final = frozenset("station quality reasons status motor".split())
+"""Held as `str`; `motor` is ``off``, ``forward`` or ``backward``. All other columns hold `int`; `tool` is the code of R-CT."""
+
+_SHARED: Final = {
+    "cooling": "status",
+    "desoldering": "status",
+    "motor": "status",
+    "alarm_low": "alarm_high",
+    "clogged": "solder_shortage",
+}
+SIGNAL_OF_COLUMN: Final = {column: _SHARED.get(column, column) for column in SIGNAL_COLUMNS}
+"""The signal that fills a column: named by the first of the columns that one answer fills."""
 
 QUALITIES: Final = ("disconnected", "robot_off", "timeout", "bcc", "format", "nak", "implausible", "no_tool", "skipped", "ok")
 """In the order in which the first that applies is taken (contract, "quality")."""
@@ -161,8 +177,14 @@ class StationFacts:
     first_tick: int | None = None
     last_tick: int | None = None
     due: dict[str, dict[str, int]] = field(default_factory=dict)  # port -> signal -> readings due, as the session counted
+    watched: dict[str, dict[str, dict[str, int]]] = field(default_factory=dict)  # settings read again, without a column
     skipped: int = 0  # ticks without rows: the host stood still
     garbage_bytes: int = 0
+    alarms: int = 0  # that count (contract, "Exit codes")
+    unconfirmed_alarms: int = 0
+    settings_changed: int = 0
+    outages: int = 0
+    worst_slow_periods: float = 0.0  # the longest that a slow reading waited, in its own periods
     touched: list[int] = field(default_factory=list)
     outcome: str = "running"
     reason: str = ""

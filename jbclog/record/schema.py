@@ -1,0 +1,135 @@
+"""The four tables of a run, once: columns, types, units, the commands that they come from.
+
+Times are UTC microseconds; whole numbers are int64 (narrow ones overflow in squares and sums and cost the same on
+disk); a column that may be null is one that may not have been due or not have been answered.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
+from typing import Final
+
+import pyarrow as pa
+
+SCHEMA_VERSION: Final = 1
+
+TIME: Final = pa.timestamp("us", tz="UTC")
+INT: Final = pa.int64()
+FLOAT: Final = pa.float64()
+FLAG: Final = pa.bool_()
+TEXT: Final = pa.utf8()
+
+Column = tuple[str, pa.DataType, str, str]
+"""Name, type, unit, command(s) of the manuals; a name that ends in ``!`` is never null."""
+
+SAMPLES: Final[Sequence[Column]] = (
+    ("time!", TIME, "UTC", ""),
+    ("tick!", INT, "count", ""),
+    ("station!", TEXT, "", ""),
+    ("port!", INT, "", ""),
+    ("late_us", INT, "µs", ""),
+    ("scan_us", INT, "µs", ""),
+    ("quality!", TEXT, "", ""),
+    ("reasons", TEXT, "", ""),
+    ("temperature_c", INT, "°C", "R-TTx R-ATx"),
+    ("power_permille", INT, "‰", "R-PPx"),
+    ("status", TEXT, "", "R-PSx"),
+    ("cooling", FLAG, "", "R-PSx"),
+    ("desoldering", FLAG, "", "R-PSx"),
+    ("motor", TEXT, "", "R-PSx"),
+    ("set_c", INT, "°C", "R-STx"),
+    ("tool", INT, "code", "R-CTx"),
+    ("port_error", INT, "code", "R-PEx"),
+    ("station_error", INT, "code", "R-SER"),
+    ("alarm_high", FLAG, "", "R-TAx"),
+    ("alarm_low", FLAG, "", "R-TAx"),
+    ("transformer_c", INT, "°C", "R-TT"),
+    ("transistor_c", INT, "°C", "R-QTx"),
+    ("delay_s", INT, "s", "R-EDx"),
+    ("external_c", INT, "°C", "R-ETx"),
+    ("set_flow_permille", INT, "‰", "R-SFx"),
+    ("feeding", FLAG, "", "R-FEE"),
+    ("solder_shortage", FLAG, "", "A"),
+    ("clogged", FLAG, "", "A"),
+    ("preparing", FLAG, "", "B"),
+    ("in_range", FLAG, "", "F"),
+)
+EVENTS: Final[Sequence[Column]] = (
+    ("seq!", INT, "count", ""),
+    ("time!", TIME, "UTC", ""),
+    ("earliest", TIME, "UTC", ""),
+    ("station", TEXT, "", ""),
+    ("port", INT, "", ""),
+    ("kind!", TEXT, "", ""),
+    ("severity!", TEXT, "", ""),
+    ("code", INT, "code", ""),
+    ("text!", TEXT, "", ""),
+    ("value", FLOAT, "", ""),
+    ("limit", FLOAT, "", ""),
+    ("raw", TEXT, "", ""),
+    ("prev_sha256!", TEXT, "", ""),
+)
+SETTINGS: Final[Sequence[Column]] = (
+    ("time!", TIME, "UTC", ""),
+    ("station!", TEXT, "", ""),
+    ("port", INT, "", ""),
+    ("tool", TEXT, "", ""),
+    ("setting!", TEXT, "", ""),
+    ("unit!", TEXT, "", ""),
+    ("requested", TEXT, "", ""),
+    ("written", TEXT, "", ""),
+    ("readback", TEXT, "", ""),
+    ("nak", INT, "code", ""),
+    ("outcome!", TEXT, "", ""),
+)
+COUNTERS: Final[Sequence[Column]] = (
+    ("time!", TIME, "UTC", ""),
+    ("station!", TEXT, "", ""),
+    ("port", INT, "", ""),
+    ("counter!", TEXT, "", ""),
+    ("value", FLOAT, "", ""),
+    ("unit!", TEXT, "", ""),
+    ("raw!", TEXT, "", ""),
+)
+
+_PANDAS = {TIME: ("datetimetz", "datetime64[us, UTC]"), INT: ("Int64", "Int64"), FLAG: ("boolean", "boolean")}
+
+
+def _field(column: Column) -> pa.Field:
+    name, kind, unit, command = column
+    metadata = {key: text for key, text in (("unit", unit), ("command", command)) if text}
+    return pa.field(name.removesuffix("!"), kind, nullable=not name.endswith("!"), metadata=metadata or None)
+
+
+def _pandas_hint(fields: Sequence[pa.Field]) -> str:
+    """What pandas reads to give Int64 and boolean, which know missing values, instead of float and object."""
+    columns = [
+        {
+            "name": field.name,
+            "field_name": field.name,
+            "pandas_type": _PANDAS[field.type][0],
+            "numpy_type": _PANDAS[field.type][1],
+            "metadata": {"timezone": "UTC"} if field.type == TIME else None,
+        }
+        for field in fields
+        if field.type == TIME or (field.nullable and field.type in (INT, FLAG))
+    ]
+    return json.dumps({"index_columns": [], "column_indexes": [], "columns": columns, "creator": None, "pandas_version": None})
+
+
+def _schema(columns: Sequence[Column]) -> pa.Schema:
+    fields = [_field(column) for column in columns]
+    return pa.schema(fields, metadata={"jbclog.schema": str(SCHEMA_VERSION), "pandas": _pandas_hint(fields)})
+
+
+SCHEMAS: Final[Mapping[str, pa.Schema]] = MappingProxyType(
+    {
+        "samples": _schema(SAMPLES),
+        "events": _schema(EVENTS),
+        "settings": _schema(SETTINGS),
+        "counters": _schema(COUNTERS),
+    }
+)
+TABLES: Final = tuple(SCHEMAS)
