@@ -3,26 +3,23 @@
 from __future__ import annotations
 
 import hashlib
-import re
 from collections.abc import Iterable, Iterator
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 from typing import Annotated, Final
-from urllib.parse import urlsplit
 
 from pydantic import AfterValidator, Field, PlainValidator
 
 from jbclog.commands.family import FAMILIES
 from jbclog.errors import Problem, Problems
+from jbclog.recipe.fields import NOT_DRIVEN
 from jbclog.recipe.keys import KeyPath
-from jbclog.recipe.model import NOT_DRIVEN
 from jbclog.recipe.schema import NAME_ALLOWED, FromList, Name, Table, read_table, said, shortened, shown, unknown
 from jbclog.recipe.sim_spec import SimSpec
 from jbclog.recipe.toml import TomlText, parse, read_text, unusable
+from jbclog.recipe.url import checked_url, is_path
 from jbclog.wire import BAUDRATES, LineFormat
 
 AUTO: Final = "auto"
-SCHEMES: Final = ("socket", "rfc2217", "loop", "hwgrep", "spy", "alt", "cp2110")
-_WINDOWS_PORT = re.compile(r"COM\d{1,3}|\\\\\.\\.+", re.IGNORECASE)
 _DRIVEN: Final = ", ".join((*FAMILIES, AUTO))
 
 
@@ -53,32 +50,10 @@ def _format(value: str) -> str:
     return value
 
 
-def _distinct(ports: tuple[int, ...]) -> tuple[int, ...]:
+def _in_order(ports: tuple[int, ...]) -> tuple[int, ...]:
     if len(set(ports)) != len(ports):
         raise said(f"{list(ports)} names a port twice")
-    return ports
-
-
-def _url(value: str) -> str:
-    """A device path, absolute or below the line file's folder, or one of pyserial's URLs with what it needs."""
-    if "://" not in value:
-        if ".." in PurePosixPath(value).parts:
-            raise said(f"{shown(value)} is not allowed; a relative path stays below the line file's folder")
-        return value
-    scheme = value.partition("://")[0].lower()
-    if scheme not in SCHEMES:
-        raise said(f"the kind of port {shown(scheme)} is {unknown(scheme, list(SCHEMES))}")
-    if scheme in ("socket", "rfc2217") and not _has_host_and_port(value):
-        raise said(f"{shown(value)} is not allowed; {scheme}://HOST:PORT")
-    return value
-
-
-def _has_host_and_port(url: str) -> bool:
-    try:
-        parts = urlsplit(url)
-        return bool(parts.hostname) and bool(parts.port)
-    except ValueError:
-        return False
+    return tuple(sorted(ports))
 
 
 PortNumber = Annotated[int, Field(ge=1, le=4)]
@@ -88,14 +63,14 @@ class StationTable(Table):
     """One table `[[station]]`, as it stands in the file."""
 
     name: Name = Field(description=NAME_ALLOWED)
-    url: Annotated[str, AfterValidator(_url)] = Field(
+    url: Annotated[str, AfterValidator(checked_url)] = Field(
         min_length=1, max_length=1024, description="a device path, socket://HOST:PORT or rfc2217://HOST:PORT"
     )
     family: Annotated[str, AfterValidator(_family)] = Field(description=f"one of {_DRIVEN}")
     baudrate: Annotated[int, AfterValidator(_baudrate)] = Field(19200, description="bits per second, default 19200")
     format: Annotated[str, AfterValidator(_format)] = Field("8N1", description="a line format such as 8N1, 8E1 or 8O2")
     address: Annotated[int | None, PlainValidator(_address)] = 1
-    ports: Annotated[tuple[PortNumber, ...], FromList, AfterValidator(_distinct)] | None = Field(
+    ports: Annotated[tuple[PortNumber, ...], FromList, AfterValidator(_in_order)] | None = Field(
         None, min_length=1, max_length=4, description="a list of ports from 1 to 4"
     )
     turnaround_ms: float | None = Field(None, ge=0, le=5000, description="milliseconds from 0 to 5000")
@@ -120,12 +95,12 @@ class StationSpec(StationTable):
     @property
     def is_device(self) -> bool:
         """Whether the url is a path and not one of pyserial's URLs or a COM port."""
-        return _is_path(self.url)
+        return is_path(self.url)
 
     @property
     def is_relative(self) -> bool:
         """Whether the file gives a device path that is taken from the file's own folder (virtual stations)."""
-        return _is_path(self.written_url) and not Path(self.written_url).is_absolute()
+        return is_path(self.written_url) and not Path(self.written_url).is_absolute()
 
 
 class Head(Table):
@@ -161,7 +136,7 @@ class Line(Table):
 
     def station(self, name: str) -> StationSpec:
         """The station of that name; `KeyError` where there is none."""
-        return next(iter(station for station in self.stations if station.name == name))
+        return {station.name: station for station in self.stations}[name]
 
     def problem(self, key: KeyPath, text: str) -> Problem:
         """Something that is wrong with one of the file's keys, with file and line."""
@@ -198,19 +173,19 @@ def _read_station(source: TomlText, place: int, table: dict[str, object], proble
     at: KeyPath = ("station", place)
     station, wrong, _ = read_table(StationTable, source, at, table)
     problems += wrong
-    if station is not None:
-        problems += _within_family(source, at, station)
+    problems += _within_family(source, at, str(table.get("family")), table.get("ports"))
     return station
 
 
-def _within_family(source: TomlText, at: KeyPath, station: StationTable) -> Iterator[Problem]:
-    family = FAMILIES.get(station.family)
-    if family is None or family.ports is None:
+def _within_family(source: TomlText, at: KeyPath, name: str, ports: object) -> Iterator[Problem]:
+    """Ports that other families have and this one has not."""
+    family = FAMILIES.get(name)
+    if family is None or family.ports is None or not isinstance(ports, list):
         return
-    for port in station.ports or ():
-        if port not in family.ports:
+    for place, port in enumerate(ports):
+        if port in (1, 2, 3, 4) and port not in family.ports:
             allowed = ", ".join(map(str, family.ports))
-            yield source.problem((*at, "ports"), f"{family.title} has no port {port}; it has {allowed}")
+            yield source.problem((*at, "ports", place), f"the family {name} has no port {port}; it has {allowed}")
 
 
 def _between_stations(source: TomlText, path: Path) -> Iterator[Problem]:
@@ -232,16 +207,12 @@ def _shared(source: TomlText, key: str, values: Iterable[tuple[int, object]], te
 
 def _same_port(url: object, path: Path) -> object:
     """What two urls of one port have in common: links of devices are followed."""
-    if not isinstance(url, str) or not _is_path(url) or not url:
+    if not isinstance(url, str) or not is_path(url) or not url:
         return url
     try:
         return str((_folder(path) / url).resolve())
     except (OSError, ValueError, RuntimeError):  # a loop of links, or no name that a file can have
         return url
-
-
-def _is_path(url: str) -> bool:
-    return "://" not in url and not _WINDOWS_PORT.fullmatch(url)
 
 
 def _folder(path: Path) -> Path:
@@ -252,6 +223,6 @@ def _placed(table: StationTable, path: Path) -> StationSpec:
     """The station with absolute paths."""
     folder = _folder(path)
     values = {name: getattr(table, name) for name in StationTable.model_fields}
-    values["url"] = str(folder / table.url) if _is_path(table.url) else table.url
+    values["url"] = str(folder / table.url) if is_path(table.url) else table.url
     values["recipe"] = None if table.recipe is None else folder / table.recipe
     return StationSpec.model_construct(**values, written_url=table.url)

@@ -10,8 +10,9 @@ from jbclog.commands.family import FAMILIES
 from jbclog.errors import Problems
 from jbclog.recipe.checks import problems_between
 from jbclog.recipe.keys import KeyPath
-from jbclog.recipe.model import Recipe, RecipeTables
+from jbclog.recipe.model import Recipe
 from jbclog.recipe.schema import read_table, shortened
+from jbclog.recipe.sections import RecipeTables
 from jbclog.recipe.toml import TomlText, parse, read_text, unusable
 
 _STAND_IN: Final[dict[str, object]] = {"name": "unnamed", "revision": 0, "families": list(FAMILIES)}

@@ -1,0 +1,96 @@
+"""Kinds of values in a recipe: what TOML holds, and the typed value that the station's tables know.
+
+Each is a check of type only; ranges are the command tables' and stand in `checks.py`.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Final
+
+from pydantic import AfterValidator, Field, PlainValidator
+
+from jbclog.commands.family import FAMILIES
+from jbclog.quantities import OFF, Off
+from jbclog.recipe.schema import FromList, said, shown, unknown
+
+NOT_DRIVEN: Final = ("jtse", "omega")
+"""Families that files may name and that this version does not drive."""
+
+KNOWN_FAMILIES: Final = (*FAMILIES, *NOT_DRIVEN)
+FIVE_DIGITS: Final = "as far as five digits go; no manual prints a range"
+TENTHS: Final = "0 to 409.5 in steps of 0.1"
+CONDITIONS: Final = "101 to 199, 201 to 299 or 301 to 399"
+METADATA: Final = ("operator", "order", "product", "unit")
+
+
+def _minutes(value: object) -> int | Off:
+    if value == "off":
+        return OFF
+    if isinstance(value, bool) or not isinstance(value, int):
+        raise said(f'{shown(value)} is not allowed; whole minutes, or "off"')
+    return value
+
+
+def _seconds(value: object) -> float | Off:
+    if value == "off":
+        return OFF
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise said(f'{shown(value)} is not allowed; seconds in steps of 0.01, or "off"')
+    return float(value)
+
+
+def _limit(value: object) -> int:
+    if value == "off":
+        raise said('"off" is not allowed; no manual prints how a limit is taken back: use delay_s = "off"')
+    if isinstance(value, bool) or not isinstance(value, int):
+        raise said(f"{shown(value)} is not allowed; whole °C in steps of 5")
+    return value
+
+
+def _on_off(value: object) -> str:
+    if not isinstance(value, bool):
+        raise said(f"{shown(value)} is not allowed; true or false")
+    return "on" if value else "off"
+
+
+def _tenths(value: float) -> float:
+    if abs(value * 10 - round(value * 10)) > 1e-6:
+        raise said(f"{value} is not allowed; {TENTHS}")
+    return round(value, 1)
+
+
+def _condition(number: int) -> int:
+    if number // 100 not in (1, 2, 3) or number % 100 == 0:
+        raise said(f"{number} is not allowed; {CONDITIONS}")
+    return number
+
+
+def _family(name: str) -> str:
+    if name not in KNOWN_FAMILIES:
+        raise said(f"{shown(name)} is {unknown(name, list(KNOWN_FAMILIES))}")
+    return name
+
+
+def _no_repeats(values: tuple[str, ...]) -> tuple[str, ...]:
+    twice = next((value for place, value in enumerate(values) if value in values[:place]), None)
+    if twice is not None:
+        raise said(f"{shown(twice)} stands there twice")
+    return values
+
+
+def _metadata(name: str) -> str:
+    if name not in METADATA and not name.removeprefix("tag."):
+        raise said("a tag's name is missing behind tag.")
+    if name not in METADATA and not name.startswith("tag."):
+        raise said(f"{shown(name)} is {unknown(name, [*METADATA, 'tag.NAME'])}")
+    return name
+
+
+Minutes = Annotated[int | Off, PlainValidator(_minutes)]
+Seconds = Annotated[float | Off, PlainValidator(_seconds)]
+LimitC = Annotated[int, PlainValidator(_limit)]
+Switch = Annotated[str, PlainValidator(_on_off)]
+Families = Annotated[tuple[Annotated[str, AfterValidator(_family)], ...], FromList, AfterValidator(_no_repeats)]
+Required = Annotated[tuple[Annotated[str, AfterValidator(_metadata)], ...], FromList, AfterValidator(_no_repeats)]
+Condition = Annotated[int, AfterValidator(_condition)]
+Tenths = Annotated[float, Field(ge=0, le=409.5), AfterValidator(_tenths)]

@@ -1,0 +1,161 @@
+"""The tables of a recipe file: each table a class, each key a field. A setting that the file does not name is None."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import Annotated, Literal
+
+from pydantic import AfterValidator, Field
+
+from jbclog.recipe.fields import (
+    CONDITIONS,
+    FIVE_DIGITS,
+    KNOWN_FAMILIES,
+    METADATA,
+    TENTHS,
+    Condition,
+    Families,
+    LimitC,
+    Minutes,
+    Required,
+    Seconds,
+    Switch,
+    Tenths,
+)
+from jbclog.recipe.schema import NAME_ALLOWED, Name, Table
+
+
+class Head(Table):
+    name: Name = Field(description=NAME_ALLOWED)
+    revision: int = Field(ge=0, le=999_999, description="a whole number from 0 on")
+    families: Families = Field(min_length=1, description=f"a list of some of {', '.join(KNOWN_FAMILIES)}")
+
+
+class Temperature(Table):
+    select_c: int | None = Field(None, description="whole °C in steps of 5")
+    adjust_c: int | None = Field(None, description="whole °C from -50 to 50")
+
+
+class Sleep(Table):
+    temperature_c: int | None = Field(None, description="whole °C in steps of 5")
+    delay_min: Minutes | None = None
+
+
+class Hibernation(Table):
+    delay_min: Minutes | None = None
+
+
+class Alarm(Table):
+    limit_c: LimitC | None = None
+    delay_s: Seconds | None = None
+
+
+class Alarms(Table):
+    high: Alarm = Alarm()
+    low: Alarm = Alarm()
+
+
+class PortSettings(Table):
+    """The tables that hold for every port of a station, or below `[port.N]` for one."""
+
+    temperature: Temperature = Temperature()
+    sleep: Sleep = Sleep()
+    hibernation: Hibernation = Hibernation()
+    alarm: Alarms = Alarms()
+
+
+class Feeder(Table):
+    mode: Literal["continuous", "discontinuous", "program", "reload"] | None = Field(
+        None, description="one of continuous, discontinuous, program, reload"
+    )
+    length_mm: float | None = Field(None, ge=0, le=9999.9, description=f"mm in steps of 0.1, {FIVE_DIGITS}")
+    speed_mm_s: float | None = Field(None, gt=0, le=9999.9, description=f"mm/s in steps of 0.1, {FIVE_DIGITS}")
+    diameter_mm: float | None = Field(None, gt=0, le=999.99, description=f"mm in steps of 0.01, {FIVE_DIGITS}")
+    backward_mm: float | None = Field(None, ge=0, le=9999.9, description=f"mm in steps of 0.1, {FIVE_DIGITS}")
+    clog_detection: Switch | None = None
+
+
+class Air(Table):
+    """Hot air (jtse), a family that this version does not drive: checked, and kept with the run."""
+
+    temperature_c: int | None = Field(None, description="whole °C")
+    flow_permille: int | None = Field(None, ge=0, le=1000, description="0 to 1000, the share of the station's greatest flow")
+    external_set_c: int | None = Field(None, description="whole °C")
+    mode: Literal["manual", "profile"] | None = Field(None, description="manual or profile")
+
+
+class Omega(Table):
+    """One solder condition (omega), a family that this version does not drive: its whole record of fifteen fields."""
+
+    condition: Condition = Field(description=CONDITIONS)
+    mode: int = Field(ge=0, le=4, description="0 to 4: special point, special slide, the same without iron up, pre-solder")
+    rise_s: Tenths = Field(description=TENTHS)
+    feed1_mm: Tenths = Field(description=TENTHS)
+    feed1_mm_s: Tenths = Field(description=TENTHS)
+    reverse1_mm: Tenths = Field(description=TENTHS)
+    reverse1_mm_s: Tenths = Field(description=TENTHS)
+    preheat_s: Tenths = Field(description=TENTHS)
+    feed2_mm: Tenths = Field(description=TENTHS)
+    feed2_mm_s: Tenths = Field(description=TENTHS)
+    reverse2_mm: Tenths = Field(description=TENTHS)
+    reverse2_mm_s: Tenths = Field(description=TENTHS)
+    heating_s: Tenths = Field(description=TENTHS)
+    feed3_mm: Tenths = Field(description=TENTHS)
+    feed3_mm_s: Tenths = Field(description=TENTHS)
+    reverse3_mm: Tenths = Field(description=TENTHS)
+    reverse3_mm_s: Tenths = Field(description=TENTHS)
+
+
+class Sampling(Table):
+    """Hz of the fast signals, and the ceilings of the slow ones in seconds."""
+
+    rate_hz: float = Field(10.0, ge=0.001, le=1000, description="Hz, from 0.001 to 1000")
+    alarms_every_s: float = Field(2.0, ge=0.1, le=3600, description="seconds, from 0.1 to 3600")
+    counters_every_s: float = Field(60.0, ge=1, le=86400, description="seconds, from 1 to 86400")
+
+
+class Run(Table):
+    """How the run treats the tools. `status` None: not changed at the start. Ask `Recipe.safe_state` for a family's own."""
+
+    status: Literal["working", "stand", "extractor", "on", "off"] | None = Field(
+        None, description="working, stand or extractor (jtse: on, off)"
+    )
+    safe_state: Literal["stand", "extractor", "cooling", "off"] = Field(
+        "stand", description="stand or extractor (jtse: cooling, off)"
+    )
+    require_tool: bool = Field(True, description="true or false")
+    on_difference: Literal["stop", "continue"] = Field("stop", description="stop or continue")
+    allow_no_cooldown: bool = Field(False, description="true or false")
+
+
+class Metadata(Table):
+    required: Required = Field((), description=f"a list of some of {', '.join(METADATA)}, tag.NAME")
+
+
+class Acceptance(Table):
+    """What the verdict rests on; a rule that is None is not applied."""
+
+    coverage_percent: float | None = Field(None, ge=0, le=100, description="0 to 100")
+    longest_gap_s: float | None = Field(None, ge=0, description="seconds from 0 on")
+    idle_error_c: float | None = Field(None, ge=0, description="°C from 0 on")
+    idle_sd_c: float | None = Field(None, ge=0, description="°C from 0 on")
+    alarms_max: int | None = Field(None, ge=0, description="a whole number from 0 on")
+
+
+PortName = Literal["1", "2", "3", "4"]
+Ports = Annotated[Mapping[PortName, PortSettings], AfterValidator(MappingProxyType)]
+
+
+class RecipeTables(PortSettings):
+    """The whole file, table by table."""
+
+    recipe: Head
+    port: Ports = Field(MappingProxyType({}), description="a port is 1, 2, 3 or 4")
+    feeder: Feeder = Feeder()
+    air: Air = Air()
+    omega: Omega | None = None
+    sampling: Sampling = Sampling()
+    run: Run = Run()
+    metadata: Metadata = Metadata()
+    acceptance: Acceptance | None = None

@@ -1,0 +1,41 @@
+"""Urls of ports: device paths, COM ports, and what pyserial opens by a scheme."""
+
+from __future__ import annotations
+
+import re
+from pathlib import PurePosixPath
+from typing import Final
+from urllib.parse import urlsplit
+
+from jbclog.recipe.schema import said, shown, unknown
+
+SCHEMES: Final = ("socket", "rfc2217", "loop", "hwgrep", "spy", "alt", "cp2110")
+_WINDOWS_PORT = re.compile(r"COM\d{1,3}|\\\\\.\\.+", re.IGNORECASE)
+
+
+def is_path(url: str) -> bool:
+    """Whether the url is a path of a device, not a scheme or a COM port."""
+    return "://" not in url and not _WINDOWS_PORT.fullmatch(url)
+
+
+def checked_url(value: str) -> str:
+    """A device path, absolute or below the line file's folder, or one of pyserial's URLs with what it needs."""
+    if "://" not in value:
+        path = PurePosixPath(value)
+        if ".." in path.parts and not path.is_absolute():
+            raise said(f"{shown(value)} is not allowed; a relative path stays below the line file's folder")
+        return value
+    scheme = value.partition("://")[0].lower()
+    if scheme not in SCHEMES:
+        raise said(f"the kind of port {shown(scheme)} is {unknown(scheme, list(SCHEMES))}")
+    if scheme in ("socket", "rfc2217") and not _has_host_and_port(value):
+        raise said(f"{shown(value)} is not allowed; {scheme}://HOST:PORT")
+    return value
+
+
+def _has_host_and_port(url: str) -> bool:
+    try:
+        parts = urlsplit(url)
+        return bool(parts.hostname) and bool(parts.port)
+    except ValueError:
+        return False
