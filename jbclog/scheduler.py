@@ -139,8 +139,15 @@ class SlowReadings:
     """The slow readings of one wire with the moment at which each is next due."""
 
     def __init__(self, readings: Iterable[Reading], start: float) -> None:
-        """All are due at `start`: a run knows everything as soon as the wire has room."""
-        self._all = [Slow(reading, reading.period_s, start) for reading in readings if reading.period_s is not None]
+        """Signals are due at `start`, so that a run knows everything as soon as the wire has room.
+
+        Counters have been read before the first tick and are due a period later.
+        """
+        self._all = [
+            Slow(reading, reading.period_s, start + (reading.period_s if reading.counter else 0.0))
+            for reading in readings
+            if reading.period_s is not None
+        ]
         self._earliest = start
         self.worst_periods = 0.0  # the longest that any reading waited, in its own periods; CEILING is the promise
 
@@ -182,3 +189,14 @@ def readings_of(
             wire = read_wire_s(line, command, addressed)
             found.append(Reading(counter.name, command, port, port, wire, counters_every_s, (), counter))
     return found
+
+
+def watched_readings(
+    commands: Iterable[Command], ports: Sequence[int], line: LineFormat, addressed: bool, every_s: float
+) -> list[Reading]:
+    """Settings that are read again now and then, to find them changed; they fill no column."""
+    return [
+        Reading(command.name, command, port, port, read_wire_s(line, command, addressed), every_s)
+        for command in commands
+        for port in ports
+    ]

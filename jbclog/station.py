@@ -92,6 +92,7 @@ class Station:
         self.sent = 0.0
         self.heard = 0.0
         self.now = 0.0
+        self.exchanges = 0  # questions sent
         self.turnaround_s: float | None = None  # the longest seen lately
         self.strays: Counter[str] = Counter()
         self._reader = FrameReader()
@@ -157,6 +158,14 @@ class Station:
             return
         raise StationSilent(f"no answer to {PROBES + 1} questions in a row")
 
+    def unasked(self, heard: Heard) -> None:
+        """Take note of the moment, and of bytes that came although nothing was asked."""
+        self.now = heard.now
+        if heard.data:
+            self.strays["unasked"] += 1
+            self._reader.feed(heard.data)
+            self._reader.reset()
+
     # -- questions -------------------------------------------------------------------------------------------------
 
     def question(self, command: Command, port: int | None = None, tool: int | None = None) -> Question:
@@ -197,6 +206,7 @@ class Station:
     def _exchange(self, question: Question) -> Steps[str]:
         """Ask once; give the data field of the answer."""
         heard = yield Ask(question.frame, self.patience_s(question))
+        self.exchanges += 1
         self.sent = heard.sent
         data = heard.data
         if (  # the whole answer in one piece and nothing else: nearly always so

@@ -107,7 +107,7 @@ FAMILIES: Mapping[str, Family] = MappingProxyType(
                 robot.TOOLS_002,
                 ("stand", "extractor"),
                 ("working", "stand", "extractor"),
-                (*SOLDERING_SIGNALS, *FEEDER_SIGNALS),
+                FEEDER_SIGNALS,
                 (*HOUR_COUNTERS, *FEEDER_COUNTERS),
                 has_feeder=True,
             ),

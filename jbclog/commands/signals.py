@@ -31,10 +31,13 @@ class Signal:
 
 STATUS_COLUMNS = ("status", "cooling", "desoldering", "motor")
 
+STATUS = Signal("status", STATUS_COLUMNS[:3], Pace.FAST)
+STATUS_WITH_MOTOR = Signal("status", STATUS_COLUMNS, Pace.FAST)
+
 SOLDERING_SIGNALS = (
     Signal("tip_temperature", ("temperature_c",), Pace.FAST),
     Signal("power", ("power_permille",), Pace.FAST),
-    Signal("status", STATUS_COLUMNS, Pace.FAST),
+    STATUS,
     Signal("alarm_flags", ("alarm_high", "alarm_low"), Pace.ALARMS),
     Signal("port_error", ("port_error",), Pace.ALARMS),
     Signal("selected_temperature", ("set_c",), Pace.FIVE),
@@ -44,7 +47,10 @@ SOLDERING_SIGNALS = (
     Signal("transformer_temperature", ("transformer_c",), Pace.TEN),
     Signal("time_to_sleep", ("delay_s",), Pace.TEN),
 )
-FEEDER_SIGNALS = (Signal("feeding", ("feeding",), Pace.ALARMS),)
+FEEDER_SIGNALS = (
+    *(STATUS_WITH_MOTOR if signal is STATUS else signal for signal in SOLDERING_SIGNALS),
+    Signal("feeding", ("feeding",), Pace.ALARMS),
+)
 
 
 @dataclass(frozen=True, slots=True)

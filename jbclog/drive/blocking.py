@@ -1,0 +1,85 @@
+"""One session, pulled in a plain loop on one port: for verbs that ask a thing or two, and to read what a driver does."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Protocol, TypeVar
+
+from jbclog.clock import Clock, SystemClock
+from jbclog.effects import Ask, Heard, Listen, Steps, Wait, Wish
+from jbclog.errors import LinkError
+
+T = TypeVar("T")
+
+
+class Port(Protocol):
+    """What a driver wants of an open port (`transport.Port` is one)."""
+
+    def fileno(self) -> int | None: ...
+    def write(self, data: bytes) -> None: ...
+    def read_now(self) -> bytes: ...
+    def read(self, timeout_s: float) -> bytes: ...
+    def close(self) -> None: ...
+
+
+OpenPort = Callable[[], Port]
+
+
+def run(steps: Steps[T], open_port: OpenPort, *, sleep: Callable[[float], None], clock: Clock | None = None) -> T:
+    """Pull `steps` to its end and give what it returns. Its first wish must be `Reopen`, or a `Wait` before that."""
+    puller = _Puller(open_port, sleep, clock or SystemClock())
+    heard: Heard | None = None
+    failure: LinkError | None = None
+    try:
+        while True:
+            try:
+                wish = steps.throw(failure) if failure else steps.send(heard) if heard else next(steps)
+            except StopIteration as end:
+                result: T = end.value
+                return result
+            heard, failure = None, None
+            try:
+                heard = puller.do(wish)
+            except LinkError as error:
+                failure = error
+    finally:
+        puller.close()
+
+
+class _Puller:
+    """Does one wish at a time."""
+
+    def __init__(self, open_port: OpenPort, sleep: Callable[[float], None], clock: Clock) -> None:
+        self._open_port = open_port
+        self._sleep = sleep
+        self._now = clock.monotonic
+        self._port: Port | None = None
+        self._sent = 0.0
+
+    def do(self, wish: Wish) -> Heard:
+        if isinstance(wish, Ask):
+            port = self._open()
+            port.write(wish.data)
+            self._sent = self._now()
+            return self._heard(port.read(wish.patience_s))
+        if isinstance(wish, Listen):
+            return self._heard(self._open().read(max(wish.until - self._now(), 0.0)))
+        if isinstance(wish, Wait):
+            self._sleep(max(wish.until - self._now(), 0.0))
+            return self._heard(b"")
+        self.close()
+        self._port = self._open_port()
+        return self._heard(b"")
+
+    def close(self) -> None:
+        if self._port is not None:
+            self._port.close()
+            self._port = None
+
+    def _open(self) -> Port:
+        if self._port is None:
+            raise LinkError("the port is not open")
+        return self._port
+
+    def _heard(self, data: bytes) -> Heard:
+        return Heard(self._now(), data, self._sent)

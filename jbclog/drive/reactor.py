@@ -1,0 +1,318 @@
+"""Hundreds of sessions in one thread: asyncio's event loop as a reactor, without a task or future per question.
+
+The loop watches descriptors and timers; a session is resumed straight from the callback that heard its bytes, and its
+next wish is carried out before the callback returns. Ports without a descriptor to watch (rfc2217, Windows) get a
+thread that reads and hands its bytes over; the session does not know. Opening a port can block, so that happens in a
+thread too.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import threading
+import time
+from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
+
+from jbclog.drive.blocking import OpenPort, Port
+from jbclog.effects import Ask, Heard, Listen, RunEnded, Steps, Wait, Wish
+from jbclog.errors import LinkError
+from jbclog.rows import StationFacts
+
+OPENERS = 8  # ports opened at the same time
+PUMP_S = 0.2  # how often a reading thread looks whether it is still wanted
+NEVER = float("inf")
+
+Session = Steps[StationFacts]
+_now = time.monotonic  # the clock that asyncio's loop runs on
+
+
+class Reactor:
+    """Pulls sessions until all have ended."""
+
+    def __init__(self) -> None:
+        self.loop = asyncio.SelectorEventLoop()
+        self.openers = ThreadPoolExecutor(OPENERS, thread_name_prefix="open-port")
+        self._wires: set[Wire] = set()
+
+    def add(self, session: Session, open_port: OpenPort) -> None:
+        """Have `session` pulled; `open_port` is called, in a thread, for each of its wishes to open the port."""
+        self._wires.add(Wire(self, session, open_port))
+
+    def every(self, seconds: float, call: Callable[[], None]) -> None:
+        """Call `call` again and again while sessions go on. It must return at once."""
+
+        def again() -> None:
+            call()
+            self.loop.call_later(seconds, again)
+
+        self.loop.call_later(seconds, again)
+
+    def end(self, why: str) -> None:
+        """End every session, once: each makes its tools safe before it returns. From the loop's thread only."""
+        for wire in list(self._wires):
+            wire.end(why)
+
+    def run(self) -> None:
+        """Pull until the last session has ended."""
+        try:
+            for wire in list(self._wires):
+                self.loop.call_soon(wire.start)
+            if self._wires:
+                self.loop.run_forever()
+        finally:
+            self.openers.shutdown(wait=False, cancel_futures=True)
+            self.loop.close()
+
+    def ended(self, wire: Wire) -> None:
+        """`wire` has nothing more to pull."""
+        self._wires.discard(wire)
+        if not self._wires:
+            self.loop.stop()
+
+
+class Wire:
+    """One session and its port."""
+
+    __slots__ = (
+        "_broken",
+        "_deadline",
+        "_ending",
+        "_fileno",
+        "_is_ended",
+        "_listening",
+        "_loop",
+        "_open_port",
+        "_opening",
+        "_port",
+        "_pump",
+        "_reactor",
+        "_send",
+        "_sent",
+        "_session",
+        "_throw",
+        "_timer",
+        "_unasked",
+    )
+
+    def __init__(self, reactor: Reactor, session: Session, open_port: OpenPort) -> None:
+        self._reactor = reactor
+        self._loop = reactor.loop
+        self._session = session
+        self._send, self._throw = session.send, session.throw
+        self._open_port = open_port
+        self._port: Port | None = None
+        self._fileno: int | None = None
+        self._pump: Pump | None = None
+        self._broken: LinkError | None = None  # found while nothing was asked; told at the next question
+        self._opening = False
+        self._listening = False
+        self._unasked = b""
+        self._sent = 0.0
+        self._deadline = NEVER
+        self._timer: asyncio.TimerHandle | None = None
+        self._ending: RunEnded | None = None
+        self._is_ended = False
+
+    def start(self) -> None:
+        self._resume(None)
+
+    def end(self, why: str) -> None:
+        """Throw the run's end into the session, where it stands; once."""
+        if self._ending is not None or self._is_ended:
+            return
+        self._ending = RunEnded(why)
+        if not self._opening:
+            self._fail(self._ending)
+
+    # -- pulling ---------------------------------------------------------------------------------------------------------
+
+    def _resume(self, heard: Heard | None) -> None:
+        try:
+            wish = self._send(heard)  # type: ignore[arg-type]  # the first send of a generator is None
+        except StopIteration:
+            self._finish()
+            return
+        self._do(wish)
+
+    def _fail(self, error: Exception) -> None:
+        try:
+            wish = self._throw(error)
+        except StopIteration:
+            self._finish()
+            return
+        self._do(wish)
+
+    def _do(self, wish: Wish) -> None:
+        kind = type(wish)
+        if kind is Ask:
+            self._ask(wish)  # type: ignore[arg-type]  # told by its type
+        elif kind is Listen:
+            self._await(wish.until, listening=True)  # type: ignore[union-attr]
+        elif kind is Wait:
+            self._await(wish.until, listening=False)  # type: ignore[union-attr]
+        else:
+            self._reopen()
+
+    def _ask(self, wish: Ask) -> None:
+        try:
+            if self._port is None:
+                raise self._broken or LinkError("the port is not open")
+            self._port.write(wish.data)
+        except LinkError as error:
+            self._drop_port()
+            self._loop.call_soon(self._fail, error)  # not from within: a session that fails at once must not pile up
+            return
+        self._sent = now = _now()
+        self._listening = True
+        self._arm(now + wish.patience_s)
+
+    def _await(self, until: float, *, listening: bool) -> None:
+        self._listening = listening
+        if listening and self._unasked:
+            until = 0.0
+        self._arm(until)
+
+    # -- time ------------------------------------------------------------------------------------------------------------
+
+    def _arm(self, deadline: float) -> None:
+        """Wake at `deadline`. A timer that is set for an earlier moment is left: it sets itself again."""
+        self._deadline = deadline
+        timer = self._timer
+        if timer is not None:
+            if timer.when() <= deadline:
+                return
+            timer.cancel()
+        self._timer = self._loop.call_at(deadline, self._on_time)
+
+    def _on_time(self) -> None:
+        self._timer = None
+        now, deadline = _now(), self._deadline
+        if now < deadline:
+            if deadline != NEVER:
+                self._timer = self._loop.call_at(deadline, self._on_time)
+            return
+        self._deadline = NEVER
+        unasked, self._unasked = self._unasked, b""
+        self._listening = False
+        self._resume(Heard(now, unasked, self._sent))
+
+    # -- bytes -----------------------------------------------------------------------------------------------------------
+
+    def _on_readable(self) -> None:
+        port = self._port
+        if port is None:
+            return
+        try:
+            data = port.read_now()
+        except LinkError as error:
+            self._on_broken(error)
+            return
+        if data:
+            self.on_bytes(data)
+
+    def on_bytes(self, data: bytes) -> None:
+        """Bytes came: the session's, if it listens; else they wait until it does."""
+        if self._listening:
+            self._listening = False
+            self._deadline = NEVER
+            self._resume(Heard(_now(), data, self._sent))
+        else:
+            self._unasked += data
+
+    def _on_broken(self, error: LinkError) -> None:
+        self._drop_port()
+        self._broken = error
+        if self._listening:
+            self._listening = False
+            self._deadline = NEVER
+            self._fail(error)
+
+    # -- the port --------------------------------------------------------------------------------------------------------
+
+    def _reopen(self) -> None:
+        self._drop_port()
+        self._deadline, self._listening, self._opening = NEVER, False, True
+        future = self._reactor.openers.submit(self._open_port)
+        future.add_done_callback(lambda done: self._loop.call_soon_threadsafe(self._on_opened, done))
+
+    def _on_opened(self, done: Future[Port]) -> None:
+        self._opening = False
+        error = done.exception()
+        if error is None:
+            self._take_port(done.result())
+        if self._ending is not None:
+            self._fail(self._ending)
+        elif isinstance(error, LinkError):
+            self._fail(error)
+        elif error is not None:
+            self._fail(LinkError(f"opening the port failed: {error}"))
+        else:
+            self._resume(Heard(_now(), b"", self._sent))
+
+    def _take_port(self, port: Port) -> None:
+        self._port, self._broken, self._unasked = port, None, b""
+        self._fileno = port.fileno()
+        if self._fileno is not None:
+            self._loop.add_reader(self._fileno, self._on_readable)
+        else:
+            self._pump = Pump(self._loop, port, self)
+
+    def on_pumped(self, pump: Pump, data: bytes, error: LinkError | None) -> None:
+        """What the reading thread of a port brought; too late where the port has been closed since."""
+        if pump is not self._pump:
+            return
+        if error is not None:
+            self._on_broken(error)
+        else:
+            self.on_bytes(data)
+
+    def _drop_port(self) -> None:
+        if self._fileno is not None:
+            self._loop.remove_reader(self._fileno)
+            self._fileno = None
+        if self._pump is not None:
+            self._pump.stop()
+            self._pump = None
+        if self._port is not None:
+            self._port.close()
+            self._port = None
+
+    def _finish(self) -> None:
+        if self._timer is not None:
+            self._timer.cancel()
+        self._is_ended = True
+        self._drop_port()
+        self._reactor.ended(self)
+
+
+class Pump:
+    """A thread that reads a port without a descriptor and hands its bytes to the loop."""
+
+    def __init__(self, loop: asyncio.AbstractEventLoop, port: Port, wire: Wire) -> None:
+        self._loop = loop
+        self._port = port
+        self._wire = wire
+        self._wanted = True
+        threading.Thread(target=self._read, name="read-port", daemon=True).start()
+
+    def stop(self) -> None:
+        self._wanted = False
+
+    def _read(self) -> None:
+        while self._wanted:
+            data, error = b"", None
+            try:
+                data = self._port.read(PUMP_S)
+            except LinkError as broken:
+                error = broken
+            if (data or error) and self._wanted:
+                self._hand_over(data, error)
+            if error:
+                return
+
+    def _hand_over(self, data: bytes, error: LinkError | None) -> None:
+        try:
+            self._loop.call_soon_threadsafe(self._wire.on_pumped, self, data, error)
+        except RuntimeError:  # the loop is closed: the run is over
+            self._wanted = False

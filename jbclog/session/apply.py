@@ -1,0 +1,246 @@
+"""Chapter 2: the recipe, setting by setting: read, checked, written where it differs, read back.
+
+Every setting of the station is read first; nothing is written before all of that has been checked. The outcome of each
+is a row of `settings`. The first that is not confirmed stops this station's run (contract, "settings").
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from jbclog.commands.command import Command, Scope
+from jbclog.commands.family import STATUS_ORDERS
+from jbclog.effects import Steps
+from jbclog.errors import NotSupported, Refusal, StartRefused, StationError
+from jbclog.quantities import OFF, Value, text_of
+from jbclog.recipe.settings import Setting, foreign_keys, live_problems, settings_for, station_settings_for
+from jbclog.rows import SettingRow, Severity
+from jbclog.session.order import Desk, PortState
+
+COOLING_DELAYS = ("sleep_delay", "hibernation_delay")
+
+
+def apply(desk: Desk) -> Steps[None]:
+    """Bring the station to its recipe and prove it. Raises `StartRefused` naming the setting that failed."""
+    yield from read_all(desk)
+    wanted = _wanted(desk)
+    _check(desk, wanted)
+    _record_untouched(desk, wanted)
+    for setting in wanted:
+        yield from _apply(desk, setting)
+    if desk.recipe.run.status is not None:
+        yield from _apply_status(desk, STATUS_ORDERS[desk.recipe.run.status])
+    desk.publish()
+
+
+# -- what there is and what is wanted -----------------------------------------------------------------------------------
+
+
+def readable_settings(desk: Desk, scope: Scope) -> Iterator[Command]:
+    """The settings of one scope that a run reads: all that can be read back. `status` has its own way."""
+    for command in desk.family.commands.values():
+        if command.access == "rw" and command.scope is scope and command.name != "status":
+            yield command
+
+
+def read_all(desk: Desk) -> Steps[None]:
+    """Read every setting of station, ports and connected tools into `held`."""
+    for command in readable_settings(desk, Scope.STATION):
+        yield from _read_held(desk, command, None)
+    for port in desk.ports.values():
+        yield from read_port(desk, port)
+
+
+def read_port(desk: Desk, port: PortState) -> Steps[None]:
+    """Read every setting of one port, and of the tool in it if there is one."""
+    for command in readable_settings(desk, Scope.PORT):
+        yield from _read_held(desk, command, port)
+    yield from _read_held(desk, desk.command("status"), port)
+    if port.has_tool:
+        yield from read_tool(desk, port)
+
+
+def read_tool(desk: Desk, port: PortState) -> Steps[None]:
+    """Read the settings that belong to the tool in `port`."""
+    for command in readable_settings(desk, Scope.TOOL):
+        yield from _read_held(desk, command, port)
+
+
+def _read_held(desk: Desk, command: Command, port: PortState | None) -> Steps[None]:
+    held = desk.held if port is None else port.held
+    try:
+        held[command.name] = yield from _read(desk, command, port)
+    except NotSupported:
+        held.pop(command.name, None)
+        desk.not_supported.add(command.name)
+    except StationError as error:
+        raise StartRefused(f"{desk.name}: cannot read {_title(command, port)}: {error}") from error
+
+
+def _read(desk: Desk, command: Command, port: PortState | None) -> Steps[Value]:
+    return (yield from desk.station.read(command, *_place(command, port)))
+
+
+def _place(command: Command, port: PortState | None) -> tuple[int | None, int | None]:
+    """Port and tool as the command's code wants them."""
+    if port is None or command.scope is Scope.STATION:
+        return None, None
+    return port.number, port.tool if command.scope is Scope.TOOL else None
+
+
+def _title(command: Command, port: PortState | None) -> str:
+    name = command.name.replace("_", " ")
+    return name if port is None else f"{name} of port {port.number}"
+
+
+def _wanted(desk: Desk) -> list[tuple[Setting, PortState | None]]:
+    """What the recipe asks for here, in the order in which it is written; tool settings only where a tool is."""
+    wanted: list[tuple[Setting, PortState | None]] = [(one, None) for one in station_settings_for(desk.recipe, desk.family)]
+    for port in desk.ports.values():
+        for setting in settings_for(desk.recipe, desk.family, port.number):
+            if setting.command.scope is not Scope.TOOL or port.has_tool:
+                wanted.append((setting, port))
+    return wanted
+
+
+# -- checks before the first write ----------------------------------------------------------------------------------------
+
+
+def _check(desk: Desk, wanted: list[tuple[Setting, PortState | None]]) -> None:
+    """What only the station knows: its limits, and whether a tool told to stand will ever cool."""
+    problems = []
+    lowest, highest = desk.held.get("minimum_temperature"), desk.held.get("maximum_temperature")
+    for port in desk.ports.values():
+        problems += live_problems(desk.recipe, port.number, highest, lowest)
+        problems += _cooling_problems(desk, port, wanted)
+    if problems:
+        raise StartRefused(f"{desk.name}: " + "; ".join(problems) + ". Nothing was written")
+
+
+def _cooling_problems(desk: Desk, port: PortState, wanted: list[tuple[Setting, PortState | None]]) -> list[str]:
+    """Delays that will be in force and are off, so that a tool in stand stays hot (contract, "Safe state")."""
+    if desk.safe_state != "stand" or not port.has_tool:
+        return []
+    in_force = dict(port.held) | {one.command.name: one.value for one, place in wanted if place is port}
+    off = [name.replace("_", " ") for name in COOLING_DELAYS if in_force.get(name) is OFF]
+    if not off:
+        return []
+    text = f"{' and '.join(off)} of port {port.number} off, so a tool told to stand never cools down"
+    if not desk.recipe.run.allow_no_cooldown:
+        return [text + "; set the delay in the recipe, or allow_no_cooldown = true"]
+    desk.note("safety.no_cooldown", Severity.WARNING, f"Allowed by the recipe: {text}.", port=port.number)
+    return []
+
+
+# -- one setting ------------------------------------------------------------------------------------------------------------
+
+
+def _row(
+    desk: Desk,
+    command: Command,
+    port: PortState | None,
+    outcome: str,
+    *,
+    requested: str | None = None,
+    written: str | None = None,
+    readback: str | None = None,
+    nak: int | None = None,
+) -> None:
+    tool = desk.tool_text(port.tool) if port and command.scope is Scope.TOOL else None
+    time, number = desk.utc.micros(desk.now), port.number if port else None
+    row = SettingRow(time, desk.name, number, tool, command.name, command.unit, requested, written, readback, nak, outcome)
+    desk.journal.setting(row)
+
+
+def _record_untouched(desk: Desk, wanted: list[tuple[Setting, PortState | None]]) -> None:
+    """A row for everything that was read and is left alone, and for what the recipe has for other families."""
+    asked = {(one.command.name, port.number if port else None) for one, port in wanted}
+    places: list[PortState | None] = [None, *desk.ports.values()]
+    for port in places:
+        for name, value in (port.held if port else desk.held).items():
+            if (name, port.number if port else None) not in asked:
+                _row(desk, desk.command(name), port, "read", readback=text_of(value))
+    for key in foreign_keys(desk.recipe, desk.family, tuple(desk.ports)):
+        time = desk.utc.micros(desk.now)
+        desk.journal.setting(SettingRow(time, desk.name, None, None, key, "", None, None, None, None, "unsupported"))
+
+
+def _apply(desk: Desk, wanted: tuple[Setting, PortState | None]) -> Steps[None]:
+    setting, port = wanted
+    command, value = setting.command, setting.value
+    held = desk.held if port is None else port.held
+    requested = text_of(value)
+    if command.name in desk.not_supported:
+        _row(desk, command, port, "unsupported", requested=requested)
+    elif held.get(command.name) == value:
+        _row(desk, command, port, "unchanged", requested=requested, readback=requested)
+    else:
+        yield from _write(desk, command, value, port)
+
+
+def _write(desk: Desk, command: Command, value: Value, port: PortState | None) -> Steps[None]:
+    """Write once, read back, compare. A lost acknowledgement is settled by the reading."""
+    held = desk.held if port is None else port.held
+    before, requested = held.get(command.name), text_of(value)
+    _touch(desk, port)
+    try:
+        yield from desk.station.write(command, value, *_place(command, port))
+    except NotSupported as error:
+        _row(desk, command, port, "unsupported", requested=requested, written=requested, nak=error.code)
+        return
+    except Refusal as error:
+        _row(desk, command, port, "refused", requested=requested, written=requested, nak=error.code)
+        raise StartRefused(
+            _failed(desk, command, port, value, before, f"the station refused it with N {error.code:05d}")
+        ) from error
+    except StationError:
+        pass  # whether it was done is read back below
+    yield from _confirm(desk, command, value, port, before)
+
+
+def _confirm(desk: Desk, command: Command, value: Value, port: PortState | None, before: Value | None) -> Steps[None]:
+    requested = text_of(value)
+    try:
+        found = yield from _read(desk, command, port)
+    except StationError as error:
+        _row(desk, command, port, "unconfirmed", requested=requested, written=requested)
+        raise StartRefused(_failed(desk, command, port, value, before, f"it could not be read back ({error})")) from error
+    same = found == value or (command.name == "status" and _same_status(found, value))
+    _row(desk, command, port, "confirmed" if same else "mismatch", requested=requested, written=requested, readback=text_of(found))
+    (desk.held if port is None else port.held)[command.name] = found
+    if not same:
+        raise StartRefused(_failed(desk, command, port, value, before, f"{command.shown(found)} was read back"))
+
+
+def _same_status(found: Value, wanted: Value) -> bool:
+    """Stand may have become sleep or hibernation already; suction and motor are not ours to set."""
+    if not isinstance(found, tuple) or not isinstance(wanted, tuple):
+        return False
+    return found[3] == wanted[3] and (found[4] == wanted[4] or (wanted[4] == 1 and found[4] in (2, 3)))
+
+
+def _failed(desk: Desk, command: Command, port: PortState | None, value: Value, before: Value | None, why: str) -> str:
+    was = "unknown" if before is None else command.shown(before)
+    return f"{desk.name}: {_title(command, port)}: {command.shown(value)} was asked, {why}; before it was {was}"
+
+
+def _touch(desk: Desk, port: PortState | None) -> None:
+    if port is None:
+        desk.feeder_touched = True
+        return
+    port.touched = True
+    if port.number not in desk.facts.touched:
+        desk.publish()  # a recovery must know which tools may be hot
+
+
+def _apply_status(desk: Desk, word: tuple[int, ...]) -> Steps[None]:
+    """Put the tools to work (or to stand) once everything else holds; a port without a tool is left alone."""
+    command = desk.command("status")
+    for port in desk.ports.values():
+        if not port.has_tool:
+            continue
+        if port.held.get("status") == word:
+            port.touched = True
+            _row(desk, command, port, "unchanged", requested=text_of(word), readback=text_of(word))
+        else:
+            yield from _write(desk, command, word, port)

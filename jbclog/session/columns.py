@@ -1,0 +1,72 @@
+"""From a value read to the columns of a row: one small function a signal, found by the signal's name."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from jbclog.commands.family import STATUS_NAMES
+from jbclog.commands.signals import STATUS_COLUMNS
+from jbclog.quantities import Off, Value
+from jbclog.rows import COLUMN, SampleRow
+
+Fill = Callable[[SampleRow, Value], None]
+
+MOTOR = ("off", "forward", "backward")
+NOT_COUNTING = "not_counting"
+NO_COUNTDOWN = frozenset({99999, 65535})  # what a station says when no countdown runs (digest B-25)
+
+_STATUS, _COOLING, _DESOLDERING, _MOTOR = (COLUMN[name] for name in STATUS_COLUMNS)
+_HIGH, _LOW, _FEEDING = COLUMN["alarm_high"], COLUMN["alarm_low"], COLUMN["feeding"]
+
+
+def _status(row: SampleRow, word: Value) -> None:
+    """``0MDES``: motor, desoldering, extractor or cooling, status (digest A.7)."""
+    assert isinstance(word, tuple)
+    row[_STATUS] = STATUS_NAMES[word[4]]
+    row[_COOLING] = word[3] == 1
+    row[_DESOLDERING] = word[2] == 1
+
+
+def _status_with_motor(row: SampleRow, word: Value) -> None:
+    assert isinstance(word, tuple)
+    _status(row, word)
+    row[_MOTOR] = MOTOR[word[1]]
+
+
+def _alarm_flags(row: SampleRow, word: Value) -> None:
+    """Units high, tens low (seed 002, R-TAx)."""
+    assert isinstance(word, tuple)
+    row[_HIGH] = word[4] == 1
+    row[_LOW] = word[3] == 1
+
+
+def _feeding(row: SampleRow, mode: Value) -> None:
+    row[_FEEDING] = mode == "running"
+
+
+def _plain(column: str) -> Fill:
+    place = COLUMN[column]
+
+    def fill(row: SampleRow, value: Value) -> None:
+        row[place] = value
+
+    return fill
+
+
+def fill_of(signal: str, has_feeder: bool) -> Fill:
+    """How the answer to `signal` fills its columns."""
+    special = {
+        "status": _status_with_motor if has_feeder else _status,
+        "alarm_high": _alarm_flags,
+        "feeding": _feeding,
+    }
+    return special.get(signal) or _plain(signal)
+
+
+def unusable(signal: str, value: Value, counting: bool) -> str | None:
+    """Why a well-formed value is not taken, or None: a countdown that does not run has no remaining time."""
+    if signal == "delay_s" and (value in NO_COUNTDOWN or (value == 0 and not counting)):
+        return NOT_COUNTING
+    if isinstance(value, Off):
+        return "off"
+    return None

@@ -1,0 +1,140 @@
+"""Chapter 1: who answers here, with which ports and tools, and how fast."""
+
+from __future__ import annotations
+
+from statistics import median
+
+from jbclog.commands.command import Scope
+from jbclog.effects import Reopen, Steps, Wait
+from jbclog.errors import LinkError, NotSupported, OutOfRange, Refusal, RobotModeOff, StartRefused, StationError
+from jbclog.rows import Severity
+from jbclog.session.order import Desk, PortState
+
+MEASURED_READS = 12  # enough for a median that one late answer does not move
+TRIES = 3
+
+
+class Absent(StartRefused):
+    """The station did not answer at the start."""
+
+
+def identify(desk: Desk) -> Steps[None]:
+    """Open the port and prove who is there. Raises `StartRefused` with what to do."""
+    desk.facts.model = yield from connect(desk, reopen=True, tries=TRIES)
+    desk.connected = True
+    yield from _learn_family(desk)
+    yield from _learn_ports(desk)
+    yield from measure_turnaround(desk)
+    desk.publish()
+
+
+def connect(desk: Desk, *, reopen: bool, tries: int) -> Steps[str]:
+    """Open the port and read the model name; used at the start and after an outage."""
+    desk.station.unasked((yield Wait(0.0)))
+    try:
+        if reopen:
+            desk.station.unasked((yield Reopen()))
+        return (yield from _read_model(desk, tries))
+    except LinkError as error:
+        raise Absent(f"{desk.name}: cannot use {desk.order.url}: {error}") from error
+
+
+def _read_model(desk: Desk, tries: int) -> Steps[str]:
+    # R-SMN is the same command in every family, so it may be asked before the family is known
+    command = next(iter(desk.order.families.values())).commands["model"]
+    while True:
+        tries -= 1
+        try:
+            return str((yield from desk.station.read(command)))
+        except RobotModeOff as error:
+            raise StartRefused(f"{desk.name}: Robot mode is off; switch it on in the station's menu") from error
+        except StationError as error:
+            if not tries:
+                raise Absent(_no_answer(desk, error)) from error
+
+
+def _no_answer(desk: Desk, error: StationError) -> str:
+    order = desk.order
+    addressing = "without addresses" if order.address is None else f"address {order.address:02d}"
+    return (
+        f"{desk.name}: no usable answer on {order.url} at {order.line.baudrate} {order.line.format}, {addressing} ({error}); "
+        "check that the station is on, Robot mode is switched on in its menu, the cable, and the line format"
+    )
+
+
+def _learn_family(desk: Desk) -> Steps[None]:
+    model = desk.facts.model or ""
+    if not desk.family_known:
+        proven = [family for family in desk.order.families.values() if family.proves(model)]
+        if not proven:
+            raise StartRefused(f'{desk.name}: its model {model!r} is of no known family; name the family instead of "auto"')
+        desk.family = max(proven, key=lambda family: family.name != "soldering")
+    elif not desk.family.proves(model):
+        raise StartRefused(
+            f"{desk.name}: the line file says family {desk.family.name}, the station says model {model}; "
+            "nothing was written to it. Correct `family`, or the cable"
+        )
+    if desk.family.name not in desk.recipe.families:
+        raise StartRefused(f"{desk.name}: recipe {desk.recipe.name} is not for family {desk.family.name}")
+    if "software_version" in desk.family.commands:
+        desk.facts.software = yield from _optional_text(desk, "software_version")
+
+
+def _optional_text(desk: Desk, name: str) -> Steps[str | None]:
+    try:
+        return str((yield from desk.station.read(desk.command(name))))
+    except StationError:
+        desk.not_supported.add(name)
+        return None
+
+
+def _learn_ports(desk: Desk) -> Steps[None]:
+    """Ports that the line file names must answer R-CT; without a name, those that do are meant."""
+    named = desk.order.ports or desk.family.ports
+    for number in named or range(1, 5):
+        try:
+            tool = yield from desk.station.read(desk.command("tool"), number)
+        except (NotSupported, OutOfRange) as error:
+            if named:
+                raise StartRefused(f"{desk.name}: it has no port {number} ({error}); correct `ports` in the line file") from error
+            continue
+        except (Refusal, StationError) as error:
+            raise StartRefused(f"{desk.name}: {error}") from error
+        desk.ports[number] = PortState(number, tool if isinstance(tool, int) else None)
+    if not desk.ports:
+        raise StartRefused(f"{desk.name}: none of its ports answers R-CT")
+    desk.facts.ports = list(desk.ports)
+    _require_tools(desk)
+
+
+def _require_tools(desk: Desk) -> None:
+    for port in desk.ports.values():
+        if port.has_tool:
+            continue
+        if desk.recipe.run.require_tool:
+            raise StartRefused(
+                f"{desk.name}: no tool in port {port.number}; put one in, take the port out of `ports`, or set require_tool = false"
+            )
+        desk.note("tool.absent", Severity.WARNING, f"No tool in port {port.number}; it is recorded as no_tool.", port=port.number)
+
+
+def measure_turnaround(desk: Desk) -> Steps[None]:
+    """Ask harmless questions and keep how long the station itself takes to answer, in µs."""
+    station, took = desk.station, []
+    questions = [
+        station.question(command, None if command.scope is Scope.STATION else min(desk.ports))
+        for command in (desk.command("station_error"), desk.command("tip_temperature"))
+    ]
+    for round_ in range(MEASURED_READS):
+        question = questions[round_ % 2]
+        try:
+            yield from station.ask(question)
+        except StationError:
+            continue
+        took.append((station.heard - station.sent - question.wire_s) * 1e6)
+    if len(took) < MEASURED_READS // 2:
+        raise StartRefused(
+            f"{desk.name}: only {len(took)} of {MEASURED_READS} questions were answered; the link is too bad to run on"
+        )
+    took.sort()
+    desk.facts.turnaround_us = {"median": round(median(took), 1), "p99": round(took[-1], 1), "n": len(took)}

@@ -1,0 +1,160 @@
+"""What one session is told to do, and what it knows while it does it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from jbclog.clock import UtcOffset
+from jbclog.commands.command import Command
+from jbclog.commands.family import Family
+from jbclog.quantities import Off, Value
+from jbclog.recipe.model import Recipe
+from jbclog.rows import EventRow, Journal, Severity, StationFacts
+from jbclog.station import Station
+from jbclog.wire import LineFormat
+
+AS_FIT = "fit"
+AS_FAST_AS_POSSIBLE = "max"
+
+
+@dataclass(frozen=True, slots=True)
+class Order:
+    """What a run wants of one station. `family` is None for "auto"; `ports` None for those that answer.
+
+    `rate` is in Hz, or ``fit`` (the recipe's, or the best that fits), or ``max`` (ask without pause). `t0` is the
+    run's zero on the monotonic clock; `duration_s` is None for a run that goes on until it is ended.
+    """
+
+    name: str
+    url: str
+    family: Family | None
+    line: LineFormat
+    address: int | None
+    ports: tuple[int, ...] | None
+    recipe: Recipe
+    recipe_file: str
+    families: Mapping[str, Family]
+    t0: float
+    duration_s: float | None = None
+    rate: float | str | None = None
+    rated_power_w: float | None = None
+
+
+@dataclass(slots=True)
+class PortState:
+    """What is known of one port while its run goes on. None: not known (yet, or any more)."""
+
+    number: int
+    tool: int | None = None
+    error: int | None = None
+    held: dict[str, Value] = field(default_factory=dict)  # command name -> value last read or confirmed
+    status: tuple[int, ...] | None = None
+    temperature_c: int | None = None
+    hottest_c: int | None = None  # since the alarm flags were last read
+    coolest_c: int | None = None
+    at_temperature: bool = False  # has been within ±10 °C of its setting while working
+    touched: bool = False
+    streaks: set[str] = field(default_factory=set)  # signals that failed at their last reading
+
+    @property
+    def has_tool(self) -> bool:
+        return self.tool not in (None, 0)
+
+    def celsius(self, name: str) -> float | None:
+        """A held temperature or limit as a number; None where it is off or unknown."""
+        value = self.held.get(name)
+        return None if value is None or isinstance(value, Off | str | tuple) else float(value)
+
+
+class Desk:
+    """Everything that the chapters of one session share: the order, the client, the ports, and the journal."""
+
+    def __init__(self, order: Order, journal: Journal, utc: UtcOffset) -> None:
+        self.order = order
+        self.recipe = order.recipe
+        self.journal = journal
+        self.utc = utc
+        self.station = Station(order.line, order.address)
+        self.ports: dict[int, PortState] = {}
+        self.held: dict[str, Value] = {}  # station-wide settings
+        self.not_supported: set[str] = set()
+        self.feeder_touched = False
+        self.connected = False
+        self.stranger_told = False  # another station answers where this one was; said once
+        self._family = order.family
+        self.facts = StationFacts(
+            name=order.name,
+            url=order.url,
+            family=order.family.name if order.family else "auto",
+            address=order.address,
+            baudrate=order.line.baudrate,
+            format=order.line.format,
+            recipe=order.recipe_file,
+            rated_power_w=order.rated_power_w,
+        )
+
+    @property
+    def name(self) -> str:
+        return self.order.name
+
+    @property
+    def family(self) -> Family:
+        """The family; before the model name has proven one of "auto" there is none to ask for."""
+        if self._family is None:
+            raise LookupError(f"the family of {self.name} is not known yet")
+        return self._family
+
+    @family.setter
+    def family(self, family: Family) -> None:
+        self._family = family
+        self.facts.family = family.name
+
+    @property
+    def family_known(self) -> bool:
+        return self._family is not None
+
+    @property
+    def safe_state(self) -> str:
+        """What touched tools are put in at the end; it belongs to the family."""
+        return self.recipe.safe_state(self.family.name)
+
+    @property
+    def now(self) -> float:
+        """The last moment that the station or the driver told, monotonic seconds."""
+        return self.station.now
+
+    def command(self, name: str) -> Command:
+        return self.family.commands[name]
+
+    def note(
+        self,
+        kind: str,
+        severity: Severity,
+        text: str,
+        *,
+        port: int | None = None,
+        since: float | None = None,
+        code: int | None = None,
+        value: float | None = None,
+        limit: float | None = None,
+        raw: str | None = None,
+        at_once: bool = False,
+    ) -> None:
+        """Put an event into the record. `since` is the earliest moment at which it can have happened."""
+        time = self.utc.micros(self.now)
+        earliest = None if since is None else self.utc.micros(since)
+        event = EventRow(time, kind, severity, text, self.name, port, earliest, code, value, limit, raw)
+        self.journal.event(event, at_once=at_once)
+
+    def publish(self) -> None:
+        """Hand the facts over as they are now."""
+        self.facts.tools = {port.number: self.tool_text(port.tool) for port in self.ports.values()}
+        self.facts.touched = [port.number for port in self.ports.values() if port.touched]
+        self.facts.not_supported = sorted(self.not_supported)
+        self.facts.garbage_bytes = self.station.garbage_bytes
+        self.facts.last_temperature_c = {p.number: p.temperature_c for p in self.ports.values() if p.temperature_c is not None}
+        self.journal.facts(self.facts)
+
+    def tool_text(self, code: int | None) -> str:
+        return "unknown" if code is None else self.family.tool_name(code)

@@ -1,0 +1,128 @@
+"""When the station cannot be asked: its missed ticks are written, it is sought with back-off, and looked at before it counts.
+
+Nothing is written to a station that has come back, and nothing heats by itself: its identity and settings are read, and
+what differs is an event (faults.md, rows 12, 13, 16 and 17).
+"""
+
+from __future__ import annotations
+
+from jbclog.effects import Steps, Wait
+from jbclog.errors import LinkError, RobotModeOff, StartRefused, StationError
+from jbclog.quantities import Value
+from jbclog.rows import Severity
+from jbclog.session.apply import read_all
+from jbclog.session.identify import connect
+from jbclog.session.order import Desk
+from jbclog.session.sampling import Lost, Sampler
+from jbclog.session.watch import found_changed
+
+FIRST_SEEK_S = 0.25
+LONGEST_SEEK_S = 5.0
+HOT_C = 60  # a tip that was last seen above this is called hot
+
+
+class Gone(Exception):
+    """The run's duration ended while the station was away."""
+
+
+def outage(desk: Desk, sampler: Sampler, tick: int, lost: Lost) -> Steps[int]:
+    """Live through an outage that began in `tick`; give the tick at which sampling goes on.
+
+    Raises `Gone` where the run ends first, `SettingChanged` where the recipe stops on a difference.
+    """
+    began, pause = desk.now, FIRST_SEEK_S
+    why = lost.cause.reason if isinstance(lost.cause, RobotModeOff) else LinkError.reason
+    _tell_loss(desk, lost)
+    seek_at = began + pause
+    tick += 1
+    while not sampler.is_over(tick):
+        heard = yield Wait(min(sampler.grid.due(tick), seek_at))
+        desk.station.unasked(heard)
+        tick = sampler.miss_until(tick, desk.now, why)
+        if desk.now < seek_at:
+            continue
+        is_back = yield from _seek(desk, reopen=why == LinkError.reason)
+        tick = sampler.miss_until(tick, desk.now, why)
+        if is_back:
+            _tell_return(desk, began, why)
+            return tick
+        pause = min(2 * pause, LONGEST_SEEK_S)
+        seek_at = desk.now + pause
+    raise Gone(f"{desk.name}: away since {desk.now - began:.1f} s when the run ended ({lost})")
+
+
+def _tell_loss(desk: Desk, lost: Lost) -> None:
+    desk.facts.outages += 1
+    desk.connected = False
+    if isinstance(lost.cause, RobotModeOff):
+        text = "Robot mode was switched off at the station. It is asked again from time to time; nothing is written to it."
+        desk.note("robot.off", Severity.ERROR, text)
+        return
+    hot = [port for port in desk.ports.values() if port.touched and (port.temperature_c or 0) > HOT_C]
+    severity = Severity.CRITICAL if hot else Severity.ERROR
+    tips = ", ".join(f"port {port.number} at {port.temperature_c} °C" for port in hot)
+    warning = f" Its tip stays as it was last set: {tips}." if hot else ""
+    desk.note("link.lost", severity, f"The station cannot be reached: {lost.cause}.{warning}")
+
+
+def _tell_return(desk: Desk, began: float, why: str) -> None:
+    desk.connected = True
+    away = desk.now - began
+    kind = "robot.on" if why == "robot_off" else "link.back"
+    text = f"The station is back after {away:.1f} s; its identity and settings have been read again."
+    desk.note(kind, Severity.INFO, text, since=began, value=round(away, 3))
+    desk.publish()
+
+
+def _seek(desk: Desk, *, reopen: bool) -> Steps[bool]:
+    """Try once to reach the station and to learn what it holds now. Whether it may be sampled again."""
+    model, held = desk.facts.model, _all_held(desk)
+    try:
+        found = yield from connect(desk, reopen=reopen, tries=1)
+        if not _is_same(desk, model, found):
+            return False
+        yield from _read_tools(desk)
+        yield from read_all(desk)
+    except (LinkError, StartRefused, StationError):
+        return False
+    _compare(desk, held)
+    return True
+
+
+def _is_same(desk: Desk, model: str | None, found: str) -> bool:
+    if found == model:
+        return True
+    if not desk.stranger_told:
+        desk.stranger_told = True
+        text = f"On {desk.order.url} there is now a {found}, not the {model} of this run. It is neither read nor written."
+        desk.note("identity.changed", Severity.CRITICAL, text, raw=found)
+    return False
+
+
+def _read_tools(desk: Desk) -> Steps[None]:
+    for port in desk.ports.values():
+        tool = yield from desk.station.read(desk.command("tool"), port.number)
+        if tool != port.tool and isinstance(tool, int):
+            before, after = desk.tool_text(port.tool), desk.tool_text(tool)
+            text = f"Port {port.number}: the tool changed from {before} to {after} during the outage."
+            desk.note("tool.changed", Severity.WARNING, text, port=port.number, code=tool)
+            port.tool = tool
+
+
+def _all_held(desk: Desk) -> dict[int | None, dict[str, Value]]:
+    return {None: dict(desk.held)} | {port.number: dict(port.held) for port in desk.ports.values()}
+
+
+def _compare(desk: Desk, before: dict[int | None, dict[str, Value]]) -> None:
+    """Every setting that came back different, station first. `status` is compared as working or not."""
+    for number, held in before.items():
+        port = None if number is None else desk.ports[number]
+        now = desk.held if port is None else port.held
+        for name, value in held.items():
+            found = now.get(name)
+            if found is None or found == value or name == "station_error":
+                continue
+            if name == "status" and isinstance(found, tuple) and isinstance(value, tuple) and (found[4] == 0) == (value[4] == 0):
+                continue
+            command = desk.command(name)
+            found_changed(desk, port, name, command.shown(value), command.shown(found))

@@ -1,0 +1,97 @@
+"""The story of one station's run, from the first byte to the safe state.
+
+::
+
+    identify -> apply -> counters -> sample ⇄ outage -> (end, stop, failure) -> make safe -> counters
+"""
+
+from __future__ import annotations
+
+from jbclog.effects import RunEnded, Steps
+from jbclog.errors import JbclogError, LinkError, StartRefused, StationError, Unsafe
+from jbclog.rows import Severity, StationFacts
+from jbclog.scheduler import Grid
+from jbclog.session.apply import apply
+from jbclog.session.counters import read_counters
+from jbclog.session.identify import Absent, identify
+from jbclog.session.order import Desk
+from jbclog.session.outage import Gone, outage
+from jbclog.session.pace import choose_pace
+from jbclog.session.safe import make_safe
+from jbclog.session.sampling import Lost, Sampler
+from jbclog.session.watch import SettingChanged
+
+
+def run_station(desk: Desk) -> Steps[StationFacts]:
+    """Run one station to its end and give what is known of it. Its tools are safe on every way out, or the facts say not.
+
+    Never raises for what a station or a link does; `facts.outcome` and `facts.reason` tell it.
+    """
+    facts = desk.facts
+    try:
+        yield from _record(desk)
+        facts.outcome = "completed"
+    except RunEnded as end:
+        facts.outcome, facts.reason = (
+            ("completed", str(end)) if desk.connected else ("gone", f"{desk.name}: away when the run was ended")
+        )
+    except (Absent, Gone) as error:
+        facts.outcome, facts.reason = "gone", str(error)
+    except StartRefused as error:
+        facts.outcome, facts.reason = "refused", str(error)
+    except SettingChanged as error:
+        facts.outcome, facts.reason = "stopped", str(error)
+    except (LinkError, StationError) as error:
+        facts.outcome, facts.reason = "gone", f"{desk.name}: {error}"
+    except JbclogError as error:
+        facts.outcome, facts.reason = "failed", str(error)
+    except Exception as error:  # a fault of this program must not leave a tip hot
+        facts.outcome, facts.reason = "failed", f"{desk.name}: internal error, {type(error).__name__}: {error}"
+    yield from _close(desk)
+    return facts
+
+
+def _record(desk: Desk) -> Steps[None]:
+    yield from identify(desk)
+    pace = choose_pace(desk)
+    desk.note("station.ready", Severity.INFO, _ready_text(desk))
+    yield from apply(desk)
+    yield from read_counters(desk)
+    sampler = Sampler(desk, pace.readings, Grid(desk.order.t0 if pace.paced else desk.now, pace.period_s), paced=pace.paced)
+    try:
+        yield from _sample(desk, sampler)
+    finally:
+        sampler.account()
+
+
+def _sample(desk: Desk, sampler: Sampler) -> Steps[None]:
+    tick = sampler.grid.first_from(desk.now) if sampler.paced else 0
+    desk.facts.first_tick = tick
+    while not sampler.is_over(tick):
+        try:
+            tick = yield from sampler.run(tick)
+        except Lost as lost:
+            tick = yield from outage(desk, sampler, desk.facts.last_tick or tick, lost)
+
+
+def _close(desk: Desk) -> Steps[None]:
+    facts = desk.facts
+    try:
+        yield from make_safe(desk)
+        if facts.first_tick is not None and desk.connected:
+            yield from read_counters(desk)
+    except Unsafe as error:
+        facts.reason = f"{facts.reason}; {error}".lstrip("; ")
+    except (LinkError, StationError, RunEnded) as error:
+        desk.note("counters.missed", Severity.WARNING, f"The counters could not be read at the end: {error}.")
+    good = facts.outcome == "completed"
+    if facts.reason or not good:
+        severity = Severity.INFO if good else Severity.ERROR
+        desk.note(f"station.{facts.outcome}", severity, f"{facts.reason or facts.outcome}.")
+    desk.publish()
+
+
+def _ready_text(desk: Desk) -> str:
+    facts = desk.facts
+    tools = ", ".join(f"port {port.number} {desk.tool_text(port.tool)}" for port in desk.ports.values())
+    return f"{facts.model} answers in {facts.turnaround_us['median'] / 1000:.2f} ms (median), tools: {tools}."

@@ -1,0 +1,159 @@
+"""Chapter 3: the grid: tick after tick, at the due time or not at all.
+
+A tick reads the fast signals of all ports, then as many slow ones as the wire has room for. A late tick is not made up
+by a burst: what is a whole period late is a row of `skipped`.
+"""
+
+from __future__ import annotations
+
+from jbclog.effects import Steps, Wait
+from jbclog.errors import LinkError, RobotModeOff, StationError, StationSilent
+from jbclog.rows import Severity
+from jbclog.scheduler import Grid, Reading, SlowReadings
+from jbclog.session.alarms import AlarmWatch
+from jbclog.session.order import Desk
+from jbclog.session.scan import SKIPPED, Probe, Scan, Scanner
+
+SUSPENDED_S = 5.0  # a pause that no question explains: the host stood still
+
+
+class Lost(Exception):
+    """The station cannot be asked any more; `cause` says why. Only `outage` takes it."""
+
+    def __init__(self, cause: LinkError | StationError) -> None:
+        super().__init__(str(cause))
+        self.cause = cause
+
+
+class Sampler:
+    """Samples one station. On a grid (`paced`) ticks are due times; without pause they count scans."""
+
+    def __init__(self, desk: Desk, readings: list[Reading], grid: Grid, *, paced: bool) -> None:
+        self.desk = desk
+        self.grid = grid
+        self.paced = paced
+        self.slow = SlowReadings(readings, desk.now)
+        self.end = None if desk.order.duration_s is None else desk.now + desk.order.duration_s
+        self._scanner = Scanner(desk)
+        self._probes = {(one.name, one.port): Probe.of(desk, one) for one in readings}
+        self._scans = {port.number: Scan(port, self._fast_of(port.number), AlarmWatch(desk, port)) for port in desk.ports.values()}
+        turnaround = desk.facts.turnaround_us.get("median", 0.0) / 1e6
+        self._slow_s = max((one.wire_s for one in readings if one.period_s), default=0.0) + turnaround
+        fast_s = sum(one.wire_s + turnaround for one in readings if one.period_s is None)
+        self._is_tight = grid.period_s - fast_s < self._slow_s
+
+    def _fast_of(self, port: int) -> list[Probe]:
+        return [probe for probe in self._probes.values() if probe.reading.period_s is None and probe.reading.port == port]
+
+    # -- the loop ----------------------------------------------------------------------------------------------------
+
+    def is_over(self, tick: int) -> bool:
+        """Whether the run's duration ends before `tick`."""
+        moment = self.grid.due(tick) if self.paced else self.desk.now
+        return self.end is not None and moment >= self.end - 1e-9
+
+    def run(self, tick: int) -> Steps[int]:
+        """Sample from `tick` on; give the tick after the last. Raises `Lost` once the rows of its tick are written."""
+        while not self.is_over(tick):
+            if self.paced:
+                self.desk.station.unasked((yield Wait(self.grid.due(tick))))
+            self.desk.facts.last_tick = tick
+            yield from self._tick(tick)
+            tick = self._following(tick)
+        return tick
+
+    def _following(self, tick: int) -> int:
+        if not self.paced:
+            return tick + 1
+        following = self.grid.next_after(tick, self.desk.now)
+        if following > tick + 1:
+            self._skip(tick + 1, following)
+        return following
+
+    def _skip(self, first: int, end: int) -> None:
+        """Account for ticks that nobody could run: rows of `skipped`, or one event where the host stood still."""
+        seconds = (end - first) * self.grid.period_s
+        if seconds <= SUSPENDED_S:
+            for tick in range(first, end):
+                self.miss(tick, SKIPPED)
+            return
+        self.desk.facts.skipped += end - first
+        text = f"The recorder stood still for {seconds:.1f} s (suspended or stopped host); {end - first} ticks have no rows."
+        self.desk.note("host.suspended", Severity.ERROR, text, since=self.grid.due(first), value=seconds)
+
+    # -- one tick -----------------------------------------------------------------------------------------------------
+
+    def _tick(self, tick: int) -> Steps[None]:
+        due = self.grid.due(tick) if self.paced else None
+        scanner, scans = self._scanner, self._scans.values()
+        unasked = SKIPPED  # what the run's end in mid-tick leaves unasked
+        for scan in scans:
+            scanner.begin(scan, tick)
+        try:
+            for scan in scans:
+                for probe in scan.fast:
+                    yield from scanner.take(probe, scan)
+            yield from self._take_slow(tick)
+        except (LinkError, StationSilent, RobotModeOff) as error:
+            unasked = error.reason if isinstance(error, RobotModeOff) else LinkError.reason
+            raise Lost(error) from error
+        finally:
+            for scan in scans:
+                scanner.finish(scan, unasked, due)
+
+    def _take_slow(self, tick: int) -> Steps[None]:
+        """Slow readings, most urgent first, while the wire has room; without a grid one after each scan."""
+        following = self.grid.due(tick + 1)
+        while (slow := self.slow.urgent(self.desk.now)) is not None:
+            if self.paced and not self._has_room(following):
+                return
+            reading = slow.reading
+            try:
+                yield from self._scanner.take(self._probes[reading.name, reading.port], self._scans[reading.port])
+            finally:
+                self.slow.taken(slow, self.desk.now)
+            if not self.paced:
+                return
+
+    def _has_room(self, following: float) -> bool:
+        """Whether one more reading ends before the next tick; on a tight wire it may delay that by its own length."""
+        now = self.desk.now
+        return now + self._slow_s <= following or (self._is_tight and now <= following)
+
+    # -- ticks that cannot be asked --------------------------------------------------------------------------------------
+
+    def miss(self, tick: int, why: str) -> None:
+        """Write the rows of a tick at which nothing was asked."""
+        for scan in self._scans.values():
+            self._scanner.begin(scan, tick)
+        for scan in self._scans.values():
+            self._scanner.finish(scan, why, self.grid.due(tick))
+
+    def miss_until(self, tick: int, now: float, why: str) -> int:
+        """Write the rows of every tick due by `now`, slow readings included; give the first tick after them."""
+        while self.grid.due(tick) <= now and not self.is_over(tick):
+            due = self.grid.due(tick)
+            for scan in self._scans.values():
+                self._scanner.begin(scan, tick)
+            for slow in self.slow.all_due(due):
+                probe = self._probes[slow.reading.name, slow.reading.port]
+                probe.due += 1
+                self._scanner.unread(probe, self._scans[slow.reading.port], why)
+                self.slow.taken(slow, due)
+            for scan in self._scans.values():
+                self._scanner.finish(scan, why, due)
+            self.desk.facts.last_tick = tick
+            tick += 1
+        return tick
+
+    # -- the account -----------------------------------------------------------------------------------------------------
+
+    def account(self) -> None:
+        """Put what was due, and what was got of it, into the facts."""
+        facts = self.desk.facts
+        facts.worst_slow_periods = round(self.slow.worst_periods, 2)
+        for (name, port), probe in self._probes.items():
+            facts.due.setdefault(str(port), {})[name] = probe.due
+            if not probe.reading.columns and probe.reading.counter is None:
+                ok = probe.due - sum(probe.missed.values())
+                facts.watched.setdefault(str(port), {})[name] = {"due": probe.due, "ok": ok, **probe.missed}

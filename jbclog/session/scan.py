@@ -1,0 +1,206 @@
+"""One tick of one station: every due reading asked, every one accounted for, one row a port.
+
+What could not be read is null with a reason. What would stop a run, or is out of range, is asked twice before it is
+believed: one flipped pair of bits in sixteen bytes passes the check byte once in eleven times (faults.md, section 0).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+from jbclog.effects import Steps
+from jbclog.errors import ImplausibleAnswer, LinkError, RobotModeOff, StationError, StationSilent
+from jbclog.quantities import Value
+from jbclog.rows import COLUMN, SAMPLE_COLUMNS, CounterRow, SampleRow, Severity, quality_of, reasons_text
+from jbclog.scheduler import Reading
+from jbclog.session.alarms import AlarmWatch
+from jbclog.session.columns import Fill, fill_of, unusable
+from jbclog.session.order import Desk, PortState
+from jbclog.session.watch import OBSERVERS, WATCHED_LIMITS, Observe, is_no_tool
+from jbclog.station import Question
+
+WIDTH = len(SAMPLE_COLUMNS)
+PLAUSIBLE_C = range(601)  # no unit of these families is made for more than 500 °C (seed 002, factory settings)
+SKIPPED = "skipped"
+NEEDS_A_TOOL = frozenset({"temperature_c", "power_permille", "delay_s"})
+EXPECTED = frozenset({"no_tool", "not_counting", SKIPPED, LinkError.reason, "robot_off"})  # told by other events, or none
+
+_TIME, _TICK, _STATION, _PORT = (COLUMN[name] for name in ("time", "tick", "station", "port"))
+_LATE, _SCAN, _QUALITY, _REASONS = (COLUMN[name] for name in ("late_us", "scan_us", "quality", "reasons"))
+
+Doubt = Callable[[PortState, Value], bool]
+
+
+def _differs_from_held(name: str) -> Doubt:
+    return lambda port, value: port.held.get(name, value) != value
+
+
+DOUBTS: dict[str, Doubt] = {
+    "temperature_c": lambda port, value: value not in PLAUSIBLE_C,
+    "status": lambda port, value: port.status is not None and port.status != value,
+    "tool": lambda port, value: port.tool != value,
+    "set_c": _differs_from_held("selected_temperature"),
+    **{name: _differs_from_held(name) for name in WATCHED_LIMITS},
+}
+
+
+@dataclass(slots=True)
+class Probe:
+    """A reading with everything that its answer needs, and how it fared so far."""
+
+    reading: Reading
+    question: Question
+    port: PortState
+    fill: Fill | None
+    observe: Observe | None
+    doubt: Doubt | None
+    place: int | None  # of its first column
+    due: int = 0
+    missed: dict[str, int] = field(default_factory=dict)
+    failing: bool = False
+
+    @classmethod
+    def of(cls, desk: Desk, reading: Reading) -> Probe:
+        question = desk.station.question(reading.command, reading.asks_port)
+        fill = fill_of(reading.name, desk.family.has_feeder) if reading.columns else None
+        place = COLUMN[reading.columns[0]] if reading.columns else None
+        name = reading.name
+        return cls(reading, question, desk.ports[reading.port], fill, OBSERVERS.get(name), DOUBTS.get(name), place)
+
+
+@dataclass(slots=True)
+class Scan:
+    """One port in one tick: its row as it fills."""
+
+    port: PortState
+    fast: list[Probe]
+    alarms: AlarmWatch
+    row: SampleRow = field(default_factory=list)
+    reasons: dict[str, str] = field(default_factory=dict)
+    first_sent: float | None = None
+    last_heard: float | None = None
+    temperature_at: float | None = None
+    no_tool: bool = False
+
+
+class Scanner:
+    """Reads into rows. `due` is the moment at which the tick was due; None where there is no grid."""
+
+    def __init__(self, desk: Desk) -> None:
+        self._desk = desk
+        self._station = desk.station
+
+    def begin(self, scan: Scan, tick: int) -> None:
+        row: SampleRow = [None] * WIDTH
+        row[_TICK], row[_STATION], row[_PORT] = tick, self._desk.name, scan.port.number
+        scan.row, scan.reasons = row, {}
+        scan.first_sent = scan.last_heard = scan.temperature_at = None
+        scan.no_tool = is_no_tool(scan.port)
+
+    def take(self, probe: Probe, scan: Scan) -> Steps[None]:
+        """Ask one reading; put it where it belongs, or the reason why there is none.
+
+        Raises what ends the asking altogether: `LinkError`, `StationSilent`, `RobotModeOff`, and the run's end.
+        """
+        probe.due += 1
+        asked = self._station.exchanges
+        try:
+            value = yield from self._station.ask(probe.question)
+            if probe.doubt is not None and probe.doubt(probe.port, value):
+                yield from self._look_again(probe, value)
+        except BaseException as error:  # whatever it was, the reading was due
+            self.unread(probe, scan, error.reason if isinstance(error, StationError | LinkError) else SKIPPED)
+            if not isinstance(error, StationError) or isinstance(error, StationSilent | RobotModeOff):
+                raise
+        else:
+            scan.last_heard = self._station.heard
+            self._keep(probe, scan, value)
+        finally:
+            if scan.first_sent is None and self._station.exchanges > asked:
+                scan.first_sent = self._station.sent
+
+    def _look_again(self, probe: Probe, value: Value) -> Steps[None]:
+        again = yield from self._station.ask(probe.question)
+        if again != value or (probe.reading.name == "temperature_c" and value not in PLAUSIBLE_C):
+            raise ImplausibleAnswer(f"{probe.question.title()}: {value!r}, and {again!r} when asked again")
+
+    def _keep(self, probe: Probe, scan: Scan, value: Value) -> None:
+        name = probe.reading.name
+        if name == "temperature_c":
+            scan.temperature_at = scan.last_heard
+        why = "no_tool" if scan.no_tool and name in NEEDS_A_TOOL else unusable(name, value, is_counting(scan.port))
+        if why:
+            self.unread(probe, scan, why)
+            return
+        probe.failing = False
+        if probe.fill is not None:
+            probe.fill(scan.row, value)
+        if probe.observe is not None:
+            probe.observe(self._desk, probe.port, value)
+        if name == "alarm_high" and isinstance(value, tuple):
+            scan.alarms.read(value, self._station.heard)
+        elif probe.reading.counter is not None:
+            self._count(probe, value)
+
+    def unread(self, probe: Probe, scan: Scan, why: str) -> None:
+        """Account for a due reading that gave nothing."""
+        probe.missed[why] = probe.missed.get(why, 0) + 1
+        for column in probe.reading.columns:
+            scan.reasons[column] = why
+        if probe.reading.counter is not None:
+            self._counter_row(probe, None, f"<{why}>")
+        if probe.reading.name == "alarm_high" and not scan.no_tool:
+            scan.alarms.lost(self._desk.now, why)
+        if why not in EXPECTED and not probe.failing:
+            probe.failing = True  # one event for a series of failures; each is in the rows
+            self._desk.note(f"read.{why}", Severity.WARNING, _sentence(probe, why), port=probe.port.number)
+
+    def _count(self, probe: Probe, value: Value) -> None:
+        if isinstance(value, int | float):
+            self._counter_row(probe, float(value), probe.reading.command.quantity.encode(value))
+
+    def _counter_row(self, probe: Probe, value: float | None, raw: str) -> None:
+        counter, desk = probe.reading.counter, self._desk
+        if counter is not None:
+            time = desk.utc.micros(desk.now)
+            desk.journal.counter(CounterRow(time, desk.name, probe.port.number, counter.name, value, counter.unit, raw))
+
+    def finish(self, scan: Scan, unasked: str, due: float | None) -> None:
+        """Write the row: what was not even asked, the times, the quality."""
+        row, reasons = scan.row, scan.reasons
+        for probe in scan.fast:
+            if row[probe.place or 0] is None and probe.reading.name not in reasons:
+                probe.due += 1
+                self.unread(probe, scan, unasked)
+        self._stamp(scan, due)
+        if reasons:
+            row[_QUALITY], row[_REASONS] = quality_of(reasons), reasons_text(reasons)
+        else:
+            row[_QUALITY] = "ok"
+        self._desk.journal.sample(row)
+
+    def _stamp(self, scan: Scan, due: float | None) -> None:
+        row, first, last = scan.row, scan.first_sent, scan.last_heard
+        moment = scan.temperature_at if scan.temperature_at is not None else due
+        row[_TIME] = self._desk.utc.micros(self._desk.now if moment is None else moment)
+        if first is not None and due is not None:
+            row[_LATE] = round((first - due) * 1e6)
+        if first is not None and last is not None:
+            row[_SCAN] = round((last - first) * 1e6)
+
+
+def is_counting(port: PortState) -> bool:
+    """Whether the tool stands, and so a countdown to sleep or hibernation can be running."""
+    return port.status is not None and port.status[4] in (1, 2)
+
+
+def _sentence(probe: Probe, why: str) -> str:
+    told = {
+        "timeout": "no answer came in time",
+        "bcc": "the check byte of every answer was wrong",
+        "format": "what came back was no answer to it",
+        "implausible": "the value cannot be true, or was another when asked again",
+    }
+    refused = f"the station refused it ({why})" if why.startswith("nak") else why
+    return f"The {probe.question.title()} could not be read: {told.get(why, refused)}."

@@ -1,0 +1,129 @@
+"""What changes while a run goes on, told once when it changes: errors, tools, settings found different."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from jbclog.commands.family import STATUS_ORDERS
+from jbclog.commands.robot import PORT_ERROR_NO_TOOL, PORT_ERROR_STATES, PORT_ERROR_WARNINGS, STATION_ERROR_WARNINGS
+from jbclog.errors import JbclogError
+from jbclog.quantities import Value
+from jbclog.rows import Severity
+from jbclog.session.order import Desk, PortState
+
+BAND_C = 10  # ±10 °C around the setting counts as at temperature (contract, "Exit codes")
+
+
+class SettingChanged(JbclogError):
+    """A setting was found changed and the recipe says to stop."""
+
+
+Observe = Callable[[Desk, PortState, Value], None]
+
+
+def _temperature(desk: Desk, port: PortState, value: Value) -> None:
+    assert isinstance(value, int)
+    port.temperature_c = value
+    port.hottest_c = value if port.hottest_c is None or value > port.hottest_c else port.hottest_c
+    port.coolest_c = value if port.coolest_c is None or value < port.coolest_c else port.coolest_c
+    if not port.at_temperature and port.status is not None and port.status[4] == 0:
+        setting = port.celsius("selected_temperature")
+        port.at_temperature = setting is not None and abs(value - setting) <= BAND_C
+
+
+def _status(desk: Desk, port: PortState, word: Value) -> None:
+    assert isinstance(word, tuple)
+    before, port.status = port.status, word
+    if before == word:
+        return
+    ordered = desk.recipe.run.status
+    if ordered is None or before is None or before[4] == word[4]:
+        return
+    if STATUS_ORDERS[ordered][4] == 0 and word[4] != 0:
+        found_changed(desk, port, "status", "working", "".join(map(str, word)))
+
+
+def _set_temperature(desk: Desk, port: PortState, value: Value) -> None:
+    before = port.held.get("selected_temperature")
+    if before is not None and before != value:
+        port.held["selected_temperature"] = value
+        found_changed(desk, port, "selected_temperature", f"{before} °C", f"{value} °C")
+
+
+def found_changed(desk: Desk, port: PortState | None, name: str, before: str, found: str) -> None:
+    """Say that a setting is not what it was; raise `SettingChanged` where the recipe stops on that."""
+    place = "" if port is None else f" of port {port.number}"
+    text = f"The {name.replace('_', ' ')}{place} was found changed: {found} instead of {before}. It was not written again."
+    desk.note("setting.changed", Severity.ERROR, text, port=port.number if port else None, raw=f"{name}={found}")
+    desk.facts.settings_changed += 1
+    if desk.recipe.run.on_difference == "stop":
+        raise SettingChanged(f"{desk.name}: {name.replace('_', ' ')}{place} was found changed: {found} instead of {before}")
+
+
+WATCHED_LIMITS = ("alarm_high_limit", "alarm_low_limit", "alarm_high_delay", "alarm_low_delay")
+
+
+def _watched(name: str) -> Observe:
+    """A setting without a column that is read again now and then."""
+
+    def observe(desk: Desk, port: PortState, value: Value) -> None:
+        before = port.held.get(name)
+        port.held[name] = value
+        if before is not None and before != value:
+            command = desk.command(name)
+            found_changed(desk, port, name, command.shown(before), command.shown(value))
+
+    return observe
+
+
+def _tool(desk: Desk, port: PortState, value: Value) -> None:
+    assert isinstance(value, int)
+    before, port.tool = port.tool, value
+    if before == value:
+        return
+    port.at_temperature = False
+    text = f"Port {port.number}: the tool changed from {desk.tool_text(before)} to {desk.tool_text(value)}."
+    desk.note("tool.changed", Severity.WARNING, text, port=port.number, code=value)
+
+
+def _port_error(desk: Desk, port: PortState, value: Value) -> None:
+    assert isinstance(value, int)
+    before, port.error = port.error, value
+    if before == value or (before is None and value == 0):
+        return
+    text = f"Port {port.number}: {desk.family.port_error_text(value)}."
+    if value == 0:
+        desk.note("port.ok", Severity.INFO, f"Port {port.number}: its error is gone.", port=port.number, code=0)
+    elif value in PORT_ERROR_STATES:
+        desk.note("port.state", Severity.WARNING, text, port=port.number, code=value)
+    else:
+        severity = Severity.WARNING if value in PORT_ERROR_WARNINGS else Severity.ERROR
+        desk.note("port.error", severity, text, port=port.number, code=value)
+
+
+def _station_error(desk: Desk, port: PortState, value: Value) -> None:
+    before = desk.held.get("station_error", 0)
+    desk.held["station_error"] = value
+    if before == value or not isinstance(value, int):
+        return
+    if value == 0:
+        desk.note("station.ok", Severity.INFO, "The station's error is gone.", code=0)
+    else:
+        severity = Severity.WARNING if value in STATION_ERROR_WARNINGS else Severity.ERROR
+        desk.note("station.error", severity, f"Station error: {desk.family.station_error_text(value)}.", code=value)
+
+
+OBSERVERS: dict[str, Observe] = {
+    "temperature_c": _temperature,
+    "status": _status,
+    "set_c": _set_temperature,
+    "tool": _tool,
+    "port_error": _port_error,
+    "station_error": _station_error,
+    **{name: _watched(name) for name in WATCHED_LIMITS},
+}
+
+
+def is_no_tool(port: PortState) -> bool:
+    """Whether the station last said that nothing is in `port`; its temperature then means nothing."""
+    return port.tool == 0 or port.error == PORT_ERROR_NO_TOOL
