@@ -8,7 +8,9 @@ from __future__ import annotations
 
 from typing import Annotated, Final, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
+
+from jbclog.recipe.schema import FromList, Table
 
 FaultKind = Literal["silence", "noise", "flip", "late", "dropout", "nak", "restart", "stuck", "overheat", "tool"]
 
@@ -30,14 +32,11 @@ KEYS_OF_FAULT: Final[dict[str, frozenset[str]]] = {
 NEEDS_END: Final = frozenset({"dropout", "restart"})
 
 Port = Annotated[int, Field(ge=1, le=4)]
+PortKey = Annotated[int, Field(ge=1, le=4, strict=False)]  # a key of a TOML table is text
 Tool = Annotated[int, Field(ge=0, le=9)]
 
 
-class _Table(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
-
-
-class FaultSpec(_Table):
+class FaultSpec(Table):
     """One fault, in force from `at_s` for `for_s` seconds; without `for_s` to the end.
 
     ========  ==========================================================================================
@@ -82,7 +81,7 @@ class FaultSpec(_Table):
         return self
 
 
-class SimSpec(_Table):
+class SimSpec(Table):
     """The virtual station behind one entry of a line file. Everything has a default.
 
     `tool` is what is plugged into every port, `tools` what is plugged into single ones (0 = none). Without
@@ -97,7 +96,7 @@ class SimSpec(_Table):
     software: str = Field(default="1.00a", min_length=1, max_length=16)
     robot_mode: bool = True
     tool: Tool = 2
-    tools: dict[Port, Tool] = Field(default_factory=dict)
+    tools: dict[PortKey, Tool] = Field(default_factory=dict)
     joints_per_minute: float = Field(default=12.0, ge=0, le=120)
     joint_seconds: float = Field(default=1.5, gt=0, le=60)
     feed_each_joint: bool = False  # ale: the robot's own switch starts one feed in each joint
@@ -109,4 +108,4 @@ class SimSpec(_Table):
     settings: dict[str, int | float | str] = Field(default_factory=dict)
     counters: dict[str, float] = Field(default_factory=dict)
     seed: int | None = None
-    fault: tuple[FaultSpec, ...] = ()
+    fault: Annotated[tuple[FaultSpec, ...], FromList] = ()

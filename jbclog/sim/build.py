@@ -1,0 +1,90 @@
+"""Builds the physics and the device of a station from what its line file says."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from random import Random
+
+from jbclog.commands.command import Scope
+from jbclog.commands.family import FAMILIES, STATUS_ORDERS, Family, family_of
+from jbclog.errors import UsageError
+from jbclog.quantities import OFF, Value
+from jbclog.recipe.line import StationSpec
+from jbclog.recipe.sim_spec import SimSpec
+from jbclog.sim.device import Device
+from jbclog.sim.feeder import Feeder
+from jbclog.sim.joints import Joints
+from jbclog.sim.plant import Plant, StationSettings
+from jbclog.sim.port import Character, Port
+from jbclog.sim.questions import Asked
+from jbclog.sim.readings import Identity
+from jbclog.sim.tip import Tip
+from jbclog.sim.writings import allowed, apply
+
+MODELS = {"soldering": "DDR", "ucr": "UCR245"}  # elsewhere the family's name is the model's
+HIGHEST_C = {"UCR245": 450}  # seed 004, "Factory Settings"; 500 elsewhere
+PORTS_IF_UNPRINTED = (1, 2)
+
+
+def family_for(spec: StationSpec) -> Family:
+    """The family that a virtual station of this description has; ``auto`` goes by the model that it tells."""
+    if spec.family != "auto":
+        family = FAMILIES.get(spec.family)
+    else:
+        family = family_of(spec.sim.model) if spec.sim and spec.sim.model else None
+    if family is None:
+        raise UsageError(f"{spec.name}: there is no virtual station of family {spec.family}; [station.sim] model can name one")
+    return family
+
+
+def build_device(spec: StationSpec, now: float, seed: int) -> Device:
+    """The device of a station that is switched on at `now`."""
+    sim = spec.sim or SimSpec()
+    family = family_for(spec)
+    model = sim.model or MODELS.get(family.name, family.name.upper())
+    plant = _plant(sim, spec.ports or family.ports or PORTS_IF_UNPRINTED, model, now, seed)
+    device = Device(family, plant, Identity(model, sim.software, spec.address, sim.robot_mode))
+    for name, value in sim.settings.items():
+        _begin_with(device, spec.name, name, value, now)
+    return device
+
+
+def _plant(sim: SimSpec, ports: tuple[int, ...], model: str, now: float, seed: int) -> Plant:
+    feeder = Feeder()
+    on_joint = feeder.start if sim.feed_each_joint else None
+    return Plant(
+        began=now,
+        ports={number: _port(sim, number, now, seed * 5 + number, on_joint) for number in ports},
+        feeder=feeder,
+        factory=StationSettings(maximum_temperature=HIGHEST_C.get(model, 500)),
+        start_counts=sim.counters,
+    )
+
+
+def _port(sim: SimSpec, number: int, now: float, seed: int, on_joint: Callable[[float], None] | None) -> Port:
+    character = Character(sim.noise_c, sim.sensor_error_c, sim.extractor_cools, Random(seed), on_joint)
+    joints = Joints(sim.joints_per_minute, sim.joint_seconds, seed, now)
+    return Port(now, sim.tools.get(number, sim.tool), Tip(sim.ambient_c, sim.rated_power_w), joints, character)
+
+
+def _begin_with(device: Device, station: str, name: str, told: int | float | str, now: float) -> None:
+    """Let the station begin with a setting, on all of its ports and tools."""
+    command = device.family.commands.get(name)
+    value = _value(name, told)
+    if command is None or "rw" not in command.access or not allowed(command, value, device.family, device.plant):
+        raise UsageError(
+            f"{station}: [station.sim] settings: {name} = {told} is nothing that a {device.family.name} can begin with"
+        )
+    ports = [0] if command.scope is Scope.STATION else list(device.plant.ports)
+    tools = [tool for tool in device.family.tools if tool] if command.scope is Scope.TOOL else [0]
+    for port in ports:
+        for tool in tools:
+            apply(Asked(command, "", port, tool), value, device.plant, now)
+    if name == "selected_temperature":
+        device.plant.store()
+
+
+def _value(name: str, told: int | float | str) -> Value:
+    if name == "status" and isinstance(told, str):
+        return STATUS_ORDERS.get(told, told)
+    return OFF if told == "off" and name.endswith("_delay") else told

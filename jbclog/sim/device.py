@@ -1,0 +1,94 @@
+"""The protocol face of a virtual station: answers questions from the physics, by the client's own tables.
+
+What the manuals leave open is answered thus: W-RST gets silence for `BOOT_S` (B-40); a delay that is not
+running reads 99999 (B-25), and so does an alarm limit that is not set (B-23); a port or tool that is not
+there is a control command that is not accepted; N repeats the control command, as far as there was one (B-11).
+"""
+
+from __future__ import annotations
+
+from jbclog.commands.family import Family
+from jbclog.quantities import OFF, OFF_ON_WIRE, Value
+from jbclog.sim.plant import Plant
+from jbclog.sim.questions import Asked, questions
+from jbclog.sim.readings import Identity, value_of
+from jbclog.sim.wire_log import Refused, WireLog, Written
+from jbclog.sim.writings import WITHOUT_DATA, allowed, apply, well_formed
+
+WRONG_CHECK, WRONG_FORMAT, OUT_OF_RANGE, UNKNOWN_COMMAND, ROBOT_OFF = 1, 2, 3, 4, 5
+BOOT_S = 3.0
+
+Answer = tuple[str, str]
+"""Header and text of an answer."""
+
+
+class Device:
+    """One station as the wire sees it: headers and texts in and out, addresses and check bytes aside."""
+
+    def __init__(self, family: Family, plant: Plant, identity: Identity) -> None:
+        self.family = family
+        self.plant = plant
+        self.identity = identity
+        self.log = WireLog()
+        self._silent_until = float("-inf")
+        self._questions = questions(family.name, tuple(plant.ports))
+
+    def asked(self, header: str, text: str) -> Asked | None:
+        """What a question asks for; None where the table does not have it."""
+        return self._questions.get(header + (text if header == "R" else text[:3]))
+
+    def hears(self, now: float) -> bool:
+        """Whether it is there at all; it is not while it restarts."""
+        return now >= self._silent_until
+
+    def answer(self, header: str, text: str, now: float) -> Answer | None:
+        """The answer to a question whose check byte holds; None is silence."""
+        if not self.identity.robot_mode:
+            return self.refuse(text, ROBOT_OFF, now)
+        asked = self.asked(header, text)
+        if asked is None:
+            return self.refuse(text, self._why_unknown(header, text), now)
+        return self._read(asked, now) if header == "R" else self._write(asked, text[3:], now)
+
+    def refuse(self, text: str, code: int, now: float) -> Answer:
+        """N with communication error `code`."""
+        self.log.refused.append(Refused(now, text, code))
+        return "N", f"{text[:3]}{code:05d}"
+
+    def restart(self, now: float, silent_s: float = BOOT_S) -> None:
+        """Restart now: what is volatile is lost, and nothing is heard for `silent_s`."""
+        self.plant.restart(now)
+        self._silent_until = now + silent_s
+
+    def _why_unknown(self, header: str, text: str) -> int:
+        read_with_data = header == "R" and "R" + text[:3] in self._questions
+        return WRONG_FORMAT if read_with_data or header not in ("R", "W") else UNKNOWN_COMMAND
+
+    def _read(self, asked: Asked, now: float) -> Answer:
+        value = value_of(asked, self.plant, self.identity, now)
+        self.log.reads += 1
+        return "A", asked.code + (OFF_ON_WIRE if value is OFF else asked.command.quantity.encode(value))
+
+    def _write(self, asked: Asked, data: str, now: float) -> Answer | None:
+        command = asked.command
+        if not data and command.name in WITHOUT_DATA:
+            data = "00000"
+        if not well_formed(command, data):
+            return self.refuse(asked.code + data, WRONG_FORMAT, now)
+        try:
+            value = command.quantity.decode(data)
+        except ValueError:
+            return self.refuse(asked.code + data, OUT_OF_RANGE, now)
+        if not allowed(command, value, self.family, self.plant):
+            return self.refuse(asked.code + data, OUT_OF_RANGE, now)
+        return self._accept(asked, value, now)
+
+    def _accept(self, asked: Asked, value: Value, now: float) -> Answer | None:
+        self.log.writes.append(Written(now, asked.command.name, asked.port, asked.tool, value))
+        apply(asked, value, self.plant, now)
+        if asked.command.name == "restart":
+            self.restart(now)
+            return None
+        if asked.command.name == "address" and isinstance(value, int):
+            self.identity.address = value or None  # 00000 switches addresses off (seed 002, W-SAD)
+        return "A", asked.code

@@ -1,0 +1,139 @@
+"""Faults by name: what they do to answers, to the cable and to the physics, and when. Data-driven, no I/O.
+
+Their times count from the first question that the station hears. `FaultSpec` says what each kind does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import inf
+from random import Random
+from typing import Final, NamedTuple
+
+from jbclog.recipe.sim_spec import FaultSpec
+from jbclog.sim.device import Device
+from jbclog.sim.port import Port
+from jbclog.sim.questions import Asked
+
+ON_ANSWERS: Final = frozenset({"silence", "noise", "flip", "late", "nak"})
+ON_PHYSICS: Final = frozenset({"restart", "stuck", "overheat", "tool"})
+
+
+class Change(NamedTuple):
+    """A fault of the physics that begins or ends at `at`."""
+
+    at: float
+    fault: FaultSpec
+    begins: bool
+
+
+class Tape:
+    """The faults of one station on its own time."""
+
+    def __init__(self, faults: Sequence[FaultSpec], seed: int) -> None:
+        self._faults = faults
+        self._random = Random(seed)
+        self._struck = dict.fromkeys(range(len(faults)), 0)
+        self._on_answers = [(number, fault) for number, fault in enumerate(faults) if fault.kind in ON_ANSWERS]
+        self._changes: list[Change] = []
+        self._outages: list[tuple[float, float]] = []
+        self.zero: float | None = None
+
+    def start(self, now: float) -> None:
+        """The first question has been heard."""
+        self.zero = now
+        for fault in self._faults:
+            begin, end = self._window(fault)
+            if fault.kind in ON_PHYSICS:
+                self._changes += [Change(begin, fault, True), Change(end, fault, False)]
+            elif fault.kind == "dropout":
+                self._outages.append((begin, end))
+        self._changes.sort(key=lambda change: change.at)
+
+    def changes(self, now: float) -> list[Change]:
+        """The changes of the physics that have come due, in order; each is given once."""
+        due = 0
+        while due < len(self._changes) and self._changes[due].at <= now:
+            due += 1
+        taken, self._changes[:due] = self._changes[:due], []
+        return taken
+
+    def unplugged(self, now: float) -> bool:
+        """Whether the cable is out."""
+        return any(begin <= now < end for begin, end in self._outages)
+
+    def next_plugging(self, now: float) -> float | None:
+        """When the cable next goes out or in; None if it never will (or not before the first question)."""
+        return min((moment for outage in self._outages for moment in outage if moment > now), default=None)
+
+    def strikes(self, asked: Asked | None, header: str, now: float) -> list[FaultSpec]:
+        """The faults that strike the answer to this question."""
+        if not self._on_answers:
+            return []
+        return [fault for number, fault in self._on_answers if self._hits(number, fault, asked, header, now)]
+
+    def spoil(self, answer: bytes, faults: Sequence[FaultSpec]) -> tuple[bytes, float]:
+        """What these faults leave of `answer` (nothing: silence), and how many seconds late it is."""
+        late_s = 0.0
+        for fault in faults:
+            match fault.kind:
+                case "silence":
+                    answer = b""
+                case "flip":
+                    answer = self._flipped(answer, fault.bits)
+                case "noise":
+                    answer = self._random.randbytes(fault.bytes_count) + answer
+                case "late":
+                    late_s += fault.by_s
+        return answer, late_s
+
+    def _flipped(self, answer: bytes, bits: int) -> bytes:
+        """`answer` with `bits` different bits the wrong way round."""
+        whole = int.from_bytes(answer, "big")
+        for place in self._random.sample(range(8 * len(answer)), min(bits, 8 * len(answer))):
+            whole ^= 1 << place
+        return whole.to_bytes(len(answer), "big")
+
+    def _window(self, fault: FaultSpec) -> tuple[float, float]:
+        begin = (self.zero or 0.0) + fault.at_s
+        return begin, begin + (inf if fault.for_s is None else fault.for_s)
+
+    def _hits(self, number: int, fault: FaultSpec, asked: Asked | None, header: str, now: float) -> bool:
+        begin, end = self._window(fault)
+        if not begin <= now < end or not _meant(fault, asked, header):
+            return False
+        self._struck[number] += 1
+        return self._struck[number] % fault.every == 0
+
+
+def _meant(fault: FaultSpec, asked: Asked | None, header: str) -> bool:
+    """Whether the fault is about this question."""
+    if fault.only is not None and header != fault.only[0].upper():
+        return False
+    if fault.command is None and fault.port is None:
+        return True
+    return asked is not None and fault.command in (None, asked.command.name) and fault.port in (None, asked.port)
+
+
+def happen(change: Change, device: Device) -> None:
+    """Let a fault of the physics begin or end on this device, at its moment."""
+    fault = change.fault
+    device.plant.advance_to(change.at)
+    if fault.kind == "restart":
+        if change.begins and fault.for_s is not None:
+            device.restart(change.at, fault.for_s)
+        return
+    for number, port in device.plant.ports.items():
+        if fault.port in (None, number):
+            _happen_to_port(fault, port, change.begins)
+
+
+def _happen_to_port(fault: FaultSpec, port: Port, begins: bool) -> None:
+    match fault.kind:
+        case "stuck":
+            port.stuck_c = port.temperature() if begins else None
+        case "overheat":
+            port.runaway_by_c = fault.by_c if begins else None
+            port.changed()
+        case "tool":
+            port.plug(fault.code if begins else port.tool_before)

@@ -1,0 +1,205 @@
+"""One port of a station and the tool in it. Physics only; time is passed in.
+
+Stand keeps the selected temperature, sleep keeps the sleep temperature, hibernation has the heater off, and
+so has the extractor state of robots unless `extractor_cools` is false. A port goes on only when somebody
+wants to know: its steps grow from 50 ms for as long as nothing happens, and end at each joint and each
+change of state. A misspelt attribute raises, as all classes here have slots.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from math import inf
+from random import Random
+
+from jbclog.quantities import OFF, Off
+from jbclog.sim.joints import LOAD_C, NEVER, Joint, Joints
+from jbclog.sim.parts import Comparator, WarmPart
+from jbclog.sim.state import HIBERNATION, SLEEP, WORKING, ToolSettings, ToolState
+from jbclog.sim.tip import Tip
+
+STEP_S = 0.05
+READY_C = 30.0  # a robot begins no joint with a tip that is colder than this below its target
+NO_TOOL = 0
+NO_TOOL_ERROR = 4
+
+
+@dataclass(slots=True)
+class PortSettings:
+    """What a port keeps whatever tool is in it (factory settings: seed 002; alarms are "not set")."""
+
+    selected_temperature: int = 350
+    alarm_high_limit: int | Off = OFF
+    alarm_low_limit: int | Off = OFF
+    alarm_high_delay: float | Off = OFF
+    alarm_low_delay: float | Off = OFF
+
+
+@dataclass(slots=True)
+class Character:
+    """What does not change in a port: how its sensor, its extractor state and its user are."""
+
+    noise_c: float = 0.0
+    sensor_error_c: float = 0.0
+    extractor_cools: bool = True
+    noise: Random = field(default_factory=lambda: Random(0))
+    on_joint: Callable[[float], None] | None = None
+
+
+def _tool_settings() -> dict[int, ToolSettings]:
+    return {tool: ToolSettings() for tool in range(10)}
+
+
+@dataclass(slots=True)
+class Port:
+    """A port from `now` (monotonic seconds) on, with tool number `tool` in it."""
+
+    now: float
+    tool: int
+    tip: Tip
+    joints: Joints
+    character: Character = field(default_factory=Character)
+    settings: PortSettings = field(default_factory=PortSettings)
+    tools: dict[int, ToolSettings] = field(default_factory=_tool_settings)
+    doing: ToolState = field(init=False)
+    transistor: WarmPart = field(init=False)
+    high: Comparator = field(default_factory=Comparator)
+    low: Comparator = field(default_factory=Comparator)
+    stored_c: int = 350  # the selected temperature in the EEPROM
+    error: int = 0
+    tool_before: int = NO_TOOL
+    runaway_by_c: float | None = None
+    stuck_c: int | None = None
+    energy_j: float = 0.0
+    no_tool_s: float = 0.0
+    began: float = field(init=False)
+    _offset_c: float = 0.0  # reading minus true tip temperature
+    _target_c: float | None = None
+    _load: Joint | None = None
+    _next: Joint = NEVER
+    _due: float = inf
+    _quiet_since: float = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.began = self._quiet_since = self.now
+        self.doing = ToolState(self.now)
+        self.transistor = WarmPart(60.0, 0.3, self.tip.ambient_c + 10, self.now)
+        self.changed()
+
+    # --- what can be done to it, at its present moment
+
+    def order(self, state: int, extractor: bool) -> None:
+        """Work, stand or extract, as W-PS orders it."""
+        self.doing.order(state, extractor, self.now)
+        self.changed()
+
+    def plug(self, tool: int) -> None:
+        """Exchange the tool for a cold one with number `tool`; 0 pulls it out."""
+        self.tool_before, self.tool = self.tool, tool
+        self.tip.temperature_c = self.tip.ambient_c
+        self._load = None
+        self.high, self.low = Comparator(latched=self.high.latched), Comparator(latched=self.low.latched)
+        self.changed()
+
+    def restart(self) -> None:
+        """Lose what is volatile: selected temperature, state and alarm flags."""
+        self.settings.selected_temperature = self.stored_c
+        self.high, self.low = Comparator(), Comparator()
+        self.order(WORKING, True)
+
+    def changed(self) -> None:
+        """Take note of a changed setting, state or tool: what is aimed at, and what is due next."""
+        self._quiet_since = self.now
+        delays = self.tools[self.tool]
+        self._offset_c = self.character.sensor_error_c - delays.adjust
+        aim = self._aim_c() if self.tool != NO_TOOL else None
+        self._target_c = None if aim is None else aim - self._offset_c
+        soldering = self._target_c is not None and self.doing.state == WORKING
+        self._next = self.joints.after(self.now) if soldering else NEVER
+        state_due = self.doing.due(delays) if self.tool != NO_TOOL else inf
+        self._due = min(state_due, self._load.end if self._load else self._next.start)
+
+    # --- what can be seen of it
+
+    def temperature(self) -> int:
+        """The tip temperature that the station shows, in °C; 0 without a tool."""
+        if self.stuck_c is not None:
+            return self.stuck_c
+        if self.tool == NO_TOOL:
+            return 0
+        return round(self.seen_c + self._noise_c())
+
+    @property
+    def seen_c(self) -> float:
+        """The tip temperature as the station measures it, without noise."""
+        return self.tip.temperature_c + self._offset_c
+
+    def power(self) -> int:
+        """The heating power in per mille of the rated power."""
+        return round(1000 * self.tip.power_w / self.tip.rated_w)
+
+    def port_error(self) -> int:
+        return NO_TOOL_ERROR if self.tool == NO_TOOL else self.error
+
+    def seconds_to_sleep(self) -> int | None:
+        """Seconds to the next state that comes by itself, None where none does."""
+        due = self.doing.due(self.tools[self.tool])
+        return None if due == inf or self.tool == NO_TOOL else max(round(due - self.now), 0)
+
+    def transistor_temperature(self) -> float:
+        return self.transistor.temperature_c(self.now, self.energy_j)
+
+    # --- time
+
+    def advance_to(self, moment: float) -> None:
+        """Let time go on to `moment`; a moment in the past changes nothing."""
+        while self.now < moment:
+            coarse = self.now + max(STEP_S, (self.now - self._quiet_since) / 4)
+            self._step(min(moment, self._due, coarse))
+            if self.now >= self._due:
+                self._turn()
+
+    def _step(self, end: float) -> None:
+        seconds, self.now = end - self.now, end
+        tip, load = self.tip, self._load
+        before = tip.temperature_c
+        tip.step(seconds, self._target_c, load.load_w_per_k if load else 0.0, LOAD_C)
+        self.energy_j += tip.power_w * seconds
+        if self.tool == NO_TOOL:
+            self.no_tool_s += seconds
+        else:
+            self._compare(before, tip.temperature_c, seconds)
+
+    def _compare(self, before: float, after: float, seconds: float) -> None:
+        settings, offset = self.settings, self._offset_c
+        if not isinstance(settings.alarm_high_limit, Off):
+            limit = settings.alarm_high_limit - offset
+            self.high.see(before - limit, after - limit, seconds, self.now, settings.alarm_high_delay)
+        if not isinstance(settings.alarm_low_limit, Off):
+            limit = settings.alarm_low_limit - offset
+            self.low.see(limit - before, limit - after, seconds, self.now, settings.alarm_low_delay)
+
+    def _turn(self) -> None:
+        """Something is due: the next state, or the begin or end of a joint."""
+        if self.now >= self.doing.due(self.tools[self.tool]):
+            self.doing.go_on(self.now)
+        elif self._load is not None:
+            self._load = None
+        elif self._target_c is not None and self.tip.temperature_c > self._target_c - READY_C:
+            self._load = self._next
+            if self.character.on_joint:
+                self.character.on_joint(self.now)
+        self.changed()
+
+    def _aim_c(self) -> float | None:
+        """The reading that is regulated to; None with the heater off."""
+        if self.runaway_by_c is not None:
+            limit = self.settings.alarm_high_limit
+            return (self.settings.selected_temperature if isinstance(limit, Off) else limit) + self.runaway_by_c
+        if self.doing.state == HIBERNATION or (self.doing.extractor and self.character.extractor_cools):
+            return None
+        return self.tools[self.tool].sleep_temperature if self.doing.state == SLEEP else self.settings.selected_temperature
+
+    def _noise_c(self) -> float:
+        return self.character.noise.gauss(0.0, self.character.noise_c) if self.character.noise_c else 0.0
