@@ -17,13 +17,12 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from jbclog.drive.blocking import OpenPort, Port
 from jbclog.effects import Ask, Heard, Listen, RunEnded, Steps, Wait, Wish
 from jbclog.errors import LinkError
-from jbclog.rows import StationFacts
 
 OPENERS = 8  # ports opened at the same time
 PUMP_S = 0.2  # how often a reading thread looks whether it is still wanted
 NEVER = float("inf")
 
-Session = Steps[StationFacts]
+Session = Steps[object]
 _now = time.monotonic  # the clock that asyncio's loop runs on
 
 

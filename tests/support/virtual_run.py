@@ -1,0 +1,152 @@
+"""A whole run of one or more virtual stations on a virtual clock, recorded into memory."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from jbclog.clock import UtcOffset, VirtualClock
+from jbclog.commands.family import FAMILIES
+from jbclog.drive.virtual import VirtualDriver
+from jbclog.recipe.line import StationSpec, parse_line
+from jbclog.recipe.load import parse_recipe
+from jbclog.rows import COLUMN, CounterRow, EventRow, SampleRow, SettingRow, StationFacts
+from jbclog.session.order import Desk, Order
+from jbclog.session.run import run_station
+from jbclog.sim.virtual import VirtualStation
+
+RECIPE = """
+[recipe]
+name = "test"
+revision = 1
+families = ["soldering", "dde", "nae", "dme", "hde", "ucr", "ale"]
+
+[temperature]
+select_c = 350
+
+[sleep]
+delay_min = 5
+
+[hibernation]
+delay_min = 30
+
+[alarm.high]
+limit_c = 380
+delay_s = 0.5
+
+[alarm.low]
+limit_c = 250
+delay_s = 2.0
+
+[run]
+status = "working"
+"""
+
+LINE = """
+[line]
+name = "test"
+
+[[station]]
+name = "dde-1"
+url = "dde-1"
+family = "dde"
+{keys}
+[station.sim]
+turnaround_ms = 1.0
+{sim}
+"""
+
+
+@dataclass
+class Memory:
+    """A journal that keeps everything in lists."""
+
+    samples: list[SampleRow] = field(default_factory=list)
+    events: list[EventRow] = field(default_factory=list)
+    settings: list[SettingRow] = field(default_factory=list)
+    counters: list[CounterRow] = field(default_factory=list)
+    stations: dict[str, StationFacts] = field(default_factory=dict)
+
+    def sample(self, row: SampleRow) -> None:
+        self.samples.append(row)
+
+    def event(self, event: EventRow, *, at_once: bool = False) -> None:
+        self.events.append(event)
+
+    def setting(self, setting: SettingRow) -> None:
+        self.settings.append(setting)
+
+    def counter(self, counter: CounterRow) -> None:
+        self.counters.append(counter)
+
+    def facts(self, facts: StationFacts) -> None:
+        self.stations[facts.name] = facts
+
+    def column(self, name: str, port: int = 1) -> list[object]:
+        return [row[COLUMN[name]] for row in self.samples if row[COLUMN["port"]] == port]
+
+    def kinds(self) -> list[str]:
+        return [event.kind for event in self.events]
+
+    def of_kind(self, kind: str) -> list[EventRow]:
+        return [event for event in self.events if event.kind == kind]
+
+
+@dataclass
+class VirtualRun:
+    """What a run left behind: the journal, the stations' own view, and the facts."""
+
+    memory: Memory
+    stations: dict[str, VirtualStation]
+    driver: VirtualDriver
+    desks: dict[str, Desk]
+
+    @property
+    def station(self) -> VirtualStation:
+        return next(iter(self.stations.values()))
+
+    @property
+    def facts(self) -> StationFacts:
+        return next(iter(self.desks.values())).facts
+
+    def go(self) -> VirtualRun:
+        self.driver.run()
+        return self
+
+
+def line_text(sim: str = "", keys: str = "") -> str:
+    return LINE.format(sim=sim, keys=keys)
+
+
+def prepare(
+    line: str | None = None, recipe: str = RECIPE, duration_s: float | None = 10.0, rate: float | str | None = None
+) -> VirtualRun:
+    """A run that is ready to go: `prepare(line_text(sim=...)).go()`."""
+    clock = VirtualClock()
+    memory, driver = Memory(), VirtualDriver(clock)
+    stations, desks = {}, {}
+    loaded = parse_recipe(recipe)
+    for spec in parse_line(line or line_text(), Path("line.toml")).stations:
+        station = VirtualStation(spec, now=clock.monotonic())
+        desk = Desk(order_for(spec, loaded, clock, duration_s, rate), memory, UtcOffset(clock))
+        driver.add(run_station(desk), station)
+        stations[spec.name], desks[spec.name] = station, desk
+    return VirtualRun(memory, stations, driver, desks)
+
+
+def order_for(spec: StationSpec, recipe: object, clock: VirtualClock, duration_s: float | None, rate: float | str | None) -> Order:
+    return Order(
+        name=spec.name,
+        url=spec.url,
+        family=None if spec.family == "auto" else FAMILIES[spec.family],
+        line=spec.line_format,
+        address=spec.address,
+        ports=spec.ports,
+        recipe=recipe,
+        recipe_file="recipe.toml",
+        families=FAMILIES,
+        t0=clock.monotonic(),
+        duration_s=duration_s,
+        rate=rate,
+        rated_power_w=spec.rated_power_w,
+    )
