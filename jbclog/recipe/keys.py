@@ -105,11 +105,15 @@ class KeyScan:
         token = self._ahead
         if kinds and token.kind not in kinds:
             raise Lost(token.line)
-        if token.kind == "word" and len(token.text) > MAX_WORD:
-            raise TooLarge(token.line, f"a word of {len(token.text)} characters; at most {MAX_WORD} are read")
+        if token.kind == "word":
+            self._measure(token.text, token.line)
         if token.kind != "end":
             self._ahead = next(self._tokens)
         return token
+
+    def _measure(self, word: str, line: int) -> None:
+        if len(word) > MAX_WORD:
+            raise TooLarge(line, f"a word of {len(word)} characters; at most {MAX_WORD} are read")
 
     def _end_of_line(self) -> None:
         self._take("newline", "end")
@@ -138,6 +142,7 @@ class KeyScan:
             return token.text
         if token.text[0] == '"' and "\\" in token.text:
             raise TooLarge(token.line, "a key with an escape sequence; write its name plainly")
+        self._measure(token.text[1:-1], token.line)
         return token.text[1:-1]
 
     def _header(self) -> None:

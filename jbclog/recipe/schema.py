@@ -16,9 +16,8 @@ from pydantic_core import ErrorDetails, PydanticCustomError
 
 from jbclog.errors import Problem
 from jbclog.recipe.keys import KeyPath
-from jbclog.recipe.toml import TomlText
+from jbclog.recipe.toml import MAX_PROBLEMS, TomlText
 
-MAX_PROBLEMS = 100  # of one file; the rest is counted
 _TABLE_ERRORS = ("model_type", "model_attributes_type", "dict_type", "mapping_type")
 _OWN_WORDS = ("said", "value_error")
 
@@ -57,13 +56,6 @@ def read_table(row: type[Row], source: TomlText, at: KeyPath, table: object) -> 
         details = error.errors(include_url=False, include_context=False)
         problems = [_problem(row, source, at, detail) for detail in details[: MAX_PROBLEMS + 1]]
         return None, problems, [detail["loc"] for detail in details]
-
-
-def shortened(problems: list[Problem]) -> list[Problem]:
-    """The problems in the file's order, each once; beyond `MAX_PROBLEMS` only their number."""
-    ordered = sorted(dict.fromkeys(problems), key=lambda problem: problem.line or 0)
-    rest = len(ordered) - MAX_PROBLEMS
-    return ordered if rest <= 0 else [*ordered[:MAX_PROBLEMS], Problem(ordered[0].file, None, "", f"and {rest} more problems")]
 
 
 def _problem(row: type[Table], source: TomlText, at: KeyPath, detail: ErrorDetails) -> Problem:

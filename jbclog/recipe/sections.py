@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from types import MappingProxyType
-from typing import Annotated, Literal
+from typing import Literal
 
-from pydantic import AfterValidator, Field
+from pydantic import Field
 
 from jbclog.recipe.fields import (
     CONDITIONS,
@@ -144,14 +143,13 @@ class Acceptance(Table):
 
 
 PortName = Literal["1", "2", "3", "4"]
-Ports = Annotated[Mapping[PortName, PortSettings], AfterValidator(MappingProxyType)]
 
 
 class RecipeTables(PortSettings):
     """The whole file, table by table."""
 
-    recipe: Head
-    port: Ports = Field(MappingProxyType({}), description="a port is 1, 2, 3 or 4")
+    recipe: Head = Field(description="a table [recipe] with name, revision and families")
+    port: Mapping[PortName, PortSettings] = Field(default_factory=dict, description="a port is 1, 2, 3 or 4")
     feeder: Feeder = Feeder()
     air: Air = Air()
     omega: Omega | None = None

@@ -16,7 +16,9 @@ from jbclog.errors import Problem, Problems
 from jbclog.recipe.keys import KeyPath, KeyScan, Lost, TooLarge
 
 MAX_BYTES = 64 * 1024
+MAX_PROBLEMS = 100  # of one file; the rest is counted
 _HIDDEN = ("Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp")  # control, bidirectional and other characters that do not show
+_HIDDEN_IN_TEXT = re.compile("[\u200b-\u200f\u2028-\u202e\u2060-\u206f\ufeff]")  # may show a line as what it is not
 _BARE = re.compile(r"[A-Za-z0-9_-]+")
 _AT_LINE = re.compile(r" \(at (?:line (\d+), column \d+|end of document)\)$")
 
@@ -39,6 +41,13 @@ class TomlText:
     def problem(self, key: KeyPath, text: str) -> Problem:
         """What is wrong with `key`, at its line or, where it is missing, at that of the table it belongs into."""
         return Problem(self.file, self.lines.get(self.known(key)), dotted(key), text)
+
+
+def shortened(problems: list[Problem]) -> list[Problem]:
+    """The problems in the file's order, each once; beyond `MAX_PROBLEMS` only their number."""
+    ordered = sorted(dict.fromkeys(problems), key=lambda problem: problem.line or 0)
+    rest = len(ordered) - MAX_PROBLEMS
+    return ordered if rest <= 0 else [*ordered[:MAX_PROBLEMS], Problem(ordered[0].file, None, "", f"and {rest} more problems")]
 
 
 def dotted(key: KeyPath) -> str:
@@ -85,7 +94,8 @@ def parse(text: str, file: str) -> TomlText:
     except Lost as error:
         raise Problems([_syntax(plain, file, error.line)]) from error
     if scan.twice:
-        raise Problems([Problem(file, line, dotted(key), f"given twice, first in line {first}") for key, line, first in scan.twice])
+        twice = [Problem(file, line, dotted(key), f"given twice, first in line {first}") for key, line, first in scan.twice]
+        raise Problems(shortened(twice))
     return TomlText(file, text, _tables(plain, file), scan.lines)
 
 
@@ -114,18 +124,32 @@ def _sentence(message: str, text: str, file: str) -> Problem:
     return Problem(file, line, "", f"this is not TOML: {_AT_LINE.sub('', message)}")
 
 
-def unusable(source: TomlText, key: KeyPath, value: object) -> Iterator[Problem]:
-    """Texts with characters that do not show, and numbers that are none, anywhere in `value`, which stands at `key`."""
+def unusable(source: TomlText) -> list[Problem]:
+    """Characters that do not show, in values, names or comments, and numbers that are none."""
+    found = list(_unusable_in(source, (), source.tables))
+    told = {problem.line for problem in found}
+    for line, text in enumerate(source.text.removeprefix("\ufeff").split("\n"), 1):
+        sign = _HIDDEN_IN_TEXT.search(text)
+        if sign is not None and line not in told:
+            found.append(Problem(source.file, line, "", _hidden(sign.group())))
+    return found
+
+
+def _unusable_in(source: TomlText, key: KeyPath, value: object) -> Iterator[Problem]:
     if isinstance(value, dict):
         for name, inner in value.items():
-            yield from unusable(source, (*key, name), name)
-            yield from unusable(source, (*key, name), inner)
+            yield from _unusable_in(source, (*key, name), name)
+            yield from _unusable_in(source, (*key, name), inner)
     elif isinstance(value, list):
         for place, inner in enumerate(value):
-            yield from unusable(source, (*key, place), inner)
+            yield from _unusable_in(source, (*key, place), inner)
     elif isinstance(value, str):
         bad = next((sign for sign in value if unicodedata.category(sign) in _HIDDEN), None)
         if bad is not None:
-            yield source.problem(key, f"holds the hidden or control character U+{ord(bad):04X}")
+            yield source.problem(key, _hidden(bad))
     elif isinstance(value, float) and not math.isfinite(value):
         yield source.problem(key, f"{value} is not a number that can be used")
+
+
+def _hidden(sign: str) -> str:
+    return f"holds the hidden or control character U+{ord(sign):04X}"
