@@ -1,0 +1,76 @@
+"""Virtual stations in a process of their own, for as long as a `with` lasts."""
+
+from __future__ import annotations
+
+import selectors
+import subprocess
+import sys
+from pathlib import Path
+from types import TracebackType
+from typing import IO, Self
+
+from jbclog.errors import UsageError
+
+READY_S = 20.0
+END_S = 5.0
+
+
+class SimProcess:
+    """Serves the stations of the line file at `line` below `folder`; `line_path` is the line file for a run.
+
+    The process ends with the `with` block, and also when this process dies, whose end its stdin shows it.
+    Raises `UsageError` where the stations cannot be served.
+    """
+
+    def __init__(self, line: Path, folder: Path, *, tcp: str | None = None, log: Path | None = None) -> None:
+        self._command = [sys.executable, "-m", "jbclog.sim", str(line), "--dir", str(folder), "--until-eof"]
+        self._command += ["--tcp", tcp] if tcp else []
+        self._command += ["--log", str(log)] if log else []
+        self._process: subprocess.Popen[str] | None = None
+        self.line_path = folder / "line.toml"
+
+    @property
+    def pid(self) -> int | None:
+        """The number of the serving process, while there is one."""
+        return self._process.pid if self._process else None
+
+    def __enter__(self) -> Self:
+        self._process = process = subprocess.Popen(
+            self._command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        )
+        try:
+            self.line_path = Path(_first_line(process))
+        except BaseException:
+            self._end(process)
+            raise
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        if self._process is not None:
+            process, self._process = self._process, None
+            self._end(process)
+
+    def _end(self, process: subprocess.Popen[str]) -> None:
+        """Close its stdin, which ends it; if it does not end, kill it."""
+        try:
+            process.communicate(timeout=END_S)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.communicate()
+
+
+def _first_line(process: subprocess.Popen[str]) -> str:
+    """The line that says that all ports are there."""
+    if process.stdout is None or process.stderr is None:
+        raise UsageError("the virtual stations have no output")
+    with selectors.DefaultSelector() as selector:
+        selector.register(process.stdout, selectors.EVENT_READ)
+        text = process.stdout.readline().strip() if selector.select(READY_S) else ""
+    if not text:
+        process.kill()
+        raise UsageError(f"the virtual stations did not start: {_rest(process.stderr)}")
+    return text
+
+
+def _rest(stream: IO[str]) -> str:
+    return stream.read().strip() or f"nothing within {READY_S:g} s"

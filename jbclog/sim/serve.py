@@ -1,0 +1,119 @@
+"""Serves virtual stations on their links: hears what is written, and answers at the due time, never before.
+
+One loop, one thread. What a station says goes out whole at the moment when its last byte would have arrived
+on a real wire.
+"""
+
+from __future__ import annotations
+
+import gc
+import heapq
+import os
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from itertools import count
+from time import monotonic
+
+from jbclog.sim.links import Link
+from jbclog.sim.virtual import VirtualStation
+from jbclog.sim.waiting import Waiter, exact_timers
+from jbclog.sim.wire_file import NoWireFile, WireFile
+
+
+@dataclass(frozen=True, slots=True)
+class Served:
+    """A virtual station and the link that it is served on."""
+
+    station: VirtualStation
+    link: Link
+
+
+class Server:
+    """Serves until `stop` is called. Opening the links is `open`'s work, so that ready can be told."""
+
+    def __init__(self, served: Sequence[Served], waiter: Waiter, wire_file: WireFile | None = None) -> None:
+        self._served = served
+        self._waiter = waiter
+        self._wire_file = wire_file or NoWireFile()
+        self._due: list[tuple[float, int, Callable[[], None]]] = []
+        self._number = count()
+        self._awaited: set[str] = set()  # stations whose next pulling or plugging in is on the list
+        self._stopped = False
+
+    def open(self) -> None:
+        """Make all ports appear."""
+        for one in self._served:
+            self._plug_in(one)
+
+    def run(self) -> None:
+        """Serve until `stop`, then make the ports disappear."""
+        gc.freeze()
+        exact_timers()
+        try:
+            while not self._stopped:
+                self._waiter.wait(self._do_what_is_due())
+        finally:
+            self.close()
+
+    def stop(self) -> None:
+        """End `run`, from a signal handler or another thread."""
+        self._stopped = True
+        self._waiter.wake()
+
+    def stop_at_end_of(self, descriptor: int) -> None:
+        """End `run` when whoever writes to `descriptor` is gone."""
+        self._waiter.add(descriptor, partial(self._read_to_end, descriptor))
+
+    def _read_to_end(self, descriptor: int) -> None:
+        if not os.read(descriptor, 4096):
+            self._stopped = True
+
+    def close(self) -> None:
+        """Make the ports disappear."""
+        for one in self._served:
+            one.link.pull_out()
+
+    def _do_what_is_due(self) -> float | None:
+        """Do it, in order; the seconds until the next, None where nothing is to come."""
+        while self._due:
+            ahead = self._due[0][0] - monotonic()
+            if ahead > 0:
+                return ahead
+            heapq.heappop(self._due)[2]()
+        return None
+
+    def _at(self, moment: float, do: Callable[[], None]) -> None:
+        heapq.heappush(self._due, (moment, next(self._number), do))
+
+    def _hear(self, one: Served, data: bytes) -> None:
+        now = monotonic()
+        self._wire_file.note(now, one.station.name, "question", data)
+        for reply in one.station.receive(data, now):
+            self._at(reply.at, partial(self._say, one, reply.data))
+        if one.station.name not in self._awaited:
+            self._await_plugging(one, now)
+
+    def _say(self, one: Served, data: bytes) -> None:
+        one.link.send(data)
+        self._wire_file.note(monotonic(), one.station.name, "answer", data)
+
+    def _await_plugging(self, one: Served, now: float) -> None:
+        """Put the next pulling or plugging in on the list, once the station knows of it."""
+        moment = one.station.next_plugging(now)
+        if moment is not None:
+            self._awaited.add(one.station.name)
+            self._at(moment, partial(self._change_plug, one, moment))
+
+    def _change_plug(self, one: Served, moment: float) -> None:
+        if one.station.hung_up(moment):
+            one.link.pull_out()
+            self._wire_file.note(monotonic(), one.station.name, "unplugged", b"")
+        else:
+            self._plug_in(one)
+            self._wire_file.note(monotonic(), one.station.name, "plugged", b"")
+        self._awaited.discard(one.station.name)
+        self._await_plugging(one, moment)
+
+    def _plug_in(self, one: Served) -> None:
+        one.link.plug_in(partial(self._hear, one))

@@ -1,0 +1,101 @@
+"""From a line file to served stations, and back to the line file with which a run finds them."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Sequence
+from pathlib import Path, PurePosixPath
+from time import monotonic
+
+from jbclog.errors import UsageError
+from jbclog.recipe.line import Line, StationSpec
+from jbclog.sim.links import Link, PtyLink, TcpLink
+from jbclog.sim.serve import Served, Server
+from jbclog.sim.virtual import VirtualStation
+from jbclog.sim.waiting import Waiter
+from jbclog.sim.wire_file import WireFile
+
+SERVED_LINE = "line.toml"
+DESCRIPTORS_EACH = 4
+DESCRIPTORS_BESIDE = 64
+
+Tcp = tuple[str, int]
+"""Host and first port."""
+
+
+def set_up(line: Line, folder: Path, tcp: Tcp | None = None, wire_file: WireFile | None = None) -> Server:
+    """Make the line's ports appear in `folder` (or on TCP) and write `folder/line.toml`; `run` then serves them.
+
+    Raises `UsageError` where a station cannot be virtual or a link cannot be made.
+    """
+    allow_descriptors(DESCRIPTORS_EACH * len(line.stations) + DESCRIPTORS_BESIDE)
+    now, waiter = monotonic(), Waiter()
+    links = [_link(station, folder, place, tcp, waiter) for place, station in enumerate(line.stations)]
+    stations = [VirtualStation(station, now=now) for station in line.stations]
+    server = Server([Served(*pair) for pair in zip(stations, links, strict=True)], waiter, wire_file)
+    folder.mkdir(parents=True, exist_ok=True)
+    try:
+        server.open()
+    except OSError as error:
+        server.close()
+        raise UsageError(f"the stations of {line.path} cannot be served: {error}") from error
+    (folder / SERVED_LINE).write_text(line_text(line, [link.url for link in links]), encoding="utf-8")
+    return server
+
+
+def line_text(line: Line, urls: Sequence[str]) -> str:
+    """The text of a line file like `line` with these urls, all paths absolute."""
+    parts = ["\n".join(_station(station, url)) for station, url in zip(line.stations, urls, strict=True)]
+    return (
+        f"# Virtual stations, made by jbclog sim from {_quoted(str(line.path))}\n[line]\nname = {_quoted(line.name)}\n"
+        + "".join(parts)
+    )
+
+
+def _station(station: StationSpec, url: str) -> Iterator[str]:
+    yield "\n[[station]]"
+    yield f"name = {_quoted(station.name)}"
+    yield f"url = {_quoted(url)}"
+    yield f"family = {_quoted(station.family)}"
+    yield f"baudrate = {station.baudrate}"
+    yield f"format = {_quoted(station.format)}"
+    yield f"address = {'false' if station.address is None else station.address}"
+    if station.ports is not None:
+        yield f"ports = {list(station.ports)}"
+    if station.turnaround_ms is not None:
+        yield f"turnaround_ms = {station.turnaround_ms}"
+    if station.recipe is not None:
+        yield f"recipe = {_quoted(str(station.recipe.absolute()))}"
+    if station.rated_power_w is not None:
+        yield f"rated_power_w = {station.rated_power_w}"
+    yield ""
+
+
+def _quoted(text: str) -> str:
+    """A TOML basic string: JSON's escapes are TOML's, but for the one character that JSON leaves alone."""
+    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
+
+
+def _link(station: StationSpec, folder: Path, place: int, tcp: Tcp | None, waiter: Waiter) -> Link:
+    if tcp is not None:
+        host, first = tcp
+        return TcpLink(host, first + place if first else 0, waiter)
+    return PtyLink(folder.absolute() / _inside(station), waiter)
+
+
+def _inside(station: StationSpec) -> str:
+    """Where below the folder a station is linked: at its relative url, otherwise at its name."""
+    path = PurePosixPath(station.written_url)
+    return station.written_url if station.is_relative and path.parts and ".." not in path.parts else station.name
+
+
+def allow_descriptors(wanted: int) -> None:
+    """Raise this process's soft limit of open descriptors to `wanted` as far as the hard one lets it."""
+    try:
+        import resource
+    except ImportError:  # Windows has no such limit
+        return
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    if soft < wanted:
+        most = wanted if hard == resource.RLIM_INFINITY else min(wanted, hard)
+        resource.setrlimit(resource.RLIMIT_NOFILE, (most, hard))
