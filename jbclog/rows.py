@@ -189,4 +189,5 @@ class StationFacts:
     outcome: str = "running"
     reason: str = ""
     safe_state: dict[int, str] = field(default_factory=dict)
+    unsafe: list[str] = field(default_factory=list)  # a sentence for each tool or feeder that could not be made safe
     last_temperature_c: dict[int, float] = field(default_factory=dict)

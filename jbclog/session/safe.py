@@ -35,6 +35,7 @@ def make_safe(desk: Desk) -> Steps[None]:
         _tell(desk, port, verified)
         if not verified:
             unsafe.append(_unsafe_text(desk, port))
+    desk.facts.unsafe = unsafe
     desk.publish()
     if unsafe:
         raise Unsafe("; ".join(unsafe))

@@ -1,0 +1,244 @@
+"""From files and options to what each station is to do: the composition root of a run.
+
+`make_plan` reads the line file and the recipes, checks everything that can be known without sending a byte, and says
+all that is wrong at once. `orders` turns a plan into what `session` is told.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from jbclog.commands.family import FAMILIES, Family
+from jbclog.errors import Problem, Problems, UsageError
+from jbclog.recipe.line import Line, StationSpec, load_line
+from jbclog.recipe.load import load_recipe
+from jbclog.recipe.model import Recipe
+from jbclog.recipe.settings import Setting, foreign_keys, settings_for, station_settings_for
+from jbclog.scheduler import Demand
+from jbclog.session.order import AS_FAST_AS_POSSIBLE, AS_FIT, Order
+from jbclog.session.pace import readings_for, too_fast
+
+ANSWERING_PORTS = (1,)  # what is reckoned with where only the station knows its ports
+
+
+@dataclass(frozen=True, slots=True)
+class Metadata:
+    """What the people who start a run say of it."""
+
+    operator: str | None = None
+    order: str | None = None
+    product: str | None = None
+    units: tuple[str, ...] = ()
+    tags: dict[str, str] = field(default_factory=dict)
+
+    def missing(self, required: Sequence[str]) -> list[str]:
+        """Which of the recipe's required names were not given, as options of the command line."""
+        given = {"operator": self.operator, "order": self.order, "product": self.product, "unit": self.units}
+        told = {**given, **{f"tag.{name}": value for name, value in self.tags.items()}}
+        return [_option(name) for name in required if not told.get(name)]
+
+
+def _option(name: str) -> str:
+    return f"--tag {name.removeprefix('tag.')}=…" if name.startswith("tag.") else f"--{name} …"
+
+
+@dataclass(frozen=True, slots=True)
+class Wanted:
+    """What was asked for on the command line. `rate` is Hz, ``fit``, ``max``, or None for the recipe's."""
+
+    line: Path
+    recipe: Path | None = None
+    stations: tuple[str, ...] = ()
+    duration_s: float | None = None
+    rate: float | str | None = None
+    metadata: Metadata = field(default_factory=Metadata)
+
+
+@dataclass(frozen=True, slots=True)
+class StationPlan:
+    """One station of a plan. `family` is None for "auto", `ports` those that are reckoned with."""
+
+    spec: StationSpec
+    family: Family | None
+    ports: tuple[int, ...]
+    recipe: Recipe
+    recipe_file: str
+    rate: float | str | None
+    demand: Demand | None
+
+    @property
+    def turnaround_s(self) -> float:
+        """What the line file says, or none (contract, "Line file")."""
+        return (self.spec.turnaround_ms or 0.0) / 1000
+
+    @property
+    def rate_hz(self) -> float | None:
+        """The rate that will be asked for; None without pause."""
+        if self.rate == AS_FAST_AS_POSSIBLE:
+            return None
+        wished = self.recipe.sampling.rate_hz if self.rate is None or isinstance(self.rate, str) else self.rate
+        if self.rate == AS_FIT and self.demand is not None:
+            return min(wished, self.demand.best_rate_hz(self.turnaround_s))
+        return wished
+
+    def writes(self) -> list[Setting]:
+        """Every setting that the recipe asks of this station, in order; those that already hold will not be written."""
+        if self.family is None:
+            return []
+        found = station_settings_for(self.recipe, self.family)
+        for port in self.ports:
+            found += settings_for(self.recipe, self.family, port)
+        return found
+
+    def skipped(self) -> list[str]:
+        """What of the recipe this station does not have."""
+        return [] if self.family is None else foreign_keys(self.recipe, self.family, self.spec.ports or self.family.ports)
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """What a run will do, before a byte is sent."""
+
+    line: Line
+    stations: tuple[StationPlan, ...]
+    wanted: Wanted
+
+    @property
+    def recipes(self) -> dict[str, Recipe]:
+        """The recipes that run, by their file's name in the run's folder."""
+        return {station.recipe_file: station.recipe for station in self.stations}
+
+
+def make_plan(wanted: Wanted) -> Plan:
+    """Read and check everything. Raises `Problems` or `UsageError` with all that is wrong (exit 2)."""
+    problems: list[Problem] = []
+    line = _load_line(wanted, problems)
+    recipes = _load_recipes(wanted, line, problems)
+    if line is None or problems:
+        raise Problems(problems)
+    chosen = _chosen(line, wanted)
+    problems += _without_recipe(line, chosen, recipes)
+    stations = tuple(_station(spec, recipes[spec.name], wanted) for spec in chosen if spec.name in recipes)
+    for station in stations:
+        problems += _mismatches(line, station)
+    problems += _missing_metadata(stations, wanted)
+    if problems:
+        raise Problems(problems)
+    return Plan(line, _with_file_names(stations), wanted)
+
+
+def orders(plan: Plan, t0: float) -> Iterator[Order]:
+    """What each session is told; `t0` is the run's zero, monotonic seconds."""
+    for station in plan.stations:
+        spec = station.spec
+        yield Order(
+            name=spec.name,
+            url=spec.url,
+            family=station.family,
+            line=spec.line_format,
+            address=spec.address,
+            ports=spec.ports,
+            recipe=station.recipe,
+            recipe_file=station.recipe_file,
+            families=FAMILIES,
+            t0=t0,
+            duration_s=plan.wanted.duration_s,
+            rate=station.rate,
+            rated_power_w=spec.rated_power_w,
+        )
+
+
+# -- files ------------------------------------------------------------------------------------------------------------------
+
+
+def _load_line(wanted: Wanted, problems: list[Problem]) -> Line | None:
+    try:
+        return load_line(wanted.line)
+    except Problems as error:
+        problems += error.problems
+        return None
+
+
+def _load_recipes(wanted: Wanted, line: Line | None, problems: list[Problem]) -> dict[str, Recipe]:
+    """Each station's recipe by the station's name: its own, or the one given. A file is read once."""
+    read: dict[Path, Recipe | None] = {}
+    found: dict[str, Recipe] = {}
+
+    def recipe_at(path: Path) -> Recipe | None:
+        if path not in read:
+            try:
+                read[path] = load_recipe(path)
+            except Problems as error:
+                problems.extend(error.problems)
+                read[path] = None
+        return read[path]
+
+    if wanted.recipe is not None:
+        recipe_at(wanted.recipe)  # read even where no station needs it: what is wrong in it is said
+    for spec in line.stations if line else ():
+        path = spec.recipe or wanted.recipe
+        recipe = None if path is None else recipe_at(path)
+        if recipe is not None:
+            found[spec.name] = recipe
+    return found
+
+
+def _chosen(line: Line, wanted: Wanted) -> list[StationSpec]:
+    names = [spec.name for spec in line.stations]
+    unknown = [name for name in wanted.stations if name not in names]
+    if unknown:
+        raise UsageError(f"{line.path}: no station named {', '.join(unknown)}; the line has {', '.join(names)}")
+    return [spec for spec in line.stations if not wanted.stations or spec.name in wanted.stations]
+
+
+def _station(spec: StationSpec, recipe: Recipe, wanted: Wanted) -> StationPlan:
+    family = None if spec.family == "auto" else FAMILIES[spec.family]
+    ports = spec.ports or (family.ports if family else None) or ANSWERING_PORTS
+    demand = None
+    if family is not None:
+        demand = Demand.of(readings_for(family, ports, recipe, spec.line_format, spec.address is not None))
+    return StationPlan(spec, family, ports, recipe, recipe.path.name, wanted.rate, demand)
+
+
+def _with_file_names(stations: tuple[StationPlan, ...]) -> tuple[StationPlan, ...]:
+    """Recipes from different folders may have the same file name; in the run's folder each has its own."""
+    names: dict[Path, str] = {}
+    for station in stations:
+        path, name, number = station.recipe.path, station.recipe.path.name, 2
+        while path not in names and name in names.values():
+            name, number = f"{path.stem}-{number}{path.suffix}", number + 1
+        names.setdefault(path, name)
+    return tuple(
+        StationPlan(one.spec, one.family, one.ports, one.recipe, names[one.recipe.path], one.rate, one.demand) for one in stations
+    )
+
+
+# -- what can be known to be wrong ----------------------------------------------------------------------------------------------
+
+
+def _without_recipe(line: Line, chosen: list[StationSpec], recipes: dict[str, Recipe]) -> Iterator[Problem]:
+    for spec in chosen:
+        if spec.name not in recipes:
+            yield Problem(
+                str(line.path), None, f"station {spec.name}", "has no recipe: name one on the command line or in the file"
+            )
+
+
+def _mismatches(line: Line, station: StationPlan) -> Iterator[Problem]:
+    spec, recipe = station.spec, station.recipe
+    if station.family is not None and station.family.name not in recipe.families:
+        families = ", ".join(recipe.families)
+        yield recipe.problem(("recipe", "families"), f"{families}: not for {spec.name}, whose family is {spec.family}")
+        return
+    demand, rate_hz = station.demand, station.rate_hz
+    if demand is not None and rate_hz is not None and not demand.fits(rate_hz, station.turnaround_s):
+        yield Problem(str(line.path), None, f"station {spec.name}", too_fast(spec.name, rate_hz, demand, station.turnaround_s))
+
+
+def _missing_metadata(stations: Sequence[StationPlan], wanted: Wanted) -> Iterator[Problem]:
+    for recipe in {id(one.recipe): one.recipe for one in stations}.values():
+        missing = wanted.metadata.missing(recipe.metadata.required)
+        if missing:
+            yield recipe.problem(("metadata", "required"), f"give {' '.join(missing)}")
