@@ -12,7 +12,7 @@ from typing import Final
 from jbclog.commands.command import Command
 from jbclog.commands.family import FAMILIES
 from jbclog.errors import Problem
-from jbclog.quantities import OFF
+from jbclog.quantities import OFF, Value
 from jbclog.recipe.model import Asked, Recipe, asked_in
 from jbclog.recipe.order import COMMAND_OF
 
@@ -54,7 +54,7 @@ def problems_between(recipe: Recipe) -> Iterator[Problem]:
     yield from _feeder(recipe)
     if not recipe.run.allow_no_cooldown:
         yield from no_cooldown(recipe)
-    if recipe.acceptance is not None and not recipe.acceptance.model_fields_set:
+    if recipe.source.tables.get("acceptance") == {}:
         yield recipe.problem(("acceptance",), "names no limit; without the table the run is not judged")
 
 
@@ -92,7 +92,7 @@ def _out_of_range(recipe: Recipe) -> Iterator[Problem]:
     for one in _everything_asked(recipe):
         name = COMMAND_OF.get(one.setting)
         commands = [family.commands[name] for family in families if name in family.commands] if name else []
-        problem = next((text for command in commands if (text := range_problem(command, one)) is not None), None)
+        problem = next((text for command in commands if (text := range_problem(command, one.value)) is not None), None)
         if problem is not None:
             yield recipe.problem(one.key, problem)
 
@@ -104,12 +104,12 @@ def _everything_asked(recipe: Recipe) -> Iterator[Asked]:
     yield from asked_in(recipe.feeder, ("feeder",))
 
 
-def range_problem(command: Command, one: Asked) -> str | None:
-    """Why the command cannot carry the value that is asked for, with what is allowed, or None."""
-    if command.limits.problem(one.value) is not None:
-        return f"{command.shown(one.value)} is not allowed; {allowed(command)}"
+def range_problem(command: Command, value: Value) -> str | None:
+    """Why the command cannot carry the value, with what is allowed, or None."""
+    if command.limits.problem(value) is not None:
+        return f"{command.shown(value)} is not allowed; {allowed(command)}"
     try:
-        command.quantity.encode(one.value)
+        command.quantity.encode(value)
     except ValueError as error:
         return f"{error}; {allowed(command)}"
     return None

@@ -5,6 +5,7 @@ Each is a check of type only; ranges are the command tables' and stand in `check
 
 from __future__ import annotations
 
+import math
 from typing import Annotated, Final
 
 from pydantic import AfterValidator, Field, PlainValidator
@@ -34,7 +35,7 @@ def _minutes(value: object) -> int | Off:
 def _seconds(value: object) -> float | Off:
     if value == "off":
         return OFF
-    if isinstance(value, bool) or not isinstance(value, int | float):
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
         raise said(f'{shown(value)} is not allowed; seconds in steps of 0.01, or "off"')
     return float(value)
 
@@ -72,9 +73,11 @@ def _family(name: str) -> str:
 
 
 def _no_repeats(values: tuple[str, ...]) -> tuple[str, ...]:
-    twice = next((value for place, value in enumerate(values) if value in values[:place]), None)
-    if twice is not None:
-        raise said(f"{shown(twice)} stands there twice")
+    seen: set[str] = set()
+    for value in values:
+        if value in seen:
+            raise said(f"{shown(value)} stands there twice")
+        seen.add(value)
     return values
 
 

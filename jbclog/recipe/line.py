@@ -15,7 +15,7 @@ from jbclog.recipe.fields import NOT_DRIVEN
 from jbclog.recipe.keys import KeyPath
 from jbclog.recipe.schema import NAME_ALLOWED, FromList, Name, Table, read_table, said, shown, unknown
 from jbclog.recipe.sim_spec import SimSpec
-from jbclog.recipe.toml import TomlText, parse, read_text, shortened, unusable
+from jbclog.recipe.toml import TomlText, hidden, parse, read_text, shortened
 from jbclog.recipe.url import checked_url, is_path
 from jbclog.wire import BAUDRATES, LineFormat
 
@@ -151,7 +151,7 @@ def load_line(path: Path) -> Line:
 def parse_line(text: str, path: Path) -> Line:
     """The line file of that text; relative paths are taken from the folder of `path`."""
     source = parse(text, str(path))
-    problems = unusable(source)
+    problems = hidden(source)
     tables, wrong, _ = read_table(LineTables, source, (), source.tables)
     problems += wrong
     stations = [_read_station(source, place, table, problems) for place, table in _station_tables(source)]

@@ -13,7 +13,7 @@ from jbclog.recipe.keys import KeyPath
 from jbclog.recipe.model import Recipe
 from jbclog.recipe.schema import read_table
 from jbclog.recipe.sections import RecipeTables
-from jbclog.recipe.toml import TomlText, parse, read_text, shortened, unusable
+from jbclog.recipe.toml import TomlText, hidden, parse, read_text, shortened
 
 _STAND_IN: Final[dict[str, object]] = {"name": "unnamed", "revision": 0, "families": list(FAMILIES)}
 
@@ -26,7 +26,7 @@ def load_recipe(path: Path) -> Recipe:
 def parse_recipe(text: str, path: Path = Path("recipe.toml")) -> Recipe:
     """The recipe of that text; `path` stands in its sentences."""
     source = parse(text, str(path))
-    problems = unusable(source)
+    problems = hidden(source)
     tables, wrong, keys = read_table(RecipeTables, source, (), source.tables)
     problems += wrong
     whole = tables if tables is not None else _what_is_left(source, keys)

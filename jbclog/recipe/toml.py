@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 import re
 import stat
 import tomllib
@@ -124,32 +123,30 @@ def _sentence(message: str, text: str, file: str) -> Problem:
     return Problem(file, line, "", f"this is not TOML: {_AT_LINE.sub('', message)}")
 
 
-def unusable(source: TomlText) -> list[Problem]:
-    """Characters that do not show, in values, names or comments, and numbers that are none."""
-    found = list(_unusable_in(source, (), source.tables))
+def hidden(source: TomlText) -> list[Problem]:
+    """Characters that do not show, in values, names or comments."""
+    found = list(_hidden_in(source, (), source.tables))
     told = {problem.line for problem in found}
     for line, text in enumerate(source.text.removeprefix("\ufeff").split("\n"), 1):
         sign = _HIDDEN_IN_TEXT.search(text)
         if sign is not None and line not in told:
-            found.append(Problem(source.file, line, "", _hidden(sign.group())))
+            found.append(Problem(source.file, line, "", _holds(sign.group())))
     return found
 
 
-def _unusable_in(source: TomlText, key: KeyPath, value: object) -> Iterator[Problem]:
+def _hidden_in(source: TomlText, key: KeyPath, value: object) -> Iterator[Problem]:
     if isinstance(value, dict):
         for name, inner in value.items():
-            yield from _unusable_in(source, (*key, name), name)
-            yield from _unusable_in(source, (*key, name), inner)
+            yield from _hidden_in(source, (*key, name), name)
+            yield from _hidden_in(source, (*key, name), inner)
     elif isinstance(value, list):
         for place, inner in enumerate(value):
-            yield from _unusable_in(source, (*key, place), inner)
+            yield from _hidden_in(source, (*key, place), inner)
     elif isinstance(value, str):
         bad = next((sign for sign in value if unicodedata.category(sign) in _HIDDEN), None)
         if bad is not None:
-            yield source.problem(key, _hidden(bad))
-    elif isinstance(value, float) and not math.isfinite(value):
-        yield source.problem(key, f"{value} is not a number that can be used")
+            yield source.problem(key, _holds(bad))
 
 
-def _hidden(sign: str) -> str:
+def _holds(sign: str) -> str:
     return f"holds the hidden or control character U+{ord(sign):04X}"

@@ -1,0 +1,216 @@
+"""Line files: what they hold, and that everything wrong with one is told at once."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from pydantic import ValidationError
+
+from jbclog.commands.family import FAMILIES
+from jbclog.errors import Problems
+from jbclog.recipe.line import Line, load_line, parse_line
+from jbclog.wire import LineFormat
+
+PATH = Path("/lines/bench.toml")
+HEAD = '[line]\nname = "bench"\n'
+STATION = '[[station]]\nname = "dde-1"\nurl = "/dev/ttyUSB0"\nfamily = "dde"\n'
+
+
+def line(text: str) -> Line:
+    return parse_line(text, PATH)
+
+
+def problems(text: str) -> list[str]:
+    with pytest.raises(Problems) as found:
+        line(text)
+    return [str(problem).removeprefix("/lines/bench.toml") for problem in found.value.problems]
+
+
+def test_a_station_has_the_contracts_defaults() -> None:
+    (station,) = line(HEAD + STATION).stations
+    assert (station.name, station.url, station.family) == ("dde-1", "/dev/ttyUSB0", "dde")
+    assert station.line_format == LineFormat(19200, "8N1")
+    assert station.address == 1
+    assert station.ports is None
+    assert (station.turnaround_ms, station.recipe, station.rated_power_w, station.sim) == (None, None, None, None)
+
+
+def test_everything_that_a_station_can_say() -> None:
+    (station,) = line(
+        HEAD
+        + STATION.replace("/dev/ttyUSB0", "ports/one")
+        + 'baudrate = 9600\nformat = "8E1"\naddress = false\nports = [2, 1]\nturnaround_ms = 1.5\n'
+        + 'recipe = "../recipes/tht.toml"\nrated_power_w = 130\n[station.sim]\ntools = { 1 = 2, 2 = 1 }\n'
+        + '[[station.sim.fault]]\nkind = "silence"\nat_s = 5\n'
+    ).stations
+    assert station.url == "/lines/ports/one"
+    assert station.written_url == "ports/one"
+    assert station.recipe == Path("/lines/../recipes/tht.toml")
+    assert station.line_format == LineFormat(9600, "8E1")
+    assert station.address is None
+    assert station.ports == (1, 2)
+    assert (station.turnaround_ms, station.rated_power_w) == (1.5, 130)
+    assert station.sim is not None
+    assert station.sim.tools == {1: 2, 2: 1}
+    assert [fault.kind for fault in station.sim.fault] == ["silence"]
+
+
+@pytest.mark.parametrize(
+    ("url", "absolute", "is_device", "is_relative"),
+    [
+        ("/dev/serial/by-id/x", "/dev/serial/by-id/x", True, False),
+        ("dde-1", "/lines/dde-1", True, True),
+        ("./ports/dde-1", "/lines/ports/dde-1", True, True),
+        ("socket://192.168.1.7:4001", "socket://192.168.1.7:4001", False, False),
+        ("socket://[::1]:4001", "socket://[::1]:4001", False, False),
+        ("rfc2217://host:4001?ign_set_control", "rfc2217://host:4001?ign_set_control", False, False),
+        ("hwgrep://0403:6001", "hwgrep://0403:6001", False, False),
+        ("COM3", "COM3", False, False),
+    ],
+)
+def test_a_url_is_a_path_or_one_of_pyserials(url: str, absolute: str, is_device: bool, is_relative: bool) -> None:
+    (station,) = line(HEAD + STATION.replace("/dev/ttyUSB0", url)).stations
+    assert (station.url, station.is_device, station.is_relative) == (absolute, is_device, is_relative)
+
+
+def test_a_relative_path_is_taken_from_the_line_files_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "sub").mkdir()
+    (tmp_path / "sub" / "line.toml").write_text(HEAD + STATION.replace("/dev/ttyUSB0", "one") + 'recipe = "r.toml"\n')
+    monkeypatch.chdir(tmp_path)
+    found = load_line(Path("sub/line.toml"))
+    assert found.stations[0].url == str(tmp_path / "sub" / "one")
+    assert found.stations[0].recipe == tmp_path / "sub" / "r.toml"
+    assert found.path == Path("sub/line.toml")
+    assert found.text.encode() == (tmp_path / "sub" / "line.toml").read_bytes()
+
+
+def test_stations_are_found_by_name_and_cannot_be_changed() -> None:
+    found = line(HEAD + STATION + STATION.replace("dde-1", "dde-2").replace("USB0", "USB1"))
+    assert found.station("dde-2").url == "/dev/ttyUSB1"
+    with pytest.raises(KeyError):
+        found.station("dde-3")
+    with pytest.raises(ValidationError):
+        found.stations[0].url = "x"  # type: ignore[misc]
+
+
+def test_everything_that_is_wrong_is_told_at_once() -> None:
+    text = """[line]
+name = "../bench"
+place = "hall 2"
+
+[[station]]
+name = ".dde"
+url = "sockets://x:1"
+family = "omega"
+baudrate = 19201
+format = "7E1"
+address = true
+
+[[station]]
+name = "dde-1"
+url = "../ttyUSB0"
+family = "ddee"
+ports = [1, 5]
+turnaround_ms = -1
+written_url = "x"
+
+[[station]]
+name = "dde-1"
+url = "socket://host"
+family = "dde"
+ports = [1, 3]
+rated_power_w = 0
+[station.sim]
+tool = 11
+
+[[station]]
+name = "ucr"
+ports = [1, 1]
+family = "ucr"
+recipe = 5
+address = 100
+"""
+    assert problems(text) == [
+        ':2: line.name: "../bench" is not allowed; 1 to 64 of the characters A-Z a-z 0-9 . _ -, '
+        "the first of them a letter, a digit or _",
+        ":3: line.place: unknown; allowed here: name",
+        ':6: station[1].name: ".dde" is not allowed; 1 to 64 of the characters A-Z a-z 0-9 . _ -, '
+        "the first of them a letter, a digit or _",
+        ':7: station[1].url: the kind of port "sockets" is unknown; did you mean socket?',
+        ':8: station[1].family: "omega" is known, but not driven by this version of jbclog; '
+        "it drives soldering, dde, nae, dme, hde, ucr, ale, auto",
+        ":9: station[1].baudrate: 19201 is not allowed; one of 1200, 2400, 4800, 9600, 19200, 38400, 57600, 115200, 230400, "
+        "250000, 460800, 500000",
+        ":10: station[1].format: '7E1' is not a line format such as 8N1, 8E1 or 8O2",
+        ":11: station[1].address: true is not allowed; 1 to 99, or false for frames without addresses",
+        ':15: station[2].url: "../ttyUSB0" is not allowed; a relative path stays below the line file\'s folder',
+        ':16: station[2].family: "ddee" is unknown; did you mean dde?',
+        ":17: station[2].ports[2]: 5 is not allowed; a list of ports from 1 to 4",
+        ":18: station[2].turnaround_ms: -1 is not allowed; milliseconds from 0 to 5000",
+        ":19: station[2].written_url: unknown; allowed here: name, url, family, baudrate, format, address, ports, turnaround_ms, "
+        "recipe, rated_power_w, sim",
+        ':22: station[3].name: "dde-1" is the name of two stations, first in line 14',
+        ':23: station[3].url: "socket://host" is not allowed; socket://HOST:PORT',
+        ":25: station[3].ports[2]: the family dde has no port 3; it has 1, 2",
+        ":26: station[3].rated_power_w: 0 is not allowed; watts, more than 0",
+        ":28: station[3].sim.tool: 11 is not allowed; input should be less than or equal to 9",
+        ":30: station[4].url: missing; a device path, socket://HOST:PORT or rfc2217://HOST:PORT",
+        ":32: station[4].ports: [1, 1] names a port twice",
+        ":34: station[4].recipe: 5 is not allowed; a recipe file's path, from the line file's folder",
+        ":35: station[4].address: 100 is not allowed; 1 to 99, or false for frames without addresses",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("text", "problem"),
+    [
+        (STATION, ': line: missing; a table with the line\'s name: [line] name = "bench-3"'),
+        (HEAD, ": station: missing; at least one table [[station]] with name, url and family"),
+        (
+            HEAD + "[station]\nname = 'x'\n",
+            ":3: station: {'name': 'x'} is not allowed; at least one table [[station]] with name, url and family",
+        ),
+        (HEAD + STATION.replace('family = "dde"', ""), f":3: station[1].family: missing; one of {', '.join(FAMILIES)}, auto"),
+        (HEAD + STATION + "ports = []\n", ":7: station[1].ports: [] is not allowed; a list of ports from 1 to 4"),
+        (
+            HEAD + STATION + 'address = "1"\n',
+            ':7: station[1].address: "1" is not allowed; 1 to 99, or false for frames without addresses',
+        ),
+        (
+            HEAD + STATION + "address = 0\n",
+            ":7: station[1].address: 0 is not allowed; 1 to 99, or false for frames without addresses",
+        ),
+        (HEAD + STATION.replace("dde-1", "a\\nb"), None),
+        (HEAD + STATION.replace("dde-1", "a\\u001b[2J"), None),
+        (HEAD + STATION.replace("dde-1", "a" * 65), None),
+        (HEAD + STATION.replace("dde-1", "-rf"), None),
+        (HEAD + STATION.replace("dde-1", ""), None),
+        (HEAD + STATION.replace("dde-1", "é"), None),
+    ],
+)
+def test_one_thing_wrong(text: str, problem: str | None) -> None:
+    told = problems(text)
+    assert "\x1b" not in "".join(told)
+    if problem is None:
+        assert all(one.startswith(":4: station[1].name: ") for one in told)
+    else:
+        assert told == [problem]
+
+
+def test_two_names_of_one_device_are_one_port(tmp_path: Path) -> None:
+    (tmp_path / "ttyUSB0").touch()
+    (tmp_path / "by-id").symlink_to(tmp_path / "ttyUSB0")
+    text = HEAD + STATION.replace("/dev/ttyUSB0", "ttyUSB0") + STATION.replace("dde-1", "dde-2").replace("/dev/ttyUSB0", "by-id")
+    with pytest.raises(Problems) as found:
+        parse_line(text, tmp_path / "line.toml")
+    (problem,) = found.value.problems
+    assert (problem.line, problem.key) == (9, "station[2].url")
+    assert problem.text.endswith("is the port of two stations, first in line 5")
+
+
+def test_two_stations_on_one_socket_are_one_port_too() -> None:
+    socket = STATION.replace("/dev/ttyUSB0", "socket://a:1")
+    assert problems(HEAD + socket + socket.replace("dde-1", "dde-2")) == [
+        ':9: station[2].url: "socket://a:1" is the port of two stations, first in line 5'
+    ]
