@@ -5,6 +5,7 @@ Their times count from the first question that the station hears. `FaultSpec` sa
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from collections.abc import Sequence
 from math import inf
 from random import Random
@@ -52,15 +53,15 @@ class Tape:
 
     def changes(self, now: float) -> list[Change]:
         """The changes of the physics that have come due, in order; each is given once."""
-        due = 0
-        while due < len(self._changes) and self._changes[due].at <= now:
-            due += 1
-        taken, self._changes[:due] = self._changes[:due], []
+        if not self._changes:
+            return []
+        due = bisect_right(self._changes, now, key=lambda change: change.at)
+        taken, self._changes = self._changes[:due], self._changes[due:]
         return taken
 
     def unplugged(self, now: float) -> bool:
         """Whether the cable is out."""
-        return any(begin <= now < end for begin, end in self._outages)
+        return bool(self._outages) and any(begin <= now < end for begin, end in self._outages)
 
     def next_plugging(self, now: float) -> float | None:
         """When the cable next goes out or in; None if it never will (or not before the first question)."""

@@ -17,7 +17,8 @@ from jbclog.sim.waiting import Waiter
 
 MOST_AT_ONCE = 4096
 
-OnBytes = Callable[[bytes], None]
+OnBytes = Callable[[bytes, float], None]
+"""Takes what has been written to a port, and when (monotonic seconds)."""
 
 
 class Link(Protocol):
@@ -57,7 +58,7 @@ class PtyLink:
         os.set_blocking(station, False)
         self._ends = station, client
         _link(self.path, os.ttyname(client))
-        self._waiter.add(station, lambda: on_bytes(os.read(station, MOST_AT_ONCE)))
+        self._waiter.add(station, lambda now: on_bytes(os.read(station, MOST_AT_ONCE), now))
 
     def send(self, data: bytes) -> None:
         if self._ends is not None:
@@ -114,7 +115,7 @@ class TcpLink:
             self._server.close()
             self._server = None
 
-    def _accept(self) -> None:
+    def _accept(self, _now: float) -> None:
         if self._server is None:
             return
         try:
@@ -129,7 +130,7 @@ class TcpLink:
         self._client = client
         self._waiter.add(client.fileno(), self._read)
 
-    def _read(self) -> None:
+    def _read(self, now: float) -> None:
         if self._client is None:
             return
         try:
@@ -139,7 +140,7 @@ class TcpLink:
         except OSError:
             data = b""
         if data:
-            self._on_bytes(data)
+            self._on_bytes(data, now)
         else:
             self._leave()
 
@@ -150,7 +151,7 @@ class TcpLink:
             self._client = None
 
 
-def _forget(_data: bytes) -> None:
+def _forget(_data: bytes, _now: float) -> None:
     return
 
 

@@ -65,7 +65,7 @@ class Server:
         """End `run` when whoever writes to `descriptor` is gone."""
         self._waiter.add(descriptor, partial(self._read_to_end, descriptor))
 
-    def _read_to_end(self, descriptor: int) -> None:
+    def _read_to_end(self, descriptor: int, _now: float) -> None:
         if not os.read(descriptor, 4096):
             self._stopped = True
 
@@ -86,8 +86,7 @@ class Server:
     def _at(self, moment: float, do: Callable[[], None]) -> None:
         heapq.heappush(self._due, (moment, next(self._number), do))
 
-    def _hear(self, one: Served, data: bytes) -> None:
-        now = monotonic()
+    def _hear(self, one: Served, data: bytes, now: float) -> None:
         self._wire_file.note(now, one.station.name, "question", data)
         for reply in one.station.receive(data, now):
             self._at(reply.at, partial(self._say, one, reply.data))

@@ -11,6 +11,7 @@ in front of it. `serve.py` puts it behind a pseudo-terminal or a TCP port; a tes
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import lru_cache
 from typing import NamedTuple
 from zlib import crc32
 
@@ -154,7 +155,13 @@ class VirtualStation:
 
 def _addressed(answer: Answer, question: Frame) -> bytes:
     """The bytes of an answer: the station that was asked is its source, who asked its target (digest B-6)."""
-    return Frame(*answer, question.target, question.source).encode()
+    return _encoded(*answer, question.target, question.source)
+
+
+@lru_cache(maxsize=4096)
+def _encoded(header: str, text: str, source: int | None, target: int | None) -> bytes:
+    """The bytes of a frame; stations say the same things over and over."""
+    return Frame(header, text, source, target).encode()
 
 
 def _why_corrupt(raw: bytes) -> int:

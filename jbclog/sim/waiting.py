@@ -14,10 +14,12 @@ import select
 import selectors
 import sys
 from collections.abc import Callable
+from time import monotonic
 
-Ready = Callable[[], None]
+Ready = Callable[[float], None]
+"""Called with the moment (monotonic seconds) at which there was something to read."""
 
-LEAD_S = 50e-6
+LEAD_S = 30e-6
 PR_SET_TIMERSLACK = 29
 
 
@@ -52,8 +54,10 @@ class Waiter:
             if not select.select([self._selector], [], [], max(seconds - LEAD_S, 0.0))[0]:
                 return
             seconds = 0.0
-        for key, _ in self._selector.select(seconds):
-            key.data()
+        found = self._selector.select(seconds)
+        now = monotonic()
+        for key, _ in found:
+            key.data(now)
 
     def wake(self) -> None:
         """End a wait, from a signal handler or another thread."""
@@ -64,5 +68,5 @@ class Waiter:
         os.close(self._wake_read)
         os.close(self._wake_write)
 
-    def _awake(self) -> None:
+    def _awake(self, _now: float) -> None:
         os.read(self._wake_read, 4096)
