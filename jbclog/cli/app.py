@@ -1,0 +1,47 @@
+"""The program: its verbs in the order in which a newcomer meets them."""
+
+from __future__ import annotations
+
+import typer
+
+from jbclog import __version__
+from jbclog.cli.check import check
+from jbclog.cli.demo import demo
+from jbclog.cli.plan import plan
+from jbclog.cli.recover import recover
+from jbclog.cli.report import report
+from jbclog.cli.run import run
+from jbclog.cli.sim import sim
+
+app = typer.Typer(
+    name="jbclog",
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+    context_settings={"help_option_names": ["-h", "--help"]},
+    help="Logger and process recorder for soldering stations: apply a recipe, prove that it took, record the run, report it.\n\n"
+    "Start with `jbclog demo`: it needs no station.\n\n"
+    "Exit codes: 0 fine · 1 ended, and something is not fine · 2 wrong usage, nothing was sent · 3 a station did not start or was "
+    "gone at the end · 4 the record is incomplete · 5 a tool is not in its safe state · 130/143 cut short.",
+)
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"jbclog {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _main(
+    version: bool = typer.Option(False, "--version", callback=_version, is_eager=True, help="Show the version and end."),
+) -> None: ...
+
+
+for verb in (demo, sim, plan, run, report, check, recover):
+    app.command()(verb)
+
+
+def main() -> None:
+    """The entry point of the command `jbclog`."""
+    app()

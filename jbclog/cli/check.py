@@ -1,0 +1,34 @@
+"""`jbclog check`: does a record still say what it said?"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import typer
+
+from jbclog.cli import options
+from jbclog.cli.output import ends_with_errors_told, tell, tell_json
+
+
+@ends_with_errors_told
+def check(
+    run: Path = typer.Argument(..., help="A run's folder.", show_default=False),
+    as_json: bool = options.AS_JSON,
+) -> None:
+    """Derive hashes, row counts, ledger and event chain again, and say what does not agree.
+
+    Ends with 1 where anything does not.
+
+    Example: jbclog check runs/20261121T013000Z-bench-3-k7qd
+    """
+    from jbclog.record.check import check as check_run
+
+    found = check_run(run)
+    if as_json:
+        tell_json({"run": str(run), "agrees": not found, "findings": [str(finding) for finding in found]})
+    else:
+        for finding in found:
+            tell(str(finding))
+        tell(f"{run}: {len(found)} findings" if found else f"{run}: everything agrees")
+    if found:
+        raise typer.Exit(1)

@@ -1,0 +1,5 @@
+"""`jbclog demo`."""
+
+
+def demo() -> None:
+    """Demo."""

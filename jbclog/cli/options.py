@@ -1,0 +1,70 @@
+"""Options that several verbs share, and how their texts become values."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import typer
+
+from jbclog.errors import UsageError
+from jbclog.plan import Metadata, Wanted
+
+LINE = typer.Option(..., "--line", "-l", help="The line file: which stations, on which ports.", show_default=False)
+RECIPE = typer.Argument(None, help="The recipe file. Not needed where each station of the line names its own.", show_default=False)
+STATION = typer.Option([], "--station", "-s", help="Only this station of the line; may be repeated.")
+RATE = typer.Option(None, "--rate", help="Hz, `fit` (the best that fits), or `max` (ask without pause); default: the recipe's.")
+DURATION = typer.Option(None, "--duration", "-d", help="How long to record: 90s, 15m, 8h, 1h30m. Default: until Ctrl-C.")
+OUT = typer.Option(Path("runs"), "--out", "-o", help="The folder that the run's folder is made in.")
+AS_JSON = typer.Option(False, "--json", help="One JSON object on stdout.")
+
+_PARTS = re.compile(r"(?:(\d+(?:\.\d+)?)h)?(?:(\d+(?:\.\d+)?)m)?(?:(\d+(?:\.\d+)?)s?)?", re.ASCII)
+LONGEST_S = 366 * 86400.0
+
+
+def duration_s(text: str | None) -> float | None:
+    """Seconds in ``90s``, ``15m``, ``8h``, ``1h30m`` or a bare number. Raises `UsageError`."""
+    if text is None:
+        return None
+    found = _PARTS.fullmatch(text.strip())
+    parts = [float(part or 0) for part in found.groups()] if found else []
+    seconds = sum(part * unit for part, unit in zip(parts, (3600, 60, 1), strict=False))
+    if not 0 < seconds <= LONGEST_S:
+        raise UsageError(f"--duration {text}: give a time such as 90s, 15m, 8h or 1h30m")
+    return seconds
+
+
+def rate(text: str | None) -> float | str | None:
+    """The rate in Hz, ``fit`` or ``max``. Raises `UsageError`."""
+    if text is None or text in ("fit", "max"):
+        return text
+    try:
+        hertz = float(text)
+    except ValueError:
+        hertz = 0.0
+    if not 0 < hertz <= 1000:
+        raise UsageError(f"--rate {text}: give a number of Hz up to 1000, `fit` or `max`")
+    return hertz
+
+
+def tags(pairs: list[str]) -> dict[str, str]:
+    """``K=V`` pairs. Raises `UsageError`."""
+    found = {}
+    for pair in pairs:
+        key, equals, value = pair.partition("=")
+        if not equals or not key:
+            raise UsageError(f"--tag {pair}: give it as NAME=VALUE")
+        found[key] = value
+    return found
+
+
+def wanted(
+    line: Path,
+    recipe: Path | None,
+    stations: list[str],
+    duration: str | None,
+    rate_text: str | None,
+    metadata: Metadata | None = None,
+) -> Wanted:
+    """What the options ask for."""
+    return Wanted(line, recipe, tuple(stations), duration_s(duration), rate(rate_text), metadata or Metadata())

@@ -1,0 +1,124 @@
+"""What a run shows while it goes on: a table on a terminal, single lines elsewhere. Nothing here can disturb the run."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from jbclog.cli.output import is_terminal, note, printable
+from jbclog.commands.family import STATUS_NAMES
+from jbclog.rows import EventRow, Severity
+from jbclog.session.order import Desk, PortState
+
+if TYPE_CHECKING:
+    from rich.live import Live
+    from rich.table import Table
+
+WORTH_TELLING = (Severity.WARNING, Severity.ERROR, Severity.CRITICAL)
+
+
+def event_line(event: EventRow) -> str:
+    """An event as one line of notes: time of day in UTC, where, what."""
+    moment = time.strftime("%H:%M:%S", time.gmtime(event.time // 1_000_000))
+    return f"{moment}Z  {event.severity.value:8}  {event.station or 'run'}: {event.text}"
+
+
+class Lines:
+    """For a log or a pipe: a line for each event worth telling."""
+
+    def begun(self, folder: Path) -> None:
+        note(f"recording into {folder}")
+
+    def happened(self, event: EventRow) -> None:
+        if event.severity in WORTH_TELLING or event.kind == "station.ready":
+            note(event_line(event))
+
+    def second(self, desks: list[Desk]) -> None:
+        return
+
+    def sealing(self) -> None:
+        note("sealing the record")
+
+    def close(self) -> None:
+        return
+
+
+class Screen:
+    """For a person: a table that is renewed each second, events above it."""
+
+    def __init__(self, duration_s: float | None) -> None:
+        from rich.console import Console
+
+        self._console = Console(stderr=True, no_color="NO_COLOR" in os.environ, highlight=False)
+        self._duration_s = duration_s
+        self._began = time.monotonic()
+        self._live: Live | None = None
+
+    def begun(self, folder: Path) -> None:
+        from rich.live import Live
+
+        self._print(f"recording into {folder}; Ctrl-C ends the run and makes the tools safe")
+        self._live = Live(console=self._console, auto_refresh=False, transient=True)
+        self._live.start()
+
+    def happened(self, event: EventRow) -> None:
+        if event.severity in WORTH_TELLING or event.kind == "station.ready":
+            self._print(event_line(event))
+
+    def second(self, desks: list[Desk]) -> None:
+        if self._live is not None:
+            self._live.update(self._table(desks), refresh=True)
+
+    def sealing(self) -> None:
+        self.close()
+        self._print("sealing the record")
+
+    def close(self) -> None:
+        if self._live is not None:
+            self._live.stop()
+            self._live = None
+
+    def _print(self, text: str) -> None:
+        self._console.print(printable(text), markup=False, soft_wrap=True)
+
+    def _table(self, desks: list[Desk]) -> Table:
+        from rich.table import Table
+
+        passed = time.monotonic() - self._began
+        total = "" if self._duration_s is None else f" of {self._duration_s:g} s"
+        table = Table(title=f"{passed:.0f} s{total}", title_justify="left", pad_edge=False)
+        for name in ("station", "port", "tip", "set", "status", "alarms", "link"):
+            table.add_column(name, justify="right" if name in ("tip", "set", "alarms") else "left")
+        for desk in desks:
+            for cells in _cells(desk):
+                table.add_row(*map(printable, cells))
+        return table
+
+
+def _cells(desk: Desk) -> Iterator[tuple[str, ...]]:
+    link = "connected" if desk.connected else "away"
+    if not desk.ports:
+        yield desk.name, "", "", "", "", "", desk.facts.outcome if desk.facts.outcome != "running" else "starting"
+    for port in desk.ports.values():
+        setting = port.celsius("selected_temperature")
+        wanted = "" if setting is None else f"{setting:g} °C"
+        yield desk.name, str(port.number), _tip(desk, port), wanted, _status(desk, port), str(desk.facts.alarms or ""), link
+
+
+def _tip(desk: Desk, port: PortState) -> str:
+    known = desk.connected and port.temperature_c is not None
+    return f"{port.temperature_c} °C" if known else "unknown"
+
+
+def _status(desk: Desk, port: PortState) -> str:
+    if not desk.connected or port.status is None:
+        return "unknown"
+    return STATUS_NAMES[port.status[4]]
+
+
+def observer(duration_s: float | None, *, quiet: bool) -> Lines | Screen:
+    """The table on a terminal, lines elsewhere or where stdout is for a program."""
+    return Screen(duration_s) if is_terminal() and not quiet else Lines()
