@@ -1,0 +1,118 @@
+"""Rows become batches: Arrow record batches as bytes, each with its number and a check sum over both.
+
+A batch is what one commit stores of one table. It is an Arrow IPC stream of its own, so it can be read without
+anything else of the store.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+import zlib
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import pyarrow as pa
+
+from jbclog.record.schema import SCHEMAS
+
+BARE: Final = {table: pa.schema([pa.field(f.name, f.type, f.nullable) for f in schema]) for table, schema in SCHEMAS.items()}
+_LISTS: Final = {table: [pa.list_(field.type) for field in schema] for table, schema in BARE.items()}
+_OPTIONS: Final = pa.ipc.IpcWriteOptions(compression="lz4", use_threads=False)
+
+COLUMNS_A_BREATH: Final = 6
+MANY_ROWS: Final = 200
+
+
+class Damaged(Exception):
+    """A stored batch that is not what was stored."""
+
+
+class NotRows(Exception):
+    """Rows that do not fit their table's schema: a mistake of whoever made them."""
+
+
+@dataclass(frozen=True, slots=True)
+class Batch:
+    """Some rows of one table as they are stored. `number` counts the batches of a run, all tables together, from 1."""
+
+    number: int
+    table: str
+    rows: int
+    data: bytes
+
+    @property
+    def crc(self) -> int:
+        return zlib.crc32(self.data, zlib.crc32(f"{self.number} {self.table} {self.rows}".encode()))
+
+
+def breathe() -> None:
+    """Let other threads run: conversions hold the interpreter's lock, and a due tick must not wait for all of them."""
+    time.sleep(0.0001)
+
+
+def encode(number: int, table: str, values: Sequence[object], breath: Callable[[], None] = breathe) -> Batch:
+    """The batch of `values`: rows laid end to end, in the columns' order. Raises `NotRows`."""
+    schema = BARE[table]
+    width = len(schema)
+    rows = len(values) // width
+    arrays = []
+    for place, column in enumerate(_LISTS[table]):
+        arrays.append(_array(values[place::width], column, schema.field(place)))
+        if rows > MANY_ROWS and place % COLUMNS_A_BREATH == COLUMNS_A_BREATH - 1:
+            breath()
+    return Batch(number, table, rows, _bytes(pa.RecordBatch.from_arrays(arrays, schema=schema)))
+
+
+def _array(values: Sequence[object], column: pa.ListType, field: pa.Field) -> pa.Array:
+    try:
+        array = pa.scalar(values, column).values
+    except (pa.ArrowException, ValueError, TypeError, OverflowError) as error:
+        raise NotRows(f"{field.name}: {error}") from error
+    if array.null_count and not field.nullable:
+        raise NotRows(f"{field.name} has no value")
+    return array
+
+
+def _bytes(batch: pa.RecordBatch) -> bytes:
+    sink = pa.BufferOutputStream()
+    with pa.ipc.new_stream(sink, batch.schema, options=_OPTIONS) as writer:
+        writer.write_batch(batch)
+    data: bytes = sink.getvalue().to_pybytes()
+    return data
+
+
+def decode(batch: Batch, crc: int) -> pa.Table:
+    """The rows of a stored batch, in its table's schema. Raises `Damaged`."""
+    if crc != batch.crc:
+        raise Damaged("its check sum does not match")
+    schema = SCHEMAS.get(batch.table)
+    if schema is None:
+        raise Damaged(f"no table is called {batch.table!r}")
+    try:
+        table = pa.ipc.open_stream(batch.data).read_all()
+        return table.cast(schema)
+    except (pa.ArrowException, ValueError) as error:
+        raise Damaged(str(error)) from error
+
+
+def keep_pandas_out() -> None:
+    """Settle pyarrow's question whether there is pandas with no.
+
+    Its first conversion of Python values imports pandas, half a second and 50 MB that a recorder does not need.
+    What needs pandas later in the same process still finds it.
+    """
+    if "pandas" not in sys.modules:
+        sys.meta_path.insert(0, _NoPandas)
+        try:
+            pa.array([0])
+        finally:
+            sys.meta_path.remove(_NoPandas)
+
+
+class _NoPandas:
+    @staticmethod
+    def find_spec(name: str, path: object = None, target: object = None) -> None:
+        if name == "pandas":
+            raise ImportError("not in the recorder's process")

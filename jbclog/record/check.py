@@ -1,0 +1,182 @@
+"""Looks at a sealed run as if it did not believe a word of its manifest, and says what does not agree."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import pyarrow as pa
+import pyarrow.compute as pc
+
+from jbclog.errors import RecordError
+from jbclog.record import chain
+from jbclog.record.conclude import LATER, files_of, live_files, sealed_file
+from jbclog.record.ledger import disagreements, ledger_of, reasons_of
+from jbclog.record.manifest import NAME, Manifest, SealedFile, read_manifest
+from jbclog.record.parts import part_paths, read_through, row_groups
+from jbclog.record.schema import TABLES
+from jbclog.rows import SIGNAL_COLUMNS, quality_of
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """One thing that does not agree, and the file that shows it."""
+
+    file: str
+    text: str
+
+    def __str__(self) -> str:
+        return f"{self.file}: {self.text}"
+
+
+def check(folder: Path) -> list[Finding]:
+    """Everything in the run that does not agree with itself; nothing where all is well. Raises `RecordError` where it is no run."""
+    manifest = read_manifest(folder)
+    if manifest.state != "sealed":
+        return [Finding(NAME, "the run is not sealed: it is being recorded, or a crash cut it off; then recover it")]
+    findings = [*_files(folder, manifest)]
+    unreadable = [*_unreadable(folder)]
+    if unreadable:
+        return findings + unreadable  # what cannot be read cannot be checked further
+    return [*findings, *_ledger(folder, manifest), *_events(folder, manifest), *_samples(folder)]
+
+
+# -- files -----------------------------------------------------------------------------------------------------------
+
+
+def _files(folder: Path, manifest: Manifest) -> Iterator[Finding]:
+    for listed in manifest.files:
+        yield from _one_file(folder, listed)
+    listed_paths = {file.path for file in manifest.files}
+    for file in _there(folder):
+        if file not in listed_paths:
+            yield Finding(file, "is in the folder and not in the manifest")
+    for path in live_files(folder):
+        yield Finding(path.name, "is left of the time before sealing; recover the run to remove it")
+
+
+def _one_file(folder: Path, listed: SealedFile) -> Iterator[Finding]:
+    path = folder / listed.path
+    if not path.resolve().is_relative_to(folder.resolve()):
+        yield Finding(listed.path, "lies outside the run's folder")
+    elif not path.is_file():
+        yield Finding(listed.path, "is missing")
+    else:
+        found = sealed_file(folder, path, listed.rows)
+        if found.bytes != listed.bytes:
+            yield Finding(listed.path, f"has {found.bytes} bytes, the manifest says {listed.bytes}")
+        if found.sha256 != listed.sha256:
+            yield Finding(listed.path, "was changed: its SHA-256 is not the manifest's")
+
+
+def _there(folder: Path) -> Iterator[str]:
+    """What lies in the folder and ought to be in the manifest."""
+    for path in sorted(folder.iterdir()):
+        if path.name in LATER or path in set(live_files(folder)):
+            continue
+        if path.is_dir() and path.name in (*TABLES, "recipes", "damaged"):
+            yield from (one.relative_to(folder).as_posix() for one in sorted(path.rglob("*")) if one.is_file())
+        elif path.is_file() and path.suffix in (".toml", ".jsonl", ".parquet"):
+            yield path.name
+
+
+def _unreadable(folder: Path) -> Iterator[Finding]:
+    for table in TABLES:
+        if not part_paths(folder, table):
+            yield Finding(f"{table}/", "has no part")
+        for path in part_paths(folder, table):
+            try:
+                read_through(path)
+            except (pa.ArrowException, OSError, RecordError) as error:
+                yield Finding(f"{table}/{path.name}", f"cannot be read: {error}")
+
+
+# -- the ledger -------------------------------------------------------------------------------------------------------
+
+
+def _ledger(folder: Path, manifest: Manifest) -> Iterator[Finding]:
+    rows = {file.path: file.rows for file in manifest.files}
+    for found in files_of(folder):
+        if found.rows != rows.get(found.path, found.rows):
+            yield Finding(found.path, f"has {found.rows} rows, the manifest says {rows[found.path]}")
+    derived = ledger_of(folder, manifest.stations)
+    for station in sorted(derived.keys() | manifest.ledger.keys()):
+        ours, theirs = derived.get(station, {}), manifest.ledger.get(station, {})
+        for port in sorted(ours.keys() | theirs.keys()):
+            mine, said = ours.get(port, {}), theirs.get(port, {})
+            for signal in sorted(mine.keys() | said.keys()):
+                if mine.get(signal) != said.get(signal):
+                    text = f"ledger, {station} port {port}: {signal}: {said.get(signal)}, the tables give {mine.get(signal)}"
+                    yield Finding(NAME, text)
+    if manifest.exit_status != "lost" and manifest.lost is None:
+        for facts in manifest.stations:
+            yield from (Finding("samples/", text) for text in disagreements(derived, facts))
+
+
+# -- events -----------------------------------------------------------------------------------------------------------
+
+
+def _events(folder: Path, manifest: Manifest) -> Iterator[Finding]:
+    rows = (row for group in row_groups(folder, "events") for row in _plain(group).to_pylist())
+    for seq, text in chain.breaks(manifest.run, rows):
+        yield Finding("events/", f"event {seq} {text}")
+
+
+def _plain(events: pa.Table) -> pa.Table:
+    """Times as whole microseconds, as they are hashed."""
+    for name in ("time", "earliest"):
+        place = events.schema.get_field_index(name)
+        events = events.set_column(place, name, events[name].cast(pa.int64()))
+    return events
+
+
+# -- samples ----------------------------------------------------------------------------------------------------------
+
+
+def _samples(folder: Path) -> Iterator[Finding]:
+    stepped = any(pc.any(pc.equal(group["kind"], "clock.step")).as_py() for group in row_groups(folder, "events", ["kind"]))
+    ends: dict[tuple[str, int], tuple[int, int]] = {}
+    for group in row_groups(folder, "samples"):
+        yield from _qualities(group)
+        yield from _values_with_reasons(group)
+        yield from _order(group, ends, stepped)
+
+
+def _qualities(rows: pa.Table) -> Iterator[Finding]:
+    for pair in rows.group_by(["quality", "reasons"]).aggregate([([], "count_all")]).to_pylist():
+        reasons = dict(reasons_of(pair["reasons"])) if pair["reasons"] is not None else {}
+        if pair["quality"] != quality_of(reasons):
+            text = f"{pair['count_all']} rows have quality {pair['quality']} with reasons {pair['reasons']}"
+            yield Finding("samples/", text)
+        for column in reasons.keys() - set(SIGNAL_COLUMNS):
+            yield Finding("samples/", f"{pair['count_all']} rows give a reason for {column}, which is no signal")
+
+
+def _values_with_reasons(rows: pa.Table) -> Iterator[Finding]:
+    failed = rows.filter(pc.is_valid(rows["reasons"]))
+    if not len(failed):
+        return
+    for column in SIGNAL_COLUMNS:
+        if not failed[column].null_count < len(failed):
+            continue
+        named = pc.match_substring_regex(failed["reasons"], f"(^|;){column}=")
+        both = pc.sum(pc.and_(named, pc.is_valid(failed[column]))).as_py() or 0
+        if both:
+            yield Finding("samples/", f"{both} rows have a value of {column} and a reason why there is none")
+
+
+def _order(rows: pa.Table, ends: dict[tuple[str, int], tuple[int, int]], stepped: bool) -> Iterator[Finding]:
+    """Ticks rise by port, and with them the time, unless the clock was stepped."""
+    for pair in rows.group_by(["station", "port"]).aggregate([]).to_pylist():
+        station, port = pair["station"], pair["port"]
+        mine = rows.filter(pc.and_(pc.equal(rows["station"], station), pc.equal(rows["port"], port)))
+        ticks, times = mine["tick"].to_numpy(), mine["time"].cast(pa.int64()).to_numpy()
+        last_tick, last_time = ends.get((station, port), (ticks[0] - 1, times[0]))
+        wrong = int((ticks[1:] <= ticks[:-1]).sum()) + int(ticks[0] <= last_tick)
+        if wrong:
+            yield Finding("samples/", f"{station} port {port}: the tick does not rise in {wrong} places")
+        back = int((times[1:] < times[:-1]).sum()) + int(times[0] < last_time)
+        if back and not stepped:
+            yield Finding("samples/", f"{station} port {port}: the time goes back in {back} places, and no clock was stepped")
+        ends[station, port] = (int(ticks[-1]), int(times[-1]))

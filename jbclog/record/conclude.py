@@ -1,0 +1,138 @@
+"""The last step of a run: everything that can be derived is derived, the manifest is written, the live store goes.
+
+It can be done again after a crash at any point: what is there is derived anew, and nothing is removed before the
+manifest that says ``sealed`` is on the disk.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Final, cast
+
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.parquet as pq
+
+from jbclog.errors import RecordError
+from jbclog.record import damage
+from jbclog.record.durable import sync_folder
+from jbclog.record.from_json import Misfit, build
+from jbclog.record.ledger import ledger_of
+from jbclog.record.lock import FolderLock
+from jbclog.record.manifest import NAME, Lost, Manifest, SealedFile, iso, write_manifest
+from jbclog.record.parts import complete, part_paths, row_groups, through
+from jbclog.record.schema import TABLES
+from jbclog.record.stock import Stock
+from jbclog.record.store import companions, segments
+from jbclog.rows import StationFacts
+
+LATER: Final = (NAME, "annotations.jsonl", "report.html", "report.json", "joints.parquet")
+"""Files of the folder that are not the record: the manifest itself, and what comes after sealing."""
+
+TAKEN_IN: Final = ("line.toml", "recipes", damage.NOTES, damage.REMAINS)
+
+
+def conclude(folder: Path, manifest: Manifest, lock: FolderLock) -> Manifest:
+    """Close a run whose rows are all sealed (`seal`): give the manifest as it was written, state ``sealed``.
+
+    `manifest` brings what only the recorder knows: outcome, verdict, times. Stations, ledger, losses and files are put
+    in here. The lock is given up and removed. Raises `RecordError`, and then nothing was removed.
+    """
+    try:
+        complete(folder)
+        with Stock(folder) as stock:
+            _refuse_unsealed(stock)
+            damage.note(folder, stock.damage)
+            stations = known_stations(stock, manifest.stations)
+            dropped = stock.dropped_rows
+        lost = manifest.lost or _lost(damage.read(folder), dropped)
+        sealed = replace(manifest, state="sealed", stations=stations, lost=lost, ended=manifest.ended or last_time(folder))
+        sealed.ledger = ledger_of(folder, stations)
+        _keep_damaged(folder)
+        sealed.files = list(files_of(folder))
+    except (OSError, pa.ArrowException) as error:
+        raise RecordError(f"{folder} cannot be sealed: {error}") from error
+    write_manifest(folder, sealed)
+    remove_live(folder, lock)
+    return sealed
+
+
+def _refuse_unsealed(stock: Stock) -> None:
+    waiting = sum(len(stock.numbers_of(table, through(stock.folder, table))) for table in TABLES)
+    if waiting:
+        raise RecordError(f"{stock.folder}: {waiting} batches of the live store are not sealed yet")
+
+
+def known_stations(stock: Stock, known: list[StationFacts]) -> list[StationFacts]:
+    """The facts in the live store, in the order in which the manifest has the stations already."""
+    facts = {station.name: station for station in known}
+    for name, text in stock.facts().items():
+        try:
+            facts[name] = cast(StationFacts, build(StationFacts, json.loads(text)))
+        except (ValueError, Misfit) as error:
+            raise RecordError(f"{stock.folder}: what is known of station {name} cannot be read: {error}") from error
+    return list(facts.values())
+
+
+def _lost(found: list[damage.Damage], dropped: int) -> Lost | None:
+    parts = [str(one) for one in found]
+    if dropped:
+        parts.append(f"{dropped} rows could not be kept while the disk did not take them")
+    return Lost(None, "; ".join(parts)) if parts else None
+
+
+def _keep_damaged(folder: Path) -> None:
+    """A store that was found damaged is not removed; the tail of a log that a power cut tore is no such damage."""
+    if any(one.seconds is None for one in damage.read(folder)):
+        for path in segments(folder):
+            for each in [path, *companions(path)]:
+                damage.set_aside(folder, each)
+
+
+def last_time(folder: Path) -> str | None:
+    """The time of the last row that is sealed, as in the manifest; None where there is no row at all."""
+    latest = [
+        pc.max(group["time"]).cast(pa.int64()).as_py()
+        for table in TABLES
+        for group in row_groups(folder, table, ["time"])
+        if len(group)
+    ]
+    return iso(max(latest)) if latest else None
+
+
+def files_of(folder: Path) -> Iterator[SealedFile]:
+    """Every file of the record with its rows, size and hash."""
+    for table in TABLES:
+        for path in part_paths(folder, table):
+            yield sealed_file(folder, path, pq.read_metadata(path).num_rows)
+    for name in TAKEN_IN:
+        there = folder / name
+        for path in sorted(there.iterdir()) if there.is_dir() else [there] if there.exists() else []:
+            yield sealed_file(folder, path, None)
+
+
+def sealed_file(folder: Path, path: Path, rows: int | None) -> SealedFile:
+    with path.open("rb") as file:
+        digest = hashlib.file_digest(file, "sha256").hexdigest()
+    return SealedFile(path.relative_to(folder).as_posix(), rows, path.stat().st_size, digest)
+
+
+def live_files(folder: Path) -> Iterator[Path]:
+    """What a recorder needs while it runs, and a sealed run does not have."""
+    return folder.glob("live[.-]*")
+
+
+def remove_live(folder: Path, lock: FolderLock) -> None:
+    """Remove the live store and the lock of a run that is sealed. Raises `RecordError`."""
+    try:
+        for path in live_files(folder):
+            if path.name != lock.name:
+                path.unlink()
+        lock.remove()
+        sync_folder(folder)
+    except OSError as error:
+        raise RecordError(f"{folder}: the live store of a sealed run cannot be removed: {error}") from error

@@ -1,0 +1,69 @@
+"""A run's folder: made once, under a name that no other run has, on a disk that is known to take writes."""
+
+from __future__ import annotations
+
+import re
+import secrets
+import shutil
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Final
+
+from jbclog.errors import RecordError
+from jbclog.record.durable import sync_folder, write_whole
+
+LETTERS: Final = "abcdefghijklmnopqrstuvwxyz23456789"
+LINE_NAME: Final = re.compile(r"[A-Za-z0-9_][A-Za-z0-9._-]{0,63}")
+RUN_NAME: Final = re.compile(rf"\d{{8}}T\d{{6}}Z-{LINE_NAME.pattern}-[{LETTERS}]{{4}}")
+TRIES = 20
+
+
+def create_run(out: Path, line_name: str, utc_s: float) -> Path:
+    """Make the folder of a new run below `out` and prove that files in it last; give its path.
+
+    `utc_s` is the run's start in seconds since 1970 UTC. Nothing of any station has been touched when this fails.
+    Raises `RecordError`.
+    """
+    if not LINE_NAME.fullmatch(line_name):
+        raise RecordError(f"{line_name!r} cannot be part of a folder's name")
+    start = datetime.fromtimestamp(utc_s, UTC).strftime("%Y%m%dT%H%M%SZ")
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        folder = _make(out, f"{start}-{line_name}")
+        _prove(folder)
+        sync_folder(out)
+    except OSError as error:
+        raise RecordError(f"{out} cannot hold a record: {error.strerror or error}. No station was touched.") from error
+    return folder
+
+
+def _make(out: Path, beginning: str) -> Path:
+    for _ in range(TRIES):
+        folder = out / f"{beginning}-{''.join(secrets.choice(LETTERS) for _ in range(4))}"
+        try:
+            folder.mkdir()  # fails where it is there already: two runs never share a folder
+        except FileExistsError:
+            continue
+        return folder
+    raise FileExistsError(f"no free name that begins with {beginning}")
+
+
+def _prove(folder: Path) -> None:
+    """Write, sync, rename and remove a file, as sealing will."""
+    probe = folder / "probe"
+    try:
+        write_whole(probe, b"\0" * 4096)
+        probe.unlink()
+    except OSError:
+        shutil.rmtree(folder, ignore_errors=True)
+        raise
+
+
+def keep_text(folder: Path, name: str, text: str) -> None:
+    """Keep `text`, exactly, as the file `name` of the run: the line file, a recipe. Raises `RecordError`."""
+    path = folder / name
+    try:
+        path.parent.mkdir(exist_ok=True)
+        write_whole(path, text.encode())
+    except OSError as error:
+        raise RecordError(f"{path} cannot be written: {error.strerror or error}") from error

@@ -1,0 +1,123 @@
+"""The ledger: for each station, port and signal, how many readings were due, how many came, and why the others did not.
+
+It is derived from the tables alone. A signal is named by the first column that its answer fills; it was due where that
+column has a value or `reasons` names it, and a null that `reasons` does not name was not due. Counters are signals by
+their own names. What left no rows comes from the facts of the stations: ticks of a stopped host (`skipped`), and
+settings that are read again during the run.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from pathlib import Path
+from typing import Final
+
+import pyarrow as pa
+import pyarrow.compute as pc
+
+from jbclog.record.manifest import Ledger, SignalLedger
+from jbclog.record.parts import row_groups
+from jbclog.rows import SIGNAL_COLUMNS, SIGNAL_OF_COLUMN, StationFacts
+
+SIGNALS: Final = tuple(column for column in SIGNAL_COLUMNS if SIGNAL_OF_COLUMN[column] == column)
+NO_PORT: Final = "station"
+
+_ROWS = ""  # counts the rows of a port, beside its signals
+
+
+def ledger_of(folder: Path, stations: Iterable[StationFacts] = ()) -> Ledger:
+    """The ledger of the sealed tables in `folder`. Raises pyarrow's errors where a part cannot be read."""
+    ledger: Ledger = {}
+    for group in row_groups(folder, "samples", ["station", "port", "reasons", *SIGNALS]):
+        _count_samples(ledger, group)
+    for group in row_groups(folder, "counters", ["station", "port", "counter", "value", "raw"]):
+        _count_counters(ledger, group)
+    for facts in stations:
+        _add_facts(ledger, facts)
+    return _tidy(ledger)
+
+
+def reasons_of(text: str) -> Iterator[tuple[str, str]]:
+    """The columns and reasons in a row's `reasons`."""
+    for item in text.split(";"):
+        column, _, reason = item.partition("=")
+        yield column, reason
+
+
+def _count_samples(ledger: Ledger, rows: pa.Table) -> None:
+    counted = rows.group_by(["station", "port"]).aggregate([(signal, "count") for signal in SIGNALS] + [([], "count_all")])
+    for row in counted.to_pylist():
+        port = _port(ledger, row["station"], row["port"])
+        _add(port, _ROWS, "ok", row["count_all"])
+        for signal in SIGNALS:
+            _add(port, signal, "ok", row[f"{signal}_count"])
+    failed = rows.filter(pc.is_valid(rows["reasons"])).group_by(["station", "port", "reasons"]).aggregate([([], "count_all")])
+    for row in failed.to_pylist():
+        port = _port(ledger, row["station"], row["port"])
+        for column, reason in reasons_of(row["reasons"]):
+            if SIGNAL_OF_COLUMN.get(column) == column:
+                _add(port, column, reason, row["count_all"])
+
+
+def _count_counters(ledger: Ledger, rows: pa.Table) -> None:
+    failed = pc.if_else(pc.is_null(rows["value"]), rows["raw"], None)
+    counted = rows.append_column("failed", failed).group_by(["station", "port", "counter", "failed"]).aggregate([([], "count_all")])
+    for row in counted.to_pylist():
+        reason = "ok" if row["failed"] is None else str(row["failed"]).strip("<>")
+        _add(_port(ledger, row["station"], row["port"]), row["counter"], reason, row["count_all"])
+
+
+def _add_facts(ledger: Ledger, facts: StationFacts) -> None:
+    """Ticks without rows were due for what is read every tick, and settings watched have no column."""
+    for port in ledger.get(facts.name, {}).values():
+        rows = port.get(_ROWS, {}).get("due", 0)
+        for signal in SIGNALS:
+            if facts.skipped and rows and port.get(signal, {}).get("due") == rows:
+                _add(port, signal, "skipped", facts.skipped)
+    for number, settings in facts.watched.items():
+        for setting, counts in settings.items():
+            for word, count in counts.items():
+                if word != "due":
+                    _add(ledger.setdefault(facts.name, {}).setdefault(number, {}), setting, word, count)
+
+
+def _port(ledger: Ledger, station: object, port: object) -> dict[str, SignalLedger]:
+    return ledger.setdefault(str(station), {}).setdefault(NO_PORT if port is None else str(port), {})
+
+
+def _add(port: dict[str, SignalLedger], signal: str, word: str, count: int) -> None:
+    if count or word == "ok":
+        one = port.setdefault(signal, {"due": 0, "ok": 0})
+        one[word] = one.get(word, 0) + count
+        one["due"] += count
+
+
+def _tidy(ledger: Ledger) -> Ledger:
+    """Without the signals that were never due; reasons in alphabetical order."""
+    return {
+        station: {
+            port: {signal: _in_order(counts) for signal, counts in signals.items() if signal != _ROWS and counts["due"]}
+            for port, signals in sorted(ports.items())
+        }
+        for station, ports in ledger.items()
+    }
+
+
+def _in_order(counts: SignalLedger) -> SignalLedger:
+    reasons = {word: counts[word] for word in sorted(counts) if word not in ("due", "ok")}
+    return {"due": counts["due"], "ok": counts["ok"], **reasons}
+
+
+def disagreements(ledger: Mapping[str, Mapping[str, Mapping[str, SignalLedger]]], facts: StationFacts) -> Iterator[str]:
+    """Where the ledger and the session's own count of due readings differ, in words.
+
+    Counters are also read outside the sampling, so the ledger may have more of them, never fewer.
+    """
+    for port, signals in facts.due.items():
+        for signal, counted in signals.items():
+            found = ledger.get(facts.name, {}).get(port, {}).get(signal, {"due": 0})
+            due = found["due"]
+            if signal in SIGNALS and facts.skipped and found.get("skipped", 0) >= facts.skipped and due - facts.skipped == counted:
+                continue
+            if due < counted or (due > counted and signal in SIGNALS):
+                yield f"{facts.name} port {port}: {signal}: {due} readings in the record, {counted} were due"

@@ -1,0 +1,146 @@
+"""The manifest: who, what, when, and what came of it. `manifest.json`, whole or not there, never changed once sealed."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from dataclasses import asdict, dataclass, field
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Final, cast
+
+from jbclog.errors import RecordError
+from jbclog.record.durable import write_whole
+from jbclog.record.from_json import Misfit, build
+from jbclog.record.schema import SCHEMA_VERSION
+from jbclog.rows import StationFacts
+
+NAME: Final = "manifest.json"
+
+SignalLedger = dict[str, int]
+"""``due``, ``ok`` and each reason: due = ok + all reasons."""
+
+Ledger = dict[str, dict[str, dict[str, SignalLedger]]]
+"""station -> port -> signal."""
+
+
+@dataclass(frozen=True, slots=True)
+class LineFile:
+    """The line file as it ran: `file` is its name in the run's folder."""
+
+    name: str
+    file: str
+    sha256: str
+
+
+@dataclass(frozen=True, slots=True)
+class RecipeFile:
+    """A recipe as it ran."""
+
+    file: str
+    sha256: str
+    name: str
+    revision: int | str
+
+
+@dataclass(frozen=True, slots=True)
+class Metadata:
+    """What people said of the run when they started it."""
+
+    operator: str | None = None
+    order: str | None = None
+    product: str | None = None
+    units: list[str] = field(default_factory=list)
+    tags: dict[str, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class Lost:
+    """What a crash, a disk or damage took: seconds of every station at the most (None: not known), in a sentence."""
+
+    seconds_at_most: float | None
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class SealedFile:
+    """A file of the run: its path in the folder, its rows (None: it is no table), its size, its hash."""
+
+    path: str
+    rows: int | None
+    bytes: int
+    sha256: str
+
+
+@dataclass(slots=True)
+class Manifest:
+    """`state` is ``open`` or ``sealed``; `exit_status` ``success``, ``aborted``, ``failed``, ``lost`` or not yet known.
+
+    Times are ISO 8601 in UTC; `t0_mono` is the moment of tick 0 on the recorder's monotonic clock in seconds, `t0_utc`
+    the same moment in seconds since 1970 UTC. `rate` is in Hz or ``max``.
+    """
+
+    run: str
+    schema: int = SCHEMA_VERSION
+    state: str = "open"
+    exit_status: str | None = None
+    exit_code: int | None = None
+    verdict: str | None = None
+    verdict_rules: list[dict[str, object]] = field(default_factory=list)
+    started: str | None = None
+    ended: str | None = None
+    t0_mono: float | None = None
+    t0_utc: float | None = None
+    line: LineFile | None = None
+    recipes: list[RecipeFile] = field(default_factory=list)
+    metadata: Metadata = field(default_factory=Metadata)
+    host: dict[str, str] = field(default_factory=dict)
+    rate: float | str | None = None
+    guard: str = "none"
+    stations: list[StationFacts] = field(default_factory=list)
+    ledger: Ledger = field(default_factory=dict)
+    lost: Lost | None = None
+    files: list[SealedFile] = field(default_factory=list)
+    previous: str | None = None
+
+    def station(self, name: str) -> StationFacts | None:
+        """What is known of the station called `name`."""
+        return next((facts for facts in self.stations if facts.name == name), None)
+
+
+def iso(micros: int) -> str:
+    """UTC microseconds since 1970 as they stand in the manifest: ``2026-11-21T01:30:00.000000Z``."""
+    moment = datetime.fromtimestamp(micros // 1_000_000, UTC).replace(microsecond=micros % 1_000_000)
+    return moment.strftime("%Y-%m-%dT%H:%M:%S.%fZ")
+
+
+def read_manifest(folder: Path) -> Manifest:
+    """The manifest of the run in `folder`. Raises `RecordError`: none there, not one, or of a newer jbclog."""
+    path = folder / NAME
+    try:
+        data = json.loads(path.read_bytes())
+        version = data.get("schema")
+        if isinstance(version, int) and version > SCHEMA_VERSION:
+            raise RecordError(f"{path}: written with schema {version}; this jbclog knows {SCHEMA_VERSION}")
+        return cast(Manifest, build(Manifest, data))
+    except FileNotFoundError:
+        raise RecordError(f"{folder} has no manifest; it is no run, or one that was cut off at its very start") from None
+    except (OSError, ValueError, AttributeError, RecursionError, Misfit) as error:
+        raise RecordError(f"{path} is no manifest: {error}") from error
+
+
+def write_manifest(folder: Path, manifest: Manifest) -> None:
+    """Write it; whoever looks finds the old one or the new one. Raises `RecordError`."""
+    try:
+        write_whole(folder / NAME, manifest_text(manifest).encode())
+    except OSError as error:
+        raise RecordError(f"{folder / NAME} cannot be written: {error.strerror or error}") from error
+
+
+def manifest_text(manifest: Manifest) -> str:
+    return json.dumps(asdict(manifest), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def manifest_sha256(folder: Path) -> str:
+    """The hash that annotations, reports and other runs name this run by."""
+    return hashlib.sha256((folder / NAME).read_bytes()).hexdigest()

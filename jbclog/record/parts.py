@@ -1,0 +1,148 @@
+"""Parquet parts: each table of a run is a folder of them, and `pd.read_parquet(folder)` is the whole table.
+
+A part is written aside, synced, read back and compared with what it was made from, and only then renamed to its place.
+In its metadata stands the number of the last batch that it holds (`jbclog.through`), so that whoever finds both a part
+and the live store knows which rows are in both.
+
+Encodings (measured on an hour of 32 stations, zstd 3: 5.4 bytes a row, 10 with Arrow's defaults): times and ticks as
+differences, noisy whole numbers with their bytes split, everything else by dictionary.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from pathlib import Path
+from typing import Final
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from jbclog.errors import RecordError
+from jbclog.record.durable import sync_file, sync_folder
+from jbclog.record.schema import SCHEMAS, TABLES
+
+ROWS_A_GROUP: Final = 131_072  # some 35 MB while it is in memory
+SPLIT: Final = ("late_us", "scan_us", "temperature_c", "power_permille")
+DIFFERENCES: Final = ("time", "tick", "seq")
+THROUGH: Final = b"jbclog.through"
+PREPARING: Final = "."  # readers of Parquet folders leave out what begins with a dot
+
+Groups = Callable[[], Iterable[pa.Table]]
+"""Gives the rows of a part, a row group at a time, and the same ones each time it is called."""
+
+
+def part_paths(folder: Path, table: str) -> list[Path]:
+    """The parts of a table that are there, in their order."""
+    return sorted((folder / table).glob("part-[0-9]*.parquet"), key=_index)
+
+
+def through(folder: Path, table: str) -> int:
+    """The number of the last batch that the table's parts hold; 0 where there is none."""
+    parts = part_paths(folder, table)
+    return part_through(parts[-1]) if parts else 0
+
+
+def part_through(path: Path) -> int:
+    """The number of the last batch in a part. Raises `RecordError` where it cannot be read as one."""
+    try:
+        metadata = pq.read_metadata(path).metadata or {}
+        return int(metadata[THROUGH])
+    except (pa.ArrowException, OSError, KeyError, ValueError) as error:
+        raise RecordError(f"{path} is no readable part: {error}") from error
+
+
+def write_part(folder: Path, table: str, groups: Groups, last: int) -> Path:
+    """Write the next part of `table`; it holds what the batches up to `last` brought. Raises OSError, `RecordError`."""
+    home = folder / table
+    home.mkdir(exist_ok=True)
+    parts = part_paths(folder, table)
+    path = home / f"part-{_index(parts[-1]) + 1 if parts else 0:04d}.parquet"
+    aside = home / f"{PREPARING}{path.name}"
+    try:
+        _write(aside, table, groups, last)
+        sync_file(aside)
+        _compare(aside, groups)
+        aside.replace(path)
+    finally:
+        aside.unlink(missing_ok=True)
+    sync_folder(home)
+    sync_folder(folder)
+    return path
+
+
+def complete(folder: Path) -> None:
+    """Give every table that has no part an empty one, so that it can be read like the others."""
+    for table in TABLES:
+        if not part_paths(folder, table):
+            write_part(folder, table, lambda: (), 0)
+
+
+def _index(part: Path) -> int:
+    return int(part.stem.removeprefix("part-"))
+
+
+def _write(path: Path, table: str, groups: Groups, last: int) -> None:
+    schema = SCHEMAS[table]
+    encoded = dict.fromkeys(SPLIT, "BYTE_STREAM_SPLIT") | dict.fromkeys(DIFFERENCES, "DELTA_BINARY_PACKED")
+    plain = {name: encoding for name, encoding in encoded.items() if name in schema.names}
+    with pq.ParquetWriter(
+        path,
+        schema,
+        compression="zstd",
+        compression_level=3,
+        use_dictionary=[name for name in schema.names if name not in plain],
+        column_encoding=plain,
+        write_page_checksum=True,
+    ) as writer:
+        for group in groups():
+            writer.write_table(group, row_group_size=max(group.num_rows, 1))
+        writer.add_key_value_metadata({THROUGH: str(last)})
+
+
+def _compare(path: Path, groups: Groups) -> None:
+    """Raise `RecordError` unless the file holds exactly what `groups` gives."""
+    with pq.ParquetFile(path, page_checksum_verification=True) as file:
+        written = 0
+        for group in groups():
+            if written >= file.num_row_groups or not file.read_row_group(written).equals(group):
+                raise RecordError(f"{path}: row group {written} is not what was written")
+            written += 1
+        if written != file.num_row_groups:
+            raise RecordError(f"{path}: {file.num_row_groups} row groups instead of {written}")
+
+
+def regroup(tables: Iterable[pa.Table], rows: int = ROWS_A_GROUP) -> Iterator[pa.Table]:
+    """Small tables put together until each group has `rows` rows or somewhat more."""
+    held: list[pa.Table] = []
+    count = 0
+    for table in tables:
+        held.append(table)
+        count += table.num_rows
+        if count >= rows:
+            yield pa.concat_tables(held).combine_chunks()
+            held, count = [], 0
+    if count:
+        yield pa.concat_tables(held).combine_chunks()
+
+
+def row_groups(folder: Path, table: str, columns: list[str] | None = None) -> Iterator[pa.Table]:
+    """The sealed rows of a table, a row group at a time."""
+    for path in part_paths(folder, table):
+        with pq.ParquetFile(path, page_checksum_verification=True) as file:
+            for index in range(file.num_row_groups):
+                yield file.read_row_group(index, columns=columns)
+
+
+def remove_leavings(folder: Path) -> None:
+    """Remove what a crash left half written in the tables' folders."""
+    for table in TABLES:
+        for path in (folder / table).glob(f"{PREPARING}part-*.parquet"):
+            path.unlink()
+
+
+def read_through(path: Path) -> None:
+    """Read a part to its end, with the check sums of its pages. Raises what pyarrow raises, or `RecordError`."""
+    part_through(path)
+    with pq.ParquetFile(path, page_checksum_verification=True) as file:
+        for index in range(file.num_row_groups):
+            file.read_row_group(index)

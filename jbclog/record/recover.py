@@ -1,0 +1,171 @@
+"""Finishing runs that a crash left open. Done twice it changes nothing; a run that is being written is left alone.
+
+What a crash can leave: an empty folder; inputs without a manifest; a live store, with or without parts of its rows
+sealed already; everything sealed but the store not removed. All of it ends in the same sealed form, and what is missing
+is said in the manifest.
+"""
+
+from __future__ import annotations
+
+import tomllib
+from dataclasses import dataclass, replace
+from enum import StrEnum
+from pathlib import Path
+from typing import Final
+
+import pyarrow as pa
+
+from jbclog.errors import RecordError
+from jbclog.record import damage
+from jbclog.record.conclude import conclude, live_files, remove_live
+from jbclog.record.folder import RUN_NAME
+from jbclog.record.live import COMMIT_S
+from jbclog.record.lock import FolderLock
+from jbclog.record.manifest import NAME, Lost, Manifest, read_manifest
+from jbclog.record.parts import part_paths, read_through, remove_leavings
+from jbclog.record.schema import TABLES
+from jbclog.record.seal import seal_rows
+from jbclog.record.stock import Stock
+from jbclog.record.store import refuse_newer, segments
+from jbclog.record.torn import torn_commits
+
+PATIENCE_S: Final = 10.0  # a sealing child that outlived its recorder is given this long to end
+EXIT_CODE: Final = RecordError.exit_code
+
+
+class Outcome(StrEnum):
+    """What `recover` did with a folder."""
+
+    RECOVERED = "recovered"
+    WHOLE = "finished already"
+    REFUSED = "left alone"
+
+
+@dataclass(frozen=True, slots=True)
+class Recovery:
+    """What came of one run; `text` is the sentence for people."""
+
+    folder: Path
+    outcome: Outcome
+    text: str
+
+
+def is_run(folder: Path) -> bool:
+    """Whether `folder` is, or was going to be, the folder of a run."""
+    return folder.is_dir() and (bool(RUN_NAME.fullmatch(folder.name)) or (folder / NAME).exists() or bool(segments(folder)))
+
+
+def recover_all(folder: Path, patience_s: float = PATIENCE_S) -> list[Recovery]:
+    """Recover the run in `folder`, or every run directly below it; one that is refused does not stop the others."""
+    runs = [folder] if is_run(folder) else sorted(path for path in folder.iterdir() if is_run(path))
+    return [_tried(run, patience_s) for run in runs]
+
+
+def _tried(folder: Path, patience_s: float) -> Recovery:
+    try:
+        return recover(folder, patience_s)
+    except RecordError as error:
+        return Recovery(folder, Outcome.REFUSED, str(error))
+
+
+def recover(folder: Path, patience_s: float = PATIENCE_S) -> Recovery:
+    """Finish the run in `folder`.
+
+    Raises `RecordError`, and then changed nothing that matters: the run is being written, or by a newer jbclog, or the
+    disk does not take what has to be written.
+    """
+    if not is_run(folder):
+        raise RecordError(f"{folder} is no run")
+    manifest = _draft(folder)
+    if manifest.state == "sealed" and not any(live_files(folder)):
+        return Recovery(folder, Outcome.WHOLE, f"{folder.name}: finished already; nothing was changed.")
+    refuse_newer(folder)
+    lock = FolderLock.take(folder, patience_s)
+    try:
+        manifest = _draft(folder)  # the recorder may have finished while we waited
+        if manifest.state == "sealed":
+            remove_live(folder, lock)
+            return Recovery(folder, Outcome.RECOVERED, f"{folder.name}: was sealed already; its live store is removed now.")
+        return _finish(folder, manifest, lock)
+    except OSError as error:
+        raise RecordError(f"{folder} cannot be recovered: {error}") from error
+    finally:
+        lock.release()
+
+
+def _finish(folder: Path, manifest: Manifest, lock: FolderLock) -> Recovery:
+    remove_leavings(folder)
+    _note_torn_logs(folder)
+    _note_bad_parts(folder)
+    seal_rows(folder)
+    with Stock(folder) as stock:
+        manifest = _outcome(folder, manifest, stock)
+    sealed = conclude(folder, manifest, lock)
+    rows = sum(file.rows or 0 for file in sealed.files)
+    text = f"{folder.name}: recovered, {rows} rows sealed; exit status {sealed.exit_status}, verdict {sealed.verdict}."
+    return Recovery(folder, Outcome.RECOVERED, text + (f" {sealed.lost.text}" if sealed.lost else ""))
+
+
+def _draft(folder: Path) -> Manifest:
+    """The manifest as the recorder left it; an empty one where it had not come to writing it."""
+    if (folder / NAME).exists():
+        return read_manifest(folder)
+    return Manifest(run=folder.name)
+
+
+def _outcome(folder: Path, manifest: Manifest, stock: Stock) -> Manifest:
+    """What the manifest has to say of the end that the recorder could not write."""
+    found = damage.read(folder)
+    if stock.was_closed and manifest.exit_status is not None and not found:
+        return manifest  # the run ended as it says; only its sealing was cut short
+    return replace(
+        manifest,
+        exit_status="lost",
+        exit_code=EXIT_CODE,
+        verdict="INCONCLUSIVE" if _was_to_be_judged(folder, manifest) else "NOT JUDGED",
+        lost=_lost(found, stock),
+    )
+
+
+def _lost(found: list[damage.Damage], stock: Stock) -> Lost:
+    if stock.was_closed and not found:
+        return Lost(0.0, "The recorder ended before it could write what came of the run; all of its rows are there.")
+    torn = [one.seconds for one in found if one.seconds is not None]
+    text = "The recorder ended without closing the record."
+    if len(torn) == len(found) and not stock.dropped_rows:
+        seconds = COMMIT_S + sum(torn)
+        return Lost(seconds, f"{text} At most the last {seconds:g} s of it are missing.")
+    pieces = [str(one) for one in found]
+    if stock.dropped_rows:
+        pieces.append(f"{stock.dropped_rows} rows could not be kept while the disk did not take them")
+    return Lost(None, f"{text} The last {COMMIT_S:g} s of it may be missing, and: {'; '.join(pieces)}.")
+
+
+def _was_to_be_judged(folder: Path, manifest: Manifest) -> bool:
+    """Whether a recipe of the run states limits; one that cannot be read is taken to state some."""
+    if manifest.verdict is not None:
+        return manifest.verdict != "NOT JUDGED"
+    try:
+        return any("acceptance" in tomllib.loads(path.read_text(encoding="utf-8")) for path in (folder / "recipes").glob("*.toml"))
+    except (OSError, ValueError, RecursionError):
+        return True
+
+
+def _note_torn_logs(folder: Path) -> None:
+    """Must come before anything opens the store: opening it drops what stands behind a torn frame."""
+    for path in segments(folder):
+        log = path.with_name(path.name + "-wal")
+        commits = torn_commits(log)
+        if commits:
+            damage.note(folder, [damage.Damage(log.name, None, f"the last {commits} commits in it are torn", commits * COMMIT_S)])
+
+
+def _note_bad_parts(folder: Path) -> None:
+    """Set parts aside that cannot be read; rows of theirs that the live store still has are sealed again."""
+    for table in TABLES:
+        for path in part_paths(folder, table):
+            try:
+                read_through(path)
+            except (pa.ArrowException, OSError, RecordError) as error:
+                damage.note(folder, [damage.Damage(f"{table}/{path.name}", None, f"cannot be read: {error}")])
+                damage.set_aside(folder, path)
