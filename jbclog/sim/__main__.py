@@ -7,46 +7,31 @@ or SIGTERM; with ``--until-eof`` also when its stdin is closed, so that it canno
 from __future__ import annotations
 
 import argparse
-import signal
 import sys
 from pathlib import Path
 
 from jbclog.errors import UsageError
 from jbclog.recipe.line import load_line
-from jbclog.sim.serve import Server
-from jbclog.sim.setup import SERVED_LINE, Tcp, set_up
+from jbclog.sim.setup import SERVED_LINE, set_up, tcp_of
 from jbclog.sim.wire_file import NoWireFile, WireFile
-
-
-def tcp_of(text: str) -> Tcp:
-    """``HOST:PORT``; the stations take this port and the following ones, or any free ones where it is 0."""
-    host, colon, port = text.rpartition(":")
-    if not colon or not port.isdecimal() or int(port) > 65535:
-        raise argparse.ArgumentTypeError(f"{text} is not HOST:PORT")
-    return host.strip("[]") or "127.0.0.1", int(port)
-
-
-def end_on_signals(server: Server) -> None:
-    """Let SIGINT and SIGTERM end the serving in good order."""
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: server.stop())
 
 
 def main() -> int:
     parser = argparse.ArgumentParser(prog="jbclog.sim", description="Serve a line's stations as virtual ones.")
     parser.add_argument("line", type=Path)
     parser.add_argument("--dir", type=Path, required=True)
-    parser.add_argument("--tcp", type=tcp_of)
+    parser.add_argument("--tcp")
     parser.add_argument("--log", type=Path)
     parser.add_argument("--until-eof", action="store_true")
     options = parser.parse_args()
     wire_file = WireFile(options.log) if options.log else NoWireFile()
     try:
-        server = set_up(load_line(options.line), options.dir, options.tcp, wire_file)
+        tcp = tcp_of(options.tcp) if options.tcp else None
+        server = set_up(load_line(options.line), options.dir, tcp, wire_file)
     except UsageError as error:
         sys.stderr.write(f"{error}\n")
         return error.exit_code
-    end_on_signals(server)
+    server.stop_on_signals()
     if options.until_eof:
         server.stop_at_end_of(sys.stdin.fileno())
     sys.stdout.write(f"{(options.dir / SERVED_LINE).absolute()}\n")

@@ -10,6 +10,8 @@ from pathlib import Path
 from typing import Protocol
 
 with suppress(ImportError):  # Windows has no pseudo-terminals; TcpLink serves there
+    import fcntl
+    import termios
     import tty
 
 from jbclog.errors import UsageError
@@ -40,41 +42,72 @@ class Link(Protocol):
 class PtyLink:
     """A pseudo-terminal with a symbolic link to it at `path`.
 
-    The station keeps the client's side open as well, so that a client that closes does not hang it up.
+    While no client has it open the station holds the client's side itself, so that it does not hang up; it
+    lets go of it at the first byte, so that it learns when the client closes. Then it takes back what the
+    client has set, above all the exclusive use, which outlives the client.
     """
 
     def __init__(self, path: Path, waiter: Waiter) -> None:
         self.path = path
         self._waiter = waiter
-        self._ends: tuple[int, int] | None = None
+        self._station: int | None = None
+        self._held: int | None = None
+        self._device = ""
+        self._on_bytes: OnBytes = _forget
 
     @property
     def url(self) -> str:
         return str(self.path)
 
     def plug_in(self, on_bytes: OnBytes) -> None:
-        station, client = os.openpty()
-        tty.setraw(client)
-        os.set_blocking(station, False)
-        self._ends = station, client
-        _link(self.path, os.ttyname(client))
-        self._waiter.add(station, lambda now: on_bytes(os.read(station, MOST_AT_ONCE), now))
+        self._on_bytes = on_bytes
+        self._station, self._held = os.openpty()
+        self._device = os.ttyname(self._held)
+        tty.setraw(self._held)
+        os.set_blocking(self._station, False)
+        self._waiter.add(self._station, self._read)
+        _link(self.path, self._device)
 
     def send(self, data: bytes) -> None:
-        if self._ends is not None:
-            try:
-                os.write(self._ends[0], data)
-            except BlockingIOError:
-                return  # nobody has read for thousands of bytes
+        if self._station is not None:
+            with suppress(BlockingIOError):  # nobody has read for thousands of bytes
+                os.write(self._station, data)
 
     def pull_out(self) -> None:
-        if self._ends is None:
+        if self._station is None:
             return
-        ends, self._ends = self._ends, None
-        self._waiter.remove(ends[0])
-        self.path.unlink(missing_ok=True)
-        for end in ends:
-            os.close(end)
+        station, self._station = self._station, None
+        self._waiter.remove(station)
+        if self.path.is_symlink() and str(self.path.readlink()) == self._device:
+            self.path.unlink()
+        os.close(station)
+        self._let_go()
+
+    def _read(self, now: float) -> None:
+        if self._station is None:
+            return
+        try:
+            data = os.read(self._station, MOST_AT_ONCE)
+        except BlockingIOError:
+            return
+        except OSError:  # EIO: the last client has closed
+            data = b""
+        if data:
+            self._let_go()
+            self._on_bytes(data, now)
+        else:
+            self._hold()
+
+    def _let_go(self) -> None:
+        if self._held is not None:
+            held, self._held = self._held, None
+            os.close(held)
+
+    def _hold(self) -> None:
+        with suppress(OSError):  # the next client has it already, for itself alone
+            self._held = os.open(self._device, os.O_RDWR | os.O_NOCTTY)
+            fcntl.ioctl(self._held, termios.TIOCNXCL)
+            tty.setraw(self._held)
 
 
 class TcpLink:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import gc
 import heapq
 import os
+import signal
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -60,6 +61,11 @@ class Server:
         """End `run`, from a signal handler or another thread."""
         self._stopped = True
         self._waiter.wake()
+
+    def stop_on_signals(self) -> None:
+        """End `run` in good order with SIGINT and SIGTERM."""
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, lambda *_: self.stop())
 
     def stop_at_end_of(self, descriptor: int) -> None:
         """End `run` when whoever writes to `descriptor` is gone."""

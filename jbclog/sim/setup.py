@@ -16,6 +16,7 @@ from jbclog.sim.waiting import Waiter
 from jbclog.sim.wire_file import WireFile
 
 SERVED_LINE = "line.toml"
+MOST_PORT = 65535
 DESCRIPTORS_EACH = 4
 DESCRIPTORS_BESIDE = 64
 
@@ -36,11 +37,22 @@ def set_up(line: Line, folder: Path, tcp: Tcp | None = None, wire_file: WireFile
     folder.mkdir(parents=True, exist_ok=True)
     try:
         server.open()
+    except UsageError:
+        server.close()
+        raise
     except OSError as error:
         server.close()
         raise UsageError(f"the stations of {line.path} cannot be served: {error}") from error
     (folder / SERVED_LINE).write_text(line_text(line, [link.url for link in links]), encoding="utf-8")
     return server
+
+
+def tcp_of(text: str) -> Tcp:
+    """``HOST:PORT``: the stations take this port and the following ones, or any free ones where it is 0."""
+    host, colon, port = text.rpartition(":")
+    if not colon or not port.isdecimal() or int(port) > MOST_PORT:
+        raise UsageError(f"{text} is not HOST:PORT")
+    return host.strip("[]") or "127.0.0.1", int(port)
 
 
 def line_text(line: Line, urls: Sequence[str]) -> str:
