@@ -8,6 +8,7 @@ import typer
 
 from jbclog.cli import options
 from jbclog.cli.output import ends_with_errors_told, tell, tell_json
+from jbclog.errors import RecordError, UsageError
 
 
 @ends_with_errors_told
@@ -21,7 +22,17 @@ def recover(
 
     Example: jbclog recover runs
     """
-    from jbclog.record.recover import recover as recover_runs
+    from jbclog.record.recover import Outcome, recover_all
 
-    for line in recover_runs(folder):
-        tell(str(line))
+    if not folder.is_dir():
+        raise UsageError(f"{folder}: there is no such folder")
+    done = recover_all(folder)
+    if as_json:
+        tell_json({"runs": [{"run": str(one.folder), "outcome": one.outcome.value, "text": one.text} for one in done]})
+    else:
+        for one in done:
+            tell(f"{one.folder}: {one.outcome.value}: {one.text}")
+        if not done:
+            tell(f"{folder}: no runs in it")
+    if any(one.outcome is Outcome.REFUSED for one in done):
+        raise typer.Exit(RecordError.exit_code)

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 from jbclog.commands.family import STATUS_NAMES
 from jbclog.commands.signals import STATUS_COLUMNS
-from jbclog.quantities import Off, Value
+from jbclog.quantities import Value
 from jbclog.rows import COLUMN, SampleRow
 
 Fill = Callable[[SampleRow, Value], None]
@@ -67,6 +67,4 @@ def unusable(signal: str, value: Value, counting: bool) -> str | None:
     """Why a well-formed value is not taken, or None: a countdown that does not run has no remaining time."""
     if signal == "delay_s" and (value in NO_COUNTDOWN or (value == 0 and not counting)):
         return NOT_COUNTING
-    if isinstance(value, Off):
-        return "off"
     return None
