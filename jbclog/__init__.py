@@ -1,1 +1,38 @@
+"""jbclog: a production-line logger and process recorder for soldering stations.
+
+``jbclog.open_run("runs/...")`` opens a recorded run as pandas DataFrames. Importing this package loads nothing of
+that; names come when they are first used.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from jbclog.analysis import Run, open_run
+    from jbclog.errors import JbclogError, LinkError, RecordError, UsageError
+
 __version__ = "0.1.0"
+
+_HOMES = {
+    "JbclogError": "jbclog.errors",
+    "LinkError": "jbclog.errors",
+    "RecordError": "jbclog.errors",
+    "Run": "jbclog.analysis",
+    "UsageError": "jbclog.errors",
+    "open_run": "jbclog.analysis",
+}
+"""Public names and the rooms that they live in."""
+
+__all__ = ["JbclogError", "LinkError", "RecordError", "Run", "UsageError", "__version__", "open_run"]
+
+
+def __getattr__(name: str) -> object:
+    if name not in _HOMES:
+        raise AttributeError(f"jbclog has no {name!r}; it has {', '.join(__all__)}")
+    value = getattr(import_module(_HOMES[name]), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

@@ -38,7 +38,11 @@ def part_paths(folder: Path, table: str) -> list[Path]:
 
 def through(folder: Path, table: str) -> int:
     """The number of the last batch that the table's parts hold; 0 where there is none."""
-    parts = part_paths(folder, table)
+    return parts_through(part_paths(folder, table))
+
+
+def parts_through(parts: list[Path]) -> int:
+    """The same of parts that were listed before."""
     return part_through(parts[-1]) if parts else 0
 
 
@@ -127,7 +131,12 @@ def regroup(tables: Iterable[pa.Table], rows: int = ROWS_A_GROUP) -> Iterator[pa
 
 def row_groups(folder: Path, table: str, columns: list[str] | None = None) -> Iterator[pa.Table]:
     """The sealed rows of a table, a row group at a time."""
-    for path in part_paths(folder, table):
+    return groups_of(part_paths(folder, table), columns)
+
+
+def groups_of(parts: Iterable[Path], columns: list[str] | None = None) -> Iterator[pa.Table]:
+    """The rows of these parts, a row group at a time."""
+    for path in parts:
         with pq.ParquetFile(path, page_checksum_verification=True) as file:
             for index in range(file.num_row_groups):
                 yield file.read_row_group(index, columns=columns)

@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 from hashlib import sha256
 from pathlib import Path
 
+from jbclog.judge import Evidence, Limits, judge
 from jbclog.record.conclude import conclude
 from jbclog.record.folder import create_run, keep_text
 from jbclog.record.ledger import ledger_of
@@ -69,6 +70,8 @@ idle_error_c = 15
 idle_sd_c = 5
 alarms_max = 0
 """
+LIMITS = Limits(coverage_percent=99.5, longest_gap_s=5, idle_error_c=15, idle_sd_c=5, alarms_max=0)
+"""The recipe's `[acceptance]`."""
 
 
 def micros(second: float) -> int:
@@ -98,7 +101,7 @@ class Port:
             self.due[signal] = self.due.get(signal, 0) + 1
         values = self._values(second, due)
         gone = self.dropout_s[0] <= second < self.dropout_s[1]
-        reasons = {column: "disconnected" for column in values} if gone else self._not_counting(values)
+        reasons = dict.fromkeys(values, "disconnected") if gone else self._not_counting(values)
         late, scan = self.rng.randrange(90, 700), self.rng.randrange(45_000, 47_000)
         for column, value in values.items():
             row[COLUMN[column]] = None if column in reasons else value
@@ -244,8 +247,8 @@ def begin(out: Path, seconds: float) -> tuple[Path, Manifest]:
     return folder, manifest
 
 
-def fill(store: LiveStore, seconds: float, seed: int = 1) -> None:
-    """Hand over everything that happened in `seconds`, in the order in which it did."""
+def fill(store: LiveStore, seconds: float, seed: int = 1) -> list[StationFacts]:
+    """Hand over everything that happened in `seconds`, in the order in which it did; give what is known of the stations."""
     ports = make_ports(seed)
     told = list(events(seconds))
     for setting in settings():
@@ -262,9 +265,11 @@ def fill(store: LiveStore, seconds: float, seed: int = 1) -> None:
         store.event(event)
     for counter in counters(seconds):
         store.counter(counter)
-    for facts in make_facts(ports):
+    stations = list(make_facts(ports))
+    for facts in stations:
         facts.last_tick = round(seconds * HZ) - 1
         store.facts(facts)
+    return stations
 
 
 def make_run(out: Path, seconds: float = 60.0, seed: int = 1) -> Path:
@@ -272,16 +277,14 @@ def make_run(out: Path, seconds: float = 60.0, seed: int = 1) -> Path:
     folder, manifest = begin(out, seconds)
     store = LiveStore(folder)
     store.start()
-    fill(store, seconds, seed)
+    stations = fill(store, seconds, seed)
     store.close()
-    manifest.exit_status, manifest.exit_code, manifest.verdict = "success", 1, "REJECT"
+    manifest.exit_status, manifest.exit_code = "success", 1
     manifest.ended = iso(micros(seconds + 0.3))
     write_manifest(folder, manifest)
     seal_rows(folder)
-    manifest.verdict_rules = [
-        {"rule": "alarms", "station": "dde-1", "port": 1, "limit": 0, "value": 1, "unit": "", "result": "broken", "text": "1 alarm"}
-    ]
-    assert ledger_of(folder)
+    judgement = judge(Evidence(folder, stations, ledger_of(folder, stations)), dict.fromkeys(("dde-1", "ale-1"), LIMITS))
+    manifest.verdict, manifest.verdict_rules = judgement.verdict.value, judgement.rules_as_dicts()
     conclude(folder, manifest, store.lock)
     return folder
 

@@ -1,0 +1,11 @@
+"""READING RUNS. A run folder as pandas DataFrames, whether it is sealed, being recorded, or was cut off.
+
+Owns: opening a run, its tables by station, port and time, and the plain plot of a run.
+Never: writes into a run's folder or makes a recorder wait; is imported by what records.
+May use: `record`, `judge` and `rows`; pandas, and matplotlib through its objects (no pyplot).
+Start reading: `run.py`.
+"""
+
+from jbclog.analysis.run import Run, open_run
+
+__all__ = ["Run", "open_run"]

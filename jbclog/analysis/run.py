@@ -1,0 +1,156 @@
+"""Opens a run: four tables as DataFrames, the manifest, a plot."""
+
+from __future__ import annotations
+
+import os
+import warnings
+from collections.abc import Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, cast
+
+import pandas as pd
+import pyarrow as pa
+import pyarrow.compute as pc
+
+from jbclog.errors import RecordError, UsageError
+from jbclog.record.damage import Damage
+from jbclog.record.manifest import Manifest, read_manifest
+from jbclog.record.parts import groups_of, part_paths, parts_through
+from jbclog.record.schema import SCHEMAS
+from jbclog.record.stock import Stock
+from jbclog.record.store import Segment, segments
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Moment = str | datetime | pd.Timestamp
+"""A time: a string such as ``2026-11-21T01:30``, a datetime or a Timestamp; UTC where it names no zone."""
+
+
+class Run:
+    """One run in `folder`. Tables are read anew at each call, so a run that is being recorded grows."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+
+    def __repr__(self) -> str:
+        return f"<Run {self.folder.name}: {self.manifest.state}, {self.manifest.verdict or 'no verdict yet'}>"
+
+    @property
+    def name(self) -> str:
+        return self.folder.name
+
+    @property
+    def manifest(self) -> Manifest:
+        """The manifest as it is now; for a run that was cut off before it had one, an empty one."""
+        try:
+            return read_manifest(self.folder)
+        except RecordError:
+            if segments(self.folder):
+                return Manifest(self.folder.name)
+            raise
+
+    def samples(
+        self,
+        station: str | None = None,
+        port: int | None = None,
+        start: Moment | None = None,
+        stop: Moment | None = None,
+        columns: Sequence[str] | None = None,
+    ) -> pd.DataFrame:
+        """A row per tick, station and port, in the order in which they were recorded.
+
+        `start` is included, `stop` is not. A value that was not read is missing; `reasons` says why.
+        """
+        return self._frame("samples", station, port, start, stop, columns)
+
+    def events(self, station: str | None = None, start: Moment | None = None, stop: Moment | None = None) -> pd.DataFrame:
+        """What happened, in order."""
+        return self._frame("events", station, None, start, stop, None)
+
+    def settings(self, station: str | None = None) -> pd.DataFrame:
+        """The outcome of each setting, values as text in their unit."""
+        return self._frame("settings", station, None, None, None, None)
+
+    def counters(self, station: str | None = None) -> pd.DataFrame:
+        """Readings of the stations' counters; a failed one has no value, and the reason in `raw`."""
+        return self._frame("counters", station, None, None, None, None)
+
+    def plot(self, station: str | None = None, port: int | None = None) -> Figure:
+        """Temperature against its setting, power below, what was not read hatched; a panel a port."""
+        from jbclog.analysis.plot import plot
+
+        return plot(self, station, port)
+
+    def _frame(
+        self,
+        table: str,
+        station: str | None,
+        port: int | None,
+        start: Moment | None,
+        stop: Moment | None,
+        columns: Sequence[str] | None,
+    ) -> pd.DataFrame:
+        schema = SCHEMAS[table]
+        unknown = [name for name in columns or () if name not in schema.names]
+        if unknown:
+            raise UsageError(f"{table} has no column {', '.join(unknown)}; it has {', '.join(schema.names)}")
+        wanted = list(columns) if columns is not None else schema.names
+        bounds = _micros(start), _micros(stop)
+        pieces = [_cut(piece, station, port, *bounds).select(wanted) for piece in self._pieces(table, wanted)]
+        whole = pa.concat_tables(pieces) if pieces else schema.empty_table().select(wanted)
+        return frame(whole)
+
+    def _pieces(self, table: str, columns: list[str]) -> list[pa.Table]:
+        """Sealed row groups, then what is still in the live store and in no part."""
+        needed = [name for name in SCHEMAS[table].names if name in {*columns, "time", "station", "port"}]
+        pieces, damage = self._read(table, needed)
+        if damage and not segments(self.folder):  # sealed in just this moment
+            pieces, damage = self._read(table, needed)
+        if damage:
+            warnings.warn(f"{self.folder}: {'; '.join(map(str, damage))}", stacklevel=4)
+        return pieces
+
+    def _read(self, table: str, columns: list[str]) -> tuple[list[pa.Table], list[Damage]]:
+        """The order matters: a snapshot of the store first, then the parts, then what the parts do not have."""
+        with Stock(self.folder, Segment.look) as stock:
+            parts = part_paths(self.folder, table)
+            numbers = stock.numbers_of(table, parts_through(parts))
+            live = [piece.select(columns) for piece in stock.tables(numbers)]
+            return [*groups_of(parts, columns), *live], stock.damage
+
+
+def open_run(path: str | os.PathLike[str]) -> Run:
+    """The run in the folder `path`: sealed, still being recorded, or cut off by a crash. Raises `RecordError`."""
+    folder = Path(path)
+    run = Run(folder)
+    if not folder.is_dir():
+        raise RecordError(f"{folder} is not there, or is no folder")
+    run.manifest  # noqa: B018  # a folder that is no run is said to be none here, not at the first table
+    return run
+
+
+def frame(table: pa.Table) -> pd.DataFrame:
+    """An Arrow table as a DataFrame: Int64 and boolean where values can be missing, times in UTC."""
+    return cast(pd.DataFrame, table.to_pandas())
+
+
+def _micros(moment: Moment | None) -> pa.Scalar | None:
+    if moment is None:
+        return None
+    stamp = pd.Timestamp(moment)
+    stamp = stamp.tz_localize(UTC) if stamp.tzinfo is None else stamp.tz_convert(UTC)
+    return pa.scalar(stamp.value // 1000, pa.int64()).cast(pa.timestamp("us", tz="UTC"))
+
+
+def _cut(table: pa.Table, station: str | None, port: int | None, start: pa.Scalar | None, stop: pa.Scalar | None) -> pa.Table:
+    if station is not None:
+        table = table.filter(pc.equal(table["station"], station))
+    if port is not None:
+        table = table.filter(pc.equal(table["port"], port))
+    if start is not None:
+        table = table.filter(pc.greater_equal(table["time"], start))
+    if stop is not None:
+        table = table.filter(pc.less(table["time"], stop))
+    return table
