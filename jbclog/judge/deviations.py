@@ -27,7 +27,8 @@ NOT_AS_PLANNED = frozenset(
 )
 """Kinds that are deviations at any severity from warning on."""
 
-JUDGED = frozenset({*COUNTED_ALARMS, "run.start", "run.end"})
+ENDINGS = ("station.completed", "station.stopped", "station.refused", "station.gone", "station.failed")
+JUDGED = frozenset({*COUNTED_ALARMS, *ENDINGS, "run.start", "run.end"})
 SEVERE = ("error", "critical")
 
 

@@ -19,13 +19,15 @@ Ledger = Mapping[str, Mapping[str, PortLedger]]
 class Evidence:
     """One run: `folder` holds `samples/`, `events/` and `settings/`, sealed.
 
-    `exit_status` is the manifest's; ``lost`` means that a crash ended the run and its last moments are missing.
+    `exit_status` is the manifest's; ``lost`` means that a crash ended the run and its last moments are missing. `lost`
+    says what else the record lacks, in a sentence.
     """
 
     folder: Path
     stations: Sequence[StationFacts]
     ledger: Ledger
     exit_status: str | None = "success"
+    lost: str | None = None
 
     def port_ledger(self, station: str, port: int) -> PortLedger:
         """The ledger of one port; empty where nothing was ever due."""

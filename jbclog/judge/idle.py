@@ -27,8 +27,8 @@ SETTING_HOLDS_S = 15.0  # the setting is due each 5 s; two losses are bridged
 CALM_C, CALM_S = 2.0, 2.0
 HOLDING_QUANTILE = 0.2
 HEADROOM_PERMILLE = 100.0
-AFTER_JOINT_S, BEFORE_JOINT_S = 2.0, 0.5
-ENOUGH_ROWS, ENOUGH_S = 10, 5.0
+AFTER_JOINT_S, BEFORE_JOINT_S = 1.0, 0.3
+ENOUGH_ROWS, ENOUGH_S = 10, 3.0
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]

@@ -33,6 +33,8 @@ STATION_ENDINGS = {
 
 def record_rule(evidence: Evidence) -> Rule:
     """Whether the record runs to the end of the run."""
+    if evidence.lost is not None:
+        return Rule("record", None, None, "whole", evidence.exit_status, "", Result.MISSING, evidence.lost)
     unknown = (Result.MISSING, "How the run ended is not known.")
     result, text = ENDINGS.get(evidence.exit_status or "", unknown)
     return Rule("record", None, None, "whole", evidence.exit_status, "", result, text)
@@ -124,7 +126,7 @@ def idle_error_rule(station: str, port: int, most: float, mean: float | None) ->
     if mean is None:
         return _not_idle("idle_error", station, port, most)
     result = Result.PASS if abs(mean) <= most else Result.FAIL
-    text = f"{mean:+.1f} °C from the setting on average while idle; {_shown(most)} °C allowed either way."
+    text = f"{round(mean, 1) + 0.0:+.1f} °C from the setting on average while idle; {_shown(most)} °C allowed either way."
     return Rule("idle_error", station, port, most, mean, "°C", result, text)
 
 
@@ -143,8 +145,8 @@ def _not_idle(name: str, station: str, port: int, most: float) -> Rule:
 
 
 def _shown(figure: float) -> str:
-    """Up to three decimals, without the zeros behind."""
-    return f"{figure:.3f}".rstrip("0").rstrip(".")
+    """Up to two decimals, without the zeros behind."""
+    return f"{figure:.2f}".rstrip("0").rstrip(".")
 
 
 def _floor(percent: float) -> float:

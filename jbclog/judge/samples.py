@@ -123,7 +123,7 @@ def _new(facts: StationFacts) -> PortMeasure:
 
 
 def _batches(folder: Path) -> Iterator[pa.RecordBatch]:
-    for part in sorted((folder / "samples").glob("*.parquet")):
+    for part in sorted((folder / "samples").glob("part-*.parquet")):
         with pq.ParquetFile(part) as file:
             yield from file.iter_batches(BATCH_ROWS, columns=COLUMNS)
 

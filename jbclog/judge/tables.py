@@ -39,7 +39,7 @@ def read_outcomes(folder: Path) -> dict[str, Counter[str]]:
 
 
 def _rows(table: Path, columns: list[str]) -> Iterator[dict[str, object]]:
-    for part in sorted(table.glob("*.parquet")):
+    for part in sorted(table.glob("part-*.parquet")):
         yield from pq.read_table(part, columns=columns, partitioning=None).to_pylist()
 
 

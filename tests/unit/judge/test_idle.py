@@ -30,7 +30,7 @@ def test_mean_and_deviation_of_a_quiet_tip(case: Any, tip: Callable[..., Any]) -
 def test_joints_and_their_recovery_are_left_out(case: Any, tip: Callable[..., Any]) -> None:
     one = tip(120)
     for start in range(10, 120, 10):
-        one.at(start, 1.5, 320, 700).at(start + 1.5, 1.5, 340, 300).at(start + 3, 1.0, 356, 0)
+        one.at(start, 1.5, 320, 700).at(start + 1.5, 1.5, 340, 300).at(start + 3, 0.8, 356, 0)
     case.station("a", one)
     found = idle(case)
     assert found.mean_c == pytest.approx(0, abs=0.01)
@@ -67,8 +67,8 @@ def test_a_tool_that_does_not_work_is_not_idle(case: Any, tip: Callable[..., Any
 
 
 def test_too_little_is_unknown_and_never_zero(case: Any, tip: Callable[..., Any]) -> None:
-    case.station("a", tip(6))
-    assert idle(case).rows == 40
+    case.station("a", tip(4.5))
+    assert idle(case).rows == 25
     assert idle(case).mean_c is None
     assert idle(case).sd_c is None
 

@@ -1,0 +1,49 @@
+"""What a figure shows, in words: for the line above it, and for those who cannot see it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from jbclog.report.style import WIDE
+from jbclog.report.timescale import duration_text, moment
+from jbclog.report.trace import Trace
+
+MOST_GAPS_NAMED = 3
+
+
+def caption(trace: Trace) -> str:
+    """The day, what the band means, and the longest gaps by name."""
+    parts = [f"{_day(trace)}, times in UTC."]
+    if len(trace.seconds) > 2 * WIDE.stretches:
+        stretch = (trace.end - trace.start) / WIDE.stretches
+        parts.append(f"Line: mean, band: least to greatest of every {duration_text(stretch)}.")
+    gaps = sorted(trace.gaps, key=lambda gap: (-gap.seconds, gap.start))
+    named = [
+        f"{gap.word.replace('_', ' ')} {duration_text(gap.seconds)} at {_clock(trace, gap.start)}" for gap in gaps[:MOST_GAPS_NAMED]
+    ]
+    if named:
+        more = len(gaps) - len(named)
+        parts.append(f"No data: {', '.join(named)}{f' and {more} more' if more else ''}.")
+    return " ".join(parts)
+
+
+def closer_caption(part: Trace, why: str) -> str:
+    """Which minute it is and why that one."""
+    return f"Closer: {_clock(part, part.start)} to {_clock(part, part.end)}, around {why}."
+
+
+def description(place: str, trace: Trace) -> str:
+    """The figure without seeing it."""
+    known = trace.temperature[~np.isnan(trace.temperature)]
+    seen = f"from {known.min():g} to {known.max():g} °C" if len(known) else "never read"
+    alarms = sum(mark.kind == "alarm" for mark in trace.marks)
+    length = duration_text(trace.end - trace.start)
+    return f"{place}: tip temperature {seen} over {length}, {alarms} alarms, {len(trace.gaps)} gaps, power below."
+
+
+def _day(trace: Trace) -> str:
+    return moment(trace.grid.t0_utc_us + round(trace.start * 1e6)).strftime("%Y-%m-%d")
+
+
+def _clock(trace: Trace, seconds: float) -> str:
+    return moment(trace.grid.t0_utc_us + round(seconds * 1e6)).strftime("%H:%M:%S")

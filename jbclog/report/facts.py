@@ -1,0 +1,169 @@
+"""Everything that a report says, as plain data: `report.json` is this, and the page is drawn from nothing else.
+
+Times are ISO 8601 in UTC, None is "not known", units stand in the names.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+SCHEMA = 1
+
+
+@dataclass(slots=True)
+class Reason:
+    """A sentence under the verdict, and the result of the rules that it speaks of."""
+
+    result: str
+    text: str
+
+
+@dataclass(slots=True)
+class VerdictFacts:
+    """`decided` is ``"with the run"`` (it stands in the manifest) or ``"by this report"``. Reasons: what kept it from ACCEPT."""
+
+    word: str
+    decided: str
+    reasons: list[Reason]
+    rules: list[dict[str, object]]
+
+
+@dataclass(slots=True)
+class Figure:
+    """A figure beside the report: its file, what it shows in words, and its two sizes as SVG (not in the JSON)."""
+
+    file: str
+    caption: str
+    alt: str
+    wide: str = field(repr=False)
+    narrow: str = field(repr=False)
+
+
+@dataclass(slots=True)
+class RecordedFacts:
+    """How much of a port's temperature was recorded; the definitions are in `judge/samples.py`."""
+
+    rows: int
+    due: int
+    readings: int
+    coverage_percent: float | None
+    longest_gap_s: float | None
+    late_p99_ms: float | None
+    gaps: list[dict[str, object]]  # the longest: from, seconds, why
+
+
+@dataclass(slots=True)
+class TipFacts:
+    """The tip in °C. The idle figures are defined in `judge/idle.py`."""
+
+    set_c: float | None
+    alarm_high_c: float | None
+    alarm_low_c: float | None
+    least_c: float | None
+    greatest_c: float | None
+    idle_error_c: float | None
+    idle_sd_c: float | None
+
+
+@dataclass(slots=True)
+class PowerFacts:
+    """Power and its sum over the rows that have it; in Wh only where the line file states the rated power."""
+
+    greatest_permille: float | None
+    energy_permille_s: float | None
+    energy_wh: float | None
+
+
+@dataclass(slots=True)
+class PortFacts:
+    """One port: what was in it, what was measured, how it was left."""
+
+    port: int
+    tool: str | None
+    recorded: RecordedFacts
+    tip: TipFacts
+    power: PowerFacts
+    alarms: int
+    doubtful_alarms: int
+    safe_state: str | None
+    last_temperature_c: float | None
+    figures: list[Figure]
+
+
+@dataclass(slots=True)
+class StationReport:
+    """One station: what it is, how its run ended, and its ports."""
+
+    name: str
+    family: str
+    model: str | None
+    software: str | None
+    url: str
+    address: int | None
+    wire: str
+    turnaround_ms: float | None
+    period_s: float | None
+    recipe: str | None
+    rated_power_w: float | None
+    not_supported: list[str]
+    outcome: str
+    reason: str
+    outages: int
+    skipped_ticks: int
+    garbage_bytes: int
+    ports: list[PortFacts]
+
+
+@dataclass(slots=True)
+class Left:
+    """Rows that a table of the report does not repeat, and why."""
+
+    rows: int
+    text: str
+
+
+@dataclass(slots=True)
+class Facts:
+    """One run."""
+
+    schema: int
+    run: str
+    manifest_sha256: str
+    jbclog: str
+    verdict: VerdictFacts
+    state: str
+    exit_status: str | None
+    exit_code: int | None
+    lost: str | None
+    started: str | None
+    ended: str | None
+    duration_s: float | None
+    rate: str
+    guard: str
+    line: dict[str, object]
+    recipes: list[dict[str, object]]
+    metadata: dict[str, object]
+    host: dict[str, object]
+    stations: list[StationReport]
+    events: list[dict[str, object]]
+    events_left: Left | None
+    settings: list[dict[str, object]]
+    settings_left: Left | None
+    counters: list[dict[str, object]]
+    ledger: list[dict[str, object]]
+    ledger_reasons: list[str]
+    files: list[dict[str, object]]
+    not_claimed: list[str]
+
+
+NOT_CLAIMED = (
+    "That a solder joint is good: this record shows temperatures and powers, not joints.",
+    "The temperature of the tip's surface: it is what the station's own sensor in the cartridge reports; "
+    "no external thermometer is part of this record.",
+    "Energy at the tip: power is in per mille of the station's nominal maximum; "
+    "watts appear only where the line file states a rated power.",
+    "What happened between two readings: an excursion shorter than the period is seen only if it raised the station's own alarm.",
+    "That every byte was right: the stations' check byte cannot see some double errors. "
+    "What could be checked was checked; what failed is in the ledger.",
+    "That the host's clock was right: times are UTC as the host believed; durations are from a clock that cannot be set.",
+)

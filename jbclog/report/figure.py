@@ -1,0 +1,211 @@
+"""The figure of one port: temperature against its setting and limits, power below, and lanes for what held when.
+
+Drawn with matplotlib's objects only; pyplot keeps global state. Nothing in a figure comes from outside but numbers and
+words of our own lists, so that no name can become a formula or markup.
+"""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Sequence
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_svg import FigureCanvasSVG
+from matplotlib.figure import Figure
+from matplotlib.ticker import FixedLocator, MaxNLocator
+
+from jbclog.report import style
+from jbclog.report.envelope import Envelope, envelope, lone
+from jbclog.report.lanes import draw_lanes, lanes_of
+from jbclog.report.spans import merged, widened
+from jbclog.report.style import Format
+from jbclog.report.timescale import time_marks
+from jbclog.report.trace import JOINED_PERIODS, SETTING_JOINED_S, Floats, Trace
+
+LANE_IN = 0.155  # height of a lane
+RARE, COARSE = 0.02, 0.2  # samples that may lie in the coarse part of a scale, and its share of the height
+
+
+def figure_svg(trace: Trace, form: Format) -> str:
+    """The figure as an SVG document: the same trace gives the same bytes."""
+    out = io.StringIO()
+    with mpl.rc_context(style.RC), mpl.rc_context({"font.size": form.font_pt}):
+        figure = draw(trace, form)
+        FigureCanvasSVG(figure)
+        figure.savefig(out, format="svg", metadata=dict.fromkeys(("Date", "Creator", "Format", "Type")))
+    return out.getvalue()
+
+
+def draw(trace: Trace, form: Format) -> Figure:
+    """The figure, not yet rendered."""
+    lanes = lanes_of(trace, form)
+    lane_in, edge_in = LANE_IN * len(lanes), 0.62
+    figure = Figure(figsize=(form.width_in, form.height_in + lane_in), facecolor="white")
+    room = figure.add_gridspec(
+        3,
+        1,
+        height_ratios=[0.7 * (form.height_in - edge_in), 0.3 * (form.height_in - edge_in), lane_in],
+        left=0.5 / form.width_in,
+        right=1 - 0.68 / form.width_in,
+        top=1 - 0.16 / figure.get_figheight(),
+        bottom=0.26 / figure.get_figheight(),
+        hspace=0.16,
+    )
+    temperature, power, lane = (figure.add_subplot(room[row]) for row in range(3))
+    _temperature(temperature, trace, form)
+    _power(power, trace, form)
+    draw_lanes(lane, lanes, trace, form)
+    for axes in (temperature, power, lane):
+        _time_axis(axes, trace, form, labelled=axes is lane)
+    return figure
+
+
+def _temperature(axes: Axes, trace: Trace, form: Format) -> None:
+    _curve(axes, _thinned(trace, trace.temperature, form), style.TEMPERATURE, style.TEMPERATURE_BAND)
+    labels: list[tuple[float, str, str]] = []
+    known = trace.setting[~np.isnan(trace.setting)]
+    if len(known):
+        setting = envelope(trace.seconds, trace.setting, form.stretches, SETTING_JOINED_S)
+        axes.plot(setting.seconds, setting.high, color=style.SETTING, lw=0.9, ls=style.DASHES["set"], drawstyle="steps-post")
+        labels.append((float(known[-1]), f"set {known[-1]:g}", style.SETTING))
+    for limit in trace.limits:
+        seconds, celsius = [*limit.seconds, max(trace.end, limit.seconds[-1])], [*limit.celsius, limit.celsius[-1]]
+        axes.plot(seconds, celsius, color=style.ALARM, lw=1.1, ls=style.DASHES[limit.side], drawstyle="steps-post")
+        if not np.isnan(limit.celsius[-1]):
+            labels.append((limit.celsius[-1], f"{limit.side} {limit.celsius[-1]:g}", style.ALARM))
+    limits = [np.array(limit.celsius) for limit in trace.limits]
+    low, high = _range([trace.temperature, known, *limits], least=20)
+    knee = _knee(trace.temperature, [known, *limits], low, high)
+    if knee is not None:
+        _bend(axes, knee, low, high)
+    else:
+        axes.yaxis.set_major_locator(MaxNLocator(5, integer=True))
+    axes.set_ylim(low, high)
+    _headline(axes, "Tip temperature in °C")
+    _label_right(axes, labels, form)
+
+
+def _power(axes: Axes, trace: Trace, form: Format) -> None:
+    curve = _thinned(trace, trace.power, form)
+    if curve.whole:
+        axes.fill_between(curve.seconds, 0, curve.high, color=style.POWER_BAND, lw=0)
+    _curve(axes, curve, style.POWER, style.POWER_BAND)
+    known = trace.power[~np.isnan(trace.power)]
+    axes.set_ylim(0, max(100.0, 1.08 * float(known.max())) if len(known) else 1000)
+    axes.yaxis.set_major_locator(MaxNLocator(3, integer=True))
+    _headline(axes, "Power in ‰")
+    if len(known):
+        _label_right(axes, [(float(known.max()), f"max {known.max():g}", style.POWER)], form)
+
+
+def _thinned(trace: Trace, values: Floats, form: Format) -> Envelope:
+    return envelope(trace.seconds, values, form.stretches, JOINED_PERIODS * trace.period_s)
+
+
+def _curve(axes: Axes, curve: Envelope, colour: str, band: str) -> None:
+    """The mean as a line within the band from least to greatest; what stands alone as a dot or a bar."""
+    if not curve.whole:
+        axes.fill_between(curve.seconds, curve.low, curve.high, fc=band, ec=colour, lw=0.25)
+    axes.plot(curve.seconds, curve.mean, color=colour, lw=0.9, solid_joinstyle="round")
+    alone = lone(curve)
+    axes.plot(alone.seconds, alone.mean, color=colour, ls="none", marker=".", ms=2)
+    if not curve.whole:
+        axes.vlines(alone.seconds, alone.low, alone.high, color=band, lw=0.8)
+
+
+def _range(parts: Sequence[Floats], least: float) -> tuple[float, float]:
+    """Bottom and top that hold every value, with a little air."""
+    values = np.concatenate([part[~np.isnan(part)] for part in parts])
+    if not len(values):
+        return 0.0, 400.0
+    low, high = float(values.min()), float(values.max())
+    air = max(0.06 * (high - low), (least - (high - low)) / 2, 2.0)
+    return low - air, high + air
+
+
+def _knee(temperature: Floats, lines: Sequence[Floats], low: float, high: float) -> float | None:
+    """The temperature under which a coarser scale does no harm: few samples, no line, and most of the height."""
+    known = temperature[~np.isnan(temperature)]
+    if not len(known):
+        return None
+    floor = min(float(part[~np.isnan(part)].min()) for part in (np.quantile(known, [RARE]), *lines) if not np.isnan(part).all())
+    knee = 10 * np.floor((floor - 5) / 10)
+    return float(knee) if high - knee < 0.5 * (high - low) else None
+
+
+def _bend(axes: Axes, knee: float, low: float, high: float) -> None:
+    """A scale that is coarser below `knee`, and says so: the whole lower part has `COARSE` of the height."""
+    finer = (1 - COARSE) / COARSE * (knee - low) / (high - knee)
+    axes.set_yscale(
+        "function",
+        functions=(
+            lambda c: np.where(c < knee, c, knee + (c - knee) * finer),
+            lambda y: np.where(y < knee, y, knee + (y - knee) / finer),
+        ),
+    )
+    axes.axhspan(low, knee, fc="#f1f3f5", lw=0, zorder=0)
+    place = axes.get_yaxis_transform()
+    axes.text(0.995, (low + knee) / 2, "coarser scale", transform=place, ha="right", va="center", color=style.QUIET, style="italic")
+    axes.yaxis.set_major_locator(FixedLocator([*_round_between(low, knee - 0.3 * (knee - low), 2), *_round_between(knee, high, 5)]))
+
+
+def _round_between(low: float, high: float, most: int) -> list[float]:
+    return [float(place) for place in MaxNLocator(most, integer=True).tick_values(low, high) if low <= place <= high]
+
+
+def _headline(axes: Axes, text: str) -> None:
+    axes.text(0, 1.015, text, transform=axes.transAxes, va="bottom", ha="left", color=style.QUIET, clip_on=False)
+
+
+def _label_right(axes: Axes, labels: list[tuple[float, str, str]], form: Format) -> None:
+    """Labels beside the right edge at their height, pushed apart until none covers another."""
+    bottom, top = axes.get_ylim()
+    height_pt = axes.get_position().height * (form.height_in + LANE_IN) * 72
+    places = spread([value for value, _, _ in sorted(labels)], 1.25 * form.font_pt / height_pt * (top - bottom), bottom, top)
+    for place, (_, text, colour) in zip(places, sorted(labels), strict=True):
+        axes.text(1.008, place, text, transform=axes.get_yaxis_transform(), va="center", color=colour, clip_on=False)
+
+
+def spread(places: Sequence[float], least: float, bottom: float, top: float) -> list[float]:
+    """`places` (ascending) moved as little as needed to lie at least `least` apart, within bottom and top if they fit."""
+    out: list[float] = []
+    for place in places:
+        out.append(max(place, out[-1] + least) if out else max(place, bottom))
+    if out and out[-1] > top:
+        out[-1] = top
+        for i in range(len(out) - 2, -1, -1):
+            out[i] = min(out[i], out[i + 1] - least)
+    return out
+
+
+def _time_axis(axes: Axes, trace: Trace, form: Format, labelled: bool) -> None:
+    axes.set_xlim(trace.start, trace.end)
+    marks = time_marks(trace.grid.t0_utc_us, trace.start, trace.end, form.time_marks)
+    axes.set_xticks([place for place, _ in marks], [label for _, label in marks] if labelled else [])
+    if not labelled:
+        _shade(axes, trace, form)
+    axes.grid(axis="x", color=style.GRID, lw=0.6)
+    axes.set_axisbelow(True)
+    axes.tick_params(length=2, width=0.6, color=style.QUIET, labelcolor=style.QUIET, pad=2)
+    for side in axes.spines.values():
+        side.set_color(style.NO_DATA)
+        side.set_linewidth(0.6)
+    for edge in ("top", "right"):
+        axes.spines[edge].set_visible(False)
+    if not labelled:
+        axes.grid(axis="y", color=style.GRID, lw=0.6)
+
+
+def _shade(axes: Axes, trace: Trace, form: Format) -> None:
+    """Gaps hatched over the full height of the curves, alarms and errors shaded; wide enough to be seen, never less."""
+    least = (trace.end - trace.start) / form.stretches * 1.5
+    for gap in merged(trace.gaps, least):
+        wide = widened(gap, least)
+        hatch = style.HATCHES.get(gap.word, style.HATCH_ELSE) if gap.seconds > 4 * least else None  # a sliver is plain
+        colour = "#f4f6f8" if hatch else style.NO_DATA
+        axes.axvspan(wide.start, wide.end, fc=colour, ec=style.NO_DATA, hatch=hatch, lw=0, zorder=1.5)
+    for mark in trace.marks:
+        wide = widened(mark.span, least)
+        axes.axvspan(wide.start, wide.end, fc=style.MARK_COLOURS[mark.kind], alpha=0.16, lw=0, zorder=0.5)

@@ -1,0 +1,94 @@
+"""From a sealed run to the facts of its report."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import asdict
+from datetime import datetime
+from pathlib import Path
+
+from jbclog import __version__
+from jbclog.analysis import Run
+from jbclog.errors import RecordError
+from jbclog.judge import measure
+from jbclog.record.manifest import Manifest, manifest_sha256
+from jbclog.report.facts import NOT_CLAIMED, SCHEMA, Facts, StationReport
+from jbclog.report.marks import happenings
+from jbclog.report.ports import Context
+from jbclog.report.stations import station_report
+from jbclog.report.tables import counter_rows, event_rows, ledger_rows, setting_rows
+from jbclog.report.verdict import verdict_facts
+
+COLUMNS = ("time", "tick", "port", "late_us", "quality", "temperature_c", "power_permille", "status", "set_c")
+
+
+def gather(run: Run) -> Facts:
+    """Everything that the report of `run` says. Raises `RecordError` for a run that is still open."""
+    manifest, folder = run.manifest, run.folder
+    if manifest.state != "sealed":
+        raise RecordError(f"{folder} is still open: it is being recorded, or a crash left it so; `jbclog recover` finishes it")
+    events, settings_left = event_rows(run.events()), setting_rows(run.settings())
+    ledger, reasons = ledger_rows(manifest.ledger)
+    return Facts(
+        schema=SCHEMA,
+        run=manifest.run,
+        manifest_sha256=manifest_sha256(folder),
+        jbclog=__version__,
+        verdict=verdict_facts(folder, manifest),
+        state=manifest.state,
+        exit_status=manifest.exit_status,
+        exit_code=manifest.exit_code,
+        lost=None if manifest.lost is None else manifest.lost.text,
+        started=manifest.started,
+        ended=manifest.ended,
+        duration_s=_duration_s(manifest),
+        rate=_rate(manifest),
+        guard=manifest.guard,
+        line={} if manifest.line is None else asdict(manifest.line),
+        recipes=[asdict(recipe) for recipe in manifest.recipes],
+        metadata=_metadata(manifest),
+        host=dict(manifest.host),
+        stations=list(_stations(run, folder)),
+        events=events[0],
+        events_left=events[1],
+        settings=settings_left[0],
+        settings_left=settings_left[1],
+        counters=counter_rows(run.counters()),
+        ledger=ledger,
+        ledger_reasons=reasons,
+        files=[asdict(file) for file in manifest.files],
+        not_claimed=list(NOT_CLAIMED),
+    )
+
+
+def _stations(run: Run, folder: Path) -> Iterator[StationReport]:
+    """One station after the other, so that only one station's samples are in memory."""
+    manifest = run.manifest
+    t0_utc_us = round((manifest.t0_utc or 0.0) * 1e6)
+    context = Context(
+        t0_utc_us,
+        happenings(run.events(), t0_utc_us),
+        run.settings(),
+        measure(folder, {facts.name: facts for facts in manifest.stations}),
+        manifest.ledger,
+    )
+    for facts in manifest.stations:
+        yield station_report(facts, run.samples(station=facts.name, columns=COLUMNS), context)
+
+
+def _metadata(manifest: Manifest) -> dict[str, object]:
+    """What people said of the run, without what they did not say."""
+    said = manifest.metadata
+    units = {"units": ", ".join(said.units)} if said.units else {}
+    named = {name: getattr(said, name) for name in ("operator", "order", "product") if getattr(said, name)}
+    return {**named, **units, **said.tags}
+
+
+def _duration_s(manifest: Manifest) -> float | None:
+    if manifest.started is None or manifest.ended is None:
+        return None
+    return (datetime.fromisoformat(manifest.ended) - datetime.fromisoformat(manifest.started)).total_seconds()
+
+
+def _rate(manifest: Manifest) -> str:
+    return f"{manifest.rate:g} Hz" if isinstance(manifest.rate, float) else str(manifest.rate or "not known")

@@ -1,0 +1,102 @@
+"""From the event and settings tables to what a figure marks: alarms, errors, and the limits in force."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+
+from jbclog.report.spans import Span
+from jbclog.report.trace import Limit, Mark
+
+COUNTED = ("error", "critical")
+ERRORS = ("station.error", "port.error", "robot.off")
+ENDS = {"station.error": "station.ok", "port.error": "port.ok", "robot.off": "robot.on"}
+
+
+@dataclass(frozen=True, slots=True)
+class Happening:
+    """An event on the run's time axis, in seconds; `start` is its earliest possible moment."""
+
+    start: float
+    end: float
+    kind: str
+    severity: str
+    station: str | None
+    port: int | None
+    code: int | None
+    raw: str | None
+
+
+def happenings(events: pd.DataFrame, t0_utc_us: int) -> list[Happening]:
+    """All events on the time axis. A step of the wall clock moves later events back by its size."""
+    stepped, out = 0.0, []
+    for event in events.to_dict("records"):
+        if event["kind"] == "clock.step" and not pd.isna(event["value"]):
+            stepped += float(event["value"])
+        end = _seconds(event["time"], t0_utc_us) - stepped
+        start = end if pd.isna(event["earliest"]) else min(end, _seconds(event["earliest"], t0_utc_us) - stepped)
+        place = (_text(event["station"]), _whole(event["port"]), _whole(event["code"]), _text(event["raw"]))
+        out.append(Happening(start, end, str(event["kind"]), str(event["severity"]), *place))
+    return out
+
+
+def marks_of(all_of_run: Iterable[Happening], station: str, port: int) -> list[Mark]:
+    """Alarms (earliest to latest moment) and errors (until they were gone) of one port, those of its station included."""
+    own = [one for one in all_of_run if one.station == station and one.port in (None, port)]
+    alarms = [Mark(Span(one.start, one.end, one.kind.removeprefix("alarm.")), "alarm") for one in own if is_alarm(one)]
+    doubtful = [Mark(Span(one.start, one.end, one.raw or ""), "unconfirmed") for one in own if one.kind == "alarm.unconfirmed"]
+    errors = [_error(one, own[i + 1 :]) for i, one in enumerate(own) if one.kind in ERRORS and one.code != 0]
+    return [*alarms, *doubtful, *errors]
+
+
+def is_alarm(one: Happening) -> bool:
+    """Whether it is an alarm that counts."""
+    return one.kind in ("alarm.high", "alarm.low") and one.severity in COUNTED
+
+
+def _error(one: Happening, later: Sequence[Happening]) -> Mark:
+    """From the error's earliest moment to when the next reading said something else, or its own time."""
+    following = (one.kind, ENDS[one.kind])
+    end = next((other.end for other in later if other.kind in following and other.port == one.port), one.end)
+    word = one.kind.replace(".", " ") if one.code is None else f"{one.kind.replace('.', ' ')} {one.code}"
+    return Mark(Span(one.start, end, word), "error")
+
+
+def limits_of(settings: pd.DataFrame, station: str, port: int, t0_utc_us: int) -> list[Limit]:
+    """The limits of one port as they were read back, each from the moment of its reading on; not those of an alarm that is off."""
+    own = settings[(settings["station"] == station) & (settings["port"] == port) & settings["readback"].notna()]
+    limits = [_limit(own, side, t0_utc_us) for side in ("high", "low") if not _is_off(own, side)]
+    return [limit for limit in limits if limit.seconds and not np.isnan(limit.celsius).all()]
+
+
+def _is_off(own: pd.DataFrame, side: str) -> bool:
+    delays = own[own["setting"] == f"alarm_{side}_delay"]["readback"]
+    return len(delays) > 0 and delays.iloc[-1] == "off"
+
+
+def _limit(own: pd.DataFrame, side: str, t0_utc_us: int) -> Limit:
+    rows = own[own["setting"] == f"alarm_{side}_limit"]
+    seconds = [_seconds(time, t0_utc_us) for time in rows["time"]]
+    return Limit(side, tuple(seconds), tuple(_celsius(str(text)) for text in rows["readback"]))
+
+
+def _celsius(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:  # "off"
+        return float("nan")
+
+
+def _seconds(time: pd.Timestamp, t0_utc_us: int) -> float:
+    return (round(time.timestamp() * 1e6) - t0_utc_us) / 1e6
+
+
+def _text(value: object) -> str | None:
+    return None if pd.isna(value) else str(value)  # type: ignore[call-overload]  # one cell
+
+
+def _whole(value: object) -> int | None:
+    return None if pd.isna(value) else int(value)  # type: ignore[call-overload]  # one cell

@@ -1,0 +1,56 @@
+"""The page: one HTML file that needs nothing but itself, drawn from the facts by a template.
+
+Everything is escaped by the template engine; figures are images in the page, in which no script can run; a
+content policy forbids scripts and every request.
+"""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Mapping
+from functools import cache
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+
+from jbclog.report.text import clock, number, stamp
+from jbclog.report.timescale import duration_text
+
+SIGNS = {
+    "ACCEPT": ("accept", "✓"),
+    "ACCEPT WITH DEVIATIONS": ("deviations", "△"),
+    "REJECT": ("reject", "✕"),
+    "INCONCLUSIVE": ("inconclusive", "?"),
+    "NOT JUDGED": ("notjudged", "–"),
+}
+RESULT_SIGNS = {"pass": "✓", "fail": "✕", "missing": "?", "deviation": "△", "none": "–"}
+
+
+def render(document: Mapping[str, object], figures: Mapping[str, tuple[str, str]]) -> str:
+    """The page of a report. `figures` gives for a figure's file name its wide and its narrow SVG."""
+    uris = {file: tuple(map(data_uri, pair)) for file, pair in figures.items()}
+    return _environment().get_template("report.html").render(report=document, uris=uris)
+
+
+def data_uri(svg: str) -> str:
+    """An SVG document as an address that holds it."""
+    return "data:image/svg+xml;base64," + base64.b64encode(svg.encode()).decode()
+
+
+@cache
+def _environment() -> Environment:
+    environment = Environment(
+        loader=PackageLoader("jbclog.report"), autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
+    environment.filters.update(number=number, stamp=stamp, clock=clock, duration=_duration, place=_place)
+    environment.globals.update(signs=SIGNS, result_signs=RESULT_SIGNS)
+    return environment
+
+
+def _duration(seconds: float | None) -> str:
+    return "not known" if seconds is None else duration_text(seconds)
+
+
+def _place(row: Mapping[str, object]) -> str:
+    """``dde-1 · port 2``; empty for what concerns the run as a whole."""
+    parts = [str(row["station"])] if row.get("station") is not None else []
+    return " · ".join([*parts, f"port {row['port']}"] if row.get("port") is not None else parts)

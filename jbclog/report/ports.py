@@ -1,0 +1,128 @@
+"""The ports of a report: what was recorded, what the tip did, what it drew, and the figures of it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pandas as pd
+
+from jbclog.judge import PortMeasure
+from jbclog.report.captions import caption, closer_caption, description
+from jbclog.report.closer import closer
+from jbclog.report.facts import Figure, PortFacts, PowerFacts, RecordedFacts, TipFacts
+from jbclog.report.figure import figure_svg
+from jbclog.report.marks import Happening, limits_of, marks_of
+from jbclog.report.spans import Span
+from jbclog.report.style import NARROW, WIDE
+from jbclog.report.text import iso
+from jbclog.report.timescale import moment
+from jbclog.report.trace import Floats, Grid, Limit, Trace, trace
+from jbclog.rows import StationFacts
+
+MOST_GAPS = 50
+
+PortLedger = Mapping[str, Mapping[str, int]]
+
+
+@dataclass(frozen=True, slots=True)
+class Context:
+    """What all ports of a run share."""
+
+    t0_utc_us: int
+    happenings: list[Happening]
+    settings: pd.DataFrame
+    measures: Mapping[tuple[str, int], PortMeasure]
+    ledger: Mapping[str, Mapping[str, PortLedger]]
+
+
+def port_facts(facts: StationFacts, port: int, rows: pd.DataFrame, context: Context) -> PortFacts:
+    """One port, from its rows of `samples`."""
+    drawn = replace(
+        trace(rows, Grid(context.t0_utc_us, facts.period_s)),
+        limits=limits_of(context.settings, facts.name, port, context.t0_utc_us),
+        marks=marks_of(context.happenings, facts.name, port),
+    )
+    measure = context.measures.get((facts.name, port))
+    ledger = context.ledger.get(facts.name, {}).get(str(port), {})
+    return PortFacts(
+        port=port,
+        tool=facts.tools.get(port),
+        recorded=_recorded(rows, drawn, measure, ledger),
+        tip=_tip(drawn, measure),
+        power=_power(drawn, facts.rated_power_w),
+        alarms=sum(mark.kind == "alarm" for mark in drawn.marks),
+        doubtful_alarms=sum(mark.kind == "unconfirmed" for mark in drawn.marks),
+        safe_state=facts.safe_state.get(port),
+        last_temperature_c=facts.last_temperature_c.get(port),
+        figures=_figures(f"{facts.name}-{port}", f"{facts.name}, port {port}", drawn) if len(rows) else [],
+    )
+
+
+def _recorded(rows: pd.DataFrame, drawn: Trace, measure: PortMeasure | None, ledger: PortLedger) -> RecordedFacts:
+    due, readings = ledger.get("temperature_c", {}).get("due", 0), 0 if measure is None else measure.temperatures
+    late_us = rows["late_us"].dropna().to_numpy(dtype=np.float64)
+    longest = sorted(drawn.gaps, key=lambda gap: (-gap.seconds, gap.start))[:MOST_GAPS]
+    return RecordedFacts(
+        rows=len(rows),
+        due=due,
+        readings=readings,
+        coverage_percent=100 * readings / due if due else None,
+        longest_gap_s=None if measure is None else measure.gap_s,
+        late_p99_ms=float(np.quantile(late_us, 0.99)) / 1000 if len(late_us) else None,
+        gaps=[_gap(gap, drawn.grid.t0_utc_us) for gap in longest],
+    )
+
+
+def _gap(gap: Span, t0_utc_us: int) -> dict[str, object]:
+    start = iso(moment(t0_utc_us + round(gap.start * 1e6)))
+    return {"from": start, "seconds": round(gap.seconds, 6), "why": gap.word}
+
+
+def _tip(drawn: Trace, measure: PortMeasure | None) -> TipFacts:
+    return TipFacts(
+        set_c=_last(drawn.setting),
+        alarm_high_c=_limit(drawn.limits, "high"),
+        alarm_low_c=_limit(drawn.limits, "low"),
+        least_c=_extreme(drawn.temperature, np.min),
+        greatest_c=_extreme(drawn.temperature, np.max),
+        idle_error_c=None if measure is None else measure.idle.mean_c,
+        idle_sd_c=None if measure is None else measure.idle.sd_c,
+    )
+
+
+def _power(drawn: Trace, rated_power_w: float | None) -> PowerFacts:
+    known = drawn.power[~np.isnan(drawn.power)]
+    energy = float(known.sum()) * drawn.period_s if len(known) else None
+    hours = None if energy is None or not rated_power_w else energy / 1000 * rated_power_w / 3600
+    return PowerFacts(_extreme(drawn.power, np.max), energy, hours)
+
+
+def _extreme(values: Floats, which: Callable[[Floats], np.float64]) -> float | None:
+    known = values[~np.isnan(values)]
+    return float(which(known)) if len(known) else None
+
+
+def _last(values: Floats) -> float | None:
+    known = values[~np.isnan(values)]
+    return float(known[-1]) if len(known) else None
+
+
+def _limit(limits: Sequence[Limit], side: str) -> float | None:
+    return next((_last(np.array(limit.celsius)) for limit in limits if limit.side == side), None)
+
+
+def _figures(file: str, place: str, drawn: Trace) -> list[Figure]:
+    """The whole run of a port and, where that is long, one minute of it."""
+    figures = [_figure(f"figures/{file}.svg", caption(drawn), description(place, drawn), drawn)]
+    near = closer(drawn)
+    if near is not None:
+        part, why = near
+        text = closer_caption(part, why)
+        figures.append(_figure(f"figures/{file}-closer.svg", text, f"{place}: {text}", part))
+    return figures
+
+
+def _figure(file: str, text: str, alt: str, drawn: Trace) -> Figure:
+    return Figure(file, text, alt, figure_svg(drawn, WIDE), figure_svg(drawn, NARROW))

@@ -1,0 +1,35 @@
+"""The stations of a report: what each is and how its run went."""
+
+from __future__ import annotations
+
+import pandas as pd
+
+from jbclog.report.facts import StationReport
+from jbclog.report.ports import Context, port_facts
+from jbclog.rows import StationFacts
+
+
+def station_report(facts: StationFacts, samples: pd.DataFrame, context: Context) -> StationReport:
+    """One station, from what the manifest knows of it and all of its rows."""
+    ports = sorted({*facts.ports, *(int(port) for port in samples["port"].unique())})
+    turnaround = facts.turnaround_us.get("median")
+    return StationReport(
+        name=facts.name,
+        family=facts.family,
+        model=facts.model,
+        software=facts.software,
+        url=facts.url,
+        address=facts.address,
+        wire=f"{facts.baudrate} {facts.format}",
+        turnaround_ms=None if turnaround is None else turnaround / 1000,
+        period_s=facts.period_s,
+        recipe=facts.recipe,
+        rated_power_w=facts.rated_power_w,
+        not_supported=sorted(facts.not_supported),
+        outcome=facts.outcome,
+        reason=facts.reason,
+        outages=facts.outages,
+        skipped_ticks=facts.skipped,
+        garbage_bytes=facts.garbage_bytes,
+        ports=[port_facts(facts, port, samples[samples["port"] == port], context) for port in ports],
+    )

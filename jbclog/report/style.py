@@ -1,0 +1,71 @@
+"""What the figures look like: colours that survive colour blindness and a grey printer, and fonts that are there.
+
+Colours after Okabe and Ito. No meaning rests on colour alone: lines differ in their dashes, spans in their hatching,
+and each is labelled where it stands.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Final
+
+if TYPE_CHECKING:
+    from matplotlib.typing import RcKeyType
+
+INK: Final = "#1c2733"
+QUIET: Final = "#5d6b7a"
+GRID: Final = "#e3e8ee"
+TEMPERATURE: Final = "#0b4f8a"
+TEMPERATURE_BAND: Final = "#9cc3e6"
+SETTING: Final = "#1c2733"
+ALARM: Final = "#c8400a"
+ERROR: Final = "#8a3a77"
+UNCONFIRMED: Final = "#b37700"
+POWER: Final = "#7a4d00"
+POWER_BAND: Final = "#efc98a"
+NO_DATA: Final = "#8d99a6"
+
+DASHES: Final = {"set": (0, (5, 2)), "high": (0, (1, 1.2)), "low": (0, (4, 1.5, 1, 1.5))}
+
+STATUS_SHADES: Final = {
+    "working": "#3d5166",
+    "on": "#3d5166",
+    "stand": "#94a5b5",
+    "sleep": "#c3ced8",
+    "hibernation": "#e1e7ec",
+    "off": "#f1f4f6",
+}
+DARK_STATUS: Final = frozenset({"working", "on"})
+
+HATCHES: Final = {"disconnected": "xxx", "skipped": "---", "no_tool": "...", "robot_off": "+++"}
+HATCH_ELSE: Final = "///"
+
+MARK_COLOURS: Final = {"alarm": ALARM, "unconfirmed": UNCONFIRMED, "error": ERROR}
+
+RC: Final[dict[RcKeyType, Any]] = {
+    "font.family": ["sans-serif"],
+    "font.sans-serif": ["DejaVu Sans"],
+    "svg.fonttype": "none",
+    "svg.hashsalt": "jbclog",
+    "path.simplify": False,  # the curves are thinned already, by a rule that keeps every excursion
+    "hatch.linewidth": 0.6,
+    "axes.unicode_minus": True,
+    "text.usetex": False,
+    "text.parse_math": False,
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Format:
+    """One size of a figure: inches, the font in points, and how much fits."""
+
+    name: str
+    width_in: float
+    height_in: float
+    font_pt: float
+    stretches: int
+    time_marks: int
+
+
+WIDE: Final = Format("wide", 7.4, 3.5, 7.5, 800, 9)
+NARROW: Final = Format("narrow", 3.9, 3.6, 7.5, 400, 5)

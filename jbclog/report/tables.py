@@ -1,0 +1,94 @@
+"""The tables of a report as plain rows: events, settings, counters and the ledger, with what is left out said."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from datetime import datetime
+
+import pandas as pd
+
+from jbclog.record.manifest import Ledger
+from jbclog.report.facts import Left
+from jbclog.report.text import iso
+
+MOST_EVENTS = 1000
+SEVERITIES = ("critical", "error", "warning", "info")
+
+Row = dict[str, object]
+
+
+def plain_rows(table: pd.DataFrame, columns: Iterable[str]) -> list[Row]:
+    """The table's rows with Python's own values: ISO times, None for what is missing."""
+    kept = table[list(columns)]
+    return [{str(name): _plain(value) for name, value in row.items()} for row in kept.to_dict("records")]
+
+
+def _plain(value: object) -> object:
+    if isinstance(value, datetime):
+        return None if pd.isna(value) else iso(value)
+    return None if pd.isna(value) else value  # type: ignore[call-overload]  # one cell
+
+
+def event_rows(events: pd.DataFrame) -> tuple[list[Row], Left | None]:
+    """The events in their order; of more than `MOST_EVENTS` the gravest."""
+    columns = ["seq", "time", "earliest", "station", "port", "kind", "severity", "code", "text", "value", "limit", "raw"]
+    left = None
+    if len(events) > MOST_EVENTS:
+        gravity = events["severity"].map(SEVERITIES.index)
+        kept = gravity.sort_values(kind="stable").index[:MOST_EVENTS]
+        left = Left(len(events) - MOST_EVENTS, "further events, none graver than these, are in events/.")
+        events = events.loc[kept.sort_values()]
+    return plain_rows(events, columns), left
+
+
+def setting_rows(settings: pd.DataFrame) -> tuple[list[Row], Left | None]:
+    """What was asked, and each reading that differs from the one before it; equal readings again are left out."""
+    columns = ["time", "station", "port", "tool", "setting", "unit", "requested", "written", "readback", "nak", "outcome"]
+    rows, kept = plain_rows(settings, columns), []
+    last: dict[tuple[object, ...], object] = {}
+    for row in rows:
+        key = (row["station"], row["port"], row["tool"], row["setting"])
+        if row["outcome"] != "read" or key not in last or last[key] != row["readback"]:
+            kept.append(row)
+        last[key] = row["readback"]
+    left = len(rows) - len(kept)
+    return kept, Left(left, "further readings of settings, equal to the ones before, are in settings/.") if left else None
+
+
+def counter_rows(counters: pd.DataFrame) -> list[Row]:
+    """First and last reading of each counter and what lies between; unknown where either failed or the counter fell."""
+    found: dict[tuple[object, ...], list[Row]] = {}
+    for row in plain_rows(counters, ["station", "port", "counter", "value", "unit", "raw"]):
+        found.setdefault((row["station"], row["port"], row["counter"], row["unit"]), []).append(row)
+    return [_counter(key, rows) for key, rows in found.items()]
+
+
+def _counter(key: tuple[object, ...], rows: list[Row]) -> Row:
+    station, port, counter, unit = key
+    first, last = rows[0]["value"], rows[-1]["value"]
+    difference, note = None, ""
+    if not isinstance(first, float) or not isinstance(last, float):
+        note = f"Not read: {rows[0]['raw'] if first is None else rows[-1]['raw']}."
+    elif len(rows) == 1:
+        last, note = None, "Read once only."
+    elif last < first:
+        note = "It fell: reset, rolled over, or another station."
+    else:
+        difference = last - first
+    place = {"station": station, "port": port, "counter": counter, "unit": unit}
+    return {**place, "first": first, "last": last, "difference": difference, "readings": len(rows), "note": note}
+
+
+def ledger_rows(ledger: Ledger) -> tuple[list[Row], list[str]]:
+    """A row for each signal of each port, and all reasons that occur, the commonest first."""
+    rows: list[Row] = []
+    totals: dict[str, int] = {}
+    for station, ports in ledger.items():
+        for port, signals in ports.items():
+            for signal, counts in signals.items():
+                reasons = {name: count for name, count in counts.items() if name not in ("due", "ok") and count}
+                for name, count in reasons.items():
+                    totals[name] = totals.get(name, 0) + count
+                place = {"station": station, "port": int(port) if port.isdigit() else None, "signal": signal}
+                rows.append({**place, "due": counts.get("due", 0), "ok": counts.get("ok", 0), "reasons": reasons})
+    return rows, sorted(totals, key=lambda name: (-totals[name], name))

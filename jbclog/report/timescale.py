@@ -1,0 +1,40 @@
+"""Where a time axis has its marks: on round UTC times, few enough not to touch each other."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime, timedelta
+from math import ceil
+
+STEPS_S = (1, 2, 5, 10, 15, 30, 60, 120, 300, 600, 900, 1800, 3600, 7200, 10800, 21600, 43200, 86400, 172800, 604800)
+EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
+
+
+def moment(utc_us: int) -> datetime:
+    """UTC of microseconds since 1970, exactly."""
+    return EPOCH + timedelta(microseconds=utc_us)
+
+
+def time_marks(t0_utc_us: int, start_s: float, end_s: float, at_most: int) -> list[tuple[float, str]]:
+    """Places (seconds of the run) and labels of the marks between `start_s` and `end_s`."""
+    step = next((step for step in STEPS_S if (end_s - start_s) / step <= at_most - 1), STEPS_S[-1])
+    zero_s = t0_utc_us / 1e6
+    first = ceil((zero_s + start_s) / step - 1e-9)
+    count = int((zero_s + end_s) / step + 1e-9) - first + 1
+    return [((first + i) * step - zero_s, _label((first + i) * step, step)) for i in range(max(count, 0))]
+
+
+def _label(utc_s: int, step: int) -> str:
+    at = moment(utc_s * 1_000_000)
+    if step >= 86400:
+        return at.strftime("%m-%d")
+    return at.strftime("%H:%M" if step >= 60 else "%H:%M:%S")
+
+
+def duration_text(seconds: float) -> str:
+    """``7 h 59 min 38 s``, ``2 min 5 s``, ``20.0 s``."""
+    if seconds < 60:
+        return f"{seconds:.1f} s"
+    hours, rest = divmod(round(seconds), 3600)
+    minutes, left = divmod(rest, 60)
+    parts = [(hours, "h"), (minutes, "min"), (left, "s")]
+    return " ".join(f"{number} {unit}" for number, unit in parts if number)

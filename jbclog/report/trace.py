@@ -1,0 +1,126 @@
+"""One port of a run as curves and spans on one time axis: seconds since the run's zero on the monotonic grid."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from jbclog.report.spans import Span, missing_ticks, runs
+
+Floats = NDArray[np.float64]
+JOINED_PERIODS = 1.5  # samples further apart than this are not joined by a line
+SETTING_JOINED_S = 15.0  # the setting is due each 5 s; two losses are bridged in the drawing, and only there
+
+
+@dataclass(frozen=True, slots=True)
+class Grid:
+    """The run's time axis. `period_s` is None with ``--rate max``: then the rows' UTC stands for it."""
+
+    t0_utc_us: int
+    period_s: float | None
+
+    def seconds(self, ticks: Floats, utc_us: Floats) -> Floats:
+        """Seconds since the run's zero of rows with these ticks and times."""
+        if self.period_s:
+            return ticks * self.period_s
+        return (utc_us - self.t0_utc_us) / 1e6
+
+
+@dataclass(frozen=True, slots=True)
+class Limit:
+    """An alarm limit as it was read back: the moments (seconds) from which it held, and °C; NaN while it was off."""
+
+    side: str  # "high" or "low"
+    seconds: tuple[float, ...]
+    celsius: tuple[float, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Mark:
+    """Something that went wrong: alarm, unconfirmed alarm or error, from its earliest possible moment on."""
+
+    span: Span
+    kind: str
+
+
+@dataclass(frozen=True, slots=True)
+class Trace:
+    """What a figure shows of one port. Values are NaN where nothing was read."""
+
+    grid: Grid
+    period_s: float
+    seconds: Floats
+    temperature: Floats
+    power: Floats
+    setting: Floats
+    status: list[Span]
+    gaps: list[Span]
+    limits: Sequence[Limit] = ()
+    marks: Sequence[Mark] = field(default_factory=tuple)
+
+    @property
+    def start(self) -> float:
+        return float(self.seconds[0]) if len(self.seconds) else 0.0
+
+    @property
+    def end(self) -> float:
+        return float(self.seconds[-1]) + self.period_s if len(self.seconds) else self.period_s
+
+    def between(self, start: float, end: float) -> Trace:
+        """The part from `start` to `end`, for a closer look."""
+        rows = (self.seconds >= start) & (self.seconds <= end)
+        return replace(
+            self,
+            seconds=self.seconds[rows],
+            temperature=self.temperature[rows],
+            power=self.power[rows],
+            setting=self.setting[rows],
+            status=_cut(self.status, start, end),
+            gaps=_cut(self.gaps, start, end),
+            marks=[mark for mark in self.marks if mark.span.end >= start and mark.span.start <= end],
+        )
+
+
+def trace(samples: pd.DataFrame, grid: Grid) -> Trace:
+    """The trace of one port from its rows of `samples`, in the order of their ticks."""
+    utc = samples["time"].to_numpy(dtype="datetime64[us]").astype(np.int64).astype(np.float64)
+    seconds = grid.seconds(_floats(samples["tick"]), utc)
+    temperature = _floats(samples["temperature_c"])
+    period_s = grid.period_s or _typical(seconds)
+    words = samples["quality"].astype(object)
+    why = [None if there else _why(word) for there, word in zip(~np.isnan(temperature), words, strict=True)]
+    skipped = missing_ticks(seconds, period_s) if grid.period_s else []
+    status = samples["status"].astype(object)
+    return Trace(
+        grid,
+        period_s,
+        seconds,
+        temperature,
+        _floats(samples["power_permille"]),
+        _floats(samples["set_c"]),
+        runs(seconds, status.where(status.notna(), None).to_numpy(), period_s),
+        sorted([*runs(seconds, why, period_s), *skipped], key=lambda span: span.start),
+    )
+
+
+def _why(quality: str) -> str:
+    """The word for a row without a temperature; in a row that is ok it was not due."""
+    return "not due" if quality == "ok" else quality
+
+
+def _typical(seconds: Floats) -> float:
+    """The usual step; a run of one row has none and is drawn as a second."""
+    return float(np.median(np.diff(seconds))) if len(seconds) > 1 else 1.0
+
+
+def _floats(column: pd.Series[int]) -> Floats:
+    return np.asarray(column.to_numpy(dtype=np.float64, na_value=np.nan), dtype=np.float64)
+
+
+def _cut(spans: Sequence[Span], start: float, end: float) -> list[Span]:
+    cut = [replace(span, start=max(span.start, start), end=min(span.end, end)) for span in spans]
+    return [span for span in cut if span.seconds > 0]

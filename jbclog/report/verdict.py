@@ -1,0 +1,89 @@
+"""The verdict as the report states it: the manifest's, or one judged now where the run ended without one."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+from jbclog.errors import Problems, UsageError
+from jbclog.judge import Acceptance, Evidence, Judgement, Result, Rule, Verdict, judge
+from jbclog.recipe.load import load_recipe
+from jbclog.record.manifest import Manifest
+from jbclog.report.facts import Reason, VerdictFacts
+
+EMPTY_RULE = Rule("", None, None, None, None, "", Result.MISSING, "").as_dict()
+FINE = "Every limit was kept."
+NOTHING_ASKED = "The recipes state no limits to judge by; this is a record, not a release."
+
+
+def verdict_facts(folder: Path, manifest: Manifest) -> VerdictFacts:
+    """The verdict with its reasons, the gravest first."""
+    if manifest.verdict is not None:
+        rules = [{**EMPTY_RULE, **rule} for rule in manifest.verdict_rules if isinstance(rule, dict)]
+        return _facts(manifest.verdict, "with the run", rules)
+    judgement = judge_now(folder, manifest)
+    return _facts(judgement.verdict.value, "by this report", judgement.rules_as_dicts())
+
+
+def judge_now(folder: Path, manifest: Manifest) -> Judgement:
+    """Judge a sealed run by the copies of its recipes. A copy that cannot be read is missing evidence."""
+    acceptance: dict[str, Acceptance | None] = {}
+    unread: list[Rule] = []
+    for facts in manifest.stations:
+        try:
+            acceptance[facts.name] = _acceptance(folder, facts.recipe)
+        except (Problems, UsageError, OSError):
+            text = "The copy of its recipe cannot be read, so its limits are not known."
+            unread.append(Rule("recipe", facts.name, None, "readable", None, "", Result.MISSING, text))
+    lost = None if manifest.lost is None else manifest.lost.text
+    judgement = judge(Evidence(folder, manifest.stations, manifest.ledger, manifest.exit_status, lost), acceptance)
+    if not unread:
+        return judgement
+    verdict = Verdict.REJECT if judgement.verdict is Verdict.REJECT else Verdict.INCONCLUSIVE
+    return Judgement(verdict, (*unread, *judgement.rules))
+
+
+def _acceptance(folder: Path, recipe: str | None) -> Acceptance | None:
+    return None if recipe is None else load_recipe(folder / "recipes" / Path(recipe).name).acceptance
+
+
+def _facts(word: str, decided: str, rules: list[dict[str, object]]) -> VerdictFacts:
+    return VerdictFacts(word, decided, list(_reasons(word, rules)), rules)
+
+
+def _reasons(word: str, rules: list[dict[str, object]]) -> Iterator[Reason]:
+    """A sentence for each rule that was not passed, failures first; one that says why there is none."""
+    if word == Verdict.NOT_JUDGED:
+        yield Reason("none", NOTHING_ASKED)
+        return
+    said = {
+        (result, _sentence(rule)): places
+        for result in ("fail", "missing", "deviation")
+        for rule in rules
+        if rule.get("result") == result
+        for places in [_places(rules, result, _sentence(rule))]
+    }
+    for (result, sentence), places in said.items():
+        yield Reason(result, f"{places}: {sentence}" if places else sentence)
+    if not said:
+        yield Reason("pass", FINE)
+
+
+def _sentence(rule: dict[str, object]) -> str:
+    """The rule's sentence without its place, and how often a deviation happened."""
+    text, observed = str(rule["text"]), rule.get("observed")
+    bare = text.removeprefix(f"Port {rule.get('port')}: ")
+    text = text if bare == text else bare[:1].upper() + bare[1:]
+    often = rule.get("result") == "deviation" and isinstance(observed, int) and observed > 1
+    return f"{text} ({observed} times)" if often else text
+
+
+def _places(rules: list[dict[str, object]], result: str, sentence: str) -> str:
+    """Every station and port of which the sentence holds: ``dde-1 ports 1, 2; ucr-1``."""
+    ports: dict[str, list[str]] = {}
+    for rule in rules:
+        if rule.get("result") == result and rule.get("station") is not None and _sentence(rule) == sentence:
+            named = ports.setdefault(str(rule["station"]), [])
+            if rule.get("port") is not None and str(rule["port"]) not in named:
+                named.append(str(rule["port"]))
+    return "; ".join(f"{station} port{'s' * (len(own) > 1)} {', '.join(own)}" if own else station for station, own in ports.items())

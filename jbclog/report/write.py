@@ -1,0 +1,78 @@
+"""Writes `report.html`, `report.json` and the figures into a run's folder; each file is whole or not there.
+
+The same run gives the same bytes: no time of making, no random names, everything in order. So a report can be made
+again at any time and compared (`verify_report`).
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict
+from pathlib import Path
+
+from jbclog.analysis import open_run
+from jbclog.errors import RecordError
+from jbclog.record.durable import write_whole
+from jbclog.report.facts import Facts
+from jbclog.report.gather import gather
+from jbclog.report.page import render
+from jbclog.report.text import cleaned
+
+PAGE, DATA = "report.html", "report.json"
+
+
+def write_report(folder: Path | str) -> Path:
+    """Write the report of the sealed run in `folder`; give the page's path. Raises `RecordError`."""
+    folder = Path(folder)
+    for name, content in report_files(folder).items():
+        _write(folder / name, content)
+    return folder / PAGE
+
+
+def verify_report(folder: Path | str) -> list[str]:
+    """Make the report again and compare: a sentence for each file that differs, none where all is as it was."""
+    folder = Path(folder)
+    return [text for name, content in report_files(folder).items() if (text := _difference(folder / name, content))]
+
+
+def report_files(folder: Path) -> dict[str, bytes]:
+    """Every file of a report by its name, as bytes."""
+    facts = gather(open_run(folder))
+    document = as_document(facts)
+    drawn = {
+        figure.file: (figure.wide, figure.narrow) for station in facts.stations for port in station.ports for figure in port.figures
+    }
+    return {
+        **{file: wide.encode() for file, (wide, _) in drawn.items()},
+        DATA: (json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False) + "\n").encode(),
+        PAGE: render(document, drawn).encode(),
+    }
+
+
+def as_document(facts: Facts) -> Mapping[str, object]:
+    """The facts as plain data without the drawings, every text cleaned; `report.json` and the page are made of it."""
+    document = asdict(facts)
+    for station in document["stations"]:
+        for port in station["ports"]:
+            for figure in port["figures"]:
+                del figure["wide"], figure["narrow"]
+    plain = cleaned(document)
+    assert isinstance(plain, dict)
+    return plain
+
+
+def _difference(path: Path, content: bytes) -> str | None:
+    try:
+        same = path.read_bytes() == content
+    except OSError as error:
+        return f"{path}: {error.strerror}"
+    return None if same else f"{path}: not what this record gives when the report is made again"
+
+
+def _write(path: Path, content: bytes) -> None:
+    try:
+        path.parent.mkdir(exist_ok=True)
+        write_whole(path, content)
+    except OSError as error:
+        raise RecordError(f"{path} cannot be written: {error.strerror}") from error
