@@ -38,7 +38,7 @@ def _differs_from_held(name: str) -> Doubt:
 
 DOUBTS: dict[str, Doubt] = {
     "temperature_c": lambda port, value: value not in PLAUSIBLE_C,
-    "status": lambda port, value: port.status is not None and port.status != value,
+    "status": lambda port, value: port.status is not None and isinstance(value, tuple) and port.status[4] != value[4],
     "tool": lambda port, value: port.tool != value,
     "set_c": _differs_from_held("selected_temperature"),
     **{name: _differs_from_held(name) for name in WATCHED_LIMITS},
@@ -110,7 +110,8 @@ class Scanner:
             if probe.doubt is not None and probe.doubt(probe.port, value):
                 yield from self._look_again(probe, value)
         except BaseException as error:  # whatever it was, the reading was due
-            self.unread(probe, scan, error.reason if isinstance(error, StationError | LinkError) else SKIPPED)
+            why = error.reason if isinstance(error, StationError | LinkError) else SKIPPED
+            self.unread(probe, scan, why, sent=self._station.exchanges > asked)
             if not isinstance(error, StationError) or isinstance(error, StationSilent | RobotModeOff):
                 raise
         else:
@@ -143,14 +144,14 @@ class Scanner:
         elif probe.reading.counter is not None:
             self._count(probe, value)
 
-    def unread(self, probe: Probe, scan: Scan, why: str) -> None:
-        """Account for a due reading that gave nothing."""
+    def unread(self, probe: Probe, scan: Scan, why: str, *, sent: bool = False) -> None:
+        """Account for a due reading that gave nothing; `sent` where the station may have heard the question."""
         probe.missed[why] = probe.missed.get(why, 0) + 1
         for column in probe.reading.columns:
             scan.reasons[column] = why
         if probe.reading.counter is not None:
             self._counter_row(probe, None, f"<{why}>")
-        if probe.reading.name == "alarm_high" and not scan.no_tool:
+        if probe.reading.name == "alarm_high" and sent:
             scan.alarms.lost(self._desk.now, why)
         if why not in EXPECTED and not probe.failing:
             probe.failing = True  # one event for a series of failures; each is in the rows
