@@ -7,6 +7,7 @@ from random import Random
 
 from jbclog.commands.command import Scope
 from jbclog.commands.family import FAMILIES, STATUS_ORDERS, Family, family_of
+from jbclog.commands.signals import FEEDER_COUNTERS
 from jbclog.errors import UsageError
 from jbclog.quantities import OFF, Value
 from jbclog.recipe.line import StationSpec
@@ -44,9 +45,22 @@ def build_device(spec: StationSpec, now: float, seed: int) -> Device:
     model = sim.model or MODELS.get(family.name, family.name.upper())
     plant = _plant(sim, spec.ports or family.ports or PORTS_IF_UNPRINTED, model, now, seed)
     device = Device(family, plant, Identity(model, sim.software, spec.address, sim.robot_mode))
+    _check_names(spec.name, sim, family, plant)
     for name, value in sim.settings.items():
         _begin_with(device, spec.name, name, value, now)
     return device
+
+
+def _check_names(station: str, sim: SimSpec, family: Family, plant: Plant) -> None:
+    """A counter, a command or a port that is not there would silently do nothing."""
+    counters = {counter.command for counter in (*family.counters, *FEEDER_COUNTERS)} & set(family.commands)
+    wrong = [f"counters: {name}" for name in sim.counters if name not in counters]
+    wrong += [f"tools: {port}" for port in sim.tools if port not in plant.ports]
+    for fault in sim.fault:
+        wrong += [f"fault {fault.kind}: {fault.command}"] if fault.command and fault.command not in family.commands else []
+        wrong += [f"fault {fault.kind}: port {fault.port}"] if fault.port and fault.port not in plant.ports else []
+    if wrong:
+        raise UsageError(f"{station}: [station.sim] {', '.join(wrong)}: a {family.name} with ports {list(plant.ports)} has none")
 
 
 def _plant(sim: SimSpec, ports: tuple[int, ...], model: str, now: float, seed: int) -> Plant:

@@ -115,7 +115,7 @@ class Port:
         self._offset_c = self.character.sensor_error_c - delays.adjust
         aim = self._aim_c() if self.tool != NO_TOOL else None
         self._target_c = None if aim is None else aim - self._offset_c
-        soldering = self._target_c is not None and self.doing.state == WORKING
+        soldering = self._target_c is not None and self.doing.state == WORKING and not self.doing.extractor
         self._next = self.joints.after(self.now) if soldering else NEVER
         state_due = self.doing.due(delays) if self.tool != NO_TOOL else inf
         self._due = min(state_due, self._load.end if self._load else self._next.start)
