@@ -17,6 +17,7 @@ from jbclog.session.sampling import Lost, Sampler
 from jbclog.session.watch import found_changed
 
 FIRST_SEEK_S = 0.25
+SEEK_GROWTH = 1.3  # gentle, so that a short drop-out is not made much longer by the search
 LONGEST_SEEK_S = 5.0
 HOT_C = 60  # a tip that was last seen above this is called hot
 
@@ -46,7 +47,7 @@ def outage(desk: Desk, sampler: Sampler, tick: int, lost: Lost) -> Steps[int]:
         if is_back:
             _tell_return(desk, began, why)
             return tick
-        pause = min(2 * pause, LONGEST_SEEK_S)
+        pause = min(SEEK_GROWTH * pause, LONGEST_SEEK_S)
         seek_at = desk.now + pause
     raise Gone(f"{desk.name}: away since {desk.now - began:.1f} s when the run ended ({lost})")
 
