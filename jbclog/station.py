@@ -6,8 +6,8 @@ The rules:
    code, length and digits are those of the pending question; anything else on the line is counted and dropped.
 2. A read is asked again at most `REPEATS` times. What clears, moves or erases something is sent once (faults.md,
    rows 2 and 39), and so is every write: whether it took is a matter of reading back.
-3. Answers carry no sequence number, so a late one looks like a fresh one. After a time-out the line is drained and
-   a probe with another code must be answered before any code is believed again (faults.md, row 5).
+3. Answers carry no sequence number, so a late one looks like a fresh one. After a question without its answer the line
+   is drained and a probe with another code must be answered before the same code is asked again (faults.md, row 5).
 4. How long an answer may take follows from the bytes, the line format and the turnaround seen on this station.
 
 Everything here is a generator that does no I/O (`effects`).
@@ -47,6 +47,9 @@ PROBES = 2  # questions a silent station gets before it counts as silent
 UNEXPECTED_LENGTH = 20  # characters allowed for an answer of unprinted length, for its time-out
 
 PROBE_COMMANDS = [command for command in COMMON if command.name in ("model", "station_error", "maximum_temperature")]
+
+UNCERTAIN = (AnswerTimeout, AnswerCorrupt, AnswerFormat)
+"""After these an answer may still be under way: what came may have been noise, an echo or an answer to something else."""
 
 REFUSALS: dict[int, type[Refusal]] = {
     1: NotReceived,
@@ -118,12 +121,12 @@ class Station:
             try:
                 data = yield from self._exchange(question)
                 return question.command.quantity.decode(data)
-            except ValueError as error:
+            except ValueError as error:  # a whole answer to this question, so nothing is under way
                 failure: StationError = AnswerFormat(f"{question.title()}: {error}")
-            except AnswerTimeout as error:
+            except UNCERTAIN as error:
                 failure = error
                 yield from self.recover(question.code)
-            except (AnswerCorrupt, AnswerFormat, NotReceived) as error:
+            except NotReceived as error:
                 failure = error
                 yield from self._drain()
             if not tries:
@@ -138,25 +141,29 @@ class Station:
         question = self._make(command, "W", port, tool, command.quantity.encode(value))
         try:
             yield from self._exchange(question)
-        except AnswerTimeout:
+        except UNCERTAIN:
             yield from self.recover(question.code)
-            raise
-        except (AnswerCorrupt, AnswerFormat):
-            yield from self._drain()
             raise
 
     def recover(self, doubted: str) -> Steps[None]:
-        """After a time-out: drain the line, then have another code answered. Raises `StationSilent`."""
+        """After a question whose answer may still come: drain the line, then have another code answered.
+
+        Raises `StationSilent` where nothing comes at all, and where only rubbish comes, what the last probe met.
+        """
+        failure: StationError = StationSilent(f"no answer to {PROBES + 1} questions in a row")
         for probe in self._probes(doubted):
             yield from self._drain()
             try:
                 yield from self._exchange(probe)
             except AnswerTimeout:
                 continue
-            except StationError:  # a refusal, too, proves that the station has done with what was asked before
+            except UNCERTAIN as error:
+                failure = error
+                continue
+            except Refusal:  # that, too, proves that the station has done with what was asked before
                 return
             return
-        raise StationSilent(f"no answer to {PROBES + 1} questions in a row")
+        raise failure
 
     def unasked(self, heard: Heard) -> None:
         """Take note of the moment, and of bytes that came although nothing was asked."""
@@ -205,6 +212,7 @@ class Station:
 
     def _exchange(self, question: Question) -> Steps[str]:
         """Ask once; give the data field of the answer."""
+        self._reader.reset()  # what came before the question cannot answer it
         heard = yield Ask(question.frame, self.patience_s(question))
         self.exchanges += 1
         self.sent = heard.sent

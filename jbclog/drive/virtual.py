@@ -59,6 +59,10 @@ class VirtualDriver:
             call()
 
 
+def _moment(coming: tuple[float, bytes]) -> float:
+    return coming[0]  # and not the bytes: what is there at one moment keeps its order
+
+
 class _Wire:
     """One session, its peer, and the bytes under way to it."""
 
@@ -101,7 +105,7 @@ class _Wire:
         if isinstance(wish, Ask):
             self._check_link(now)
             self._sent = now
-            self._coming = sorted([*self._coming, *self._peer.receive(wish.data, now)])
+            self._coming = sorted([*self._coming, *self._peer.receive(wish.data, now)], key=_moment)
             self._await(now + wish.patience_s, listening=True)
         elif isinstance(wish, Listen):
             self._check_link(now)
