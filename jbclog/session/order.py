@@ -55,7 +55,7 @@ class PortState:
     coolest_c: int | None = None
     at_temperature: bool = False  # has been within ±10 °C of its setting while working
     touched: bool = False
-    streaks: set[str] = field(default_factory=set)  # signals that failed at their last reading
+    tool_is_new: bool = False  # connected or changed, and its settings not read yet
 
     @property
     def has_tool(self) -> bool:
@@ -80,6 +80,7 @@ class Desk:
         self.held: dict[str, Value] = {}  # station-wide settings
         self.not_supported: set[str] = set()
         self.feeder_touched = False
+        self.feeding_seen = False
         self.connected = False
         self.stranger_told = False  # another station answers where this one was; said once
         self._family = order.family

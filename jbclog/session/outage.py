@@ -107,7 +107,7 @@ def _read_tools(desk: Desk) -> Steps[None]:
             before, after = desk.tool_text(port.tool), desk.tool_text(tool)
             text = f"Port {port.number}: the tool changed from {before} to {after} during the outage."
             desk.note("tool.changed", Severity.WARNING, text, port=port.number, code=tool)
-            port.tool = tool
+            port.tool, port.tool_is_new = tool, True
 
 
 def _all_held(desk: Desk) -> dict[int | None, dict[str, Value]]:

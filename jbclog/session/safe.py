@@ -14,6 +14,7 @@ from jbclog.session.order import Desk, PortState
 
 ALLOWED_S = 3.0  # for one station (faults.md, section 9)
 TRIES = 3
+VERIFIED, SENT, FAILED = "verified", "sent", "failed"
 COOLING_AFTER_S = 1.0  # how long after the order an extractor state has to show in temperature or power
 IDLE_PERMILLE = 20  # a heater that gets less than this is off
 
@@ -23,22 +24,32 @@ def make_safe(desk: Desk) -> Steps[None]:
     touched = [port for port in desk.ports.values() if port.touched]
     if not touched and not desk.feeder_touched:
         return
-    heard = yield Wait(0.0)
-    desk.station.unasked(heard)
+    desk.station.unasked((yield Wait(0.0)))
     end = desk.now + ALLOWED_S
     unsafe = []
-    if desk.family.has_feeder and not (yield from _stop_feeder(desk, end)):
+    if (desk.feeder_touched or desk.feeding_seen) and not (yield from _stop_feeder(desk, end)):
         unsafe.append(f"{desk.name}: the feeder could not be told to stop")
+        desk.note("safety.not_safe", Severity.CRITICAL, unsafe[0] + ".")
     for port in touched:
-        verified = yield from _put(desk, port, end)
-        desk.facts.safe_state[port.number] = "verified" if verified else "failed"
-        _tell(desk, port, verified)
-        if not verified:
+        if not (yield from put_in_safe_state(desk, port, end)):
             unsafe.append(_unsafe_text(desk, port))
     desk.facts.unsafe = unsafe
     desk.publish()
     if unsafe:
         raise Unsafe("; ".join(unsafe))
+
+
+def put_in_safe_state(desk: Desk, port: PortState, end: float | None = None) -> Steps[bool]:
+    """Order the safe state on one port until a reading bears it out, say so, and give whether it did."""
+    end = desk.now + ALLOWED_S if end is None else end
+    state = yield from _put(desk, port, end)
+    desk.facts.safe_state[port.number] = state
+    if state == VERIFIED:
+        text = f"Port {port.number}: the tool is in its safe state ({desk.safe_state}), as read back."
+        desk.note("safety.safe_state", Severity.INFO, text, port=port.number)
+    else:
+        desk.note("safety.not_safe", Severity.CRITICAL, _unsafe_text(desk, port) + ".", port=port.number)
+    return state == VERIFIED
 
 
 def _stop_feeder(desk: Desk, end: float) -> Steps[bool]:
@@ -54,19 +65,22 @@ def _stop_feeder(desk: Desk, end: float) -> Steps[bool]:
     return False
 
 
-def _put(desk: Desk, port: PortState, end: float) -> Steps[bool]:
-    """Order the safe state until a reading bears it out."""
+def _put(desk: Desk, port: PortState, end: float) -> Steps[str]:
     word = STATUS_ORDERS[desk.safe_state]
-    if word != STAND and (yield from _try(desk, port, word, end)) and (yield from _is_cooling(desk, port)):
-        return True
+    if word != STAND and (yield from _try(desk, port, word, end)) == VERIFIED and (yield from _is_cooling(desk, port)):
+        return VERIFIED
     return (yield from _try(desk, port, STAND, end))  # the only state from which the station cools by itself
 
 
-def _try(desk: Desk, port: PortState, word: tuple[int, ...], end: float) -> Steps[bool]:
-    command = desk.command("status")
-    for _ in range(TRIES):
+def _try(desk: Desk, port: PortState, word: tuple[int, ...], end: float) -> Steps[str]:
+    """Order and read back, three times at most and once at least: ``verified``, ``sent`` (acknowledged) or ``failed``."""
+    command, reached = desk.command("status"), FAILED
+    for attempt in range(TRIES):
+        if attempt and desk.now > end:
+            break
         try:
             yield from desk.station.write(command, word, port.number)
+            reached = SENT
         except (LinkError, StationError):
             yield from _reach_again(desk, end)
         try:
@@ -75,10 +89,8 @@ def _try(desk: Desk, port: PortState, word: tuple[int, ...], end: float) -> Step
             yield from _reach_again(desk, end)
             continue
         if isinstance(found, tuple) and _is_safe(found, word):
-            return True
-        if desk.now > end:
-            break
-    return False
+            return VERIFIED
+    return reached
 
 
 def _is_safe(found: tuple[int, ...], word: tuple[int, ...]) -> bool:
@@ -109,16 +121,8 @@ def _reach_again(desk: Desk, end: float) -> Steps[None]:
             desk.station.unasked((yield Wait(desk.now + 0.25)))
 
 
-def _tell(desk: Desk, port: PortState, verified: bool) -> None:
-    if verified:
-        text = f"Port {port.number}: the tool is in its safe state ({desk.safe_state}), as read back."
-        desk.note("safety.safe_state", Severity.INFO, text, port=port.number)
-    else:
-        desk.note("safety.not_safe", Severity.CRITICAL, _unsafe_text(desk, port) + ".", port=port.number)
-
-
 def _unsafe_text(desk: Desk, port: PortState) -> str:
     last = "never read" if port.temperature_c is None else f"last read {port.temperature_c} °C"
-    return (
-        f"{desk.name} port {port.number}: could not be put in its safe state, its tip may be hot ({last}); switch the station off"
-    )
+    sent = desk.facts.safe_state.get(port.number) == SENT
+    what = "was told to go to its safe state and does not confirm it" if sent else "could not be put in its safe state"
+    return f"{desk.name} port {port.number}: {what}, its tip may be hot ({last}); switch the station off"

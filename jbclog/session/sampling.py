@@ -11,6 +11,7 @@ from jbclog.errors import LinkError, RobotModeOff, StationError, StationSilent
 from jbclog.rows import Severity
 from jbclog.scheduler import Grid, Reading, SlowReadings
 from jbclog.session.alarms import AlarmWatch
+from jbclog.session.newtool import meet_tool
 from jbclog.session.order import Desk
 from jbclog.session.scan import SKIPPED, Probe, Scan, Scanner
 
@@ -59,8 +60,17 @@ class Sampler:
                 self.desk.station.unasked((yield Wait(self.grid.due(tick))))
             self.desk.facts.last_tick = tick
             yield from self._tick(tick)
+            yield from self._meet_new_tools()
             tick = self._following(tick)
         return tick
+
+    def _meet_new_tools(self) -> Steps[None]:
+        for port in self.desk.ports.values():
+            if port.tool_is_new:
+                try:
+                    yield from meet_tool(self.desk, port)
+                except (LinkError, StationSilent, RobotModeOff) as error:
+                    raise Lost(error) from error
 
     def _following(self, tick: int) -> int:
         if not self.paced:

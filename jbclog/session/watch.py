@@ -36,6 +36,7 @@ def _status(desk: Desk, port: PortState, word: Value) -> None:
     before, port.status = port.status, word
     if before == word:
         return
+    desk.feeding_seen = desk.feeding_seen or word[1] != 0
     ordered = desk.recipe.run.status
     if ordered is None or before is None or before[4] == word[4]:
         return
@@ -81,7 +82,7 @@ def _tool(desk: Desk, port: PortState, value: Value) -> None:
     before, port.tool = port.tool, value
     if before == value:
         return
-    port.at_temperature = False
+    port.at_temperature, port.tool_is_new = False, True
     text = f"Port {port.number}: the tool changed from {desk.tool_text(before)} to {desk.tool_text(value)}."
     desk.note("tool.changed", Severity.WARNING, text, port=port.number, code=value)
 
@@ -113,6 +114,10 @@ def _station_error(desk: Desk, port: PortState, value: Value) -> None:
         desk.note("station.error", severity, f"Station error: {desk.family.station_error_text(value)}.", code=value)
 
 
+def _feeding(desk: Desk, _port: PortState, value: Value) -> None:
+    desk.feeding_seen = desk.feeding_seen or value == "running"
+
+
 OBSERVERS: dict[str, Observe] = {
     "temperature_c": _temperature,
     "status": _status,
@@ -120,6 +125,7 @@ OBSERVERS: dict[str, Observe] = {
     "tool": _tool,
     "port_error": _port_error,
     "station_error": _station_error,
+    "feeding": _feeding,
     **{name: _watched(name) for name in WATCHED_LIMITS},
 }
 
