@@ -23,14 +23,13 @@ def sim(
     Example: jbclog sim profiles/lines/bench.toml --dir virtual
     """
     from jbclog.recipe.line import load_line
-    from jbclog.sim.__main__ import end_on_signals, tcp_of
-    from jbclog.sim.setup import SERVED_LINE, set_up
+    from jbclog.sim.setup import SERVED_LINE, set_up, tcp_of
     from jbclog.sim.wire_file import NoWireFile, WireFile
 
     loaded = load_line(line)
     wire_file = WireFile(log) if log else NoWireFile()
     server = set_up(loaded, folder, tcp_of(tcp) if tcp else None, wire_file)
-    end_on_signals(server)
+    server.stop_on_signals()
     served = folder / SERVED_LINE
     tell(str(served))
     note(f"{len(loaded.stations)} virtual stations are ready; Ctrl-C ends them. In another terminal:")

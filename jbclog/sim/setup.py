@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Sequence
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 from time import monotonic
 
 from jbclog.errors import UsageError
@@ -30,20 +30,22 @@ def set_up(line: Line, folder: Path, tcp: Tcp | None = None, wire_file: WireFile
     Raises `UsageError` where a station cannot be virtual or a link cannot be made.
     """
     allow_descriptors(DESCRIPTORS_EACH * len(line.stations) + DESCRIPTORS_BESIDE)
+    served_line = folder / SERVED_LINE
+    if served_line.exists() and served_line.samefile(line.path):
+        raise UsageError(f"{line.path} would be overwritten with the line file for the run; choose another folder")
     now, waiter = monotonic(), Waiter()
-    links = [_link(station, folder, place, tcp, waiter) for place, station in enumerate(line.stations)]
     stations = [VirtualStation(station, now=now) for station in line.stations]
+    links = _tcp_links(line, tcp, waiter) if tcp else _pty_links(line, folder.absolute(), waiter)
     server = Server([Served(*pair) for pair in zip(stations, links, strict=True)], waiter, wire_file)
     folder.mkdir(parents=True, exist_ok=True)
     try:
         server.open()
-    except UsageError:
+        served_line.write_text(line_text(line, [link.url for link in links]), encoding="utf-8")
+    except BaseException as error:
         server.close()
+        if isinstance(error, OSError):
+            raise UsageError(f"the stations of {line.path} cannot be served: {error}") from error
         raise
-    except OSError as error:
-        server.close()
-        raise UsageError(f"the stations of {line.path} cannot be served: {error}") from error
-    (folder / SERVED_LINE).write_text(line_text(line, [link.url for link in links]), encoding="utf-8")
     return server
 
 
@@ -88,17 +90,20 @@ def _quoted(text: str) -> str:
     return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
-def _link(station: StationSpec, folder: Path, place: int, tcp: Tcp | None, waiter: Waiter) -> Link:
-    if tcp is not None:
-        host, first = tcp
-        return TcpLink(host, first + place if first else 0, waiter)
-    return PtyLink(folder.absolute() / _inside(station), waiter)
+def _tcp_links(line: Line, tcp: Tcp, waiter: Waiter) -> list[Link]:
+    host, first = tcp
+    return [TcpLink(host, first + place if first else 0, waiter) for place in range(len(line.stations))]
 
 
-def _inside(station: StationSpec) -> str:
-    """Where below the folder a station is linked: at its relative url, otherwise at its name."""
-    path = PurePosixPath(station.written_url)
-    return station.written_url if station.is_relative and path.parts and ".." not in path.parts else station.name
+def _pty_links(line: Line, folder: Path, waiter: Waiter) -> list[Link]:
+    """A station is linked at its relative url below the folder, one with another url at its name."""
+    paths = [folder / (station.written_url if station.is_relative else station.name) for station in line.stations]
+    for path, station in zip(paths, line.stations, strict=True):
+        if paths.count(path) > 1 or path == folder / SERVED_LINE:
+            raise UsageError(
+                f"{line.path}: {station.name} would be linked at {path}, which has another use; give it another name or url"
+            )
+    return [PtyLink(path, waiter) for path in paths]
 
 
 def allow_descriptors(wanted: int) -> None:

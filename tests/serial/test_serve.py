@@ -1,0 +1,255 @@
+"""Virtual stations as a process of their own, on real pseudo-terminals and TCP, through pyserial."""
+
+from __future__ import annotations
+
+import fcntl
+import json
+import os
+import select
+import signal
+import statistics
+import struct
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+import serial
+
+from jbclog.errors import UsageError
+from jbclog.protocol.frame import Frame
+from jbclog.recipe.line import load_line
+from jbclog.sim.process import SimProcess
+
+READ_MS = 27 * 10 / 19200 * 1000  # 14.06 ms: eleven characters there and sixteen back
+TIOCGEXCL = 0x80045440
+READ = Frame("R", "TT1", 0, 1).encode()
+
+
+def line_file(folder: Path, *stations: str) -> Path:
+    """A line file of these tables, each beginning with its url."""
+    path = folder / "bench.toml"
+    tables = (f'[[station]]\nname = "s{n}"\nfamily = "dde"\nurl = {text}\n' for n, text in enumerate(stations, 1))
+    path.write_text('[line]\nname = "bench"\n' + "".join(tables))
+    return path
+
+
+def opened(line: Path, station: str) -> serial.SerialBase:
+    return serial.serial_for_url(load_line(line).station(station).url, 19200, timeout=1)
+
+
+def asked(port: serial.SerialBase, question: bytes = READ, count: int = 16) -> bytes:
+    port.write(question)
+    return bytes(port.read(count))
+
+
+def until(seconds: float, true: Callable[[], bool]) -> bool:
+    end = time.monotonic() + seconds
+    while time.monotonic() < end:
+        if true():
+            return True
+        time.sleep(0.01)
+    return true()
+
+
+def test_a_paced_exchange_takes_what_its_bytes_take_and_hardly_more(tmp_path: Path) -> None:
+    line = line_file(tmp_path, '"s1"\n[station.sim]\nturnaround_ms = 0')
+    with SimProcess(line, tmp_path / "sim") as sim, opened(sim.line_path, "s1") as port:
+        asked(port)
+        took_ms = []
+        for _ in range(100):
+            begun = time.monotonic()
+            assert len(asked(port)) == 16
+            took_ms.append((time.monotonic() - begun) * 1000)
+    assert min(took_ms) >= READ_MS
+    assert statistics.median(took_ms) < READ_MS + 1.0
+
+
+def test_the_turnaround_comes_on_top(tmp_path: Path) -> None:
+    line = line_file(tmp_path, '"s1"\n[station.sim]\nturnaround_ms = 5')
+    with SimProcess(line, tmp_path / "sim") as sim, opened(sim.line_path, "s1") as port:
+        begun = time.monotonic()
+        assert len(asked(port)) == 16
+        assert time.monotonic() - begun >= (READ_MS + 5) / 1000
+
+
+def test_stations_are_linked_where_their_urls_say_and_nowhere_else(tmp_path: Path) -> None:
+    device = tmp_path / "device"
+    device.write_text("left alone")
+    line = line_file(tmp_path, '"a/b"', f'"{device}"', '"socket://localhost:1"')
+    with SimProcess(line, tmp_path / "sim") as sim:
+        served = load_line(sim.line_path)
+        assert [station.url for station in served.stations] == [str(tmp_path / "sim" / name) for name in ("a/b", "s2", "s3")]
+        assert all(Path(station.url).is_symlink() for station in served.stations)
+        for station in served.stations:
+            with opened(sim.line_path, station.name) as port:
+                assert asked(port, Frame("R", "SMN", 0, 1).encode())[5:-2] == b"ASMN  DDE"
+    assert device.read_text() == "left alone"
+    assert not any(Path(station.url).is_symlink() for station in served.stations)
+
+
+def test_the_line_file_for_the_run_says_what_the_original_says(tmp_path: Path) -> None:
+    extra = (
+        'address = false\nbaudrate = 9600\nformat = "8E1"\nports = [2]\nturnaround_ms = 1.5\nrecipe = "r.toml"\nrated_power_w = 90'
+    )
+    line = line_file(tmp_path, f'"s1"\n{extra}', '"s2"')
+    with SimProcess(line, tmp_path / "sim") as sim:
+        served, original = load_line(sim.line_path), load_line(line)
+    same = {"name", "family", "baudrate", "format", "address", "ports", "turnaround_ms", "recipe", "rated_power_w"}
+    assert served.name == original.name
+    for one, other in zip(served.stations, original.stations, strict=True):
+        assert one.model_dump(include=same) == other.model_dump(include=same)
+
+
+def test_a_client_that_closes_leaves_the_port_to_the_next(tmp_path: Path) -> None:
+    with SimProcess(line_file(tmp_path, '"s1"'), tmp_path / "sim") as sim:
+        with opened(sim.line_path, "s1") as port:
+            import termios
+
+            fcntl.ioctl(port.fileno(), termios.TIOCEXCL)
+            asked(port, Frame("W", "ST100330", 0, 1).encode(), 11)
+            path = Path(str(port.port))
+        with path.open("rb", buffering=0) as probe:  # as root; nobody else could while it is exclusive
+            free = until(2, lambda: struct.unpack("i", fcntl.ioctl(probe.fileno(), TIOCGEXCL, b"\0" * 4))[0] == 0)
+        assert free
+        with opened(sim.line_path, "s1") as port:
+            assert asked(port, Frame("R", "ST1", 0, 1).encode())[5:-2] == b"AST100330"
+
+
+def test_a_dropout_hangs_up_and_comes_back_on_the_same_link(tmp_path: Path) -> None:
+    fault = "[[station.sim.fault]]\nkind = 'dropout'\nat_s = 0.3\nfor_s = 0.4"
+    line = line_file(tmp_path, f'"s1"\n{fault}', '"s2"')
+    with SimProcess(line, tmp_path / "sim") as sim:
+        link = tmp_path / "sim" / "s1"
+        with opened(sim.line_path, "s1") as port, opened(sim.line_path, "s2") as other:
+            begun = time.monotonic()
+            assert len(asked(port)) == 16
+            ready, _, _ = select.select([port.fileno()], [], [], 2)
+            assert ready
+            assert 0.3 <= time.monotonic() - begun < 0.6
+            with pytest.raises(OSError, match=r".*"):
+                os.write(port.fileno(), READ)
+            assert not link.is_symlink()
+            assert len(asked(other)) == 16
+        assert until(2, link.is_symlink)
+        assert time.monotonic() - begun >= 0.7
+        with opened(sim.line_path, "s1") as port:
+            assert len(asked(port)) == 16
+
+
+def test_tcp_serves_a_port_for_each_station_and_one_client_at_a_time(tmp_path: Path) -> None:
+    fault = "[[station.sim.fault]]\nkind = 'dropout'\nat_s = 0.3\nfor_s = 0.3"
+    with SimProcess(line_file(tmp_path, f'"s1"\n{fault}', '"s2"'), tmp_path / "sim", tcp="127.0.0.1:0") as sim:
+        urls = [station.url for station in load_line(sim.line_path).stations]
+        assert all(url.startswith("socket://127.0.0.1:") for url in urls)
+        assert len(set(urls)) == 2
+        with opened(sim.line_path, "s1") as port, opened(sim.line_path, "s2") as other:
+            begun = time.monotonic()
+            assert len(asked(port)) == 16
+            assert time.monotonic() - begun >= READ_MS / 1000
+            with opened(sim.line_path, "s2") as second, pytest.raises(serial.SerialException):
+                second.read(1)
+            assert len(asked(other)) == 16
+            with pytest.raises(serial.SerialException):
+                port.read(1)
+        assert until(2, lambda: _answers(sim.line_path, "s1"))
+
+
+def _answers(line: Path, station: str) -> bool:
+    try:
+        with opened(line, station) as port:
+            return len(asked(port)) == 16
+    except serial.SerialException:
+        return False
+
+
+def test_the_wire_is_written_down_on_request(tmp_path: Path) -> None:
+    log = tmp_path / "wire.jsonl"
+    with SimProcess(line_file(tmp_path, '"s1"'), tmp_path / "sim", log=log) as sim, opened(sim.line_path, "s1") as port:
+        asked(port, Frame("W", "ST100330", 0, 1).encode(), 11)
+    notes = [json.loads(text) for text in log.read_text().splitlines()]
+    assert [(note["station"], note["kind"], note["text"]) for note in notes] == [
+        ("s1", "question", "0001WST100330"),
+        ("s1", "answer", "0100AST1"),
+    ]
+    assert notes[1]["t"] - notes[0]["t"] >= (16 + 11) * 10 / 19200
+    assert bytes.fromhex(notes[1]["hex"]) == Frame("A", "ST1", 1, 0).encode()
+
+
+def test_a_file_in_the_way_is_left_alone_and_named(tmp_path: Path) -> None:
+    folder = tmp_path / "sim"
+    folder.mkdir()
+    (folder / "s2").write_text("mine")
+    with pytest.raises(UsageError, match="s2 is there already"), SimProcess(line_file(tmp_path, '"s1"', '"s2"'), folder):
+        pass
+    assert (folder / "s2").read_text() == "mine"
+    assert not (folder / "s1").is_symlink()
+
+
+@pytest.mark.parametrize("urls", [('"s2"', '"/dev/null"'), ('"line.toml"',)])
+def test_two_uses_of_one_path_are_an_error(tmp_path: Path, urls: tuple[str, ...]) -> None:
+    with pytest.raises(UsageError, match="has another use"), SimProcess(line_file(tmp_path, *urls), tmp_path / "sim"):
+        pass
+
+
+def test_it_does_not_overwrite_the_line_file_that_it_serves(tmp_path: Path) -> None:
+    line = line_file(tmp_path, '"s1"').rename(tmp_path / "line.toml")
+    before = line.read_text()
+    with pytest.raises(UsageError, match="would be overwritten"), SimProcess(line, tmp_path):
+        pass
+    assert line.read_text() == before
+
+
+def test_a_wrong_line_file_is_an_error_with_its_reason(tmp_path: Path) -> None:
+    line = line_file(tmp_path, '"s1"\n[station.sim]\nturnaround = 3')
+    with pytest.raises(UsageError, match="turnaround"), SimProcess(line, tmp_path / "sim"):
+        pass
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_signals_end_it_in_good_order(tmp_path: Path, number: signal.Signals) -> None:
+    command = [sys.executable, "-m", "jbclog.sim", str(line_file(tmp_path, '"s1"')), "--dir", str(tmp_path / "sim")]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as serving:
+        assert serving.stdout is not None
+        assert serving.stdout.readline().strip() == str(tmp_path / "sim" / "line.toml")
+        serving.send_signal(number)
+        assert serving.wait(5) == 0
+    assert not (tmp_path / "sim" / "s1").is_symlink()
+
+
+def test_it_ends_when_its_parent_dies(tmp_path: Path) -> None:
+    parent = (
+        "import os, sys, time; from pathlib import Path; from jbclog.sim.process import SimProcess\n"
+        "sim = SimProcess(Path(sys.argv[1]), Path(sys.argv[2])).__enter__()\n"
+        "print(sim.pid, flush=True); os.kill(os.getpid(), 9)"
+    )
+    command = [sys.executable, "-c", parent, str(line_file(tmp_path, '"s1"')), str(tmp_path / "sim")]
+    told = subprocess.run(command, capture_output=True, text=True, timeout=30, check=False)
+    assert told.returncode == -signal.SIGKILL
+    assert int(told.stdout) > 0
+    assert until(5, lambda: not (tmp_path / "sim" / "s1").is_symlink())
+
+
+def test_hundreds_of_stations_fit_into_a_small_soft_limit(tmp_path: Path) -> None:
+    line = line_file(tmp_path, *(f'"s{n}"' for n in range(1, 301)))
+    command = [
+        "sh",
+        "-c",
+        'ulimit -S -n 256 && exec "$@"',
+        "sh",
+        sys.executable,
+        "-m",
+        "jbclog.sim",
+        str(line),
+        "--dir",
+        str(tmp_path),
+    ]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as serving:
+        assert serving.stdout is not None
+        assert serving.stdout.readline().strip()
+        with opened(tmp_path / "line.toml", "s300") as port:
+            assert len(asked(port)) == 16
+        serving.terminate()
+        assert serving.wait(5) == 0
