@@ -1,7 +1,7 @@
 """Which reading is due when on one wire, and whether all of them fit: a cyclic executive.
 
 Fast signals are due on every tick of an absolute grid. Slow ones have a period, at which they are read when the wire
-has room, and a ceiling of twice that, which the plan guarantees: they go into what the fast ones leave, the most urgent
+has room, and a ceiling of three times that, which the plan guarantees even while repeats take their share: they go into what the fast ones leave, the most urgent
 first, one at a time, and may run into the next tick by no more than their own length. Five percent of the wire are kept
 for repeats (contract, "Rates").
 
@@ -19,7 +19,7 @@ from jbclog.commands.signals import Counter, Pace, Signal
 from jbclog.wire import ANSWER_BYTES, READ_BYTES, UNADDRESSED_SAVES, LineFormat
 
 KEPT_FOR_REPEATS = 0.05
-CEILING = 2.0  # a slow reading may be this many of its periods old
+CEILING = 3.0  # a slow reading may be this many of its periods old
 FIXED_PERIODS_S = {Pace.FIVE: 5.0, Pace.TEN: 10.0}
 
 
