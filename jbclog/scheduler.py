@@ -1,9 +1,9 @@
 """Which reading is due when on one wire, and whether all of them fit: a cyclic executive.
 
 Fast signals are due on every tick of an absolute grid. Slow ones have a period, at which they are read when the wire
-has room, and a ceiling of three times that, which the plan guarantees even while repeats take their share: they go into what the fast ones leave, the most urgent
-first, one at a time, and may run into the next tick by no more than their own length. Five percent of the wire are kept
-for repeats (contract, "Rates").
+has room, and a ceiling of three times that, which the plan guarantees even while repeats take their share. They go into
+what the fast ones leave, the most urgent first, one at a time, and may run into the next tick by no more than their own
+length. Five percent of the wire are kept for repeats (contract, "Rates").
 
 The same arithmetic decides before a run whether a rate fits (`Demand`) and during it what to ask next (`SlowReadings`).
 """

@@ -80,14 +80,14 @@ def _close(desk: Desk) -> Steps[None]:
         yield from make_safe(desk)
         if facts.first_tick is not None and desk.connected:
             yield from read_counters(desk)
-    except Unsafe as error:
-        facts.reason = f"{facts.reason}; {error}".lstrip("; ")
+    except Unsafe:
+        pass  # `facts.unsafe` has it, and an event for each tool
     except (LinkError, StationError, RunEnded) as error:
         desk.note("counters.missed", Severity.WARNING, f"The counters could not be read at the end: {error}.")
     good = facts.outcome == "completed"
     if facts.reason or not good:
         severity = Severity.INFO if good else Severity.ERROR
-        desk.note(f"station.{facts.outcome}", severity, f"{facts.reason or facts.outcome}.")
+        desk.note(f"station.{facts.outcome}", severity, f"{(facts.reason or facts.outcome).removeprefix(f'{desk.name}: ')}.")
     desk.publish()
 
 
