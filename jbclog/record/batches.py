@@ -1,11 +1,13 @@
 """Rows become batches: Arrow record batches as bytes, each with its number and a check sum over both.
 
-A batch is what one commit stores of one table. It is an Arrow IPC stream of its own, so it can be read without
-anything else of the store.
+A batch is what one commit stores of one table: four bytes that give its length unpacked, then an Arrow IPC stream,
+packed with zstd as a whole (packing each of its hundred buffers by itself costs five times as much to read). It can be
+read without anything else of the store.
 """
 
 from __future__ import annotations
 
+import struct
 import sys
 import time
 import zlib
@@ -19,10 +21,10 @@ from jbclog.record.schema import SCHEMAS
 
 BARE: Final = {table: pa.schema([pa.field(f.name, f.type, f.nullable) for f in schema]) for table, schema in SCHEMAS.items()}
 _LISTS: Final = {table: [pa.list_(field.type) for field in schema] for table, schema in BARE.items()}
-_OPTIONS: Final = pa.ipc.IpcWriteOptions(compression="lz4", use_threads=False)
+_CODEC: Final = pa.Codec("zstd", compression_level=1)
 
-COLUMNS_A_BREATH: Final = 6
-MANY_ROWS: Final = 200
+COLUMNS_A_BREATH: Final = 10
+MANY_ROWS: Final = 500
 
 
 class Damaged(Exception):
@@ -77,10 +79,10 @@ def _array(values: Sequence[object], column: pa.ListType, field: pa.Field) -> pa
 
 def _bytes(batch: pa.RecordBatch) -> bytes:
     sink = pa.BufferOutputStream()
-    with pa.ipc.new_stream(sink, batch.schema, options=_OPTIONS) as writer:
+    with pa.ipc.new_stream(sink, batch.schema) as writer:
         writer.write_batch(batch)
-    data: bytes = sink.getvalue().to_pybytes()
-    return data
+    stream = sink.getvalue()
+    return struct.pack("<I", stream.size) + bytes(_CODEC.compress(stream, asbytes=True))
 
 
 def decode(batch: Batch, crc: int) -> pa.Table:
@@ -91,9 +93,10 @@ def decode(batch: Batch, crc: int) -> pa.Table:
     if schema is None:
         raise Damaged(f"no table is called {batch.table!r}")
     try:
-        table = pa.ipc.open_stream(batch.data).read_all()
-        return table.cast(schema)
-    except (pa.ArrowException, ValueError) as error:
+        stream = _CODEC.decompress(batch.data[4:], decompressed_size=struct.unpack_from("<I", batch.data)[0])
+        table = pa.ipc.open_stream(stream).read_all()
+        return pa.Table.from_arrays(table.columns, schema=schema) if table.schema == BARE[batch.table] else table.cast(schema)
+    except (pa.ArrowException, OSError, ValueError, struct.error) as error:
         raise Damaged(str(error)) from error
 
 

@@ -21,7 +21,7 @@ from jbclog.errors import RecordError
 from jbclog.record.durable import sync_file, sync_folder
 from jbclog.record.schema import SCHEMAS, TABLES
 
-ROWS_A_GROUP: Final = 131_072  # some 35 MB while it is in memory
+ROWS_A_GROUP: Final = 32_768  # some 8 MB while it is in memory
 SPLIT: Final = ("late_us", "scan_us", "temperature_c", "power_permille")
 DIFFERENCES: Final = ("time", "tick", "seq")
 THROUGH: Final = b"jbclog.through"

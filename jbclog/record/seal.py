@@ -117,6 +117,8 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--lock", type=int, help="the folder's lock, inherited from the recorder")
     given = parser.parse_args(arguments)
     os.nice(NICENESS)
+    pa.set_cpu_count(1)  # beside a recorder that needs its cores
+    pa.set_memory_pool(pa.system_memory_pool())  # which gives back what is freed
     try:
         lock = FolderLock(given.run, given.lock) if given.lock is not None else FolderLock.take(given.run)
         seal_rows(given.run, part=given.part)
