@@ -1,0 +1,166 @@
+"""`jbclog run` as a person runs it: real pseudo-terminals, a real disk, real signals."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+from collections.abc import Iterator
+from pathlib import Path
+
+import pandas as pd
+import pytest
+from command import RECIPE, WireLog, is_sampling, jbclog, started, until
+
+from jbclog.record.check import check
+from jbclog.rows import SAMPLE_COLUMNS
+
+Bench = tuple[Path, WireLog]
+STAND = "WPS100001"
+
+
+def only_run(out: Path) -> Path:
+    (folder,) = out.iterdir()
+    return folder
+
+
+def test_a_run_leaves_the_folder_that_the_contract_describes(bench: Bench, tmp_path: Path) -> None:
+    line, wire = bench
+    ended = jbclog("run", RECIPE, "--line", line, "--out", tmp_path / "runs", "-d", "4s", "-s", "ale-1", "--rate", "5")
+    folder = Path(ended.stdout.splitlines()[-1])
+    assert folder == only_run(tmp_path / "runs")
+    assert sorted(path.name for path in folder.iterdir()) == [
+        "counters",
+        "events",
+        "line.toml",
+        "manifest.json",
+        "recipes",
+        "samples",
+        "settings",
+    ]
+    assert (folder / "recipes" / RECIPE.name).read_bytes() == RECIPE.read_bytes()
+    samples = pd.read_parquet(folder / "samples")
+    assert tuple(samples.columns) == SAMPLE_COLUMNS
+    assert len(samples) == 20
+    assert (samples["tick"].diff().dropna() == 1).all()
+    assert str(samples["time"].dtype) == "datetime64[us, UTC]"
+    assert check(folder) == []
+    assert wire.writes("ale-1")[-1] == STAND
+    assert wire.writes("dde-1") == []
+
+
+def test_the_record_proves_each_setting(bench: Bench, tmp_path: Path) -> None:
+    line, wire = bench
+    ended = jbclog("run", RECIPE, "--line", line, "--out", tmp_path / "runs", "-d", "2s", "-s", "ale-1", "--rate", "5")
+    settings = pd.read_parquet(Path(ended.stdout.split()[-1]) / "settings").set_index("setting")
+    written = settings[settings["outcome"] == "confirmed"]
+    assert (written["requested"] == written["readback"]).all()
+    assert settings.loc["feeder_length", "readback"] == "5.00"
+    assert settings.loc["sleep_delay", "outcome"] == "unchanged"
+    assert not any(text.startswith("WD1") for text in wire.writes("ale-1"))  # what already holds is not written
+
+
+def test_json_gives_one_object_with_the_run(bench: Bench, tmp_path: Path) -> None:
+    line, _ = bench
+    ended = jbclog("run", RECIPE, "--line", line, "--out", tmp_path / "runs", "-d", "2s", "-s", "ucr-1", "--json")
+    told = json.loads(ended.stdout)
+    assert told["run"] == str(only_run(tmp_path / "runs"))
+    assert told["exit_code"] == ended.returncode
+
+
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 143)])
+def test_a_signal_cuts_a_stated_duration_short_and_leaves_the_tools_safe(
+    bench: Bench, tmp_path: Path, number: signal.Signals, code: int
+) -> None:
+    line, wire = bench
+    run = started("run", RECIPE, "--line", line, "--out", tmp_path / "runs", "-d", "60s", "--rate", "5")
+    assert until(lambda: is_sampling(tmp_path / "runs"))
+    run.send_signal(number)
+    run.send_signal(number)  # impatience changes nothing
+    _, notes = run.communicate(timeout=20)
+    assert run.returncode == code, notes
+    for station in ("dde-1", "dde-2", "ucr-1", "ale-1"):
+        assert STAND in wire.writes(station)[-2:]
+    assert wire.writes("ale-1")[-2:] == ["WSTP00000", STAND]  # the feeder first
+    assert check(only_run(tmp_path / "runs")) == []
+
+
+def test_ctrl_c_is_the_normal_end_of_a_run_without_duration(bench: Bench, tmp_path: Path) -> None:
+    line, wire = bench
+    recipe = tmp_path / "plain.toml"
+    recipe.write_text(RECIPE.read_text().split("[acceptance]")[0])
+    run = started("run", recipe, "--line", line, "--out", tmp_path / "runs", "-s", "ucr-1")
+    assert until(lambda: is_sampling(tmp_path / "runs"))
+    run.send_signal(signal.SIGINT)
+    _, notes = run.communicate(timeout=20)
+    assert run.returncode == 0, notes
+    assert wire.writes("ucr-1")[-1] == STAND
+
+
+def test_a_second_recorder_is_told_who_holds_the_port(bench: Bench, tmp_path: Path) -> None:
+    line, _ = bench
+    first = started("run", RECIPE, "--line", line, "--out", tmp_path / "runs", "-d", "60s", "-s", "ucr-1")
+    assert until(lambda: is_sampling(tmp_path / "runs"))
+    second = jbclog("run", RECIPE, "--line", line, "--out", tmp_path / "others", "-d", "2s", "-s", "ucr-1")
+    first.terminate()
+    first.communicate(timeout=20)
+    assert second.returncode == 3
+    assert f"in use by process {first.pid} " in second.stderr
+
+
+def test_what_was_committed_before_a_kill_is_recovered(bench: Bench, tmp_path: Path) -> None:
+    line, _ = bench
+    run = started("run", RECIPE, "--line", line, "--out", tmp_path / "runs", "-d", "60s", "-s", "ucr-1")
+    assert until(lambda: is_sampling(tmp_path / "runs"))
+    run.kill()
+    run.communicate(timeout=20)
+    recovered = jbclog("recover", tmp_path / "runs")
+    folder = only_run(tmp_path / "runs")
+    manifest = (folder / "manifest.json").read_bytes()
+    assert recovered.returncode == 0, recovered.stderr
+    assert json.loads(manifest)["exit_status"] == "lost"
+    assert len(pd.read_parquet(folder / "samples")) > 0
+    assert jbclog("check", folder).returncode == 0
+    jbclog("recover", tmp_path / "runs")
+    assert (folder / "manifest.json").read_bytes() == manifest  # twice is as good as once
+
+
+def test_a_folder_that_cannot_hold_a_record_stops_the_run_before_any_question(bench: Bench, tmp_path: Path) -> None:
+    line, wire = bench
+    (tmp_path / "runs").write_text("a file, not a folder")
+    ended = jbclog("run", RECIPE, "--line", line, "--out", tmp_path / "runs", "-d", "2s")
+    assert ended.returncode == 4
+    assert "No station was touched" in ended.stderr
+    assert wire.questions("dde-1") == []
+
+
+@pytest.fixture
+def small_disk(tmp_path: Path) -> Iterator[Path]:
+    """A disk of 8 MiB."""
+    if shutil.which("mount") is None or os.geteuid() != 0:
+        pytest.skip("mount (as root) is needed for a small disk")
+    folder = tmp_path / "small"
+    folder.mkdir()
+    mounted = subprocess.run(["mount", "-t", "tmpfs", "-o", "size=8m", "tmpfs", folder], capture_output=True, check=False)
+    if mounted.returncode:
+        pytest.skip("mount is not allowed here")
+    yield folder
+    subprocess.run(["umount", folder], check=True)
+
+
+def test_a_full_disk_ends_the_run_with_the_tools_safe(bench: Bench, tmp_path: Path, small_disk: Path) -> None:
+    line, wire = bench
+    run = started("run", RECIPE, "--line", line, "--out", small_disk, "-d", "60s", "--rate", "5")
+    assert until(lambda: is_sampling(small_disk))
+    with (small_disk / "other-data").open("wb") as filler:
+        while True:
+            try:
+                filler.write(b"x" * 65536)
+                filler.flush()
+            except OSError:
+                break
+        _, notes = run.communicate(timeout=40)
+    assert run.returncode == 4, notes
+    assert all(STAND in wire.writes(station)[-2:] for station in ("dde-1", "dde-2", "ucr-1", "ale-1"))

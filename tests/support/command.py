@@ -1,0 +1,62 @@
+"""The command `jbclog`, run as a person runs it, and what the virtual stations saw of it."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+PROFILES = Path(__file__).parents[2] / "profiles"
+RECIPE = PROFILES / "recipes" / "sn100c-tht.toml"
+BENCH = PROFILES / "lines" / "bench.toml"
+
+
+def jbclog(*arguments: str | Path, timeout: float = 60.0, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
+    """Run the command to its end."""
+    return subprocess.run(_command(*arguments), capture_output=True, text=True, timeout=timeout, cwd=cwd, check=False)
+
+
+def started(*arguments: str | Path) -> subprocess.Popen[str]:
+    """The command, left running."""
+    return subprocess.Popen(_command(*arguments), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+
+
+def _command(*arguments: str | Path) -> list[str]:
+    return [sys.executable, "-c", "from jbclog.cli import main; main()", *map(str, arguments)]
+
+
+@dataclass(frozen=True)
+class WireLog:
+    """What `jbclog sim --log` wrote: the stations' own memory of the wire."""
+
+    path: Path
+
+    def questions(self, station: str) -> list[str]:
+        """The questions to a station in order, without addresses: ``WPS100001``."""
+        lines = [json.loads(line) for line in self.path.read_text().splitlines()]
+        return [line["text"][4:] for line in lines if line["station"] == station and line["kind"] == "question"]
+
+    def writes(self, station: str) -> list[str]:
+        return [text for text in self.questions(station) if text.startswith("W")]
+
+
+def until(true: Callable[[], bool], seconds: float = 20.0) -> bool:
+    """Wait until `true`; give whether it came to that."""
+    end = time.monotonic() + seconds
+    while time.monotonic() < end:
+        if true():
+            return True
+        time.sleep(0.05)
+    return true()
+
+
+def is_sampling(out: Path) -> bool:
+    """Whether a run below `out` has committed rows of samples."""
+    from jbclog.analysis.run import open_run
+
+    runs = sorted(out.iterdir()) if out.is_dir() else []
+    return any(len(open_run(run).samples(columns=["tick"])) > 0 for run in runs if (run / "live.sqlite").exists())
