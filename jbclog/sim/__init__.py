@@ -1,9 +1,10 @@
 """VIRTUAL STATIONS. What stands on the other end of the cable in the demo and in the tests.
 
-Owns: the physics of tip, feeder and counters (`plant.py`, `tip.py`, `joints.py`, `feeder.py`), the protocol
-face over the same command tables that the client uses (`device.py`), faults by name (`faults.py`), one
-whole virtual station without any I/O (`virtual.py`), and serving a line on pseudo-terminals or TCP
-(`serve.py`, `links.py`, `waiting.py`, `process.py`).
+Owns: the physics of tip, port, feeder and counters (`tip.py`, `joints.py`, `state.py`, `parts.py`, `port.py`,
+`feeder.py`, `plant.py`); the protocol face over the same command tables that the client uses (`questions.py`,
+`readings.py`, `writings.py`, `device.py`); faults by name (`faults.py`); one whole virtual station without any I/O
+(`virtual.py`, `build.py`, `wire_log.py`); and serving a line on pseudo-terminals or TCP (`setup.py`, `serve.py`,
+`links.py`, `waiting.py`, `wire_file.py`, `process.py`).
 Never: is imported by anything on the run path; touches an absolute device path; prints.
 May use: `protocol`, `commands`, `quantities`, `wire`, `recipe` (line files), `clock` and `errors`.
 Start reading: `virtual.py`, then `device.py` and `plant.py`; `serve.py` for the ports.

@@ -31,7 +31,7 @@ def set_up(line: Line, folder: Path, tcp: Tcp | None = None, wire_file: WireFile
     """
     allow_descriptors(DESCRIPTORS_EACH * len(line.stations) + DESCRIPTORS_BESIDE)
     served_line = folder / SERVED_LINE
-    if served_line.exists() and served_line.samefile(line.path):
+    if served_line.resolve() == line.path.resolve():
         raise UsageError(f"{line.path} would be overwritten with the line file for the run; choose another folder")
     now, waiter = monotonic(), Waiter()
     stations = [VirtualStation(station, now=now) for station in line.stations]

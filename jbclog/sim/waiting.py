@@ -2,8 +2,8 @@
 
 Where the selector is epoll, the last word has select(), which counts microseconds and can watch one
 descriptor: epoll's own. A question that comes meanwhile is heard at once. Where the system lets it, timers
-are exact to the nanosecond instead of 50 µs, and a wait aims `LEAD_S` before its end, which is about what a
-sleeping processor needs to wake: the rest, where there is any, is looked at again and again.
+are exact to the nanosecond instead of 50 µs, and a long wait aims `LEAD_S` before its end, because a processor
+that has slept for long needs about as much to wake.
 """
 
 from __future__ import annotations
@@ -19,7 +19,9 @@ from time import monotonic
 Ready = Callable[[float], None]
 """Called with the moment (monotonic seconds) at which there was something to read."""
 
-LEAD_S = 30e-6
+MOST_FOR_SELECT = 1024  # a selector that is made first has a low number
+LEAD_S = 40e-6
+LONG_S = 1e-3
 PR_SET_TIMERSLACK = 29
 
 
@@ -34,7 +36,8 @@ class Waiter:
 
     def __init__(self) -> None:
         self._selector = selectors.DefaultSelector()
-        self._coarse = isinstance(self._selector, getattr(selectors, "EpollSelector", ()))
+        epoll = isinstance(self._selector, getattr(selectors, "EpollSelector", ()))
+        self._coarse = epoll and self._selector.fileno() < MOST_FOR_SELECT
         self._wake_read, self._wake_write = os.pipe()
         os.set_blocking(self._wake_write, False)
         self.add(self._wake_read, self._awake)
@@ -51,7 +54,8 @@ class Waiter:
         Who is called removes no descriptor but its own.
         """
         if self._coarse and seconds is not None:
-            if not select.select([self._selector], [], [], max(seconds - LEAD_S, 0.0))[0]:
+            aim = seconds - LEAD_S if seconds > LONG_S else max(seconds, 0.0)
+            if not select.select([self._selector], [], [], aim)[0]:
                 return
             seconds = 0.0
         found = self._selector.select(seconds)
