@@ -14,6 +14,13 @@ WORKING = (0, 0, 0, 0, 0)
 STAND = (0, 0, 0, 0, 1)
 EXTRACTOR = (0, 0, 0, 1, 0)
 STATUS_ORDERS: Mapping[str, tuple[int, ...]] = MappingProxyType({"working": WORKING, "stand": STAND, "extractor": EXTRACTOR})
+
+
+def is_working(word: tuple[int, ...]) -> bool:
+    """Whether a status word says that the tool is at work: neither standing nor in the extractor state (digest A.7)."""
+    return word[4] == 0 and word[3] == 0
+
+
 STATUS_NAMES = ("working", "stand", "sleep", "hibernation")
 
 

@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from jbclog.commands.family import is_working
 from jbclog.rows import Severity
 from jbclog.session.order import Desk, PortState
 
@@ -83,7 +84,7 @@ class AlarmWatch:
 
     def _counts(self) -> bool:
         status = self._port.status
-        return self._port.at_temperature and status is not None and status[4] == 0
+        return self._port.at_temperature and status is not None and is_working(status)
 
     @staticmethod
     def _not_borne_out(seen: int | None, limit: float | None) -> str:

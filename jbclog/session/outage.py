@@ -6,6 +6,7 @@ what differs is an event (faults.md, rows 12, 13, 16 and 17).
 
 from __future__ import annotations
 
+from jbclog.commands.family import is_working
 from jbclog.effects import Steps, Wait
 from jbclog.errors import LinkError, RobotModeOff, StartRefused, StationError
 from jbclog.quantities import Value
@@ -14,7 +15,7 @@ from jbclog.session.apply import read_all
 from jbclog.session.identify import connect
 from jbclog.session.order import Desk
 from jbclog.session.sampling import Lost, Sampler
-from jbclog.session.watch import found_changed
+from jbclog.session.watch import stop_on, tell_change
 
 FIRST_SEEK_S = 0.25
 SEEK_GROWTH = 1.3  # gentle, so that a short drop-out is not made much longer by the search
@@ -115,15 +116,21 @@ def _all_held(desk: Desk) -> dict[int | None, dict[str, Value]]:
 
 
 def _compare(desk: Desk, before: dict[int | None, dict[str, Value]]) -> None:
-    """Every setting that came back different, station first. `status` is compared as working or not."""
+    """Tell every setting that came back different, station first; then stop, where the recipe says so."""
+    changes = []
     for number, held in before.items():
         port = None if number is None else desk.ports[number]
         now = desk.held if port is None else port.held
         for name, value in held.items():
             found = now.get(name)
-            if found is None or found == value or name == "station_error":
-                continue
-            if name == "status" and isinstance(found, tuple) and isinstance(value, tuple) and (found[4] == 0) == (value[4] == 0):
-                continue
-            command = desk.command(name)
-            found_changed(desk, port, name, command.shown(value), command.shown(found))
+            if found is not None and name != "station_error" and not _is_alike(name, value, found):
+                command = desk.command(name)
+                changes.append(tell_change(desk, port, name, command.shown(value), command.shown(found)))
+    stop_on(desk, changes)
+
+
+def _is_alike(name: str, before: Value, found: Value) -> bool:
+    """Whether nothing changed that anybody set; a status goes on by itself from stand to sleep."""
+    if name == "status" and isinstance(found, tuple) and isinstance(before, tuple):
+        return is_working(found) == is_working(before)
+    return found == before

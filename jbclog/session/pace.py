@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from jbclog.commands.family import Family
 from jbclog.errors import StartRefused
 from jbclog.recipe.model import Recipe
-from jbclog.scheduler import Demand, Reading, readings_of, watched_readings
+from jbclog.scheduler import KEPT_FOR_REPEATS, Demand, Reading, readings_of, watched_readings
 from jbclog.session.order import AS_FAST_AS_POSSIBLE, AS_FIT, Desk
 from jbclog.session.watch import WATCHED_LIMITS
 from jbclog.wire import LineFormat
@@ -39,7 +39,7 @@ def choose_pace(desk: Desk) -> Pace:
     readings = readings_for(desk.family, list(desk.ports), desk.recipe, order.line, order.address is not None)
     demand, turnaround_s = Demand.of(readings), facts.turnaround_us["median"] / 1e6
     if order.rate == AS_FAST_AS_POSSIBLE:
-        return Pace(readings, demand.fast_s + demand.fast_reads * turnaround_s, False)
+        return Pace(readings, demand.tick_s(turnaround_s), False)
     rate_hz = _rate_hz(desk, demand, turnaround_s)
     facts.period_s = 1 / rate_hz
     return Pace(readings, 1 / rate_hz, True)
@@ -59,10 +59,11 @@ def _rate_hz(desk: Desk, demand: Demand, turnaround_s: float) -> float:
 
 def too_fast(name: str, rate_hz: float, demand: Demand, turnaround_s: float) -> str:
     """The sentence that says by how much a rate does not fit, and what would."""
+    load, best = demand.load(rate_hz, turnaround_s), demand.best_rate_hz(turnaround_s)
     most = demand.greatest_turnaround_s(rate_hz) * 1000
+    why = "95 % is the limit" if load > 1 - KEPT_FOR_REPEATS else "which leaves the slow signals too little to come round in time"
     limit = f"the turnaround may be {most:.2f} ms at most" if most >= 0 else "its bytes alone are too many"
     return (
-        f"{name}: {rate_hz:g} Hz does not fit its wire: {demand.load(rate_hz, turnaround_s):.1%} in use with "
-        f"{turnaround_s * 1000:.2f} ms of turnaround, 95 % is the limit; at this rate {limit}. "
-        f"The best rate is {demand.best_rate_hz(turnaround_s):g} Hz: --rate {demand.best_rate_hz(turnaround_s):g}, or --rate fit"
+        f"{name}: {rate_hz:g} Hz does not fit its wire: {load:.1%} in use with {turnaround_s * 1000:.2f} ms of turnaround, "
+        f"{why}; at this rate {limit}. The best rate is {best:g} Hz: --rate {best:g}, or --rate fit"
     )

@@ -6,10 +6,12 @@ by a burst: what is a whole period late is a row of `skipped`.
 
 from __future__ import annotations
 
+import math
+
 from jbclog.effects import Steps, Wait
 from jbclog.errors import LinkError, RobotModeOff, StationError, StationSilent
 from jbclog.rows import Severity
-from jbclog.scheduler import Grid, Reading, SlowReadings
+from jbclog.scheduler import Demand, Grid, Reading, SlowReadings
 from jbclog.session.alarms import AlarmWatch
 from jbclog.session.newtool import meet_tool
 from jbclog.session.order import Desk
@@ -33,15 +35,14 @@ class Sampler:
         self.desk = desk
         self.grid = grid
         self.paced = paced
-        self.slow = SlowReadings(readings, desk.now)
+        turnaround_s = desk.facts.turnaround_us.get("median", 0.0) / 1e6
+        demand = Demand.of(readings)
+        runs_over = paced and demand.runs_over(1 / grid.period_s, turnaround_s)
+        self.slow = SlowReadings(readings, desk.now, demand.longest_slow_s + turnaround_s, runs_over=runs_over)
         self.end = None if desk.order.duration_s is None else desk.now + desk.order.duration_s
         self._scanner = Scanner(desk)
         self._probes = {(one.name, one.port): Probe.of(desk, one) for one in readings}
         self._scans = {port.number: Scan(port, self._fast_of(port.number), AlarmWatch(desk, port)) for port in desk.ports.values()}
-        turnaround = desk.facts.turnaround_us.get("median", 0.0) / 1e6
-        self._slow_s = max((one.wire_s for one in readings if one.period_s), default=0.0) + turnaround
-        fast_s = sum(one.wire_s + turnaround for one in readings if one.period_s is None)
-        self._is_tight = grid.period_s - fast_s < self._slow_s
 
     def _fast_of(self, port: int) -> list[Probe]:
         return [probe for probe in self._probes.values() if probe.reading.period_s is None and probe.reading.port == port]
@@ -113,10 +114,8 @@ class Sampler:
 
     def _take_slow(self, tick: int) -> Steps[None]:
         """Slow readings, most urgent first, while the wire has room; without a grid one after each scan."""
-        following = self.grid.due(tick + 1)
-        while (slow := self.slow.urgent(self.desk.now)) is not None:
-            if self.paced and not self._has_room(following):
-                return
+        following = self.grid.due(tick + 1) if self.paced else math.inf
+        while (slow := self.slow.next(self.desk.now, following)) is not None:
             reading = slow.reading
             try:
                 yield from self._scanner.take(self._probes[reading.name, reading.port], self._scans[reading.port])
@@ -124,11 +123,6 @@ class Sampler:
                 self.slow.taken(slow, self.desk.now)
             if not self.paced:
                 return
-
-    def _has_room(self, following: float) -> bool:
-        """Whether one more reading ends before the next tick; on a tight wire it may delay that by its own length."""
-        now = self.desk.now
-        return now + self._slow_s <= following or (self._is_tight and now <= following)
 
     # -- ticks that cannot be asked --------------------------------------------------------------------------------------
 

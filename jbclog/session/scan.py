@@ -38,7 +38,7 @@ def _differs_from_held(name: str) -> Doubt:
 
 DOUBTS: dict[str, Doubt] = {
     "temperature_c": lambda port, value: value not in PLAUSIBLE_C,
-    "status": lambda port, value: port.status is not None and isinstance(value, tuple) and port.status[4] != value[4],
+    "status": lambda port, value: port.status is not None and isinstance(value, tuple) and port.status[3:] != value[3:],
     "tool": lambda port, value: port.tool != value,
     "set_c": _differs_from_held("selected_temperature"),
     **{name: _differs_from_held(name) for name in WATCHED_LIMITS},

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from jbclog.commands.family import STATUS_ORDERS
+from jbclog.commands.family import STATUS_ORDERS, is_working
 from jbclog.commands.robot import PORT_ERROR_NO_TOOL, PORT_ERROR_STATES, PORT_ERROR_WARNINGS, STATION_ERROR_WARNINGS
 from jbclog.errors import JbclogError
 from jbclog.quantities import Value
@@ -26,7 +26,7 @@ def _temperature(desk: Desk, port: PortState, value: Value) -> None:
     port.temperature_c = value
     port.hottest_c = value if port.hottest_c is None or value > port.hottest_c else port.hottest_c
     port.coolest_c = value if port.coolest_c is None or value < port.coolest_c else port.coolest_c
-    if not port.at_temperature and port.status is not None and port.status[4] == 0:
+    if not port.at_temperature and port.status is not None and is_working(port.status):
         setting = port.celsius("selected_temperature")
         port.at_temperature = setting is not None and abs(value - setting) <= BAND_C
 
@@ -38,9 +38,9 @@ def _status(desk: Desk, port: PortState, word: Value) -> None:
         return
     desk.feeding_seen = desk.feeding_seen or word[1] != 0
     ordered = desk.recipe.run.status
-    if ordered is None or before is None or before[4] == word[4]:
+    if ordered is None or before is None or is_working(before) == is_working(word):
         return
-    if STATUS_ORDERS[ordered][4] == 0 and word[4] != 0:
+    if is_working(STATUS_ORDERS[ordered]) and not is_working(word):
         found_changed(desk, port, "status", "working", "".join(map(str, word)))
 
 
@@ -53,12 +53,23 @@ def _set_temperature(desk: Desk, port: PortState, value: Value) -> None:
 
 def found_changed(desk: Desk, port: PortState | None, name: str, before: str, found: str) -> None:
     """Say that a setting is not what it was; raise `SettingChanged` where the recipe stops on that."""
+    stop_on(desk, [tell_change(desk, port, name, before, found)])
+
+
+def tell_change(desk: Desk, port: PortState | None, name: str, before: str, found: str) -> str:
+    """Put a changed setting into the record; give it in words."""
     place = "" if port is None else f" of port {port.number}"
-    text = f"The {name.replace('_', ' ')}{place} was found changed: {found} instead of {before}. It was not written again."
+    change = f"{name.replace('_', ' ')}{place} was found changed: {found} instead of {before}"
+    text = f"The {change}. It was not written again."
     desk.note("setting.changed", Severity.ERROR, text, port=port.number if port else None, raw=f"{name}={found}")
     desk.facts.settings_changed += 1
-    if desk.recipe.run.on_difference == "stop":
-        raise SettingChanged(f"{desk.name}: {name.replace('_', ' ')}{place} was found changed: {found} instead of {before}")
+    return change
+
+
+def stop_on(desk: Desk, changes: list[str]) -> None:
+    """Raise `SettingChanged` with all changes where the recipe stops on them."""
+    if changes and desk.recipe.run.on_difference == "stop":
+        raise SettingChanged(f"{desk.name}: {'; '.join(changes)}")
 
 
 WATCHED_LIMITS = ("alarm_high_limit", "alarm_low_limit", "alarm_high_delay", "alarm_low_delay")
