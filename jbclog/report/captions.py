@@ -17,7 +17,7 @@ def caption(trace: Trace) -> str:
     if len(trace.seconds) > 2 * WIDE.stretches:
         stretch = (trace.end - trace.start) / WIDE.stretches
         parts.append(f"Line: mean, band: least to greatest of every {duration_text(stretch)}.")
-    gaps = sorted(trace.gaps, key=lambda gap: (-gap.seconds, gap.start))
+    gaps = sorted(trace.gaps, key=lambda gap: (-round(gap.seconds, 6), gap.start))
     named = [
         f"{gap.word.replace('_', ' ')} {duration_text(gap.seconds)} at {_clock(trace, gap.start)}" for gap in gaps[:MOST_GAPS_NAMED]
     ]

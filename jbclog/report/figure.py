@@ -7,7 +7,8 @@ words of our own lists, so that no name can become a formula or markup.
 from __future__ import annotations
 
 import io
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 
 import matplotlib as mpl
 import numpy as np
@@ -18,20 +19,29 @@ from matplotlib.ticker import FixedLocator, MaxNLocator
 
 from jbclog.report import style
 from jbclog.report.envelope import Envelope, envelope, lone
-from jbclog.report.lanes import draw_lanes, lanes_of
+from jbclog.report.lanes import draw_lanes, lanes_of, least_seen_s
 from jbclog.report.spans import merged, widened
 from jbclog.report.style import Format
 from jbclog.report.timescale import time_marks
 from jbclog.report.trace import JOINED_PERIODS, SETTING_JOINED_S, Floats, Trace
 
 LANE_IN = 0.155  # height of a lane
+SHORT_S = 1.0
 RARE, COARSE = 0.02, 0.2  # samples that may lie in the coarse part of a scale, and its share of the height
+
+
+@contextmanager
+def looks(form: Format) -> Iterator[None]:
+    """Within it figures have our fonts and sizes, whatever the user's own matplotlib settings are."""
+    defaults = {name: value for name, value in mpl.rcParamsDefault.items() if not name.startswith("backend")}
+    with mpl.rc_context({**defaults, **style.RC, "font.size": form.font_pt}):
+        yield
 
 
 def figure_svg(trace: Trace, form: Format) -> str:
     """The figure as an SVG document: the same trace gives the same bytes."""
     out = io.StringIO()
-    with mpl.rc_context(style.RC), mpl.rc_context({"font.size": form.font_pt}):
+    with looks(form):
         figure = draw(trace, form)
         FigureCanvasSVG(figure)
         figure.savefig(out, format="svg", metadata=dict.fromkeys(("Date", "Creator", "Format", "Type")))
@@ -199,13 +209,17 @@ def _time_axis(axes: Axes, trace: Trace, form: Format, labelled: bool) -> None:
 
 
 def _shade(axes: Axes, trace: Trace, form: Format) -> None:
-    """Gaps hatched over the full height of the curves, alarms and errors shaded; wide enough to be seen, never less."""
-    least = (trace.end - trace.start) / form.stretches * 1.5
-    for gap in merged(trace.gaps, least):
-        wide = widened(gap, least)
-        hatch = style.HATCHES.get(gap.word, style.HATCH_ELSE) if gap.seconds > 4 * least else None  # a sliver is plain
-        colour = "#f4f6f8" if hatch else style.NO_DATA
-        axes.axvspan(wide.start, wide.end, fc=colour, ec=style.NO_DATA, hatch=hatch, lw=0, zorder=1.5)
+    """Gaps over the full height of the curves, alarms and errors shaded; wide enough to be seen, never less.
+
+    A gap that is shorter than both `SHORT_S` and what can be seen is left to the lane below: a hundred single lost
+    readings would hide the curve that they leave nearly whole.
+    """
+    least = least_seen_s(trace, form)
+    for gap in merged((gap for gap in trace.gaps if gap.seconds >= min(SHORT_S, least)), least):
+        wide, hatch = widened(gap, least), style.hatch(gap.word, gap.seconds > 4 * least)
+        axes.axvspan(
+            wide.start, wide.end, fc=style.NO_DATA_TINT if hatch else style.NO_DATA, ec=style.NO_DATA, hatch=hatch, lw=0, zorder=1.5
+        )
     for mark in trace.marks:
         wide = widened(mark.span, least)
         axes.axvspan(wide.start, wide.end, fc=style.MARK_COLOURS[mark.kind], alpha=0.16, lw=0, zorder=0.5)

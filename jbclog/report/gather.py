@@ -72,8 +72,8 @@ def _stations(run: Run, folder: Path) -> Iterator[StationReport]:
         measure(folder, {facts.name: facts for facts in manifest.stations}),
         manifest.ledger,
     )
-    for facts in manifest.stations:
-        yield station_report(facts, run.samples(station=facts.name, columns=COLUMNS), context)
+    for number, facts in enumerate(manifest.stations, 1):
+        yield station_report(facts, number, run.samples(station=facts.name, columns=COLUMNS), context)
 
 
 def _metadata(manifest: Manifest) -> dict[str, object]:

@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.patches import Rectangle
 
 from jbclog.report import style
-from jbclog.report.spans import Span, merged, widened
+from jbclog.report.spans import Span, merged, widened, within
 from jbclog.report.style import Format
 from jbclog.report.timescale import duration_text
 from jbclog.report.trace import Trace
@@ -25,14 +25,20 @@ class Lane:
     spans: list[Span]
 
 
+def least_seen_s(trace: Trace, form: Format) -> float:
+    """The shortest time that is wide enough to be seen in a figure of this size."""
+    return (trace.end - trace.start) / form.stretches * 1.5
+
+
 def lanes_of(trace: Trace, form: Format) -> list[Lane]:
     """Status always; the others where there is something to show. Spans that cannot be told apart are one."""
-    least = (trace.end - trace.start) / form.stretches * 1.5
+    least = least_seen_s(trace, form)
     lanes = [Lane("status", merged(trace.status, least))]
     for name, kind in LANES:
         spans = trace.gaps if kind is None else [mark.span for mark in trace.marks if mark.kind == kind]
-        if spans:
-            lanes.append(Lane(name, [widened(span, least) for span in merged(spans, least)]))
+        seen = within((widened(span, least) for span in merged(spans, least)), trace.start, trace.end)
+        if seen:
+            lanes.append(Lane(name, seen))
     return lanes
 
 
@@ -42,16 +48,17 @@ def draw_lanes(axes: Axes, lanes: list[Lane], trace: Trace, form: Format) -> Non
     axes.set_yticks([row + 0.5 for row in range(len(lanes))], [lane.name for lane in lanes])
     for row, lane in enumerate(lanes):
         for span in lane.spans:
-            _bar(axes, row, lane.name, span)
+            _bar(axes, row, lane.name, span, hatched=span.seconds > 4 * least_seen_s(trace, form))
             _word(axes, row, lane.name, span, trace, form)
 
 
-def _bar(axes: Axes, row: int, name: str, span: Span) -> None:
+def _bar(axes: Axes, row: int, name: str, span: Span, hatched: bool) -> None:
     place = Rectangle((span.start, row + 0.14), span.seconds, 0.72, lw=0, zorder=2)
     if name == "status":
         place.set_facecolor(style.STATUS_SHADES.get(span.word, "#ffffff"))
     elif name == "no data":
-        place.set(facecolor="#f4f6f8", edgecolor=style.NO_DATA, hatch=style.HATCHES.get(span.word, style.HATCH_ELSE))
+        hatch = style.hatch(span.word, hatched)
+        place.set(facecolor=style.NO_DATA_TINT if hatch else style.NO_DATA, edgecolor=style.NO_DATA, hatch=hatch)
     else:
         place.set_facecolor(style.MARK_COLOURS["unconfirmed" if name == "doubtful" else name])
     axes.add_patch(place)

@@ -24,6 +24,13 @@ SIGNS = {
 }
 RESULT_SIGNS = {"pass": "✓", "fail": "✕", "missing": "?", "deviation": "△", "none": "–"}
 
+SAFE_MEANINGS = {
+    None: "The run changed nothing at this port.",
+    "verified": "The order was read back.",
+    "sent": "The order was sent and could not be read back.",
+    "failed": "The tool could not be put in its safe state.",
+}
+
 
 def render(document: Mapping[str, object], figures: Mapping[str, tuple[str, str]]) -> str:
     """The page of a report. `figures` gives for a figure's file name its wide and its narrow SVG."""
@@ -42,7 +49,7 @@ def _environment() -> Environment:
         loader=PackageLoader("jbclog.report"), autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
     environment.filters.update(number=number, stamp=stamp, clock=clock, duration=_duration, place=_place)
-    environment.globals.update(signs=SIGNS, result_signs=RESULT_SIGNS)
+    environment.globals.update(signs=SIGNS, result_signs=RESULT_SIGNS, safe_meanings=SAFE_MEANINGS)
     return environment
 
 

@@ -37,8 +37,8 @@ class Context:
     ledger: Mapping[str, Mapping[str, PortLedger]]
 
 
-def port_facts(facts: StationFacts, port: int, rows: pd.DataFrame, context: Context) -> PortFacts:
-    """One port, from its rows of `samples`."""
+def port_facts(facts: StationFacts, port: int, file: str, rows: pd.DataFrame, context: Context) -> PortFacts:
+    """One port, from its rows of `samples`; its figures' files begin with `file`."""
     drawn = replace(
         trace(rows, Grid(context.t0_utc_us, facts.period_s)),
         limits=limits_of(context.settings, facts.name, port, context.t0_utc_us),
@@ -56,14 +56,14 @@ def port_facts(facts: StationFacts, port: int, rows: pd.DataFrame, context: Cont
         doubtful_alarms=sum(mark.kind == "unconfirmed" for mark in drawn.marks),
         safe_state=facts.safe_state.get(port),
         last_temperature_c=facts.last_temperature_c.get(port),
-        figures=_figures(f"{facts.name}-{port}", f"{facts.name}, port {port}", drawn) if len(rows) else [],
+        figures=_figures(file, f"{facts.name}, port {port}", drawn) if len(rows) else [],
     )
 
 
 def _recorded(rows: pd.DataFrame, drawn: Trace, measure: PortMeasure | None, ledger: PortLedger) -> RecordedFacts:
     due, readings = ledger.get("temperature_c", {}).get("due", 0), 0 if measure is None else measure.temperatures
     late_us = rows["late_us"].dropna().to_numpy(dtype=np.float64)
-    longest = sorted(drawn.gaps, key=lambda gap: (-gap.seconds, gap.start))[:MOST_GAPS]
+    longest = sorted(drawn.gaps, key=lambda gap: (-round(gap.seconds, 6), gap.start))[:MOST_GAPS]
     return RecordedFacts(
         rows=len(rows),
         due=due,

@@ -67,3 +67,9 @@ def widened(span: Span, least_s: float) -> Span:
     """The span, wide enough to be seen."""
     lacking = max(0.0, least_s - span.seconds) / 2
     return replace(span, start=span.start - lacking, end=span.end + lacking)
+
+
+def within(spans: Iterable[Span], start: float, end: float) -> list[Span]:
+    """What of the spans lies between `start` and `end`."""
+    cut = [replace(span, start=max(span.start, start), end=min(span.end, end)) for span in spans]
+    return [span for span in cut if span.seconds > 0]

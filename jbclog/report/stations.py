@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+import re
+
 import pandas as pd
 
 from jbclog.report.facts import StationReport
 from jbclog.report.ports import Context, port_facts
 from jbclog.rows import StationFacts
 
+NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9._-]{0,63}")  # contract, "Line file"
 
-def station_report(facts: StationFacts, samples: pd.DataFrame, context: Context) -> StationReport:
-    """One station, from what the manifest knows of it and all of its rows."""
+
+def station_report(facts: StationFacts, number: int, samples: pd.DataFrame, context: Context) -> StationReport:
+    """The run's station `number`, from what the manifest knows of it and all of its rows."""
+    stem = facts.name if NAME.fullmatch(facts.name) else f"station-{number}"  # a manifest is a file, and can say anything
     ports = sorted({*facts.ports, *(int(port) for port in samples["port"].unique())})
     turnaround = facts.turnaround_us.get("median")
     return StationReport(
@@ -31,5 +36,5 @@ def station_report(facts: StationFacts, samples: pd.DataFrame, context: Context)
         outages=facts.outages,
         skipped_ticks=facts.skipped,
         garbage_bytes=facts.garbage_bytes,
-        ports=[port_facts(facts, port, samples[samples["port"] == port], context) for port in ports],
+        ports=[port_facts(facts, port, f"{stem}-{port}", samples[samples["port"] == port], context) for port in ports],
     )

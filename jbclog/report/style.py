@@ -24,6 +24,7 @@ UNCONFIRMED: Final = "#b37700"
 POWER: Final = "#7a4d00"
 POWER_BAND: Final = "#efc98a"
 NO_DATA: Final = "#8d99a6"
+NO_DATA_TINT: Final = "#f4f6f8"
 
 DASHES: Final = {"set": (0, (5, 2)), "high": (0, (1, 1.2)), "low": (0, (4, 1.5, 1, 1.5))}
 
@@ -39,6 +40,12 @@ DARK_STATUS: Final = frozenset({"working", "on"})
 
 HATCHES: Final = {"disconnected": "xxx", "skipped": "---", "no_tool": "...", "robot_off": "+++"}
 HATCH_ELSE: Final = "///"
+
+
+def hatch(word: str, wide: bool) -> str | None:
+    """The hatching of missing data by its reason; a sliver is plain."""
+    return HATCHES.get(word, HATCH_ELSE) if wide else None
+
 
 MARK_COLOURS: Final = {"alarm": ALARM, "unconfirmed": UNCONFIRMED, "error": ERROR}
 

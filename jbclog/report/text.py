@@ -40,9 +40,11 @@ def stamp(text: str | None) -> str:
     return "not known" if text is None else text[:19].replace("T", " ")
 
 
-def clock(text: str | None) -> str:
-    """``01:30:00.123``, from `iso`."""
-    return "" if text is None else text[11:23]
+def clock(text: str | None, *, with_day: bool = False) -> str:
+    """``01:30:00.123``, from `iso`; with the day ``11-21 01:30:00.123``."""
+    if text is None:
+        return ""
+    return f"{text[5:10]} {text[11:23]}" if with_day else text[11:23]
 
 
 def number(value: object, digits: int = 2) -> str:

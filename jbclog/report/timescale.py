@@ -5,7 +5,13 @@ from __future__ import annotations
 from datetime import UTC, datetime, timedelta
 from math import ceil
 
-STEPS_S = (1, 2, 5, 10, 15, 30, 60, 120, 300, 600, 900, 1800, 3600, 7200, 10800, 21600, 43200, 86400, 172800, 604800)
+MINUTE, HOUR, DAY = 60, 3600, 86400
+STEPS_S = (
+    *(1, 2, 5, 10, 15, 30),
+    *(MINUTE * n for n in (1, 2, 5, 10, 15, 30)),
+    *(HOUR * n for n in (1, 2, 3, 6, 12)),
+    *(DAY * n for n in (1, 2, 7, 14, 30, 90)),
+)
 EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 
 
@@ -25,14 +31,14 @@ def time_marks(t0_utc_us: int, start_s: float, end_s: float, at_most: int) -> li
 
 def _label(utc_s: int, step: int) -> str:
     at = moment(utc_s * 1_000_000)
-    if step >= 86400:
+    if step >= DAY or (step >= HOUR and at.hour == at.minute == 0):
         return at.strftime("%m-%d")
-    return at.strftime("%H:%M" if step >= 60 else "%H:%M:%S")
+    return at.strftime("%H:%M" if step >= MINUTE else "%H:%M:%S")
 
 
 def duration_text(seconds: float) -> str:
     """``7 h 59 min 38 s``, ``2 min 5 s``, ``20.0 s``."""
-    if seconds < 60:
+    if round(seconds, 1) < 60:
         return f"{seconds:.1f} s"
     hours, rest = divmod(round(seconds), 3600)
     minutes, left = divmod(rest, 60)

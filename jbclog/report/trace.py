@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from jbclog.report.spans import Span, missing_ticks, runs
+from jbclog.report.spans import Span, missing_ticks, runs, within
 
 Floats = NDArray[np.float64]
 JOINED_PERIODS = 1.5  # samples further apart than this are not joined by a line
@@ -79,8 +79,8 @@ class Trace:
             temperature=self.temperature[rows],
             power=self.power[rows],
             setting=self.setting[rows],
-            status=_cut(self.status, start, end),
-            gaps=_cut(self.gaps, start, end),
+            status=within(self.status, start, end),
+            gaps=within(self.gaps, start, end),
             marks=[mark for mark in self.marks if mark.span.end >= start and mark.span.start <= end],
         )
 
@@ -119,8 +119,3 @@ def _typical(seconds: Floats) -> float:
 
 def _floats(column: pd.Series[int]) -> Floats:
     return np.asarray(column.to_numpy(dtype=np.float64, na_value=np.nan), dtype=np.float64)
-
-
-def _cut(spans: Sequence[Span], start: float, end: float) -> list[Span]:
-    cut = [replace(span, start=max(span.start, start), end=min(span.end, end)) for span in spans]
-    return [span for span in cut if span.seconds > 0]

@@ -1,0 +1,71 @@
+"""Thinning for the page: no excursion disappears, nothing is joined across a gap."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from jbclog.report.envelope import envelope, lone
+
+EIGHT_HOURS = 288_000
+
+
+def test_a_single_sample_in_eight_hours_keeps_its_full_height() -> None:
+    values = np.full(EIGHT_HOURS, 350.0)
+    values[123_456], values[200_001] = 421.0, 17.0
+    curve = envelope(np.arange(EIGHT_HOURS) / 10, values, 800, 0.15)
+    assert len(curve.seconds) <= 800
+    assert np.nanmax(curve.high) == 421
+    assert np.nanmin(curve.low) == 17
+    hottest = curve.seconds[np.nanargmax(curve.high)]
+    assert hottest == pytest.approx(12_345.6, abs=36)
+
+
+def test_few_samples_are_all_drawn() -> None:
+    curve = envelope(np.arange(1600.0), np.arange(1600.0), 800, 1.5)
+    assert curve.whole
+    assert np.array_equal(curve.mean, np.arange(1600.0))
+
+
+def test_a_line_is_not_drawn_across_a_gap() -> None:
+    seconds = np.array([0.0, 0.1, 0.2, 3.2, 3.3])
+    curve = envelope(seconds, np.array([1.0, 2.0, np.nan, 4.0, 5.0]), 800, 0.15)
+    assert np.array_equal(curve.mean, [1, 2, np.nan, 4, 5], equal_nan=True)
+    thinned = np.arange(40_000) / 10
+    values = np.ones(40_000)
+    values[10_000:20_000] = np.nan
+    curve = envelope(thinned, values, 800, 0.15)
+    breaks = np.flatnonzero(np.isnan(curve.mean))
+    assert len(breaks) == 1
+    assert curve.seconds[breaks[0] - 1] == pytest.approx(1000, abs=5)
+    assert curve.seconds[breaks[0] + 1] == pytest.approx(2000, abs=5)
+
+
+def test_what_stands_alone_is_found() -> None:
+    curve = envelope(np.array([0.0, 1.0, 2.0, 10.0, 20.0, 21.0]), np.array([1.0, 2.0, 3.0, 9.0, 4.0, 5.0]), 800, 1.5)
+    assert list(lone(curve).mean) == [9]
+
+
+def test_nothing_at_all() -> None:
+    curve = envelope(np.arange(5.0), np.full(5, np.nan), 800, 1.5)
+    assert not len(curve.seconds)
+    assert not len(lone(curve).seconds)
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.data())
+def test_the_band_holds_every_sample(data: st.DataObject) -> None:
+    rng = np.random.default_rng(data.draw(st.integers(0, 2**32)))
+    values = np.round(rng.normal(350, 30, 5000))
+    values[rng.random(5000) < data.draw(st.floats(0, 0.9))] = np.nan
+    seconds = np.cumsum(rng.integers(1, 4, 5000)) / 10
+    curve = envelope(seconds, values, 100, 0.15)
+    if np.isnan(values).all():
+        return
+    assert np.nanmax(curve.high) == np.nanmax(values)
+    assert np.nanmin(curve.low) == np.nanmin(values)
+    assert not (curve.high < curve.mean - 1e-9).any()
+    assert not (curve.low > curve.mean + 1e-9).any()
+    assert (np.diff(curve.seconds) >= 0).all()

@@ -1,0 +1,103 @@
+"""The report's tables: nothing is left out without a word, nothing unknown becomes a number."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from sealed_run import limit, micros, samples, seal, station, table
+
+from jbclog.analysis import open_run
+from jbclog.report.tables import MOST_EVENTS, counter_rows, event_rows, ledger_rows, setting_rows
+from jbclog.rows import CounterRow, EventRow, Severity
+
+
+def test_of_too_many_events_the_gravest_are_kept_in_order_and_the_rest_is_counted(tmp_path: Path) -> None:
+    told = [EventRow(micros(i), "read.timeout", Severity.WARNING, "x", "dde-1", 1) for i in range(MOST_EVENTS + 50)]
+    told.append(EventRow(micros(5000), "link.lost", Severity.CRITICAL, "x", "dde-1"))
+    rows, left = event_rows(open_run(seal(tmp_path, [station()], table(), told)).events())
+    assert len(rows) == MOST_EVENTS
+    assert rows[-1]["kind"] == "link.lost"
+    assert left is not None
+    assert left.rows == 51
+    assert rows == sorted(rows, key=lambda row: str(row["time"]))
+
+
+def test_events_keep_what_is_missing_missing(tmp_path: Path) -> None:
+    rows, left = event_rows(
+        open_run(seal(tmp_path, [station()], table(), [EventRow(micros(1), "run.start", Severity.INFO, "x")])).events()
+    )
+    assert left is None
+    assert rows == [
+        {
+            "seq": 0,
+            "time": "2026-09-21T14:13:21.000000Z",
+            "earliest": None,
+            "station": None,
+            "port": None,
+            "kind": "run.start",
+            "severity": "info",
+            "code": None,
+            "text": "x",
+            "value": None,
+            "limit": None,
+            "raw": None,
+        }
+    ]
+
+
+def test_a_setting_read_again_and_found_the_same_is_not_repeated(tmp_path: Path) -> None:
+    again = limit("high", "380")._replace(outcome="read", requested=None, written=None)
+    other = again._replace(readback="390", time=micros(40))
+    found = open_run(seal(tmp_path, [station()], table(), settings=[limit("high", "380"), again, again, other, other]))
+    rows, left = setting_rows(found.settings())
+    assert [(row["outcome"], row["readback"]) for row in rows] == [("confirmed", "380"), ("read", "390")]
+    assert left is not None
+    assert left.rows == 3
+
+
+def counter(name: str, value: float | None, raw: str = "00001", second: float = 0) -> CounterRow:
+    return CounterRow(micros(second), "dde-1", 1, name, value, "h", raw)
+
+
+def test_counters_at_start_and_end(tmp_path: Path) -> None:
+    told = [
+        *(counter("work_h", value) for value in (811.0, 811.0, 813.0)),
+        *(counter("plugged_h", value) for value in (99_990.0, 5.0)),
+        *(counter("sleep_h", value, raw) for value, raw in ((4.0, "00004"), (None, "<timeout>"))),
+        counter("hibernation_h", 7.0),
+    ]
+    rows = {
+        str(row["counter"]): row for row in counter_rows(open_run(seal(tmp_path, [station()], table(), counters=told)).counters())
+    }
+    assert (rows["work_h"]["first"], rows["work_h"]["last"], rows["work_h"]["difference"]) == (811, 813, 2)
+    assert rows["plugged_h"]["difference"] is None
+    assert "fell" in str(rows["plugged_h"]["note"])
+    assert (rows["sleep_h"]["last"], rows["sleep_h"]["difference"]) == (None, None)
+    assert rows["sleep_h"]["note"] == "Not read: <timeout>."
+    assert (rows["hibernation_h"]["last"], rows["hibernation_h"]["difference"]) == (None, None)
+
+
+def test_the_ledger_has_every_reason_the_commonest_first(tmp_path: Path) -> None:
+    ledger = {
+        "dde-1": {
+            "1": {"temperature_c": {"due": 10, "ok": 7, "timeout": 2, "bcc": 1}, "work_h": {"due": 2, "ok": 2}},
+            "station": {"maximum_temperature": {"due": 4, "ok": 0, "timeout": 4}},
+        }
+    }
+    rows, reasons = ledger_rows(ledger)
+    assert reasons == ["timeout", "bcc"]
+    assert rows[0] == {
+        "station": "dde-1",
+        "port": 1,
+        "signal": "temperature_c",
+        "due": 10,
+        "ok": 7,
+        "reasons": {"timeout": 2, "bcc": 1},
+    }
+    assert rows[2]["port"] is None
+    assert all(row["due"] == row["ok"] + sum(row["reasons"].values()) for row in rows)  # type: ignore[operator,attr-defined]
+
+
+def test_samples_of_a_real_run_are_in_its_ledger(tmp_path: Path) -> None:
+    rows, _ = ledger_rows(open_run(seal(tmp_path, [station(rows=600)], table(samples(600)))).manifest.ledger)
+    assert {"station": "dde-1", "port": 1, "signal": "temperature_c", "due": 600, "ok": 600, "reasons": {}} in rows

@@ -1,0 +1,61 @@
+"""Text from outside and numbers on the page."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime
+
+import pytest
+
+from jbclog.report.text import clean, cleaned, clock, iso, number, stamp
+
+
+@pytest.mark.parametrize(
+    ("text", "shown"),
+    [
+        ("plain", "plain"),
+        ("Lötspitze 350 °C", "Lötspitze 350 °C"),
+        ("red\x1b[31m", "red[31m"),
+        ("a\x00b\x7fc\x9bd", "abcd"),
+        ("two\nlines\tand", "two lines and"),
+        ("evil\u202etxt.exe\u2066", "eviltxt.exe"),
+        ("hid\u200bden\ufeff", "hidden"),
+        ("half \ud800 surrogate", "half  surrogate"),
+    ],
+)
+def test_control_and_formatting_characters_are_taken_out(text: str, shown: str) -> None:
+    assert clean(text) == shown
+    assert clean(text).encode()
+
+
+def test_everything_inside_is_cleaned_keys_as_well() -> None:
+    assert cleaned({"a\x1b": ["b\x00", ("c\u202e", 1, None, True)]}) == {"a": ["b", ["c", 1, None, True]]}
+
+
+@pytest.mark.parametrize(
+    ("value", "digits", "shown"),
+    [
+        (None, 2, "–"),
+        (0, 2, "0"),
+        (0.0, 2, "0"),
+        (-0.001, 2, "0"),
+        (-3, 2, "\u22123"),
+        (1234567, 2, "1\u202f234\u202f567"),
+        (100.0, 0, "100"),
+        (99.5, 2, "99.5"),
+        (99.999, 2, "100"),
+        ("00001", 2, "00001"),
+        (True, 2, "True"),
+    ],
+)
+def test_numbers(value: object, digits: int, shown: str) -> None:
+    assert number(value, digits) == shown
+
+
+def test_times() -> None:
+    text = iso(datetime(2026, 11, 21, 1, 30, 0, 123456, tzinfo=UTC))
+    assert text == "2026-11-21T01:30:00.123456Z"
+    assert stamp(text) == "2026-11-21 01:30:00"
+    assert clock(text) == "01:30:00.123"
+    assert clock(text, with_day=True) == "11-21 01:30:00.123"
+    assert stamp(None) == "not known"
+    assert clock(None) == ""

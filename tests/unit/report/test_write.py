@@ -1,0 +1,307 @@
+"""The page and its twin in JSON: what they say, that they open offline, and that nothing from outside can act in them."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from make_run import begin, make_run
+from sealed_run import RECIPE, alarm, limit, lose, micros, samples, seal, station, table
+
+from jbclog.errors import RecordError
+from jbclog.record.check import check
+from jbclog.record.manifest import LineFile, Lost, Metadata, read_manifest, write_manifest
+from jbclog.report import verify_report, write_report
+from jbclog.rows import CounterRow, EventRow, SettingRow, Severity
+
+ELEMENTS = {
+    *("html", "head", "meta", "title", "style", "body", "main", "section", "footer", "div", "p", "span", "b", "small", "a", "code"),
+    *("h1", "h2", "h3", "ul", "li", "dl", "dt", "dd", "table", "thead", "tbody", "tr", "th", "td"),
+    *("figure", "figcaption", "picture", "source", "img"),
+}
+ATTRIBUTES = {"lang", "charset", "name", "content", "http-equiv", "class", "id", "href", "media", "srcset", "src", "alt"}
+
+
+class Page(HTMLParser):
+    """A page as a browser has it: its elements, and its text."""
+
+    def __init__(self, html: str) -> None:
+        super().__init__(convert_charrefs=True)
+        self.elements: list[tuple[str, dict[str, str | None]]] = []
+        self.words: list[str] = []
+        self.feed(html)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.elements.append((tag, dict(attrs)))
+
+    def handle_data(self, data: str) -> None:
+        self.words.append(data)
+
+    @property
+    def text(self) -> str:
+        return re.sub(r"\s+", " ", " ".join(self.words))
+
+
+def report(folder: Path) -> tuple[Page, dict[str, Any]]:
+    page = write_report(folder)
+    assert page == folder / "report.html"
+    return Page(page.read_text("utf-8")), json.loads((folder / "report.json").read_text("utf-8"))
+
+
+def sealed(tmp_path: Path, rows: int = 600, **manifest: object) -> Path:
+    return seal(tmp_path, [station(rows=rows)], table(samples(rows)), **manifest)  # type: ignore[arg-type]
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return make_run(tmp_path_factory.mktemp("runs"), 45)
+
+
+def test_a_recorded_run_is_told_with_its_verdict_first(recorded: Path) -> None:
+    page, data = report(recorded)
+    assert data["verdict"]["word"] == "REJECT"
+    assert data["verdict"]["decided"] == "with the run"
+    heading = page.text.index("REJECT", page.text.index("process record"))
+    assert heading < page.text.index("Stations") < page.text.index("Events") < page.text.index("What this record does not claim")
+    for word in (
+        "dde-1",
+        "ale-1",
+        "M. Weber",
+        "4711",
+        "controller <B>",
+        "SN-001",
+        "sn100c-tht",
+        "revision 7",
+        "T245/T470",
+        "1.01 ms",
+    ):
+        assert word in page.text, word
+    assert "disconnected 3.0 s" in page.text
+    assert [len(one["ports"]) for one in sorted(data["stations"], key=lambda one: one["name"])] == [1, 2]
+
+
+def test_both_name_the_manifest_that_they_were_made_from_and_change_nothing(recorded: Path) -> None:
+    before = (recorded / "manifest.json").read_bytes()
+    page, data = report(recorded)
+    digest = hashlib.sha256(before).hexdigest()
+    assert data["manifest_sha256"] == digest
+    assert digest in page.text
+    assert (recorded / "manifest.json").read_bytes() == before
+    assert check(recorded) == []
+    for file in data["files"]:
+        assert file["sha256"] in page.text
+
+
+def test_the_same_run_gives_the_same_bytes_and_a_changed_report_is_found(recorded: Path) -> None:
+    write_report(recorded)
+    first = {path: path.read_bytes() for path in recorded.rglob("*") if path.is_file()}
+    write_report(recorded)
+    assert first == {path: path.read_bytes() for path in recorded.rglob("*") if path.is_file()}
+    assert verify_report(recorded) == []
+    (recorded / "report.html").write_text(first[recorded / "report.html"].decode().replace("REJECT", "ACCEPT"))
+    (recorded / "figures" / "dde-1-1.svg").unlink()
+    found = verify_report(recorded)
+    assert len(found) == 2
+    assert "report.html" in found[1]
+    write_report(recorded)
+
+
+def test_the_page_needs_nothing_but_itself(recorded: Path) -> None:
+    write_report(recorded)
+    page = Page((recorded / "report.html").read_text("utf-8"))
+    assert not [tag for tag, _ in page.elements if tag in ("script", "link", "iframe", "object", "embed", "form", "base", "svg")]
+    sources = [attrs.get("src") or attrs.get("srcset") for tag, attrs in page.elements if tag in ("img", "source")]
+    assert len(sources) == 6
+    assert all(source is not None and source.startswith("data:image/svg+xml;base64,") for source in sources)
+    style = "".join(page.words)
+    assert "@import" not in style
+    assert "url(" not in style
+    policy = [attrs["content"] for tag, attrs in page.elements if attrs.get("http-equiv") == "Content-Security-Policy"]
+    assert policy
+    assert "default-src 'none'" in str(policy[0])
+    assert "script-src" not in str(policy[0])
+    assert all(attrs.get("alt") for tag, attrs in page.elements if tag == "img")
+
+
+HOSTILE = (
+    "<script>alert(1)</script>",
+    '"><img src=x onerror=alert(1)>',
+    "'\"><svg/onload=alert(1)>",
+    "</style></title><b>",
+    "{{ 7 * 7 }}{% raw %}",
+    "$\\frac{1}{0}$",
+    "\x1b[31mred\x00\u202eexe.txt\u2066",
+    "javascript:alert(1)",
+    "../../../etc/passwd",
+)
+
+
+@pytest.mark.parametrize("text", HOSTILE)
+def test_text_from_outside_is_shown_and_cannot_act(tmp_path: Path, text: str) -> None:
+    facts = station(name=text, rows=300)
+    facts.url = facts.model = facts.software = facts.recipe = facts.reason = facts.family = text
+    facts.tools, facts.not_supported, facts.safe_state = {1: text}, [text], {1: text}
+    folder = seal(
+        tmp_path,
+        [facts],
+        table(samples(300, name=text)),
+        [alarm(12, text, text=text), EventRow(micros(1), text, Severity.INFO, text, text, 1, raw=text)],
+        [
+            SettingRow(micros(0), text, 1, text, text, text, text, text, text, None, "confirmed"),
+            limit("high", text, station_name=text),
+        ],
+        [CounterRow(micros(0), text, 1, text, None, text, text)],
+        line=LineFile(text, text, text),
+        metadata=Metadata(text, text, text, [text], {text: text}),
+        host={text: text},
+        verdict="REJECT",
+        verdict_rules=[{"name": text, "station": text, "port": 1, "text": text, "result": text, "limit": text, "observed": text}],
+        exit_status=text,
+        lost=Lost(1.0, text),
+    )
+    outside = {path for path in tmp_path.rglob("*") if path.is_file()}
+    page, _ = report(folder)
+    assert {tag for tag, _ in page.elements} <= ELEMENTS
+    assert {name for _, attrs in page.elements for name in attrs} <= ATTRIBUTES
+    assert all(str(attrs["href"]).startswith("#") for _, attrs in page.elements if "href" in attrs)
+    html, data = (folder / "report.html").read_text("utf-8"), (folder / "report.json").read_text("utf-8")
+    for shown in (html, data):
+        assert not re.search("[\x00-\x08\x0b-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069]", shown)
+    plain = text.replace("\x1b", "").replace("\x00", "").replace("\u202e", "").replace("\u2066", "")
+    assert plain in " ".join(page.words)  # as it is, not worked out: {{ 7 * 7 }} stays what it is
+    made = {path for path in tmp_path.rglob("*") if path.is_file()} - outside
+    assert all(path.is_relative_to(folder) for path in made)
+    for figure in (folder / "figures").iterdir():
+        assert "alert" not in figure.read_text()
+
+
+def test_a_run_without_limits_is_not_judged(tmp_path: Path) -> None:
+    page, data = report(sealed(tmp_path, recipe=RECIPE.split("[acceptance]")[0]))
+    assert data["verdict"]["word"] == "NOT JUDGED"
+    assert data["verdict"]["rules"] == []
+    assert "state no limits" in page.text
+
+
+def test_a_run_that_ended_without_a_verdict_is_judged_by_its_recipes(tmp_path: Path) -> None:
+    page, data = report(sealed(tmp_path))
+    assert (data["verdict"]["word"], data["verdict"]["decided"]) == ("ACCEPT", "by this report")
+    assert "Every limit was kept." in page.text
+
+
+def test_a_lost_run_is_never_accepted_and_says_what_is_missing(tmp_path: Path) -> None:
+    folder = sealed(
+        tmp_path, exit_status="lost", exit_code=4, lost=Lost(1.0, "At most 1 s of every station is missing."), ended=None
+    )
+    page, data = report(folder)
+    assert data["verdict"]["word"] == "INCONCLUSIVE"
+    assert "At most 1 s of every station is missing." in page.text
+    assert data["duration_s"] is None
+    assert "not known" in page.text
+
+
+def test_without_its_recipe_a_run_is_inconclusive(tmp_path: Path) -> None:
+    folder = sealed(tmp_path)
+    (folder / "recipes" / "tht.toml").write_text("not a recipe")
+    _, data = report(folder)
+    assert data["verdict"]["word"] == "INCONCLUSIVE"
+    assert data["verdict"]["rules"][0]["name"] == "recipe"
+
+
+def test_a_station_that_never_answered_is_there_with_its_reason(tmp_path: Path) -> None:
+    gone = station("dde-2", ports=())
+    gone.outcome, gone.reason, gone.model = "gone", "dde-2: no answer within 3 s", None
+    folder = seal(tmp_path, [station(rows=600), gone], table(samples(600)))
+    page, data = report(folder)
+    assert data["verdict"]["word"] == "INCONCLUSIVE"
+    assert data["stations"][1]["ports"] == []
+    assert "no answer within 3 s" in page.text
+    assert "Nothing was recorded of this station." in page.text
+
+
+def test_a_run_in_which_nobody_answered(tmp_path: Path) -> None:
+    silent = station(ports=(1,))
+    silent.outcome, silent.touched, silent.safe_state = "refused", [], {}
+    page, data = report(seal(tmp_path, [silent], table()))
+    assert data["verdict"]["word"] == "INCONCLUSIVE"
+    assert "Nothing was recorded at this port." in page.text
+    assert "No events." in page.text
+    assert "No counter was read." in page.text
+    assert data["stations"][0]["ports"][0]["recorded"]["coverage_percent"] is None
+
+
+@pytest.mark.parametrize("rows", [1, 2])
+def test_a_run_of_a_tick_or_two(tmp_path: Path, rows: int) -> None:
+    _, data = report(sealed(tmp_path, rows))
+    assert data["stations"][0]["ports"][0]["recorded"]["rows"] == rows
+    assert data["stations"][0]["ports"][0]["tip"]["idle_error_c"] is None
+
+
+def test_what_was_not_read_is_not_a_number(tmp_path: Path) -> None:
+    columns = samples(600)
+    lose(columns, slice(0, 600))
+    page, data = report(seal(tmp_path, [station(rows=600)], table(columns)))
+    port = data["stations"][0]["ports"][0]
+    assert port["recorded"]["coverage_percent"] == 0
+    assert port["recorded"]["gaps"][0]["why"] == "disconnected"
+    assert {port["tip"][name] for name in port["tip"]} == {None}
+    assert {port["power"][name] for name in port["power"]} == {None}
+    assert "nan" not in page.text.lower().split()
+    assert data["verdict"]["word"] == "REJECT"
+
+
+def test_figures_of_a_port_come_from_its_rows(tmp_path: Path) -> None:
+    columns = samples(600)
+    columns["temperature_c"][300] = 444
+    facts = station(rows=600)
+    facts.rated_power_w = 130.0
+    folder = seal(tmp_path, [facts], table(columns), [alarm(26)], [limit("high", "380"), limit("low", "300")])
+    page, data = report(folder)
+    port = data["stations"][0]["ports"][0]
+    assert (port["tip"]["least_c"], port["tip"]["greatest_c"], port["tip"]["set_c"]) == (25, 444, 350)
+    assert (port["tip"]["alarm_high_c"], port["tip"]["alarm_low_c"]) == (380, 300)
+    assert (port["recorded"]["readings"], port["recorded"]["due"], port["alarms"]) == (600, 600, 1)
+    energy = float(np.nansum(columns["power_permille"])) * 0.1
+    assert port["power"]["energy_permille_s"] == pytest.approx(energy)
+    assert port["power"]["energy_wh"] == pytest.approx(energy / 1000 * 130 / 3600)
+    assert "25 to 444 °C" in page.text
+    assert (folder / port["figures"][0]["file"]).is_file()
+
+
+def test_at_full_speed_there_is_no_grid_and_still_a_report(tmp_path: Path) -> None:
+    facts = station(rows=300)
+    facts.period_s = None
+    columns = samples(300)
+    columns["late_us"][:] = np.nan
+    _, data = report(seal(tmp_path, [facts], table(columns), rate="max"))
+    assert data["rate"] == "max"
+    assert data["stations"][0]["ports"][0]["recorded"]["late_p99_ms"] is None
+
+
+def test_a_run_that_is_still_open_has_no_report(tmp_path: Path) -> None:
+    folder, _ = begin(tmp_path, 10)
+    with pytest.raises(RecordError, match="recover"):
+        write_report(folder)
+    with pytest.raises(RecordError):
+        write_report(tmp_path / "nothing")
+
+
+def test_a_folder_that_cannot_be_written_is_said_so(tmp_path: Path) -> None:
+    folder = sealed(tmp_path)
+    (folder / "figures").write_text("in the way")
+    with pytest.raises(RecordError, match="cannot be written"):
+        write_report(folder)
+
+
+def test_the_verdict_of_the_manifest_is_not_judged_again(tmp_path: Path) -> None:
+    folder = sealed(tmp_path)
+    manifest = read_manifest(folder)
+    manifest.verdict, manifest.verdict_rules = "INCONCLUSIVE", []
+    write_manifest(folder, manifest)
+    _, data = report(folder)
+    assert (data["verdict"]["word"], data["verdict"]["decided"]) == ("INCONCLUSIVE", "with the run")
