@@ -12,14 +12,16 @@ from jbclog.cli.output import ends_with_errors_told, tell, tell_json
 
 @ends_with_errors_told
 def check(
-    run: Path = typer.Argument(..., help="A run's folder.", show_default=False),
+    run: Path = options.RUN,
     as_json: bool = options.AS_JSON,
 ) -> None:
-    """Derive hashes, row counts, ledger and event chain again, and say what does not agree.
+    """Derive hashes, row counts and ledger again, and compare.
 
-    Ends with 1 where anything does not.
+    The chain of events too. Says what does not agree, and ends with 1 where anything does not.
 
-    Example: jbclog check runs/20261121T013000Z-bench-3-k7qd
+    \b
+    Example:
+      jbclog check runs/20261121T013000Z-bench-3-k7qd
     """
     from jbclog.record.check import check as check_run
 

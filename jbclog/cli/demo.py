@@ -22,15 +22,19 @@ DROPPED, OVERHEATED = "dde-2", "ucr-1"
 
 @ends_with_errors_told
 def demo(
-    out: Path = typer.Option(Path("demo-runs"), "--out", "-o", help="The folder that the run's folder is made in."),
-    seconds: float = typer.Option(20.0, min=LEAST_S, max=3600.0, help="How long to record."),
+    out: Path = typer.Option(Path("demo-runs"), "--out", "-o", metavar="DIR", help="The folder that the run's folder is made in."),
+    seconds: float = typer.Option(20.0, min=LEAST_S, max=3600.0, metavar="S", help="How long to record, in seconds."),
     as_json: bool = options.AS_JSON,
 ) -> None:
-    """Show everything on four virtual stations: recipe, recording at 10 Hz, an alarm, a drop-out, the report.
+    """Show everything on four virtual stations, from recipe to report.
 
-    The stations run in a process of their own, on pseudo-terminals (TCP where there are none), on a wire paced at 19200.
+    A recipe is applied and the run recorded at 10 Hz, through the real serial stack; one station raises an alarm, one drops
+    out and comes back. The stations run in a process of their own, on pseudo-terminals (TCP where there are none), their
+    wires as slow as real ones.
 
-    Example: jbclog demo --out demo-runs
+    \b
+    Example:
+      jbclog demo --out demo-runs
     """
     from jbclog.report import write_report
 

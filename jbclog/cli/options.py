@@ -4,18 +4,28 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import typer
 
 from jbclog.errors import UsageError
-from jbclog.plan import Metadata, Wanted
 
-LINE = typer.Option(..., "--line", "-l", help="The line file: which stations, on which ports.", show_default=False)
-RECIPE = typer.Argument(None, help="The recipe file. Not needed where each station of the line names its own.", show_default=False)
-STATION = typer.Option([], "--station", "-s", help="Only this station of the line; may be repeated.")
-RATE = typer.Option(None, "--rate", help="Hz, `fit` (the best that fits), or `max` (ask without pause); default: the recipe's.")
-DURATION = typer.Option(None, "--duration", "-d", help="How long to record: 90s, 15m, 8h, 1h30m. Default: until Ctrl-C.")
-OUT = typer.Option(Path("runs"), "--out", "-o", help="The folder that the run's folder is made in.")
+if TYPE_CHECKING:
+    from jbclog.plan import Metadata, Wanted
+
+LINE = typer.Option(..., "--line", "-l", metavar="FILE", help="The line file: which stations, on which ports.", show_default=False)
+RECIPE = typer.Argument(
+    None, metavar="RECIPE", help="The recipe file. Not needed where each station of the line names its own.", show_default=False
+)
+STATION = typer.Option([], "--station", "-s", metavar="NAME", help="Only this station of the line; may be repeated.")
+RATE = typer.Option(
+    None, "--rate", metavar="HZ|fit|max", help="Ticks a second, the best rate that fits, or without pause. Default: the recipe's."
+)
+DURATION = typer.Option(
+    None, "--duration", "-d", metavar="TIME", help="How long to record: 90s, 15m, 8h, 1h30m. Default: until Ctrl-C."
+)
+OUT = typer.Option(Path("runs"), "--out", "-o", metavar="DIR", help="The folder that the run's folder is made in.")
+RUN = typer.Argument(..., metavar="RUN", help="A run's folder.", show_default=False)
 AS_JSON = typer.Option(False, "--json", help="One JSON object on stdout.")
 
 _PARTS = re.compile(r"(?:(\d+(?:\.\d+)?)h)?(?:(\d+(?:\.\d+)?)m)?(?:(\d+(?:\.\d+)?)s?)?", re.ASCII)
@@ -67,4 +77,6 @@ def wanted(
     metadata: Metadata | None = None,
 ) -> Wanted:
     """What the options ask for."""
+    from jbclog.plan import Metadata, Wanted
+
     return Wanted(line, recipe, tuple(stations), duration_s(duration), rate(rate_text), metadata or Metadata())

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from jbclog.cli import options
 from jbclog.cli.output import ends_with_errors_told, tell, tell_json
-from jbclog.plan import Plan, StationPlan, make_plan
-from jbclog.quantities import text_of
-from jbclog.recipe.settings import Setting
+
+if TYPE_CHECKING:
+    from jbclog.plan import Plan, StationPlan
+    from jbclog.recipe.settings import Setting
 
 
 @ends_with_errors_told
@@ -19,12 +21,16 @@ def plan(
     rate: str | None = options.RATE,
     as_json: bool = options.AS_JSON,
 ) -> None:
-    """Show what a run would write and whether its rate fits the wire, without sending a byte.
+    """Show what a run would write, and whether its rate fits the wire.
 
-    Every error in the files is told at once. Turnaround is the line file's, or 0 where it has none: `run` measures it.
+    No byte is sent. Every error in the files is told at once. Turnaround is the line file's, or 0 where it has none: `run` measures it.
 
-    Example: jbclog plan profiles/recipes/sn100c-tht.toml --line profiles/lines/bench.toml
+    \b
+    Example:
+      jbclog plan profiles/recipes/sn100c-tht.toml --line profiles/lines/bench.toml
     """
+    from jbclog.plan import make_plan
+
     made = make_plan(options.wanted(line, recipe, stations, None, rate))
     if as_json:
         tell_json({"line": made.line.name, "stations": [_facts(station) for station in made.stations]})
@@ -33,6 +39,8 @@ def plan(
 
 
 def _facts(station: StationPlan) -> dict[str, object]:
+    from jbclog.quantities import text_of
+
     demand, rate_hz, turnaround = station.demand, station.rate_hz, station.turnaround_s
     known: dict[str, object] = {} if demand is None else {"best_rate_hz": demand.best_rate_hz(turnaround)}
     if demand is not None and rate_hz is not None:
@@ -66,14 +74,15 @@ def _text(made: Plan) -> str:
 
 def _station_text(station: StationPlan) -> str:
     spec, recipe = station.spec, station.recipe
-    ports = ", ".join(map(str, station.ports))
-    lines = [f"{spec.name}  {spec.family}, port {ports}, {spec.url}", f"  recipe    {recipe.name} revision {recipe.revision}"]
+    ports = f"port{'s' if len(station.ports) > 1 else ''} {', '.join(map(str, station.ports))}"
+    lines = [f"{spec.name}  {spec.family}, {ports}, {spec.url}", f"  recipe    {recipe.name} revision {recipe.revision}"]
     lines += _rate_lines(station)
     lines += [f"  write     {_write_text(one)}" for one in station.writes()]
-    lines += [f"  skip      {name}: this family does not have it" for name in station.skipped()]
+    if station.skipped():
+        lines.append(f"  skip      {', '.join(station.skipped())}: not on this station")
     if recipe.run.status:
-        lines.append(f"  then      put every tool to {recipe.run.status}")
-    lines.append(f"  at the end  {recipe.safe_state(spec.family)}, whatever happens")
+        lines.append(f"  then      put every tool to {recipe.run.status}, and record")
+    lines.append(f"  at last   put every tool to {recipe.safe_state(spec.family)}, whatever happens")
     return "\n".join(lines)
 
 

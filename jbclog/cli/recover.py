@@ -13,14 +13,17 @@ from jbclog.errors import RecordError, UsageError
 
 @ends_with_errors_told
 def recover(
-    folder: Path = typer.Argument(..., help="A run's folder, or a folder of runs.", show_default=False),
+    folder: Path = typer.Argument(..., metavar="DIR", help="A run's folder, or a folder of runs.", show_default=False),
     as_json: bool = options.AS_JSON,
 ) -> None:
-    """Seal runs that a crash left open, with every row that was committed; doing it twice changes nothing.
+    """Finish runs that a crash left open.
 
-    The manifest of such a run says that it was lost, and what of it may be missing. A run in progress is left alone.
+    Every row that was committed is sealed; the manifest of such a run says that it was lost, and what of it may be missing.
+    Doing it twice changes nothing. A run in progress is left alone.
 
-    Example: jbclog recover runs
+    \b
+    Example:
+      jbclog recover runs
     """
     from jbclog.record.recover import Outcome, recover_all
 
@@ -31,7 +34,7 @@ def recover(
         tell_json({"runs": [{"run": str(one.folder), "outcome": one.outcome.value, "text": one.text} for one in done]})
     else:
         for one in done:
-            tell(f"{one.folder}: {one.outcome.value}: {one.text}")
+            tell(one.text)
         if not done:
             tell(f"{folder}: no runs in it")
     if any(one.outcome is Outcome.REFUSED for one in done):

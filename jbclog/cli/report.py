@@ -12,15 +12,22 @@ from jbclog.cli.output import ends_with_errors_told, tell, tell_json
 
 @ends_with_errors_told
 def report(
-    run: Path = typer.Argument(..., help="A run's folder.", show_default=False),
+    run: Path = options.RUN,
+    verify: bool = typer.Option(False, "--verify", help="Write nothing: make the report again and compare."),
     as_json: bool = options.AS_JSON,
 ) -> None:
-    """Write report.html and report.json into a run's folder.
+    """Write report.html, report.json and the figures into a run's folder.
 
-    The page opens without a network and prints on A4. It names the manifest that it was made from.
+    The page opens without a network and prints on A4. It names the manifest that it was made from. Made from the same run,
+    it has the same bytes: --verify makes it again, writes nothing, and ends with 1 where a file differs.
 
-    Example: jbclog report runs/20261121T013000Z-bench-3-k7qd
+    \b
+    Example:
+      jbclog report runs/20261121T013000Z-bench-3-k7qd
     """
+    if verify:
+        _verify(run, as_json=as_json)
+        return
     from jbclog.report import write_report
 
     page = write_report(run)
@@ -28,3 +35,16 @@ def report(
         tell_json({"run": str(run), "report": str(page), "json": str(page.with_suffix(".json"))})
     else:
         tell(str(page))
+
+
+def _verify(run: Path, *, as_json: bool) -> None:
+    from jbclog.report import verify_report
+
+    differing = verify_report(run)
+    if as_json:
+        tell_json({"run": str(run), "agrees": not differing, "findings": differing})
+    else:
+        for text in differing or [f"{run}: the report is what its record gives"]:
+            tell(text)
+    if differing:
+        raise typer.Exit(1)

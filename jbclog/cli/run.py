@@ -3,12 +3,18 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import typer
 
 from jbclog.cli import options
 from jbclog.cli.output import ends_with_errors_told, note, tell, tell_json
-from jbclog.plan import Metadata, Wanted
+
+if TYPE_CHECKING:
+    from jbclog.conduct import Result
+    from jbclog.plan import Wanted
+
+MOST_RULES = 12  # told on the terminal; all of them are in the manifest and the report
 
 
 @ends_with_errors_told
@@ -19,20 +25,24 @@ def run(
     duration: str | None = options.DURATION,
     rate: str | None = options.RATE,
     stations: list[str] = options.STATION,
-    operator: str | None = typer.Option(None, help="Who runs it."),
-    order: str | None = typer.Option(None, help="The work order."),
-    product: str | None = typer.Option(None, help="What is made."),
-    unit: list[str] = typer.Option([], help="Serial number of a unit; may be repeated."),
-    tag: list[str] = typer.Option([], help="NAME=VALUE; may be repeated."),
+    operator: str | None = typer.Option(None, metavar="NAME", help="Who runs it."),
+    order: str | None = typer.Option(None, metavar="NUMBER", help="The work order."),
+    product: str | None = typer.Option(None, metavar="NAME", help="What is made."),
+    unit: list[str] = typer.Option([], metavar="SERIAL", help="A unit that is made; may be repeated."),
+    tag: list[str] = typer.Option([], metavar="NAME=VALUE", help="Anything else to keep with the run; may be repeated."),
     as_json: bool = options.AS_JSON,
 ) -> None:
-    """Apply a recipe to the stations of a line, prove that it took, and record until the end.
+    """Apply a recipe, prove that it took, and record until the end.
 
     Every setting is read back before sampling begins. Ctrl-C ends the run: tools are put in their safe state, the record
     is closed. The last line of stdout is the run's folder.
 
-    Example: jbclog run profiles/recipes/sn100c-tht.toml --line line.toml --duration 15m --operator "A. Rossi" --order 88123
+    \b
+    Example:
+      jbclog run profiles/recipes/sn100c-tht.toml --line virtual/line.toml --duration 15m --operator "A. Rossi" --order 88123
     """
+    from jbclog.plan import Metadata
+
     metadata = Metadata(operator, order, product, tuple(unit), options.tags(tag))
     code = record(options.wanted(line, recipe, stations, duration, rate, metadata), out, as_json=as_json)
     raise typer.Exit(code)
@@ -49,14 +59,40 @@ def record(wanted: Wanted, out: Path, *, as_json: bool) -> int:
         result = conduct(make_plan(wanted), out, shown)
     finally:
         shown.close()
+    if as_json:
+        tell_json(_facts(result))
+    else:
+        _tell(result)
+    return result.exit_code.value
+
+
+def _tell(result: Result) -> None:
     for finding in result.findings:
         note(f"exit {finding.code.value}: {finding.text}")
+    open_rules = _rules_not_met(result)
+    for rule in open_rules[:MOST_RULES]:
+        note(f"  {rule['result']}: {_place(rule)}{rule['text']}")
+    if len(open_rules) > MOST_RULES:
+        note(f"  and {len(open_rules) - MOST_RULES} more: `jbclog report {result.folder}` shows them")
     note(f"verdict: {result.manifest.verdict}; exit code {result.exit_code.value}")
-    if as_json:
-        found = [{"code": one.code.value, "text": one.text} for one in result.findings]
-        tell_json(
-            {"run": str(result.folder), "verdict": result.manifest.verdict, "exit_code": result.exit_code.value, "findings": found}
-        )
-    else:
-        tell(str(result.folder))
-    return result.exit_code.value
+    tell(str(result.folder))
+
+
+def _facts(result: Result) -> dict[str, object]:
+    return {
+        "run": str(result.folder),
+        "verdict": result.manifest.verdict,
+        "exit_code": result.exit_code.value,
+        "findings": [{"code": one.code.value, "text": one.text} for one in result.findings],
+        "rules": _rules_not_met(result),
+    }
+
+
+def _rules_not_met(result: Result) -> list[dict[str, object]]:
+    """What the verdict's rules found wrong or missing."""
+    return [rule for rule in result.manifest.verdict_rules if rule["result"] != "pass"]
+
+
+def _place(rule: dict[str, object]) -> str:
+    station, port = rule["station"], rule["port"]
+    return "" if station is None else f"{station}: " if port is None else f"{station} port {port}: "

@@ -11,16 +11,19 @@ from jbclog.cli.output import ends_with_errors_told, note, tell
 
 @ends_with_errors_told
 def sim(
-    line: Path = typer.Argument(..., help="The line file whose stations are served.", show_default=False),
-    folder: Path = typer.Option(Path("virtual"), "--dir", help="Where the ports' links and the line file for `run` are made."),
-    tcp: str | None = typer.Option(None, help="HOST:PORT: serve on TCP, a port a station from this one on.", show_default=False),
-    log: Path | None = typer.Option(None, help="Keep every question and answer here, as JSON lines.", show_default=False),
+    line: Path = typer.Argument(..., metavar="LINE", help="The line file whose stations are served.", show_default=False),
+    folder: Path = typer.Option(Path("virtual"), "--dir", metavar="DIR", help="Where the ports and the line file are made."),
+    tcp: str | None = typer.Option(None, metavar="HOST:PORT", help="Serve on TCP, a port a station from this one on."),
+    log: Path | None = typer.Option(None, metavar="FILE", help="Keep every question and answer here, as JSON lines."),
 ) -> None:
-    """Serve a line's stations as virtual ones, on pseudo-terminals or TCP, until Ctrl-C.
+    """Serve a line's stations as virtual ones, until Ctrl-C.
 
-    Absolute device paths of the line file are never touched. What is served is told by DIR/line.toml, the first line of stdout.
+    It makes a port below DIR for each station, and DIR/line.toml, the line file for `plan` and `run`; its path is the first
+    line of stdout. Absolute device paths in LINE are never touched.
 
-    Example: jbclog sim profiles/lines/bench.toml --dir virtual
+    \b
+    Example:
+      jbclog sim profiles/lines/bench.toml --dir virtual
     """
     from jbclog.recipe.line import load_line
     from jbclog.sim.setup import SERVED_LINE, set_up, tcp_of
@@ -32,7 +35,11 @@ def sim(
     server.stop_on_signals()
     served = folder / SERVED_LINE
     tell(str(served))
-    note(f"{len(loaded.stations)} virtual stations are ready; Ctrl-C ends them. In another terminal:")
+    note(f"{_count(len(loaded.stations))} ready; Ctrl-C ends this. In another terminal:")
     note(f"  jbclog run profiles/recipes/sn100c-tht.toml --line {served} --duration 30s")
     server.run()
     wire_file.close()
+
+
+def _count(stations: int) -> str:
+    return "1 virtual station is" if stations == 1 else f"{stations} virtual stations are"
