@@ -11,6 +11,7 @@ import statistics
 import struct
 import subprocess
 import sys
+import termios
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -52,6 +53,12 @@ def until(seconds: float, true: Callable[[], bool]) -> bool:
             return True
         time.sleep(0.01)
     return true()
+
+
+def is_exclusive(path: Path) -> bool:
+    """Whether nobody else could open the terminal, except as root, as the tests often are."""
+    with path.open("rb", buffering=0) as probe:
+        return bool(struct.unpack("i", fcntl.ioctl(probe.fileno(), TIOCGEXCL, b"\0" * 4))[0])
 
 
 def test_a_paced_exchange_takes_what_its_bytes_take_and_hardly_more(tmp_path: Path) -> None:
@@ -106,14 +113,10 @@ def test_the_line_file_for_the_run_says_what_the_original_says(tmp_path: Path) -
 def test_a_client_that_closes_leaves_the_port_to_the_next(tmp_path: Path) -> None:
     with SimProcess(line_file(tmp_path, '"s1"'), tmp_path / "sim") as sim:
         with opened(sim.line_path, "s1") as port:
-            import termios
-
             fcntl.ioctl(port.fileno(), termios.TIOCEXCL)
             asked(port, Frame("W", "ST100330", 0, 1).encode(), 11)
             path = Path(str(port.port))
-        with path.open("rb", buffering=0) as probe:  # as root; nobody else could while it is exclusive
-            free = until(2, lambda: struct.unpack("i", fcntl.ioctl(probe.fileno(), TIOCGEXCL, b"\0" * 4))[0] == 0)
-        assert free
+        assert until(2, lambda: not is_exclusive(path))
         with opened(sim.line_path, "s1") as port:
             assert asked(port, Frame("R", "ST1", 0, 1).encode())[5:-2] == b"AST100330"
 
