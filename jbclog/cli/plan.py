@@ -23,7 +23,8 @@ def plan(
 ) -> None:
     """Show what a run would write, and whether its rate fits the wire.
 
-    No byte is sent. Every error in the files is told at once. Turnaround is the line file's, or 0 where it has none: `run` measures it.
+    No byte is sent. Every error in the files is told at once. Turnaround is the line file's, or 0 where it has none: `run`
+    measures it.
 
     \b
     Example:

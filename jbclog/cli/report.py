@@ -16,9 +16,9 @@ def report(
     verify: bool = typer.Option(False, "--verify", help="Write nothing: make the report again and compare."),
     as_json: bool = options.AS_JSON,
 ) -> None:
-    """Write report.html, report.json and the figures into a run's folder.
+    """Write a run's report: a page, and the same facts as JSON.
 
-    The page opens without a network and prints on A4. It names the manifest that it was made from. Made from the same run,
+    report.html, report.json and the figures are put into the run's folder. The page opens without a network and prints on A4. It names the manifest that it was made from. Made from the same run,
     it has the same bytes: --verify makes it again, writes nothing, and ends with 1 where a file differs.
 
     \b
