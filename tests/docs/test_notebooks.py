@@ -1,0 +1,68 @@
+"""The notebooks run from top to bottom on a recorded run, as they stand."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import nbformat
+import pytest
+from make_run import make_run
+from nbclient import NotebookClient
+from nbformat import NotebookNode
+from sealed_run import samples, seal, station, table
+
+NOTEBOOKS = sorted((Path(__file__).parents[2] / "notebooks").glob("*.ipynb"))
+pytestmark = pytest.mark.filterwarnings("ignore:.*:DeprecationWarning")  # of the kernel's own making, not ours
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return make_run(tmp_path_factory.mktemp("lab") / "demo-runs", 45)
+
+
+def executed(notebook: Path, folder: Path) -> NotebookNode:
+    """The notebook after all of its cells ran in `folder`. Raises where one fails."""
+    node = nbformat.read(notebook, as_version=4)
+    NotebookClient(node, timeout=100, resources={"metadata": {"path": str(folder)}}).execute()
+    return node
+
+
+def shown(node: NotebookNode, cell: str) -> str:
+    """What the cell of that id showed, as text."""
+    outputs = next(one for one in node.cells if one.id == cell).outputs
+    return "\n".join(str(out.get("text", out.get("data", {}).get("text/plain", ""))) for out in outputs)
+
+
+@pytest.mark.parametrize("notebook", NOTEBOOKS, ids=lambda path: path.stem)
+def test_notebooks_are_kept_without_outputs(notebook: Path) -> None:
+    data = json.loads(notebook.read_text("utf-8"))
+    assert all(not cell.get("outputs") and cell.get("execution_count") is None for cell in data["cells"])
+    nbformat.validate(nbformat.reads(notebook.read_text("utf-8"), as_version=4))
+
+
+def test_reading_a_run_finds_the_newest_and_its_alarm(run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("JBCLOG_RUN", raising=False)
+    node = executed(NOTEBOOKS[0], run.parents[1])
+    assert run.name in shown(node, "open")
+    assert "REJECT" in shown(node, "facts")
+    assert "alarm.high" in shown(node, "flags")
+    assert "390.0" in shown(node, "flags")
+    assert "link.lost" in shown(node, "events")
+    assert "disconnected" in shown(node, "quality")
+    for cell in ("plotted", "around"):
+        outputs = next(one for one in node.cells if one.id == cell).outputs
+        assert any("image/png" in out.get("data", {}) for out in outputs), cell
+
+
+def test_the_run_can_be_named(run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("JBCLOG_RUN", str(run))
+    assert run.name in shown(executed(NOTEBOOKS[0], tmp_path), "open")
+
+
+def test_a_run_in_which_nothing_happened_can_be_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    quiet = seal(tmp_path, [station(rows=300)], table(samples(300)))
+    monkeypatch.setenv("JBCLOG_RUN", str(quiet))
+    node = executed(NOTEBOOKS[0], tmp_path)
+    assert not next(one for one in node.cells if one.id == "around").outputs
+    assert "dde-1" in shown(node, "count")
