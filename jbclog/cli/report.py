@@ -18,8 +18,9 @@ def report(
 ) -> None:
     """Write a run's report: a page, and the same facts as JSON.
 
-    report.html, report.json and the figures are put into the run's folder. The page opens without a network and prints on A4. It names the manifest that it was made from. Made from the same run,
-    it has the same bytes: --verify makes it again, writes nothing, and ends with 1 where a file differs.
+    report.html, report.json and the figures are put into the run's folder. The page opens without a network and prints on A4;
+    it names the manifest that it was made from. Made again from the same run it has the same bytes: --verify does so, writes
+    nothing, and ends with 1 where a file differs.
 
     \b
     Example:
