@@ -19,7 +19,7 @@ PACKAGE = Path(jbclog.__file__).parent
 BOTTOM = "errors clock quantities wire rows effects"
 MAY_USE = {
     # bottom: of jbclog they import only each other
-    **{room: BOTTOM for room in BOTTOM.split()},
+    **dict.fromkeys(BOTTOM.split(), BOTTOM),
     "protocol": "errors",
     "commands": "quantities errors",
     "transport": "errors wire",
@@ -42,8 +42,8 @@ MAY_USE = {
 """Room -> the rooms that it may import. `cli` may import all; a room that is not here must be given a row."""
 
 ALL = {*MAY_USE, "cli"}
-KNOWS_NO_IO = "protocol commands quantities station scheduler session effects".split()
-NO_IO = "serial socket threading time pandas pyarrow asyncio select selectors subprocess sqlite3".split()
+KNOWS_NO_IO = ["protocol", "commands", "quantities", "station", "scheduler", "session", "effects"]
+NO_IO = ["serial", "socket", "threading", "time", "pandas", "pyarrow", "asyncio", "select", "selectors", "subprocess", "sqlite3"]
 HEAVY = ("pandas", "matplotlib", "jinja2")
 ONLY_IN = {"serial": {"transport"}, "pandas": {"analysis", "report"}, "jinja2": {"report"}, "tomllib": {"recipe", "record"}}
 SIM_IN_CLI = {"cli/sim.py", "cli/demo.py"}
