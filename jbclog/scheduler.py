@@ -1,17 +1,21 @@
 """Which reading is due when on one wire, and whether all of them fit: a cyclic executive.
 
 Fast signals are due on every tick of an absolute grid. Slow ones have a period, at which they are read when the wire
-has room, and a ceiling of three times that, which the plan guarantees even while repeats take their share. They go into
-what the fast ones leave, the most urgent first, one at a time, and may run into the next tick by no more than their own
-length. Five percent of the wire are kept for repeats (contract, "Rates").
+has room (once a tick at most), and a ceiling of three times that, which the plan guarantees even while repeats take
+their share: they go into what the fast ones leave, the most urgent first, one at a time, and where there is no other way
+they run into the next tick by no more than their own length. Five percent of the wire are kept for repeats (contract,
+"Rates").
 
 The same arithmetic decides before a run whether a rate fits (`Demand`) and during it what to ask next (`SlowReadings`).
+Why the ceilings hold: what is read once in each of its periods, wherever in it, is never older than two. Earliest
+deadline first manages that where the shortest period leaves time enough for its share of all slow readings and for the
+one that is just being read (Liu and Layland 1973, with the fast signals as a supply that comes and goes).
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 from jbclog.commands.command import Command, Scope
@@ -40,10 +44,6 @@ class Reading:
     columns: tuple[str, ...] = ()
     counter: Counter | None = None
 
-    @property
-    def ceiling_s(self) -> float | None:
-        return None if self.period_s is None else CEILING * self.period_s
-
 
 def period_s(pace: Pace, alarms_every_s: float, counters_every_s: float) -> float | None:
     """Seconds between two readings of a pace; None for every tick."""
@@ -62,45 +62,71 @@ def read_wire_s(line: LineFormat, command: Command, addressed: bool) -> float:
 
 @dataclass(frozen=True, slots=True)
 class Demand:
-    """What one wire has to carry: seconds of a tick's fast reads, and of slow ones per second at their ceilings."""
+    """What one wire has to carry: the fast reads of a tick, and slow ones as pairs of wire time and period in seconds."""
 
     fast_s: float
     fast_reads: int
-    slow_s_per_s: float
-    slow_reads_per_s: float
+    slow: tuple[tuple[float, float], ...] = ()
 
     @classmethod
     def of(cls, readings: Iterable[Reading]) -> Demand:
         readings = list(readings)
-        fast = [reading for reading in readings if reading.period_s is None]
-        slow = [(reading.wire_s, reading.ceiling_s) for reading in readings if reading.ceiling_s is not None]
-        return cls(
-            sum(reading.wire_s for reading in fast),
-            len(fast),
-            sum(wire / ceiling for wire, ceiling in slow),
-            sum(1 / ceiling for _, ceiling in slow),
-        )
+        fast = [reading.wire_s for reading in readings if reading.period_s is None]
+        return cls(sum(fast), len(fast), tuple((one.wire_s, one.period_s) for one in readings if one.period_s is not None))
+
+    def tick_s(self, turnaround_s: float) -> float:
+        """Seconds that the fast reads of one tick take."""
+        return self.fast_s + self.fast_reads * turnaround_s
+
+    def longest_slow_s(self, turnaround_s: float) -> float:
+        """Seconds that the longest slow read takes; 0.0 where there is none."""
+        return max((wire_s + turnaround_s for wire_s, _ in self.slow), default=0.0)
 
     def load(self, rate_hz: float, turnaround_s: float) -> float:
-        """The share of the wire in use, 1.0 being all of it."""
-        fast = self.fast_s + self.fast_reads * turnaround_s
-        return rate_hz * fast + self.slow_s_per_s + self.slow_reads_per_s * turnaround_s
+        """The share of the wire in use with slow readings at their ceilings, 1.0 being all of it."""
+        return rate_hz * self.tick_s(turnaround_s) + self._slow_share(rate_hz, turnaround_s) / CEILING
 
     def fits(self, rate_hz: float, turnaround_s: float) -> bool:
-        return self.load(rate_hz, turnaround_s) <= 1 - KEPT_FOR_REPEATS
+        """Whether every tick can be run in its time and every slow reading within its ceiling."""
+        free_s = 1 / rate_hz - self.tick_s(turnaround_s)
+        return self.load(rate_hz, turnaround_s) <= 1 - KEPT_FOR_REPEATS and self._is_in_time(free_s, rate_hz, turnaround_s)
+
+    def runs_over(self, rate_hz: float, turnaround_s: float) -> bool:
+        """Whether slow readings must be let into the next tick, because whole ones that end before it are too few."""
+        one_s = self.longest_slow_s(turnaround_s)
+        free_s = 1 / rate_hz - self.tick_s(turnaround_s)
+        return bool(self.slow) and not self._is_in_time(math.floor(free_s / one_s + 1e-9) * one_s, rate_hz, turnaround_s)
 
     def best_rate_hz(self, turnaround_s: float) -> float:
         """The highest rate that fits, in Hz, rounded down to a tenth (to a hundredth below 1 Hz); 0.0 where none does."""
-        fast = self.fast_s + self.fast_reads * turnaround_s
-        room = 1 - KEPT_FOR_REPEATS - self.slow_s_per_s - self.slow_reads_per_s * turnaround_s
-        rate = max(room, 0.0) / fast
+        rate = _border(lambda rate_hz: self.fits(rate_hz, turnaround_s), 1e-3, 1 / self.tick_s(turnaround_s))
         grain = 10 if rate >= 1 else 100
         return math.floor(rate * grain + 1e-9) / grain
 
     def greatest_turnaround_s(self, rate_hz: float) -> float:
         """The longest turnaround at which `rate_hz` fits, in seconds; negative where the bytes alone are too many."""
-        room = 1 - KEPT_FOR_REPEATS - self.load(rate_hz, 0.0)
-        return room / (rate_hz * self.fast_reads + self.slow_reads_per_s)
+        return _border(lambda turnaround_s: self.fits(rate_hz, turnaround_s), -self.fast_s / self.fast_reads, 1 / rate_hz)
+
+    def _slow_share(self, rate_hz: float, turnaround_s: float) -> float:
+        """The share of the wire that slow readings take where each is read in its period, or once a tick."""
+        return sum((wire_s + turnaround_s) / max(period_s, 1 / rate_hz) for wire_s, period_s in self.slow)
+
+    def _is_in_time(self, free_s: float, rate_hz: float, turnaround_s: float) -> bool:
+        """Whether slow readings come round in their periods where each tick has `free_s` for them."""
+        tick_s = 1 / rate_hz
+        window_s = max(min((period_s for _, period_s in self.slow), default=0.0), tick_s)
+        whole, rest_s = divmod(window_s + 1e-12, tick_s)
+        blocked_s = (tick_s - free_s) * whole + min(tick_s - free_s, rest_s)  # at worst it begins with fast reads
+        needed_s = self._slow_share(rate_hz, turnaround_s) * window_s + self.longest_slow_s(turnaround_s)
+        return window_s - blocked_s >= needed_s - 1e-9
+
+
+def _border(fits: Callable[[float], bool], good: float, bad: float) -> float:
+    """Where `fits` turns from true at `good` to false at `bad`; `good` is taken on trust."""
+    while bad - good > 1e-9:
+        between = (good + bad) / 2
+        good, bad = (between, bad) if fits(between) else (good, between)
+    return good
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,32 +154,42 @@ class Grid:
 
 @dataclass(slots=True)
 class Slow:
-    """A slow reading and when it is next due."""
+    """A slow reading, when it is next due and when it was last asked."""
 
     reading: Reading
     period_s: float
     due: float
+    last: float
 
 
 class SlowReadings:
-    """The slow readings of one wire with the moment at which each is next due."""
+    """The slow readings of one wire. `longest_s` is what the longest of them takes, with turnaround.
 
-    def __init__(self, readings: Iterable[Reading], start: float) -> None:
+    Where `runs_over`, one may be begun before a tick and end in it. With ticks `tick_s` apart none is due more often.
+    """
+
+    def __init__(
+        self, readings: Iterable[Reading], start: float, *, longest_s: float = 0.0, tick_s: float = 0.0, runs_over: bool = False
+    ) -> None:
         """Signals are due at `start`, so that a run knows everything as soon as the wire has room.
 
         Counters have been read before the first tick and are due a period later.
         """
         self._all = [
-            Slow(reading, reading.period_s, start + (reading.period_s if reading.counter else 0.0))
+            Slow(reading, max(reading.period_s, tick_s), start + (reading.period_s if reading.counter else 0.0), start)
             for reading in readings
             if reading.period_s is not None
         ]
         self._earliest = start
+        self._longest_s = longest_s
+        self._runs_over = runs_over
         self.worst_periods = 0.0  # the longest that any reading waited, in its own periods; CEILING is the promise
 
-    def urgent(self, now: float) -> Slow | None:
-        """The due reading that is nearest to its ceiling, or None. Cheap where nothing is due."""
+    def next(self, now: float, following: float) -> Slow | None:
+        """The due reading that is nearest to its ceiling, if one may be begun before the tick due at `following`."""
         if now < self._earliest or not self._all:
+            return None
+        if now + self._longest_s > following + 1e-9 and not (self._runs_over and now <= following):
             return None
         return min((slow for slow in self._all if slow.due <= now), key=lambda slow: slow.due + slow.period_s, default=None)
 
@@ -161,10 +197,14 @@ class SlowReadings:
         """Every reading due by `now`, for a station that cannot be asked."""
         return [slow for slow in self._all if slow.due <= now]
 
-    def taken(self, slow: Slow, now: float) -> None:
-        """`slow` was asked, with whatever result; it is due again a period after it was due, and never twice in a row."""
-        self.worst_periods = max(self.worst_periods, (now - slow.due) / slow.period_s + 1)
-        slow.due = max(slow.due + slow.period_s, now - slow.period_s / 2)
+    def taken(self, slow: Slow, now: float, following: float = 0.0) -> None:
+        """`slow` was asked, with whatever result; it is due again a period after it was due.
+
+        But never twice in a row, nor before the tick due at `following`: a row has one place for it.
+        """
+        self.worst_periods = max(self.worst_periods, (now - slow.last) / slow.period_s)
+        slow.last = now
+        slow.due = max(slow.due + slow.period_s, now + slow.period_s / 2, following)
         self._earliest = min(one.due for one in self._all)
 
 

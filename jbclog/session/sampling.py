@@ -35,14 +35,23 @@ class Sampler:
         self.desk = desk
         self.grid = grid
         self.paced = paced
-        turnaround_s = desk.facts.turnaround_us.get("median", 0.0) / 1e6
-        demand = Demand.of(readings)
-        runs_over = paced and demand.runs_over(1 / grid.period_s, turnaround_s)
-        self.slow = SlowReadings(readings, desk.now, demand.longest_slow_s + turnaround_s, runs_over=runs_over)
+        self.slow = self._slow_readings(readings)
         self.end = None if desk.order.duration_s is None else desk.now + desk.order.duration_s
         self._scanner = Scanner(desk)
         self._probes = {(one.name, one.port): Probe.of(desk, one) for one in readings}
         self._scans = {port.number: Scan(port, self._fast_of(port.number), AlarmWatch(desk, port)) for port in desk.ports.values()}
+
+    def _slow_readings(self, readings: list[Reading]) -> SlowReadings:
+        if not self.paced:
+            return SlowReadings(readings, self.desk.now)
+        demand, turnaround_s = Demand.of(readings), self.desk.facts.turnaround_us["median"] / 1e6
+        return SlowReadings(
+            readings,
+            self.desk.now,
+            longest_s=demand.longest_slow_s(turnaround_s),
+            tick_s=self.grid.period_s,
+            runs_over=demand.runs_over(1 / self.grid.period_s, turnaround_s),
+        )
 
     def _fast_of(self, port: int) -> list[Probe]:
         return [probe for probe in self._probes.values() if probe.reading.period_s is None and probe.reading.port == port]
@@ -120,7 +129,7 @@ class Sampler:
             try:
                 yield from self._scanner.take(self._probes[reading.name, reading.port], self._scans[reading.port])
             finally:
-                self.slow.taken(slow, self.desk.now)
+                self.slow.taken(slow, self.desk.now, following if self.paced else 0.0)
             if not self.paced:
                 return
 
@@ -143,7 +152,7 @@ class Sampler:
                 probe = self._probes[slow.reading.name, slow.reading.port]
                 probe.due += 1
                 self._scanner.unread(probe, self._scans[slow.reading.port], why)
-                self.slow.taken(slow, due)
+                self.slow.taken(slow, due, self.grid.due(tick + 1))
             for scan in self._scans.values():
                 self._scanner.finish(scan, why, due)
             self.desk.facts.last_tick = tick
