@@ -4,10 +4,11 @@ Owns: opening, exclusive use, reading and writing without waiting, closing; ever
 `LinkError`.
 Never: knows a frame, decides a time-out, or tries anything twice.
 May use: `errors`, `wire`.
-Start reading: `port.py`.
+Start reading: `port.py`, then `opening.py`; `tee.py` keeps every byte, `descriptors.py` makes room for many ports.
 """
 
 from jbclog.transport.opening import open_port
 from jbclog.transport.port import Port
+from jbclog.transport.tee import Moved, Tee
 
-__all__ = ["Port", "open_port"]
+__all__ = ["Moved", "Port", "Tee", "open_port"]

@@ -1,16 +1,23 @@
-"""Opening: any URL that pyserial knows, for this program alone where the system can keep others out."""
+"""Opening: any URL that pyserial knows, for this program alone where the system can keep others out.
+
+pyserial finds, opens and sets up the port. From a device its descriptor is then taken over by a duplicate and
+pyserial's object closed, with the four pipe ends that it opens beside each device: lock and settings belong to what is
+open, not to the number, and stay. So each port costs one descriptor, not five.
+"""
 
 from __future__ import annotations
 
 import contextlib
 import errno
 import os
-from pathlib import Path
+import socket
+import stat
 
 import serial
 
 from jbclog.errors import LinkError, PortBusy
-from jbclog.transport.port import BROKEN, DescriptorPort, ObjectPort, Port
+from jbclog.transport.holder import holder_of
+from jbclog.transport.port import BROKEN, SLICE_S, DescriptorPort, ObjectPort, Port, give_back, lost
 from jbclog.wire import LineFormat
 
 try:
@@ -19,37 +26,67 @@ try:
 except ImportError:  # Windows, which opens every port for one program alone
     fcntl = termios = None  # type: ignore[assignment]  # told apart below
 
-BUSY = (errno.EBUSY, errno.EAGAIN, errno.EWOULDBLOCK, errno.EACCES)
+WRITE_S = 1.0  # only for ports that pyserial writes to itself
+LOCKED = (errno.EBUSY, errno.EAGAIN)
+TOO_MANY = (errno.EMFILE, errno.ENFILE)
 
 
 def open_port(url: str, line: LineFormat, *, exclusive: bool = True) -> Port:
-    """Open `url` at the rate and format of `line`.
+    """Open `url` at the rate and format of `line`, for this program alone (a device; a socket's server decides itself).
 
-    Raises `PortBusy` naming who holds the port where that can be found out, `LinkError` for everything else.
+    Raises `PortBusy`, which names who holds the port where that can be found out, and `LinkError` for all else.
     """
+    opened = None
     try:
         opened = serial.serial_for_url(url, do_not_open=True)
-        opened.baudrate = line.baudrate
-        opened.parity = line.parity
-        opened.stopbits = line.stop_bits
-        opened.timeout = opened.write_timeout = 0 if "://" not in url else 1
-        opened.xonxoff = opened.rtscts = False  # check bytes can be XON and XOFF (digest A.2)
-        if exclusive and "://" not in url:
-            opened.exclusive = True
+        _set_up(opened, url, line, exclusive)
         opened.open()
     except BROKEN as error:
-        raise _refused(url, error) from error
-    descriptor = _descriptor(opened)
+        raise _refused(url, _device(opened, url), error) from error
+    try:
+        return _port(url, opened, exclusive)
+    except OSError as error:
+        give_back(opened.close)
+        raise lost(url, "it went while it was opened", error) from error
+
+
+def _set_up(opened: serial.SerialBase, url: str, line: LineFormat, exclusive: bool) -> None:
+    opened.baudrate = line.baudrate
+    opened.parity = line.parity
+    opened.stopbits = line.stop_bits
+    opened.xonxoff = opened.rtscts = False  # check bytes can be XON and XOFF (digest A.2)
+    opened.timeout = SLICE_S
+    if not url.startswith("rfc2217:"):  # which knows no time-out of writing
+        opened.write_timeout = WRITE_S
+    if termios is not None:
+        opened.inter_byte_timeout = 0  # VMIN 1: "nothing there" and "hung up" become two different answers
+    if exclusive:
+        opened.exclusive = True
+
+
+def _device(opened: serial.SerialBase | None, url: str) -> str:
+    """The path behind the URL: hwgrep:// finds one."""
+    return str(getattr(opened, "port", None) or url)
+
+
+def _port(url: str, opened: serial.SerialBase, exclusive: bool) -> Port:
+    descriptor = _descriptor(url, opened)
     if descriptor is None:
-        return ObjectPort(url, opened)
-    if exclusive and "://" not in url:
+        return ObjectPort(url, opened, slow_to_close=url.startswith("rfc2217:"))
+    if stat.S_ISSOCK(os.fstat(descriptor).st_mode):
+        return _socket_port(url, opened, descriptor)
+    if exclusive:
         _keep_others_out(descriptor)
-    return DescriptorPort(url, opened, descriptor)
+    with contextlib.suppress(*BROKEN):  # FTDI adapters hold an answer back for 16 ms unless told so
+        opened.set_low_latency_mode(True)  # type: ignore[attr-defined]  # Linux only
+    own = os.dup(descriptor)
+    opened.close()
+    return DescriptorPort(url, own, lambda: _close_device(own))
 
 
-def _descriptor(opened: serial.SerialBase) -> int | None:
-    """The descriptor to watch, where there is one."""
-    if fcntl is None:
+def _descriptor(url: str, opened: serial.SerialBase) -> int | None:
+    """The descriptor to watch, where there is one and pyserial does not stand between it and the bytes."""
+    if fcntl is None or url.startswith("spy:"):
         return None
     try:
         found = opened.fileno()
@@ -58,8 +95,25 @@ def _descriptor(opened: serial.SerialBase) -> int | None:
     return found if isinstance(found, int) and found >= 0 else None
 
 
+def _socket_port(url: str, opened: serial.SerialBase, descriptor: int) -> Port:
+    """The connection itself is closed, not pyserial's object: that sleeps 0.3 s, and leaks where the server went first."""
+    connection = getattr(opened, "_socket", None)  # so named in every pyserial there has been
+    if not isinstance(connection, socket.socket):
+        return ObjectPort(url, opened)
+    connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+    connection.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+    opened.is_open = False  # so that it does not close the connection a second time
+    return DescriptorPort(url, descriptor, lambda: _hang_up(connection))
+
+
+def _hang_up(connection: socket.socket) -> None:
+    with contextlib.suppress(OSError):
+        connection.shutdown(socket.SHUT_RDWR)
+    connection.close()
+
+
 def _keep_others_out(descriptor: int) -> None:
-    """Beside pyserial's advisory lock: let the kernel refuse others (not root).
+    """Beside pyserial's lock, which only asks: let the kernel refuse others (not root).
 
     Not on a pseudo-terminal: the mark outlives a killed recorder as long as the other end keeps the terminal open.
     """
@@ -68,49 +122,22 @@ def _keep_others_out(descriptor: int) -> None:
             fcntl.ioctl(descriptor, termios.TIOCEXCL)
 
 
-def _refused(url: str, error: BaseException) -> LinkError:
-    number = getattr(error, "errno", None)
-    if "lock" in str(error) or (number in BUSY and number != errno.EACCES):
-        holder = holder_of(url)
-        who = f"by {holder}" if holder else "by another program"
-        return PortBusy(f"{url} is in use {who}; end that first")
+def _close_device(descriptor: int) -> None:
+    with contextlib.suppress(OSError):
+        fcntl.ioctl(descriptor, termios.TIOCNXCL)  # another program may still have it open, and the mark would stay
+    os.close(descriptor)
+
+
+def _refused(url: str, device: str, error: BaseException) -> LinkError:
+    number = getattr(error, "errno", None) or getattr(error.__context__, "errno", None)
+    if number in LOCKED or "lock" in str(error):
+        return PortBusy(f"{url} is in use by {holder_of(device) or 'another program'}; end that, or take another port")
+    if number in TOO_MANY:
+        return LinkError(f"{url}: this process may not open more files; raise the limit with `ulimit -n`")
     if number == errno.EACCES:
         return LinkError(f"{url}: no permission to open it; add the user to the group that owns the device (often dialout)")
-    if number == errno.ENOENT or isinstance(error, FileNotFoundError):
+    if number in (errno.ENOENT, errno.ENXIO, errno.ENODEV):
         return LinkError(f"{url}: there is no such port; is it plugged in?")
+    if number == errno.ECONNREFUSED:
+        return LinkError(f"{url}: nobody listens there; is the server running?")
     return LinkError(f"{url}: it cannot be opened: {error}")
-
-
-def holder_of(url: str) -> str | None:
-    """Who holds the lock on a device, or has it open: ``process 4711 (minicom)``; None where /proc does not tell."""
-    try:
-        device = Path(url).stat()
-    except OSError:
-        return None
-    pid = _locker(device) or _opener(device)
-    if pid is None:
-        return None
-    with contextlib.suppress(OSError):
-        return f"process {pid} ({Path(f'/proc/{pid}/comm').read_text().strip()})"
-    return f"process {pid}"
-
-
-def _locker(device: os.stat_result) -> int | None:
-    """The process with a lock on the device: a line of /proc/locks ends in ``PID MAJOR:MINOR:INODE 0 EOF``."""
-    place = f"{os.major(device.st_dev):02x}:{os.minor(device.st_dev):02x}:{device.st_ino}"
-    with contextlib.suppress(OSError):
-        for line in Path("/proc/locks").read_text().splitlines():
-            words = line.split()
-            if place in words:
-                return int(words[words.index(place) - 1])
-    return None
-
-
-def _opener(device: os.stat_result) -> int | None:
-    """Another process that has the device open (Linux; one's own processes, or all as root)."""
-    for link in Path("/proc").glob("[0-9]*/fd/*"):
-        with contextlib.suppress(OSError):
-            found, pid = link.stat(), int(link.parts[2])
-            if (found.st_dev, found.st_ino) == (device.st_dev, device.st_ino) and pid != os.getpid():
-                return pid
-    return None

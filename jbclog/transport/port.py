@@ -2,14 +2,19 @@
 
 pyserial opens and sets up a port; after that its descriptor is used directly. pyserial's own `read` waits in
 `select()`, which cannot watch a descriptor above 1023, and what it throws at a pulled cable is SerialException, OSError,
-termios.error, TypeError or ValueError, depending on where it was (faults.md, row 15).
+termios.error, TypeError, ValueError or AttributeError, depending on where it was (faults.md, row 15).
+
+One thread reads and writes a port; any thread may close it.
 """
 
 from __future__ import annotations
 
+import contextlib
 import os
 import select
 import threading
+import time
+from collections.abc import Callable
 from typing import Protocol
 
 import serial
@@ -17,7 +22,9 @@ import serial
 from jbclog.errors import LinkError
 
 MOST_AT_ONCE = 4096
-CLOSE_S = 1.0  # a driver may hang in close(); then a thread is left to wait for it
+CLOSE_S = 0.2  # a driver may hang in close(); then a thread is left to wait for it
+SLICE_S = 0.02  # the time-out that a port without a descriptor is opened with; rfc2217 negotiates anew when it is changed
+CLOSED = -1  # in place of the descriptor: the system refuses it like any other that is gone
 
 try:
     import termios
@@ -50,101 +57,152 @@ class Port(Protocol):
         """Give the port back. Never raises, never waits for long; twice is as good as once."""
 
 
-class _Opened:
-    """What both kinds of ports share: the URL, and closing."""
+def give_back(*steps: Callable[[], object]) -> None:
+    """Do `steps` in a thread of their own and wait for the first, at most `CLOSE_S`. What is gone already is no matter."""
+    done = threading.Event()
 
-    def __init__(self, url: str, opened: serial.SerialBase) -> None:
+    def work() -> None:
+        for step in steps:
+            with contextlib.suppress(*BROKEN):
+                step()
+            done.set()
+
+    threading.Thread(target=work, name="close-port", daemon=True).start()
+    done.wait(CLOSE_S)
+
+
+def lost(url: str, what: str, error: BaseException | None = None) -> LinkError:
+    """The one error of a link that is gone."""
+    return LinkError(f"{url}: {what}" + (f" ({_reason(error)})" if error is not None else ""))
+
+
+def _reason(error: BaseException) -> str:
+    number = getattr(error, "errno", None)
+    return os.strerror(number) if isinstance(number, int) else str(error)
+
+
+class DescriptorPort:
+    """A port with a descriptor: a serial device or a socket. The descriptor does not block and is the port's own.
+
+    `let_go` gives it back.
+    """
+
+    __slots__ = ("_descriptor", "_let_go", "url")
+
+    def __init__(self, url: str, descriptor: int, let_go: Callable[[], object]) -> None:
         self.url = url
-        self._opened: serial.SerialBase | None = opened
-
-    def close(self) -> None:
-        opened, self._opened = self._opened, None
-        if opened is None:
-            return
-        closing = threading.Thread(target=_close, args=(opened,), name="close-port", daemon=True)
-        closing.start()
-        closing.join(CLOSE_S)
-
-    def _lost(self, what: str, error: BaseException | None = None) -> LinkError:
-        why = f": {error}" if error is not None else ""
-        return LinkError(f"{self.url}: {what}{why}")
-
-
-def _close(opened: serial.SerialBase) -> None:
-    try:
-        opened.close()
-    except BROKEN:
-        return  # it was gone already
-
-
-class DescriptorPort(_Opened):
-    """A port with a descriptor: a serial device or a socket."""
-
-    def __init__(self, url: str, opened: serial.SerialBase, descriptor: int) -> None:
-        super().__init__(url, opened)
         self._descriptor = descriptor
-        os.set_blocking(descriptor, False)
+        self._let_go = let_go
 
     def fileno(self) -> int | None:
-        return None if self._opened is None else self._descriptor
+        return self._descriptor if self._descriptor != CLOSED else None
 
     def write(self, data: bytes) -> None:
-        if self._opened is None:
-            raise self._lost("the port is closed")
         try:
             written = os.write(self._descriptor, data)
-        except BROKEN as error:
-            raise self._lost("writing failed; is it unplugged?", error) from error
-        if written != len(data):  # a frame is far smaller than any buffer: nothing has drained it for seconds
-            raise self._lost(f"the port took only {written} of {len(data)} bytes; the line is stuck")
+        except BlockingIOError:
+            written = 0
+        except OSError as error:
+            raise self._gone("it cannot be written to", error) from error
+        if written != len(data):  # a frame is far smaller than any buffer: nothing has drained this one for seconds
+            raise lost(self.url, f"the line is stuck: it took {written} of {len(data)} bytes")
 
     def read_now(self) -> bytes:
-        if self._opened is None:
-            raise self._lost("the port is closed")
         try:
             data = os.read(self._descriptor, MOST_AT_ONCE)
-        except (BlockingIOError, InterruptedError):
+        except BlockingIOError:
             return b""
-        except BROKEN as error:
-            raise self._lost("reading failed; is it unplugged?", error) from error
-        if not data:  # a port that can be read and gives nothing is at its end
-            raise self._lost("it was hung up: unplugged, or the server is gone")
+        except OSError as error:
+            raise self._gone("it cannot be read", error) from error
+        if not data:  # with one byte as the least to read, a port that gives none is at its end
+            raise lost(self.url, "it was hung up: unplugged, or the server ended the connection")
         return data
 
     def read(self, timeout_s: float) -> bytes:
-        if self._opened is None:
-            raise self._lost("the port is closed")
         watched = select.poll()
-        watched.register(self._descriptor, select.POLLIN)
+        try:
+            watched.register(self._descriptor, select.POLLIN)
+        except ValueError as error:
+            raise lost(self.url, "the port is closed") from error
         return self.read_now() if watched.poll(max(timeout_s, 0.0) * 1000) else b""
 
+    def close(self) -> None:
+        if self._descriptor != CLOSED:
+            self._descriptor = CLOSED
+            give_back(self._let_go)
 
-class ObjectPort(_Opened):
-    """A port that only pyserial can read: rfc2217, or Windows."""
+    def _gone(self, what: str, error: OSError) -> LinkError:
+        if self._descriptor == CLOSED:
+            return lost(self.url, "the port is closed")
+        return lost(self.url, f"{what}; is it unplugged?", error)
+
+
+class ObjectPort:
+    """A port that only pyserial can read: rfc2217, loop, spy, and every port on Windows.
+
+    pyserial waits at most `SLICE_S` at a time, so that a time-out is met within that.
+    """
+
+    __slots__ = ("_opened", "_slow_to_close", "url")
+
+    def __init__(self, url: str, opened: serial.SerialBase, *, slow_to_close: bool = False) -> None:
+        self.url = url
+        self._opened: serial.SerialBase | None = opened
+        self._slow_to_close = slow_to_close
 
     def fileno(self) -> int | None:
         return None
 
     def write(self, data: bytes) -> None:
+        opened = self._object()
         try:
-            self._object().write(data)
+            opened.write(data)
         except BROKEN as error:
-            raise self._lost("writing failed; is it unplugged?", error) from error
+            raise self._gone("it cannot be written to", error) from error
 
     def read_now(self) -> bytes:
-        return self.read(0.0)
+        opened = self._object()
+        try:
+            return opened.read(waiting) if (waiting := _waiting(opened)) else b""
+        except BROKEN as error:
+            raise self._gone("it cannot be read", error) from error
 
     def read(self, timeout_s: float) -> bytes:
+        until = time.monotonic() + timeout_s
+        while True:
+            first = self._first()
+            if first:
+                return first + self.read_now()
+            if time.monotonic() >= until:
+                return b""
+
+    def close(self) -> None:
+        opened, self._opened = self._opened, None
+        if opened is None:
+            return
+        if self._slow_to_close:
+            give_back(lambda: None, opened.close)
+        else:
+            give_back(opened.close)
+
+    def _first(self) -> bytes:
+        opened = self._object()
         try:
-            opened = self._object()
-            opened.timeout = max(timeout_s, 0.0)
-            first: bytes = opened.read(1)
-            waiting: int = opened.in_waiting  # type: ignore[attr-defined]  # every port has it, the stubs' base has not
-            return first + opened.read(waiting) if first else b""
+            return opened.read(1)
         except BROKEN as error:
-            raise self._lost("reading failed; is it unplugged?", error) from error
+            raise self._gone("it cannot be read", error) from error
 
     def _object(self) -> serial.SerialBase:
         if self._opened is None:
-            raise self._lost("the port is closed")
+            raise lost(self.url, "the port is closed")
         return self._opened
+
+    def _gone(self, what: str, error: Exception) -> LinkError:
+        if self._opened is None:  # closed by another thread meanwhile: pyserial stumbles over what is missing
+            return lost(self.url, "the port is closed")
+        return lost(self.url, f"{what}; is it unplugged?", error)
+
+
+def _waiting(opened: serial.SerialBase) -> int:
+    waiting: int = opened.in_waiting  # type: ignore[attr-defined]  # every port has it, the stubs' base has not
+    return waiting

@@ -1,0 +1,301 @@
+"""Ports as users name them, opened on real pseudo-terminals and real servers."""
+
+from __future__ import annotations
+
+import shutil
+import socket
+import subprocess
+import sys
+import termios
+import time
+from pathlib import Path
+
+import pytest
+from far_ends import Server, Terminal, rfc2217_server, server, terminal
+
+from jbclog.errors import LinkError, PortBusy
+from jbclog.transport import open_port
+from jbclog.wire import LineFormat
+
+LINE = LineFormat()
+EVERY_BYTE = bytes(range(256))
+rfc2217_of_python_3_11 = pytest.mark.filterwarnings("ignore:set(Daemon|Name)\\(\\) is deprecated:DeprecationWarning")  # in pyserial
+
+
+def test_every_byte_passes_a_device_both_ways() -> None:
+    with terminal() as far:
+        port = open_port(far.url, LINE)
+        port.write(EVERY_BYTE)
+        assert far.heard() == EVERY_BYTE
+        far.say(EVERY_BYTE)
+        assert port.read(1.0) == EVERY_BYTE  # XON, XOFF, NUL and carriage returns too
+        port.close()
+
+
+def test_every_byte_passes_a_socket_both_ways() -> None:
+    with server() as far:
+        port = open_port(far.url, LINE)
+        port.write(EVERY_BYTE)
+        assert far.client.recv(1024) == EVERY_BYTE
+        far.client.sendall(EVERY_BYTE)
+        assert port.read(1.0) == EVERY_BYTE
+        port.close()
+
+
+def test_nothing_is_there() -> None:
+    with terminal() as far, server() as other:
+        for url in (far.url, other.url, "loop://"):
+            port = open_port(url, LINE)
+            assert port.read_now() == b""
+            began = time.monotonic()
+            assert port.read(0.05) == b""
+            assert 0.045 < time.monotonic() - began < 0.5
+            assert port.read(0.0) == port.read(-1.0) == b""
+            port.close()
+
+
+def test_a_read_returns_with_the_first_bytes() -> None:
+    with terminal() as far:
+        port = open_port(far.url, LINE)
+        far.say(b"\x02")
+        began = time.monotonic()
+        assert port.read(5.0) == b"\x02"
+        assert time.monotonic() - began < 1.0
+        port.close()
+
+
+def test_rate_and_format_are_set() -> None:
+    with terminal() as far:
+        port = open_port(far.url, LineFormat(57600, "8N2"))
+        descriptor = port.fileno()
+        assert descriptor is not None
+        iflag, _, cflag, lflag, ispeed, ospeed, cc = termios.tcgetattr(descriptor)
+        assert ispeed == ospeed == termios.B57600
+        assert cflag & termios.CSTOPB
+        assert not cflag & termios.CRTSCTS
+        assert not iflag & (termios.IXON | termios.IXOFF)
+        assert not lflag & (termios.ICANON | termios.ECHO | termios.ISIG)
+        assert cc[termios.VMIN] == 1
+        port.close()
+
+
+@pytest.mark.parametrize("baudrate", [1200, 250000])  # the ends of seed 000's list that are no termios constant or slow
+def test_the_printed_rates_open(baudrate: int) -> None:
+    with terminal() as far:
+        open_port(far.url, LineFormat(baudrate)).close()
+
+
+def test_a_loop_has_no_descriptor_and_works() -> None:
+    port = open_port("loop://", LINE)
+    assert port.fileno() is None
+    port.write(EVERY_BYTE)
+    heard = b""
+    while len(heard) < 256:
+        more = port.read(1.0)
+        assert more
+        heard += more
+    assert heard == EVERY_BYTE
+    port.close()
+
+
+def test_spy_sees_the_bytes(capsys: pytest.CaptureFixture[str]) -> None:
+    with terminal() as far:
+        port = open_port(f"spy://{far.url}", LINE)
+        port.write(b"\x02RSMN\x03\x03")
+        assert far.heard() == b"\x02RSMN\x03\x03"
+        port.close()
+    assert "RSMN" in capsys.readouterr().err
+
+
+@rfc2217_of_python_3_11
+def test_rfc2217_both_ways() -> None:
+    with terminal() as far, rfc2217_server(far) as remote:
+        port = open_port(remote.url, LineFormat(38400))
+        assert port.fileno() is None
+        assert remote.device.baudrate == 38400
+        port.write(EVERY_BYTE)
+        heard = b""
+        while len(heard) < 256 and (more := far.heard()):
+            heard += more
+        assert heard == EVERY_BYTE  # 255 is doubled on the way
+        far.say(b"\x02ASMN DDE\x03\x00")
+        heard = b""
+        while len(heard) < 11 and (more := port.read(1.0)):
+            heard += more
+        assert heard == b"\x02ASMN DDE\x03\x00"
+        began = time.monotonic()
+        assert port.read(0.05) == port.read_now() == b""
+        assert time.monotonic() - began < 0.2  # setting pyserial's time-out anew would negotiate the port again
+        port.close()
+
+
+@pytest.mark.skipif(shutil.which("ser2net") is None, reason="ser2net is not installed")
+@rfc2217_of_python_3_11
+def test_ser2net() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        number = free.getsockname()[1]
+    with terminal() as far:
+        connection = (
+            f"connection: &c\n  accepter: telnet(rfc2217),tcp,127.0.0.1,{number}\n  connector: serialdev,{far.url},19200n81"
+        )
+        with subprocess.Popen(["ser2net", "-d", "-Y", connection], stderr=subprocess.DEVNULL) as running:
+            try:
+                port = _opened_within(5.0, f"rfc2217://127.0.0.1:{number}?ign_set_control")
+                port.write(b"\x02RSMN\x03\x03")
+                assert far.heard() == b"\x02RSMN\x03\x03"
+                far.say(b"\x02ASMN DDE\x03\x00")
+                heard = b""
+                while len(heard) < 11 and (more := port.read(1.0)):
+                    heard += more
+                assert heard == b"\x02ASMN DDE\x03\x00"
+                port.close()
+            finally:
+                running.terminate()
+
+
+def _opened_within(seconds: float, url: str):  # type: ignore[no-untyped-def]  # a Port
+    until = time.monotonic() + seconds
+    while True:
+        try:
+            return open_port(url, LINE)
+        except LinkError:
+            if time.monotonic() > until:
+                raise
+            time.sleep(0.05)
+
+
+def test_a_port_costs_one_descriptor() -> None:
+    with terminal() as far, server() as other:
+        before = _open_descriptors()
+        device = open_port(far.url, LINE)
+        assert _open_descriptors() == before + 1
+        device.close()
+        assert _open_descriptors() == before
+        remote = open_port(other.url, LINE)
+        assert _open_descriptors() == before + 1
+        remote.close()
+        assert _open_descriptors() == before
+
+
+def _open_descriptors() -> int:
+    return sum(1 for _ in Path("/proc/self/fd").iterdir())
+
+
+# -- who holds it --------------------------------------------------------------------------------------------------------
+
+
+def test_a_second_opening_is_refused_and_says_that_it_is_us() -> None:
+    with terminal() as far:
+        port = open_port(far.url, LINE)
+        with pytest.raises(PortBusy, match="in use by this program itself"):
+            open_port(far.url, LINE)
+        port.close()
+        open_port(far.url, LINE).close()
+
+
+def test_a_port_can_be_shared_on_request() -> None:
+    with terminal() as far:
+        one = open_port(far.url, LINE, exclusive=False)
+        two = open_port(far.url, LINE, exclusive=False)
+        one.close()
+        far.say(b"still")
+        assert two.read(1.0) == b"still"
+        two.close()
+
+
+HOLD = """
+import sys, time
+from jbclog.transport import open_port
+from jbclog.wire import LineFormat
+port = open_port(sys.argv[1], LineFormat())
+print("held", flush=True)
+sys.stdin.read()
+"""
+
+
+def test_another_program_is_named_and_its_death_frees_the_port() -> None:
+    with terminal() as far, _holding(far) as holder:
+        with pytest.raises(PortBusy) as refused:
+            open_port(far.url, LINE)
+        assert f"(process {holder.pid})" in str(refused.value)
+        assert Path(f"/proc/{holder.pid}/comm").read_text().strip() in str(refused.value)
+        assert far.url in str(refused.value)
+        assert "end that" in str(refused.value)
+        holder.kill()
+        holder.wait()
+        open_port(far.url, LINE).close()
+
+
+def test_a_link_to_a_held_device_is_busy_too(tmp_path: Path) -> None:
+    with terminal() as far, _holding(far) as holder:
+        link = tmp_path / "usb-FTDI"
+        link.symlink_to(far.url)
+        with pytest.raises(PortBusy, match=f"process {holder.pid}"):
+            open_port(str(link), LINE)
+
+
+def _holding(far: Terminal) -> subprocess.Popen[str]:
+    holder = subprocess.Popen([sys.executable, "-c", HOLD, far.url], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+    assert holder.stdout is not None
+    assert holder.stdout.readline() == "held\n"
+    return holder
+
+
+# -- what cannot be opened -----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("url", "sentence"),
+    [
+        ("/dev/ttyNOWHERE", "there is no such port; is it plugged in?"),
+        ("/dev/null", "cannot be opened"),
+        ("/", "cannot be opened"),
+        ("rfc4711://host:1", "cannot be opened"),
+        ("socket://nowhere", "cannot be opened"),
+        ("hwgrep://no-such-adapter", "cannot be opened"),
+        ("", "there is no such port; is it plugged in?"),
+    ],
+)
+def test_what_is_no_port_is_a_link_error_with_the_url(url: str, sentence: str) -> None:
+    with pytest.raises(LinkError, match=sentence.replace("?", "\\?")) as refused:
+        open_port(url, LINE)
+    assert str(refused.value).startswith(url)
+    assert not isinstance(refused.value, PortBusy)
+
+
+def test_a_server_that_is_not_there() -> None:
+    with server() as far:
+        url = far.url
+    with pytest.raises(LinkError, match="nobody listens there"):
+        open_port(url, LINE)
+
+
+@rfc2217_of_python_3_11
+def test_a_server_that_does_not_speak_rfc2217() -> None:
+    with server() as far:
+        began = time.monotonic()
+        with pytest.raises(LinkError, match="RFC2217"):
+            open_port(far.url.replace("socket:", "rfc2217:") + "?timeout=0.2", LINE)
+        assert time.monotonic() - began < 5.0
+
+
+def test_a_failed_opening_leaves_nothing_open() -> None:
+    before = _open_descriptors()
+    with terminal() as far:
+        port = open_port(far.url, LINE)
+        for _ in range(20):
+            with pytest.raises(LinkError):
+                open_port(far.url, LINE)
+            with pytest.raises(LinkError):
+                open_port("/dev/null", LINE)
+        port.close()
+    assert _open_descriptors() == before
+
+
+def test_the_far_end_sees_the_client_go_at_once() -> None:
+    far = Server()
+    port = open_port(far.url, LINE)
+    assert far.client.fileno() >= 0
+    port.close()
+    assert far.client.recv(10) == b""
+    far.end()

@@ -1,0 +1,141 @@
+"""The far ends of links, for tests of ports: pseudo-terminals, TCP servers and an rfc2217 server, all real."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import pty
+import select
+import socket
+import threading
+import tty
+from collections.abc import Iterator
+
+import serial
+from serial import rfc2217
+
+
+class Terminal:
+    """A pseudo-terminal whose far end is held here; `unplug()` is what pulling the cable does to a USB adapter."""
+
+    def __init__(self) -> None:
+        self.far, near = pty.openpty()
+        tty.setraw(near)
+        self.url = os.ttyname(near)
+        os.close(near)
+
+    def say(self, data: bytes) -> None:
+        os.write(self.far, data)
+
+    def heard(self, timeout_s: float = 1.0) -> bytes:
+        ready, _, _ = select.select([self.far], [], [], timeout_s)
+        return os.read(self.far, 4096) if ready else b""
+
+    def unplug(self) -> None:
+        if self.far >= 0:
+            os.close(self.far)
+            self.far = -1
+
+
+class Server:
+    """A TCP server that takes one client; `end()` closes the connection, `reset()` tears it."""
+
+    def __init__(self) -> None:
+        self._listening = socket.create_server(("127.0.0.1", 0))
+        self.url = f"socket://127.0.0.1:{self._listening.getsockname()[1]}"
+        self._client: socket.socket | None = None
+
+    @property
+    def client(self) -> socket.socket:
+        if self._client is None:
+            self._client, _ = self._listening.accept()
+            self._client.settimeout(1.0)
+        return self._client
+
+    def reset(self) -> None:
+        self.client.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, b"\1\0\0\0\0\0\0\0")
+        self.client.close()
+
+    def end(self) -> None:
+        if self._client is not None:
+            self._client.close()
+        self._listening.close()
+
+
+@contextlib.contextmanager
+def terminal() -> Iterator[Terminal]:
+    made = Terminal()
+    try:
+        yield made
+    finally:
+        made.unplug()
+
+
+@contextlib.contextmanager
+def server() -> Iterator[Server]:
+    made = Server()
+    try:
+        yield made
+    finally:
+        made.end()
+
+
+class WithoutModemLines(serial.Serial):
+    """A pseudo-terminal has no modem lines, and the server wants to tell of them."""
+
+    cts = dsr = ri = cd = dtr = rts = False
+
+
+class Rfc2217Server:
+    """pyserial's own rfc2217 server before a pseudo-terminal."""
+
+    def __init__(self, terminal: Terminal) -> None:
+        self.device = WithoutModemLines(terminal.url, timeout=0.01)
+        self._listening = socket.create_server(("127.0.0.1", 0))
+        self.url = f"rfc2217://127.0.0.1:{self._listening.getsockname()[1]}"
+        self.client: socket.socket | None = None
+        self._thread = threading.Thread(target=self._serve, daemon=True)
+        self._thread.start()
+
+    def end(self) -> None:
+        for end in (self.client, self._listening):
+            with contextlib.suppress(OSError, AttributeError):
+                end.shutdown(socket.SHUT_RDWR)  # type: ignore[union-attr]  # there may have been no client
+            if end is not None:
+                end.close()
+        self._thread.join(5)
+        self.device.close()
+
+    def _serve(self) -> None:
+        with contextlib.suppress(OSError):
+            self.client, _ = self._listening.accept()
+            manager = rfc2217.PortManager(self.device, self)
+            while True:
+                self._to_client(manager)
+                ready, _, _ = select.select([self.client], [], [], 0.005)
+                if ready and not self._to_device(manager):
+                    return
+
+    def _to_client(self, manager: rfc2217.PortManager) -> None:
+        if waiting := self.device.in_waiting:
+            self.write(b"".join(manager.escape(self.device.read(waiting))))
+
+    def _to_device(self, manager: rfc2217.PortManager) -> bool:
+        assert self.client is not None
+        data = self.client.recv(1024)
+        self.device.write(b"".join(manager.filter(data)))
+        return bool(data)
+
+    def write(self, data: bytes) -> None:
+        """What `PortManager` answers to the client with."""
+        assert self.client is not None
+        self.client.sendall(data)
+
+
+@contextlib.contextmanager
+def rfc2217_server(terminal: Terminal) -> Iterator[Rfc2217Server]:
+    made = Rfc2217Server(terminal)
+    try:
+        yield made
+    finally:
+        made.end()
