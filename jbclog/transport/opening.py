@@ -11,7 +11,6 @@ import contextlib
 import errno
 import os
 import socket
-import stat
 
 import serial
 
@@ -70,11 +69,30 @@ def _device(opened: serial.SerialBase | None, url: str) -> str:
 
 
 def _port(url: str, opened: serial.SerialBase, exclusive: bool) -> Port:
+    connection = getattr(opened, "_socket", None)  # so named in every pyserial there has been
     descriptor = _descriptor(url, opened)
+    if isinstance(connection, socket.socket):
+        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        connection.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+        return _connected(url, opened, connection, descriptor)
+    return ObjectPort(url, opened) if descriptor is None else _device_port(url, opened, descriptor, exclusive)
+
+
+def _connected(url: str, opened: serial.SerialBase, connection: socket.socket, descriptor: int | None) -> Port:
+    """pyserial's own closing sleeps 0.3 s, and leaves the connection open where the server went first."""
+
+    def hang_up() -> None:
+        with contextlib.suppress(OSError):
+            connection.shutdown(socket.SHUT_RDWR)
+        connection.close()
+
     if descriptor is None:
-        return ObjectPort(url, opened, slow_to_close=url.startswith("rfc2217:"))
-    if stat.S_ISSOCK(os.fstat(descriptor).st_mode):
-        return _socket_port(url, opened, descriptor)
+        return ObjectPort(url, opened, hang_up)
+    opened.is_open = False  # so that it does not close the connection a second time
+    return DescriptorPort(url, descriptor, hang_up)
+
+
+def _device_port(url: str, opened: serial.SerialBase, descriptor: int, exclusive: bool) -> Port:
     if exclusive:
         _keep_others_out(descriptor)
     with contextlib.suppress(*BROKEN):  # FTDI adapters hold an answer back for 16 ms unless told so
@@ -93,23 +111,6 @@ def _descriptor(url: str, opened: serial.SerialBase) -> int | None:
     except (OSError, AttributeError):  # io.UnsupportedOperation is an OSError
         return None
     return found if isinstance(found, int) and found >= 0 else None
-
-
-def _socket_port(url: str, opened: serial.SerialBase, descriptor: int) -> Port:
-    """The connection itself is closed, not pyserial's object: that sleeps 0.3 s, and leaks where the server went first."""
-    connection = getattr(opened, "_socket", None)  # so named in every pyserial there has been
-    if not isinstance(connection, socket.socket):
-        return ObjectPort(url, opened)
-    connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-    connection.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
-    opened.is_open = False  # so that it does not close the connection a second time
-    return DescriptorPort(url, descriptor, lambda: _hang_up(connection))
-
-
-def _hang_up(connection: socket.socket) -> None:
-    with contextlib.suppress(OSError):
-        connection.shutdown(socket.SHUT_RDWR)
-    connection.close()
 
 
 def _keep_others_out(descriptor: int) -> None:

@@ -140,15 +140,16 @@ class DescriptorPort:
 class ObjectPort:
     """A port that only pyserial can read: rfc2217, loop, spy, and every port on Windows.
 
-    pyserial waits at most `SLICE_S` at a time, so that a time-out is met within that.
+    pyserial waits at most `SLICE_S` at a time, so that a time-out is met within that. `hang_up` ends what pyserial's own
+    closing would take long over.
     """
 
-    __slots__ = ("_opened", "_slow_to_close", "url")
+    __slots__ = ("_hang_up", "_opened", "url")
 
-    def __init__(self, url: str, opened: serial.SerialBase, *, slow_to_close: bool = False) -> None:
+    def __init__(self, url: str, opened: serial.SerialBase, hang_up: Callable[[], object] | None = None) -> None:
         self.url = url
         self._opened: serial.SerialBase | None = opened
-        self._slow_to_close = slow_to_close
+        self._hang_up = hang_up
 
     def fileno(self) -> int | None:
         return None
@@ -178,12 +179,8 @@ class ObjectPort:
 
     def close(self) -> None:
         opened, self._opened = self._opened, None
-        if opened is None:
-            return
-        if self._slow_to_close:
-            give_back(lambda: None, opened.close)
-        else:
-            give_back(opened.close)
+        if opened is not None:
+            give_back(*filter(None, (self._hang_up, opened.close)))
 
     def _first(self) -> bytes:
         opened = self._object()
