@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, cast
@@ -26,6 +26,9 @@ if TYPE_CHECKING:
 
 Moment = str | datetime | pd.Timestamp
 """A time: a string such as ``2026-11-21T01:30``, a datetime or a Timestamp; UTC where it names no zone."""
+
+Cut = Callable[[pa.Table], pa.Table]
+"""Takes out of some rows what was asked for."""
 
 
 class Run:
@@ -98,27 +101,27 @@ class Run:
             raise UsageError(f"{table} has no column {', '.join(unknown)}; it has {', '.join(schema.names)}")
         wanted = list(columns) if columns is not None else schema.names
         bounds = _micros(start), _micros(stop)
-        pieces = [_cut(piece, station, port, *bounds).select(wanted) for piece in self._pieces(table, wanted)]
+        pieces = self._pieces(table, wanted, lambda piece: _cut(piece, station, port, *bounds).select(wanted))
         whole = pa.concat_tables(pieces) if pieces else schema.empty_table().select(wanted)
         return frame(whole)
 
-    def _pieces(self, table: str, columns: list[str]) -> list[pa.Table]:
-        """Sealed row groups, then what is still in the live store and in no part."""
+    def _pieces(self, table: str, columns: list[str], cut: Cut) -> list[pa.Table]:
+        """Sealed row groups, then what is still in the live store and in no part; each is cut before the next is read."""
         needed = [name for name in SCHEMAS[table].names if name in {*columns, "time", "station", "port"}]
-        pieces, damage = self._read(table, needed)
+        pieces, damage = self._read(table, needed, cut)
         if damage and not segments(self.folder):  # sealed in just this moment
-            pieces, damage = self._read(table, needed)
+            pieces, damage = self._read(table, needed, cut)
         if damage:
             warnings.warn(f"{self.folder}: {'; '.join(map(str, damage))}", stacklevel=4)
         return pieces
 
-    def _read(self, table: str, columns: list[str]) -> tuple[list[pa.Table], list[Damage]]:
+    def _read(self, table: str, columns: list[str], cut: Cut) -> tuple[list[pa.Table], list[Damage]]:
         """The order matters: a snapshot of the store first, then the parts, then what the parts do not have."""
         with Stock(self.folder, Segment.look) as stock:
             parts = part_paths(self.folder, table)
             numbers = stock.numbers_of(table, parts_through(parts))
-            live = [piece.select(columns) for piece in stock.tables(numbers)]
-            return [*groups_of(parts, columns), *live], stock.damage
+            live = [cut(piece.select(columns)) for piece in stock.tables(numbers)]
+            return [*map(cut, groups_of(parts, columns)), *live], stock.damage
 
 
 def open_run(path: str | os.PathLike[str]) -> Run:

@@ -26,6 +26,7 @@ class VerdictFacts:
     decided: str
     reasons: list[Reason]
     rules: list[dict[str, object]]
+    summary: list[dict[str, object]]  # empty where the rules are few
 
 
 @dataclass(slots=True)

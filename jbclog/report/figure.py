@@ -27,6 +27,7 @@ from jbclog.report.trace import JOINED_PERIODS, SETTING_JOINED_S, Floats, Trace
 
 LANE_IN = 0.155  # height of a lane
 SHORT_S = 1.0
+ROUND = [1, 2, 2.5, 5, 10]  # steps of an axis that people count in
 RARE, COARSE = 0.02, 0.2  # samples that may lie in the coarse part of a scale, and its share of the height
 
 
@@ -91,7 +92,7 @@ def _temperature(axes: Axes, trace: Trace, form: Format) -> None:
     if knee is not None:
         _bend(axes, knee, low, high)
     else:
-        axes.yaxis.set_major_locator(MaxNLocator(5, integer=True))
+        axes.yaxis.set_major_locator(MaxNLocator(5, integer=True, steps=ROUND))
     axes.set_ylim(low, high)
     _headline(axes, "Tip temperature in °C")
     _label_right(axes, labels, form)
@@ -104,7 +105,7 @@ def _power(axes: Axes, trace: Trace, form: Format) -> None:
     _curve(axes, curve, style.POWER, style.POWER_BAND)
     known = trace.power[~np.isnan(trace.power)]
     axes.set_ylim(0, max(100.0, 1.08 * float(known.max())) if len(known) else 1000)
-    axes.yaxis.set_major_locator(MaxNLocator(3, integer=True))
+    axes.yaxis.set_major_locator(MaxNLocator(3, integer=True, steps=ROUND))
     _headline(axes, "Power in ‰")
     if len(known):
         _label_right(axes, [(float(known.max()), f"max {known.max():g}", style.POWER)], form)
@@ -162,7 +163,7 @@ def _bend(axes: Axes, knee: float, low: float, high: float) -> None:
 
 
 def _round_between(low: float, high: float, most: int) -> list[float]:
-    return [float(place) for place in MaxNLocator(most, integer=True).tick_values(low, high) if low <= place <= high]
+    return [float(place) for place in MaxNLocator(most, integer=True, steps=ROUND).tick_values(low, high) if low <= place <= high]
 
 
 def _headline(axes: Axes, text: str) -> None:

@@ -12,7 +12,7 @@ from functools import cache
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
-from jbclog.report.text import clock, number, stamp
+from jbclog.report.text import clock, measured, number, stamp, together
 from jbclog.report.timescale import duration_text
 
 SIGNS = {
@@ -48,7 +48,9 @@ def _environment() -> Environment:
     environment = Environment(
         loader=PackageLoader("jbclog.report"), autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
-    environment.filters.update(number=number, stamp=stamp, clock=clock, duration=_duration, place=_place)
+    environment.filters.update(
+        number=number, measured=measured, stamp=stamp, clock=clock, together=together, duration=_duration, place=_place
+    )
     environment.globals.update(signs=SIGNS, result_signs=RESULT_SIGNS, safe_meanings=SAFE_MEANINGS)
     return environment
 

@@ -42,7 +42,7 @@ def event_rows(events: pd.DataFrame) -> tuple[list[Row], Left | None]:
 
 
 def setting_rows(settings: pd.DataFrame) -> tuple[list[Row], Left | None]:
-    """What was asked, and each reading that differs from the one before it; equal readings again are left out."""
+    """What was asked, and each reading that differs from the one before it, station by station; equal ones are left out."""
     columns = ["time", "station", "port", "tool", "setting", "unit", "requested", "written", "readback", "nak", "outcome"]
     rows, kept = plain_rows(settings, columns), []
     last: dict[tuple[object, ...], object] = {}
@@ -51,6 +51,7 @@ def setting_rows(settings: pd.DataFrame) -> tuple[list[Row], Left | None]:
         if row["outcome"] != "read" or key not in last or last[key] != row["readback"]:
             kept.append(row)
         last[key] = row["readback"]
+    kept.sort(key=lambda row: (str(row["station"]), row["port"] or 0))
     left = len(rows) - len(kept)
     return kept, Left(left, "further readings of settings, equal to the ones before, are in settings/.") if left else None
 

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import re
 import unicodedata
 from collections.abc import Mapping
 from datetime import UTC, datetime
+from math import floor
 
 Plain = dict[str, object] | list[object] | str | int | float | bool | None
 
@@ -57,3 +59,18 @@ def number(value: object, digits: int = 2) -> str:
     text = text.rstrip("0").rstrip(".") if "." in text else text
     text = "0" if text in ("-0", "") else text
     return text.replace(",", "\u202f").replace("-", "\u2212")
+
+
+def measured(value: object, unit: str) -> str:
+    """A figure with its unit. Per cent are never rounded up: 99.996 % of the readings are not all of them."""
+    if isinstance(value, float) and unit == "%":
+        value = floor(value * 100 + 1e-9) / 100
+    return number(value) if value is None or not unit else f"{number(value)} {unit}"
+
+
+_UNITS = re.compile(r"(?<=\d) (?=(?:°C|%|‰|ms|s|min|h|Hz|mm|Wh)(?!\w))")
+
+
+def together(text: str) -> str:
+    """A sentence in which no number is parted from its unit at the end of a line."""
+    return _UNITS.sub("\u00a0", text)

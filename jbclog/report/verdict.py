@@ -10,6 +10,7 @@ from jbclog.judge import Acceptance, Evidence, Judgement, Result, Rule, Verdict,
 from jbclog.recipe.load import load_recipe
 from jbclog.record.manifest import Manifest
 from jbclog.report.facts import Reason, VerdictFacts
+from jbclog.report.summary import summary
 
 EMPTY_RULE = Rule("", None, None, None, None, "", Result.MISSING, "").as_dict()
 FINE = "Every limit was kept."
@@ -48,7 +49,7 @@ def _acceptance(folder: Path, recipe: str | None) -> Acceptance | None:
 
 
 def _facts(word: str, decided: str, rules: list[dict[str, object]]) -> VerdictFacts:
-    return VerdictFacts(word, decided, list(_reasons(word, rules)), rules)
+    return VerdictFacts(word, decided, list(_reasons(word, rules)), rules, summary(rules))
 
 
 def _reasons(word: str, rules: list[dict[str, object]]) -> Iterator[Reason]:

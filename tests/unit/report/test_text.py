@@ -6,7 +6,7 @@ from datetime import UTC, datetime
 
 import pytest
 
-from jbclog.report.text import clean, cleaned, clock, iso, number, stamp
+from jbclog.report.text import clean, cleaned, clock, iso, measured, number, stamp, together
 
 
 @pytest.mark.parametrize(
@@ -59,3 +59,15 @@ def test_times() -> None:
     assert clock(text, with_day=True) == "11-21 01:30:00.123"
     assert stamp(None) == "not known"
     assert clock(None) == ""
+
+
+def test_a_number_keeps_its_unit_beside_it() -> None:
+    assert together("99.5 % in 5 s, 15 °C; 3 stations") == "99.5\u00a0% in 5\u00a0s, 15\u00a0°C; 3 stations"
+
+
+def test_per_cent_are_never_rounded_up() -> None:
+    assert measured(99.9999, "%") == "99.99 %"
+    assert measured(100.0, "%") == "100 %"
+    assert measured(1.999, "s") == "2 s"
+    assert measured("whole", "") == "whole"
+    assert measured(None, "%") == "–"

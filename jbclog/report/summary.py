@@ -1,0 +1,51 @@
+"""The rules of a verdict in short: one line for each limit, how many kept it, and who was worst."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+FEW = 12  # so many rules are read at a glance and need no summary
+
+Rule = Mapping[str, object]
+
+
+def summary(rules: Sequence[Rule]) -> list[dict[str, object]]:
+    """Rules of the same name, limit and unit as one line; none where there are only a `FEW` rules."""
+    if len(rules) <= FEW:
+        return []
+    alike: dict[tuple[object, ...], list[Rule]] = {}
+    for rule in rules:
+        alike.setdefault((rule["name"], rule["limit"], rule["unit"]), []).append(rule)
+    return [_line(these) for these in alike.values()]
+
+
+def _line(rules: Sequence[Rule]) -> dict[str, object]:
+    worst = _worst(rules)
+    results = [str(rule["result"]) for rule in rules]
+    result = next((one for one in ("fail", "missing", "deviation") if one in results), "pass")
+    place = {"station": worst["station"], "port": worst["port"]} if worst is not None else {"station": None, "port": None}
+    observed = None if worst is None else worst["observed"]
+    first = rules[0]
+    return {
+        "name": first["name"],
+        "limit": first["limit"],
+        "unit": first["unit"],
+        "kept": results.count("pass"),
+        "of": len(rules),
+        "worst": observed,
+        **place,
+        "result": result,
+    }
+
+
+def _worst(rules: Sequence[Rule]) -> Rule | None:
+    """The one furthest on the wrong side; None where nothing is a number."""
+    measured = [rule for rule in rules if isinstance(rule["observed"], int | float)]
+    if not measured:
+        return None
+    return min(measured, key=_reading) if rules[0]["name"] == "coverage" else max(measured, key=lambda rule: abs(_reading(rule)))
+
+
+def _reading(rule: Rule) -> float:
+    observed = rule["observed"]
+    return float(observed) if isinstance(observed, int | float) else 0.0
