@@ -31,7 +31,7 @@ from jbclog.plan import Plan, orders
 from jbclog.record.conclude import conclude
 from jbclog.record.folder import create_run, keep_text
 from jbclog.record.ledger import ledger_of
-from jbclog.record.live import LiveStore
+from jbclog.record.live import SEAL_S, LiveStore
 from jbclog.record.manifest import LineFile, Manifest, Metadata, RecipeFile, iso, write_manifest
 from jbclog.record.seal import seal_in_child
 from jbclog.rows import CounterRow, EventRow, SampleRow, SettingRow, Severity, StationFacts
@@ -66,15 +66,15 @@ class Result:
     manifest: Manifest
 
 
-def conduct(plan: Plan, out: Path, observer: Observer) -> Result:
+def conduct(plan: Plan, out: Path, observer: Observer, *, seal_every_s: float = SEAL_S) -> Result:
     """Run `plan` and record it below `out`. Raises `RecordError` where the record cannot even be begun."""
-    return _Run(plan, out, observer).conduct()
+    return _Run(plan, out, observer, seal_every_s).conduct()
 
 
 class _Run:
     """The state of one run while it goes on."""
 
-    def __init__(self, plan: Plan, out: Path, observer: Observer) -> None:
+    def __init__(self, plan: Plan, out: Path, observer: Observer, seal_every_s: float) -> None:
         self._plan = plan
         self._observer = observer
         self._clock = SystemClock()
@@ -84,7 +84,7 @@ class _Run:
         self._folder = create_run(out, plan.line.name, self._clock.utc())
         self._reactor = Reactor()
         self._cut_short: Exit | None = None
-        self._store = LiveStore(self._folder, on_failure=self._on_record_failure)
+        self._store = LiveStore(self._folder, self._on_record_failure, seal_every_s=seal_every_s)
         self._journal = _Tap(self._store, observer)
         self._manifest = self._begin_manifest()
         self._desks = [Desk(order, self._journal, self._utc) for order in orders(plan, self._t0)]

@@ -17,6 +17,8 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from heapq import heapify, heappop, heappush
+from itertools import count
 
 from jbclog.commands.command import Command, Scope
 from jbclog.commands.signals import Counter, Pace, Signal
@@ -152,7 +154,7 @@ class Grid:
         return tick + 1 + max(behind, 0)
 
 
-@dataclass(slots=True)
+@dataclass(slots=True, eq=False)
 class Slow:
     """A slow reading, when it is next due and when it was last asked."""
 
@@ -175,27 +177,34 @@ class SlowReadings:
 
         Counters have been read before the first tick and are due a period later.
         """
-        self._all = [
+        found = [
             Slow(reading, max(reading.period_s, tick_s), start + (reading.period_s if reading.counter else 0.0), start)
             for reading in readings
             if reading.period_s is not None
         ]
-        self._earliest = start
+        self._coming = [(slow.due, number, slow) for number, slow in enumerate(found)]  # a heap
+        heapify(self._coming)
+        self._number = count(len(found))
+        self._waiting: list[Slow] = []  # due, and not yet taken
         self._longest_s = longest_s
         self._runs_over = runs_over
         self.worst_periods = 0.0  # the longest that any reading waited, in its own periods; CEILING is the promise
 
     def next(self, now: float, following: float) -> Slow | None:
         """The due reading that is nearest to its ceiling, if one may be begun before the tick due at `following`."""
-        if now < self._earliest or not self._all:
+        self._fall_due(now)
+        if not self._waiting or (now + self._longest_s > following + 1e-9 and not (self._runs_over and now <= following)):
             return None
-        if now + self._longest_s > following + 1e-9 and not (self._runs_over and now <= following):
-            return None
-        return min((slow for slow in self._all if slow.due <= now), key=lambda slow: slow.due + slow.period_s, default=None)
+        return min(self._waiting, key=_urgency)
 
     def all_due(self, now: float) -> list[Slow]:
         """Every reading due by `now`, for a station that cannot be asked."""
-        return [slow for slow in self._all if slow.due <= now]
+        self._fall_due(now)
+        return list(self._waiting)
+
+    def _fall_due(self, now: float) -> None:
+        while self._coming and self._coming[0][0] <= now:
+            self._waiting.append(heappop(self._coming)[2])
 
     def taken(self, slow: Slow, now: float, following: float = 0.0) -> None:
         """`slow` was asked, with whatever result; it is due again a period after it was due.
@@ -205,7 +214,13 @@ class SlowReadings:
         self.worst_periods = max(self.worst_periods, (now - slow.last) / slow.period_s)
         slow.last = now
         slow.due = max(slow.due + slow.period_s, now + slow.period_s / 2, following)
-        self._earliest = min(one.due for one in self._all)
+        self._waiting.remove(slow)
+        heappush(self._coming, (slow.due, next(self._number), slow))
+
+
+def _urgency(slow: Slow) -> float:
+    """The nearer to its ceiling, the smaller."""
+    return slow.due + slow.period_s
 
 
 def readings_of(

@@ -16,7 +16,7 @@ Everything here is a generator that does no I/O (`effects`).
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from jbclog.commands.command import Command
 from jbclog.commands.robot import COMMON, COMMUNICATION_ERRORS
@@ -45,6 +45,7 @@ LEAST_S = 0.1  # turnaround allowed at the least: a busy host may well need that
 QUIET_S = 0.02  # a line that was silent this long after a bad answer is drained
 PROBES = 2  # questions a silent station gets before it counts as silent
 UNEXPECTED_LENGTH = 20  # characters allowed for an answer of unprinted length, for its time-out
+KNOWN_ANSWERS = 256  # that are remembered for each question; stations say the same over and over
 
 PROBE_COMMANDS = [command for command in COMMON if command.name in ("model", "station_error", "maximum_temperature")]
 
@@ -73,6 +74,37 @@ class Question:
     answer_start: bytes  # STX, addresses, A and the code
     answer_length: int
     wire_s: float
+    _texts: dict[bytes, str] = field(default_factory=dict)
+    _values: dict[str, Value] = field(default_factory=dict)
+
+    def text_in(self, data: bytes) -> str | None:
+        """The data field where `data` is the whole answer in one piece and nothing else: nearly always so."""
+        known = self._texts.get(data)
+        if known is not None:  # the very bytes of an answer that was checked before
+            return known
+        if not self._is_whole_answer(data):
+            return None
+        text = data[len(self.answer_start) : -2].decode("ascii", "replace")
+        if len(self._texts) < KNOWN_ANSWERS:
+            self._texts[data] = text
+        return text
+
+    def _is_whole_answer(self, data: bytes) -> bool:
+        return (
+            len(data) == self.answer_length
+            and data.startswith(self.answer_start)
+            and data[-2] == ETX
+            and check_byte(data[:-1]) == data[-1]
+        )
+
+    def value_of(self, text: str) -> Value:
+        """What a data field means. Raises `ValueError` where it means nothing."""
+        value = self._values.get(text)
+        if value is None:
+            value = self.command.quantity.decode(text)
+            if len(self._values) < KNOWN_ANSWERS:
+                self._values[text] = value
+        return value
 
     def title(self) -> str:
         """How messages name it: ``tip temperature of port 1``."""
@@ -119,8 +151,7 @@ class Station:
         while True:
             tries -= 1
             try:
-                data = yield from self._exchange(question)
-                return question.command.quantity.decode(data)
+                return question.value_of((yield from self._exchange(question)))
             except ValueError as error:  # a whole answer to this question, so nothing is under way
                 failure: StationError = AnswerFormat(f"{question.title()}: {error}")
             except UNCERTAIN as error:
@@ -216,16 +247,11 @@ class Station:
         heard = yield Ask(question.frame, self.patience_s(question))
         self.exchanges += 1
         self.sent = heard.sent
-        data = heard.data
-        if (  # the whole answer in one piece and nothing else: nearly always so
-            len(data) == question.answer_length
-            and data.startswith(question.answer_start)
-            and data[-2] == ETX
-            and check_byte(data[:-1]) == data[-1]
-        ):
-            self._note_time(heard.now, question.wire_s)
-            return data[len(question.answer_start) : -2].decode("ascii", "replace")
-        return (yield from self._gather(question, heard))
+        text = question.text_in(heard.data)
+        if text is None:
+            return (yield from self._gather(question, heard))
+        self._note_time(heard.now, question.wire_s)
+        return text
 
     def _gather(self, question: Question, heard: Heard) -> Steps[str]:
         """The answer out of whatever comes: in pieces, among garbage, after frames that answer nothing."""
