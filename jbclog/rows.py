@@ -49,10 +49,10 @@ SAMPLE_COLUMNS: Final = (
 COLUMN: Final = {name: place for place, name in enumerate(SAMPLE_COLUMNS)}
 SIGNAL_COLUMNS: Final = SAMPLE_COLUMNS[COLUMN["temperature_c"] :]
 FLAG_COLUMNS: Final = frozenset(
-    "cooling desoldering alarm_high alarm_low feeding solder_shortage clogged preparing in_range".split()
+    ["cooling", "desoldering", "alarm_high", "alarm_low", "feeding", "solder_shortage", "clogged", "preparing", "in_range"]
 )
 """Held as `bool`."""
-TEXT_COLUMNS: Final = frozenset("station quality reasons status motor".split())
+TEXT_COLUMNS: Final = frozenset(["station", "quality", "reasons", "status", "motor"])
 """Held as `str`; `motor` is ``off``, ``forward`` or ``backward``. All other columns hold `int`; `tool` is the code of R-CT."""
 
 _SHARED: Final = {

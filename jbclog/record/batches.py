@@ -17,7 +17,7 @@ from typing import Final
 
 import pyarrow as pa
 
-from jbclog.record.schema import SCHEMAS
+from jbclog.record.schema import INT, SCHEMAS
 
 BARE: Final = {table: pa.schema([pa.field(f.name, f.type, f.nullable) for f in schema]) for table, schema in SCHEMAS.items()}
 _LISTS: Final = {table: [pa.list_(field.type) for field in schema] for table, schema in BARE.items()}
@@ -69,6 +69,8 @@ def encode(number: int, table: str, values: Sequence[object], breath: Callable[[
 
 def _array(values: Sequence[object], column: pa.ListType, field: pa.Field) -> pa.Array:
     try:
+        if field.type == INT and pa.infer_type(values) not in (INT, pa.null()):  # it would cut a fraction off without a word
+            raise NotRows(f"{field.name}: not whole numbers")
         array = pa.scalar(values, column).values
     except (pa.ArrowException, ValueError, TypeError, OverflowError) as error:
         raise NotRows(f"{field.name}: {error}") from error

@@ -73,8 +73,18 @@ class Intake:
         for table in TABLES:
             if values[table]:
                 self._encode(table, values[table])
-        self._drop_oldest()
         return {station: json.dumps(fact) for station, fact in facts.items()}
+
+    def drop_oldest(self) -> None:
+        """Make room in memory where there is too much: the oldest samples go; their numbers stay, without rows."""
+        excess = sum(len(batch.data) for batch in self.backlog) - HELD_BYTES
+        for place, batch in enumerate(self.backlog):
+            if excess <= 0:
+                return
+            if batch.table == "samples" and batch.rows:
+                excess -= len(batch.data)
+                self.dropped_rows += batch.rows
+                self.backlog[place] = encode(batch.number, batch.table, ())
 
     def _link(self, event: EventRow, values: list[object]) -> None:
         try:
@@ -98,17 +108,6 @@ class Intake:
     def _bad_row(self, table: str, error: Exception) -> None:
         self.dropped_rows += 1
         self._on_bad_row(table, error)
-
-    def _drop_oldest(self) -> None:
-        """Make room in memory: samples go first and the oldest first; their numbers stay, without rows."""
-        excess = sum(len(batch.data) for batch in self.backlog) - HELD_BYTES
-        for place, batch in enumerate(self.backlog):
-            if excess <= 0:
-                return
-            if batch.table == "samples" and batch.rows:
-                excess -= len(batch.data)
-                self.dropped_rows += batch.rows
-                self.backlog[place] = encode(batch.number, batch.table, ())
 
 
 def _no_values() -> dict[str, list[object]]:

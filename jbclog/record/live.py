@@ -179,6 +179,8 @@ class LiveStore:
         if kept.safe:
             self._intake.backlog.clear()
             self._unstored.clear()
+        else:
+            self._intake.drop_oldest()
         if kept.moved_to:
             self._tell("record.new_file", Severity.ERROR, f"{kept.trouble}; recording goes on in {kept.moved_to}.")
         elif kept.trouble:

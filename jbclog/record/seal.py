@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import argparse
 import os
+import sqlite3
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -43,8 +44,8 @@ def seal_rows(folder: Path, *, part: bool = False) -> int:
         last, sound = _seal_stock(folder)
         if part and sound:  # a damaged store is kept as it is
             _delete(folder, last)
-    except OSError as error:
-        raise RecordError(f"{folder} cannot be sealed: {error.strerror or error}") from error
+    except (OSError, sqlite3.Error) as error:
+        raise RecordError(f"{folder} cannot be sealed: {getattr(error, 'strerror', None) or error}") from error
     return last
 
 

@@ -1,0 +1,116 @@
+"""Rows that are known by their number: whoever reads them back can tell exactly what is there and what is missing."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+
+import pyarrow as pa
+
+from jbclog.record.chain import breaks
+from jbclog.record.folder import create_run
+from jbclog.record.live import LiveStore
+from jbclog.record.parts import row_groups
+from jbclog.rows import COLUMN, SAMPLE_COLUMNS, CounterRow, EventRow, SampleRow, SettingRow, Severity, StationFacts
+
+T0 = 1_790_000_000_000_000
+EVENT_EVERY = 7
+
+
+def sample(number: int, station: str = "a", port: int = 1) -> SampleRow:
+    row: SampleRow = [None] * len(SAMPLE_COLUMNS)
+    row[COLUMN["time"]], row[COLUMN["tick"]] = T0 + number * 100_000, number
+    row[COLUMN["station"]], row[COLUMN["port"]], row[COLUMN["quality"]] = station, port, "ok"
+    row[COLUMN["temperature_c"]] = 300 + number % 97
+    if number % 5 == 0:
+        row[COLUMN["alarm_high"]], row[COLUMN["alarm_low"]] = number % 10 == 0, False
+    if number % 11 == 0:
+        row[COLUMN["quality"]], row[COLUMN["reasons"]] = "timeout", "power_permille=timeout;alarm_high=timeout;alarm_low=timeout"
+        row[COLUMN["alarm_high"]] = row[COLUMN["alarm_low"]] = None
+    else:
+        row[COLUMN["power_permille"]] = number % 1000
+    return row
+
+
+def event(number: int) -> EventRow:
+    return EventRow(T0 + number, "test.event", Severity.INFO, f"event {number} – 350 °C", "a", 1, None, number, 1.5 * number)
+
+
+def setting(number: int) -> SettingRow:
+    return SettingRow(T0 + number, "a", 1, "T210", f"setting_{number}", "°C", "350", None, "350", None, "unchanged")
+
+
+def counter(number: int) -> CounterRow:
+    return CounterRow(T0 + number, "a", 1, "work_h", float(number), "h", f"{number:05d}")
+
+
+def facts(due: int = 0) -> StationFacts:
+    return StationFacts("a", "a.pty", "dde", ports=[1], tools={1: "T210"}, outcome="running", due={})
+
+
+def hand_over(store: LiveStore, numbers: Iterable[int]) -> None:
+    """The samples of these numbers, an event at each seventh, a counter at each hundredth."""
+    for number in numbers:
+        store.sample(sample(number))
+        if number % EVENT_EVERY == 0:
+            store.event(event(number))
+        if number % 100 == 0:
+            store.counter(counter(number))
+
+
+def begun(out: Path, **more: object) -> LiveStore:
+    """A started store in a new folder, without hourly sealing."""
+    store = LiveStore(create_run(out, "bench", T0 / 1e6), seal_every_s=None, **more)  # type: ignore[arg-type]  # test helper
+    store.start()
+    return store
+
+
+def abandoned(out: Path, commits: int = 3, rows: int = 50) -> Path:
+    """The folder of a run whose recorder vanished after `commits` commits of `rows` samples each."""
+    store = begun(out)
+    store.setting(setting(0))
+    store.facts(facts())
+    for commit in range(commits):
+        hand_over(store, range(commit * rows, (commit + 1) * rows))
+        store.commit_now()
+    vanish(store)
+    return store.folder
+
+
+def vanish(store: LiveStore) -> None:
+    """Leave the folder as a kill would: nothing closed, the lock free."""
+    store._ending = True
+    store._wake.set()
+    store._thread.join()
+    copies = {path: path.read_bytes() for path in store.folder.glob("live*")}
+    store._keeping.close()
+    store.release()
+    for path, data in copies.items():
+        path.write_bytes(data)
+
+
+def table(folder: Path, name: str) -> pa.Table:
+    """The sealed rows of a table."""
+    return pa.concat_tables(list(row_groups(folder, name)))
+
+
+def sealed_numbers(folder: Path) -> list[int]:
+    """The numbers of the samples that are sealed, each of which is exactly what was handed over."""
+    numbers = []
+    for group in row_groups(folder, "samples"):
+        plain = group.set_column(0, "time", group["time"].cast(pa.int64()))
+        for row in plain.to_pylist():
+            assert list(row.values()) == sample(row["tick"], row["station"], row["port"]), row
+            numbers.append(row["tick"])
+    return numbers
+
+
+def sealed_events(folder: Path) -> list[int]:
+    """The numbers of the events that are sealed; their chain holds."""
+    rows = []
+    for group in row_groups(folder, "events"):
+        for name in ("time", "earliest"):
+            group = group.set_column(group.schema.get_field_index(name), name, group[name].cast(pa.int64()))
+        rows += group.to_pylist()
+    assert list(breaks(folder.name, rows)) == []
+    return [row["code"] for row in rows if row["kind"] == "test.event"]

@@ -1,0 +1,67 @@
+"""A run's folder is new, is named as the contract says, and is known to take writes."""
+
+from __future__ import annotations
+
+import os
+import re
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import pytest
+
+from jbclog.errors import RecordError
+from jbclog.record import durable
+from jbclog.record.folder import RUN_NAME, create_run, keep_text
+
+START = 1_795_224_600.25  # 2026-11-21T01:30:00.25Z
+
+
+def test_the_name_says_when_and_where(tmp_path: Path) -> None:
+    folder = create_run(tmp_path / "runs" / "deep", "bench-3", START)
+    assert re.fullmatch(r"20261121T013000Z-bench-3-[a-z2-9]{4}", folder.name)
+    assert RUN_NAME.fullmatch(folder.name)
+    assert list(folder.iterdir()) == []
+
+
+def test_no_two_runs_share_a_folder(tmp_path: Path) -> None:
+    with ThreadPoolExecutor(16) as pool:
+        folders = list(pool.map(lambda _: create_run(tmp_path, "bench", START), range(100)))
+    assert len(set(folders)) == 100
+
+
+@pytest.mark.parametrize("name", ["", ".", "..", "a/b", "../a", "a\n", "-a b", ".hidden", "a" * 65, "a\x1b[31m", "ä"])
+def test_a_hostile_line_name_makes_no_folder(tmp_path: Path, name: str) -> None:
+    with pytest.raises(RecordError):
+        create_run(tmp_path, name, START)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_file_in_the_way(tmp_path: Path) -> None:
+    (tmp_path / "runs").write_text("")
+    with pytest.raises(RecordError, match="No station was touched"):
+        create_run(tmp_path / "runs", "bench", START)
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may write everywhere")
+def test_a_folder_without_permission(tmp_path: Path) -> None:
+    tmp_path.chmod(0o500)
+    with pytest.raises(RecordError, match="cannot hold a record"):
+        create_run(tmp_path, "bench", START)
+
+
+def test_a_disk_that_does_not_sync_is_found_before_the_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken(path: Path) -> None:
+        raise OSError(5, "Input/output error")
+
+    monkeypatch.setattr(durable, "sync_file", broken)
+    with pytest.raises(RecordError, match="Input/output error") as raised:
+        create_run(tmp_path, "bench", START)
+    assert raised.value.exit_code == 4
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_texts_are_kept_to_the_byte(tmp_path: Path) -> None:
+    text = '[recipe]\r\nname = "ä"\n\n'
+    keep_text(tmp_path, "recipes/tht.toml", text)
+    assert (tmp_path / "recipes/tht.toml").read_bytes() == text.encode()
+    assert [path.name for path in tmp_path.rglob("*")] == ["recipes", "tht.toml"]

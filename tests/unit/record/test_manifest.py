@@ -1,0 +1,123 @@
+"""The manifest comes back as it was written; what is none, or newer, is said to be."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict
+from pathlib import Path
+
+import pytest
+
+from jbclog.errors import RecordError
+from jbclog.record import durable
+from jbclog.record.from_json import Misfit, build
+from jbclog.record.manifest import (
+    LineFile,
+    Lost,
+    Manifest,
+    Metadata,
+    RecipeFile,
+    SealedFile,
+    iso,
+    manifest_sha256,
+    read_manifest,
+    write_manifest,
+)
+from jbclog.rows import StationFacts
+
+KEYS = (
+    "schema, run, state, exit_status, exit_code, verdict, verdict_rules, started, ended, t0_mono, t0_utc, line, recipes, metadata, host, "
+    "rate, guard, stations, ledger, lost, files, previous"
+)
+
+FULL = Manifest(
+    "20261121T013000Z-bench-3-k7qd",
+    state="sealed",
+    exit_status="success",
+    exit_code=0,
+    verdict="ACCEPT",
+    verdict_rules=[{"rule": "coverage", "limit": 99.5, "value": None}],
+    started=iso(1),
+    t0_mono=12.5,
+    t0_utc=1_790_000_000.0,
+    line=LineFile("bench-3", "line.toml", "ab"),
+    recipes=[RecipeFile("recipes/a.toml", "cd", "a", 7)],
+    metadata=Metadata("Ü. <b>", None, None, ["SN1"], {"k": "v"}),
+    host={"python": "3.11"},
+    rate="max",
+    stations=[StationFacts("a", "url", "dde", tools={1: "T210"}, safe_state={1: "verified"}, due={"1": {"tool": 3}})],
+    ledger={"a": {"1": {"tool": {"due": 3, "ok": 2, "timeout": 1}}}},
+    lost=Lost(1.0, "a second"),
+    files=[SealedFile("samples/part-0000.parquet", 10, 100, "ef"), SealedFile("line.toml", None, 5, "01")],
+)
+
+
+def test_it_has_the_keys_of_the_contract() -> None:
+    assert set(asdict(FULL)) == set(KEYS.split(", "))
+
+
+def test_it_comes_back_as_it_was_written(tmp_path: Path) -> None:
+    write_manifest(tmp_path, FULL)
+    assert read_manifest(tmp_path) == FULL
+    assert [path.name for path in tmp_path.iterdir()] == ["manifest.json"]
+    assert json.loads((tmp_path / "manifest.json").read_text())["stations"][0]["tools"] == {"1": "T210"}
+
+
+def test_its_hash_is_that_of_the_file(tmp_path: Path) -> None:
+    write_manifest(tmp_path, FULL)
+    before = manifest_sha256(tmp_path)
+    FULL.previous = before
+    write_manifest(tmp_path, FULL)
+    FULL.previous = None
+    assert manifest_sha256(tmp_path) != before
+
+
+def test_a_write_that_fails_leaves_the_old_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken(path: Path) -> None:
+        raise OSError(28, "No space left on device")
+
+    write_manifest(tmp_path, FULL)
+    monkeypatch.setattr(durable, "sync_file", broken)
+    with pytest.raises(RecordError, match="No space left"):
+        write_manifest(tmp_path, Manifest("other"))
+    assert read_manifest(tmp_path) == FULL
+    assert len(list(tmp_path.iterdir())) == 1
+
+
+@pytest.mark.parametrize(
+    ("text", "why"),
+    [
+        ("", "no manifest"),
+        ("[]", "no manifest"),
+        ("{}", "run is missing"),
+        ('{"run": 5}', "run"),
+        ('{"run": "r", "stations": [{"name": "a"}]}', "url is missing"),
+        ('{"run": "r", "lost": {"seconds_at_most": "x", "text": ""}}', "lost"),
+        ('{"run": "r", "stations": [{"name": "a", "url": "", "family": "", "tools": {"x": "T"}}]}', "not a number"),
+        ('{"run": "r", "schema": 99}', "this jbclog knows 1"),
+        ("[" * 100_000, "no manifest"),
+    ],
+)
+def test_what_is_no_manifest_is_refused_with_its_reason(tmp_path: Path, text: str, why: str) -> None:
+    (tmp_path / "manifest.json").write_text(text)
+    with pytest.raises(RecordError, match=why):
+        read_manifest(tmp_path)
+
+
+def test_a_folder_without_one(tmp_path: Path) -> None:
+    with pytest.raises(RecordError, match="no run"):
+        read_manifest(tmp_path)
+
+
+def test_a_key_of_a_later_jbclog_is_left_out(tmp_path: Path) -> None:
+    (tmp_path / "manifest.json").write_text('{"run": "r", "schema": 1, "colour": "red"}')
+    assert read_manifest(tmp_path) == Manifest("r")
+
+
+def test_a_flag_is_not_a_number() -> None:
+    with pytest.raises(Misfit):
+        build(int, True, "n")
+
+
+def test_times_are_exact() -> None:
+    assert iso(1_795_224_600_000_001) == "2026-11-21T01:30:00.000001Z"
