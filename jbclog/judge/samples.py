@@ -23,7 +23,7 @@ from jbclog.rows import StationFacts
 
 COLUMNS = ["time", "tick", "station", "port", "temperature_c", "power_permille", "status", "set_c"]
 WORKING = ("working", "on")
-BATCH_ROWS = 65_536
+BATCH_ROWS = 16_384
 
 
 @dataclass(slots=True)
@@ -125,7 +125,8 @@ def _new(facts: StationFacts) -> PortMeasure:
 def _batches(folder: Path) -> Iterator[pa.RecordBatch]:
     for part in sorted((folder / "samples").glob("part-*.parquet")):
         with pq.ParquetFile(part) as file:
-            yield from file.iter_batches(BATCH_ROWS, columns=COLUMNS)
+            for group in range(file.num_row_groups):  # over all of them at once it reads ahead
+                yield from file.iter_batches(BATCH_ROWS, [group], COLUMNS, use_threads=False)
 
 
 def _ports(batch: pa.RecordBatch, stations: dict[str, StationFacts]) -> Iterator[tuple[str, int, Block]]:
