@@ -72,8 +72,9 @@ def _one_file(folder: Path, listed: SealedFile) -> Iterator[Finding]:
 
 def _there(folder: Path) -> Iterator[str]:
     """What lies in the folder and ought to be in the manifest."""
+    live = live_files(folder)
     for path in sorted(folder.iterdir()):
-        if path.name in LATER or path in set(live_files(folder)):
+        if path.name in LATER or path in live:
             continue
         if path.is_dir() and path.name in (*TABLES, "recipes", "damaged"):
             yield from (one.relative_to(folder).as_posix() for one in sorted(path.rglob("*")) if one.is_file())

@@ -121,9 +121,9 @@ def sealed_file(folder: Path, path: Path, rows: int | None) -> SealedFile:
     return SealedFile(path.relative_to(folder).as_posix(), rows, path.stat().st_size, digest)
 
 
-def live_files(folder: Path) -> Iterator[Path]:
+def live_files(folder: Path) -> list[Path]:
     """What a recorder needs while it runs, and a sealed run does not have."""
-    return folder.glob("live[.-]*")
+    return sorted(folder.glob("live[.-]*"))
 
 
 def remove_live(folder: Path, lock: FolderLock) -> None:

@@ -77,7 +77,7 @@ def recover(folder: Path, patience_s: float = PATIENCE_S) -> Recovery:
     if not is_run(folder):
         raise RecordError(f"{folder} is no run")
     manifest = _draft(folder)
-    if manifest.state == "sealed" and not any(live_files(folder)):
+    if manifest.state == "sealed" and not live_files(folder):
         return Recovery(folder, Outcome.WHOLE, f"{folder.name}: finished already; nothing was changed.")
     refuse_newer(folder)
     lock = FolderLock.take(folder, patience_s)

@@ -1,0 +1,155 @@
+"""`check` finds what was done to a sealed run afterwards, and what a recorder did wrong before."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import few_rows
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.parquet as pq
+import pytest
+from make_run import make_run
+
+from jbclog.errors import RecordError
+from jbclog.record.check import check
+from jbclog.record.conclude import files_of
+from jbclog.record.manifest import Manifest, read_manifest, write_manifest
+from jbclog.record.parts import part_paths
+
+
+@pytest.fixture
+def run(tmp_path: Path) -> Path:
+    return make_run(tmp_path, seconds=12.0)
+
+
+def texts(folder: Path) -> list[str]:
+    return [str(finding) for finding in check(folder)]
+
+
+def test_a_run_as_it_was_sealed(run: Path) -> None:
+    assert texts(run) == []
+
+
+def test_what_comes_after_sealing_is_no_finding(run: Path) -> None:
+    for name in ("report.html", "report.json", "annotations.jsonl", "joints.parquet", "figure-1.png"):
+        (run / name).write_text("x")
+    assert texts(run) == []
+
+
+@pytest.mark.parametrize("place", [4, 2000, -5, -200])
+def test_one_altered_byte_in_a_part(run: Path, place: int) -> None:
+    path = run / "samples" / "part-0000.parquet"
+    data = bytearray(path.read_bytes())
+    data[place] ^= 1
+    path.write_bytes(data)
+    assert any(text.startswith("samples/part-0000.parquet: was changed") for text in texts(run))
+
+
+@pytest.mark.parametrize("share", [0.0, 0.3, 0.9, 0.999])
+def test_a_part_cut_short(run: Path, share: float) -> None:
+    path = run / "events" / "part-0000.parquet"
+    path.write_bytes(path.read_bytes()[: int(path.stat().st_size * share)])
+    found = texts(run)
+    assert any("events/part-0000.parquet: has" in text for text in found)
+    assert any("events/part-0000.parquet: cannot be read" in text for text in found)
+
+
+def test_files_missing_added_and_changed(run: Path) -> None:
+    (run / "line.toml").write_text("[line]\n")
+    (run / "recipes" / "tht.toml").unlink()
+    (run / "recipes" / "other.toml").write_text("")
+    found = texts(run)
+    assert "recipes/tht.toml: is missing" in found
+    assert "recipes/other.toml: is in the folder and not in the manifest" in found
+    assert any(text.startswith("line.toml: was changed") for text in found)
+
+
+def test_a_path_that_leads_out_of_the_folder_is_not_followed(run: Path) -> None:
+    manifest = read_manifest(run)
+    manifest.files.append(replace(manifest.files[0], path="../../etc/passwd"))
+    write_manifest(run, manifest)
+    assert "../../etc/passwd: lies outside the run's folder" in texts(run)
+
+
+def test_a_run_that_is_open(tmp_path: Path) -> None:
+    folder = few_rows.abandoned(tmp_path)
+    write_manifest(folder, Manifest(folder.name))
+    assert "not sealed" in texts(folder)[0]
+
+
+def test_a_folder_that_is_no_run(tmp_path: Path) -> None:
+    with pytest.raises(RecordError):
+        check(tmp_path)
+
+
+# -- tables rewritten together with the manifest: hashes agree, contents do not ---------------------------------------------
+
+Change = Callable[[pa.Table], pa.Table]
+
+
+def rewrite(folder: Path, table: str, change: Change) -> None:
+    """Change a table and have the manifest's list of files agree with it."""
+    (path,) = part_paths(folder, table)
+    metadata = pq.read_metadata(path).metadata
+    with pq.ParquetFile(path) as file:
+        changed = change(file.read())
+    pq.write_table(changed.replace_schema_metadata({**(changed.schema.metadata or {}), **metadata}), path)
+    manifest = read_manifest(folder)
+    manifest.files = list(files_of(folder))
+    write_manifest(folder, manifest)
+
+
+def set_cell(table: pa.Table, row: int, column: str, value: object) -> pa.Table:
+    values = table[column].to_pylist()
+    values[row] = value
+    place = table.schema.get_field_index(column)
+    return table.set_column(place, table.schema.field(column), pa.array(values, table.schema.field(column).type))
+
+
+@pytest.mark.parametrize(
+    ("table", "change", "said"),
+    [
+        ("samples", lambda t: t.slice(3), "temperature_c: {'due'"),
+        ("samples", lambda t: t.filter(pc.not_equal(t["station"], "ale-1")), "ale-1 port 1"),
+        ("samples", lambda t: set_cell(t, 5, "temperature_c", None), "temperature_c"),
+        ("samples", lambda t: set_cell(t, 5, "reasons", "temperature_c=timeout"), "a value of temperature_c and a reason"),
+        ("samples", lambda t: set_cell(t, 5, "reasons", "temperature_c=timeout"), "quality ok with reasons temperature_c=timeout"),
+        ("samples", lambda t: set_cell(t, 5, "reasons", "colour=red"), "colour, which is no signal"),
+        ("samples", lambda t: set_cell(t, 5, "quality", "timeout"), "quality timeout with reasons None"),
+        ("samples", lambda t: set_cell(t, 9, "tick", 0), "the tick does not rise"),
+        ("samples", lambda t: set_cell(t, 9, "time", 5), "the time goes back"),
+        ("counters", lambda t: set_cell(t, 0, "value", None), "plugged_h"),
+        ("events", lambda t: set_cell(t, 0, "text", "nothing happened"), "event 2 does not carry the hash"),
+        ("events", lambda t: t.slice(1), "event 2 follows event 0; 1 are missing"),
+        ("events", lambda t: pa.concat_tables([t.slice(0, 1), t.slice(2)]), "event 3 follows event 1"),
+        ("events", lambda t: pa.concat_tables([t, t.slice(0, 1)]), "event 1 stands after event"),
+    ],
+)
+def test_contents_that_do_not_agree(run: Path, table: str, change: Change, said: str) -> None:
+    rewrite(run, table, change)
+    assert any(said in text for text in texts(run)), texts(run)
+
+
+def test_a_stepped_clock_explains_a_time_that_goes_back(run: Path) -> None:
+    rewrite(run, "samples", lambda t: set_cell(t, 9, "time", 5))
+    rewrite(run, "events", lambda t: set_cell(t, 1, "kind", "clock.step"))
+    assert not any("time goes back" in text for text in texts(run))
+
+
+def test_a_ledger_that_was_improved(run: Path) -> None:
+    path = run / "manifest.json"
+    manifest = json.loads(path.read_text())
+    manifest["ledger"]["dde-1"]["1"]["temperature_c"]["ok"] += 1
+    path.write_text(json.dumps(manifest))
+    assert any(text.startswith("manifest.json: ledger, dde-1 port 1: temperature_c") for text in texts(run))
+
+
+def test_a_session_that_counted_otherwise(run: Path) -> None:
+    manifest = read_manifest(run)
+    manifest.stations[0].due["1"]["temperature_c"] += 1
+    write_manifest(run, manifest)
+    assert any("121 were due" in text for text in texts(run))
