@@ -38,7 +38,7 @@ def plot(run: Run, station: str | None = None, port: int | None = None) -> Figur
 
 
 def _panel(axes: Axes, rows: pd.DataFrame) -> None:
-    seen = _thinned(rows)
+    seen = thinned(rows)
     temperature = seen["temperature_c"].astype("float64")
     axes.plot(seen["time"], temperature, color="tab:red", linewidth=0.8, label="temperature")
     setting = rows[["time", "set_c"]].dropna()
@@ -56,7 +56,7 @@ def _panel(axes: Axes, rows: pd.DataFrame) -> None:
     axes.xaxis.set_major_formatter(ConciseDateFormatter(locator))  # type: ignore[no-untyped-call]
 
 
-def _thinned(rows: pd.DataFrame) -> pd.DataFrame:
+def thinned(rows: pd.DataFrame) -> pd.DataFrame:
     """The rows, or of each bin the ones with the least and the greatest temperature, so that no excursion disappears."""
     if len(rows) <= 2 * POINTS:
         return rows

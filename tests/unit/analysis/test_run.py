@@ -1,0 +1,216 @@
+"""A run as DataFrames: sealed, being recorded, cut off; without writing into it and without making the recorder wait."""
+
+from __future__ import annotations
+
+import threading
+import warnings
+from datetime import UTC, datetime
+from pathlib import Path
+
+import few_rows
+import make_run
+import pandas as pd
+import pytest
+
+import jbclog
+from jbclog.analysis.plot import POINTS, thinned
+from jbclog.errors import RecordError, UsageError
+from jbclog.record.conclude import conclude
+from jbclog.record.manifest import Manifest
+from jbclog.record.recover import recover
+from jbclog.record.schema import SCHEMAS
+from jbclog.record.seal import seal_rows
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return make_run.make_run(tmp_path_factory.mktemp("runs"), 40.0)
+
+
+@pytest.fixture
+def run(folder: Path) -> jbclog.Run:
+    return jbclog.open_run(folder)
+
+
+def test_all_tables_have_the_contracts_columns(run: jbclog.Run) -> None:
+    frames = {"samples": run.samples(), "events": run.events(), "settings": run.settings(), "counters": run.counters()}
+    for table, frame in frames.items():
+        assert list(frame.columns) == SCHEMAS[table].names
+        assert len(frame)
+    assert len(frames["samples"]) == 3 * 400
+
+
+def test_types_know_missing_values(run: jbclog.Run) -> None:
+    samples = run.samples(station="ale-1")
+    gone = samples[samples["quality"] == "disconnected"]
+    assert len(gone) == 30
+    assert gone["temperature_c"].isna().all()
+    assert samples["temperature_c"].dtype == "Int64"
+    assert samples["alarm_high"].dtype == "boolean"
+    assert samples["tick"].dtype == "int64"
+    assert str(samples["time"].dtype) == "datetime64[us, UTC]"
+
+
+def test_they_are_what_pandas_reads_by_itself(run: jbclog.Run) -> None:
+    pd.testing.assert_frame_equal(run.samples(), pd.read_parquet(run.folder / "samples"))
+
+
+def test_by_station_and_port(run: jbclog.Run) -> None:
+    assert set(run.samples(station="dde-1")["port"]) == {1, 2}
+    only = run.samples("dde-1", 2, columns=["set_c", "tick"])
+    assert list(only.columns) == ["set_c", "tick"]
+    assert len(only) == 400
+    assert set(only["set_c"].dropna()) == {330}
+    assert set(run.events(station="ale-1")["kind"]) >= {"link.lost", "link.back"}
+    assert len(run.settings("ale-1")) == 3
+    assert len(run.counters("ale-1")) == 2 * 5
+    assert len(run.samples("nobody")) == 0
+
+
+@pytest.mark.parametrize("zone", ["", "Z", "+00:00"])
+def test_by_time_the_start_included_and_the_stop_not(run: jbclog.Run, zone: str) -> None:
+    times = run.samples(columns=["time"])["time"]
+    start, stop = times[100], times[200]
+    text = start.strftime("%Y-%m-%dT%H:%M:%S.%f") + zone
+    found = run.samples(start=text, stop=stop)["time"]
+    assert found.min() == start
+    assert found.max() < stop
+    same = run.samples(start=start.to_pydatetime(), stop=datetime.fromtimestamp(stop.timestamp(), UTC))
+    assert len(same) == len(found)
+    madrid = start.tz_convert("Europe/Madrid")
+    assert len(run.samples(start=madrid, stop=stop)) == len(found)
+
+
+def test_an_unknown_column_is_said_with_those_there_are(run: jbclog.Run) -> None:
+    with pytest.raises(UsageError, match="no column colour; it has time, tick"):
+        run.samples(columns=["colour"])
+
+
+def test_the_manifest(run: jbclog.Run) -> None:
+    assert run.manifest.verdict == "REJECT"
+    assert run.manifest.station("dde-1").model == "DDE"  # type: ignore[union-attr]  # it is there
+    assert run.manifest.station("nobody") is None
+    assert repr(run) == f"<Run {run.name}: sealed, REJECT>"
+
+
+@pytest.mark.parametrize("name", ["missing", "empty", "file"])
+def test_what_is_no_run(tmp_path: Path, name: str) -> None:
+    (tmp_path / "empty").mkdir()
+    (tmp_path / "file").write_text("")
+    with pytest.raises(RecordError):
+        jbclog.open_run(tmp_path / name)
+
+
+# -- not sealed ------------------------------------------------------------------------------------------------------------
+
+
+def test_a_run_that_is_being_recorded_grows(tmp_path: Path) -> None:
+    store = few_rows.begun(tmp_path)
+    run = jbclog.open_run(store.folder)
+    few_rows.hand_over(store, range(50))
+    store.commit_now()
+    assert list(run.samples()["tick"]) == list(range(50))
+    seal_rows(store.folder, part=True)
+    few_rows.hand_over(store, range(50, 80))
+    store.commit_now()
+    assert list(run.samples()["tick"]) == list(range(80))
+    assert list(run.events()["code"]) == list(range(0, 80, 7))
+    store.close()
+    seal_rows(store.folder)
+    conclude(store.folder, Manifest(store.folder.name), store.lock)
+    assert list(run.samples()["tick"]) == list(range(80))
+
+
+def test_a_run_that_crashed_is_read_without_touching_it(tmp_path: Path) -> None:
+    folder = few_rows.abandoned(tmp_path)
+    before = {path: path.read_bytes() for path in folder.iterdir() if not path.name.endswith("-shm")}
+    run = jbclog.open_run(folder)
+    assert list(run.samples()["tick"]) == list(range(150))
+    assert run.manifest.state == "open"
+    assert {path: path.read_bytes() for path in folder.iterdir() if not path.name.endswith("-shm")} == before
+    recover(folder)
+    assert list(run.samples()["tick"]) == list(range(150))
+    assert run.manifest.exit_status == "lost"
+
+
+def test_a_run_that_is_closed_and_not_yet_sealed(tmp_path: Path) -> None:
+    store = few_rows.begun(tmp_path)
+    few_rows.hand_over(store, range(30))
+    store.close()
+    before = {path.name for path in store.folder.iterdir()}
+    assert list(jbclog.open_run(store.folder).samples()["tick"]) == list(range(30))
+    assert {path.name for path in store.folder.iterdir()} - before <= {"live.sqlite-shm", "live.sqlite-wal"}
+    store.release()
+
+
+def test_damage_is_said_and_not_passed_over(tmp_path: Path) -> None:
+    folder = few_rows.abandoned(tmp_path)
+    (folder / "live.sqlite").write_bytes(b"no database" * 1000)
+    (folder / "live.sqlite-wal").unlink()
+    with pytest.warns(UserWarning, match=r"live\.sqlite"):
+        assert len(jbclog.open_run(folder).samples()) == 0
+
+
+def test_every_look_at_a_run_while_it_is_sealed_sees_each_row_once(tmp_path: Path) -> None:
+    """A reader goes on without pause while parts appear, batches disappear and the run is concluded."""
+    store = few_rows.begun(tmp_path)
+    committed, done, seen = [0], threading.Event(), []
+
+    def look() -> None:
+        run = jbclog.open_run(store.folder)
+        while not done.is_set():
+            least = committed[0]
+            ticks = list(run.samples(columns=["tick"])["tick"])
+            seen.append((least, ticks))
+
+    def record() -> None:
+        for number in range(0, 1000, 20):
+            few_rows.hand_over(store, range(number, number + 20))
+            store.commit_now()
+            committed[0] = number + 20
+            if number % 200 == 100:
+                seal_rows(store.folder, part=True)
+        store.close()
+        seal_rows(store.folder)
+        conclude(store.folder, Manifest(store.folder.name), store.lock)
+        done.set()
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        writer = threading.Thread(target=record)
+        writer.start()
+        look()
+        writer.join()
+    assert len(seen) > 5
+    for least, ticks in seen:
+        assert ticks == list(range(len(ticks)))
+        assert len(ticks) >= least
+
+
+# -- the plot ----------------------------------------------------------------------------------------------------------------
+
+
+def test_the_plot_shows_each_port_with_its_gap(run: jbclog.Run, tmp_path: Path) -> None:
+    figure = run.plot()
+    titles = [axes.get_title(loc="left") for axes in figure.axes if axes.get_title(loc="left")]
+    assert titles == ["ale-1 port 1", "dde-1 port 1", "dde-1 port 2"]
+    gaps = [len(axes.patches) for axes in figure.axes if axes.get_title(loc="left")]
+    assert gaps == [1, 0, 0]
+    figure.savefig(tmp_path / "run.png")
+    assert (tmp_path / "run.png").stat().st_size > 10_000
+
+
+def test_no_excursion_disappears_from_a_long_run() -> None:
+    count = 20 * POINTS
+    temperatures = pd.Series([350] * count, dtype="Int64")
+    temperatures[7777], temperatures[55_555] = 412, 201
+    temperatures[60_000:60_100] = pd.NA
+    rows = pd.DataFrame({"temperature_c": temperatures})
+    few = thinned(rows)["temperature_c"]
+    assert len(few) <= 2 * POINTS + 1
+    assert (few.max(), few.min(), few.isna().sum()) == (412, 201, 1)
+
+
+def test_nothing_to_plot(run: jbclog.Run) -> None:
+    with pytest.raises(UsageError, match="no samples"):
+        run.plot("nobody")
