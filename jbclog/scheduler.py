@@ -191,11 +191,17 @@ class SlowReadings:
         self.worst_periods = 0.0  # the longest that any reading waited, in its own periods; CEILING is the promise
 
     def next(self, now: float, following: float) -> Slow | None:
-        """The due reading that is nearest to its ceiling, if one may be begun before the tick due at `following`."""
+        """The due reading that is nearest to its ceiling, if one may be begun before the tick due at `following`.
+
+        One that has waited for a whole period after it was due goes first even then: on a line on which much has to be
+        asked again, ticks are late or skipped before slow signals are forgotten.
+        """
         self._fall_due(now)
-        if not self._waiting or (now + self._longest_s > following + 1e-9 and not (self._runs_over and now <= following)):
+        if not self._waiting:
             return None
-        return min(self._waiting, key=_urgency)
+        one = min(self._waiting, key=_urgency)
+        is_room = now + self._longest_s <= following + 1e-9 or (self._runs_over and now <= following)
+        return one if is_room or now > one.due + one.period_s else None
 
     def all_due(self, now: float) -> list[Slow]:
         """Every reading due by `now`, for a station that cannot be asked."""

@@ -131,6 +131,8 @@ class Station:
         self.turnaround_s: float | None = None  # the longest seen lately
         self.strays: Counter[str] = Counter()
         self._reader = FrameReader()
+        self._doubted: set[str] = set()  # codes to which an answer may be under way
+        self._is_overdue = False  # the time of the last question was over before its answer came
         self._answer_from_station = True  # the order of addresses in answers is learnt (digest B-6)
         self._questions: dict[tuple[str, int | None, int | None], Question] = {}
 
@@ -150,16 +152,14 @@ class Station:
         tries = 1 if question.command.asked_once else 1 + REPEATS
         while True:
             tries -= 1
+            if question.code in self._doubted:
+                yield from self._settle(question)
             try:
                 return question.value_of((yield from self._exchange(question)))
             except ValueError as error:  # a whole answer to this question, so nothing is under way
                 failure: StationError = AnswerFormat(f"{question.title()}: {error}")
-            except UNCERTAIN as error:
+            except (*UNCERTAIN, NotReceived) as error:
                 failure = error
-                yield from self.recover(question.code)
-            except NotReceived as error:
-                failure = error
-                yield from self._drain()
             if not tries:
                 raise failure
 
@@ -167,33 +167,28 @@ class Station:
         """Write a value once. An acknowledgement is not proof: read back.
 
         Raises `Refusal` where the station says no, `AnswerTimeout` or another `StationError` where what it says is
-        not known; then it may or may not have been done.
+        not known; then it may or may not have been done. It goes out whatever came before: it may be what stops a tool.
         """
-        question = self._make(command, "W", port, tool, command.quantity.encode(value))
-        try:
-            yield from self._exchange(question)
-        except UNCERTAIN:
-            yield from self.recover(question.code)
-            raise
+        yield from self._exchange(self._make(command, "W", port, tool, command.quantity.encode(value)))
 
-    def recover(self, doubted: str) -> Steps[None]:
-        """After a question whose answer may still come: drain the line, then have another code answered.
+    def _settle(self, doubted: Question) -> Steps[None]:
+        """An answer to `doubted` may still come: have another code answered, on a drained line where one is overdue.
 
-        Raises `StationSilent` where nothing comes at all, and where only rubbish comes, what the last probe met.
+        Raises `StationSilent` where nothing answers, and where something does that cannot be believed, what it met.
         """
-        failure: StationError = StationSilent(f"no answer to {PROBES + 1} questions in a row")
-        for probe in self._probes(doubted):
-            yield from self._drain()
+        failure: StationError = AnswerTimeout()
+        for probe in self._probes(doubted.code):
+            if self._is_overdue:
+                yield from self._drain()
             try:
                 yield from self._exchange(probe)
-            except AnswerTimeout:
-                continue
-            except UNCERTAIN as error:
-                failure = error
-                continue
+                return
             except Refusal:  # that, too, proves that the station has done with what was asked before
                 return
-            return
+            except UNCERTAIN as error:
+                failure = error
+        if isinstance(failure, AnswerTimeout):
+            raise StationSilent(f"no answer to {PROBES + 1} questions in a row")
         raise failure
 
     def unasked(self, heard: Heard) -> None:
@@ -244,6 +239,7 @@ class Station:
     def _exchange(self, question: Question) -> Steps[str]:
         """Ask once; give the data field of the answer."""
         self._reader.reset()  # what came before the question cannot answer it
+        self._doubted.add(question.code)  # until that or any other is answered
         heard = yield Ask(question.frame, self.patience_s(question))
         self.exchanges += 1
         self.sent = heard.sent
@@ -269,6 +265,7 @@ class Station:
                 unanswered = AnswerFormat(f"{question.title()}: answered by {found.header}{found.text}, which is no answer to it")
             heard = yield Listen(until)
         self.now = heard.now
+        self._is_overdue = True
         self._reader.reset()
         raise unanswered
 
@@ -317,17 +314,24 @@ class Station:
         if code not in ("", question.code) and number not in (1, 2):
             self.strays["code"] += 1
             return
+        self._settled()
         meaning = COMMUNICATION_ERRORS.get(number, "unknown communication error")
         raise REFUSALS.get(number, Refusal)(number, f"{question.title()}: refused with N {number:05d}, {meaning}")
 
     def _note_time(self, now: float, wire_s: float) -> None:
         self.now = self.heard = now
+        self._settled()
         took = max(now - self.sent - wire_s, 0.0)
         seen = self.turnaround_s
         if seen is None or took > seen:
             self.turnaround_s = took
         else:
             self.turnaround_s = seen * 0.999 + took * 0.001  # forget a single late answer slowly
+
+    def _settled(self) -> None:
+        """The station has answered: answers come in the order of questions, so none to an earlier one is under way."""
+        self._doubted.clear()
+        self._is_overdue = False
 
     def _drain(self) -> Steps[None]:
         """Listen until the line has been quiet long enough for any late answer to have come."""

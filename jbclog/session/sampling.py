@@ -122,7 +122,7 @@ class Sampler:
                 scanner.finish(scan, unasked, due)
 
     def _take_slow(self, tick: int) -> Steps[None]:
-        """Slow readings, most urgent first, while the wire has room; without a grid one after each scan."""
+        """Slow readings, most urgent first, while the wire has room; without a grid, or behind it, one after each scan."""
         following = self.grid.due(tick + 1) if self.paced else math.inf
         while (slow := self.slow.next(self.desk.now, following)) is not None:
             reading = slow.reading
@@ -130,7 +130,7 @@ class Sampler:
                 yield from self._scanner.take(self._probes[reading.name, reading.port], self._scans[reading.port])
             finally:
                 self.slow.taken(slow, self.desk.now, following if self.paced else 0.0)
-            if not self.paced:
+            if not self.paced or self.desk.now > following:
                 return
 
     # -- ticks that cannot be asked --------------------------------------------------------------------------------------

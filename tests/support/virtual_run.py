@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -92,6 +93,44 @@ class Memory:
         return [event for event in self.events if event.kind == kind]
 
 
+@dataclass(frozen=True)
+class Heard:
+    """A question as it reached the station: when it was sent, its text, and the answer before any fault struck it."""
+
+    at: float
+    text: str
+    clean: str | None
+
+    @property
+    def is_write(self) -> bool:
+        return self.text.startswith("W")
+
+
+class Tap:
+    """The cable to a virtual station, with a note of every question."""
+
+    def __init__(self, station: VirtualStation) -> None:
+        self._station = station
+        self.heard: list[Heard] = []
+
+    def receive(self, data: bytes, now: float) -> Sequence[tuple[float, bytes]]:
+        struck = len(self._station.log.struck)
+        replies = self._station.receive(data, now)
+        after = self._station.log.struck[struck:]
+        clean = after[-1].clean if after else replies[0].data if replies else None
+        self.heard.append(Heard(now, _text(data), None if clean is None else _text(clean)))
+        return replies
+
+    def hung_up(self, now: float) -> bool:
+        return self._station.hung_up(now)
+
+
+def _text(frame: bytes) -> str:
+    """Header, code and data; of a frame with addresses they are left out."""
+    body = frame[1:-2].decode("ascii", "replace")
+    return body[4:] if body[:1].isdigit() else body
+
+
 @dataclass
 class VirtualRun:
     """What a run left behind: the journal, the stations' own view, and the facts."""
@@ -100,6 +139,21 @@ class VirtualRun:
     stations: dict[str, VirtualStation]
     driver: VirtualDriver
     desks: dict[str, Desk]
+    taps: dict[str, Tap] = field(default_factory=dict)
+    t0: float = 0.0  # the run's zero on the monotonic clock
+
+    @property
+    def heard(self) -> list[Heard]:
+        """Every question that reached the (first) station, whatever became of it."""
+        return next(iter(self.taps.values())).heard
+
+    @property
+    def writes(self) -> list[Heard]:
+        return [one for one in self.heard if one.is_write]
+
+    def at(self, second: float, call: Callable[[], None]) -> None:
+        """Do `call` that many seconds after the beginning."""
+        self.driver.at(self.driver.clock.monotonic() + second, call)
 
     @property
     def station(self) -> VirtualStation:
@@ -124,14 +178,15 @@ def prepare(
     """A run that is ready to go: `prepare(line_text(sim=...)).go()`."""
     clock = VirtualClock()
     memory, driver = Memory(), VirtualDriver(clock)
-    stations, desks = {}, {}
+    stations, desks, taps, t0 = {}, {}, {}, clock.monotonic()
     loaded = parse_recipe(recipe)
     for spec in parse_line(line or line_text(), Path("line.toml")).stations:
         station = VirtualStation(spec, now=clock.monotonic())
         desk = Desk(order_for(spec, loaded, clock, duration_s, rate), memory, UtcOffset(clock))
-        driver.add(run_station(desk), station)
+        taps[spec.name] = Tap(station)
+        driver.add(run_station(desk), taps[spec.name])
         stations[spec.name], desks[spec.name] = station, desk
-    return VirtualRun(memory, stations, driver, desks)
+    return VirtualRun(memory, stations, driver, desks, taps, t0)
 
 
 def order_for(spec: StationSpec, recipe: object, clock: VirtualClock, duration_s: float | None, rate: float | str | None) -> Order:

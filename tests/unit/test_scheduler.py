@@ -132,6 +132,8 @@ def simulate(wire: Wire, rate_hz: float, seconds: float) -> Seen:
         while (one := slow.next(now, grid.due(tick + 1))) is not None:
             now += one.reading.wire_s + wire.turnaround_s
             slow.taken(one, now, grid.due(tick + 1))
+            if now > grid.due(tick + 1):
+                break
         following = grid.next_after(tick, now)
         seen.skipped += following - tick - 1
         tick = following
@@ -151,6 +153,15 @@ def test_what_fits_keeps_every_tick_and_every_ceiling(wire: Wire, share: float) 
     assert seen.worst_periods <= CEILING
     assert seen.skipped == 0
     assert seen.latest_s <= wire.demand.longest_slow_s(wire.turnaround_s) + 1e-9
+
+
+@pytest.mark.parametrize("too_much", [1.1, 1.5, 3])
+def test_where_too_much_has_to_be_asked_ticks_are_skipped_and_slow_signals_are_not_forgotten(too_much: float) -> None:
+    """A line on which many reads are repeated is a line with too high a rate."""
+    wire = Wire(readings_for(DDE, (1, 2), recipe_with(), LINE, True), 0.001)
+    seen = simulate(wire, too_much * wire.demand.best_rate_hz(0.001), 200)
+    assert seen.skipped > 0
+    assert seen.worst_periods <= CEILING
 
 
 @settings(max_examples=300, deadline=None)

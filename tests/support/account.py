@@ -1,0 +1,96 @@
+"""The record of a virtual run held against what the wire carried, without any of the code that keeps accounts."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator
+
+from virtual_run import Heard, VirtualRun
+
+from jbclog.rows import COLUMN, SIGNAL_COLUMNS, SIGNAL_OF_COLUMN, SampleRow
+
+CODES = {
+    "temperature_c": "TT{port}",
+    "power_permille": "PP{port}",
+    "status": "PS{port}",
+    "set_c": "ST{port}",
+    "tool": "CT{port}",
+    "port_error": "PE{port}",
+    "transistor_c": "QT{port}",
+    "alarm_high": "TA{port}",
+    "station_error": "SER",
+    "transformer_c": "TT",
+}
+STATUS = ("working", "stand", "sleep", "hibernation")
+
+
+def reasons_in(row: SampleRow) -> dict[str, str]:
+    """The columns that the row says are missing, with the reason."""
+    text = row[COLUMN["reasons"]]
+    return dict(item.split("=") for item in str(text).split(";")) if text else {}
+
+
+def counted(run: VirtualRun) -> dict[tuple[str, str], Counter[str]]:
+    """For each port and signal: how often it came (``ok``), and how often each reason stands in its place."""
+    found: dict[tuple[str, str], Counter[str]] = {}
+    for row in run.memory.samples:
+        port, reasons = str(row[COLUMN["port"]]), reasons_in(row)
+        for column in SIGNAL_COLUMNS:
+            if SIGNAL_OF_COLUMN[column] != column:
+                continue
+            assert row[COLUMN[column]] is None or column not in reasons, f"{column} has a value and a reason"
+            if row[COLUMN[column]] is not None:
+                found.setdefault((port, column), Counter())["ok"] += 1
+            elif column in reasons:
+                found.setdefault((port, column), Counter())[reasons[column]] += 1
+    for one in run.memory.counters:
+        reason = "ok" if one.value is not None else one.raw.strip("<>")
+        found.setdefault((str(one.port), one.counter), Counter())[reason] += 1
+    return found
+
+
+def assert_account_holds(run: VirtualRun) -> None:
+    """Every due reading is a value or a reason, as many as the session itself counted; every tick has its rows."""
+    facts, rows = run.facts, counted(run)
+    for port, signals in facts.due.items():
+        for signal, due in signals.items():
+            if signal in facts.watched.get(port, {}):
+                watched = dict(facts.watched[port][signal])
+                assert watched.pop("due") == due == sum(watched.values()), signal
+            else:
+                assert sum(rows.get((port, signal), Counter()).values()) == due, f"{signal} of port {port}"
+    for port in facts.ports:
+        ticks = run.memory.column("tick", port)
+        assert ticks == sorted(set(ticks)), "a tick twice, or out of order"
+        if facts.first_tick is not None and facts.last_tick is not None:
+            assert len(ticks) + facts.skipped == facts.last_tick - facts.first_tick + 1
+
+
+def wrong_values(run: VirtualRun) -> list[str]:
+    """Every recorded value that is not what the station had to say to a question asked for that row."""
+    found, asked = [], list(run.heard)
+    for row in run.memory.samples:
+        late, scan = row[COLUMN["late_us"]], row[COLUMN["scan_us"]]
+        if not isinstance(late, int) or not isinstance(scan, int) or run.facts.period_s is None:
+            continue
+        begin = run.t0 + int(str(row[COLUMN["tick"]])) * run.facts.period_s + late / 1e6
+        while asked and asked[0].at < begin - 1.0:
+            asked.pop(0)
+        found += _wrong_in(row, [one for one in asked if begin - 1e-4 <= one.at <= begin + scan / 1e6])
+    return found
+
+
+def _wrong_in(row: SampleRow, asked: list[Heard]) -> Iterator[str]:
+    for column, code in CODES.items():
+        value, wanted = row[COLUMN[column]], code.format(port=row[COLUMN["port"]])
+        if value is None:
+            continue
+        said = [one.clean for one in asked if one.text == f"R{wanted}" and one.clean is not None and one.clean[0] == "A"]
+        if value not in [_read(column, text[1 + len(wanted) :]) for text in said]:
+            yield f"tick {row[COLUMN['tick']]} port {row[COLUMN['port']]}: {column} = {value!r}, the station said {said}"
+
+
+def _read(column: str, data: str) -> object:
+    if column == "status":
+        return STATUS[int(data[4])]
+    return data[4] == "1" if column == "alarm_high" else int(data)
