@@ -45,7 +45,9 @@ def station_rules(
 ) -> Iterator[Rule]:
     """The rules that hold for a station as a whole."""
     result, text = STATION_ENDINGS.get(facts.outcome, (Result.MISSING, "How it ended is not known."))
-    text = f"{text} {facts.reason}".strip() if result is not Result.PASS else text
+    reason = facts.reason.removeprefix(f"{facts.name}: ").rstrip(".")
+    if reason and result is not Result.PASS:
+        text = f"{text} {reason[:1].upper()}{reason[1:]}."
     yield Rule("station", facts.name, None, "completed", facts.outcome, "", result, text)
     yield settings_rule(facts.name, outcomes)
     if acceptance.alarms_max is not None:

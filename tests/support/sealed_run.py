@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from jbclog.record.conclude import files_of
 from jbclog.record.ledger import ledger_of
 from jbclog.record.manifest import LineFile, Manifest, Metadata, RecipeFile, iso, write_manifest
-from jbclog.record.parts import complete, write_part
+from jbclog.record.parts import ROWS_A_GROUP, complete, write_part
 from jbclog.record.schema import SCHEMAS
 from jbclog.rows import CounterRow, EventRow, SettingRow, Severity, StationFacts
 
@@ -123,7 +123,7 @@ def seal(
     (folder / "line.toml").write_text('[line]\nname = "bench"\n')
     told = [dict(zip(EventRow._fields, event, strict=True), seq=seq, prev_sha256="0" * 64) for seq, event in enumerate(events)]
     others = {"events": told, "settings": [row._asdict() for row in settings], "counters": [row._asdict() for row in counters]}
-    write_part(folder, "samples", lambda: [rows] if rows.num_rows else [], 0)
+    write_part(folder, "samples", lambda: [rows[i : i + ROWS_A_GROUP] for i in range(0, rows.num_rows, ROWS_A_GROUP)], 0)
     for name, lines in others.items():
         piece = pa.Table.from_pylist([{**line, **_times(line)} for line in lines], SCHEMAS[name])
         write_part(folder, name, lambda piece=piece: [piece] if piece.num_rows else [], 0)

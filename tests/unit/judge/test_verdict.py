@@ -6,6 +6,7 @@ import json
 import subprocess
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -110,6 +111,21 @@ def test_how_the_run_ended(case: Any, tip: Callable[..., Any], exit_status: str 
 def test_how_the_station_ended(case: Any, tip: Callable[..., Any], outcome: str, verdict: str) -> None:
     case.station("a", tip(), outcome=outcome)
     assert judge(case.evidence(), {"a": ALL}).verdict == verdict
+
+
+def test_why_a_station_ended_stands_in_its_rule(case: Any, tip: Callable[..., Any]) -> None:
+    facts = case.station("a", tip(), outcome="gone")
+    facts.reason = "a: no answer within 3 s"
+    found = rule(judge(case.evidence(), {"a": ALL}), "station", None)
+    assert found.text == "It did not answer at the start or at the end. No answer within 3 s."
+
+
+def test_a_record_that_lacks_something_is_inconclusive(case: Any, tip: Callable[..., Any]) -> None:
+    case.station("a", tip())
+    evidence = replace(case.evidence(), lost="The disk was full for 4 s.")
+    judgement = judge(evidence, {"a": ALL})
+    assert judgement.verdict == "INCONCLUSIVE"
+    assert rule(judgement, "record", None).text == "The disk was full for 4 s."
 
 
 @pytest.mark.parametrize(
