@@ -187,7 +187,7 @@ class _Run:
 
     def _verdict(self, stations: list[StationFacts], record: str | None) -> str:
         exit_status = status(findings(stations, verdict=None, record=record, cut_short=self._cut_short))
-        evidence = Evidence(self._folder, stations, ledger_of(self._folder, stations), exit_status)
+        evidence = Evidence(self._folder, stations, ledger_of(self._folder, stations), exit_status, record)
         judgement = judge(evidence, {one.spec.name: one.recipe.acceptance for one in self._plan.stations})
         self._manifest.verdict = judgement.verdict.value
         self._manifest.verdict_rules = judgement.rules_as_dicts()
