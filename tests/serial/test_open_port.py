@@ -14,7 +14,7 @@ import pytest
 from far_ends import Server, Terminal, rfc2217_server, server, terminal
 
 from jbclog.errors import LinkError, PortBusy
-from jbclog.transport import open_port
+from jbclog.transport import Port, open_port
 from jbclog.wire import LineFormat
 
 LINE = LineFormat()
@@ -89,12 +89,7 @@ def test_a_loop_has_no_descriptor_and_works() -> None:
     port = open_port("loop://", LINE)
     assert port.fileno() is None
     port.write(EVERY_BYTE)
-    heard = b""
-    while len(heard) < 256:
-        more = port.read(1.0)
-        assert more
-        heard += more
-    assert heard == EVERY_BYTE
+    assert _heard(port, 256) == EVERY_BYTE
     port.close()
 
 
@@ -119,10 +114,7 @@ def test_rfc2217_both_ways() -> None:
             heard += more
         assert heard == EVERY_BYTE  # 255 is doubled on the way
         far.say(b"\x02ASMN DDE\x03\x00")
-        heard = b""
-        while len(heard) < 11 and (more := port.read(1.0)):
-            heard += more
-        assert heard == b"\x02ASMN DDE\x03\x00"
+        assert _heard(port, 11) == b"\x02ASMN DDE\x03\x00"
         began = time.monotonic()
         assert port.read(0.05) == port.read_now() == b""
         assert time.monotonic() - began < 0.2  # setting pyserial's time-out anew would negotiate the port again
@@ -131,29 +123,43 @@ def test_rfc2217_both_ways() -> None:
 
 @pytest.mark.skipif(shutil.which("ser2net") is None, reason="ser2net is not installed")
 @rfc2217_of_python_3_11
-def test_ser2net() -> None:
+def test_ser2net(tmp_path: Path) -> None:
     with socket.create_server(("127.0.0.1", 0)) as free:
         number = free.getsockname()[1]
     with terminal() as far:
-        connection = (
-            f"connection: &c\n  accepter: telnet(rfc2217),tcp,127.0.0.1,{number}\n  connector: serialdev,{far.url},19200n81"
-        )
-        with subprocess.Popen(["ser2net", "-d", "-Y", connection], stderr=subprocess.DEVNULL) as running:
+        configuration = tmp_path / "ser2net.yaml"
+        configuration.write_text(SER2NET.format(number=number, device=far.url))
+        with subprocess.Popen(["ser2net", "-d", "-u", "-c", configuration], stderr=subprocess.DEVNULL) as running:
             try:
-                port = _opened_within(5.0, f"rfc2217://127.0.0.1:{number}?ign_set_control")
-                port.write(b"\x02RSMN\x03\x03")
-                assert far.heard() == b"\x02RSMN\x03\x03"
-                far.say(b"\x02ASMN DDE\x03\x00")
-                heard = b""
-                while len(heard) < 11 and (more := port.read(1.0)):
-                    heard += more
-                assert heard == b"\x02ASMN DDE\x03\x00"
-                port.close()
+                _talk_through(_opened_within(5.0, f"rfc2217://127.0.0.1:{number}?ign_set_control"), far)
             finally:
-                running.terminate()
+                running.kill()
 
 
-def _opened_within(seconds: float, url: str):  # type: ignore[no-untyped-def]  # a Port
+SER2NET = """%YAML 1.1
+---
+connection: &station
+  accepter: telnet(rfc2217),tcp,127.0.0.1,{number}
+  connector: serialdev,{device},19200n81,local
+"""
+
+
+def _talk_through(port: Port, far: Terminal) -> None:
+    port.write(b"\x02RSMN\x03\x03")
+    assert far.heard() == b"\x02RSMN\x03\x03"
+    far.say(b"\x02ASMN DDE\x03\x00")
+    assert _heard(port, 11) == b"\x02ASMN DDE\x03\x00"
+    port.close()
+
+
+def _heard(port: Port, length: int) -> bytes:
+    heard = b""
+    while len(heard) < length and (more := port.read(1.0)):
+        heard += more
+    return heard
+
+
+def _opened_within(seconds: float, url: str) -> Port:
     until = time.monotonic() + seconds
     while True:
         try:
@@ -205,7 +211,7 @@ def test_a_port_can_be_shared_on_request() -> None:
 
 HOLD = """
 import sys, time
-from jbclog.transport import open_port
+from jbclog.transport import Port, open_port
 from jbclog.wire import LineFormat
 port = open_port(sys.argv[1], LineFormat())
 print("held", flush=True)
