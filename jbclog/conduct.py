@@ -173,6 +173,7 @@ class _Run:
     def _conclude(self, record: str | None) -> Result:
         """Judge what is sealed, and write the manifest that is never changed again."""
         stations, manifest = [desk.facts for desk in self._desks], self._manifest
+        manifest.stations = stations  # in the line file's order
         manifest.ended = iso(self._utc.micros(self._clock.monotonic()))
         verdict = self._verdict(stations, record)
         found = findings(stations, verdict=verdict, record=record, cut_short=self._cut_short)
