@@ -2,31 +2,40 @@
 
 from __future__ import annotations
 
+from jbclog.commands.signals import Counter
 from jbclog.effects import Steps
-from jbclog.errors import NotSupported, RobotModeOff, StationError, StationSilent
+from jbclog.errors import LinkError, NotSupported, RobotModeOff, StationError, StationSilent
 from jbclog.rows import CounterRow
-from jbclog.session.order import Desk
+from jbclog.session.order import Desk, PortState
 
 
 def read_counters(desk: Desk) -> Steps[None]:
     """A row for every counter of every port; null with its reason where it could not be read.
 
-    Raises `StationSilent` or `RobotModeOff` where nothing can be read any more.
+    Raises `LinkError`, `StationSilent` or `RobotModeOff` where nothing can be read any more.
     """
     for port in desk.ports.values():
         for counter in desk.family.counters:
-            if counter.name in desk.not_supported:
-                continue
-            command, value, raw = desk.command(counter.command), None, ""
-            try:
-                found = yield from desk.station.read(command, port.number)
-                value, raw = float(found) if isinstance(found, int | float) else None, command.quantity.encode(found)
-            except NotSupported:
-                desk.not_supported.add(counter.name)
-                continue
-            except (StationSilent, RobotModeOff):
-                raise
-            except StationError as error:
-                raw = f"<{error.reason}>"
-            time = desk.utc.micros(desk.now)
-            desk.journal.counter(CounterRow(time, desk.name, port.number, counter.name, value, counter.unit, raw))
+            if counter.name not in desk.not_supported:
+                yield from _read(desk, port, counter)
+
+
+def _read(desk: Desk, port: PortState, counter: Counter) -> Steps[None]:
+    command = desk.command(counter.command)
+    try:
+        found = yield from desk.station.read(command, port.number)
+    except NotSupported:
+        desk.not_supported.add(counter.name)
+    except (LinkError, StationError) as error:
+        _keep(desk, port, counter, None, f"<{error.reason}>")
+        if isinstance(error, LinkError | StationSilent | RobotModeOff):
+            raise
+    else:
+        _keep(desk, port, counter, float(found) if isinstance(found, int | float) else None, command.quantity.encode(found))
+
+
+def _keep(desk: Desk, port: PortState, counter: Counter, value: float | None, raw: str) -> None:
+    due = desk.facts.due.setdefault(str(port.number), {})
+    due[counter.name] = due.get(counter.name, 0) + 1
+    time = desk.utc.micros(desk.now)
+    desk.journal.counter(CounterRow(time, desk.name, port.number, counter.name, value, counter.unit, raw))

@@ -93,12 +93,14 @@ class Sampler:
     def _skip(self, first: int, end: int) -> None:
         """Account for ticks that nobody could run: rows of `skipped`, or one event where the host stood still."""
         seconds = (end - first) * self.grid.period_s
+        missed = [tick for tick in range(first, end) if not self.is_over(tick)]
+        self.desk.facts.last_tick = first + len(missed) - 1
         if seconds <= SUSPENDED_S:
-            for tick in range(first, end):
+            for tick in missed:
                 self.miss(tick, SKIPPED)
             return
-        self.desk.facts.skipped += end - first
-        text = f"The recorder stood still for {seconds:.1f} s (suspended or stopped host); {end - first} ticks have no rows."
+        self.desk.facts.skipped += len(missed)
+        text = f"The recorder stood still for {seconds:.1f} s (suspended or stopped host); {len(missed)} ticks have no rows."
         self.desk.note("host.suspended", Severity.ERROR, text, since=self.grid.due(first), value=seconds)
 
     # -- one tick -----------------------------------------------------------------------------------------------------
@@ -166,7 +168,8 @@ class Sampler:
         facts = self.desk.facts
         facts.worst_slow_periods = round(self.slow.worst_periods, 2)
         for (name, port), probe in self._probes.items():
-            facts.due.setdefault(str(port), {})[name] = probe.due
+            due = facts.due.setdefault(str(port), {})
+            due[name] = due.get(name, 0) + probe.due  # counters have been read before, too
             if not probe.reading.columns and probe.reading.counter is None:
                 ok = probe.due - sum(probe.missed.values())
                 facts.watched.setdefault(str(port), {})[name] = {"due": probe.due, "ok": ok, **probe.missed}
