@@ -139,6 +139,20 @@ class Journal(Protocol):
         """What is now known of a station; replaces what was handed over before."""
 
 
+class NoJournal:
+    """Takes everything and keeps nothing: for a session whose record has failed and whose tools are still hot."""
+
+    def sample(self, row: SampleRow) -> None: ...
+
+    def event(self, event: EventRow, *, at_once: bool = False) -> None: ...
+
+    def setting(self, setting: SettingRow) -> None: ...
+
+    def counter(self, counter: CounterRow) -> None: ...
+
+    def facts(self, facts: StationFacts) -> None: ...
+
+
 def quality_of(reasons: dict[str, str]) -> str:
     """The row's quality: the first of `QUALITIES` among its reasons, ``nak3`` counting as ``nak``."""
     present = {"nak" if reason.startswith("nak") else reason for reason in reasons.values()}

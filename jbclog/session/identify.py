@@ -21,7 +21,7 @@ class Absent(StartRefused):
 def identify(desk: Desk) -> Steps[None]:
     """Open the port and prove who is there. Raises `StartRefused` with what to do."""
     desk.facts.model = yield from connect(desk, reopen=True, tries=TRIES)
-    desk.connected = True
+    desk.connected = desk.is_proven = True
     yield from _learn_family(desk)
     yield from _learn_ports(desk)
     yield from measure_turnaround(desk)
@@ -36,6 +36,7 @@ def connect(desk: Desk, *, reopen: bool, tries: int) -> Steps[str]:
             desk.station.unasked((yield Reopen()))
         return (yield from _read_model(desk, tries))
     except LinkError as error:
+        desk.is_proven = False
         raise Absent(f"{desk.name}: cannot use {desk.order.url}: {error}") from error
 
 
@@ -51,6 +52,20 @@ def _read_model(desk: Desk, tries: int) -> Steps[str]:
         except StationError as error:
             if not tries:
                 raise Absent(_no_answer(desk, error)) from error
+
+
+def recognise(desk: Desk, found: str) -> bool:
+    """Whether the model `found` is this run's station. A stranger is told once, and neither read nor written."""
+    desk.is_proven = found == desk.facts.model
+    if desk.is_proven:
+        desk.stranger = None
+    elif found != desk.stranger:
+        desk.stranger = found
+        text = (
+            f"On {desk.order.url} there is now a {found}, not the {desk.facts.model} of this run. It is neither read nor written."
+        )
+        desk.note("identity.changed", Severity.CRITICAL, text, raw=found)
+    return desk.is_proven
 
 
 def _no_answer(desk: Desk, error: StationError) -> str:

@@ -82,7 +82,8 @@ class Desk:
         self.feeder_touched = False
         self.feeding_seen = False
         self.connected = False
-        self.stranger_told = False  # another station answers where this one was; said once
+        self.is_proven = False  # the port has not broken since the station said who it is
+        self.stranger: str | None = None  # the model that answers where this station was
         self._family = order.family
         self.facts = StationFacts(
             name=order.name,

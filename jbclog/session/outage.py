@@ -12,7 +12,7 @@ from jbclog.errors import LinkError, RobotModeOff, StartRefused, StationError
 from jbclog.quantities import Value
 from jbclog.rows import Severity
 from jbclog.session.apply import read_all
-from jbclog.session.identify import connect
+from jbclog.session.identify import connect, recognise
 from jbclog.session.order import Desk
 from jbclog.session.sampling import Lost, Sampler
 from jbclog.session.watch import stop_on, tell_change
@@ -56,6 +56,7 @@ def outage(desk: Desk, sampler: Sampler, tick: int, lost: Lost) -> Steps[int]:
 def _tell_loss(desk: Desk, lost: Lost) -> None:
     desk.facts.outages += 1
     desk.connected = False
+    desk.is_proven &= not isinstance(lost.cause, LinkError)
     if isinstance(lost.cause, RobotModeOff):
         text = "Robot mode was switched off at the station. It is asked again from time to time; nothing is written to it."
         desk.note("robot.off", Severity.ERROR, text)
@@ -78,10 +79,10 @@ def _tell_return(desk: Desk, began: float, why: str) -> None:
 
 def _seek(desk: Desk, *, reopen: bool) -> Steps[bool]:
     """Try once to reach the station and to learn what it holds now. Whether it may be sampled again."""
-    model, held = desk.facts.model, _all_held(desk)
+    held = _all_held(desk)
     try:
         found = yield from connect(desk, reopen=reopen, tries=1)
-        if not _is_same(desk, model, found):
+        if not recognise(desk, found):
             return False
         yield from _read_tools(desk)
         yield from read_all(desk)
@@ -89,16 +90,6 @@ def _seek(desk: Desk, *, reopen: bool) -> Steps[bool]:
         return False
     _compare(desk, held)
     return True
-
-
-def _is_same(desk: Desk, model: str | None, found: str) -> bool:
-    if found == model:
-        return True
-    if not desk.stranger_told:
-        desk.stranger_told = True
-        text = f"On {desk.order.url} there is now a {found}, not the {model} of this run. It is neither read nor written."
-        desk.note("identity.changed", Severity.CRITICAL, text, raw=found)
-    return False
 
 
 def _read_tools(desk: Desk) -> Steps[None]:

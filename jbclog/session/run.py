@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from jbclog.effects import RunEnded, Steps
 from jbclog.errors import JbclogError, LinkError, StartRefused, StationError, Unsafe
-from jbclog.rows import Severity, StationFacts
+from jbclog.rows import NoJournal, Severity, StationFacts
 from jbclog.scheduler import Grid
 from jbclog.session.apply import apply
 from jbclog.session.counters import read_counters
@@ -43,11 +43,12 @@ def run_station(desk: Desk) -> Steps[StationFacts]:
         facts.outcome, facts.reason = "stopped", str(error)
     except (LinkError, StationError) as error:
         facts.outcome, facts.reason = "gone", f"{desk.name}: {error}"
-    except JbclogError as error:
-        facts.outcome, facts.reason = "failed", str(error)
-    except Exception as error:  # a fault of this program must not leave a tip hot
-        facts.outcome, facts.reason = "failed", f"{desk.name}: internal error, {type(error).__name__}: {error}"
-    yield from _close(desk)
+    except Exception as error:
+        _fail(desk, error)
+    try:
+        yield from _close(desk)
+    except Exception as error:
+        _fail(desk, error)
     return facts
 
 
@@ -75,20 +76,47 @@ def _sample(desk: Desk, sampler: Sampler) -> Steps[None]:
 
 
 def _close(desk: Desk) -> Steps[None]:
-    facts = desk.facts
+    yield from _surely_make_safe(desk)
     try:
-        yield from make_safe(desk)
-        if facts.first_tick is not None and desk.connected:
+        if desk.facts.first_tick is not None and desk.connected:
             yield from read_counters(desk)
-    except Unsafe:
-        pass  # `facts.unsafe` has it, and an event for each tool
     except (LinkError, StationError, RunEnded) as error:
         desk.note("counters.missed", Severity.WARNING, f"The counters could not be read at the end: {error}.")
+    _tell_end(desk)
+    desk.publish()
+
+
+def _surely_make_safe(desk: Desk) -> Steps[None]:
+    """Nothing that happens meanwhile ends this early: not the run's end, not a record that cannot be kept."""
+    while True:
+        try:
+            yield from make_safe(desk)
+        except RunEnded:
+            continue
+        except Unsafe:
+            pass  # `facts.unsafe` has it, and an event for each tool
+        except Exception as error:
+            _fail(desk, error)
+            if not isinstance(desk.journal, NoJournal):
+                desk.journal = NoJournal()
+                continue
+            desk.facts.unsafe.append(f"{desk.name}: its tools could not be made safe, {error}")
+        return
+
+
+def _fail(desk: Desk, error: Exception) -> None:
+    """A fault of this program, or of its record; it must not leave a tip hot."""
+    known = isinstance(error, JbclogError)
+    desk.facts.outcome = "failed"
+    desk.facts.reason = str(error) if known else f"{desk.name}: internal error, {type(error).__name__}: {error}"
+
+
+def _tell_end(desk: Desk) -> None:
+    facts = desk.facts
     good = facts.outcome == "completed"
     if facts.reason or not good:
         severity = Severity.INFO if good else Severity.ERROR
         desk.note(f"station.{facts.outcome}", severity, f"{(facts.reason or facts.outcome).removeprefix(f'{desk.name}: ')}.")
-    desk.publish()
 
 
 def _ready_text(desk: Desk) -> str:

@@ -6,10 +6,13 @@ opened again if need be, and what could not be done is said with station, port a
 
 from __future__ import annotations
 
-from jbclog.commands.family import STAND, STATUS_ORDERS
+from collections.abc import Iterator
+
+from jbclog.commands.family import STAND, STATUS_NAMES, STATUS_ORDERS
 from jbclog.effects import Reopen, Steps, Wait
 from jbclog.errors import LinkError, StationError, Unsafe
 from jbclog.rows import Severity
+from jbclog.session.identify import recognise
 from jbclog.session.order import Desk, PortState
 
 ALLOWED_S = 3.0  # for one station (faults.md, section 9)
@@ -20,75 +23,103 @@ IDLE_PERMILLE = 20  # a heater that gets less than this is off
 
 
 def make_safe(desk: Desk) -> Steps[None]:
-    """Put what this run touched into the recipe's safe state. Raises `Unsafe` naming every tool that is not."""
+    """Put what this run touched into the recipe's safe state. Raises `Unsafe` naming every tool that is not.
+
+    All is done before any of it is told, so that a record that fails keeps no tool hot.
+    """
     touched = [port for port in desk.ports.values() if port.touched]
     if not touched and not desk.feeder_touched:
         return
     desk.station.unasked((yield Wait(0.0)))
     end = desk.now + ALLOWED_S
-    unsafe = []
-    if (desk.feeder_touched or desk.feeding_seen) and not (yield from _stop_feeder(desk, end)):
-        unsafe.append(f"{desk.name}: the feeder could not be told to stop")
-        desk.note("safety.not_safe", Severity.CRITICAL, unsafe[0] + ".")
+    has_fed = desk.feeder_touched or desk.feeding_seen
+    may_feed = has_fed and not (yield from _stop_feeder(desk, end))
     for port in touched:
-        if not (yield from put_in_safe_state(desk, port, end)):
-            unsafe.append(_unsafe_text(desk, port))
-    desk.facts.unsafe = unsafe
+        yield from _put(desk, port, end)
+    desk.facts.unsafe = [f"{desk.name}: the feeder could not be told to stop"] if may_feed else []
+    desk.facts.unsafe += [_unsafe_text(desk, port) for port in touched if not _is_verified(desk, port)]
+    if may_feed:
+        desk.note("safety.not_safe", Severity.CRITICAL, f"{desk.facts.unsafe[0]}.")
+    for port in touched:
+        _tell(desk, port)
     desk.publish()
-    if unsafe:
-        raise Unsafe("; ".join(unsafe))
+    if desk.facts.unsafe:
+        raise Unsafe("; ".join(desk.facts.unsafe))
 
 
-def put_in_safe_state(desk: Desk, port: PortState, end: float | None = None) -> Steps[bool]:
-    """Order the safe state on one port until a reading bears it out, say so, and give whether it did."""
-    end = desk.now + ALLOWED_S if end is None else end
-    state = yield from _put(desk, port, end)
-    desk.facts.safe_state[port.number] = state
-    if state == VERIFIED:
-        text = f"Port {port.number}: the tool is in its safe state ({desk.safe_state}), as read back."
+def put_in_safe_state(desk: Desk, port: PortState) -> Steps[None]:
+    """Order the safe state on one port until a reading bears it out, and say how that went."""
+    yield from _put(desk, port, desk.now + ALLOWED_S)
+    _tell(desk, port)
+
+
+def _is_verified(desk: Desk, port: PortState) -> bool:
+    return desk.facts.safe_state[port.number] == VERIFIED
+
+
+def _tell(desk: Desk, port: PortState) -> None:
+    if _is_verified(desk, port):
+        text = f"Port {port.number}: the tool is in its safe state, as read back: {'-'.join(_state_of(port))}."
         desk.note("safety.safe_state", Severity.INFO, text, port=port.number)
     else:
         desk.note("safety.not_safe", Severity.CRITICAL, _unsafe_text(desk, port) + ".", port=port.number)
-    return state == VERIFIED
+
+
+def _state_of(port: PortState) -> Iterator[str]:
+    """The state last read: ``stand``, ``sleep``; ``extractor`` where that digit is set."""
+    word = port.status or STAND
+    if word[3]:
+        yield "extractor"
+    if word[4] or not word[3]:
+        yield STATUS_NAMES[word[4]]
 
 
 def _stop_feeder(desk: Desk, end: float) -> Steps[bool]:
-    for _ in range(TRIES):
+    for attempt in range(TRIES):
+        if (attempt and desk.now > end) or not (yield from _is_reachable(desk, end)):
+            break
         try:
             yield from desk.station.write(desk.command("stop_feeding"), 0)
             feeding = yield from desk.station.read(desk.command("feeding"))
-        except (LinkError, StationError):
-            yield from _reach_again(desk, end)
+        except (LinkError, StationError) as error:
+            yield from _reach_again(desk, end, error)
             continue
         if feeding == "stopped":
             return True
     return False
 
 
-def _put(desk: Desk, port: PortState, end: float) -> Steps[str]:
-    word = STATUS_ORDERS[desk.safe_state]
+def _put(desk: Desk, port: PortState, end: float) -> Steps[None]:
+    """Order the safe state; what came of it is in the facts."""
+    states, word = desk.facts.safe_state, STATUS_ORDERS[desk.safe_state]
+    states[port.number] = FAILED
     if word != STAND and (yield from _try(desk, port, word, end)) == VERIFIED and (yield from _is_cooling(desk, port)):
-        return VERIFIED
-    return (yield from _try(desk, port, STAND, end))  # the only state from which the station cools by itself
+        states[port.number] = VERIFIED
+        return
+    states[port.number] = yield from _try(desk, port, STAND, end)  # the only state from which the station cools by itself
 
 
 def _try(desk: Desk, port: PortState, word: tuple[int, ...], end: float) -> Steps[str]:
     """Order and read back, three times at most and once at least: ``verified``, ``sent`` (acknowledged) or ``failed``."""
     command, reached = desk.command("status"), FAILED
     for attempt in range(TRIES):
-        if attempt and desk.now > end:
+        if (attempt and desk.now > end) or not (yield from _is_reachable(desk, end)):
             break
         try:
             yield from desk.station.write(command, word, port.number)
             reached = SENT
-        except (LinkError, StationError):
-            yield from _reach_again(desk, end)
+        except LinkError as error:
+            yield from _reach_again(desk, end, error)
+            continue
+        except StationError:
+            pass  # whether it was done is read back
         try:
             found = yield from desk.station.read(command, port.number)
-        except (LinkError, StationError):
-            yield from _reach_again(desk, end)
+        except (LinkError, StationError) as error:
+            yield from _reach_again(desk, end, error)
             continue
         if isinstance(found, tuple) and _is_safe(found, word):
+            port.status = found
             return VERIFIED
     return reached
 
@@ -111,18 +142,35 @@ def _is_cooling(desk: Desk, port: PortState) -> Steps[bool]:
     return falling or (isinstance(power, int) and power <= IDLE_PERMILLE)
 
 
-def _reach_again(desk: Desk, end: float) -> Steps[None]:
-    """Open the port anew, while there is time, until that works."""
+def _is_reachable(desk: Desk, end: float) -> Steps[bool]:
+    """Whether this run's station, and no other, is at the end of the line."""
+    if not desk.is_proven:
+        yield from _reach_again(desk, end, LinkError("not proven"))
+    return desk.is_proven
+
+
+def _reach_again(desk: Desk, end: float, error: LinkError | StationError) -> Steps[None]:
+    """Open the port anew, while there is time; where the link was broken, until the station has said again who it is.
+
+    A station that is merely silent may still hear; one behind a cable that was out may be another.
+    """
+    desk.is_proven &= not isinstance(error, LinkError)
     while desk.now < end:
         try:
             desk.station.unasked((yield Reopen()))
-            return
+            if desk.is_proven or recognise(desk, str((yield from desk.station.read(desk.command("model"))))):
+                return
         except LinkError:
-            desk.station.unasked((yield Wait(desk.now + 0.25)))
+            desk.is_proven = False
+        except StationError:
+            pass  # not there yet
+        desk.station.unasked((yield Wait(desk.now + 0.25)))
 
 
 def _unsafe_text(desk: Desk, port: PortState) -> str:
     last = "never read" if port.temperature_c is None else f"last read {port.temperature_c} °C"
     sent = desk.facts.safe_state.get(port.number) == SENT
     what = "was told to go to its safe state and does not confirm it" if sent else "could not be put in its safe state"
+    if desk.stranger:
+        what += f", a {desk.stranger} is on its cable"
     return f"{desk.name} port {port.number}: {what}, its tip may be hot ({last}); switch the station off"

@@ -1,0 +1,236 @@
+"""Whatever ends a run, what it touched is in its safe state, told from the station's own log of the wire."""
+
+from __future__ import annotations
+
+import pytest
+from virtual_run import RECIPE, Memory, VirtualRun, line_text, prepare
+
+from jbclog.commands.family import STAND, WORKING
+from jbclog.errors import RecordError
+from jbclog.rows import EventRow, SampleRow
+from jbclog.session.scan import Scanner
+
+ALE_RECIPE = RECIPE + "\n[feeder]\nlength_mm = 7.5\n"
+APPLIED_S = 1.2  # by then the recipe is on the station and the tools are at work
+
+
+def fault(kind: str, **keys: object) -> str:
+    """A table of the line file."""
+    return "\n[[station.sim.fault]]\n" + "".join(f"{key} = {value!r}\n" for key, value in {"kind": kind, **keys}.items())
+
+
+def ale_line(sim: str = "") -> str:
+    return line_text(sim).replace('"dde"', '"ale"').replace("dde-1", "ale-1")
+
+
+def orders(run: VirtualRun, port: int) -> list[object]:
+    """The status words that the station accepted for `port`, in order."""
+    return [write.value for write in run.station.log.written("status") if write.port == port]
+
+
+def touched(run: VirtualRun) -> set[int]:
+    """The ports that anything was written to, as the station saw it."""
+    return {write.port for write in run.station.log.writes if write.port}
+
+
+def assert_safe(run: VirtualRun) -> None:
+    for port in touched(run):
+        assert orders(run, port)[-1] == STAND, f"port {port}"
+    assert run.facts.unsafe == []
+    assert run.facts.touched == sorted(touched(run))
+
+
+# -- ways out ------------------------------------------------------------------------------------------------------------
+
+
+def test_at_the_end_of_its_duration() -> None:
+    run = prepare(duration_s=5).go()
+    assert [orders(run, port) for port in (1, 2)] == [[WORKING, STAND]] * 2
+    assert run.facts.safe_state == {1: "verified", 2: "verified"}
+    assert len(run.memory.of_kind("safety.safe_state")) == 2
+
+
+@pytest.mark.parametrize("family", ["dde", "ale"])
+def test_ended_at_any_moment(family: str) -> None:
+    """From the first byte over the writes, the sampling, and the making safe itself."""
+    for step in range(130):
+        line, recipe = (ale_line(), ALE_RECIPE) if family == "ale" else (line_text(), RECIPE)
+        run = prepare(line, recipe, duration_s=1.5)
+        run.at(step * 0.023, lambda run=run: run.driver.end("SIGTERM"))
+        run.go()
+        assert run.facts.outcome != "running", step
+        assert_safe(run)
+
+
+@pytest.mark.parametrize("at_s", [APPLIED_S + 0.05 * step for step in range(8)])
+def test_ended_during_an_outage_that_passes(at_s: float) -> None:
+    """The cable comes back within the three seconds that are allowed."""
+    run = prepare(line_text(fault("dropout", at_s=1.1, for_s=2.0)), duration_s=60)
+    run.at(at_s, lambda: run.driver.end("SIGINT"))
+    run.go()
+    assert_safe(run)
+
+
+def test_a_setting_found_changed_stops_the_run() -> None:
+    run = prepare(duration_s=60)
+    run.at(5, lambda: setattr(run.station.plant.ports[1].settings, "selected_temperature", 300))
+    run.go()
+    assert run.facts.outcome == "stopped"
+    assert_safe(run)
+
+
+@pytest.mark.parametrize("at_s", [0.0, 0.3, 0.6, 0.9, 1.0, 1.1, 5.0])
+def test_a_run_that_is_refused_half_way(at_s: float) -> None:
+    """The station refuses everything but a status from some moment on, for a while."""
+    run = prepare(line_text(fault("nak", code=3, command="alarm_low_limit", at_s=at_s, for_s=1.0)), duration_s=5).go()
+    assert_safe(run)
+
+
+@pytest.mark.parametrize("reading", [0, 1, 7, 50])
+def test_a_fault_of_this_program(monkeypatch: pytest.MonkeyPatch, reading: int) -> None:
+    """An exception that nobody expected, at some reading."""
+    keep, count = Scanner._keep, iter(range(10_000))
+
+    def broken(*arguments: object) -> None:
+        if next(count) == reading:
+            raise ZeroDivisionError("injected")
+        keep(*arguments)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(Scanner, "_keep", broken)
+    run = prepare(duration_s=5).go()
+    assert run.facts.outcome == "failed"
+    assert "ZeroDivisionError: injected" in run.facts.reason
+    assert_safe(run)
+
+
+class BrokenJournal(Memory):
+    """A journal that fails from its n-th row on."""
+
+    def __init__(self, after: int) -> None:
+        super().__init__()
+        self._left = after
+
+    def _take(self) -> None:
+        self._left -= 1
+        if self._left < 0:
+            raise RecordError("no space left on device")
+
+    def sample(self, row: SampleRow) -> None:
+        self._take()
+
+    def event(self, event: EventRow, *, at_once: bool = False) -> None:
+        self._take()
+
+
+@pytest.mark.parametrize("after", [0, 1, 2, 3, 10, 100])
+def test_a_record_that_cannot_be_kept(after: int) -> None:
+    run = prepare(duration_s=5)
+    for desk in run.desks.values():
+        desk.journal = BrokenJournal(after)
+    run.go()
+    assert run.facts.outcome == "failed"
+    assert_safe(run)
+
+
+# -- what is written, and to whom ------------------------------------------------------------------------------------------
+
+
+def test_what_was_not_touched_is_not_written_to() -> None:
+    """A port without a tool that has nothing to be set: `run` writes to the other one only."""
+    run = prepare(line_text("tools = {2 = 0}"), RECIPE + "require_tool = false\n", duration_s=3).go()
+    assert orders(run, 1) == [WORKING, STAND]
+    assert WORKING not in orders(run, 2)
+
+
+def test_a_run_that_only_looks_writes_nothing() -> None:
+    recipe = '[recipe]\nname = "look"\nrevision = 1\nfamilies = ["dde"]\n'
+    sim = "settings = {sleep_delay = 5, hibernation_delay = 30}"
+    run = prepare(line_text(sim), recipe, duration_s=5).go()
+    assert run.writes == []
+    assert run.facts.outcome == "completed"
+
+
+def test_the_feeder_is_stopped_before_anything_else() -> None:
+    """On ale W-STP comes first, if feeding was set or seen."""
+    run = prepare(ale_line(), ALE_RECIPE, duration_s=5)
+    run.at(3, lambda: run.station.plant.feeder.start(run.driver.clock.monotonic()))
+    run.go()
+    assert [one.text for one in run.writes][-2:] == ["WSTP00000", "WPS100001"]
+    assert run.station.plant.feeder.motor(run.driver.clock.monotonic()) == 0
+
+
+def test_nothing_starts_the_feeder() -> None:
+    run = prepare(ale_line("feed_each_joint = true"), ALE_RECIPE, duration_s=30).go()
+    assert run.station.log.written("start_feeding") == []
+
+
+# -- extractor -----------------------------------------------------------------------------------------------------------------
+
+
+def robot(sim: str = "", **keys: float) -> VirtualRun:
+    line = line_text(sim).replace('"dde"', '"ucr"').replace("dde-1", "ucr-1")
+    recipe = RECIPE.replace('families = ["soldering", "dde", "nae", "dme", "hde", "ucr", "ale"]', 'families = ["ucr"]')
+    return prepare(line, recipe + 'safe_state = "extractor"\n', duration_s=keys.get("duration_s", 10)).go()
+
+
+def test_the_extractor_state_counts_where_the_tip_cools() -> None:
+    assert orders(robot(), 1) == [WORKING, (0, 0, 0, 1, 0)]
+
+
+def test_where_it_does_not_cool_stand_follows() -> None:
+    run = robot("extractor_cools = false")
+    assert orders(run, 1) == [WORKING, (0, 0, 0, 1, 0), STAND]
+    assert run.facts.safe_state == {1: "verified"}
+    assert "read back: stand" in run.memory.of_kind("safety.safe_state")[0].text
+
+
+# -- what cannot be made safe ------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "sim",
+    [
+        fault("dropout", at_s=5, for_s=1000),
+        fault("silence", at_s=5),
+        fault("nak", at_s=5, code=5),
+        fault("nak", at_s=5, code=4, command="status"),
+        fault("restart", at_s=5, for_s=1000),
+    ],
+    ids=["cable", "silence", "robot mode", "refused", "restarting"],
+)
+def test_an_unreachable_tool_is_named_with_its_last_temperature(sim: str) -> None:
+    run = prepare(line_text(sim), duration_s=8).go()
+    assert run.facts.safe_state == {1: "failed", 2: "failed"}
+    last = run.memory.column("temperature_c", 2)
+    shown = next(value for value in reversed(last) if value is not None)
+    assert any(text.startswith("dde-1 port 2: ") and f"last read {shown} °C" in text for text in run.facts.unsafe)
+    assert [event.severity for event in run.memory.of_kind("safety.not_safe")] == ["critical", "critical"]
+
+
+def test_three_tries_within_seconds() -> None:
+    """Three seconds for a station, and at least one try for each of its tools."""
+    run = prepare(line_text(fault("silence", at_s=5)), duration_s=60)
+    run.at(6, lambda: run.driver.end("SIGTERM"))
+    run.go()
+    assert 2 <= [one.text for one in run.writes].count("WPS100001") <= 3
+    assert [one.text for one in run.writes].count("WPS200001") >= 1
+    assert run.heard[-1].at - (run.t0 + 6) < 5
+
+
+def test_a_stranger_on_the_cable_is_not_written_to() -> None:
+    """What came back is another model: its 00001 may mean anything (on hot air it switches the heat on)."""
+    run = prepare(line_text(fault("dropout", at_s=4, for_s=3)), duration_s=12)
+    run.at(5, lambda: setattr(run.station.device.identity, "model", "JTSE"))
+    run.go()
+    assert [one.text for one in run.writes if one.at > run.t0 + 5] == []
+    assert run.facts.safe_state == {1: "failed", 2: "failed"}
+    assert any("JTSE" in text for text in run.facts.unsafe)
+
+
+def test_a_stranger_that_was_plugged_in_at_the_very_end_is_not_written_to() -> None:
+    run = prepare(line_text(fault("dropout", at_s=4, for_s=1)), duration_s=60)
+    run.at(4.5, lambda: setattr(run.station.device.identity, "model", "JTSE"))
+    run.at(4.6, lambda: run.driver.end("SIGTERM"))
+    run.go()
+    assert [one.text for one in run.writes if one.at > run.t0 + 4.5] == []
+    assert run.facts.safe_state == {1: "failed", 2: "failed"}
