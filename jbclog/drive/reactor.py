@@ -13,8 +13,11 @@ import threading
 import time
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
+from heapq import heappop, heappush
+from itertools import count
 
 from jbclog.drive.blocking import OpenPort, Port
+from jbclog.drive.waiting import exact_selector
 from jbclog.effects import Ask, Heard, Listen, RunEnded, Steps, Wait, Wish
 from jbclog.errors import LinkError
 
@@ -30,9 +33,12 @@ class Reactor:
     """Pulls sessions until all have ended."""
 
     def __init__(self) -> None:
-        self.loop = asyncio.SelectorEventLoop()
+        self.loop = asyncio.SelectorEventLoop(exact_selector())
         self.openers = ThreadPoolExecutor(OPENERS, thread_name_prefix="open-port")
         self._wires: set[Wire] = set()
+        self._alarms: list[tuple[float, int, Wire]] = []  # a heap
+        self._order = count()
+        self._timer: asyncio.TimerHandle | None = None  # for the first of them
 
     def add(self, session: Session, open_port: OpenPort) -> None:
         """Have `session` pulled; `open_port` is called, in a thread, for each of its wishes to open the port."""
@@ -69,11 +75,37 @@ class Reactor:
         if not self._wires:
             self.loop.stop()
 
+    # One timer of the loop for all wires: on a common grid they wake together, and comparing asyncio's timers is dear.
+
+    def wake_at(self, moment: float, wire: Wire) -> None:
+        """Call `wire.on_time(moment)` at `moment`. Nothing is ever taken back: a wire knows which of its alarms counts."""
+        heappush(self._alarms, (moment, next(self._order), wire))
+        self._set_timer()
+
+    def _set_timer(self) -> None:
+        first = self._alarms[0][0] if self._alarms else NEVER
+        if self._timer is not None:
+            if self._timer.when() <= first:
+                return
+            self._timer.cancel()
+        self._timer = self.loop.call_at(first, self._ring) if self._alarms else None
+
+    def _ring(self) -> None:
+        self._timer = None
+        now, alarms = _now(), self._alarms
+        try:
+            while alarms and alarms[0][0] <= now:
+                moment, _, wire = heappop(alarms)
+                wire.on_time(moment)
+        finally:
+            self._set_timer()
+
 
 class Wire:
     """One session and its port."""
 
     __slots__ = (
+        "_armed",
         "_broken",
         "_deadline",
         "_ending",
@@ -90,7 +122,6 @@ class Wire:
         "_sent",
         "_session",
         "_throw",
-        "_timer",
         "_unasked",
     )
 
@@ -109,7 +140,7 @@ class Wire:
         self._unasked = b""
         self._sent = 0.0
         self._deadline = NEVER
-        self._timer: asyncio.TimerHandle | None = None
+        self._armed = NEVER  # when the next alarm that counts will ring
         self._ending: RunEnded | None = None
         self._is_ended = False
 
@@ -157,14 +188,15 @@ class Wire:
         try:
             if self._port is None:
                 raise self._broken or LinkError("the port is not open")
+            sent = _now()  # before, for a thread that writes may have to wait for its turn to go on
             self._port.write(wish.data)
         except LinkError as error:
             self._drop_port()
             self._loop.call_soon(self._fail, error)  # not from within: a session that fails at once must not pile up
             return
-        self._sent = now = _now()
+        self._sent = sent
         self._listening = True
-        self._arm(now + wish.patience_s)
+        self._arm(sent + wish.patience_s)
 
     def _await(self, until: float, *, listening: bool) -> None:
         self._listening = listening
@@ -175,21 +207,20 @@ class Wire:
     # -- time ------------------------------------------------------------------------------------------------------------
 
     def _arm(self, deadline: float) -> None:
-        """Wake at `deadline`. A timer that is set for an earlier moment is left: it sets itself again."""
+        """Wake at `deadline`. An alarm that is set for an earlier moment is left: it sets itself again."""
         self._deadline = deadline
-        timer = self._timer
-        if timer is not None:
-            if timer.when() <= deadline:
-                return
-            timer.cancel()
-        self._timer = self._loop.call_at(deadline, self._on_time)
+        if deadline < self._armed:
+            self._armed = deadline
+            self._reactor.wake_at(deadline, self)
 
-    def _on_time(self) -> None:
-        self._timer = None
+    def on_time(self, armed: float) -> None:
+        """An alarm rings that was set for the moment `armed`."""
+        if armed != self._armed:
+            return  # an earlier one was set since
+        self._armed = NEVER
         now, deadline = _now(), self._deadline
         if now < deadline:
-            if deadline != NEVER:
-                self._timer = self._loop.call_at(deadline, self._on_time)
+            self._arm(deadline)
             return
         self._deadline = NEVER
         unasked, self._unasked = self._unasked, b""
@@ -278,9 +309,8 @@ class Wire:
             self._port = None
 
     def _finish(self) -> None:
-        if self._timer is not None:
-            self._timer.cancel()
         self._is_ended = True
+        self._armed = NEVER
         self._drop_port()
         self._reactor.ended(self)
 
