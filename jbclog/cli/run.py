@@ -9,6 +9,7 @@ import typer
 
 from jbclog.cli import options
 from jbclog.cli.output import ends_with_errors_told, note, tell, tell_json
+from jbclog.outcome import Exit
 
 if TYPE_CHECKING:
     from jbclog.conduct import Result
@@ -69,13 +70,18 @@ def record(wanted: Wanted, out: Path, *, as_json: bool) -> int:
 def _tell(result: Result) -> None:
     for finding in result.findings:
         note(f"exit {finding.code.value}: {finding.text}")
-    open_rules = _rules_not_met(result)
-    for rule in open_rules[:MOST_RULES]:
-        note(f"  {rule['result']}: {_place(rule)}{rule['text']}")
-    if len(open_rules) > MOST_RULES:
-        note(f"  and {len(open_rules) - MOST_RULES} more: `jbclog report {result.folder}` shows them")
+    if result.exit_code is Exit.NOT_FINE:  # worse ones say already why there is no better verdict
+        _tell_rules(result)
     note(f"verdict: {result.manifest.verdict}; exit code {result.exit_code.value}")
     tell(str(result.folder))
+
+
+def _tell_rules(result: Result) -> None:
+    broken = _rules_not_met(result)
+    for rule in broken[:MOST_RULES]:
+        note(f"  {rule['result']}: {_place(rule)}{rule['text']}")
+    if len(broken) > MOST_RULES:
+        note(f"  and {len(broken) - MOST_RULES} more: `jbclog report {result.folder}` shows them")
 
 
 def _facts(result: Result) -> dict[str, object]:
