@@ -86,7 +86,7 @@ def _lost(found: list[damage.Damage], dropped: int) -> Lost | None:
 
 
 def _keep_damaged(folder: Path) -> None:
-    """A store that was found damaged is not removed; the tail of a log that a power cut tore is no such damage."""
+    """A store that was found damaged is not removed; one whose end is missing has nothing more to show."""
     if any(one.seconds is None for one in damage.read(folder)):
         for path in segments(folder):
             for each in [path, *companions(path)]:

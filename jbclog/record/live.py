@@ -177,6 +177,7 @@ class LiveStore:
         everything = meta | {(FACTS, station): text for station, text in self._facts.items()}
         kept = self._keeping.add(self._intake.backlog, fresh, everything)
         if kept.safe:
+            self.lock.acknowledge(self._intake.number)
             self._intake.backlog.clear()
             self._unstored.clear()
         else:

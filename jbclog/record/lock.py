@@ -1,7 +1,9 @@
 """One writer to a run's folder: the recorder, the child that seals for it, or who recovers it.
 
 A lock of the system (flock) on `live.lock` in the folder: it ends with its holder, however that ends, and is handed to
-a child by handing over the open file. Who holds it stands inside, for the message that the next one gets.
+a child by handing over the open file. Who holds it stands inside, for the message that the next one gets, and the
+number of the last batch that was committed. This is a witness apart from the store: SQLite takes a damaged end of its
+log for one that was never written, and would lose acknowledged rows without a word.
 """
 
 from __future__ import annotations
@@ -11,12 +13,14 @@ import fcntl
 import json
 import os
 import time
+from functools import cache
 from pathlib import Path
 
 from jbclog.errors import RecordError
 
 NAME = "live.lock"
 BOOT_ID = Path("/proc/sys/kernel/random/boot_id")
+WIDTH = 120  # what is written over is always written over as a whole
 
 
 class FolderLock:
@@ -46,14 +50,19 @@ class FolderLock:
 
     @classmethod
     def _signed(cls, folder: Path, descriptor: int) -> FolderLock:
-        text = json.dumps({"pid": os.getpid(), "boot": boot_id()}).encode()
-        os.ftruncate(descriptor, 0)
-        os.pwrite(descriptor, text, 0)
-        return cls(folder, descriptor)
+        lock = cls(folder, descriptor)
+        lock.acknowledge(acknowledged(folder))
+        return lock
 
     @property
     def name(self) -> str:
         return NAME
+
+    def acknowledge(self, number: int) -> None:
+        """Note that the batches up to `number` are committed. Not synced: it outlives a kill, and may lag after a power cut."""
+        text = json.dumps({"pid": os.getpid(), "boot": boot_id(), "last": number})
+        with contextlib.suppress(OSError):  # a full disk has been told of already
+            os.pwrite(self.descriptor, text.ljust(WIDTH).encode(), 0)
 
     def remove(self) -> None:
         """Give the lock up for good: the run is finished, its folder needs none any more."""
@@ -67,6 +76,7 @@ class FolderLock:
             self.descriptor = -1
 
 
+@cache
 def boot_id() -> str:
     """What tells one start of this machine from the next, or nothing where the system does not say."""
     try:
@@ -77,10 +87,20 @@ def boot_id() -> str:
 
 def holder(folder: Path) -> str:
     """Who holds the folder's lock, in words."""
-    pid = None
+    pid = _inside(folder, "pid")
+    return f"process {pid} or its sealing child" if pid else "another process"
+
+
+def acknowledged(folder: Path) -> int:
+    """The number of the last batch that a recorder said was committed; 0 where none did."""
+    return _inside(folder, "last")
+
+
+def _inside(folder: Path, key: str) -> int:
     with contextlib.suppress(OSError, ValueError, AttributeError):
-        pid = json.loads((folder / NAME).read_bytes()).get("pid")
-    return f"process {pid} or its sealing child" if isinstance(pid, int) else "another process"
+        value = json.loads((folder / NAME).read_bytes()).get(key)
+        return value if isinstance(value, int) else 0
+    return 0
 
 
 def is_held(folder: Path) -> bool:

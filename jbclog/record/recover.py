@@ -20,14 +20,13 @@ from jbclog.record import damage
 from jbclog.record.conclude import conclude, live_files, remove_live
 from jbclog.record.folder import RUN_NAME
 from jbclog.record.live import COMMIT_S
-from jbclog.record.lock import FolderLock
+from jbclog.record.lock import FolderLock, acknowledged
 from jbclog.record.manifest import NAME, Lost, Manifest, read_manifest
 from jbclog.record.parts import part_paths, read_through, remove_leavings
 from jbclog.record.schema import TABLES
 from jbclog.record.seal import seal_rows
 from jbclog.record.stock import Stock
 from jbclog.record.store import refuse_newer, segments
-from jbclog.record.torn import torn_commits
 
 PATIENCE_S: Final = 10.0  # a sealing child that outlived its recorder is given this long to end
 EXIT_CODE: Final = RecordError.exit_code
@@ -95,10 +94,10 @@ def recover(folder: Path, patience_s: float = PATIENCE_S) -> Recovery:
 
 def _finish(folder: Path, manifest: Manifest, lock: FolderLock) -> Recovery:
     remove_leavings(folder)
-    _note_torn_logs(folder)
     _note_bad_parts(folder)
     seal_rows(folder)
     with Stock(folder) as stock:
+        _note_missing_end(folder, stock.last)
         manifest = _outcome(folder, manifest, stock)
     sealed = conclude(folder, manifest, lock)
     rows = sum(file.rows or 0 for file in sealed.files)
@@ -130,10 +129,10 @@ def _outcome(folder: Path, manifest: Manifest, stock: Stock) -> Manifest:
 def _lost(found: list[damage.Damage], stock: Stock) -> Lost:
     if stock.was_closed and not found:
         return Lost(0.0, "The recorder ended before it could write what came of the run; all of its rows are there.")
-    torn = [one.seconds for one in found if one.seconds is not None]
+    ends = [one.seconds for one in found if one.seconds is not None]
     text = "The recorder ended without closing the record."
-    if len(torn) == len(found) and not stock.dropped_rows:
-        seconds = COMMIT_S + sum(torn)
+    if len(ends) == len(found) and not stock.dropped_rows:
+        seconds = COMMIT_S + sum(ends)
         return Lost(seconds, f"{text} At most the last {seconds:g} s of it are missing.")
     pieces = [str(one) for one in found]
     if stock.dropped_rows:
@@ -151,13 +150,12 @@ def _was_to_be_judged(folder: Path, manifest: Manifest) -> bool:
         return True
 
 
-def _note_torn_logs(folder: Path) -> None:
-    """Must come before anything opens the store: opening it drops what stands behind a torn frame."""
-    for path in segments(folder):
-        log = path.with_name(path.name + "-wal")
-        commits = torn_commits(log)
-        if commits:
-            damage.note(folder, [damage.Damage(log.name, None, f"the last {commits} commits in it are torn", commits * COMMIT_S)])
+def _note_missing_end(folder: Path, last: int) -> None:
+    """What the recorder said was committed, and is not in the store: the end of its log is gone."""
+    missing = acknowledged(folder) - last
+    if missing > 0:
+        which = f"batches {last + 1} to {last + missing}"
+        damage.note(folder, [damage.Damage(which, None, "acknowledged, and missing from the live store", missing * COMMIT_S)])
 
 
 def _note_bad_parts(folder: Path) -> None:

@@ -38,10 +38,11 @@ class Stock:
                 segment = opening(path)
                 self._snapshots.callback(segment.close)
                 self._snapshots.enter_context(segment.snapshot())
+                begun = segment.is_begun()
             except sqlite3.DatabaseError as error:
                 self._note(path.name, None, f"nothing in it can be read: {error}")
             else:
-                self.segments.append(segment)
+                self.segments += [segment] * begun
         self.notes = self._all_notes(META)
         self._index()
 

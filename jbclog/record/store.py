@@ -99,6 +99,11 @@ class Segment:
     def close(self) -> None:
         self._db.close()
 
+    def is_begun(self) -> bool:
+        """Whether its tables are there: a kill may have come between making the file and making them."""
+        (count,) = self._db.execute("SELECT count(*) FROM sqlite_master WHERE name IN ('batch', 'note')").fetchone()
+        return bool(count == 2)
+
     # -- writing -----------------------------------------------------------------------------------------------------
 
     def add(self, batches: Iterable[Batch], notes: Notes) -> None:
@@ -141,7 +146,7 @@ class Segment:
         """Everything read inside is the state of one moment."""
         self._db.execute("BEGIN")
         try:
-            self._db.execute("SELECT 1 FROM batch LIMIT 1").fetchone()
+            self._db.execute("SELECT 1 FROM sqlite_master LIMIT 1").fetchone()  # from here on the moment is fixed
             yield
         finally:
             if self._db.in_transaction:

@@ -13,14 +13,14 @@ from pathlib import Path
 import pytest
 
 from jbclog.errors import RecordError
-from jbclog.record.lock import NAME, FolderLock, boot_id, is_held
+from jbclog.record.lock import NAME, FolderLock, acknowledged, boot_id, is_held
 
 
 def test_the_second_is_refused_with_the_holders_number(tmp_path: Path) -> None:
     lock = FolderLock.take(tmp_path)
     with pytest.raises(RecordError, match=f"process {os.getpid()}"):
         FolderLock.take(tmp_path, 0.0)
-    assert json.loads((tmp_path / NAME).read_text()) == {"pid": os.getpid(), "boot": boot_id()}
+    assert json.loads((tmp_path / NAME).read_text()) == {"pid": os.getpid(), "boot": boot_id(), "last": 0}
     assert is_held(tmp_path)
     lock.release()
     assert not is_held(tmp_path)
@@ -67,6 +67,16 @@ def test_a_lock_whose_file_was_removed_meanwhile_is_not_taken_for_one(tmp_path: 
     with pytest.raises(RecordError):
         FolderLock.take(tmp_path, 0.0)
     taken[0].release()
+
+
+def test_the_last_committed_number_outlives_its_holder(tmp_path: Path) -> None:
+    lock = FolderLock.take(tmp_path)
+    lock.acknowledge(1234567)
+    lock.acknowledge(99)
+    lock.release()
+    assert acknowledged(tmp_path) == 99
+    FolderLock.take(tmp_path).release()  # whoever comes next keeps it
+    assert acknowledged(tmp_path) == 99
 
 
 def test_nonsense_in_the_file_is_no_obstacle(tmp_path: Path) -> None:

@@ -1,0 +1,82 @@
+"""Kills, for real, at every step that reaches the disk and at random moments: nothing acknowledged is ever lost.
+
+`crash.py` in tests/support does the killing; here stands what must hold afterwards (faults.md, rows 26, 27, 30).
+"""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import crash
+import pytest
+
+SCENARIOS = sorted(crash.SCENARIOS)
+
+
+def killed(tmp_path: Path, *arguments: str) -> list[dict[str, object]]:
+    """What was left after each kill."""
+    command = [sys.executable, crash.__file__, arguments[0], str(tmp_path), *arguments[1:]]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return [json.loads(line) for line in done.stdout.splitlines()]
+
+
+def assert_whole(left: dict[str, object], rows: int | None) -> None:
+    """Every acknowledged row once and in order, a chain that holds, a check without findings, a second recovery idle."""
+    assert "error" not in left, left
+    numbers, events = left["numbers"], left["events"]
+    assert isinstance(numbers, list)
+    assert isinstance(left["acknowledged"], int)
+    assert numbers == list(range(len(numbers)))
+    assert len(numbers) >= left["acknowledged"]
+    assert events == list(range(0, len(numbers), 7))
+    assert (left["findings"], left["leavings"], left["twice the same"]) == ([], [], True)
+    if rows is not None:
+        assert len(numbers) == rows
+
+
+def assert_scenario(scenario: str, outcomes: list[dict[str, object]]) -> None:
+    for left in outcomes:
+        assert_whole(left, None if scenario == "record" else crash.ROWS)
+        if scenario == "seal":  # closed in good order: only its sealing was cut short
+            assert (left["exit status"], left["lost"]) == ("success", None)
+        else:
+            assert left["exit status"] == "lost"
+            assert left["lost"] in (0.0, 1.0)
+
+
+@pytest.mark.parametrize("power", [False, True], ids=["kill", "power"])
+@pytest.mark.parametrize("scenario", SCENARIOS)
+def test_killed_at_some_steps(tmp_path: Path, scenario: str, power: bool) -> None:
+    first = 3 + 4 * power + SCENARIOS.index(scenario)
+    outcomes = killed(tmp_path, scenario, str(first), "13", *(["--power"] if power else []))
+    assert len(outcomes) >= 3
+    assert_scenario(scenario, outcomes)
+
+
+def test_a_recorder_killed_at_random_moments(tmp_path: Path) -> None:
+    outcomes = killed(tmp_path, "random", "1", "6")
+    assert len(outcomes) == 6
+    for left in outcomes:
+        assert_whole(left, None)
+
+
+@pytest.mark.campaign
+@pytest.mark.timeout(600)
+@pytest.mark.parametrize("power", [False, True], ids=["kill", "power"])
+@pytest.mark.parametrize("scenario", SCENARIOS)
+def test_killed_at_every_step(tmp_path: Path, scenario: str, power: bool) -> None:
+    outcomes = killed(tmp_path, scenario, "1", "1", *(["--power"] if power else []))
+    assert len(outcomes) >= 40
+    assert_scenario(scenario, outcomes)
+
+
+@pytest.mark.campaign
+@pytest.mark.timeout(900)
+@pytest.mark.parametrize("seed", range(10))
+def test_a_recorder_killed_at_a_thousand_random_moments(tmp_path: Path, seed: int) -> None:
+    for left in killed(tmp_path, "random", str(seed), "100"):
+        assert_whole(left, None)
