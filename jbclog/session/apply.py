@@ -10,11 +10,12 @@ from collections.abc import Iterator
 
 from jbclog.commands.command import Command, Scope
 from jbclog.commands.family import STATUS_ORDERS
-from jbclog.effects import Steps
-from jbclog.errors import NotSupported, Refusal, StartRefused, StationError
+from jbclog.effects import RunEnded, Steps
+from jbclog.errors import LinkError, NotSupported, Refusal, StartRefused, StationError
 from jbclog.quantities import OFF, Value, text_of
 from jbclog.recipe.settings import Setting, foreign_keys, live_problems, settings_for, station_settings_for
 from jbclog.rows import SettingRow, Severity
+from jbclog.session.identify import Absent
 from jbclog.session.order import Desk, PortState
 
 COOLING_DELAYS = ("sleep_delay", "hibernation_delay")
@@ -179,10 +180,21 @@ def _apply(desk: Desk, wanted: tuple[Setting, PortState | None]) -> Steps[None]:
 
 
 def _write(desk: Desk, command: Command, value: Value, port: PortState | None) -> Steps[None]:
-    """Write once, read back, compare. A lost acknowledgement is settled by the reading."""
-    held = desk.held if port is None else port.held
-    before, requested = held.get(command.name), text_of(value)
+    """Write once, read back, compare. What is broken off in between may or may not have been done."""
+    before, requested = (desk.held if port is None else port.held).get(command.name), text_of(value)
     _touch(desk, port)
+    try:
+        yield from _write_once(desk, command, value, port, before)
+    except (LinkError, RunEnded) as error:
+        _row(desk, command, port, "unconfirmed", requested=requested, written=requested)
+        if isinstance(error, RunEnded):
+            raise
+        raise Absent(_failed(desk, command, port, value, before, f"it could not be read back ({error})")) from error
+
+
+def _write_once(desk: Desk, command: Command, value: Value, port: PortState | None, before: Value | None) -> Steps[None]:
+    """A lost acknowledgement is settled by the reading."""
+    requested = text_of(value)
     try:
         yield from desk.station.write(command, value, *_place(command, port))
     except NotSupported as error:

@@ -1,0 +1,274 @@
+"""The recipe on the station: each setting written where it differs, read back, and a row of `settings` for it."""
+
+from __future__ import annotations
+
+import pytest
+from virtual_run import RECIPE, VirtualRun, line_text, prepare
+
+from jbclog.commands.family import STAND, WORKING
+from jbclog.quantities import OFF
+from jbclog.rows import SettingRow
+
+ALL_FAMILIES = 'families = ["soldering", "dde", "nae", "dme", "hde", "ucr", "ale"]'
+COOLING = "settings = {sleep_delay = 5, hibernation_delay = 30}\n"
+
+
+def fault(kind: str, **keys: object) -> str:
+    return "\n[[station.sim.fault]]\n" + "".join(f"{key} = {value!r}\n" for key, value in {"kind": kind, **keys}.items())
+
+
+def rows(run: VirtualRun, setting: str, port: int | None = 1) -> list[SettingRow]:
+    return [row for row in run.memory.settings if (row.setting, row.port) == (setting, port)]
+
+
+def outcome(run: VirtualRun, setting: str, port: int | None = 1) -> str:
+    (row,) = rows(run, setting, port)
+    return row.outcome
+
+
+def assert_stopped_before_sampling(run: VirtualRun, *words: str) -> None:
+    """The station's run was refused in so many words, nothing was sampled, and what was touched is safe."""
+    assert run.facts.outcome == "refused"
+    assert run.memory.samples == []
+    for word in words:
+        assert word in run.facts.reason
+    for port in {write.port for write in run.station.log.writes if write.port}:
+        assert [write.value for write in run.station.log.written("status") if write.port == port] == [STAND]
+
+
+# -- outcomes ----------------------------------------------------------------------------------------------------------------
+
+
+def test_what_differs_is_written_once_read_back_and_confirmed() -> None:
+    run = prepare(duration_s=1).go()
+    (row,) = rows(run, "alarm_high_limit")
+    assert row[5:] == ("°C", "380", "380", "380", None, "confirmed")
+    assert [one.text for one in run.writes].count("WHA100380") == 1
+    assert run.station.plant.ports[1].settings.alarm_high_limit == 380
+    written = next(place for place, one in enumerate(run.heard) if one.text == "WHA100380")
+    assert run.heard[written + 1].text == "RHA1"
+
+
+def test_what_already_holds_is_not_written_again() -> None:
+    run = prepare(duration_s=1).go()
+    (row,) = rows(run, "selected_temperature")
+    assert (row.requested, row.written, row.readback, row.outcome) == ("350", None, "350", "unchanged")
+    assert not any(one.text.startswith("WST") for one in run.writes)
+
+
+def test_a_recipe_that_holds_already_writes_nothing_the_second_time() -> None:
+    once = prepare(duration_s=1).go()
+    held = "alarm_high_limit = 380, alarm_high_delay = 0.5, alarm_low_limit = 250, alarm_low_delay = 2.0, status = 'stand'"
+    again = prepare(line_text(f"settings = {{{held}}}"), RECIPE.replace('"working"', '"stand"'), duration_s=1).go()
+    assert {row.outcome for row in again.memory.settings if row.requested} == {"unchanged"}
+    assert [one.text for one in again.writes] == ["WPS100001", "WPS200001"]  # the safe state at the end
+    assert len(once.writes) > len(again.writes)
+
+
+def test_a_key_that_the_recipe_does_not_have_is_read_and_recorded_and_left_alone() -> None:
+    run = prepare(line_text("settings = {adjust = -7}"), duration_s=1).go()
+    (row,) = rows(run, "adjust")
+    assert (row.tool, row.requested, row.written, row.readback, row.outcome) == ("T245/T470", None, None, "-7", "read")
+    assert not any(one.text.startswith("WA1") for one in run.writes)
+    assert outcome(run, "maximum_temperature", None) == "read"
+
+
+def test_values_of_one_port() -> None:
+    run = prepare(recipe=RECIPE + "\n[port.2.temperature]\nselect_c = 330\n", duration_s=1).go()
+    assert [run.station.plant.ports[port].settings.selected_temperature for port in (1, 2)] == [350, 330]
+    assert (outcome(run, "selected_temperature", 1), outcome(run, "selected_temperature", 2)) == ("unchanged", "confirmed")
+
+
+def test_heat_is_asked_for_last() -> None:
+    """Whatever fails before leaves the tool no worse than it was."""
+    sim = "settings = {selected_temperature = 100, sleep_delay = 9, hibernation_delay = 60}"
+    run = prepare(line_text(sim, "ports = [1]"), duration_s=1).go()
+    names = [write.name for write in run.station.log.writes]
+    assert names[:2] == ["sleep_delay", "hibernation_delay"]
+    assert names[-3:] == ["selected_temperature", "status", "status"]
+
+
+def test_sections_of_other_families_are_unsupported_and_stop_nothing() -> None:
+    run = prepare(recipe=RECIPE + "\n[feeder]\nlength_mm = 7.5\n", duration_s=1).go()
+    assert outcome(run, "feeder_length", None) == "unsupported"
+    assert run.facts.outcome == "completed"
+
+
+def test_a_setting_that_the_station_does_not_know_is_unsupported_and_stops_nothing() -> None:
+    run = prepare(line_text(fault("nak", code=4, command="alarm_low_delay")), duration_s=1).go()
+    assert outcome(run, "alarm_low_delay") == "unsupported"
+    assert "alarm_low_delay" in run.facts.not_supported
+    assert run.facts.outcome == "completed"
+
+
+# -- what stops it -----------------------------------------------------------------------------------------------------------
+
+
+def clamped(run: VirtualRun) -> None:
+    """A station that acknowledges a limit of 380 and keeps 375."""
+    asked = run.station.device.answer
+
+    def answer(header: str, text: str, now: float) -> tuple[str, str] | None:
+        return asked(header, "HA100375" if (header, text) == ("W", "HA100380") else text, now)
+
+    run.station.device.answer = answer  # type: ignore[method-assign]
+
+
+def test_a_value_that_did_not_take_stops_the_run() -> None:
+    run = prepare(line_text("settings = {alarm_high_limit = 400}"), duration_s=5)
+    clamped(run)
+    run.go()
+    (row,) = rows(run, "alarm_high_limit")
+    assert (row.requested, row.written, row.readback, row.outcome) == ("380", "380", "375", "mismatch")
+    assert_stopped_before_sampling(
+        run, "alarm high limit of port 1", "380 °C was asked", "375 °C was read back", "before it was 400 °C"
+    )
+    assert rows(run, "alarm_high_limit", 2) == []  # nothing more is tried
+
+
+@pytest.mark.parametrize("code", [1, 2, 3, 5, 6, 99999])
+def test_a_refusal_stops_the_run(code: int) -> None:
+    run = prepare(line_text(fault("nak", code=code, command="alarm_high_limit", only="write")), duration_s=5).go()
+    (row,) = rows(run, "alarm_high_limit")
+    assert (row.written, row.readback, row.nak, row.outcome) == ("380", None, code, "refused")
+    assert_stopped_before_sampling(run, "alarm high limit of port 1", "380 °C was asked", f"N {code:05d}", "before it was off")
+    assert [one.text for one in run.writes].count("WHA100380") == 1
+
+
+def test_a_write_whose_acknowledgement_is_lost_is_settled_by_reading() -> None:
+    run = prepare(line_text(fault("silence", command="alarm_high_limit", only="write")), duration_s=1).go()
+    assert outcome(run, "alarm_high_limit") == "confirmed"
+    assert [one.text for one in run.writes].count("WHA100380") == 1
+    assert run.facts.outcome == "completed"
+
+
+def test_a_write_that_cannot_be_read_back_is_unconfirmed_and_stops_the_run() -> None:
+    run = prepare(line_text(fault("silence", command="alarm_high_limit", at_s=0.57)), duration_s=5).go()
+    assert outcome(run, "alarm_high_limit") == "unconfirmed"
+    assert_stopped_before_sampling(run, "alarm high limit of port 1", "380 °C was asked", "could not be read back")
+
+
+def test_a_link_that_breaks_in_a_write_leaves_it_unconfirmed() -> None:
+    run = prepare(line_text(fault("dropout", at_s=0.572, for_s=1)), duration_s=5).go()
+    assert run.facts.outcome == "gone"
+    assert outcome(run, "alarm_high_limit") == "unconfirmed"
+    assert "alarm high limit of port 1" in run.facts.reason
+
+
+# -- what is known before the first write -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("sim", "keys", "recipe", "words"),
+    [
+        ("settings = {maximum_temperature = 340}", "", RECIPE, ["350 °C on port 1", "maximum of 340 °C"]),
+        ("settings = {minimum_temperature = 360}", "", RECIPE, ["350 °C on port 1", "minimum of 360 °C"]),
+        ("settings = {sleep_delay = 'off'}", "", RECIPE.replace("[sleep]\ndelay_min = 5", ""), ["sleep delay", "never cools"]),
+        ("settings = {hibernation_delay = 'off'}", "", RECIPE.replace("[hibernation]\ndelay_min = 30", ""), ["hibernation delay"]),
+        ("robot_mode = false", "", RECIPE, ["Robot mode is off"]),
+        ('model = "NAE"', "", RECIPE, ["family dde", "model NAE"]),
+        ("tool = 0", "", RECIPE, ["no tool in port 1", "require_tool"]),
+        ("tools = {2 = 0}", "", RECIPE, ["no tool in port 2"]),
+        ("wire = true", "baudrate = 9600", RECIPE, ["10 Hz does not fit", "best rate is"]),
+    ],
+    ids=["maximum", "minimum", "sleep off", "hibernation off", "robot mode", "model", "no tools", "one tool", "rate"],
+)
+def test_nothing_is_written_where_the_station_does_not_fit(sim: str, keys: str, recipe: str, words: list[str]) -> None:
+    run = prepare(line_text(sim, keys), recipe, duration_s=5).go()
+    assert run.facts.outcome == "refused"
+    assert all(word in run.facts.reason for word in words), run.facts.reason
+    assert run.writes == []
+    assert run.memory.samples == []
+
+
+def test_an_auto_station_of_another_family_than_the_recipe_s_is_refused_before_any_write() -> None:
+    line = line_text('model = "DME"').replace('family = "dde"', 'family = "auto"')
+    run = prepare(line, RECIPE.replace(ALL_FAMILIES, 'families = ["dde"]'), duration_s=5).go()
+    assert run.facts.outcome == "refused"
+    assert "not for family dme" in run.facts.reason
+    assert run.writes == []
+
+
+def test_an_auto_station_is_what_its_model_says() -> None:
+    line = line_text('model = "ALE"').replace('family = "dde"', 'family = "auto"')
+    run = prepare(line, duration_s=1).go()
+    assert (run.facts.family, run.facts.model, run.facts.outcome) == ("ale", "ALE", "completed")
+
+
+def test_a_station_that_does_not_answer_is_absent() -> None:
+    run = prepare(line_text(fault("silence")), duration_s=5).go()
+    assert run.facts.outcome == "gone"
+    assert "no usable answer" in run.facts.reason
+    assert run.writes == []
+
+
+def test_delays_that_are_off_may_be_allowed_and_are_told() -> None:
+    recipe = RECIPE.replace("[sleep]\ndelay_min = 5", "") + "allow_no_cooldown = true\n"
+    run = prepare(line_text("settings = {sleep_delay = 'off'}"), recipe, duration_s=1).go()
+    assert run.facts.outcome == "completed"
+    assert {event.severity for event in run.memory.of_kind("safety.no_cooldown")} == {"warning"}
+    assert run.station.plant.ports[1].tools[2].sleep_delay is OFF
+
+
+def test_a_delay_that_the_recipe_switches_on_is_enough() -> None:
+    run = prepare(line_text("settings = {sleep_delay = 'off', hibernation_delay = 'off'}"), duration_s=1).go()
+    assert run.facts.outcome == "completed"
+    assert outcome(run, "sleep_delay") == "confirmed"
+
+
+# -- tools ---------------------------------------------------------------------------------------------------------------------
+
+
+def test_a_port_without_a_tool_is_recorded_and_never_put_to_work() -> None:
+    run = prepare(line_text("tools = {2 = 0}"), RECIPE + "require_tool = false\n", duration_s=5).go()
+    orders = [write.value for write in run.station.log.written("status") if write.port == 2]
+    assert WORKING not in orders
+    assert set(run.memory.column("quality", 2)) == {"no_tool"}
+    assert set(run.memory.column("temperature_c", 2)) == {None}
+    assert set(run.memory.column("quality", 1)) == {"ok"}
+    assert [event.port for event in run.memory.of_kind("tool.absent")] == [2]
+
+
+def test_settings_of_a_tool_go_to_the_tool_that_is_there() -> None:
+    """Adjust, sleep and hibernation belong to the tool connected at the start."""
+    sim = "tools = {1 = 3}\nsettings = {sleep_delay = 1}"
+    run = prepare(line_text(sim, "ports = [1]"), duration_s=1).go()
+    assert {(write.port, write.tool) for write in run.station.log.written("sleep_delay")} == {(1, 3)}
+    assert rows(run, "sleep_delay")[0].tool == "PA120/AM120"
+
+
+def test_a_tool_changed_in_the_run_is_read_and_not_written() -> None:
+    run = prepare(line_text("settings = {sleep_delay = 7}" + fault("tool", port=1, code=3, at_s=4)), duration_s=12)
+    run.at(3, lambda: setattr(run.station.plant.ports[1].tools[3], "adjust", -9))
+    run.go()
+    (event,) = run.memory.of_kind("tool.changed")
+    assert "from T245/T470 to PA120/AM120" in event.text
+    assert [row.readback for row in rows(run, "adjust") if row.tool == "PA120/AM120"] == ["-9"]
+    assert [one.text for one in run.writes if run.t0 + 4 < one.at < run.t0 + 12] == []
+
+
+def test_a_new_tool_that_would_not_cool_goes_to_the_safe_state() -> None:
+    run = prepare(line_text(fault("tool", port=1, code=3, at_s=4)), RECIPE + 'on_difference = "continue"\n', duration_s=20)
+    run.at(3, lambda: setattr(run.station.plant.ports[1].tools[3], "sleep_delay", OFF))
+    run.go()
+    orders = [(write.at < run.t0 + 15, write.value) for write in run.station.log.written("status") if write.port == 1]
+    assert orders[:2] == [(True, WORKING), (True, STAND)]
+
+
+# -- the list of what a run may write ------------------------------------------------------------------------------------------
+
+
+def test_no_other_command_is_ever_written() -> None:
+    """Faults.md 9.5: the writes that `run` can send are a fixed list, and none of the dangerous ones is on it."""
+    recipe = RECIPE.replace("select_c = 350", "select_c = 300\nadjust_c = -3").replace(
+        "[sleep]\n", "[sleep]\ntemperature_c = 200\n"
+    )
+    recipe += '\n[feeder]\nmode = "continuous"\nlength_mm = 7.5\nspeed_mm_s = 3\ndiameter_mm = 0.8\nbackward_mm = 2\nclog_detection = true\n'
+    sim = "settings = {sleep_delay = 9, hibernation_delay = 60}"
+    run = prepare(line_text(sim).replace('"dde"', '"ale"').replace("dde-1", "ale-1"), recipe, duration_s=3).go()
+    assert {write.name for write in run.station.log.writes} == {
+        *("adjust", "sleep_temperature", "sleep_delay", "hibernation_delay", "selected_temperature", "status", "stop_feeding"),
+        *("alarm_high_limit", "alarm_high_delay", "alarm_low_limit", "alarm_low_delay", "clog_detection"),
+        *("feeder_mode", "feeder_length", "feeder_speed", "feeder_diameter", "feeder_backward"),
+    }
+    assert run.facts.outcome == "completed"
