@@ -263,7 +263,8 @@ def test_no_other_command_is_ever_written() -> None:
     recipe = RECIPE.replace("select_c = 350", "select_c = 300\nadjust_c = -3").replace(
         "[sleep]\n", "[sleep]\ntemperature_c = 200\n"
     )
-    recipe += '\n[feeder]\nmode = "continuous"\nlength_mm = 7.5\nspeed_mm_s = 3\ndiameter_mm = 0.8\nbackward_mm = 2\nclog_detection = true\n'
+    recipe += '\n[feeder]\nmode = "continuous"\nlength_mm = 7.5\nspeed_mm_s = 3\ndiameter_mm = 0.8\nbackward_mm = 2\n'
+    recipe += "clog_detection = true\n"
     sim = "settings = {sleep_delay = 9, hibernation_delay = 60}"
     run = prepare(line_text(sim).replace('"dde"', '"ale"').replace("dde-1", "ale-1"), recipe, duration_s=3).go()
     assert {write.name for write in run.station.log.writes} == {
