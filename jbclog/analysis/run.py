@@ -19,7 +19,7 @@ from jbclog.record.manifest import Manifest, read_manifest
 from jbclog.record.parts import groups_of, part_paths, parts_through
 from jbclog.record.schema import SCHEMAS
 from jbclog.record.stock import Stock
-from jbclog.record.store import Segment, segments
+from jbclog.record.store import segments
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -117,7 +117,7 @@ class Run:
 
     def _read(self, table: str, columns: list[str], cut: Cut) -> tuple[list[pa.Table], list[Damage]]:
         """The order matters: a snapshot of the store first, then the parts, then what the parts do not have."""
-        with Stock(self.folder, Segment.look) as stock:
+        with Stock(self.folder) as stock:
             parts = part_paths(self.folder, table)
             numbers = stock.numbers_of(table, parts_through(parts))
             live = [cut(piece.select(columns)) for piece in stock.tables(numbers)]

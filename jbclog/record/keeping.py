@@ -68,7 +68,7 @@ class Keeping:
             with contextlib.suppress(sqlite3.Error):
                 self._segment.close()
             self._segment = None
-        self._give_reserve()
+        (self.folder / RESERVE).unlink(missing_ok=True)
 
     # -- when it fails -------------------------------------------------------------------------------------------------
 
@@ -76,7 +76,7 @@ class Keeping:
         """Once more where there is hope: in the same file with the reserve's room, or in a new file."""
         full, trouble = _code(error) == sqlite3.SQLITE_FULL, f"writing failed: {error}"
         try:
-            if full and self._segment is not None and self._give_reserve():
+            if full and self._segment is not None and self._give_half():
                 self._segment.add(batches, everything)
                 return Kept(True, trouble)
             if _code(error) in NEW_FILE_ON:
@@ -106,18 +106,20 @@ class Keeping:
     # -- the reserve ---------------------------------------------------------------------------------------------------
 
     def _take_reserve(self) -> None:
-        """Take room that is given back when the disk is full, so that the run can end in good order."""
+        """Take room that is given back when the disk is full: half of it for the last rows, half for sealing them."""
         descriptor = os.open(self.folder / RESERVE, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_NOFOLLOW, 0o644)
         try:
             os.posix_fallocate(descriptor, 0, RESERVE_BYTES)
         finally:
             os.close(descriptor)
 
-    def _give_reserve(self) -> bool:
-        """Give it back; whether there was one."""
-        there = (self.folder / RESERVE).exists()
-        (self.folder / RESERVE).unlink(missing_ok=True)
-        return there
+    def _give_half(self) -> bool:
+        """Give half of it back; False where that was done before."""
+        reserve = self.folder / RESERVE
+        if not reserve.exists() or reserve.stat().st_size <= RESERVE_BYTES // 2:
+            return False
+        os.truncate(reserve, RESERVE_BYTES // 2)
+        return True
 
 
 def _code(error: sqlite3.Error) -> int:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import sqlite3
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Final
@@ -21,12 +21,12 @@ LEAST_BYTES: Final = 1024  # no batch is smaller, so no file holds more batches 
 
 
 class Stock:
-    """All segments of a run's live store, open. `damage` grows while it is read.
+    """All segments of a run's live store, as they were at one moment; nothing is written. `damage` grows while it is read.
 
     Numbers that two segments have are taken from the first in which they are sound.
     """
 
-    def __init__(self, folder: Path, opening: Callable[[Path], Segment] = Segment.open) -> None:
+    def __init__(self, folder: Path) -> None:
         self.folder = folder
         self.damage: list[Damage] = []
         self.segments: list[Segment] = []
@@ -35,7 +35,7 @@ class Stock:
         self._snapshots = contextlib.ExitStack()
         for path in segments(folder):
             try:
-                segment = opening(path)
+                segment = Segment.look(path)
                 self._snapshots.callback(segment.close)
                 self._snapshots.enter_context(segment.snapshot())
                 begun = segment.is_begun()

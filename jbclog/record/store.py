@@ -87,12 +87,12 @@ class Segment:
 
     @classmethod
     def open(cls, path: Path) -> Segment:
-        """One that is there, to be read and deleted from. Opening it brings in what its log holds."""
+        """One that is there, to be deleted from beside the recorder."""
         return cls(path, _connect(path))
 
     @classmethod
     def look(cls, path: Path) -> Segment:
-        """One that is there, only to be read, beside a recorder that may be writing."""
+        """One that is there, only to be read, beside a recorder that may be writing. Needs no room on the disk."""
         connection = sqlite3.connect(f"file:{quote(str(path))}?mode=ro", uri=True, timeout=BUSY_S, isolation_level=None)
         return cls(path, connection)
 

@@ -53,7 +53,7 @@ def assert_scenario(scenario: str, outcomes: list[dict[str, object]]) -> None:
 def test_killed_at_some_steps(tmp_path: Path, scenario: str, power: bool) -> None:
     first = 3 + 4 * power + SCENARIOS.index(scenario)
     outcomes = killed(tmp_path, scenario, str(first), "13", *(["--power"] if power else []))
-    assert len(outcomes) >= 3
+    assert len(outcomes) >= 2
     assert_scenario(scenario, outcomes)
 
 
@@ -70,7 +70,7 @@ def test_a_recorder_killed_at_random_moments(tmp_path: Path) -> None:
 @pytest.mark.parametrize("scenario", SCENARIOS)
 def test_killed_at_every_step(tmp_path: Path, scenario: str, power: bool) -> None:
     outcomes = killed(tmp_path, scenario, "1", "1", *(["--power"] if power else []))
-    assert len(outcomes) >= 40
+    assert len(outcomes) >= 30
     assert_scenario(scenario, outcomes)
 
 

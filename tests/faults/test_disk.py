@@ -1,0 +1,108 @@
+"""A disk that does not take any more: acknowledged rows stay, the recorder is told, the run can still be sealed.
+
+faults.md, rows 23 to 25. The limit is the system's own (RLIMIT_FSIZE), in a process of its own.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import few_rows
+import pytest
+
+from jbclog.record.check import check
+from jbclog.record.manifest import read_manifest
+from jbclog.record.recover import recover
+
+RECORDER = """
+import json, resource, sys, time
+from pathlib import Path
+import few_rows
+from jbclog.errors import RecordError
+from jbclog.record import keeping
+from jbclog.record.folder import create_run
+from jbclog.record.live import LiveStore
+
+keeping.RESERVE_BYTES = {reserve}
+told = []
+store = LiveStore(create_run(Path({out!r}), "bench", 0.0), told.append, seal_every_s=None)
+store.start()
+if {limit}:
+    resource.setrlimit(resource.RLIMIT_FSIZE, ({limit}, {limit}))
+acknowledged = number = 0
+while number < {rows}:
+    few_rows.hand_over(store, range(number, number + 500))
+    number += 500
+    try:
+        store.commit_now()
+        acknowledged = number
+    except RecordError:
+        if {give_up}:
+            break
+store.close()
+store.release()
+print(json.dumps([str(store.folder), acknowledged, [str(error) for error in told]]))
+"""
+
+
+def recorded(out: Path, *, rows: int, limit: int = 0, reserve: int = 65536, give_up: bool = True) -> tuple[Path, int, list[str]]:
+    """A recorder in a process of its own; its folder, the rows that were acknowledged, what it was told of failures."""
+    program = RECORDER.format(out=str(out), rows=rows, limit=limit, reserve=reserve, give_up=give_up)
+    places = os.pathsep.join([str(Path(few_rows.__file__).parent), os.environ.get("PYTHONPATH", "")])
+    environment = os.environ | {"PYTHONPATH": places}
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False, env=environment)
+    assert done.returncode == 0, done.stderr
+    folder, acknowledged, told = json.loads(done.stdout)
+    return Path(folder), acknowledged, told
+
+
+def test_files_that_may_not_grow_are_followed_by_new_ones(tmp_path: Path) -> None:
+    """A limit on a file's size is an input/output error to SQLite: the store goes on in a new file, nothing is lost."""
+    folder, acknowledged, told = recorded(tmp_path, rows=30_000, limit=300_000)
+    assert acknowledged == 30_000
+    assert told == []
+    assert len(list(folder.glob("live*.sqlite"))) > 2
+    recover(folder)
+    assert few_rows.sealed_numbers(folder) == list(range(30_000))
+    assert check(folder) == []
+
+
+def test_where_not_even_a_new_file_can_be_made_the_recorder_is_told_and_what_was_acknowledged_stays(tmp_path: Path) -> None:
+    folder, acknowledged, told = recorded(tmp_path, rows=30_000, limit=20_000)
+    assert len(told) == 1
+    assert "the record is not whole" in told[0]
+    recover(folder)
+    assert few_rows.sealed_numbers(folder)[:acknowledged] == list(range(acknowledged))
+    assert read_manifest(folder).exit_status == "lost"
+
+
+def mounted(place: Path, size: str) -> bool:
+    """Whether a small file system could be put there; only root may."""
+    place.mkdir()
+    command = ["mount", "-t", "tmpfs", "-o", f"size={size}", "jbclog-test", str(place)]
+    return os.geteuid() == 0 and subprocess.run(command, capture_output=True, check=False).returncode == 0
+
+
+@pytest.mark.campaign
+@pytest.mark.parametrize("give_up", [True, False], ids=["ends", "goes-on"])
+def test_a_full_disk(tmp_path: Path, give_up: bool) -> None:
+    """A real one of 3 MB, of which the reserve holds half: acknowledged rows are there, and there is room to seal them."""
+    disk = tmp_path / "disk"
+    if not mounted(disk, "3m"):
+        pytest.skip("needs root, to mount a small file system")
+    try:
+        folder, acknowledged, told = recorded(disk, rows=200_000, reserve=1_500_000, give_up=give_up)
+        assert len(told) == 1
+        assert "full" in told[0]
+        assert 1000 < acknowledged < 200_000
+        recover(folder)
+        numbers = few_rows.sealed_numbers(folder)
+        assert numbers[:acknowledged] == list(range(acknowledged))
+        lost = read_manifest(folder).lost
+        assert lost is not None
+    finally:
+        subprocess.run(["umount", str(disk)], check=True)
