@@ -31,7 +31,15 @@ def apply(desk: Desk) -> Steps[None]:
         yield from _apply(desk, setting)
     if desk.recipe.run.status is not None:
         yield from _apply_status(desk, STATUS_ORDERS[desk.recipe.run.status])
+    for port in desk.ports.values():
+        note_status(port)
     desk.publish()
+
+
+def note_status(port: PortState) -> None:
+    """Take the status that was read as the last one known; what is found later is held against it."""
+    word = port.held.get("status")
+    port.status = word if isinstance(word, tuple) else None
 
 
 # -- what there is and what is wanted -----------------------------------------------------------------------------------

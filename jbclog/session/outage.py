@@ -6,14 +6,15 @@ what differs is an event (faults.md, rows 12, 13, 16 and 17).
 
 from __future__ import annotations
 
+from jbclog.commands.command import Scope
 from jbclog.commands.family import is_working
 from jbclog.effects import Steps, Wait
 from jbclog.errors import LinkError, RobotModeOff, StartRefused, StationError
 from jbclog.quantities import Value
 from jbclog.rows import Severity
-from jbclog.session.apply import read_all
+from jbclog.session.apply import note_status, read_all
 from jbclog.session.identify import connect, recognise
-from jbclog.session.order import Desk
+from jbclog.session.order import Desk, PortState
 from jbclog.session.sampling import Lost, Sampler
 from jbclog.session.watch import stop_on, tell_change
 
@@ -35,6 +36,8 @@ def outage(desk: Desk, sampler: Sampler, tick: int, lost: Lost) -> Steps[int]:
     began, pause = desk.now, FIRST_SEEK_S
     why = lost.cause.reason if isinstance(lost.cause, RobotModeOff) else LinkError.reason
     _tell_loss(desk, lost)
+    sampler.begin_outage(tick)
+    held = _all_held(desk)
     seek_at = began + pause
     tick += 1
     while not sampler.is_over(tick):
@@ -47,6 +50,7 @@ def outage(desk: Desk, sampler: Sampler, tick: int, lost: Lost) -> Steps[int]:
         tick = sampler.miss_until(tick, desk.now, why)
         if is_back:
             _tell_return(desk, began, why)
+            _compare(desk, held)
             return tick
         pause = min(SEEK_GROWTH * pause, LONGEST_SEEK_S)
         seek_at = desk.now + pause
@@ -79,7 +83,6 @@ def _tell_return(desk: Desk, began: float, why: str) -> None:
 
 def _seek(desk: Desk, *, reopen: bool) -> Steps[bool]:
     """Try once to reach the station and to learn what it holds now. Whether it may be sampled again."""
-    held = _all_held(desk)
     try:
         found = yield from connect(desk, reopen=reopen, tries=1)
         if not recognise(desk, found):
@@ -88,7 +91,6 @@ def _seek(desk: Desk, *, reopen: bool) -> Steps[bool]:
         yield from read_all(desk)
     except (LinkError, StartRefused, StationError):
         return False
-    _compare(desk, held)
     return True
 
 
@@ -103,7 +105,11 @@ def _read_tools(desk: Desk) -> Steps[None]:
 
 
 def _all_held(desk: Desk) -> dict[int | None, dict[str, Value]]:
-    return {None: dict(desk.held)} | {port.number: dict(port.held) for port in desk.ports.values()}
+    """All settings as they were last known, station first; the status is the last that was seen."""
+    held: dict[int | None, dict[str, Value]] = {None: dict(desk.held)}
+    for port in desk.ports.values():
+        held[port.number] = dict(port.held) | ({} if port.status is None else {"status": port.status})
+    return held
 
 
 def _compare(desk: Desk, before: dict[int | None, dict[str, Value]]) -> None:
@@ -114,10 +120,19 @@ def _compare(desk: Desk, before: dict[int | None, dict[str, Value]]) -> None:
         now = desk.held if port is None else port.held
         for name, value in held.items():
             found = now.get(name)
-            if found is not None and name != "station_error" and not _is_alike(name, value, found):
+            if found is not None and _is_watched(desk, port, name) and not _is_alike(name, value, found):
                 command = desk.command(name)
                 changes.append(tell_change(desk, port, name, command.shown(value), command.shown(found)))
+        if port is not None:
+            note_status(port)
     stop_on(desk, changes)
+
+
+def _is_watched(desk: Desk, port: PortState | None, name: str) -> bool:
+    """Whether a difference in it is one: a new tool has settings of its own, and a recipe may leave the tools' state alone."""
+    if name == "station_error" or (name == "status" and desk.recipe.run.status is None):
+        return False
+    return not (port is not None and port.tool_is_new and desk.command(name).scope is Scope.TOOL)
 
 
 def _is_alike(name: str, before: Value, found: Value) -> bool:

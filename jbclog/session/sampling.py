@@ -144,6 +144,11 @@ class Sampler:
         for scan in self._scans.values():
             self._scanner.finish(scan, why, self.grid.due(tick))
 
+    def begin_outage(self, tick: int) -> None:
+        """`tick` was the last that could be asked. Without a grid the ticks of an outage follow it as scans would have."""
+        if not self.paced:
+            self.grid = Grid(self.desk.now - tick * self.grid.period_s, self.grid.period_s)
+
     def miss_until(self, tick: int, now: float, why: str) -> int:
         """Write the rows of every tick due by `now`, slow readings included; give the first tick after them."""
         while self.grid.due(tick) <= now and not self.is_over(tick):

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from jbclog.commands.family import STATUS_ORDERS, is_working
 from jbclog.commands.robot import PORT_ERROR_NO_TOOL, PORT_ERROR_STATES, PORT_ERROR_WARNINGS, STATION_ERROR_WARNINGS
 from jbclog.errors import JbclogError
-from jbclog.quantities import Value
+from jbclog.quantities import Value, text_of
 from jbclog.rows import Severity
 from jbclog.session.order import Desk, PortState
 
@@ -40,8 +40,8 @@ def _status(desk: Desk, port: PortState, word: Value) -> None:
     ordered = desk.recipe.run.status
     if ordered is None or before is None or is_working(before) == is_working(word):
         return
-    if is_working(STATUS_ORDERS[ordered]) and not is_working(word):
-        found_changed(desk, port, "status", "working", "".join(map(str, word)))
+    if is_working(word) != is_working(STATUS_ORDERS[ordered]):
+        found_changed(desk, port, "status", text_of(before), text_of(word))
 
 
 def _set_temperature(desk: Desk, port: PortState, value: Value) -> None:
