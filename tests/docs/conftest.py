@@ -1,0 +1,15 @@
+from __future__ import annotations
+
+import pytest
+from command import jbclog
+from newcomer import Demo
+
+
+@pytest.fixture(scope="session")
+def demo(tmp_path_factory: pytest.TempPathFactory) -> Demo:
+    """One demo for all tests that only look at it."""
+    place = tmp_path_factory.mktemp("newcomer")
+    said = jbclog("demo", "--seconds", "14", cwd=place)
+    assert said.returncode == 0, said.stderr
+    (run,) = (place / "demo-runs").iterdir()
+    return Demo(place, said, run)
