@@ -13,18 +13,32 @@ import time
 import zlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import pyarrow as pa
 
 from jbclog.record.schema import INT, SCHEMAS
 
 BARE: Final = {table: pa.schema([pa.field(f.name, f.type, f.nullable) for f in schema]) for table, schema in SCHEMAS.items()}
-_LISTS: Final = {table: [pa.list_(field.type) for field in schema] for table, schema in BARE.items()}
 _CODEC: Final = pa.Codec("zstd", compression_level=1)
 
 COLUMNS_A_BREATH: Final = 10
 MANY_ROWS: Final = 500
+
+
+class _Column(NamedTuple):
+    """What a conversion needs of a field, looked up once."""
+
+    name: str
+    list_type: pa.ListType
+    whole: bool
+    nullable: bool
+
+
+_COLUMNS: Final = {
+    table: [_Column(f.name, pa.list_(f.type), f.type == INT, f.nullable) for f in schema] for table, schema in BARE.items()
+}
+_WHOLE: Final = (INT, pa.null())
 
 
 class Damaged(Exception):
@@ -56,26 +70,26 @@ def breathe() -> None:
 
 def encode(number: int, table: str, values: Sequence[object], breath: Callable[[], None] = breathe) -> Batch:
     """The batch of `values`: rows laid end to end, in the columns' order. Raises `NotRows`."""
-    schema = BARE[table]
-    width = len(schema)
+    columns = _COLUMNS[table]
+    width = len(columns)
     rows = len(values) // width
     arrays = []
-    for place, column in enumerate(_LISTS[table]):
-        arrays.append(_array(values[place::width], column, schema.field(place)))
+    for place, column in enumerate(columns):
+        arrays.append(_array(values[place::width], column))
         if rows > MANY_ROWS and place % COLUMNS_A_BREATH == COLUMNS_A_BREATH - 1:
             breath()
-    return Batch(number, table, rows, _bytes(pa.RecordBatch.from_arrays(arrays, schema=schema)))
+    return Batch(number, table, rows, _bytes(pa.RecordBatch.from_arrays(arrays, schema=BARE[table])))
 
 
-def _array(values: Sequence[object], column: pa.ListType, field: pa.Field) -> pa.Array:
+def _array(values: Sequence[object], column: _Column) -> pa.Array:
     try:
-        if field.type == INT and pa.infer_type(values) not in (INT, pa.null()):  # it would cut a fraction off without a word
-            raise NotRows(f"{field.name}: not whole numbers")
-        array = pa.scalar(values, column).values
+        if column.whole and pa.infer_type(values) not in _WHOLE:  # a fraction would be cut off without a word
+            raise NotRows(f"{column.name}: not whole numbers")
+        array = pa.scalar(values, column.list_type).values
     except (pa.ArrowException, ValueError, TypeError, OverflowError) as error:
-        raise NotRows(f"{field.name}: {error}") from error
-    if array.null_count and not field.nullable:
-        raise NotRows(f"{field.name} has no value")
+        raise NotRows(f"{column.name}: {error}") from error
+    if not column.nullable and array.null_count:
+        raise NotRows(f"{column.name} has no value")
     return array
 
 
