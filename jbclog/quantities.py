@@ -8,6 +8,7 @@ one holds `None` and a reason.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from enum import Enum
 from typing import Final, Protocol
@@ -40,12 +41,19 @@ class Quantity(Protocol):
     def encode(self, value: Value) -> str: ...
 
 
-def _digits(data: str) -> int:
+def _digits(data: str, minus: str = "-") -> int:
     """The whole number in `data`: a sign in the first place at most, no blank, no underscore, ASCII only."""
-    body = data[1:] if data[:1] == "-" else data
+    signed = data[:1] != "" and data[0] in minus
+    body = data[1:] if signed else data
     if len(data) != 5 or not (body.isascii() and body.isdigit()):
         raise ValueError(f"{data!r} is not five digits")
-    return int(data)
+    return -int(body) if signed else int(body)
+
+
+def _number(value: Value) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        raise ValueError(f"{value!r} is not a number")
+    return value
 
 
 def _whole(value: Value) -> int:
@@ -58,12 +66,16 @@ def _whole(value: Value) -> int:
 
 @dataclass(frozen=True, slots=True)
 class Whole:
-    """A whole number in `unit`, zero-filled, minus in the first place: ``-0050`` (seed 002, "Frame Fields")."""
+    """A whole number in `unit`, zero-filled, minus in the first place: ``-0050`` (seed 002, "Frame Fields").
+
+    `minus` are the characters that are read as one; ``-`` is written.
+    """
 
     unit: str
+    minus: str = "-"
 
     def decode(self, data: str) -> int:
-        return _digits(data)
+        return _digits(data, self.minus)
 
     def encode(self, value: Value) -> str:
         return f"{_whole(value):05d}"
@@ -117,10 +129,9 @@ class AlarmDelay:
     def encode(self, value: Value) -> str:
         if value is OFF:
             return OFF_ON_WIRE
-        if isinstance(value, bool) or not isinstance(value, int | float):
-            raise ValueError(f"{value!r} is not a number of seconds")
-        hundredths = round(value * 100)
-        if not 0 <= hundredths <= 9999 or abs(hundredths - value * 100) > 1e-6:
+        seconds = _number(value)
+        hundredths = round(seconds * 100)
+        if not 0 <= hundredths <= 9999 or abs(hundredths - seconds * 100) > 1e-6:
             raise ValueError(f"{value} s is not within 0.00 to 99.99 s in steps of 0.01")
         return f"{hundredths // 100:02d}.{hundredths % 100:02d}"
 
@@ -136,7 +147,7 @@ class AlarmLimit:
 
     def decode(self, data: str) -> int | Off:
         number = _digits(data)
-        return OFF if data in (OFF_ON_WIRE, "00000") else number
+        return OFF if number in (99999, 0) else number
 
     def encode(self, value: Value) -> str:
         if value is OFF:
@@ -155,10 +166,9 @@ class Scaled:
         return Unsigned(self.unit).decode(data) / self.per_unit
 
     def encode(self, value: Value) -> str:
-        if isinstance(value, bool) or not isinstance(value, int | float):
-            raise ValueError(f"{value!r} is not a number")
-        raw = round(value * self.per_unit)
-        if abs(raw - value * self.per_unit) > 1e-6:
+        exact = _number(value) * self.per_unit
+        raw = round(exact)
+        if abs(raw - exact) > 1e-6:
             raise ValueError(f"{value} {self.unit} is not a multiple of {1 / self.per_unit} {self.unit}")
         return Unsigned(self.unit).encode(raw)
 
@@ -179,9 +189,10 @@ class HexLength:
         return int(digits, 16) / 10
 
     def encode(self, value: Value) -> str:
-        if isinstance(value, bool) or not isinstance(value, int | float) or value < 0:
-            raise ValueError(f"{value!r} is not a length")
-        return f"{round(value * 10):05X}"
+        tenths = round(_number(value) * 10)
+        if tenths < 0:
+            raise ValueError(f"{value} is not a length")
+        return f"{tenths:05X}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -223,12 +234,17 @@ class Choice:
 
 @dataclass(frozen=True, slots=True)
 class Number:
-    """A code whose meaning a table of the family gives: an error, a tool. Unknown codes are kept."""
+    """A code whose meaning a table of the family gives: an error, a tool. Unknown codes are kept.
+
+    `printed_for` are pairs of a number that a manual misprints and the one that is meant.
+    """
 
     unit: str = ""
+    printed_for: tuple[tuple[int, int], ...] = ()
 
     def decode(self, data: str) -> int:
-        return Unsigned("").decode(data)
+        number = Unsigned("").decode(data)
+        return dict(self.printed_for).get(number, number) if self.printed_for else number
 
     def encode(self, value: Value) -> str:
         return Unsigned("").encode(value)

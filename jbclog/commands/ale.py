@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from jbclog.commands.command import Command, Effect, Limits, Scope
-from jbclog.commands.robot import COUNT, NOTHING, per_port
+from jbclog.commands.robot import COUNT, NOTHING, UNPRINTED, per_port
 from jbclog.quantities import Choice, HexLength, Quantity, Scaled
 
-UNPRINTED = Limits(printed=False)
 MODES = Choice(("continuous", "discontinuous", "program", "reload"))
 SWITCH = Choice(("off", "on"))
 

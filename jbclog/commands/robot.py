@@ -19,9 +19,11 @@ from jbclog.quantities import (
 )
 
 CELSIUS = Whole("°C")
+OFFSET = Whole("°C", minus="-.")  # seed 000, 3.1 prints "." for the sign, and -0050 as the only negative number; digest B-3
 HOURS = Unsigned("h")
 COUNT = Unsigned("count")
 NOTHING = Number()
+UNPRINTED = Limits(printed=False)
 STATUS_WORD = Word((0, 2, 1, 1, 3))
 ALARM_FLAGS = Word((0, 0, 0, 1, 1))
 
@@ -39,7 +41,9 @@ def setting(name: str, letters: str, scope: Scope, quantity: Quantity, manual: s
 READINGS = (
     per_port("tip_temperature", "TT", CELSIUS, "002 R-TTx; 000 4.8.3"),
     per_port("power", "PP", Unsigned("‰"), "002 R-PPx; 000 4.8.4", limits=Limits(0, 1000), note="B-32: per mille"),
-    per_port("port_error", "PE", Number(), "002 R-PEx, Port Errors; 000 4.8.5", note="B-28: 80000 is read as 8"),
+    per_port(
+        "port_error", "PE", Number(printed_for=((80000, 8),)), "002 R-PEx, Port Errors; 000 4.8.5", note="B-28: 80000 is read as 8"
+    ),
     per_port("tool", "CT", Number(), "002 R-CTx, Tools; 000 4.8.8"),
     per_port("time_to_sleep", "ED", Unsigned("s"), "002 R-EDx; 000 4.8.9", note="B-25: value when not counting unprinted"),
     per_port("transistor_temperature", "QT", CELSIUS, "002 R-QTx; 000 4.8.18"),
@@ -71,7 +75,7 @@ SETTINGS = (
         "002 W-PSx, Tool Operating Status; 000 4.6, 4.8.7",
         note="B-19: only 00000, 00001 and, not in 000, 00010 are written",
     ),
-    setting("adjust", "A", Scope.TOOL, CELSIUS, "002 W-Axy; 000 4.8.11", Limits(-50, 50, 1)),
+    setting("adjust", "A", Scope.TOOL, OFFSET, "002 W-Axy; 000 4.8.11", Limits(-50, 50, 1), "B-3: the sign was once a dot"),
     setting("sleep_temperature", "S", Scope.TOOL, CELSIUS, "002 W-Sxy; 000 4.8.13", Limits(step=5)),
     setting("sleep_delay", "D", Scope.TOOL, Delay("min"), "002 W-Dxy; 000 4.8.15", Limits(0, 9, 1, off=True), "B-20: minutes"),
     setting(
@@ -104,8 +108,8 @@ SETTINGS = (
 )
 
 STATION_LIMITS = (
-    Command("maximum_temperature", "MAT", Scope.STATION, CELSIUS, "rw", "002 W-MAT; 000 4.8.30", dangerous=True),
-    Command("minimum_temperature", "MIT", Scope.STATION, CELSIUS, "rw", "002 W-MIT; 000 4.8.32", dangerous=True),
+    Command("maximum_temperature", "MAT", Scope.STATION, CELSIUS, "rw", "002 W-MAT; 000 4.8.30", UNPRINTED, dangerous=True),
+    Command("minimum_temperature", "MIT", Scope.STATION, CELSIUS, "rw", "002 W-MIT; 000 4.8.32", UNPRINTED, dangerous=True),
 )
 
 COUNTERS = (
@@ -138,7 +142,7 @@ TOOLS_000 = {0: "none", 1: "T210", 2: "T245/T470", 3: "PA", 4: "HT", 5: "DS", 6:
 TOOLS_002 = {
     0: "none",
     1: "T210",
-    2: "T245/T470",
+    2: "T245/T470/TR245/TR470",  # printed in two rows; the number cannot tell them apart (digest B-29)
     3: "PA120/AM120",
     4: "HT420/AT420",
     5: "DS360",

@@ -48,8 +48,10 @@ class Frame:
         return covered + bytes([check_byte(covered)])
 
     def _addresses(self) -> bytes:
-        if self.source is None or self.target is None:
+        if self.source is None and self.target is None:
             return b""
+        if self.source is None or self.target is None:
+            raise ValueError("a frame has both addresses or none")
         if not (0 <= self.source <= 99 and 0 <= self.target <= 99):
             raise ValueError(f"an address lies between 0 and 99, not {self.source} to {self.target}")
         return b"%02d%02d" % (self.source, self.target)
@@ -63,7 +65,7 @@ def parse(content: bytes) -> Frame | None:
     if not content.isascii():
         return None
     text = content.decode("ascii")
-    if text[:1] in HEADERS and text:
+    if text and text[0] in HEADERS:
         return Frame(text[0], text[1:])
     addresses, header, rest = text[:4], text[4:5], text[5:]
     if not addresses.isdigit() or not header or header not in HEADERS:

@@ -1,35 +1,42 @@
 """Finds frames in a stream of bytes, however it is cut into chunks.
 
-The rules, in the order in which they are tried:
+The rules:
 
-1. Bytes before an STX are garbage.
-2. Between STX and ETX stand printable characters. An STX there begins anew; any other control character,
-   or more than `LONGEST` characters, makes all of it garbage.
-3. The one byte behind ETX is the check byte, whatever it is: STX, ETX, XON, XOFF and NUL all occur.
-4. Where the check byte does not hold, the frame is reported as corrupt, and the search goes on at the
-   first byte that could begin a frame: the check byte itself, when that is an STX.
+1. A frame is STX, `SHORTEST` to `LONGEST` printable characters, ETX, and one byte of any value: the check byte can be
+   STX, ETX, XON, XOFF or NUL. All else is garbage, an STX without such an end included.
+2. Where the check byte or the shape does not hold, the frame is given as corrupt, and the search goes on behind it; but
+   where its check byte is an STX, that begins the next frame: a check byte was lost.
+3. A frame is given with its last byte. Garbage is counted and dropped, and what is held for the next chunk can only be
+   the beginning of a frame: `MOST_HELD` bytes at most.
 
-Garbage is counted and dropped; the reader never holds more than one longest frame.
+One loss cannot be seen: where a frame's own check byte is an STX and is lost, the STX behind it stands for it. The frame
+is then given, rightly, and the one behind it is garbage.
 """
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 
-from jbclog.protocol.frame import ETX, STX, Frame, check_byte, parse
+from jbclog.protocol.frame import STX, Frame, check_byte, parse
 
-LONGEST = 64  # characters between STX and ETX; the longest printed answer has 26 (R-DLx, seed 002)
+SHORTEST = 3  # characters between STX and ETX: the read of the transformer's temperature, RTT (seed 000, 4.8.34)
+LONGEST = 64  # the longest that is printed has 21: addresses, A, DL1 and 0x000000003E8 (seed 002, R-DLx)
+MOST_HELD = 1 + LONGEST + 1
+
+_FRAME = re.compile(rb"\x02([ -~]{%d,%d})\x03([\x00-\xff])" % (SHORTEST, LONGEST))
+_BEGUN = re.compile(rb"\x02(?:[ -~]{0,%d}|[ -~]{%d,%d}\x03)\Z" % (LONGEST, SHORTEST, LONGEST))
 
 
 @dataclass(frozen=True, slots=True)
 class Corrupt:
-    """Something framed like a frame whose check byte or shape does not hold; `raw` is all of it."""
+    """Something framed like a frame whose check byte or shape does not hold; `raw` is all of it, check byte included."""
 
     raw: bytes
 
 
 class FrameReader:
-    """Feed it bytes; it gives the frames in them. `garbage` counts the bytes that belonged to none."""
+    """Feed it bytes; it gives the frames in them. `garbage` counts the bytes that belonged to none, good or corrupt."""
 
     def __init__(self) -> None:
         self._held = b""
@@ -44,48 +51,24 @@ class FrameReader:
 
     def feed(self, chunk: bytes) -> list[Frame | Corrupt]:
         """All frames, good and corrupt, that `chunk` completes, in order."""
-        self._held += chunk
+        stream = self._held + chunk
         found: list[Frame | Corrupt] = []
-        while (frame := self._next()) is not None:
-            found.append(frame)
+        place = 0
+        while match := _FRAME.search(stream, place):
+            self.garbage += match.start() - place
+            place = match.end()
+            frame = _checked(match)
+            if frame is None:
+                place -= stream[place - 1] == STX
+            found.append(frame or Corrupt(match[0]))
+        begun = _BEGUN.search(stream, place)
+        kept = begun.start() if begun else len(stream)
+        self.garbage += kept - place
+        self._held = stream[kept:]
         return found
 
-    def _next(self) -> Frame | Corrupt | None:
-        while True:
-            self._drop_to_stx()
-            end = self._end_of_content()
-            if end is None:
-                return None
-            if end > 0:
-                return self._take(end)
 
-    def _drop_to_stx(self) -> None:
-        start = self._held.find(STX)
-        unwanted = len(self._held) if start < 0 else start
-        self._drop(unwanted)
-
-    def _drop(self, count: int) -> None:
-        self.garbage += count
-        self._held = self._held[count:]
-
-    def _end_of_content(self) -> int | None:
-        """Where ETX stands; None to wait for more bytes; 0 when what was held was garbage and is dropped."""
-        for place in range(1, len(self._held)):
-            byte = self._held[place]
-            if byte == ETX:
-                return place if place + 1 < len(self._held) else None
-            if not 0x20 <= byte <= 0x7E:
-                self._drop(place if byte == STX else place + 1)
-                return 0
-            if place > LONGEST:
-                self._drop(place)
-                return 0
-        return None
-
-    def _take(self, end: int) -> Frame | Corrupt:
-        raw = self._held[: end + 2]
-        good = check_byte(raw[:-1]) == raw[-1]
-        frame = parse(raw[1:end]) if good else None
-        again_at_check_byte = not good and raw[-1] == STX
-        self._held = self._held[end + 1 if again_at_check_byte else end + 2 :]
-        return frame if frame is not None else Corrupt(raw)
+def _checked(match: re.Match[bytes]) -> Frame | None:
+    """The frame, if its check byte and its shape hold."""
+    raw = match[0]
+    return parse(match[1]) if check_byte(raw[:-1]) == raw[-1] else None
