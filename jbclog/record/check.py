@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 
 import pyarrow as pa
@@ -137,7 +138,7 @@ def _plain(events: pa.Table) -> pa.Table:
 
 def _samples(folder: Path) -> Iterator[Finding]:
     stepped = any(pc.any(pc.equal(group["kind"], "clock.step")).as_py() for group in row_groups(folder, "events", ["kind"]))
-    ends: dict[tuple[str, int], tuple[int, int]] = {}
+    ends: dict[tuple[str, int], _Last] = {}
     for group in row_groups(folder, "samples"):
         yield from _qualities(group)
         yield from _values_with_reasons(group)
@@ -167,17 +168,34 @@ def _values_with_reasons(rows: pa.Table) -> Iterator[Finding]:
             yield Finding("samples/", f"{both} rows have a value of {column} and a reason why there is none")
 
 
-def _order(rows: pa.Table, ends: dict[tuple[str, int], tuple[int, int]], stepped: bool) -> Iterator[Finding]:
-    """Ticks rise by port, and with them the time, unless the clock was stepped."""
+@dataclass(slots=True)
+class _Last:
+    """The last tick, and the last time of an answer, of one port."""
+
+    tick: int = -1
+    time: int = 0
+
+
+def _order(rows: pa.Table, ends: dict[tuple[str, int], _Last], stepped: bool) -> Iterator[Finding]:
+    """Ticks rise by port, and with them the times of the answers, unless the clock was stepped.
+
+    Rows without a temperature have their due time, which may lie before a late answer to the tick before.
+    """
     for pair in rows.group_by(["station", "port"]).aggregate([]).to_pylist():
         station, port = pair["station"], pair["port"]
+        last = ends.setdefault((station, port), _Last())
         mine = rows.filter(pc.and_(pc.equal(rows["station"], station), pc.equal(rows["port"], port)))
-        ticks, times = mine["tick"].to_numpy(), mine["time"].cast(pa.int64()).to_numpy()
-        last_tick, last_time = ends.get((station, port), (ticks[0] - 1, times[0]))
-        wrong = int((ticks[1:] <= ticks[:-1]).sum()) + int(ticks[0] <= last_tick)
+        answered = mine.filter(pc.is_valid(mine["temperature_c"]))
+        wrong, last.tick = _falls(mine["tick"], last.tick, strictly=True)
         if wrong:
             yield Finding("samples/", f"{station} port {port}: the tick does not rise in {wrong} places")
-        back = int((times[1:] < times[:-1]).sum()) + int(times[0] < last_time)
+        back, last.time = _falls(answered["time"].cast(pa.int64()), last.time, strictly=False)
         if back and not stepped:
             yield Finding("samples/", f"{station} port {port}: the time goes back in {back} places, and no clock was stepped")
-        ends[station, port] = (int(ticks[-1]), int(times[-1]))
+
+
+def _falls(values: pa.ChunkedArray, before: int, *, strictly: bool) -> tuple[int, int]:
+    """How often a value is not above (not `strictly`: is below) the one before it, and the last value."""
+    numbers = [before, *values.to_pylist()]
+    falls = sum(one >= two if strictly else one > two for one, two in pairwise(numbers))
+    return falls, numbers[-1]

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Final
 
 from jbclog.record.batches import Batch
-from jbclog.record.durable import sync_folder
+from jbclog.record.durable import sync_file, sync_folder
 from jbclog.record.store import Notes, Segment, companions, segment_name
 
 RESERVE: Final = "live.reserve"
@@ -107,11 +107,8 @@ class Keeping:
 
     def _take_reserve(self) -> None:
         """Take room that is given back when the disk is full: half of it for the last rows, half for sealing them."""
-        descriptor = os.open(self.folder / RESERVE, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_NOFOLLOW, 0o644)
-        try:
-            os.posix_fallocate(descriptor, 0, RESERVE_BYTES)
-        finally:
-            os.close(descriptor)
+        (self.folder / RESERVE).write_bytes(bytes(RESERVE_BYTES))
+        sync_file(self.folder / RESERVE)  # some disks give out room only then
 
     def _give_half(self) -> bool:
         """Give half of it back; False where that was done before."""

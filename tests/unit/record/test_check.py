@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from dataclasses import replace
+from datetime import timedelta
 from pathlib import Path
 
 import few_rows
@@ -132,6 +133,19 @@ def set_cell(table: pa.Table, row: int, column: str, value: object) -> pa.Table:
 def test_contents_that_do_not_agree(run: Path, table: str, change: Change, said: str) -> None:
     rewrite(run, table, change)
     assert any(said in text for text in texts(run)), texts(run)
+
+
+def test_the_due_time_of_a_missed_tick_may_lie_before_a_late_answer(run: Path) -> None:
+    def late(samples: pa.Table) -> pa.Table:
+        """The answer to a tick comes after the next one was due, which is skipped and has its due time."""
+        mine = pc.and_(pc.equal(samples["station"], "dde-1"), pc.equal(samples["port"], 2)).to_pylist()
+        rows = [place for place, is_mine in enumerate(mine) if is_mine]
+        skipped = samples["time"].to_pylist()[rows[4]]
+        samples = set_cell(samples, rows[3], "time", skipped + timedelta(milliseconds=5))
+        return set_cell(samples, rows[4], "temperature_c", None)
+
+    rewrite(run, "samples", late)
+    assert not any("time goes back" in text for text in texts(run))
 
 
 def test_a_stepped_clock_explains_a_time_that_goes_back(run: Path) -> None:
