@@ -43,9 +43,7 @@ class Finding:
     text: str
 
 
-def findings(
-    stations: Iterable[StationFacts], *, verdict: str | None, record: str | None, cut_short: Exit | None
-) -> list[Finding]:
+def findings(stations: Iterable[StationFacts], *, verdict: str | None, record: str | None, cut_short: Exit | None) -> list[Finding]:
     """Everything that was not fine. `record` says what the record lacks; `cut_short` which signal ended a stated duration."""
     found: list[Finding] = []
     for facts in stations:
