@@ -4,16 +4,19 @@ The flags are asked once and never again for the same answer (seed 000, 4.8.27; 
 counts as an alarm only when a temperature beyond the limit, read since the flags were last read, bears it out; until
 then it is `alarm.unconfirmed`. An answer that was lost makes the flag unknown, not off. Flags count while the tool is
 working and from its first entry into set ±10 °C on; those of the first reading were raised before the run.
+
+A flag that is set again and again is told once, and once more where more is known of it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from enum import IntEnum
 
-from jbclog.commands.family import is_working
 from jbclog.rows import Severity
 from jbclog.session.order import Desk, PortState
+from jbclog.session.watch import counts
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,6 +36,15 @@ SIDES = (
 )
 
 
+class Known(IntEnum):
+    """What is known of a flag that is set; each says more than the one before."""
+
+    BEFORE_RUN = 0
+    NOT_COUNTING = 1
+    UNCONFIRMED = 2
+    ALARM = 3
+
+
 class AlarmWatch:
     """The flags of one port over a run."""
 
@@ -40,23 +52,25 @@ class AlarmWatch:
         self._desk = desk
         self._port = port
         self._last_read: float | None = None
-        self._set: dict[str, bool | None] = {side.word: None for side in SIDES}
+        self._told: dict[str, Known] = {}  # of the flags that are set
 
     def read(self, word: tuple[int, ...], now: float) -> None:
         """The flags were read as `word` at `now`."""
         for side in SIDES:
-            is_set = word[side.digit] == 1
-            was_set, self._set[side.word] = self._set[side.word], is_set
-            if is_set and not was_set:
-                self._raised(side)
-            elif was_set and not is_set:
+            told = self._told.get(side.word)
+            if word[side.digit] == 1:
+                known = self._known_of(side)
+                if told is None or known > told:
+                    self._told[side.word] = known
+                    self._tell(side, known, told)
+            elif told is not None:
+                del self._told[side.word]
                 self._note(side, f"alarm.{side.word}.ended", Severity.INFO, "is no longer set")
         self._start_period(now)
 
     def lost(self, now: float, why: str) -> None:
         """The answer was lost at `now`: what the station said, it has forgotten."""
-        for side in SIDES:
-            self._set[side.word] = None
+        self._told.clear()
         text = (
             f"Port {self._port.number}: the answer to the alarm flags was lost ({why}); whether an alarm was raised is not known."
         )
@@ -66,25 +80,31 @@ class AlarmWatch:
     def _start_period(self, now: float) -> None:
         self._last_read = now
         self._port.hottest_c = self._port.coolest_c = None
+        self._port.has_counted = counts(self._port)
 
-    def _raised(self, side: _Side) -> None:
+    def _known_of(self, side: _Side) -> Known:
+        """What the temperatures since the last reading say of a flag that is set; only those that count were kept."""
         if self._last_read is None:
-            self._note(side, "alarm.before_run", Severity.INFO, "was set before this run began; it does not count")
-            return
+            return Known.BEFORE_RUN
         seen, limit = side.extreme(self._port), self._port.celsius(side.limit)
-        if not self._counts():
+        if seen is not None and limit is not None and side.beyond(seen, limit):
+            return Known.ALARM
+        return Known.UNCONFIRMED if self._port.has_counted else Known.NOT_COUNTING
+
+    def _tell(self, side: _Side, known: Known, told: Known | None) -> None:
+        seen, limit = side.extreme(self._port), self._port.celsius(side.limit)
+        if known is Known.BEFORE_RUN:
+            self._note(side, "alarm.before_run", Severity.INFO, "was set before this run began; it does not count")
+        elif known is Known.NOT_COUNTING:
             self._note(side, f"alarm.{side.word}.not_working", Severity.INFO, "was raised while heating up or not working")
-        elif seen is not None and limit is not None and side.beyond(seen, limit):
-            self._desk.facts.alarms += 1
-            text = f"alarm: {seen} °C was seen, the limit is {limit:g} °C"
-            self._note(side, f"alarm.{side.word}", Severity.ERROR, text, float(seen), limit)
-        else:
+        elif known is Known.UNCONFIRMED:
             self._desk.facts.unconfirmed_alarms += 1
             self._note(side, "alarm.unconfirmed", Severity.WARNING, self._not_borne_out(seen, limit), seen, limit)
-
-    def _counts(self) -> bool:
-        status = self._port.status
-        return self._port.at_temperature and status is not None and is_working(status)
+        else:
+            self._desk.facts.alarms += 1
+            self._desk.facts.unconfirmed_alarms -= told is Known.UNCONFIRMED
+            text = f"alarm: {seen} °C was seen, the limit is {limit:g} °C"
+            self._note(side, f"alarm.{side.word}", Severity.ERROR, text, seen, limit)
 
     @staticmethod
     def _not_borne_out(seen: int | None, limit: float | None) -> str:

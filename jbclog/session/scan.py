@@ -10,7 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from jbclog.effects import Steps
-from jbclog.errors import ImplausibleAnswer, LinkError, RobotModeOff, StationError, StationSilent
+from jbclog.errors import ImplausibleAnswer, LinkError, Refusal, RobotModeOff, StationError, StationSilent
 from jbclog.quantities import Value
 from jbclog.rows import COLUMN, SAMPLE_COLUMNS, CounterRow, SampleRow, Severity, quality_of, reasons_text
 from jbclog.scheduler import Reading
@@ -111,7 +111,7 @@ class Scanner:
                 yield from self._look_again(probe, value)
         except BaseException as error:  # whatever it was, the reading was due
             why = error.reason if isinstance(error, StationError | LinkError) else SKIPPED
-            self.unread(probe, scan, why, sent=self._station.exchanges > asked)
+            self.unread(probe, scan, why, sent=not isinstance(error, Refusal))
             if not isinstance(error, StationError) or isinstance(error, StationSilent | RobotModeOff):
                 raise
         else:
@@ -145,7 +145,7 @@ class Scanner:
             self._count(probe, value)
 
     def unread(self, probe: Probe, scan: Scan, why: str, *, sent: bool = False) -> None:
-        """Account for a due reading that gave nothing; `sent` where the station may have heard the question."""
+        """Account for a due reading that gave nothing; `sent` where the station may have given an answer that was lost."""
         probe.missed[why] = probe.missed.get(why, 0) + 1
         for column in probe.reading.columns:
             scan.reasons[column] = why

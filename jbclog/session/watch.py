@@ -24,11 +24,19 @@ Observe = Callable[[Desk, PortState, Value], None]
 def _temperature(desk: Desk, port: PortState, value: Value) -> None:
     assert isinstance(value, int)
     port.temperature_c = value
-    port.hottest_c = value if port.hottest_c is None or value > port.hottest_c else port.hottest_c
-    port.coolest_c = value if port.coolest_c is None or value < port.coolest_c else port.coolest_c
     if not port.at_temperature and port.status is not None and is_working(port.status):
         setting = port.celsius("selected_temperature")
         port.at_temperature = setting is not None and abs(value - setting) <= BAND_C
+    if counts(port):
+        port.hottest_c = value if port.hottest_c is None or value > port.hottest_c else port.hottest_c
+        port.coolest_c = value if port.coolest_c is None or value < port.coolest_c else port.coolest_c
+    else:
+        port.has_counted = False
+
+
+def counts(port: PortState) -> bool:
+    """Whether alarms count: while the tool is working, from its first entry into set ±10 °C on (contract, "Exit codes")."""
+    return port.at_temperature and port.status is not None and is_working(port.status)
 
 
 def _status(desk: Desk, port: PortState, word: Value) -> None:

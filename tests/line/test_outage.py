@@ -8,7 +8,7 @@ import pytest
 from account import assert_account_holds, reasons_in, wrong_values
 from virtual_run import RECIPE, VirtualRun, line_text, prepare
 
-from jbclog.commands.family import STAND, WORKING
+from jbclog.commands.family import FAMILIES, STAND, WORKING
 from jbclog.rows import COLUMN
 
 GOING_ON = RECIPE + 'on_difference = "continue"\n'
@@ -187,7 +187,11 @@ def test_a_tool_exchanged_while_it_was_away_is_no_changed_setting() -> None:
     run.go()
     assert run.facts.outcome == "completed", run.facts.reason
     assert [event.port for event in run.memory.of_kind("tool.changed")] == [1]
-    read = [row.readback for row in run.memory.settings if (row.setting, row.tool) == ("sleep_temperature", "PA120/AM120")]
+    read = [
+        row.readback
+        for row in run.memory.settings
+        if (row.setting, row.tool) == ("sleep_temperature", FAMILIES["dde"].tool_name(3))
+    ]
     assert read == ["210"]
 
 

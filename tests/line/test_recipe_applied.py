@@ -5,12 +5,12 @@ from __future__ import annotations
 import pytest
 from virtual_run import RECIPE, VirtualRun, line_text, prepare
 
-from jbclog.commands.family import STAND, WORKING
+from jbclog.commands.family import FAMILIES, STAND, WORKING
 from jbclog.quantities import OFF
 from jbclog.rows import SettingRow
 
 ALL_FAMILIES = 'families = ["soldering", "dde", "nae", "dme", "hde", "ucr", "ale"]'
-COOLING = "settings = {sleep_delay = 5, hibernation_delay = 30}\n"
+TOOL_2, TOOL_3 = (FAMILIES["dde"].tool_name(code) for code in (2, 3))
 
 
 def fault(kind: str, **keys: object) -> str:
@@ -68,7 +68,7 @@ def test_a_recipe_that_holds_already_writes_nothing_the_second_time() -> None:
 def test_a_key_that_the_recipe_does_not_have_is_read_and_recorded_and_left_alone() -> None:
     run = prepare(line_text("settings = {adjust = -7}"), duration_s=1).go()
     (row,) = rows(run, "adjust")
-    assert (row.tool, row.requested, row.written, row.readback, row.outcome) == ("T245/T470", None, None, "-7", "read")
+    assert (row.tool, row.requested, row.written, row.readback, row.outcome) == (TOOL_2, None, None, "-7", "read")
     assert not any(one.text.startswith("WA1") for one in run.writes)
     assert outcome(run, "maximum_temperature", None) == "read"
 
@@ -234,7 +234,7 @@ def test_settings_of_a_tool_go_to_the_tool_that_is_there() -> None:
     sim = "tools = {1 = 3}\nsettings = {sleep_delay = 1}"
     run = prepare(line_text(sim, "ports = [1]"), duration_s=1).go()
     assert {(write.port, write.tool) for write in run.station.log.written("sleep_delay")} == {(1, 3)}
-    assert rows(run, "sleep_delay")[0].tool == "PA120/AM120"
+    assert rows(run, "sleep_delay")[0].tool == TOOL_3
 
 
 def test_a_tool_changed_in_the_run_is_read_and_not_written() -> None:
@@ -242,8 +242,8 @@ def test_a_tool_changed_in_the_run_is_read_and_not_written() -> None:
     run.at(3, lambda: setattr(run.station.plant.ports[1].tools[3], "adjust", -9))
     run.go()
     (event,) = run.memory.of_kind("tool.changed")
-    assert "from T245/T470 to PA120/AM120" in event.text
-    assert [row.readback for row in rows(run, "adjust") if row.tool == "PA120/AM120"] == ["-9"]
+    assert f"from {TOOL_2} to {TOOL_3}" in event.text
+    assert [row.readback for row in rows(run, "adjust") if row.tool == TOOL_3] == ["-9"]
     assert [one.text for one in run.writes if run.t0 + 4 < one.at < run.t0 + 12] == []
 
 

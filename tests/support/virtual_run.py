@@ -67,12 +67,15 @@ class Memory:
     settings: list[SettingRow] = field(default_factory=list)
     counters: list[CounterRow] = field(default_factory=list)
     stations: dict[str, StationFacts] = field(default_factory=dict)
+    urgent: list[EventRow] = field(default_factory=list)  # those that were to be kept at once
 
     def sample(self, row: SampleRow) -> None:
         self.samples.append(row)
 
     def event(self, event: EventRow, *, at_once: bool = False) -> None:
         self.events.append(event)
+        if at_once:
+            self.urgent.append(event)
 
     def setting(self, setting: SettingRow) -> None:
         self.settings.append(setting)

@@ -1,0 +1,236 @@
+"""Alarm flags: latched in the station, cleared by reading, so asked once; believed as far as temperatures bear them out.
+
+The virtual station's comparator latches by itself where its tip is beyond the limit; where a flag is to come out of
+nothing, these tests latch it by hand.
+"""
+
+from __future__ import annotations
+
+import pytest
+from account import reasons_in
+from virtual_run import RECIPE, VirtualRun, line_text, prepare
+
+from jbclog.rows import COLUMN, EventRow
+
+AT_TEMPERATURE_S = 10.0  # long after the tip has reached its setting
+ONE_PORT = "ports = [1]"
+
+
+def fault(kind: str, **keys: object) -> str:
+    return "\n[[station.sim.fault]]\n" + "".join(f"{key} = {value!r}\n" for key, value in {"kind": kind, **keys}.items())
+
+
+def one_port(sim: str = "", recipe: str = RECIPE, duration_s: float = 30) -> VirtualRun:
+    """A run of one port without joints, whose tip would cool otherwise."""
+    return prepare(line_text("joints_per_minute = 0\n" + sim, ONE_PORT), recipe, duration_s=duration_s)
+
+
+def latch(run: VirtualRun, side: str, at_s: float) -> None:
+    """Set a flag of the station at that second, for no reason."""
+    run.at(at_s, lambda: setattr(getattr(run.station.plant.ports[1], side), "latched", True))
+
+
+def told(run: VirtualRun) -> list[str]:
+    """What was said of alarms once the tip was hot, in order."""
+    begin = run.memory.samples[0][COLUMN["time"]] + int(AT_TEMPERATURE_S * 1e6)  # type: ignore[operator]
+    return [event.kind for event in run.memory.events if event.kind.startswith("alarm.") and event.time >= begin]
+
+
+def only(run: VirtualRun, kind: str) -> EventRow:
+    (event,) = run.memory.of_kind(kind)
+    return event
+
+
+# -- what counts ---------------------------------------------------------------------------------------------------
+
+
+def test_an_alarm_that_temperatures_bear_out() -> None:
+    run = one_port(fault("overheat", at_s=12, for_s=6, by_c=20)).go()
+    event = only(run, "alarm.high")
+    assert (event.severity, event.port, event.limit) == ("error", 1, 380)
+    assert event.value is not None
+    assert event.value > 380
+    assert (run.facts.alarms, run.facts.unconfirmed_alarms) == (1, 0)
+    assert told(run) == ["alarm.high", "alarm.high.ended"]
+    assert True in run.memory.column("alarm_high")
+
+
+def test_its_time_is_the_interval_between_two_readings() -> None:
+    """The flag says that it was, not when (faults.md, row 40)."""
+    run = one_port(fault("overheat", at_s=12, for_s=6, by_c=20)).go()
+    event = only(run, "alarm.high")
+    flags = [int(str(row[COLUMN["time"]])) for row in run.memory.samples if row[COLUMN["alarm_high"]] is not None]
+    assert event.earliest is not None
+    assert 1.9e6 < event.time - event.earliest < 2.2e6
+    assert any(abs(event.earliest - time) < 0.2e6 for time in flags)
+
+
+def test_it_is_kept_at_once() -> None:
+    """The station has forgotten it by then."""
+    run = one_port(fault("overheat", at_s=12, for_s=6, by_c=20)).go()
+    assert only(run, "alarm.high") in run.memory.urgent
+
+
+def test_an_alarm_set_and_cleared_between_two_readings_is_caught() -> None:
+    run = one_port(fault("overheat", at_s=12.2, for_s=1.2, by_c=30), duration_s=25).go()
+    assert run.facts.alarms == 1
+
+
+def test_an_alarm_that_goes_on_is_one() -> None:
+    run = one_port(fault("overheat", at_s=12, for_s=15, by_c=20)).go()
+    assert run.memory.column("alarm_high").count(True) > 4
+    assert run.facts.alarms == 1
+
+
+def test_an_alarm_that_comes_again_is_another() -> None:
+    run = one_port(fault("overheat", at_s=12, for_s=4, by_c=20) + fault("overheat", at_s=25, for_s=4, by_c=20), duration_s=40).go()
+    assert told(run) == ["alarm.high", "alarm.high.ended"] * 2
+    assert run.facts.alarms == 2
+
+
+def test_a_low_alarm() -> None:
+    run = one_port("", duration_s=30)
+    run.at(12, lambda: setattr(run.station.plant.ports[1], "stuck_c", 200))
+    latch(run, "low", 13)
+    run.go()
+    assert only(run, "alarm.low").value == 200
+    assert run.facts.alarms == 1
+
+
+# -- what does not -------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("side", ["high", "low"])
+def test_a_flag_of_the_first_reading_was_there_before(side: str) -> None:
+    run = one_port("settings = {status = 'working'}", duration_s=20)
+    latch(run, side, 0.01)
+    run.go()
+    assert run.memory.of_kind("alarm.before_run")[0].severity == "info"
+    assert (run.facts.alarms, run.facts.unconfirmed_alarms) == (0, 0)
+
+
+def test_what_was_there_before_and_goes_on_counts_from_its_second_reading_on() -> None:
+    """It has been raised anew, in the run: the first reading had cleared it."""
+    sim = "settings = {status = 'working', alarm_high_limit = 380, alarm_high_delay = 0.5}" + fault("overheat", by_c=4)
+    recipe = RECIPE.replace("select_c = 350", "select_c = 375")
+    run = one_port(sim, recipe, duration_s=20)
+    run.station.plant.ports[1].tip.temperature_c = 384.0
+    run.go()
+    assert [event.kind for event in run.memory.events if event.kind.startswith("alarm.")] == ["alarm.before_run", "alarm.high"]
+    assert run.facts.alarms == 1
+
+
+def test_heating_up_is_no_alarm() -> None:
+    """The lower limit is passed from below; the flag may be read when the tip has arrived."""
+    for step in range(20):
+        recipe = RECIPE.replace("delay_s = 2.0", f"delay_s = {0.1 * step:.1f}")
+        run = one_port("", recipe, duration_s=15).go()
+        assert (run.facts.alarms, run.facts.unconfirmed_alarms) == (0, 0), step
+        assert "alarm.low.not_working" in run.memory.kinds() or "alarm.before_run" in run.memory.kinds()
+
+
+@pytest.mark.parametrize("status", ["stand"])
+def test_a_tool_that_does_not_work_has_no_alarms(status: str) -> None:
+    run = one_port("", RECIPE.replace('"working"', f'"{status}"'))
+    latch(run, "high", 12)
+    run.go()
+    assert told(run) == ["alarm.high.not_working", "alarm.high.ended"]
+    assert (run.facts.alarms, run.facts.unconfirmed_alarms) == (0, 0)
+
+
+# -- what is not borne out -----------------------------------------------------------------------------------------
+
+
+def test_a_flag_without_a_temperature_beyond_the_limit_is_unconfirmed() -> None:
+    run = one_port()
+    latch(run, "high", 12)
+    run.go()
+    event = only(run, "alarm.unconfirmed")
+    assert (event.severity, event.raw, event.limit, event.value) == ("warning", "high", 380, 350)
+    assert (run.facts.alarms, run.facts.unconfirmed_alarms) == (0, 1)
+    assert told(run) == ["alarm.unconfirmed", "alarm.high.ended"]
+
+
+def test_an_old_temperature_bears_nothing_out() -> None:
+    """Beyond the limit in an earlier period, too short for the station's delay; the flag comes later."""
+    run = one_port(fault("overheat", at_s=12, for_s=0.7, by_c=20), RECIPE.replace("delay_s = 0.5", "delay_s = 5.0"))
+    latch(run, "high", 20)
+    run.go()
+    assert (run.facts.alarms, run.facts.unconfirmed_alarms) == (0, 1)
+
+
+def test_it_stays_unconfirmed_until_a_temperature_bears_it_out() -> None:
+    run = one_port(fault("overheat", at_s=14, for_s=6, by_c=20), duration_s=40)
+    for second in (12.0, 13.9):
+        latch(run, "high", second)
+    run.go()
+    assert told(run) == ["alarm.unconfirmed", "alarm.high", "alarm.high.ended"]
+    assert (run.facts.alarms, run.facts.unconfirmed_alarms) == (1, 0)
+
+
+# -- what is not known ---------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("sim", "why"),
+    [
+        (fault("silence", command="alarm_flags", at_s=11.9, for_s=2), "timeout"),
+        (fault("flip", command="alarm_flags", at_s=11.9, for_s=2), None),
+    ],
+    ids=["lost", "corrupt"],
+)
+def test_a_lost_answer_makes_the_flags_unknown_and_is_not_asked_for_again(sim: str, why: str | None) -> None:
+    run = one_port(sim).go()
+    event = only(run, "alarm.unknown")
+    assert event.severity == "warning"
+    assert event.earliest is not None
+    missed = [row for row in run.memory.samples if "alarm_high" in reasons_in(row)]
+    assert len(missed) == 1
+    assert missed[0][COLUMN["alarm_high"]] is missed[0][COLUMN["alarm_low"]] is None
+    if why:
+        assert reasons_in(missed[0]) == {"alarm_high": why, "alarm_low": why}
+    assert [one.text for one in run.heard].count("RTA1") == run.facts.due["1"]["alarm_high"]
+
+
+def test_an_alarm_whose_answer_was_lost_is_never_reported_as_none() -> None:
+    run = one_port(
+        fault("overheat", at_s=12, for_s=1.5, by_c=20) + fault("silence", command="alarm_flags", at_s=11.9, for_s=4)
+    ).go()
+    assert run.memory.of_kind("alarm.unknown") != []
+    lost = [row for row in run.memory.samples if "alarm_high" in reasons_in(row)]
+    assert all(row[COLUMN["alarm_high"]] is None for row in lost)
+
+
+@pytest.mark.parametrize("word", ["00002", "00020", "00100", "11111"])
+def test_digits_that_no_manual_describes_are_a_format_error(word: str) -> None:
+    run = one_port()
+    asked = run.station.device.answer
+
+    def answer(header: str, text: str, now: float) -> tuple[str, str] | None:
+        found = asked(header, text, now)
+        return ("A", f"TA1{word}") if text == "TA1" and run.t0 + 12 < now < run.t0 + 14 else found
+
+    run.station.device.answer = answer  # type: ignore[method-assign]
+    run.go()
+    assert {reason for row in run.memory.samples for reason in reasons_in(row).values()} - {"not_counting"} == {"format"}
+    assert only(run, "alarm.unknown").severity == "warning"
+    assert [one.text for one in run.heard].count("RTA1") == run.facts.due["1"]["alarm_high"]
+
+
+def test_a_refusal_clears_nothing() -> None:
+    """N 4: the station has not told its flags, so it has not forgotten them."""
+    run = one_port(fault("nak", code=3, command="alarm_flags", at_s=11.9, for_s=2)).go()
+    assert run.memory.of_kind("alarm.unknown") == []
+
+
+def test_flags_that_nobody_asked_for_are_not_lost() -> None:
+    run = one_port(fault("dropout", at_s=12, for_s=8), RECIPE + 'on_difference = "continue"\n').go()
+    assert len(run.memory.of_kind("alarm.unknown")) <= 1
+
+
+def test_nobody_else_reads_the_flags() -> None:
+    """One reader: not when settings are read, not at the end, not after an outage before it is due."""
+    run = one_port(fault("dropout", at_s=12, for_s=2), RECIPE + 'on_difference = "continue"\n').go()
+    asked = [one.text for one in run.heard].count("RTA1")
+    disconnected = sum(reasons_in(row).get("alarm_high") == "disconnected" for row in run.memory.samples)
+    assert run.facts.due["1"]["alarm_high"] - disconnected <= asked <= run.facts.due["1"]["alarm_high"]
