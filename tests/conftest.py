@@ -7,6 +7,10 @@ from collections.abc import Generator
 from typing import Any
 
 import pytest
+from hypothesis import settings
+
+settings.register_profile("unhurried", deadline=None)  # a busy machine must not fail a property
+settings.load_profile("unhurried")
 
 NO_SKIP = bool(os.environ.get("JBCLOG_NO_SKIP"))
 
