@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bisect import bisect_left, bisect_right
 from collections import Counter
 from collections.abc import Iterator
 
@@ -68,15 +69,15 @@ def assert_account_holds(run: VirtualRun) -> None:
 
 def wrong_values(run: VirtualRun) -> list[str]:
     """Every recorded value that is not what the station had to say to a question asked for that row."""
-    found, asked = [], list(run.heard)
+    found: list[str] = []
+    moments = [one.at for one in run.heard]
     for row in run.memory.samples:
         late, scan = row[COLUMN["late_us"]], row[COLUMN["scan_us"]]
         if not isinstance(late, int) or not isinstance(scan, int) or run.facts.period_s is None:
             continue
         begin = run.t0 + int(str(row[COLUMN["tick"]])) * run.facts.period_s + late / 1e6
-        while asked and asked[0].at < begin - 1.0:
-            asked.pop(0)
-        found += _wrong_in(row, [one for one in asked if begin - 1e-4 <= one.at <= begin + scan / 1e6])
+        first, end = bisect_left(moments, begin - 1e-4), bisect_right(moments, begin + scan / 1e6)
+        found += _wrong_in(row, run.heard[first:end])
     return found
 
 

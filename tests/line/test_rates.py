@@ -1,0 +1,177 @@
+"""Ticks on a grid: the product's own profile, `--rate fit` and `max`, ticks that come too late, and stations side by side."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import pytest
+from account import assert_account_holds, wrong_values
+from virtual_run import RECIPE, VirtualRun, line_text, prepare
+
+from jbclog.rows import COLUMN
+from jbclog.scheduler import CEILING
+
+PERIOD_S = {"alarm_high": 2, "port_error": 2, "set_c": 5, "tool": 5, "station_error": 5, "transistor_c": 10, "transformer_c": 10}
+STATION_WIDE = ("station_error", "transformer_c")
+
+
+def gaps_s(run: VirtualRun, column: str, port: int) -> list[float]:
+    """Seconds between the values of a column, told from the rows, begin and end of the run included."""
+    begin, end = run.memory.column("tick", port)[0], run.memory.column("tick", port)[-1]
+    ticks = [row[COLUMN["tick"]] for row in run.memory.samples if row[COLUMN["port"]] == port and row[COLUMN[column]] is not None]
+    assert run.facts.period_s is not None
+    return [(after - before) * run.facts.period_s for before, after in pairwise([begin, *ticks, end])]  # type: ignore[operator]
+
+
+def two_stations(sim: str) -> str:
+    """`sim` describes the first; the second is the same at every run."""
+    second = line_text("noise_c = 2.0\nseed = 7").split("[[station]]")[1]
+    return line_text(sim) + "\n[[station]]" + second.replace("dde-1", "dde-2")
+
+
+# -- the product's own profile -------------------------------------------------------------------------------------
+
+
+def test_ten_minutes_of_the_products_own_profile() -> None:
+    """Two ports, three fast signals, all slow ones, counters, 10 Hz, 1 ms: no tick skipped, no slow signal past its ceiling."""
+    run = prepare(line_text("noise_c = 2.0"), duration_s=600).go()
+    assert run.facts.outcome == "completed"
+    for port in (1, 2):
+        ticks = run.memory.column("tick", port)
+        assert ticks == list(range(ticks[0], ticks[0] + 6000))  # type: ignore[operator, arg-type]
+        assert set(run.memory.column("quality", port)) == {"ok"}
+        for column, period_s in PERIOD_S.items():
+            if port == 1 or column not in STATION_WIDE:
+                assert max(gaps_s(run, column, port)) <= CEILING * period_s, column
+    times = [one.time / 1e6 for one in run.memory.counters if (one.port, one.counter) == (2, "work_h")]
+    assert max(after - before for before, after in pairwise(times)) <= CEILING * 60
+    assert_account_holds(run)
+    assert wrong_values(run) == []
+
+
+def test_nothing_drifts() -> None:
+    """Due times are taken from the grid: an hour later the first question still leaves when it is due."""
+    run = prepare(line_text("", "ports = [1]"), duration_s=3600, rate=2).go()
+    late = [value for value in run.memory.column("late_us") if isinstance(value, int)]
+    assert len(late) == 7200
+    assert max(late) < 100
+
+
+# -- rates ---------------------------------------------------------------------------------------------------------
+
+
+def test_a_rate_that_does_not_fit_is_refused_before_the_first_write_and_names_the_best() -> None:
+    run = prepare(duration_s=5, rate=12).go()
+    assert run.facts.outcome == "refused"
+    assert "12 Hz does not fit its wire" in run.facts.reason
+    assert "--rate fit" in run.facts.reason
+    assert run.writes == []
+
+
+@pytest.mark.parametrize("turnaround_ms", [0.0, 1.0, 3.0, 16.0, 100.0])
+def test_fit_takes_the_best_rate_and_keeps_it(turnaround_ms: float) -> None:
+    line = line_text().replace("turnaround_ms = 1.0", f"turnaround_ms = {turnaround_ms}")
+    run = prepare(line, duration_s=120, rate="fit").go()
+    assert run.facts.outcome == "completed"
+    assert set(run.memory.column("quality")) == {"ok"}
+    assert run.facts.worst_slow_periods <= CEILING
+    assert run.facts.period_s is not None
+    assert 1 / run.facts.period_s <= 10
+    assert_account_holds(run)
+
+
+def test_fit_never_takes_more_than_the_recipe_asks() -> None:
+    run = prepare(recipe=RECIPE + "\n[sampling]\nrate_hz = 2\n", duration_s=5, rate="fit").go()
+    assert run.facts.period_s == 0.5
+
+
+def test_max_asks_without_pause() -> None:
+    run = prepare(line_text("noise_c = 2.0", "ports = [1]"), duration_s=60, rate="max").go()
+    ticks = run.memory.column("tick")
+    assert ticks == list(range(len(ticks)))
+    assert set(run.memory.column("late_us")) == {None}
+    asked = [one.at for one in run.heard if one.at > run.t0 + 2]
+    busy = len(asked) * (0.0140625 + 0.001) / (asked[-1] - asked[0])
+    assert busy > 0.99
+    assert {"alarm_high", "set_c", "delay_s"} <= set(run.facts.due["1"])
+    assert run.facts.worst_slow_periods <= CEILING
+    assert_account_holds(run)
+
+
+@pytest.mark.parametrize("rate", [0.1, 0.3, 1])
+def test_a_slow_signal_comes_once_a_row_at_most(rate: float) -> None:
+    """At 0.1 Hz the flags are due every 2 s and there is a row every 10 s."""
+    run = prepare(duration_s=120, rate=rate).go()
+    assert run.facts.outcome == "completed"
+    assert run.facts.due["1"]["alarm_high"] <= len(run.memory.column("tick"))
+    assert_account_holds(run)
+
+
+# -- late ticks ----------------------------------------------------------------------------------------------------
+
+
+def test_a_late_tick_is_no_burst_and_skipped_ticks_have_rows() -> None:
+    """A driver that comes back 1.25 s late, as on a host that had no time."""
+    run = prepare(duration_s=20)
+    run.at(5, lambda: run.driver.clock.advance_to(run.driver.clock.monotonic() + 1.25))
+    run.go()
+    skipped = [row[COLUMN["tick"]] for row in run.memory.samples if row[COLUMN["quality"]] == "skipped"]
+    assert 20 <= len(skipped) <= 26  # two ports
+    starts = sorted({one.at for one in run.heard if one.text == "RTT1" and one.at > run.t0 + 6})
+    assert min(after - before for before, after in pairwise(starts)) > 0.085
+    assert_account_holds(run)
+
+
+def test_a_host_that_stood_still_leaves_an_event_and_a_count() -> None:
+    run = prepare(duration_s=5000)
+    run.at(5, lambda: run.driver.clock.advance_to(run.driver.clock.monotonic() + 3600))
+    run.at(3610, lambda: run.driver.end("SIGINT"))
+    run.go()
+    (event,) = run.memory.of_kind("host.suspended")
+    assert event.severity == "error"
+    assert run.facts.skipped == pytest.approx(36_000, abs=3)
+    assert len(run.memory.samples) < 300
+    assert_account_holds(run)
+
+
+def test_a_host_that_stood_still_over_the_end_leaves_no_tick_behind_it() -> None:
+    run = prepare(duration_s=60)
+    run.at(5, lambda: run.driver.clock.advance_to(run.driver.clock.monotonic() + 3600))
+    run.go()
+    assert run.facts.skipped == pytest.approx(550, abs=15)
+    assert_account_holds(run)
+
+
+# -- side by side --------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "trouble",
+    [
+        '[[station.sim.fault]]\nkind = "silence"\nat_s = 5\n',
+        '[[station.sim.fault]]\nkind = "late"\nat_s = 5\nby_s = 2.0\n',
+        '[[station.sim.fault]]\nkind = "dropout"\nat_s = 5\nfor_s = 10\n',
+        '[[station.sim.fault]]\nkind = "noise"\nat_s = 5\nbytes_count = 200\n',
+    ],
+    ids=["silent", "hung", "unplugged", "babbling"],
+)
+def test_a_station_in_trouble_moves_no_other(trouble: str) -> None:
+    """I6: the others' lateness is what it is without the fault."""
+    calm = prepare(two_stations("seed = 1"), duration_s=30).go()
+    troubled = prepare(two_stations("seed = 1\n" + trouble), duration_s=30).go()
+    assert troubled.facts.outages + sum(quality != "ok" for quality in troubled.memory.column("quality")) > 0
+    rows = [[row for row in run.memory.samples if row[COLUMN["station"]] == "dde-2"] for run in (calm, troubled)]
+    assert rows[0] == rows[1]
+
+
+def test_one_hung_station_of_eight() -> None:
+    stations = [line_text().split("[[station]]")[1].replace("dde-1", f"dde-{number}") for number in range(1, 9)]
+    stations[3] += '[[station.sim.fault]]\nkind = "late"\nat_s = 5\nby_s = 2.0\n'
+    run = prepare('[line]\nname = "eight"\n' + "".join(f"[[station]]{text}" for text in stations), duration_s=20).go()
+    late: dict[object, list[int]] = {}
+    for row in run.memory.samples:
+        if isinstance(row[COLUMN["late_us"]], int):
+            late.setdefault((row[COLUMN["station"]], row[COLUMN["port"]]), []).append(row[COLUMN["late_us"]])  # type: ignore[arg-type]
+    others = [values for (station, port), values in late.items() if station != "dde-4" and port == 1]  # type: ignore[misc]
+    assert len(others) == 7
+    assert all(values == others[0] for values in others)
