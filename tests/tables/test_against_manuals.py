@@ -1,0 +1,193 @@
+"""The tables beside the manuals, line by line: typed here from the manuals a second time, apart from the product's tables.
+
+A row is ``code  access  unit  limits``; x stands for the port, y for the tool, ``-`` for none.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import pytest
+
+from jbclog.commands.command import Command, Scope
+from jbclog.commands.family import FAMILIES
+
+COMMON = """
+STx r/w °C   step=5                     002 W-STx "must be done in steps of 5 degrees"
+TTx r   °C   -
+PPx r   ‰    0..1000                    002 R-PPx "expressed in ‰"
+PEx r   -    -
+PSx r/w -    -
+CTx r   -    -
+EDx r   s    -                          002 R-EDx "expressed in seconds"
+Axy r/w °C   -50..50,step=1             002 W-Axy "+/- 50°C", "steps of 1 degree"
+Sxy r/w °C   step=5                     002 W-Sxy "steps of 5 degrees"
+Dxy r/w min  0..9,step=1,off            002 W-Dxy "steps of 1 minute with a range from 0 to 9", "99999"
+Hxy r/w min  0..60,step=5,off           002 W-Hxy "steps of 5 minutes with a range from 0 to 60", "99999"
+QTx r   °C   -
+HAx r/w °C   5..,step=5                 002 W-HAx "steps of 5 degrees"; 0 would be read as "not set"
+LAx r/w °C   5..,step=5                 002 W-LAx "steps of 5 degrees"; 0 would be read as "not set"
+HDx r/w s    0..99.99,step=0.01,off     002 W-HDx 'Format "ss.cc"', R-HDx "99999"
+LDx r/w s    0..99.99,step=0.01,off     002 W-LDx 'Format "ss.cc"', R-LDx "99999"
+TAx r   -    -
+SMN r   -    -
+MAT r/w °C   unprinted
+MIT r/w °C   unprinted
+SER r   -    -
+TT  r   °C   -
+RSP w   -    0..0
+RST w   -    0..0
+CPx r   h    -
+CNx r   h    -
+CSx r   h    -
+CHx r   h    -
+CWx r   h    -
+CCx r   count -
+CDx r   count -
+"""
+"""Seed 000, 4.7 "List of commands"; the same in seeds 002 and 004."""
+
+STORE = 'NVS w   -    0..0                       002 W-NVS "must contains 00000"\n'
+VERSION = "SVR r   -    -\n"
+UCR_ONLY = """
+SAD w   -    0..99,step=1               002 W-SAD "between 00000 and 00099"
+FST r   -    -
+IFE w   -    0..0
+"""
+DISPENSED = """
+DCx r   count -
+DLx r   mm   -                          002 R-DLx "hexadecimal. Units [dmm]"
+"""
+FEEDER = """
+MOD r/w -    unprinted
+LEN r/w mm   unprinted                  002 R-LEN "Units [dmm]"
+SPD r/w mm/s unprinted                  002 R-SPD "Units [dmm/s]"
+DIA r/w mm   unprinted                  002 R-DIA "Units [cmm]"
+BCK r/w mm   unprinted                  002 R-BCK "Units [dmm]"
+WCD r/w -    unprinted
+FEE r   -    unprinted
+STR w   -    0..0
+STP w   -    0..0
+"""
+
+BENCH = COMMON + STORE + VERSION
+EXPECTED = {
+    "soldering": COMMON,  # seed 000 knows neither W-NVS nor R-SVR
+    "dde": BENCH,
+    "nae": BENCH,
+    "dme": BENCH,
+    "hde": BENCH,
+    "ucr": BENCH + UCR_ONLY + DISPENSED,
+    "ale": BENCH + FEEDER + DISPENSED,
+}
+
+
+def _row(command: Command) -> tuple[str, str, str, str]:
+    code = command.letters + {Scope.STATION: "", Scope.PORT: "x", Scope.TOOL: "xy"}[command.scope]
+    return code, "/".join(command.access), command.unit or "-", _limits(command)
+
+
+def _limits(command: Command) -> str:
+    limits = command.limits
+    if not limits.printed:
+        return "unprinted"
+    parts = []
+    if limits.low is not None or limits.high is not None:
+        parts.append(f"{'' if limits.low is None else f'{limits.low:g}'}..{'' if limits.high is None else f'{limits.high:g}'}")
+    if limits.step is not None:
+        parts.append(f"step={limits.step:g}")
+    if limits.off:
+        parts.append("off")
+    return ",".join(parts) or "-"
+
+
+@pytest.mark.parametrize("name", FAMILIES)
+def test_the_commands_of_a_family(name: str) -> None:
+    expected = {tuple(line.split()[:4]) for line in EXPECTED[name].splitlines() if line}
+    assert {_row(command) for command in FAMILIES[name].commands.values()} == expected
+
+
+@pytest.mark.parametrize(
+    ("name", "ports"),
+    [("soldering", None), ("dde", (1, 2)), ("nae", (1, 2)), ("dme", (1, 2, 3, 4)), ("hde", None), ("ucr", (1,)), ("ale", (1,))],
+)
+def test_the_ports(name: str, ports: tuple[int, ...] | None) -> None:
+    """ "2-Tool", "4-Tool Control Unit" (seed 002); "1 Port 1" (seed 004, Ports); the line file's defaults else (contract)."""
+    assert FAMILIES[name].ports == ports
+
+
+TOOLS_OF_THE_BENCH = {
+    0: "none",
+    1: "T210",
+    2: "T245/T470/TR245/TR470",
+    3: "PA120/AM120",
+    4: "HT420/AT420",
+    5: "DS360",
+    6: "DR560",
+    7: "NT115",
+    8: "NP115/AN115",
+    9: "TRA245/TRA470",
+}
+
+
+@pytest.mark.parametrize(
+    ("names", "tools"),
+    [
+        (
+            ["soldering"],  # seed 000, 4.1
+            {0: "none", 1: "T210", 2: "T245/T470", 3: "PA", 4: "HT", 5: "DS", 6: "DR", 7: "NT105", 8: "NP105"},
+        ),
+        (["dde", "nae", "dme", "hde", "ale"], TOOLS_OF_THE_BENCH),  # seed 002, "Tools"
+        (["ucr"], {0: "none", 2: "TR245/TR470", 9: "TRA245/TRA470"}),  # seed 004, "Tools"
+    ],
+)
+def test_the_tools(names: list[str], tools: dict[int, str]) -> None:
+    for name in names:
+        assert FAMILIES[name].tools == tools
+
+
+@pytest.mark.parametrize("name", FAMILIES)
+def test_the_errors(name: str) -> None:
+    """Seed 000, 4.3 and 4.4; "Port Errors", "Station Errors" (seed 002), "Device errors" (seed 004)."""
+    words = {
+        0: "ok",
+        1: "short circuit",
+        2: "restart",
+        3: "open circuit",
+        4: "no tool",
+        5: "not accepted",
+        6: "detecting",
+        7: "maximum power",
+        8: "stopped: overload",
+        9: "warning: overload",
+    }
+    _agree(FAMILIES[name].port_errors, words)
+    words = {
+        0: "ok",
+        1: "stopped: transformer overload",
+        2: "temperature sensor",
+        3: "memory",
+        4: "mains frequency",
+        5: "model",
+        6: "not connected",
+        7: "warning: transformer overload",
+    }
+    _agree(FAMILIES[name].station_errors, words)
+
+
+def _agree(table: Mapping[int, str], words: dict[int, str]) -> None:
+    assert set(table) == set(words)
+    assert [number for number, word in words.items() if word not in table[number]] == []
+
+
+@pytest.mark.parametrize("name", FAMILIES)
+def test_reading_clears_nothing_but_the_alarm_flags(name: str) -> None:
+    """ "Once you have read the flag this is deleted" (seed 000, 4.8.27)."""
+    cleared = [command.name for command in FAMILIES[name].commands.values() if command.readable and command.asked_once]
+    assert cleared == ["alarm_flags"]
+
+
+def test_what_is_never_sent_without_being_asked_for() -> None:
+    """faults.md, section 9, rule 5: RST, RSP, SAD, NVS, IFE, MAT, MIT, STR."""
+    dangerous = {command.letters for family in FAMILIES.values() for command in family.commands.values() if command.dangerous}
+    assert dangerous == {"RST", "RSP", "SAD", "NVS", "IFE", "MAT", "MIT", "STR"}
