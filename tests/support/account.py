@@ -22,7 +22,7 @@ CODES = {
     "station_error": "SER",
     "transformer_c": "TT",
 }
-STATUS = ("working", "stand", "sleep", "hibernation")
+STATUS = {"0": "working", "1": "stand", "2": "sleep", "3": "hibernation"}
 
 
 def reasons_in(row: SampleRow) -> dict[str, str]:
@@ -67,8 +67,11 @@ def assert_account_holds(run: VirtualRun) -> None:
             assert len(ticks) + facts.skipped == facts.last_tick - facts.first_tick + 1
 
 
-def wrong_values(run: VirtualRun) -> list[str]:
-    """Every recorded value that is not what the station had to say to a question asked for that row."""
+def wrong_values(run: VirtualRun, *, as_sent: bool = False) -> list[str]:
+    """Every recorded value that is not what the station had to say to a question asked for that row.
+
+    `as_sent`: or what a fault made of that, where flipped bits can look like a good answer.
+    """
     found: list[str] = []
     moments = [one.at for one in run.heard]
     for row in run.memory.samples:
@@ -77,21 +80,22 @@ def wrong_values(run: VirtualRun) -> list[str]:
             continue
         begin = run.t0 + int(str(row[COLUMN["tick"]])) * run.facts.period_s + late / 1e6
         first, end = bisect_left(moments, begin - 1e-4), bisect_right(moments, begin + scan / 1e6)
-        found += _wrong_in(row, run.heard[first:end])
+        found += _wrong_in(row, run.heard[first:end], as_sent)
     return found
 
 
-def _wrong_in(row: SampleRow, asked: list[Heard]) -> Iterator[str]:
+def _wrong_in(row: SampleRow, asked: list[Heard], as_sent: bool) -> Iterator[str]:
     for column, code in CODES.items():
         value, wanted = row[COLUMN[column]], code.format(port=row[COLUMN["port"]])
         if value is None:
             continue
-        said = [one.clean for one in asked if one.text == f"R{wanted}" and one.clean is not None and one.clean[0] == "A"]
+        told = [text for one in asked if one.text == f"R{wanted}" for text in ([one.clean, one.sent] if as_sent else [one.clean])]
+        said = [text for text in told if text is not None and text.startswith(f"A{wanted}") and text[1 + len(wanted) :].isdigit()]
         if value not in [_read(column, text[1 + len(wanted) :]) for text in said]:
             yield f"tick {row[COLUMN['tick']]} port {row[COLUMN['port']]}: {column} = {value!r}, the station said {said}"
 
 
 def _read(column: str, data: str) -> object:
     if column == "status":
-        return STATUS[int(data[4])]
+        return STATUS.get(data[4])
     return data[4] == "1" if column == "alarm_high" else int(data)

@@ -98,11 +98,12 @@ class Memory:
 
 @dataclass(frozen=True)
 class Heard:
-    """A question as it reached the station: when it was sent, its text, and the answer before any fault struck it."""
+    """A question as it reached the station: when it was sent, its text, and its answer without and with what faults did."""
 
     at: float
     text: str
     clean: str | None
+    sent: str | None
 
     @property
     def is_write(self) -> bool:
@@ -120,8 +121,9 @@ class Tap:
         struck = len(self._station.log.struck)
         replies = self._station.receive(data, now)
         after = self._station.log.struck[struck:]
-        clean = after[-1].clean if after else replies[0].data if replies else None
-        self.heard.append(Heard(now, _text(data), None if clean is None else _text(clean)))
+        sent = replies[0].data if replies else None
+        clean = after[-1].clean if after else sent
+        self.heard.append(Heard(now, _text(data), clean and _text(clean), sent and _text(sent)))
         return replies
 
     def hung_up(self, now: float) -> bool:

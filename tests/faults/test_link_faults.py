@@ -1,0 +1,108 @@
+"""Runs under random faults of line and station, held against the invariants of faults.md: I1, I2, I4, I7 and section 9.
+
+Each run has a number, which decides all of its faults. A default run tries the first of them; `-m campaign` the rest.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from random import Random
+
+import pytest
+from account import assert_account_holds, wrong_values
+from virtual_run import RECIPE, VirtualRun, line_text, prepare
+
+from jbclog.commands.family import STAND, WORKING
+
+SECONDS = 25
+SETTINGS = ("HA1", "HA2", "LA1", "LA2", "HD1", "HD2", "LD1", "LD2")
+COMMANDS = ("tip_temperature", "power", "status", "alarm_flags", "selected_temperature", "tool", "work_hours", "model")
+
+
+def tape(random: Random) -> str:
+    """Some faults, at any time and at once."""
+    return "".join(_fault(random) for _ in range(random.randint(1, 4)))
+
+
+def _fault(random: Random) -> str:
+    kind = random.choice(["silence", "noise", "flip", "late", "nak", "dropout", "restart", "tool", "stuck", "overheat"])
+    keys: dict[str, object] = {
+        "kind": kind,
+        "at_s": round(random.uniform(0, SECONDS), 2),
+        "for_s": round(random.uniform(0.1, 9), 2),
+    }
+    if kind in ("silence", "noise", "flip", "late", "nak"):
+        keys["every"] = random.choice([1, 1, 2, 3, 7, 40])
+        if random.random() < 0.4:
+            keys["command"] = random.choice(COMMANDS)
+        if random.random() < 0.2:
+            keys["only"] = random.choice(["read", "write"])
+    keys |= {
+        "noise": {"bytes_count": random.randint(1, 100)},
+        "late": {"by_s": round(random.uniform(0.02, 2.5), 3)},
+        "nak": {"code": random.choice([1, 2, 3, 4, 5, 6, 99999])},
+        "tool": {"code": random.choice([0, 1, 3]), "port": random.choice([1, 2])},
+    }.get(kind, {})
+    return "\n[[station.sim.fault]]\n" + "".join(f"{key} = {value!r}\n" for key, value in keys.items())
+
+
+def run_number(number: int, more: str = "") -> VirtualRun:
+    random = Random(number)
+    recipe = RECIPE + f'on_difference = "{random.choice(["stop", "continue"])}"\n'
+    sim = f"noise_c = 3.0\nseed = {number}\n" + tape(random) + more
+    run = prepare(line_text(sim), recipe, duration_s=SECONDS, rate=random.choice([None, None, 2, "fit", "max"]))
+    if random.random() < 0.3:
+        run.at(random.uniform(0, SECONDS), lambda: run.driver.end("SIGTERM"))
+    return run.go()
+
+
+def assert_sane(run: VirtualRun) -> None:
+    assert run.facts.outcome in ("completed", "stopped", "refused", "gone")
+    assert_account_holds(run)
+    assert_writes_are_few(run)
+    assert_safe_or_told(run)
+
+
+def assert_writes_are_few(run: VirtualRun) -> None:
+    """Every write once; the safe state three times at most, and again for a new tool that would not cool."""
+    sent = Counter(one.text for one in run.writes)
+    for text, times in sent.items():
+        assert text[1:4] in SETTINGS or text in ("WPS100000", "WPS200000", "WPS100001", "WPS200001"), text
+        assert times <= (6 if text.endswith("00001") and text.startswith("WPS") else 1), text
+
+
+def assert_safe_or_told(run: VirtualRun) -> None:
+    """What was heated is standing, or the facts say which tool may be hot; nothing was put to work after it stood."""
+    for port in (1, 2):
+        orders = [write.value for write in run.station.log.written("status") if write.port == port]
+        sent = [one.text for one in run.writes if one.text.startswith(f"WPS{port}")]
+        assert orders in ([], *([WORKING] * heated + [STAND] * stood for heated in (0, 1) for stood in range(7)))
+        if sent and not (orders and orders[-1] == STAND and run.facts.safe_state.get(port) == "verified"):
+            assert any(f"port {port}:" in text for text in run.facts.unsafe), (sent, run.facts)
+        assert (run.facts.safe_state.get(port) in ("failed", "sent")) == any(f"port {port}:" in text for text in run.facts.unsafe)
+
+
+@pytest.mark.parametrize("number", range(120))
+def test_a_run_under_faults(number: int) -> None:
+    run = run_number(number)
+    assert_sane(run)
+    assert wrong_values(run) == []
+
+
+@pytest.mark.parametrize("number", range(20))
+def test_flipped_pairs_of_bits_are_all_that_can_be_wrong(number: int) -> None:
+    """Two flipped bits pass the check byte once in eleven times: recorded is what was sent, and nothing else."""
+    run = run_number(1000 + number, '\n[[station.sim.fault]]\nkind = "flip"\nbits = 2\nat_s = 3\nevery = 5\nonly = "read"\n')
+    assert_account_holds(run)
+    assert_writes_are_few(run)
+    assert wrong_values(run, as_sent=True) == []
+
+
+@pytest.mark.campaign
+@pytest.mark.timeout(3600)
+@pytest.mark.parametrize("block", range(50))
+def test_many_runs_under_faults(block: int) -> None:
+    for number in range(10_000 + 200 * block, 10_200 + 200 * block):
+        run = run_number(number)
+        assert_sane(run)
+        assert wrong_values(run) == [], number
