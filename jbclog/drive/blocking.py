@@ -59,8 +59,8 @@ class _Puller:
     def do(self, wish: Wish) -> Heard:
         if isinstance(wish, Ask):
             port = self._open()
-            port.write(wish.data)
             self._sent = self._now()
+            port.write(wish.data)
             return self._heard(port.read(wish.patience_s))
         if isinstance(wish, Listen):
             return self._heard(self._open().read(max(wish.until - self._now(), 0.0)))

@@ -188,13 +188,12 @@ class Wire:
         try:
             if self._port is None:
                 raise self._broken or LinkError("the port is not open")
-            sent = _now()  # before, for a thread that writes may have to wait for its turn to go on
+            self._sent = sent = _now()  # before writing: after it this thread may have to wait for its turn to go on
             self._port.write(wish.data)
         except LinkError as error:
             self._drop_port()
             self._loop.call_soon(self._fail, error)  # not from within: a session that fails at once must not pile up
             return
-        self._sent = sent
         self._listening = True
         self._arm(sent + wish.patience_s)
 

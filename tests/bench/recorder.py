@@ -1,0 +1,108 @@
+"""jbclog itself as a contender: a whole run, with what it cost and how well it kept its grid."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+import pyarrow.parquet as pq
+from common import cpu_s, percentile
+
+from jbclog.conduct import Result, conduct
+from jbclog.plan import Wanted, make_plan
+from jbclog.record.live import SEAL_S
+from jbclog.rows import EventRow
+from jbclog.session.order import Desk
+
+
+@dataclass(frozen=True, slots=True)
+class Recorded:
+    """One run. CPU is the recorder's with its sealing children's, from when all stations sample until the first has ended."""
+
+    began: float  # that time, monotonic seconds
+    seconds: float
+    exchanges: int  # in that time
+    cpu_us: float  # per exchange in that time
+    cpu_all_us: float  # per exchange, from opening the ports to the sealed and judged record
+    stations: int
+    rows: int
+    ticks_skipped: int
+    late_ms: tuple[float, float, float]  # of each tick's first question: 50 %, 99 %, the latest
+    worst_slow_periods: float  # the longest that any slow reading waited, in its own periods
+    shortest_scan_s: float  # of a port's row, which holds three reads at least
+    peak_mb: float  # of memory, before the rows are looked at
+    trouble: list[str]  # what the run itself found wrong
+
+
+class Mark(NamedTuple):
+    moment: float
+    cpu_s: float
+    exchanges: int
+
+
+class Watcher:
+    """Looks on each second while all stations sample."""
+
+    def __init__(self) -> None:
+        self.first: Mark | None = None
+        self.last: Mark | None = None
+
+    def begun(self, folder: Path) -> None: ...
+
+    def happened(self, event: EventRow) -> None: ...
+
+    def second(self, desks: list[Desk]) -> None:
+        if all(desk.facts.first_tick is not None and desk.facts.outcome == "running" for desk in desks):
+            self.last = Mark(time.monotonic(), cpu_s(), sum(desk.station.exchanges for desk in desks))
+            self.first = self.first or self.last
+
+    def sealing(self) -> None: ...
+
+
+def record(
+    line: Path, recipe: Path, out: Path, seconds: float, *, rate: str | None = None, seal_every_s: float = SEAL_S
+) -> Recorded:
+    """Run the stations of `line` for `seconds`, as ``jbclog run`` does."""
+    plan = make_plan(Wanted(line, recipe, duration_s=seconds, rate=rate))
+    watcher, before = Watcher(), cpu_s()
+    result = conduct(plan, out, watcher, seal_every_s=seal_every_s)
+    return _recorded(result, watcher, cpu_s() - before)
+
+
+def _recorded(result: Result, watcher: Watcher, cpu_all_s: float) -> Recorded:
+    first, last = watcher.first, watcher.last
+    if first is None or last is None or first == last:
+        raise RuntimeError(f"the stations never sampled together for two seconds: {[one.text for one in result.findings]}")
+    exchanges, stations = last.exchanges - first.exchanges, result.manifest.stations
+    peak = _peak_mb()
+    samples = pq.read_table(result.folder / "samples", columns=["port", "late_us", "scan_us", "reasons"])
+    late = _late_ms(samples["port"].to_pylist(), samples["late_us"].to_pylist())
+    skipped = sum("skipped" in reasons for reasons in samples["reasons"].to_pylist() if reasons)
+    return Recorded(
+        began=first.moment,
+        seconds=last.moment - first.moment,
+        exchanges=exchanges,
+        cpu_us=(last.cpu_s - first.cpu_s) / exchanges * 1e6,
+        cpu_all_us=cpu_all_s / last.exchanges * 1e6,
+        stations=len(stations),
+        rows=samples.num_rows,
+        ticks_skipped=skipped + sum(facts.skipped for facts in stations),
+        late_ms=(percentile(late, 50), percentile(late, 99), max(late)),
+        worst_slow_periods=max(facts.worst_slow_periods for facts in stations),
+        shortest_scan_s=min(us for us in samples["scan_us"].to_pylist() if us is not None) / 1e6,
+        peak_mb=peak,
+        trouble=[finding.text for finding in result.findings],
+    )
+
+
+def _late_ms(ports: list[int], late_us: list[int | None]) -> list[float]:
+    """How late each tick was: its first port's lateness, for the others wait for their turn on the wire."""
+    return [us / 1000 for port, us in zip(ports, late_us, strict=True) if port == 1 and us is not None] or [0.0]
+
+
+def _peak_mb() -> float:
+    """The most memory that this process has held."""
+    status = Path("/proc/self/status").read_text()
+    return int(next(line for line in status.splitlines() if line.startswith("VmHWM")).split()[1]) / 1024

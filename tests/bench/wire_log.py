@@ -1,0 +1,61 @@
+"""What virtual stations noted of their wires, looked at as the pacer's witness."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+from common import LINE
+
+
+class Exchange(NamedTuple):
+    """A question and its answer at the station: monotonic seconds, and the bytes of both."""
+
+    asked: float
+    answered: float
+    characters: int
+
+
+@dataclass(frozen=True, slots=True)
+class Use:
+    """What was on one wire between two moments."""
+
+    exchanges: int
+    seconds: float
+    bytes_s: float  # what the bytes of all exchanges take
+    shortest: Exchange
+
+    @property
+    def percent(self) -> float:
+        """How much of the time there were bytes on the wire."""
+        return self.bytes_s / self.seconds * 100
+
+    @property
+    def a_second(self) -> float:
+        return self.exchanges / self.seconds
+
+
+def use_of(log: Path, began: float, seconds: float) -> Use:
+    """The exchanges of the one station in `log` that were asked within `seconds` of `began`."""
+    found = [one for one in exchanges(log) if began <= one.asked < began + seconds]
+    taken = sum(LINE.seconds(one.characters) for one in found)
+    return Use(len(found), seconds, taken, min(found, key=slack_s))
+
+
+def slack_s(exchange: Exchange) -> float:
+    """How much longer it took than its bytes; below nothing the pacer would be wrong."""
+    return exchange.answered - exchange.asked - LINE.seconds(exchange.characters)
+
+
+def exchanges(log: Path) -> Iterator[Exchange]:
+    asked, characters = 0.0, 0
+    for line in log.read_text().splitlines():
+        note = json.loads(line)
+        size = len(note["hex"]) // 2
+        if note["kind"] == "question":
+            asked, characters = note["t"], size
+        elif note["kind"] == "answer":
+            yield Exchange(asked, note["t"], characters + size)
