@@ -8,7 +8,7 @@ from pathlib import Path
 
 
 def holder_of(device: str) -> str | None:
-    """Who has `device` locked, or else open: ``minicom (process 4711)``; None where the system does not tell."""
+    """Who has `device` locked, or else open: ``process 4711 (minicom)``; None where the system does not tell."""
     try:
         wanted = Path(device).stat()
     except (OSError, ValueError):
@@ -19,7 +19,7 @@ def holder_of(device: str) -> str | None:
     if process == os.getpid():
         return "this program itself"
     with contextlib.suppress(OSError):
-        return f"{Path(f'/proc/{process}/comm').read_text().strip()} (process {process})"
+        return f"process {process} ({Path(f'/proc/{process}/comm').read_text().strip()})"
     return f"process {process}"
 
 
