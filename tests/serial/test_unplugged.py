@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 import serial
-from far_ends import Terminal, rfc2217_server, server, terminal
+from far_ends import Terminal, open_descriptors, rfc2217_server, server, terminal
 
 from jbclog.errors import LinkError
 from jbclog.transport import Port, open_port
@@ -147,7 +147,7 @@ def test_an_rfc2217_server_goes(way: str) -> None:
         assert str(error).startswith(f"{remote.url}: ")
         began = time.monotonic()
         port.close()
-        assert time.monotonic() - began < 0.1  # pyserial's own takes 0.3 s and more
+        assert time.monotonic() - began < 0.25  # pyserial's own takes 0.3 s and more
 
 
 class Stumbling:
@@ -271,20 +271,20 @@ def test_bytes_that_the_far_end_never_took_do_not_hold_up_closing() -> None:
 
 def test_nothing_stays_open_over_200_openings() -> None:
     with terminal() as far, server() as other:
-        before = _open_descriptors()
+        before = open_descriptors()
         for round_ in range(200):
             port = open_port(far.url, LINE)
             if round_ % 2:
                 far.say(b"left unread")
             port.close()
-        assert _open_descriptors() == before
-        assert threading.active_count() == 1
+        assert open_descriptors() == before
+        assert not [thread for thread in threading.enumerate() if thread.name == "close-port"]
         open_port(other.url, LINE).close()
-        assert _open_descriptors() == before
+        assert open_descriptors() == before
 
 
 def test_nothing_stays_open_over_50_pulled_cables() -> None:
-    before = _open_descriptors()
+    before = open_descriptors()
     for _ in range(50):
         with terminal() as far:
             port = open_port(far.url, LINE)
@@ -292,7 +292,7 @@ def test_nothing_stays_open_over_50_pulled_cables() -> None:
             with pytest.raises(LinkError):
                 port.read(1.0)
             port.close()
-    assert _open_descriptors() == before
+    assert open_descriptors() == before
 
 
 def test_a_port_opens_again_after_its_cable_was_pulled(tmp_path: Path) -> None:
@@ -321,7 +321,3 @@ def test_a_descriptor_port_never_closes_a_number_twice() -> None:
     port.close()
     port.close()
     assert calls == [99]
-
-
-def _open_descriptors() -> int:
-    return sum(1 for _ in Path("/proc/self/fd").iterdir())

@@ -10,6 +10,7 @@ import socket
 import threading
 import tty
 from collections.abc import Iterator
+from pathlib import Path
 
 import serial
 from serial import rfc2217
@@ -139,3 +140,11 @@ def rfc2217_server(terminal: Terminal) -> Iterator[Rfc2217Server]:
         yield made
     finally:
         made.end()
+
+
+def open_descriptors() -> int:
+    """How many this process has open, once every port that is being closed is closed."""
+    for thread in threading.enumerate():
+        if thread.name == "close-port":
+            thread.join(5)
+    return sum(1 for _ in Path("/proc/self/fd").iterdir())
