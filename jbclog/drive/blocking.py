@@ -26,7 +26,7 @@ OpenPort = Callable[[], Port]
 
 
 def run(steps: Steps[T], open_port: OpenPort, *, sleep: Callable[[float], None], clock: Clock | None = None) -> T:
-    """Pull `steps` to its end and give what it returns. Its first wish must be `Reopen`, or a `Wait` before that."""
+    """Pull `steps` to its end and give what it returns. Before its first `Reopen` it may only wait."""
     puller = _Puller(open_port, sleep, clock or SystemClock())
     heard: Heard | None = None
     failure: LinkError | None = None
@@ -66,7 +66,7 @@ class _Puller:
             return self._heard(self._open().read(max(wish.until - self._now(), 0.0)))
         if isinstance(wish, Wait):
             self._sleep(max(wish.until - self._now(), 0.0))
-            return self._heard(b"")
+            return self._heard(self._unasked())
         self.close()
         self._port = self._open_port()
         return self._heard(b"")
@@ -75,6 +75,13 @@ class _Puller:
         if self._port is not None:
             self._port.close()
             self._port = None
+
+    def _unasked(self) -> bytes:
+        """What came during a wait. A link that broke meanwhile is told at the next question."""
+        try:
+            return b"" if self._port is None else self._port.read_now()
+        except LinkError:
+            return b""
 
     def _open(self) -> Port:
         if self._port is None:

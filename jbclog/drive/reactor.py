@@ -39,17 +39,18 @@ class Reactor:
         self._alarms: list[tuple[float, int, Wire]] = []  # a heap
         self._order = count()
         self._timer: asyncio.TimerHandle | None = None  # for the first of them
+        self._failure: Exception | None = None
 
     def add(self, session: Session, open_port: OpenPort) -> None:
         """Have `session` pulled; `open_port` is called, in a thread, for each of its wishes to open the port."""
         self._wires.add(Wire(self, session, open_port))
 
     def every(self, seconds: float, call: Callable[[], None]) -> None:
-        """Call `call` again and again while sessions go on. It must return at once."""
+        """Call `call` again and again while sessions go on, whatever it raises. It must return at once."""
 
         def again() -> None:
-            call()
             self.loop.call_later(seconds, again)
+            call()
 
         self.loop.call_later(seconds, again)
 
@@ -59,15 +60,23 @@ class Reactor:
             wire.end(why)
 
     def run(self) -> None:
-        """Pull until the last session has ended."""
+        """Pull until the last session has ended. Raises what the first session raised that should have raised nothing."""
         try:
             for wire in list(self._wires):
                 self.loop.call_soon(wire.start)
             if self._wires:
                 self.loop.run_forever()
         finally:
-            self.openers.shutdown(wait=False, cancel_futures=True)
+            self.openers.shutdown()  # which waits until the ports are closed, about a second at the most
             self.loop.close()
+        if self._failure is not None:
+            raise self._failure
+
+    def failed(self, wire: Wire, error: Exception) -> None:
+        """The session of `wire` broke, which no session may; the others are ended in good order."""
+        self._failure = self._failure or error
+        self.ended(wire)
+        self.loop.call_soon(self.end, f"a session broke: {error}")
 
     def ended(self, wire: Wire) -> None:
         """`wire` has nothing more to pull."""
@@ -109,8 +118,11 @@ class Wire:
         "_broken",
         "_deadline",
         "_ending",
+        "_failing",
         "_fileno",
         "_is_ended",
+        "_is_started",
+        "_is_told_to_end",
         "_listening",
         "_loop",
         "_open_port",
@@ -141,19 +153,27 @@ class Wire:
         self._sent = 0.0
         self._deadline = NEVER
         self._armed = NEVER  # when the next alarm that counts will ring
-        self._ending: RunEnded | None = None
+        self._failing: asyncio.Handle | None = None  # a broken link that the session has not been told of yet
+        self._ending: RunEnded | None = None  # the run's end, while a port is being opened
+        self._is_told_to_end = False
+        self._is_started = False
         self._is_ended = False
 
     def start(self) -> None:
-        self._resume(None)
+        if not self._is_started:
+            self._is_started = True
+            self._resume(None)
 
     def end(self, why: str) -> None:
         """Throw the run's end into the session, where it stands; once."""
-        if self._ending is not None or self._is_ended:
+        self.start()  # a session that has not begun has nothing to throw into
+        if self._is_told_to_end or self._is_ended:
             return
-        self._ending = RunEnded(why)
-        if not self._opening:
-            self._fail(self._ending)
+        self._is_told_to_end = True
+        if self._opening:
+            self._ending = RunEnded(why)
+        else:
+            self._fail(RunEnded(why))
 
     # -- pulling ---------------------------------------------------------------------------------------------------------
 
@@ -162,16 +182,28 @@ class Wire:
             wish = self._send(heard)  # type: ignore[arg-type]  # the first send of a generator is None
         except StopIteration:
             self._finish()
-            return
-        self._do(wish)
+        except Exception as broken:
+            self._finish(broken)
+        else:
+            self._do(wish)
 
     def _fail(self, error: Exception) -> None:
+        if self._failing is not None:
+            self._failing.cancel()
+            self._failing = None
         try:
             wish = self._throw(error)
         except StopIteration:
             self._finish()
-            return
-        self._do(wish)
+        except Exception as broken:
+            self._finish(broken)
+        else:
+            self._do(wish)
+
+    def _fail_soon(self, error: LinkError) -> None:
+        """Not from within: a session that fails at once must not pile up."""
+        self._listening, self._deadline = False, NEVER
+        self._failing = self._loop.call_soon(self._fail, error)
 
     def _do(self, wish: Wish) -> None:
         kind = type(wish)
@@ -192,12 +224,15 @@ class Wire:
             self._port.write(wish.data)
         except LinkError as error:
             self._drop_port()
-            self._loop.call_soon(self._fail, error)  # not from within: a session that fails at once must not pile up
+            self._fail_soon(error)
             return
         self._listening = True
         self._arm(sent + wish.patience_s)
 
     def _await(self, until: float, *, listening: bool) -> None:
+        if listening and self._port is None:
+            self._fail_soon(self._broken or LinkError("the port is not open"))
+            return
         self._listening = listening
         if listening and self._unasked:
             until = 0.0
@@ -260,18 +295,25 @@ class Wire:
     # -- the port --------------------------------------------------------------------------------------------------------
 
     def _reopen(self) -> None:
-        self._drop_port()
+        closing = self._drop_port()
         self._deadline, self._listening, self._opening = NEVER, False, True
-        future = self._reactor.openers.submit(self._open_port)
+        future = self._reactor.openers.submit(self._open_after, closing)
         future.add_done_callback(lambda done: self._loop.call_soon_threadsafe(self._on_opened, done))
+
+    def _open_after(self, closing: Future[None] | None) -> Port:
+        """In a thread: a port is locked as long as it is open."""
+        if closing is not None:
+            closing.result()
+        return self._open_port()
 
     def _on_opened(self, done: Future[Port]) -> None:
         self._opening = False
         error = done.exception()
         if error is None:
             self._take_port(done.result())
-        if self._ending is not None:
-            self._fail(self._ending)
+        ending, self._ending = self._ending, None
+        if ending is not None:
+            self._fail(ending)
         elif isinstance(error, LinkError):
             self._fail(error)
         elif error is not None:
@@ -296,22 +338,25 @@ class Wire:
         else:
             self.on_bytes(data)
 
-    def _drop_port(self) -> None:
+    def _drop_port(self) -> Future[None] | None:
+        """Give the port up; it is closed in a thread, for a driver may take its time."""
+        port, self._port = self._port, None
         if self._fileno is not None:
             self._loop.remove_reader(self._fileno)
             self._fileno = None
         if self._pump is not None:
             self._pump.stop()
             self._pump = None
-        if self._port is not None:
-            self._port.close()
-            self._port = None
+        return None if port is None else self._reactor.openers.submit(port.close)
 
-    def _finish(self) -> None:
+    def _finish(self, broken: Exception | None = None) -> None:
         self._is_ended = True
         self._armed = NEVER
         self._drop_port()
-        self._reactor.ended(self)
+        if broken is None:
+            self._reactor.ended(self)
+        else:
+            self._reactor.failed(self, broken)
 
 
 class Pump:

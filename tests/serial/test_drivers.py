@@ -1,0 +1,76 @@
+"""Real sessions over real pseudo-terminals: the drivers between the station client and the transport."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+from virtual_run import RECIPE, Memory, order_for
+
+from jbclog.clock import SystemClock, UtcOffset
+from jbclog.commands.family import FAMILIES
+from jbclog.drive import blocking
+from jbclog.drive.reactor import Reactor
+from jbclog.effects import Reopen, Steps
+from jbclog.quantities import Value
+from jbclog.recipe.line import Line, StationSpec, load_line
+from jbclog.recipe.load import parse_recipe
+from jbclog.session.order import Desk
+from jbclog.session.run import run_station
+from jbclog.sim.process import SimProcess
+from jbclog.station import Station
+from jbclog.transport import Port, open_port
+
+DDE = FAMILIES["dde"].commands
+STATION = '[[station]]\nname = "{name}"\nurl = "{name}"\nfamily = "dde"\nports = [1]\n[station.sim]\n{sim}\n'
+DROPOUT = '[[station.sim.fault]]\nkind = "dropout"\nat_s = 2\nfor_s = 1.0\n'
+
+
+@pytest.fixture
+def served(tmp_path: Path) -> Iterator[Callable[..., Line]]:
+    """Serves virtual stations, each described by its sim table, as s1, s2 and so on."""
+    running: list[SimProcess] = []
+
+    def serve(*sims: str) -> Line:
+        path = tmp_path / "bench.toml"
+        tables = (STATION.format(name=f"s{number}", sim=sim) for number, sim in enumerate(sims, 1))
+        path.write_text('[line]\nname = "bench"\n' + "".join(tables))
+        running.append(SimProcess(path, tmp_path / "served").__enter__())
+        return load_line(running[-1].line_path)
+
+    yield serve
+    for one in running:
+        one.__exit__(None, None, None)
+
+
+def opener(spec: StationSpec) -> Callable[[], Port]:
+    return lambda: open_port(spec.url, spec.line_format)
+
+
+def test_a_plain_loop_asks_a_station(served: Callable[..., Line]) -> None:
+    spec = served("").station("s1")
+    station = Station(spec.line_format, spec.address)
+
+    def session() -> Steps[list[Value]]:
+        yield Reopen()
+        model = yield from station.read(DDE["model"])
+        return [model, (yield from station.read(DDE["selected_temperature"], 1))]
+
+    assert blocking.run(session(), opener(spec), sleep=time.sleep) == ["DDE", 350]
+
+
+def test_a_whole_run_of_two_stations_of_which_one_drops_out(served: Callable[..., Line]) -> None:
+    line = served("", DROPOUT)
+    memory, clock, reactor = Memory(), SystemClock(), Reactor()
+    recipe = parse_recipe(RECIPE + 'on_difference = "continue"\n')
+    desks = [Desk(order_for(spec, recipe, clock, 4.5, None), memory, UtcOffset(clock)) for spec in line.stations]
+    for desk, spec in zip(desks, line.stations, strict=True):
+        reactor.add(run_station(desk), opener(spec))
+    reactor.run()
+    assert [desk.facts.outcome for desk in desks] == ["completed", "completed"]
+    assert [desk.facts.outages for desk in desks] == [0, 1]
+    assert [desk.facts.safe_state for desk in desks] == [{1: "verified"}, {1: "verified"}]
+    kinds = [event.kind for event in memory.events if event.station == "s2"]
+    assert kinds.index("link.lost") < kinds.index("link.back")

@@ -1,0 +1,365 @@
+"""The reactor: bytes and moments into sessions, broken links where they are met, and the run's end exactly once."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+
+import pytest
+from near_ends import PairPort, ThreadedPort
+
+from jbclog.drive.reactor import Reactor
+from jbclog.effects import Ask, Listen, Reopen, RunEnded, Steps, Wait
+from jbclog.errors import LinkError
+
+KINDS = pytest.mark.parametrize("kind", [PairPort, ThreadedPort], ids=["descriptor", "thread"])
+LONG_S = 30.0  # nobody waits that long
+
+
+def soon(seconds: float) -> float:
+    return time.monotonic() + seconds
+
+
+def pull(session: Steps[None], port: PairPort, *calls: tuple[float, Callable[[Reactor], None]]) -> None:
+    """Pull one session on `port`, with calls some seconds after the beginning."""
+    reactor = Reactor()
+    reactor.add(session, lambda: port)
+    for seconds, call in calls:
+        reactor.loop.call_later(seconds, call, reactor)
+    began = time.monotonic()
+    reactor.run()
+    assert time.monotonic() - began < 5, "it waited for something that cannot come"
+
+
+# -- questions and answers -----------------------------------------------------------------------------------------
+
+
+@KINDS
+def test_a_question_is_answered(kind: type[PairPort]) -> None:
+    heard = []
+
+    def session() -> Steps[None]:
+        yield Reopen()
+        for question in (b"abc", b"def"):
+            heard.append((yield Ask(question, LONG_S)))
+
+    port = kind()
+    pull(session(), port)
+    assert [one.data for one in heard] == [b"cba", b"fed"]
+    assert all(one.sent <= one.now for one in heard)
+    assert port.written == [b"abc", b"def"]
+    assert port.is_closed
+
+
+@KINDS
+def test_an_answer_that_does_not_come_is_none_at_the_end_of_patience(kind: type[PairPort]) -> None:
+    heard = []
+
+    def session() -> Steps[None]:
+        yield Reopen()
+        heard.append((yield Ask(b"abc", 0.05)))
+
+    pull(session(), kind(lambda question: b""))
+    assert heard[0].data == b""
+    assert 0.05 <= heard[0].now - heard[0].sent < 0.3
+
+
+@KINDS
+def test_what_came_unasked_is_given_at_the_end_of_a_wait(kind: type[PairPort]) -> None:
+    heard, port = [], kind()
+
+    def session() -> Steps[None]:
+        yield Reopen()
+        port.far.send(b"late")
+        heard.append((yield Wait(soon(0.3))))
+        heard.append((yield Ask(b"abc", LONG_S)))
+
+    pull(session(), port)
+    assert [one.data for one in heard] == [b"late", b"cba"]
+
+
+def test_pieces_are_given_as_they_come() -> None:
+    heard, port = [], PairPort(lambda question: b"")
+
+    def session() -> Steps[None]:
+        yield Reopen()
+        heard.append((yield Ask(b"abc", LONG_S)).data)
+        heard.append((yield Listen(soon(LONG_S))).data)
+        heard.append((yield Listen(soon(0.05))).data)
+
+    pull(session(), port, (0.05, lambda _: port.far.send(b"first")), (0.1, lambda _: port.far.send(b"second")))
+    assert heard == [b"first", b"second", b""]
+
+
+# -- broken links --------------------------------------------------------------------------------------------------
+
+
+@KINDS
+def test_a_link_that_breaks_while_it_is_asked(kind: type[PairPort]) -> None:
+    met, port = [], kind(lambda question: b"")
+
+    def session() -> Steps[None]:
+        yield Reopen()
+        try:
+            yield Ask(b"abc", LONG_S)
+        except LinkError as error:
+            met.append(str(error))
+
+    pull(session(), port, (0.1, lambda _: port.unplug()))
+    assert met == ["hung up"]
+
+
+@KINDS
+@pytest.mark.parametrize("wish", [Ask(b"abc", LONG_S), Listen(1e12)], ids=["ask", "listen"])
+def test_a_link_that_breaks_while_it_is_idle_is_told_at_the_next_wish(kind: type[PairPort], wish: Ask | Listen) -> None:
+    met, port = [], kind()
+
+    def session() -> Steps[None]:
+        yield Reopen()
+        port.unplug()
+        met.append((yield Wait(soon(0.3))).data)
+        try:
+            yield wish
+        except LinkError as error:
+            met.append(str(error).encode())
+
+    pull(session(), port)
+    assert met == [b"", b"hung up"]
+
+
+@pytest.mark.parametrize("error", [LinkError("no such port"), ValueError("a fault of the driver")])
+def test_a_port_that_cannot_be_opened(error: Exception) -> None:
+    met = []
+
+    def cannot() -> PairPort:
+        raise error
+
+    def session() -> Steps[None]:
+        for wish in (Reopen(), Ask(b"abc", LONG_S)):
+            try:
+                yield wish
+            except LinkError as failure:
+                met.append(str(failure))
+
+    reactor = Reactor()
+    reactor.add(session(), cannot)
+    reactor.run()
+    assert str(error) in met[0]
+    assert met[1] == "the port is not open"
+
+
+@KINDS
+def test_a_port_opened_again_is_another(kind: type[PairPort]) -> None:
+    ports, heard = [kind(), kind()], []
+    opened = iter(ports)
+
+    def session() -> Steps[None]:
+        yield Reopen()
+        ports[0].unplug()
+        try:
+            yield Ask(b"abc", LONG_S)
+        except LinkError:
+            yield Reopen()
+        heard.append((yield Ask(b"abc", LONG_S)).data)
+
+    reactor = Reactor()
+    reactor.add(session(), lambda: next(opened))
+    reactor.run()
+    assert heard == [b"cba"]
+    assert [port.is_closed for port in ports] == [True, True]
+
+
+def test_a_port_is_closed_before_it_is_opened_again() -> None:
+    """It is locked as long as it is open."""
+    first, closed_when_opened = PairPort(close_s=0.2), []
+
+    def opened() -> PairPort:
+        closed_when_opened.append(first.is_closed)
+        return first if len(closed_when_opened) == 1 else PairPort()
+
+    def session() -> Steps[None]:
+        yield Reopen()
+        yield Reopen()
+
+    reactor = Reactor()
+    reactor.add(session(), opened)
+    reactor.run()
+    assert closed_when_opened == [False, True]
+
+
+# -- the run's end -------------------------------------------------------------------------------------------------
+
+
+PHASES: dict[str, Callable[[], Steps[None]]] = {}
+
+
+def phase(session: Callable[[], Steps[None]]) -> Callable[[], Steps[None]]:
+    PHASES[session.__name__] = session
+    return session
+
+
+@phase
+def waiting() -> Steps[None]:
+    yield Wait(soon(LONG_S))
+
+
+@phase
+def asking() -> Steps[None]:
+    yield Reopen()
+    yield Ask(b"", LONG_S)
+
+
+@phase
+def listening() -> Steps[None]:
+    yield Reopen()
+    yield Listen(soon(LONG_S))
+
+
+@phase
+def asking_a_broken_link() -> Steps[None]:
+    while True:
+        try:
+            yield Ask(b"abc", LONG_S)
+        except LinkError:
+            yield Wait(soon(0.001))
+
+
+@pytest.mark.parametrize("name", PHASES)
+@pytest.mark.parametrize("at_s", [None, 0.0, 0.1, 0.101, 0.102])
+def test_the_end_is_thrown_once_where_the_session_stands(name: str, at_s: float | None) -> None:
+    """Before it began, too; and what it does then (open the port, ask, wait) is done, whatever ends come after."""
+    story: list[object] = []
+
+    def session() -> Steps[None]:
+        try:
+            yield from PHASES[name]()
+        except RunEnded as end:
+            story.append(str(end))
+        yield Wait(0.0)
+        yield Reopen()
+        story.append((yield Ask(b"stand", LONG_S)).data)
+        yield Wait(soon(0.05))
+        yield Reopen()
+        story.append((yield Ask(b"sure", LONG_S)).data)
+
+    reactor = Reactor()
+    reactor.add(session(), PairPort)
+    if at_s is None:
+        reactor.end("SIGTERM")
+    else:
+        reactor.loop.call_later(at_s, reactor.end, "SIGTERM")
+        reactor.loop.call_later(at_s + 0.001, reactor.end, "SIGINT")
+        reactor.loop.call_later(at_s + 0.03, reactor.end, "SIGINT")
+    reactor.run()
+    assert story == ["SIGTERM", b"dnats", b"erus"]
+
+
+def test_the_end_while_a_port_is_being_opened_comes_when_it_is_open() -> None:
+    story, go = [], threading.Event()
+
+    def slowly() -> PairPort:
+        go.wait(2)
+        return PairPort()
+
+    def session() -> Steps[None]:
+        try:
+            yield Reopen()
+        except RunEnded as end:
+            story.append(str(end))
+        story.append((yield Ask(b"stand", LONG_S)).data.decode())
+        yield Reopen()
+        story.append("opened again")
+
+    reactor = Reactor()
+    reactor.add(session(), slowly)
+    reactor.loop.call_later(0.05, reactor.end, "SIGTERM")
+    reactor.loop.call_later(0.1, go.set)
+    reactor.run()
+    assert story == ["SIGTERM", "dnats", "opened again"]
+
+
+# -- many of them --------------------------------------------------------------------------------------------------
+
+
+def test_a_port_that_takes_its_time_to_close_delays_nobody() -> None:
+    late: list[float] = []
+
+    def steady() -> Steps[None]:
+        due = soon(0.02)
+        for _ in range(30):
+            late.append((yield Wait(due)).now - due)
+            due += 0.02
+
+    def brief() -> Steps[None]:
+        yield Reopen()
+        yield Wait(soon(0.1))
+
+    reactor = Reactor()
+    reactor.add(steady(), PairPort)
+    reactor.add(brief(), lambda: PairPort(close_s=0.4))
+    reactor.run()
+    assert max(late) < 0.2
+
+
+def test_a_session_that_breaks_ends_the_others_in_good_order() -> None:
+    story = []
+
+    def broken() -> Steps[None]:
+        yield Wait(soon(0.05))
+        raise ZeroDivisionError("injected")
+
+    def other() -> Steps[None]:
+        try:
+            yield Wait(soon(LONG_S))
+        except RunEnded as end:
+            story.append(str(end))
+        yield Reopen()
+        story.append((yield Ask(b"stand", LONG_S)).data.decode())
+
+    reactor = Reactor()
+    reactor.add(broken(), PairPort)
+    reactor.add(other(), PairPort)
+    with pytest.raises(ZeroDivisionError, match="injected"):
+        reactor.run()
+    assert story == ["a session broke: injected", "dnats"]
+
+
+def test_what_is_called_every_so_often_is_called_whatever_it_raised(caplog: pytest.LogCaptureFixture) -> None:
+    calls = []
+
+    def call() -> None:
+        calls.append(time.monotonic())
+        raise ZeroDivisionError("injected")
+
+    def session() -> Steps[None]:
+        yield Wait(soon(0.3))
+
+    reactor = Reactor()
+    reactor.add(session(), PairPort)
+    reactor.every(0.05, call)
+    reactor.run()
+    assert 3 <= len(calls) <= 6
+    assert "injected" in caplog.text
+
+
+def test_ticks_of_many_sessions_ring_in_order() -> None:
+    rung: list[tuple[float, float]] = []
+
+    def session(first: float) -> Steps[None]:
+        for step in range(20):
+            due = first + 0.01 * step
+            rung.append((due, (yield Wait(due)).now))
+
+    reactor, begin = Reactor(), soon(0.05)
+    for number in range(50):
+        reactor.add(session(begin + 0.0001 * number), PairPort)
+    reactor.run()
+    assert len(rung) == 1000
+    assert all(now >= due for due, now in rung)
+    lates = sorted(now - due for due, now in rung)
+    assert lates[len(lates) // 2] < 0.02
+
+
+def test_a_reactor_without_sessions_ends_at_once() -> None:
+    Reactor().run()
