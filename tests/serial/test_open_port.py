@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import fcntl
 import shutil
 import socket
+import struct
 import subprocess
 import sys
 import termios
@@ -19,6 +21,7 @@ from jbclog.wire import LineFormat
 
 LINE = LineFormat()
 EVERY_BYTE = bytes(range(256))
+TIOCGEXCL = 0x80045440  # asks whether TIOCEXCL holds; Python has no name for it
 rfc2217_of_python_3_11 = pytest.mark.filterwarnings("ignore:set(Daemon|Name)\\(\\) is deprecated:DeprecationWarning")  # in pyserial
 
 
@@ -205,9 +208,18 @@ def test_a_port_can_be_shared_on_request() -> None:
         two.close()
 
 
+def test_a_terminal_bears_no_mark_that_would_outlive_a_killed_recorder() -> None:
+    with terminal() as far:
+        port = open_port(far.url, LINE)
+        descriptor = port.fileno()
+        assert descriptor is not None
+        assert struct.unpack("i", fcntl.ioctl(descriptor, TIOCGEXCL, bytes(4))) == (0,)
+        port.close()
+
+
 HOLD = """
-import sys, time
-from jbclog.transport import Port, open_port
+import sys
+from jbclog.transport import open_port
 from jbclog.wire import LineFormat
 port = open_port(sys.argv[1], LineFormat())
 print("held", flush=True)
