@@ -17,6 +17,7 @@ from far_ends import Server, Terminal, open_descriptors, rfc2217_server, server,
 
 from jbclog.errors import LinkError, PortBusy
 from jbclog.transport import Port, open_port
+from jbclog.transport.holder import holder_of
 from jbclog.wire import LineFormat
 
 LINE = LineFormat()
@@ -246,6 +247,21 @@ def test_a_link_to_a_held_device_is_busy_too(tmp_path: Path) -> None:
         link.symlink_to(far.url)
         with pytest.raises(PortBusy, match=f"process {holder.pid}"):
             open_port(str(link), LINE)
+
+
+def test_a_program_that_took_no_lock_is_found_by_its_open_files() -> None:
+    script = "import os, sys; os.open(sys.argv[1], os.O_RDWR | os.O_NOCTTY); print('open', flush=True); sys.stdin.read()"
+    with (
+        terminal() as far,
+        subprocess.Popen([sys.executable, "-c", script, far.url], stdin=subprocess.PIPE, stdout=subprocess.PIPE) as other,
+    ):
+        assert other.stdout is not None
+        assert other.stdout.readline() == b"open\n"
+        assert str(holder_of(far.url)).startswith(f"process {other.pid} (")
+        other.kill()
+        other.wait()
+        assert holder_of(far.url) is None
+        assert holder_of("/dev/ttyNOWHERE") is None
 
 
 def _holding(far: Terminal) -> subprocess.Popen[str]:
