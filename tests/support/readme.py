@@ -37,7 +37,7 @@ def commands() -> list[str]:
 
 def links() -> list[str]:
     """Where the links and pictures of the prose lead."""
-    return re.findall(r"\]\(([^)\s]+)\)", PROSE)
+    return re.findall(r"(?:\]\(|<img src=\")([^)\"\s]+)", PROSE)
 
 
 def headings() -> set[str]:
