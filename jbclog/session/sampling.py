@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 
-from jbclog.effects import Steps, Wait
+from jbclog.effects import RunEnded, Steps, Wait
 from jbclog.errors import LinkError, RobotModeOff, StationError, StationSilent
 from jbclog.rows import Severity
 from jbclog.scheduler import Demand, Grid, Reading, SlowReadings
@@ -107,21 +107,37 @@ class Sampler:
 
     def _tick(self, tick: int) -> Steps[None]:
         due = self.grid.due(tick) if self.paced else None
-        scanner, scans = self._scanner, self._scans.values()
-        unasked = SKIPPED  # what the run's end in mid-tick leaves unasked
+        scans = self._scans.values()
+        unasked, ending = SKIPPED, None
         for scan in scans:
-            scanner.begin(scan, tick)
+            self._scanner.begin(scan, tick)
         try:
             for scan in scans:
-                for probe in scan.fast:
-                    yield from scanner.take(probe, scan)
-            yield from self._take_slow(tick)
+                ending = (yield from self._take_fast(scan)) or ending
+            if ending is None:
+                yield from self._take_slow(tick)
         except (LinkError, StationSilent, RobotModeOff) as error:
             unasked = error.reason if isinstance(error, RobotModeOff) else LinkError.reason
-            raise Lost(error) from error
+            raise ending or Lost(error) from error
         finally:
             for scan in scans:
-                scanner.finish(scan, unasked, due)
+                self._scanner.finish(scan, unasked, due)
+        if ending is not None:
+            raise ending
+
+    def _take_fast(self, scan: Scan) -> Steps[RunEnded | None]:
+        """The fast readings of one port. Where the run is ended in between, they are finished first.
+
+        A driver ends a run once. A row half read helps nobody, and would count as loss what nobody lost.
+        """
+        ending = None
+        for probe in scan.fast:
+            try:
+                yield from self._scanner.take(probe, scan)
+            except RunEnded as end:
+                ending = end
+                yield from self._scanner.take(probe, scan)
+        return ending
 
     def _take_slow(self, tick: int) -> Steps[None]:
         """Slow readings, most urgent first, while the wire has room; without a grid, or behind it, one after each scan."""

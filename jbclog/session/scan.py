@@ -109,11 +109,16 @@ class Scanner:
             value = yield from self._station.ask(probe.question)
             if probe.doubt is not None and probe.doubt(probe.port, value):
                 yield from self._look_again(probe, value)
-        except BaseException as error:  # whatever it was, the reading was due
-            why = error.reason if isinstance(error, StationError | LinkError) else SKIPPED
-            self.unread(probe, scan, why, sent=not isinstance(error, Refusal))
-            if not isinstance(error, StationError) or isinstance(error, StationSilent | RobotModeOff):
+        except (StationError, LinkError) as error:
+            self.unread(probe, scan, error.reason, sent=not isinstance(error, Refusal))
+            if isinstance(error, LinkError | StationSilent | RobotModeOff):
                 raise
+        except BaseException:  # the run's end in mid-question: it may be asked once more, flags may not
+            if probe.reading.command.asked_once:
+                self.unread(probe, scan, SKIPPED, sent=True)
+            else:
+                probe.due -= 1
+            raise
         else:
             scan.last_heard = self._station.heard
             self._keep(probe, scan, value)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import subprocess
 import sys
 import time
@@ -29,6 +30,9 @@ def _command(*arguments: str | Path) -> list[str]:
     return [sys.executable, "-c", "from jbclog.cli import main; main()", *map(str, arguments)]
 
 
+QUESTION = re.compile(rb"\x02\d{4}([RW][ -~]*)\x03", re.DOTALL)
+
+
 @dataclass(frozen=True)
 class WireLog:
     """What `jbclog sim --log` wrote: the stations' own memory of the wire."""
@@ -36,9 +40,10 @@ class WireLog:
     path: Path
 
     def questions(self, station: str) -> list[str]:
-        """The questions to a station in order, without addresses: ``WPS100001``."""
+        """The questions to a station in order, without addresses: ``WPS100001``. A busy station hears several at once."""
         lines = [json.loads(line) for line in self.path.read_text().splitlines()]
-        return [line["text"][4:] for line in lines if line["station"] == station and line["kind"] == "question"]
+        heard = b"".join(bytes.fromhex(one["hex"]) for one in lines if one["station"] == station and one["kind"] == "question")
+        return [question.decode() for question in QUESTION.findall(heard)]
 
     def writes(self, station: str) -> list[str]:
         return [text for text in self.questions(station) if text.startswith("W")]
