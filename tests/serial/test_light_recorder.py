@@ -1,0 +1,21 @@
+"""What a recorder loads while it records, seals and judges: nothing that it could do without."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+from command import RECIPE, WireLog, jbclog
+
+# an attempt that was refused is a line too, so for pandas its inner rooms are looked for
+HEAVY = ("pandas.core", "matplotlib", "jinja2", "jbclog.analysis", "jbclog.report", "jbclog.sim")
+
+
+def test_a_whole_run_loads_no_heavy_room(bench: tuple[Path, WireLog], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PYTHONPROFILEIMPORTTIME", "1")  # each import is a line on stderr
+    line, _ = bench
+    ended = jbclog("run", RECIPE, "--line", line, "--out", tmp_path, "-d", "2s", "-s", "ale-1", "--rate", "5")
+    loaded = set(re.findall(r"^import time:.*\| +([\w.]+)$", ended.stderr, re.MULTILINE))
+    assert {"jbclog.session.run", "jbclog.judge.verdict", "pyarrow.lib"} <= loaded
+    assert [name for name in loaded if name in HEAVY] == []
