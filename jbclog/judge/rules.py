@@ -26,9 +26,11 @@ STATION_ENDINGS = {
     "completed": (Result.PASS, "It was recorded to the end."),
     "stopped": (Result.FAIL, "It was stopped because a setting was found changed."),
     "refused": (Result.MISSING, "It was refused before sampling began."),
-    "gone": (Result.MISSING, "It did not answer at the start or at the end."),
+    "gone": (Result.MISSING, "It did not answer at the end."),
     "failed": (Result.MISSING, "Its recording failed."),
+    "running": (Result.MISSING, "It was being recorded when the record broke off."),
 }
+NEVER_ANSWERED = "It was never reached."
 
 
 def record_rule(evidence: Evidence) -> Rule:
@@ -45,17 +47,20 @@ def station_rules(
 ) -> Iterator[Rule]:
     """The rules that hold for a station as a whole."""
     result, text = STATION_ENDINGS.get(facts.outcome, (Result.MISSING, "How it ended is not known."))
+    if facts.outcome == "gone" and facts.first_tick is None:
+        text = NEVER_ANSWERED
     reason = facts.reason.removeprefix(f"{facts.name}: ").rstrip(".")
     if reason and result is not Result.PASS:
         text = f"{text} {reason[:1].upper()}{reason[1:]}."
     yield Rule("station", facts.name, None, "completed", facts.outcome, "", result, text)
-    yield settings_rule(facts.name, outcomes)
+    yield settings_rule(facts, outcomes)
     if acceptance.alarms_max is not None:
         yield alarms_rule(facts, acceptance.alarms_max, evidence, events)
 
 
-def settings_rule(station: str, outcomes: Counter[str]) -> Rule:
+def settings_rule(facts: StationFacts, outcomes: Counter[str]) -> Rule:
     """Whether every setting of the recipe was read back as asked. What the family does not have is not counted."""
+    station = facts.name
     asked = sum(count for outcome, count in outcomes.items() if outcome != "unsupported")
     held = outcomes["confirmed"] + outcomes["unchanged"]
     observed = f"{held} of {asked}"
@@ -63,7 +68,12 @@ def settings_rule(station: str, outcomes: Counter[str]) -> Rule:
         return Rule("settings", station, None, "all read back", observed, "", Result.FAIL, "A setting is not what the recipe asks.")
     if held < asked:
         return Rule("settings", station, None, "all read back", observed, "", Result.MISSING, "A setting could not be read back.")
+    if not asked and facts.first_tick is None and facts.outcome != "completed":
+        text = "The record holds no setting of this station, written or read back."
+        return Rule("settings", station, None, "all read back", None, "", Result.MISSING, text)
     text = "Every setting of the recipe was read back as asked." if asked else "The recipe asks for no setting."
+    if facts.outcome == "running":  # the record broke off; more may have been asked
+        text = "Every setting in the record was read back as asked."
     return Rule("settings", station, None, "all read back", observed, "", Result.PASS, text)
 
 

@@ -37,11 +37,6 @@ class Judgement:
     verdict: Verdict
     rules: tuple[Rule, ...]
 
-    @property
-    def fine(self) -> bool:
-        """Whether the verdict leaves the exit code at 0."""
-        return self.verdict in (Verdict.ACCEPT, Verdict.NOT_JUDGED)
-
     def rules_as_dicts(self) -> list[dict[str, object]]:
         """For `manifest.verdict_rules`."""
         return [rule.as_dict() for rule in self.rules]

@@ -8,7 +8,6 @@ from jbclog.report.trace import Trace
 
 WINDOW_S = 60.0
 LONG_S = 180.0  # shorter runs are looked at closely enough by their first figure
-NEAR_C = 10.0
 
 
 def closer(trace: Trace) -> tuple[Trace, str] | None:

@@ -8,8 +8,6 @@ from collections.abc import Mapping
 from datetime import UTC, datetime
 from math import floor
 
-Plain = dict[str, object] | list[object] | str | int | float | bool | None
-
 NOT_SHOWN = ("Cc", "Cf", "Cs", "Co", "Cn")  # control, formatting (bidi among them), surrogates, private, unassigned
 
 

@@ -27,7 +27,6 @@ def test_a_clean_run_is_accepted_and_every_rule_is_written_down(case: Any, tip: 
     case.setting("a", "unchanged")
     judgement = judge(case.evidence(), {"a": ALL})
     assert judgement.verdict == "ACCEPT"
-    assert judgement.fine
     names = [one.name for one in judgement.rules]
     assert names == ["record", "station", "settings", "alarms", "coverage", "longest_gap", "idle_error", "idle_sd"]
     assert rule(judgement, "coverage").observed == 100
@@ -51,7 +50,6 @@ def test_without_limits_nothing_is_judged(case: Any, tip: Callable[..., Any], ac
     case.station("a", tip().lose(10, 40))
     judgement = judge(case.evidence(), acceptance)
     assert judgement.verdict == "NOT JUDGED"
-    assert judgement.fine
     assert judgement.rules == ()
 
 
@@ -60,7 +58,6 @@ def test_a_broken_limit_rejects_and_outweighs_missing_evidence(case: Any, tip: C
     case.exit_status = "lost"
     judgement = judge(case.evidence(), {"a": ALL})
     assert judgement.verdict == "REJECT"
-    assert not judgement.fine
     assert rule(judgement, "coverage").result is Result.FAIL
     assert rule(judgement, "longest_gap").observed == 6
     assert rule(judgement, "record", None).result is Result.MISSING
@@ -117,7 +114,20 @@ def test_why_a_station_ended_stands_in_its_rule(case: Any, tip: Callable[..., An
     facts = case.station("a", tip(), outcome="gone")
     facts.reason = "a: no answer within 3 s"
     found = rule(judge(case.evidence(), {"a": ALL}), "station", None)
-    assert found.text == "It did not answer at the start or at the end. No answer within 3 s."
+    assert found.text == "It did not answer at the end. No answer within 3 s."
+    facts.first_tick = None
+    found = rule(judge(case.evidence(), {"a": ALL}), "station", None)
+    assert found.text == "It was never reached. No answer within 3 s."
+
+
+@pytest.mark.parametrize(
+    ("outcome", "result"), [("gone", "missing"), ("refused", "missing"), ("running", "missing"), ("completed", "pass")]
+)
+def test_a_station_never_reached_says_nothing_of_the_recipes_settings(
+    case: Any, tip: Callable[..., Any], outcome: str, result: str
+) -> None:
+    case.station("a", tip(), outcome=outcome).first_tick = None
+    assert rule(judge(case.evidence(), {"a": ALL}), "settings", None).result == result
 
 
 def test_a_record_that_lacks_something_is_inconclusive(case: Any, tip: Callable[..., Any]) -> None:
