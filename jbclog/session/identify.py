@@ -8,6 +8,7 @@ from jbclog.commands.command import Scope
 from jbclog.effects import Reopen, Steps, Wait
 from jbclog.errors import LinkError, NotSupported, OutOfRange, Refusal, RobotModeOff, StartRefused, StationError
 from jbclog.rows import Severity
+from jbclog.session.identity import learn_identity
 from jbclog.session.order import Desk, PortState
 
 MEASURED_READS = 12  # enough for a median that one late answer does not move
@@ -25,7 +26,15 @@ def identify(desk: Desk) -> Steps[None]:
     yield from _learn_family(desk)
     yield from _learn_ports(desk)
     yield from measure_turnaround(desk)
+    yield from _learn_who(desk)
     desk.publish()
+
+
+def _learn_who(desk: Desk) -> Steps[None]:
+    try:
+        yield from learn_identity(desk)
+    except StationError as error:
+        raise StartRefused(f"{desk.name}: {error}") from error
 
 
 def connect(desk: Desk, *, reopen: bool, tries: int) -> Steps[str]:
@@ -52,20 +61,6 @@ def _read_model(desk: Desk, tries: int) -> Steps[str]:
         except StationError as error:
             if not tries:
                 raise Absent(_no_answer(desk, error)) from error
-
-
-def recognise(desk: Desk, found: str) -> bool:
-    """Whether the model `found` is this run's station. A stranger is told once, and neither read nor written."""
-    desk.is_proven = found == desk.facts.model
-    if desk.is_proven:
-        desk.stranger = None
-    elif found != desk.stranger:
-        desk.stranger = found
-        text = (
-            f"On {desk.order.url} there is now a {found}, not the {desk.facts.model} of this run. It is neither read nor written."
-        )
-        desk.note("identity.changed", Severity.CRITICAL, text, raw=found)
-    return desk.is_proven
 
 
 def _no_answer(desk: Desk, error: StationError) -> str:

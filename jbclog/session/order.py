@@ -84,7 +84,8 @@ class Desk:
         self.feeding_seen = False
         self.connected = False
         self.is_proven = False  # the port has not broken since the station said who it is
-        self.stranger: str | None = None  # the model that answers where this station was
+        self.plugged_hours: dict[int, tuple[int, float]] = {}  # by port, with the moment at which they were read
+        self.stranger: str | None = None  # who answers where this station was, in words
         self._family = order.family
         self.facts = StationFacts(
             name=order.name,

@@ -13,7 +13,8 @@ from jbclog.errors import LinkError, RobotModeOff, StartRefused, StationError
 from jbclog.quantities import Value
 from jbclog.rows import Severity
 from jbclog.session.apply import note_status, read_all
-from jbclog.session.identify import connect, recognise
+from jbclog.session.identify import connect
+from jbclog.session.identity import recognise
 from jbclog.session.order import Desk, PortState
 from jbclog.session.sampling import Lost, Sampler
 from jbclog.session.watch import stop_on, tell_change
@@ -85,7 +86,7 @@ def _seek(desk: Desk, *, reopen: bool) -> Steps[bool]:
     """Try once to reach the station and to learn what it holds now. Whether it may be sampled again."""
     try:
         found = yield from connect(desk, reopen=reopen, tries=1)
-        if not recognise(desk, found):
+        if not (yield from recognise(desk, found)):
             return False
         yield from _read_tools(desk)
         yield from read_all(desk)

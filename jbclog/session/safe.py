@@ -12,7 +12,7 @@ from jbclog.commands.family import STAND, STATUS_NAMES, STATUS_ORDERS
 from jbclog.effects import Reopen, Steps, Wait
 from jbclog.errors import LinkError, StationError, Unsafe
 from jbclog.rows import Severity
-from jbclog.session.identify import recognise
+from jbclog.session.identity import recognise
 from jbclog.session.order import Desk, PortState
 
 ALLOWED_S = 3.0  # for one station (faults.md, section 9)
@@ -158,7 +158,7 @@ def _reach_again(desk: Desk, end: float, error: LinkError | StationError) -> Ste
     while desk.now < end:
         try:
             desk.station.unasked((yield Reopen()))
-            if desk.is_proven or recognise(desk, str((yield from desk.station.read(desk.command("model"))))):
+            if desk.is_proven or (yield from _is_ours(desk)):
                 return
         except LinkError:
             desk.is_proven = False
@@ -167,10 +167,15 @@ def _reach_again(desk: Desk, end: float, error: LinkError | StationError) -> Ste
         desk.station.unasked((yield Wait(desk.now + 0.25)))
 
 
+def _is_ours(desk: Desk) -> Steps[bool]:
+    model = yield from desk.station.read(desk.command("model"))
+    return (yield from recognise(desk, str(model)))
+
+
 def _unsafe_text(desk: Desk, port: PortState) -> str:
     last = "never read" if port.temperature_c is None else f"last read {port.temperature_c} °C"
     sent = desk.facts.safe_state.get(port.number) == SENT
     what = "was told to go to its safe state and does not confirm it" if sent else "could not be put in its safe state"
     if desk.stranger:
-        what += f", a {desk.stranger} is on its cable"
+        what += f" (on its cable is now {desk.stranger})"
     return f"{desk.name} port {port.number}: {what}, its tip may be hot ({last}); switch the station off"

@@ -1,0 +1,61 @@
+"""Is it still the same station? Asked whenever a cable was out: adapters swap names, and people swap cables.
+
+The model alone proves little on a line of equal units, so the software version and the plugged hours are compared too:
+hours never fall, and grow no faster than time (faults.md, rows 16 and 17). Two units of one model and software whose
+hours agree cannot be told apart by anything that the manuals print.
+"""
+
+from __future__ import annotations
+
+from jbclog.effects import Steps
+from jbclog.errors import NotSupported
+from jbclog.rows import Severity
+from jbclog.session.order import Desk
+
+HOURS = "plugged_hours"
+RESOLUTION_H = 1  # the counters count whole hours
+
+
+def learn_identity(desk: Desk) -> Steps[None]:
+    """Note the plugged hours of each port beside model and software, to know the station by later."""
+    for number in desk.ports:
+        hours = yield from _hours(desk, number)
+        if hours is not None:
+            desk.plugged_hours[number] = (hours, desk.now)
+
+
+def recognise(desk: Desk, model: str) -> Steps[bool]:
+    """Whether `model` answers for this run's station. A stranger is told once, and neither read further nor written.
+
+    Raises `StationError` or `LinkError` where it cannot be asked.
+    """
+    other = f"a {model}, not the {desk.facts.model}" if model != desk.facts.model else (yield from _difference(desk))
+    desk.is_proven = other is None
+    if other is not None and other != desk.stranger:
+        text = f"On {desk.order.url} there is now {other} of this run. It is neither read nor written."
+        desk.note("identity.changed", Severity.CRITICAL, text, raw=model)
+    desk.stranger = other
+    return desk.is_proven
+
+
+def _difference(desk: Desk) -> Steps[str | None]:
+    """How the station differs from this run's, of the same model; None where it does not."""
+    model, software = desk.facts.model, desk.facts.software
+    if software is not None:
+        found = yield from desk.station.read(desk.command("software_version"))
+        if found != software:
+            return f"a {model} with software {found}, not the one with {software}"
+    for number, (before, then) in desk.plugged_hours.items():
+        hours = yield from _hours(desk, number)
+        if hours is not None and not before <= hours <= before + (desk.now - then) / 3600 + RESOLUTION_H:
+            return f"a {model} with {hours} plugged hours on port {number}, not the one with {before}"
+    return None
+
+
+def _hours(desk: Desk, number: int) -> Steps[int | None]:
+    """The plugged hours of a port; None where the station does not count them."""
+    try:
+        hours = yield from desk.station.read(desk.command(HOURS), number)
+    except NotSupported:
+        return None
+    return hours if isinstance(hours, int) else None
