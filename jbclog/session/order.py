@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 from jbclog.clock import UtcOffset
 from jbclog.commands.command import Command
 from jbclog.commands.family import Family
+from jbclog.effects import Steps
 from jbclog.quantities import Off, Value
 from jbclog.recipe.model import Recipe
 from jbclog.rows import EventRow, Journal, Severity, StationFacts
@@ -82,6 +83,7 @@ class Desk:
         self.not_supported: set[str] = set()
         self.feeder_touched = False
         self.feeding_seen = False
+        self.after_safe: Callable[[], Steps[None]] | None = None  # what is still read when sampling has ended
         self.connected = False
         self.is_proven = False  # the port has not broken since the station said who it is
         self.plugged_hours: dict[int, tuple[int, float]] = {}  # by port, with the moment at which they were read

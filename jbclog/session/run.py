@@ -63,6 +63,7 @@ def _record(desk: Desk) -> Steps[None]:
         yield from _sample(desk, sampler)
     finally:
         sampler.account()
+        desk.after_safe = sampler.read_flags_once_more
 
 
 def _sample(desk: Desk, sampler: Sampler) -> Steps[None]:
@@ -78,7 +79,8 @@ def _sample(desk: Desk, sampler: Sampler) -> Steps[None]:
 def _close(desk: Desk) -> Steps[None]:
     yield from _surely_make_safe(desk)
     try:
-        if desk.facts.first_tick is not None and desk.connected:
+        if desk.connected and desk.after_safe is not None:
+            yield from desk.after_safe()
             yield from read_counters(desk)
     except (LinkError, StationError, RunEnded) as error:
         desk.note("counters.missed", Severity.WARNING, f"The counters could not be read at the end: {error}.")

@@ -151,6 +151,23 @@ class Sampler:
             if not self.paced or self.desk.now > following:
                 return
 
+    def read_flags_once_more(self) -> Steps[None]:
+        """Read the alarm flags after the last tick: what was raised since they were last read is told, not lost.
+
+        No row holds it; what they say is an event. Called once the tools are in their safe state.
+        """
+        for scan in self._scans.values():
+            probe = self._probes.get(("alarm_high", scan.port.number))
+            if probe is None or "alarm_high" in self.desk.not_supported:
+                continue
+            try:
+                word = yield from self.desk.station.ask(probe.question)
+            except (LinkError, StationError) as error:
+                scan.alarms.lost(self.desk.now, error.reason)
+            else:
+                if isinstance(word, tuple):
+                    scan.alarms.read(word, self.desk.now)
+
     # -- ticks that cannot be asked --------------------------------------------------------------------------------------
 
     def miss(self, tick: int, why: str) -> None:
