@@ -74,6 +74,7 @@ class Question:
     answer_start: bytes  # STX, addresses, A and the code
     answer_length: int
     wire_s: float
+    tries: int  # how often it may go out
     _texts: dict[bytes, str] = field(default_factory=dict)
     _values: dict[str, Value] = field(default_factory=dict)
 
@@ -149,7 +150,7 @@ class Station:
 
     def ask(self, question: Question) -> Steps[Value]:
         """The same with a question made before; the path of every sample."""
-        tries = 1 if question.command.asked_once else 1 + REPEATS
+        tries = question.tries
         while True:
             tries -= 1
             if question.code in self._doubted:
@@ -221,7 +222,8 @@ class Station:
         frame = self._frame(header, code + data, sending=True)
         start = self._frame("A", code, sending=not self._answer_from_station)[:-2]
         length = len(start) + (UNEXPECTED_LENGTH if digits is None else digits) + 2
-        return Question(command, port, frame, code, digits, start, length, self.line.seconds(len(frame) + length))
+        tries = 1 if command.asked_once else 1 + REPEATS
+        return Question(command, port, frame, code, digits, start, length, self.line.seconds(len(frame) + length), tries)
 
     def _frame(self, header: str, text: str, *, sending: bool) -> bytes:
         if self.address is None:

@@ -8,6 +8,7 @@ from jbclog.commands.family import STATUS_NAMES
 from jbclog.commands.signals import STATUS_COLUMNS
 from jbclog.quantities import Value
 from jbclog.rows import COLUMN, SampleRow
+from jbclog.session.order import PortState
 
 Fill = Callable[[SampleRow, Value], None]
 
@@ -63,8 +64,13 @@ def fill_of(signal: str, has_feeder: bool) -> Fill:
     return special.get(signal) or _plain(signal)
 
 
-def unusable(signal: str, value: Value, counting: bool) -> str | None:
+def unusable(signal: str, value: Value, port: PortState) -> str | None:
     """Why a well-formed value is not taken, or None: a countdown that does not run has no remaining time."""
-    if signal == "delay_s" and (value in NO_COUNTDOWN or (value == 0 and not counting)):
+    if signal == "delay_s" and (value in NO_COUNTDOWN or (value == 0 and not _is_counting(port))):
         return NOT_COUNTING
     return None
+
+
+def _is_counting(port: PortState) -> bool:
+    """Whether the tool stands, and so a countdown to sleep or hibernation can be running."""
+    return port.status is not None and port.status[4] in (1, 2)

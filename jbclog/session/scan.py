@@ -135,7 +135,7 @@ class Scanner:
         name = probe.reading.name
         if name == "temperature_c":
             scan.temperature_at = scan.last_heard
-        why = "no_tool" if scan.no_tool and name in NEEDS_A_TOOL else unusable(name, value, is_counting(scan.port))
+        why = "no_tool" if scan.no_tool and name in NEEDS_A_TOOL else unusable(name, value, scan.port)
         if why:
             self.unread(probe, scan, why)
             return
@@ -194,11 +194,6 @@ class Scanner:
             row[_LATE] = round((first - due) * 1e6)
         if first is not None and last is not None:
             row[_SCAN] = round((last - first) * 1e6)
-
-
-def is_counting(port: PortState) -> bool:
-    """Whether the tool stands, and so a countdown to sleep or hibernation can be running."""
-    return port.status is not None and port.status[4] in (1, 2)
 
 
 def _sentence(probe: Probe, why: str) -> str:
