@@ -20,7 +20,10 @@ class Reason:
 
 @dataclass(slots=True)
 class VerdictFacts:
-    """`decided` is ``"with the run"`` (it stands in the manifest) or ``"by this report"``. Reasons: what kept it from ACCEPT."""
+    """`decided`: ``"with the run"`` (it stands in the manifest), ``"by recovery"`` (the run was cut off) or ``"by this report"``.
+
+    Reasons: what kept it from ACCEPT.
+    """
 
     word: str
     decided: str
@@ -77,7 +80,7 @@ class PowerFacts:
 
 @dataclass(slots=True)
 class PortFacts:
-    """One port: what was in it, what was measured, how it was left."""
+    """One port: what was in it, what was measured, how it was left (`safety.py`); `late_p99_ms` grows with a port's place."""
 
     port: int
     tool: str | None
@@ -86,8 +89,13 @@ class PortFacts:
     power: PowerFacts
     alarms: int
     doubtful_alarms: int
+    touched: bool
     safe_state: str | None
     last_temperature_c: float | None
+    last_status: str | None
+    left: str
+    left_means: str
+    left_warns: bool
     figures: list[Figure]
 
 

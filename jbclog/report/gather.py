@@ -12,12 +12,12 @@ from jbclog.analysis import Run
 from jbclog.errors import RecordError
 from jbclog.judge import measure
 from jbclog.record.manifest import Manifest, manifest_sha256
-from jbclog.report.facts import NOT_CLAIMED, SCHEMA, Facts, StationReport
+from jbclog.report.facts import NOT_CLAIMED, SCHEMA, Facts, Reason, StationReport
 from jbclog.report.marks import happenings
 from jbclog.report.ports import Context
 from jbclog.report.stations import station_report
 from jbclog.report.tables import counter_rows, event_rows, ledger_rows, setting_rows
-from jbclog.report.verdict import verdict_facts
+from jbclog.report.verdict import is_cut_off, verdict_facts
 
 COLUMNS = ("time", "tick", "port", "late_us", "quality", "temperature_c", "power_permille", "status", "set_c")
 
@@ -29,12 +29,16 @@ def gather(run: Run) -> Facts:
         raise RecordError(f"{folder} is still open: it is being recorded, or a crash left it so; `jbclog recover` finishes it")
     events, settings_left = event_rows(run.events()), setting_rows(run.settings())
     ledger, reasons = ledger_rows(manifest.ledger)
+    stations = list(_stations(run, folder))
+    verdict = verdict_facts(folder, manifest)
+    if is_cut_off(manifest):
+        verdict.reasons[1:1] = list(_not_made_safe(stations))
     return Facts(
         schema=SCHEMA,
         run=manifest.run,
         manifest_sha256=manifest_sha256(folder),
         jbclog=__version__,
-        verdict=verdict_facts(folder, manifest),
+        verdict=verdict,
         state=manifest.state,
         exit_status=manifest.exit_status,
         exit_code=manifest.exit_code,
@@ -48,7 +52,7 @@ def gather(run: Run) -> Facts:
         recipes=[asdict(recipe) for recipe in manifest.recipes],
         metadata=_metadata(manifest),
         host=dict(manifest.host),
-        stations=list(_stations(run, folder)),
+        stations=stations,
         events=events[0],
         events_left=events[1],
         settings=settings_left[0],
@@ -71,9 +75,18 @@ def _stations(run: Run, folder: Path) -> Iterator[StationReport]:
         run.settings(),
         measure(folder, {facts.name: facts for facts in manifest.stations}),
         manifest.ledger,
+        is_cut_off(manifest),
     )
     for number, facts in enumerate(manifest.stations, 1):
         yield station_report(facts, number, run.samples(station=facts.name, columns=COLUMNS), context)
+
+
+def _not_made_safe(stations: list[StationReport]) -> Iterator[Reason]:
+    """After a crash nobody has told the operator: a sentence for each tool that may still be hot."""
+    for station in stations:
+        for port in station.ports:
+            if port.left_warns:
+                yield Reason("fail", f"{station.name} port {port.port}: {port.left}.")
 
 
 def _metadata(manifest: Manifest) -> dict[str, object]:

@@ -24,11 +24,11 @@ SIGNS = {
 }
 RESULT_SIGNS = {"pass": "✓", "fail": "✕", "missing": "?", "deviation": "△", "none": "–"}
 
-SAFE_MEANINGS = {
-    None: "The run changed nothing at this port.",
-    "verified": "The order was read back.",
-    "sent": "The order was sent and could not be read back.",
-    "failed": "The tool could not be put in its safe state.",
+ENDINGS = {
+    "success": "recorded to the end",
+    "aborted": "ended before its stated duration",
+    "failed": "ended with an error",
+    "lost": "cut off",
 }
 
 
@@ -51,7 +51,7 @@ def _environment() -> Environment:
     environment.filters.update(
         number=number, measured=measured, stamp=stamp, clock=clock, together=together, duration=_duration, place=_place
     )
-    environment.globals.update(signs=SIGNS, result_signs=RESULT_SIGNS, safe_meanings=SAFE_MEANINGS)
+    environment.globals.update(signs=SIGNS, result_signs=RESULT_SIGNS, endings=ENDINGS)
     return environment
 
 

@@ -14,6 +14,7 @@ from jbclog.report.closer import closer
 from jbclog.report.facts import Figure, PortFacts, PowerFacts, RecordedFacts, TipFacts
 from jbclog.report.figure import figure_svg
 from jbclog.report.marks import Happening, limits_of, marks_of
+from jbclog.report.safety import left
 from jbclog.report.spans import Span
 from jbclog.report.style import NARROW, WIDE
 from jbclog.report.text import iso
@@ -35,6 +36,7 @@ class Context:
     settings: pd.DataFrame
     measures: Mapping[tuple[str, int], PortMeasure]
     ledger: Mapping[str, Mapping[str, PortLedger]]
+    cut_off: bool = False
 
 
 def port_facts(facts: StationFacts, port: int, file: str, rows: pd.DataFrame, context: Context) -> PortFacts:
@@ -46,6 +48,8 @@ def port_facts(facts: StationFacts, port: int, file: str, rows: pd.DataFrame, co
     )
     measure = context.measures.get((facts.name, port))
     ledger = context.ledger.get(facts.name, {}).get(str(port), {})
+    celsius, status = facts.last_temperature_c.get(port, _last(drawn.temperature)), _last_word(rows["status"])
+    how = left(facts, port, celsius, status, context.cut_off)
     return PortFacts(
         port=port,
         tool=facts.tools.get(port),
@@ -55,7 +59,12 @@ def port_facts(facts: StationFacts, port: int, file: str, rows: pd.DataFrame, co
         alarms=sum(mark.kind == "alarm" for mark in drawn.marks),
         doubtful_alarms=sum(mark.kind == "unconfirmed" for mark in drawn.marks),
         safe_state=facts.safe_state.get(port),
-        last_temperature_c=facts.last_temperature_c.get(port),
+        touched=port in facts.touched,
+        last_temperature_c=celsius,
+        last_status=status,
+        left=how.word,
+        left_means=how.meaning,
+        left_warns=how.warn,
         figures=_figures(file, f"{facts.name}, port {port}", drawn) if len(rows) else [],
     )
 
@@ -107,6 +116,11 @@ def _extreme(values: Floats, which: Callable[[Floats], np.float64]) -> float | N
 def _last(values: Floats) -> float | None:
     known = values[~np.isnan(values)]
     return float(known[-1]) if len(known) else None
+
+
+def _last_word(words: pd.Series[str]) -> str | None:
+    known = words.dropna()
+    return str(known.iloc[-1]) if len(known) else None
 
 
 def _limit(limits: Sequence[Limit], side: str) -> float | None:

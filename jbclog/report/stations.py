@@ -11,12 +11,15 @@ from jbclog.report.ports import Context, port_facts
 from jbclog.rows import StationFacts
 
 NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9._-]{0,63}")  # contract, "Line file"
+CUT_OFF = "cut off"
+BROKE_OFF = "The record breaks off while this station was still being driven."
 
 
 def station_report(facts: StationFacts, number: int, samples: pd.DataFrame, context: Context) -> StationReport:
     """The run's station `number`, from what the manifest knows of it and all of its rows."""
     stem = facts.name if NAME.fullmatch(facts.name) else f"station-{number}"  # a manifest is a file, and can say anything
     ports = sorted({*facts.ports, *(int(port) for port in samples["port"].unique())})
+    broke_off = context.cut_off and facts.outcome == "running"
     turnaround = facts.turnaround_us.get("median")
     return StationReport(
         name=facts.name,
@@ -31,8 +34,8 @@ def station_report(facts: StationFacts, number: int, samples: pd.DataFrame, cont
         recipe=facts.recipe,
         rated_power_w=facts.rated_power_w,
         not_supported=sorted(facts.not_supported),
-        outcome=facts.outcome,
-        reason=facts.reason,
+        outcome=CUT_OFF if broke_off else facts.outcome,
+        reason=facts.reason or (BROKE_OFF if broke_off else ""),
         outages=facts.outages,
         skipped_ticks=facts.skipped,
         garbage_bytes=facts.garbage_bytes,

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from jbclog.errors import Problems, UsageError
@@ -14,16 +16,37 @@ from jbclog.report.summary import summary
 
 EMPTY_RULE = Rule("", None, None, None, None, "", Result.MISSING, "").as_dict()
 FINE = "Every limit was kept."
+NO_RULES = "The manifest states this verdict and no rule that it rests on."
+CUT_OFF = "The recorder was cut off before it had judged the run."
+JUDGED_HERE = "The limits are compared here with what is there; that cannot make up for what is missing."
 NOTHING_ASKED = "The recipes state no limits to judge by; this is a record, not a release."
 
 
 def verdict_facts(folder: Path, manifest: Manifest) -> VerdictFacts:
     """The verdict with its reasons, the gravest first."""
+    if is_cut_off(manifest):
+        return _cut_off(folder, manifest)
     if manifest.verdict is not None:
         rules = [{**EMPTY_RULE, **rule} for rule in manifest.verdict_rules if isinstance(rule, dict)]
-        return _facts(manifest.verdict, "with the run", rules)
+        return _facts(manifest, manifest.verdict, "with the run", rules)
     judgement = judge_now(folder, manifest)
-    return _facts(judgement.verdict.value, "by this report", judgement.rules_as_dicts())
+    return _facts(manifest, judgement.verdict.value, "by this report", judgement.rules_as_dicts())
+
+
+def is_cut_off(manifest: Manifest) -> bool:
+    """Whether a crash ended the recorder, so that the record's end was written by `recover`."""
+    return manifest.exit_status == "lost"
+
+
+def _cut_off(folder: Path, manifest: Manifest) -> VerdictFacts:
+    """What is there, judged now, below a verdict that stays what `recover` said: a cut-off run is never accepted."""
+    judgement = judge_now(folder, manifest)
+    lost = [] if manifest.lost is None else [manifest.lost.text]
+    judged = judgement.verdict is not Verdict.NOT_JUDGED
+    told = Reason("missing", " ".join([CUT_OFF, *lost, *([JUDGED_HERE] if judged else [])]))
+    found = _facts(manifest, manifest.verdict or judgement.verdict.value, "by recovery", judgement.rules_as_dicts())
+    others = [reason for reason in found.reasons if reason.text not in lost]
+    return replace(found, reasons=[told, *others])
 
 
 def judge_now(folder: Path, manifest: Manifest) -> Judgement:
@@ -48,8 +71,18 @@ def _acceptance(folder: Path, recipe: str | None) -> Acceptance | None:
     return None if recipe is None else load_recipe(folder / "recipes" / Path(recipe).name).acceptance
 
 
-def _facts(word: str, decided: str, rules: list[dict[str, object]]) -> VerdictFacts:
-    return VerdictFacts(word, decided, list(_reasons(word, rules)), rules, summary(rules))
+def _facts(manifest: Manifest, word: str, decided: str, rules: list[dict[str, object]]) -> VerdictFacts:
+    urls = [facts.url for facts in manifest.stations if facts.url]
+    reasons = [replace(reason, text=without_urls(reason.text, urls)) for reason in _reasons(word, rules)]
+    return VerdictFacts(word, decided, reasons, rules, summary(rules))
+
+
+def without_urls(text: str, urls: Sequence[str]) -> str:
+    """A sentence that names its station without the station's device; that stands in the station's part and in the events."""
+    for url in sorted(urls, key=len, reverse=True):
+        if "/" in url:  # not a word that could stand anywhere
+            text = re.sub(rf"(?: (?:on|at))? {re.escape(url)}(?=[ .,;]|$)|(?<= ){re.escape(url)}: ", "", text)
+    return text
 
 
 def _reasons(word: str, rules: list[dict[str, object]]) -> Iterator[Reason]:
@@ -67,7 +100,7 @@ def _reasons(word: str, rules: list[dict[str, object]]) -> Iterator[Reason]:
     for (result, sentence), places in said.items():
         yield Reason(result, f"{places}: {sentence}" if places else sentence)
     if not said:
-        yield Reason("pass", FINE)
+        yield Reason("pass", FINE) if rules else Reason("missing", NO_RULES)
 
 
 def _sentence(rule: dict[str, object]) -> str:

@@ -18,6 +18,7 @@ from jbclog.errors import RecordError
 from jbclog.record.check import check
 from jbclog.record.manifest import LineFile, Lost, Metadata, read_manifest, write_manifest
 from jbclog.report import verify_report, write_report
+from jbclog.report.verdict import without_urls
 from jbclog.rows import CounterRow, EventRow, SettingRow, Severity
 
 ELEMENTS = {
@@ -203,6 +204,56 @@ def test_a_lost_run_is_never_accepted_and_says_what_is_missing(tmp_path: Path) -
     assert "At most 1 s of every station is missing." in page.text
     assert data["duration_s"] is None
     assert "not known" in page.text
+
+
+def recovered(tmp_path: Path, **manifest: object) -> Path:
+    """A run whose recorder was killed: its tool at work, no outcome, as `recover` leaves it."""
+    facts = station(rows=600)
+    facts.outcome, facts.safe_state, facts.last_temperature_c = "running", {}, {}
+    facts.first_tick = facts.last_tick = None
+    told = {"exit_status": "lost", "exit_code": 4, "verdict": "INCONCLUSIVE", "lost": Lost(1.0, "At most the last 1 s is missing.")}
+    return seal(tmp_path, [facts], table(samples(600)), **{**told, **manifest})  # type: ignore[arg-type]
+
+
+def test_a_recovered_run_claims_nothing_that_nobody_saw(tmp_path: Path) -> None:
+    page, data = report(recovered(tmp_path))
+    assert (data["verdict"]["word"], data["verdict"]["decided"]) == ("INCONCLUSIVE", "by recovery")
+    first, second = (reason["text"] for reason in data["verdict"]["reasons"][:2])
+    assert first.startswith("The recorder was cut off before it had judged the run. At most the last 1 s is missing.")
+    assert second == "dde-1 port 1: not made safe: last seen 345 °C, working."
+    assert "Every limit was kept." not in page.text
+    assert "not touched" not in page.text
+    assert (data["stations"][0]["outcome"], data["stations"][0]["ports"][0]["left_warns"]) == ("cut off", True)
+    assert "running" not in page.text.split("What this record does not claim")[0]
+    assert {rule["name"]: rule["result"] for rule in data["verdict"]["rules"]}["record"] == "missing"
+
+
+def test_a_recovered_run_stays_inconclusive_whatever_is_found_in_it(tmp_path: Path) -> None:
+    folder = recovered(tmp_path)
+    (folder / "samples" / "part-0000.parquet").unlink()
+    _, data = report(folder)
+    assert data["verdict"]["word"] == "INCONCLUSIVE"
+    assert data["stations"][0]["ports"][0]["left"] == "not made safe, never read"
+
+
+def test_a_recovered_run_without_limits_says_so_and_that_it_was_cut_off(tmp_path: Path) -> None:
+    page, data = report(recovered(tmp_path, recipe=RECIPE.split("[acceptance]")[0], verdict="NOT JUDGED"))
+    assert data["verdict"]["word"] == "NOT JUDGED"
+    assert "The recorder was cut off" in page.text
+    assert "state no limits" in page.text
+
+
+@pytest.mark.parametrize(
+    ("text", "shown"),
+    [
+        ("Gone: /dev/ttyUSB0: it was hung up.", "Gone: it was hung up."),
+        ("No usable answer on /dev/ttyUSB0 at 19200 8N1.", "No usable answer at 19200 8N1."),
+        ("It is /dev/ttyUSB01.", "It is /dev/ttyUSB01."),
+        ("A and/or B.", "A and/or B."),
+    ],
+)
+def test_the_verdict_names_stations_and_not_their_devices(text: str, shown: str) -> None:
+    assert without_urls(text, ["/dev/ttyUSB0", "dde-1"]) == shown
 
 
 def test_without_its_recipe_a_run_is_inconclusive(tmp_path: Path) -> None:
