@@ -31,6 +31,6 @@ def check(
     else:
         for finding in found:
             tell(str(finding))
-        tell(f"{run}: {len(found)} findings" if found else f"{run}: everything agrees")
+        tell(f"{run}: {len(found)} finding{'s' if len(found) > 1 else ''}" if found else f"{run}: everything agrees")
     if found:
         raise typer.Exit(1)

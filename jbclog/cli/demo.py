@@ -109,7 +109,7 @@ def _tell(result: Result, page: Path, shown: dict[str, bool]) -> None:
     reasons = "; ".join(finding.text for finding in result.findings) or "nothing was wrong"
     tell(f"A real `jbclog run` would have ended with exit code {result.exit_code.value}: {reasons}.")
     tell()
-    tell(f"report    {page}")
+    tell(f"report    {page}   (open it in a browser)")
     tell(f"samples   {result.folder / 'samples'}   (pandas.read_parquet opens the folder)")
     tell(f"events    {result.folder / 'events'}")
     tell(f"manifest  {result.folder / 'manifest.json'}")

@@ -18,12 +18,18 @@ if TYPE_CHECKING:
     from rich.table import Table
 
 WORTH_TELLING = (Severity.WARNING, Severity.ERROR, Severity.CRITICAL)
+GOOD_NEWS = ("station.ready", "link.back", "robot.on")
 
 
 def event_line(event: EventRow) -> str:
     """An event as one line of notes: time of day in UTC, where, what."""
     moment = time.strftime("%H:%M:%S", time.gmtime(event.time // 1_000_000))
     return f"{moment}Z  {event.severity.value:8}  {event.station or 'run'}: {event.text}"
+
+
+def is_told(event: EventRow) -> bool:
+    """Whether a person wants to hear of it while the run goes on."""
+    return event.severity in WORTH_TELLING or event.kind in GOOD_NEWS
 
 
 class Lines:
@@ -33,7 +39,7 @@ class Lines:
         note(f"recording into {folder}")
 
     def happened(self, event: EventRow) -> None:
-        if event.severity in WORTH_TELLING or event.kind == "station.ready":
+        if is_told(event):
             note(event_line(event))
 
     def second(self, desks: list[Desk]) -> None:
@@ -65,7 +71,7 @@ class Screen:
         self._live.start()
 
     def happened(self, event: EventRow) -> None:
-        if event.severity in WORTH_TELLING or event.kind == "station.ready":
+        if is_told(event):
             self._print(event_line(event))
 
     def second(self, desks: list[Desk]) -> None:

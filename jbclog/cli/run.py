@@ -77,11 +77,13 @@ def _tell(result: Result) -> None:
 
 
 def _tell_rules(result: Result) -> None:
-    broken = _rules_not_met(result)
-    for rule in broken[:MOST_RULES]:
-        note(f"  {rule['result']}: {_place(rule)}{rule['text']}")
-    if len(broken) > MOST_RULES:
-        note(f"  and {len(broken) - MOST_RULES} more: `jbclog report {result.folder}` shows them")
+    where: dict[str, dict[str, None]] = {}  # what is wrong -> at which places, each once
+    for rule in _rules_not_met(result):
+        where.setdefault(f"{rule['result']}: {rule['text']}", {})[_place(rule)] = None
+    for text, places in list(where.items())[:MOST_RULES]:
+        note(f"  {text} ({', '.join(places)})")
+    if len(where) > MOST_RULES:
+        note(f"  and {len(where) - MOST_RULES} more: `jbclog report {result.folder}` shows them")
 
 
 def _facts(result: Result) -> dict[str, object]:
@@ -101,4 +103,4 @@ def _rules_not_met(result: Result) -> list[dict[str, object]]:
 
 def _place(rule: dict[str, object]) -> str:
     station, port = rule["station"], rule["port"]
-    return "" if station is None else f"{station}: " if port is None else f"{station} port {port}: "
+    return "run" if station is None else f"{station}" if port is None else f"{station} port {port}"

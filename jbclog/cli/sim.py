@@ -36,7 +36,7 @@ def sim(
     served = folder / SERVED_LINE
     tell(str(served))
     note(f"{_count(len(loaded.stations))} ready; Ctrl-C ends this. In another terminal:")
-    note(f"  jbclog run profiles/recipes/sn100c-tht.toml --line {served} --duration 30s")
+    note(f"  jbclog run profiles/recipes/sn100c-tht.toml --line {served} --duration 60s")
     server.run()
     wire_file.close()
 
