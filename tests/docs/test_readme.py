@@ -103,6 +103,7 @@ def test_the_python_snippet_runs_on_a_demo(demo: Demo) -> None:
     assert done.returncode == 0, done.stderr
     assert "REJECT ['dde-1', 'dde-2', 'ucr-1', 'ale-1']" in done.stdout
     assert "high-temperature alarm" in done.stdout
+    assert re.search(r"^dispensed_mm +\d", done.stdout, re.MULTILINE)
     assert (demo.place / "ucr-1.png").read_bytes().startswith(b"\x89PNG")
 
 
