@@ -15,10 +15,11 @@ import platform
 import signal
 import socket
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
+from types import FrameType
 from typing import Protocol
 
 from jbclog import __version__
@@ -90,14 +91,16 @@ class _Run:
         self._desks = [Desk(order, self._journal, self._utc) for order in orders(plan, self._t0)]
 
     def conduct(self) -> Result:
-        self._keep_files()
-        self._store.start()
-        self._observer.begun(self._folder)
-        self._note("run.start", f"Run of {len(self._desks)} stations on line {self._plan.line.name}, jbclog {__version__}.")
         with self._signals():
-            self._pull()
-        record = self._close_record()
-        return self._conclude(record)
+            self._keep_files()
+            self._store.start()
+            self._show(lambda: self._observer.begun(self._folder))
+            count = len(self._desks)
+            stations = f"{count} station{'' if count == 1 else 's'}"
+            self._note("run.start", f"Run of {stations} on line {self._plan.line.name}, jbclog {__version__}.")
+            broken = self._pull()
+            record = self._close_record() or broken
+            return self._conclude(record)
 
     # -- before -------------------------------------------------------------------------------------------------------------
 
@@ -123,36 +126,59 @@ class _Run:
 
     # -- during -------------------------------------------------------------------------------------------------------------
 
-    def _pull(self) -> None:
+    def _pull(self) -> str | None:
+        """Run all sessions to their ends; what broke in this program meanwhile, or None."""
         for desk in self._desks:
             self._reactor.add(run_station(desk), _opener(desk))
         self._reactor.every(LOOK_EVERY_S, self._look)
-        self._reactor.run()
+        try:
+            self._reactor.run()
+        except Exception as error:  # the record of what went before is closed all the same
+            text = f"internal error, {type(error).__name__}: {error}"
+            self._note("run.failed", text, Severity.CRITICAL)
+            return text
+        return None
 
     def _look(self) -> None:
         step = self._utc.check()
         if step:
             text = f"The host's clock was stepped by {step:+.3f} s; ticks and durations are not affected."
             self._note("clock.step", text, Severity.WARNING, value=step)
-        self._observer.second(self._desks)
+        self._show(lambda: self._observer.second(self._desks))
+
+    @staticmethod
+    def _show(show: Callable[[], None]) -> None:
+        """A terminal that is gone must not become a fault of the run."""
+        with suppress(Exception):
+            show()
 
     def _on_record_failure(self, error: RecordError) -> None:
         """From the store's thread: what can no longer be recorded must not go on heating."""
-        self._reactor.loop.call_soon_threadsafe(self._reactor.end, f"the record cannot be kept: {error}")
+        self._in_loop(self._reactor.end, f"the record cannot be kept: {error}")
+
+    def _in_loop(self, call: Callable[[str], None], what: str) -> None:
+        """Have it done in the loop's thread; where the loop has ended there is nothing left to do."""
+        with suppress(RuntimeError):
+            self._reactor.loop.call_soon_threadsafe(call, what)
 
     @contextmanager
     def _signals(self) -> Iterator[None]:
-        """SIGINT, SIGTERM and SIGHUP end the run in good order; a second one changes nothing."""
-        loop = self._reactor.loop
-        for number in CUT_SHORT:
-            loop.add_signal_handler(number, self._on_signal, number)
-        yield  # the loop is closed when the run is over, and its handlers with it
+        """SIGINT, SIGTERM and SIGHUP end the run in good order; a second one, or one while sealing, changes nothing."""
+        told = {number: signal.signal(number, self._on_signal) for number in CUT_SHORT}
+        try:
+            yield
+        finally:
+            for number, before in told.items():
+                signal.signal(number, before)
 
-    def _on_signal(self, number: signal.Signals) -> None:
+    def _on_signal(self, number: int, _frame: FrameType | None) -> None:
+        self._in_loop(self._end_on, signal.Signals(number).name)
+
+    def _end_on(self, name: str) -> None:
         if self._plan.wanted.duration_s is not None and self._cut_short is None:
-            self._cut_short = CUT_SHORT[number]
-        self._note("run.signal", f"{number.name} received; the tools are put in their safe state and the run ends.")
-        self._reactor.end(f"ended by {number.name}")
+            self._cut_short = CUT_SHORT[signal.Signals[name]]
+        self._note("run.signal", f"{name} received; the tools are put in their safe state and the run ends.")
+        self._reactor.end(f"ended by {name}")
 
     def _note(self, kind: str, text: str, severity: Severity = Severity.INFO, value: float | None = None) -> None:
         self._journal.event(EventRow(self._utc.micros(self._clock.monotonic()), kind, severity, text, value=value))
@@ -163,7 +189,7 @@ class _Run:
         """Close the live store and seal its rows; what the record lacks, or None."""
         self._note("run.end", "All stations have ended.")
         self._store.close()
-        self._observer.sealing()
+        self._show(self._observer.sealing)
         try:
             seal_in_child(self._folder, self._store.lock)
         except RecordError as error:
@@ -208,7 +234,8 @@ class _Tap:
 
     def event(self, event: EventRow, *, at_once: bool = False) -> None:
         self._store.event(event, at_once=at_once)
-        self._observer.happened(event)
+        with suppress(Exception):  # a terminal that is gone must not become a fault of a session
+            self._observer.happened(event)
 
 
 def _opener(desk: Desk) -> Callable[[], Port]:

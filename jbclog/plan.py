@@ -18,7 +18,7 @@ from jbclog.recipe.model import Recipe
 from jbclog.recipe.settings import Setting, foreign_keys, settings_for, station_settings_for
 from jbclog.scheduler import Demand
 from jbclog.session.order import AS_FAST_AS_POSSIBLE, AS_FIT, Order
-from jbclog.session.pace import readings_for, too_fast
+from jbclog.session.pace import rate_problem, readings_for
 
 ANSWERING_PORTS = (1,)  # what is reckoned with where only the station knows its ports
 
@@ -233,8 +233,11 @@ def _mismatches(line: Line, station: StationPlan) -> Iterator[Problem]:
         yield recipe.problem(("recipe", "families"), f"{families}: not for {spec.name}, whose family is {spec.family}")
         return
     demand, rate_hz = station.demand, station.rate_hz
-    if demand is not None and rate_hz is not None and not demand.fits(rate_hz, station.turnaround_s):
-        yield Problem(str(line.path), None, f"station {spec.name}", too_fast(spec.name, rate_hz, demand, station.turnaround_s))
+    if demand is None or rate_hz is None:
+        return
+    problem = rate_problem(spec.name, rate_hz, demand, station.turnaround_s)
+    if problem:
+        yield Problem(str(line.path), None, f"station {spec.name}", problem.removeprefix(f"{spec.name}: "))
 
 
 def _missing_metadata(stations: Sequence[StationPlan], wanted: Wanted) -> Iterator[Problem]:

@@ -109,6 +109,11 @@ class Demand:
         """The longest turnaround at which `rate_hz` fits, in seconds; negative where the bytes alone are too many."""
         return _border(lambda turnaround_s: self.fits(rate_hz, turnaround_s), -self.fast_s / self.fast_reads, 1 / rate_hz)
 
+    @property
+    def slowest_rate_hz(self) -> float:
+        """The lowest rate whose ticks come often enough for the slow readings' ceilings; 0.0 where there are none."""
+        return 1 / (CEILING * min(period_s for _, period_s in self.slow)) if self.slow else 0.0
+
     def _slow_share(self, rate_hz: float, turnaround_s: float) -> float:
         """The share of the wire that slow readings take where each is read in its period, or once a tick."""
         return sum((wire_s + turnaround_s) / max(period_s, 1 / rate_hz) for wire_s, period_s in self.slow)

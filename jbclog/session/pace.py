@@ -52,9 +52,20 @@ def _rate_hz(desk: Desk, demand: Demand, turnaround_s: float) -> float:
     wished = desk.recipe.sampling.rate_hz if asked is None or isinstance(asked, str) else asked
     if asked == AS_FIT:
         return min(wished, best)
-    if not demand.fits(wished, turnaround_s):
-        raise StartRefused(too_fast(desk.name, wished, demand, turnaround_s))
+    problem = rate_problem(desk.name, wished, demand, turnaround_s)
+    if problem:
+        raise StartRefused(problem)
     return wished
+
+
+def rate_problem(name: str, rate_hz: float, demand: Demand, turnaround_s: float) -> str | None:
+    """Why a rate cannot be kept with all that is to be read, or None."""
+    if rate_hz < demand.slowest_rate_hz * (1 - 1e-9):
+        return (
+            f"{name}: at {rate_hz:g} Hz a tick is too rare for the readings that are due more often; the lowest rate is "
+            f"{demand.slowest_rate_hz:.3g} Hz: raise it, or alarms_every_s in the recipe's [sampling]"
+        )
+    return None if demand.fits(rate_hz, turnaround_s) else too_fast(name, rate_hz, demand, turnaround_s)
 
 
 def too_fast(name: str, rate_hz: float, demand: Demand, turnaround_s: float) -> str:

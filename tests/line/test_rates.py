@@ -98,13 +98,21 @@ def test_max_asks_without_pause() -> None:
     assert_account_holds(run)
 
 
-@pytest.mark.parametrize("rate", [0.1, 0.3, 1])
+@pytest.mark.parametrize("rate", [0.2, 0.3, 1])
 def test_a_slow_signal_comes_once_a_row_at_most(rate: float) -> None:
-    """At 0.1 Hz the flags are due every 2 s and there is a row every 10 s."""
+    """At 0.2 Hz the flags are due every 2 s and there is a row every 5 s."""
     run = prepare(duration_s=120, rate=rate).go()
     assert run.facts.outcome == "completed"
     assert run.facts.due["1"]["alarm_high"] <= len(run.memory.column("tick"))
     assert_account_holds(run)
+
+
+def test_a_rate_whose_rows_are_too_rare_for_a_ceiling_is_refused_before_any_write() -> None:
+    """The flags are due every 2 s and must never be older than 6 s; at 0.1 Hz there is a row every 10 s."""
+    run = prepare(duration_s=120, rate=0.1).go()
+    assert run.facts.outcome == "refused"
+    assert "the lowest rate is 0.167 Hz" in run.facts.reason
+    assert run.station.log.writes == []
 
 
 # -- late ticks ----------------------------------------------------------------------------------------------------

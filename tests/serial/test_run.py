@@ -7,6 +7,7 @@ import os
 import shutil
 import signal
 import subprocess
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -84,6 +85,19 @@ def test_a_signal_cuts_a_stated_duration_short_and_leaves_the_tools_safe(
     for station in ("dde-1", "dde-2", "ucr-1", "ale-1"):
         assert STAND in wire.writes(station)[-2:]
     assert wire.writes("ale-1")[-2:] == ["WSTP00000", STAND]  # the feeder first
+    assert check(only_run(tmp_path / "runs")) == []
+
+
+def test_signals_without_end_do_not_keep_a_record_from_being_sealed(bench: Bench, tmp_path: Path) -> None:
+    line, _ = bench
+    run = started("run", RECIPE, "--line", line, "--out", tmp_path / "runs", "-d", "60s", "-s", "ucr-1")
+    assert until(lambda: is_sampling(tmp_path / "runs"))
+    while run.poll() is None:
+        run.send_signal(signal.SIGINT)
+        time.sleep(0.02)
+    told, notes = run.communicate()
+    assert run.returncode == 130, notes
+    assert told.split()[-1] == str(only_run(tmp_path / "runs"))
     assert check(only_run(tmp_path / "runs")) == []
 
 
