@@ -19,6 +19,8 @@ PANEL_CM: Final = (24.0, 9.0)
 CM: Final = 1 / 2.54
 POINTS: Final = 4000  # a panel shows no more; each of them stands for its bin's least and greatest
 
+MOST_DOTS: Final = 200  # readings of the setting that can still be told apart
+
 
 def plot(run: Run, station: str | None = None, port: int | None = None) -> Figure:
     """A figure with a panel for each port: °C against the setting, ‰ of power, what was not read shaded.
@@ -26,7 +28,7 @@ def plot(run: Run, station: str | None = None, port: int | None = None) -> Figur
     Raises `UsageError` where there is nothing to show.
     """
     samples = run.samples(station, port, columns=COLUMNS)
-    tools = [(key, rows) for key, rows in samples.groupby(["station", "port"], sort=True)]
+    tools = sorted(samples.groupby(["station", "port"]), key=lambda tool: _place(run, str(tool[0][0])))
     if not tools:
         raise UsageError(f"{run.name} has no samples of station {station or 'any'}, port {port or 'any'}")
     figure = Figure(figsize=(PANEL_CM[0] * CM, PANEL_CM[1] * CM * len(tools)), layout="constrained")
@@ -37,15 +39,22 @@ def plot(run: Run, station: str | None = None, port: int | None = None) -> Figur
     return figure
 
 
+def _place(run: Run, station: str) -> int:
+    """Stations in the order of the line file, as everywhere."""
+    names = [facts.name for facts in run.manifest.stations]
+    return names.index(station) if station in names else len(names)
+
+
 def _panel(axes: Axes, rows: pd.DataFrame) -> None:
     seen = thinned(rows)
     temperature = seen["temperature_c"].astype("float64")
     axes.plot(seen["time"], temperature, color="tab:red", linewidth=0.8, label="temperature")
     setting = rows[["time", "set_c"]].dropna()
-    axes.step(setting["time"], setting["set_c"].astype("float64"), where="post", color="black", linewidth=0.8, label="set")
+    dots = "." if len(setting) <= MOST_DOTS else ""
+    axes.plot(*set_line(setting), color="black", linewidth=0.6, marker=dots, markersize=3, label="set, as read")
     _shade_missing(axes, rows)
     axes.set_ylabel("°C")
-    axes.legend(loc="upper right", frameon=False, ncols=2)
+    axes.legend(loc="lower right", bbox_to_anchor=(1, 1), borderaxespad=0.2, frameon=False, ncols=2)
     power = axes.twinx()
     power.plot(seen["time"], seen["power_permille"].astype("float64"), color="tab:blue", linewidth=0.5, alpha=0.6)
     power.set_ylim(0, 3000)  # the lower third
@@ -54,6 +63,15 @@ def _panel(axes: Axes, rows: pd.DataFrame) -> None:
     locator = AutoDateLocator()  # type: ignore[no-untyped-call]  # matplotlib has no types there
     axes.xaxis.set_major_locator(locator)
     axes.xaxis.set_major_formatter(ConciseDateFormatter(locator))  # type: ignore[no-untyped-call]
+
+
+def set_line(setting: pd.DataFrame) -> tuple[pd.Series[pd.Timestamp], pd.Series[float]]:
+    """Times and °C of the readings, with a break before each that differs from the one before it, so that none is joined to it."""
+    celsius = setting["set_c"].astype("float64")
+    changed = celsius.diff().fillna(0) != 0
+    breaks = pd.DataFrame({"time": setting["time"][changed], "set_c": float("nan")})
+    line = pd.concat([breaks, setting.assign(set_c=celsius)]).sort_index(kind="stable")
+    return line["time"], line["set_c"]
 
 
 def thinned(rows: pd.DataFrame) -> pd.DataFrame:

@@ -52,7 +52,8 @@ def station_rules(
     reason = facts.reason.removeprefix(f"{facts.name}: ").rstrip(".")
     if reason and result is not Result.PASS:
         text = f"{text} {reason[:1].upper()}{reason[1:]}."
-    yield Rule("station", facts.name, None, "completed", facts.outcome, "", result, text)
+    seen = "cut off" if facts.outcome == "running" else facts.outcome
+    yield Rule("station", facts.name, None, "completed", seen, "", result, text)
     yield settings_rule(facts, outcomes)
     if acceptance.alarms_max is not None:
         yield alarms_rule(facts, acceptance.alarms_max, evidence, events)

@@ -14,6 +14,9 @@ MOST_GAPS_NAMED = 3
 def caption(trace: Trace) -> str:
     """The day, what the band means, and the longest gaps by name."""
     parts = [f"{_day(trace)}, times in UTC."]
+    read = int(np.count_nonzero(~np.isnan(trace.setting)))
+    if read:
+        parts.append(f"The setting is known where it was read{', at the dots' if read <= WIDE.most_dots else ''}.")
     if len(trace.seconds) > 2 * WIDE.stretches:
         stretch = (trace.end - trace.start) / WIDE.stretches
         parts.append(f"Line: mean, band: least to greatest of every {duration_text(stretch)}.")

@@ -78,8 +78,7 @@ def _temperature(axes: Axes, trace: Trace, form: Format) -> None:
     labels: list[tuple[float, str, str]] = []
     known = trace.setting[~np.isnan(trace.setting)]
     if len(known):
-        setting = envelope(trace.seconds, trace.setting, form.stretches, SETTING_JOINED_S)
-        axes.plot(setting.seconds, setting.high, color=style.SETTING, lw=0.9, ls=style.DASHES["set"], drawstyle="steps-post")
+        _setting(axes, trace, form)
         labels.append((float(known[-1]), f"set {known[-1]:g}", style.SETTING))
     for limit in trace.limits:
         seconds, celsius = [*limit.seconds, max(trace.end, limit.seconds[-1])], [*limit.celsius, limit.celsius[-1]]
@@ -96,6 +95,19 @@ def _temperature(axes: Axes, trace: Trace, form: Format) -> None:
     axes.set_ylim(low, high)
     _headline(axes, "Tip temperature in °C")
     _label_right(axes, labels, form)
+
+
+def _setting(axes: Axes, trace: Trace, form: Format) -> None:
+    """A dot at each reading, and a thin line between two that are equal; nothing before the first or beyond the last."""
+    curve = envelope(trace.seconds, trace.setting, form.stretches, SETTING_JOINED_S)
+    if not curve.whole:
+        axes.plot(curve.seconds, curve.high, color=style.SETTING, lw=0.6, ls=style.DASHES["set"], drawstyle="steps-post")
+        return
+    changes = np.flatnonzero(np.diff(curve.mean) != 0) + 1  # NaN differs from everything
+    seconds, celsius = np.insert(curve.seconds, changes, np.nan), np.insert(curve.mean, changes, np.nan)
+    axes.plot(seconds, celsius, color=style.SETTING, lw=0.6, ls=style.DASHES["set"])
+    dots = "." if np.count_nonzero(~np.isnan(curve.mean)) <= form.most_dots else "none"
+    axes.plot(curve.seconds, curve.mean, color=style.SETTING, ls="none", marker=dots, ms=3.2)
 
 
 def _power(axes: Axes, trace: Trace, form: Format) -> None:

@@ -16,7 +16,7 @@ from jbclog.report.facts import NOT_CLAIMED, SCHEMA, Facts, Reason, StationRepor
 from jbclog.report.marks import happenings
 from jbclog.report.ports import Context
 from jbclog.report.stations import station_report
-from jbclog.report.tables import counter_rows, event_rows, ledger_rows, setting_rows
+from jbclog.report.tables import by_station, counter_rows, event_rows, ledger_rows, setting_rows
 from jbclog.report.verdict import is_cut_off, verdict_facts
 
 COLUMNS = ("time", "tick", "port", "late_us", "quality", "temperature_c", "power_permille", "status", "set_c")
@@ -29,7 +29,7 @@ def gather(run: Run) -> Facts:
         raise RecordError(f"{folder} is still open: it is being recorded, or a crash left it so; `jbclog recover` finishes it")
     events, settings_left = event_rows(run.events()), setting_rows(run.settings())
     ledger, reasons = ledger_rows(manifest.ledger)
-    stations = list(_stations(run, folder))
+    stations, names = list(_stations(run, folder)), [facts.name for facts in manifest.stations]
     verdict = verdict_facts(folder, manifest)
     if is_cut_off(manifest):
         verdict.reasons[1:1] = list(_not_made_safe(stations))
@@ -55,10 +55,10 @@ def gather(run: Run) -> Facts:
         stations=stations,
         events=events[0],
         events_left=events[1],
-        settings=settings_left[0],
+        settings=by_station(settings_left[0], names),
         settings_left=settings_left[1],
-        counters=counter_rows(run.counters()),
-        ledger=ledger,
+        counters=by_station(counter_rows(run.counters()), names),
+        ledger=by_station(ledger, names),
         ledger_reasons=reasons,
         files=[asdict(file) for file in manifest.files],
         not_claimed=list(NOT_CLAIMED),

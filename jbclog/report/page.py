@@ -49,7 +49,7 @@ def _environment() -> Environment:
         loader=PackageLoader("jbclog.report"), autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
     environment.filters.update(
-        number=number, measured=measured, stamp=stamp, clock=clock, together=together, duration=_duration, place=_place
+        number=number, measured=measured, stamp=stamp, clock=clock, together=together, duration=_duration, place=_place, own=_own
     )
     environment.globals.update(signs=SIGNS, result_signs=RESULT_SIGNS, endings=ENDINGS)
     return environment
@@ -57,6 +57,12 @@ def _environment() -> Environment:
 
 def _duration(seconds: float | None) -> str:
     return "not known" if seconds is None else duration_text(seconds)
+
+
+def _own(text: str, station: str) -> str:
+    """A station's reason without the station's name before it, as a sentence."""
+    bare = text.removeprefix(f"{station}: ").rstrip(".")
+    return f"{bare[:1].upper()}{bare[1:]}."
 
 
 def _place(row: Mapping[str, object]) -> str:

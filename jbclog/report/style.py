@@ -72,7 +72,8 @@ class Format:
     font_pt: float
     stretches: int
     time_marks: int
+    most_dots: int  # readings of a setting that can still be told apart
 
 
-WIDE: Final = Format("wide", 7.4, 3.5, 7.5, 800, 9)
-NARROW: Final = Format("narrow", 3.9, 3.6, 7.5, 400, 5)
+WIDE: Final = Format("wide", 7.4, 3.5, 7.5, 800, 9, 80)
+NARROW: Final = Format("narrow", 3.9, 3.6, 7.5, 400, 5, 40)

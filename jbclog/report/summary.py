@@ -23,7 +23,9 @@ def _line(rules: Sequence[Rule]) -> dict[str, object]:
     worst = _worst(rules)
     results = [str(rule["result"]) for rule in rules]
     result = next((one for one in ("fail", "missing", "deviation") if one in results), "pass")
-    place = {"station": worst["station"], "port": worst["port"]} if worst is not None else {"station": None, "port": None}
+    alike = len(rules) > 1 and len({rule["observed"] for rule in rules}) == 1  # nobody stands out
+    named = None if alike else worst
+    place = {"station": named["station"], "port": named["port"]} if named is not None else {"station": None, "port": None}
     observed = None if worst is None else worst["observed"]
     first = rules[0]
     return {

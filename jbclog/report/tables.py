@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from datetime import datetime
 
 import pandas as pd
@@ -29,6 +29,18 @@ def _plain(value: object) -> object:
     return None if pd.isna(value) else value  # type: ignore[call-overload]  # one cell
 
 
+def by_station(rows: Iterable[Row], stations: Sequence[str]) -> list[Row]:
+    """The rows in the order of `stations`, of each the ports in theirs, what concerns the whole station behind them."""
+    place = {name: number for number, name in enumerate(stations)}
+    return sorted(
+        rows, key=lambda row: (place.get(str(row["station"]), len(place)), str(row["station"]), _last_if_none(row["port"]))
+    )
+
+
+def _last_if_none(port: object) -> tuple[bool, int]:
+    return (False, port) if isinstance(port, int) else (True, 0)
+
+
 def event_rows(events: pd.DataFrame) -> tuple[list[Row], Left | None]:
     """The events in their order; of more than `MOST_EVENTS` the gravest."""
     columns = ["seq", "time", "earliest", "station", "port", "kind", "severity", "code", "text", "value", "limit", "raw"]
@@ -42,7 +54,7 @@ def event_rows(events: pd.DataFrame) -> tuple[list[Row], Left | None]:
 
 
 def setting_rows(settings: pd.DataFrame) -> tuple[list[Row], Left | None]:
-    """What was asked, and each reading that differs from the one before it, station by station; equal ones are left out."""
+    """What was asked, and each reading that differs from the one before it; equal ones are left out."""
     columns = ["time", "station", "port", "tool", "setting", "unit", "requested", "written", "readback", "nak", "outcome"]
     rows, kept = plain_rows(settings, columns), []
     last: dict[tuple[object, ...], object] = {}
@@ -51,7 +63,6 @@ def setting_rows(settings: pd.DataFrame) -> tuple[list[Row], Left | None]:
         if row["outcome"] != "read" or key not in last or last[key] != row["readback"]:
             kept.append(row)
         last[key] = row["readback"]
-    kept.sort(key=lambda row: (str(row["station"]), row["port"] or 0))
     left = len(rows) - len(kept)
     return kept, Left(left, "further readings of settings, equal to the ones before, are in settings/.") if left else None
 

@@ -271,7 +271,7 @@ def test_a_station_that_never_answered_is_there_with_its_reason(tmp_path: Path) 
     page, data = report(folder)
     assert data["verdict"]["word"] == "INCONCLUSIVE"
     assert data["stations"][1]["ports"] == []
-    assert "no answer within 3 s" in page.text
+    assert "Gone: No answer within 3 s. " in page.text
     assert "Nothing was recorded of this station." in page.text
 
 
