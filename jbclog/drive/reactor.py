@@ -100,13 +100,13 @@ class Reactor:
         self._timer = self.loop.call_at(first, self._ring) if self._alarms else None
 
     def _ring(self) -> None:
-        self._timer = None
         now, alarms = _now(), self._alarms
         try:
             while alarms and alarms[0][0] <= now:
                 moment, _, wire = heappop(alarms)
                 wire.on_time(moment)
         finally:
+            self._timer = None
             self._set_timer()
 
 
