@@ -12,6 +12,7 @@ from jbclog.cli.recover import recover
 from jbclog.cli.report import report
 from jbclog.cli.run import run
 from jbclog.cli.sim import sim
+from jbclog.cli.streams import make_usable
 
 app = typer.Typer(
     name="jbclog",
@@ -44,4 +45,5 @@ for verb in (demo, sim, plan, run, report, check, recover):
 
 def main() -> None:
     """The entry point of the command `jbclog`."""
+    make_usable()
     app()

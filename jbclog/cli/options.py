@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import unicodedata
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -30,6 +31,8 @@ AS_JSON = typer.Option(False, "--json", help="One JSON object on stdout.")
 
 _PARTS = re.compile(r"(?:(\d+(?:\.\d+)?)h)?(?:(\d+(?:\.\d+)?)m)?(?:(\d+(?:\.\d+)?)s?)?", re.ASCII)
 LONGEST_S = 366 * 86400.0
+LONGEST_TEXT = 200
+HIDDEN = ("Cc", "Cf", "Co", "Cn", "Zl", "Zp")  # categories of characters that do not show
 
 
 def duration_s(text: str | None) -> float | None:
@@ -66,6 +69,28 @@ def tags(pairs: list[str]) -> dict[str, str]:
             raise UsageError(f"--tag {pair}: give it as NAME=VALUE")
         found[key] = value
     return found
+
+
+def metadata(operator: str | None, order: str | None, product: str | None, units: list[str], pairs: list[str]) -> Metadata:
+    """What people say of a run. Raises `UsageError` where a text could not be kept, shown or signed as it is."""
+    from jbclog.plan import Metadata
+
+    told = [("--operator", operator), ("--order", order), ("--product", product)]
+    told += [("--unit", unit) for unit in units] + [("--tag", pair) for pair in pairs]
+    for option, text in told:
+        _check_text(option, text or "")
+    return Metadata(operator, order, product, tuple(units), tags(pairs))
+
+
+def _check_text(option: str, text: str) -> None:
+    if len(text) > LONGEST_TEXT:
+        raise UsageError(f"{option}: {len(text)} characters; at most {LONGEST_TEXT} are kept")
+    for sign in text:
+        category = unicodedata.category(sign)
+        if category == "Cs":  # what the shell gave could not be decoded
+            raise UsageError(f"{option}: holds bytes that are no text in this system's encoding")
+        if category in HIDDEN:
+            raise UsageError(f"{option}: holds the hidden or control character U+{ord(sign):04X}")
 
 
 def wanted(

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import sys
+import textwrap
 from collections.abc import Callable
 from functools import wraps
 from typing import ParamSpec
 
 import typer
 
+from jbclog.cli.streams import point_to_null, writes_unicode
 from jbclog.errors import JbclogError, Problems
 
 P = ParamSpec("P")
@@ -23,26 +26,37 @@ def tell(text: str = "") -> None:
 
 
 def note(text: str = "") -> None:
-    """A line for people, on stderr."""
-    _echo(text, err=True)
+    """A line for people, on stderr; on a terminal broken between words."""
+    _echo(wrapped(text) if is_terminal() else text, err=True)
 
 
 def tell_json(data: object) -> None:
     """One JSON object, on one line of stdout."""
-    tell(json.dumps(data, ensure_ascii=False, default=str))
+    tell(json.dumps(data, ensure_ascii=not writes_unicode(), default=str))
 
 
 def _echo(text: str, *, err: bool) -> None:
     try:
         typer.echo(printable(text), err=err)
-    except BrokenPipeError:
-        stream = sys.stderr if err else sys.stdout
-        os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
+    except OSError:  # nobody reads it any more, or its disk is full
+        point_to_null(2 if err else 1)
 
 
 def printable(text: str) -> str:
     """`text` without control characters: a station's name or answer must not steer a terminal."""
     return "".join(c if c == "\n" or c.isprintable() else "�" for c in text)
+
+
+def wrapped(text: str, columns: int | None = None) -> str:
+    """`text` in lines of a terminal's width; words, and so paths and commands, are never broken."""
+    width = max(columns or shutil.get_terminal_size().columns, 40) - 1
+    return "\n".join(_wrapped_line(line, width) for line in text.split("\n"))
+
+
+def _wrapped_line(line: str, width: int) -> str:
+    indent = line[: len(line) - len(line.lstrip())]
+    pieces = textwrap.wrap(line, width, subsequent_indent=indent + "  ", break_long_words=False, break_on_hyphens=False)
+    return "\n".join(pieces)
 
 
 def is_terminal() -> bool:

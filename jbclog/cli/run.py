@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -42,22 +43,23 @@ def run(
     Example:
       jbclog run profiles/recipes/sn100c-tht.toml --line virtual/line.toml --duration 15m --operator "A. Rossi" --order 88123
     """
-    from jbclog.plan import Metadata
-
-    metadata = Metadata(operator, order, product, tuple(unit), options.tags(tag))
-    code = record(options.wanted(line, recipe, stations, duration, rate, metadata), out, as_json=as_json)
+    said = options.metadata(operator, order, product, unit, tag)
+    code = record(options.wanted(line, recipe, stations, duration, rate, said), out, as_json=as_json)
     raise typer.Exit(code)
 
 
 def record(wanted: Wanted, out: Path, *, as_json: bool) -> int:
     """Run and tell what came of it; give the exit code."""
     from jbclog.cli.progress import observer
-    from jbclog.conduct import conduct
+    from jbclog.conduct import CUT_SHORT, conduct
     from jbclog.plan import make_plan
 
+    plan = make_plan(wanted)
     shown = observer(wanted.duration_s, quiet=as_json)
+    for number in CUT_SHORT:
+        signal.signal(number, signal.SIG_IGN)  # `conduct` listens to them; after it only this process's last lines are left
     try:
-        result = conduct(make_plan(wanted), out, shown)
+        result = conduct(plan, out, shown)
     finally:
         shown.close()
     if as_json:

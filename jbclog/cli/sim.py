@@ -3,10 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import typer
 
 from jbclog.cli.output import ends_with_errors_told, note, tell
+from jbclog.errors import UsageError
+
+if TYPE_CHECKING:
+    from jbclog.sim.wire_file import WireFile
 
 
 @ends_with_errors_told
@@ -27,18 +32,28 @@ def sim(
     """
     from jbclog.recipe.line import load_line
     from jbclog.sim.setup import SERVED_LINE, set_up, tcp_of
-    from jbclog.sim.wire_file import NoWireFile, WireFile
 
     loaded = load_line(line)
-    wire_file = WireFile(log) if log else NoWireFile()
+    wire_file = _wire_file(log)
     server = set_up(loaded, folder, tcp_of(tcp) if tcp else None, wire_file)
     server.stop_on_signals()
     served = folder / SERVED_LINE
     tell(str(served))
     note(f"{_count(len(loaded.stations))} ready; Ctrl-C ends this. In another terminal:")
-    note(f"  jbclog run profiles/recipes/sn100c-tht.toml --line {served} --duration 60s")
+    note(f"  jbclog run profiles/recipes/sn100c-tht.toml --line {served} --rate fit --duration 60s")
     server.run()
     wire_file.close()
+
+
+def _wire_file(log: Path | None) -> WireFile:
+    from jbclog.sim.wire_file import NoWireFile, WireFile
+
+    if log is None:
+        return NoWireFile()
+    try:
+        return WireFile(log)
+    except (OSError, ValueError) as error:
+        raise UsageError(f"--log {log}: cannot be written ({getattr(error, 'strerror', None) or error})") from error
 
 
 def _count(stations: int) -> str:

@@ -37,7 +37,7 @@ def set_up(line: Line, folder: Path, tcp: Tcp | None = None, wire_file: WireFile
     stations = [VirtualStation(station, now=now) for station in line.stations]
     links = _tcp_links(line, tcp, waiter) if tcp else _pty_links(line, folder.absolute(), waiter)
     server = Server([Served(*pair) for pair in zip(stations, links, strict=True)], waiter, wire_file)
-    folder.mkdir(parents=True, exist_ok=True)
+    _make(folder)
     try:
         server.open()
         served_line.write_text(line_text(line, [link.url for link in links]), encoding="utf-8")
@@ -47,6 +47,16 @@ def set_up(line: Line, folder: Path, tcp: Tcp | None = None, wire_file: WireFile
             raise UsageError(f"the stations of {line.path} cannot be served: {error}") from error
         raise
     return server
+
+
+def _make(folder: Path) -> None:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except (FileExistsError, NotADirectoryError) as error:
+        raise UsageError(f"--dir {folder}: a file is in its way; give the name of a folder") from error
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise UsageError(f"--dir {folder}: no folder can be made there ({reason})") from error
 
 
 def tcp_of(text: str) -> Tcp:
