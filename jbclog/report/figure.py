@@ -98,12 +98,14 @@ def _temperature(axes: Axes, trace: Trace, form: Format) -> None:
 
 
 def _setting(axes: Axes, trace: Trace, form: Format) -> None:
-    """A dot at each reading, and a thin line between two that are equal; nothing before the first or beyond the last."""
+    """A dot at each reading, and a thin line between two that are equal; nothing beyond the last, nor across an outage."""
     curve = envelope(trace.seconds, trace.setting, form.stretches, SETTING_JOINED_S)
     if not curve.whole:
         axes.plot(curve.seconds, curve.high, color=style.SETTING, lw=0.6, ls=style.DASHES["set"], drawstyle="steps-post")
         return
-    changes = np.flatnonzero(np.diff(curve.mean) != 0) + 1  # NaN differs from everything
+    outages = np.array([gap.start for gap in trace.gaps if gap.seconds >= SHORT_S])
+    over = np.diff(np.searchsorted(outages, curve.seconds)) > 0  # nothing was read in between
+    changes = np.flatnonzero((np.diff(curve.mean) != 0) | over) + 1  # NaN differs from everything
     seconds, celsius = np.insert(curve.seconds, changes, np.nan), np.insert(curve.mean, changes, np.nan)
     axes.plot(seconds, celsius, color=style.SETTING, lw=0.6, ls=style.DASHES["set"])
     dots = "." if np.count_nonzero(~np.isnan(curve.mean)) <= form.most_dots else "none"
