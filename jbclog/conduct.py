@@ -190,11 +190,12 @@ class _Run:
         self._note("run.end", "All stations have ended.")
         self._store.close()
         self._show(self._observer.sealing)
+        failure = str(self._store.failure) if self._store.failure else None
         try:
             seal_in_child(self._folder, self._store.lock)
         except RecordError as error:
-            return f"{error}; `jbclog recover {self._folder}` tries again"
-        return str(self._store.failure) if self._store.failure else None
+            return failure or f"{error}; `jbclog recover {self._folder}` tries again"
+        return failure
 
     def _conclude(self, record: str | None) -> Result:
         """Judge what is sealed, and write the manifest that is never changed again."""

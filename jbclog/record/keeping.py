@@ -56,6 +56,8 @@ class Keeping:
         """Store `batches` and the `fresh` notes in one transaction; a new file gets `everything` that is to be noted."""
         if self._segment is None:
             return Kept(False, "the store is not open")
+        if not self._segment.path.exists():  # SQLite would go on writing to a file that nobody can open any more
+            return Kept(False, f"{self._segment.path} was removed while the run went on")
         try:
             self._segment.add(batches, fresh)
         except sqlite3.Error as error:

@@ -31,7 +31,8 @@ from jbclog.record.seal import SealChild
 from jbclog.record.store import FACTS, META
 from jbclog.rows import CounterRow, EventRow, SampleRow, SettingRow, Severity, StationFacts
 
-COMMIT_S: Final = 1.0
+COMMIT_S: Final = 0.8
+AT_RISK_S: Final = 1.0  # what a kill can take at the most: the pause between two commits, and the commit itself
 SEAL_S: Final = 3600.0
 
 OnFailure = Callable[[RecordError], None]

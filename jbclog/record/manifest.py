@@ -17,6 +17,11 @@ from jbclog.rows import StationFacts
 
 NAME: Final = "manifest.json"
 
+
+class NoManifest(RecordError):
+    """The file is there, and is not what the recorder wrote."""
+
+
 SignalLedger = dict[str, int]
 """``due``, ``ok`` and each reason: due = ok + all reasons."""
 
@@ -126,7 +131,7 @@ def read_manifest(folder: Path) -> Manifest:
     except FileNotFoundError:
         raise RecordError(f"{folder} has no manifest; it is no run, or one that was cut off at its very start") from None
     except (OSError, ValueError, AttributeError, RecursionError, Misfit) as error:
-        raise RecordError(f"{path} is no manifest: {error}") from error
+        raise NoManifest(f"{path} is no manifest: {error}") from error
 
 
 def write_manifest(folder: Path, manifest: Manifest) -> None:

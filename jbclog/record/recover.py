@@ -19,9 +19,9 @@ from jbclog.errors import RecordError
 from jbclog.record import damage
 from jbclog.record.conclude import conclude, live_files, remove_live
 from jbclog.record.folder import RUN_NAME
-from jbclog.record.live import COMMIT_S
+from jbclog.record.live import AT_RISK_S
 from jbclog.record.lock import FolderLock, acknowledged
-from jbclog.record.manifest import NAME, Lost, Manifest, read_manifest
+from jbclog.record.manifest import NAME, Lost, Manifest, NoManifest, read_manifest
 from jbclog.record.parts import part_paths, read_through, remove_leavings
 from jbclog.record.schema import TABLES
 from jbclog.record.seal import seal_rows
@@ -107,9 +107,16 @@ def _finish(folder: Path, manifest: Manifest, lock: FolderLock) -> Recovery:
 
 def _draft(folder: Path) -> Manifest:
     """The manifest as the recorder left it; an empty one where it had not come to writing it."""
-    if (folder / NAME).exists():
+    if not (folder / NAME).exists():
+        return Manifest(run=folder.name)
+    try:
         return read_manifest(folder)
-    return Manifest(run=folder.name)
+    except NoManifest as error:
+        if not live_files(folder):
+            raise
+        damage.note(folder, [damage.Damage(NAME, None, f"cannot be read and was written anew from the live store: {error}")])
+        damage.set_aside(folder, folder / NAME)
+        return Manifest(run=folder.name)
 
 
 def _outcome(folder: Path, manifest: Manifest, stock: Stock) -> Manifest:
@@ -132,12 +139,12 @@ def _lost(found: list[damage.Damage], stock: Stock) -> Lost:
     ends = [one.seconds for one in found if one.seconds is not None]
     text = "The recorder ended without closing the record."
     if len(ends) == len(found) and not stock.dropped_rows:
-        seconds = COMMIT_S + sum(ends)
+        seconds = AT_RISK_S + sum(ends)
         return Lost(seconds, f"{text} At most the last {seconds:g} s of it are missing.")
     pieces = [str(one) for one in found]
     if stock.dropped_rows:
         pieces.append(f"{stock.dropped_rows} rows could not be kept while the disk did not take them")
-    return Lost(None, f"{text} The last {COMMIT_S:g} s of it may be missing, and: {'; '.join(pieces)}.")
+    return Lost(None, f"{text} The last {AT_RISK_S:g} s of it may be missing, and: {'; '.join(pieces)}.")
 
 
 def _was_to_be_judged(folder: Path, manifest: Manifest) -> bool:
@@ -155,7 +162,7 @@ def _note_missing_end(folder: Path, last: int) -> None:
     missing = acknowledged(folder) - last
     if missing > 0:
         which = f"batches {last + 1} to {last + missing}"
-        damage.note(folder, [damage.Damage(which, None, "acknowledged, and missing from the live store", missing * COMMIT_S)])
+        damage.note(folder, [damage.Damage(which, None, "acknowledged, and missing from the live store", missing * AT_RISK_S)])
 
 
 def _note_bad_parts(folder: Path) -> None:

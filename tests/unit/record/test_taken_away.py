@@ -1,0 +1,46 @@
+"""What belongs to a run and is taken away, or spoilt, while nobody looks."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import pytest
+
+from jbclog.errors import RecordError
+from jbclog.record.check import check
+from jbclog.record.folder import create_run
+from jbclog.record.live import LiveStore
+from jbclog.record.manifest import Manifest, read_manifest, write_manifest
+from jbclog.record.recover import recover
+from jbclog.rows import EventRow, Severity
+
+EVENT = EventRow(1_790_000_000_000_000, "run.start", Severity.INFO, "It begins.")
+
+
+def test_a_folder_that_is_removed_during_the_run_is_found_missing_at_the_next_commit(tmp_path: Path) -> None:
+    folder, told = create_run(tmp_path, "bench", 1.79e9), list[RecordError]()
+    store = LiveStore(folder, told.append)
+    store.start()
+    store.commit_now()
+    shutil.rmtree(folder)
+    store.event(EVENT)
+    with pytest.raises(RecordError):
+        store.commit_now()
+    store.close()
+    store.release()
+    assert "was removed while the run went on" in str(told[0])
+
+
+def test_a_spoilt_manifest_is_written_anew_from_the_live_store(tmp_path: Path) -> None:
+    folder = create_run(tmp_path, "bench", 1.79e9)
+    write_manifest(folder, Manifest(run=folder.name))
+    store = LiveStore(folder)
+    store.start()
+    store.event(EVENT)
+    store.close()
+    store.release()
+    (folder / "manifest.json").write_text('{"run":')
+    assert "cannot be read and was written anew" in recover(folder).text
+    assert read_manifest(folder).state == "sealed"
+    assert check(folder) == []
