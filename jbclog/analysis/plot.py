@@ -49,7 +49,7 @@ def _panel(axes: Axes, rows: pd.DataFrame) -> None:
     seen = thinned(rows)
     temperature = seen["temperature_c"].astype("float64")
     axes.plot(seen["time"], temperature, color="tab:red", linewidth=0.8, label="temperature")
-    setting = rows[["time", "set_c"]].dropna()
+    setting = rows[["time", "set_c"]].assign(outages=(rows["quality"] == "disconnected").cumsum()).dropna()
     dots = "." if len(setting) <= MOST_DOTS else ""
     axes.plot(*set_line(setting), color="black", linewidth=0.6, marker=dots, markersize=3, label="set, as read")
     _shade_missing(axes, rows)
@@ -66,9 +66,9 @@ def _panel(axes: Axes, rows: pd.DataFrame) -> None:
 
 
 def set_line(setting: pd.DataFrame) -> tuple[pd.Series[pd.Timestamp], pd.Series[float]]:
-    """Times and °C of the readings, with a break before each that differs from the one before it, so that none is joined to it."""
+    """Times and °C of the readings, with a break before each that differs from the one before it, or follows an outage."""
     celsius = setting["set_c"].astype("float64")
-    changed = celsius.diff().fillna(0) != 0
+    changed = (celsius.diff().fillna(0) != 0) | (setting["outages"].diff().fillna(0) != 0)
     breaks = pd.DataFrame({"time": setting["time"][changed], "set_c": float("nan")})
     line = pd.concat([breaks, setting.assign(set_c=celsius)]).sort_index(kind="stable")
     return line["time"], line["set_c"]

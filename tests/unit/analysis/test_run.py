@@ -11,9 +11,10 @@ import few_rows
 import make_run
 import pandas as pd
 import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 import jbclog
-from jbclog.analysis.plot import POINTS, thinned
+from jbclog.analysis.plot import POINTS, set_line, thinned
 from jbclog.errors import RecordError, UsageError
 from jbclog.record.conclude import conclude
 from jbclog.record.manifest import Manifest
@@ -198,6 +199,21 @@ def test_the_plot_shows_each_port_with_its_gap(run: jbclog.Run, tmp_path: Path) 
     assert gaps == [1, 0, 0]
     figure.savefig(tmp_path / "run.png")
     assert (tmp_path / "run.png").stat().st_size > 10_000
+
+
+def test_the_legend_stands_above_the_curves(run: jbclog.Run) -> None:
+    figure = run.plot()
+    FigureCanvasAgg(figure).draw()
+    for axes in figure.axes:
+        legend = axes.get_legend()
+        assert legend is None or legend.get_window_extent().y0 >= axes.get_window_extent().y1 - 1
+
+
+def test_the_setting_is_joined_only_where_it_stood_still() -> None:
+    times = pd.Series(pd.date_range("2026-11-21", periods=4, freq="5s", tz="UTC"))
+    setting = pd.DataFrame({"time": times, "set_c": pd.Series([350, 350, 360, 360], dtype="Int64"), "outages": [0, 0, 0, 7]})
+    _, celsius = set_line(setting)
+    assert [None if pd.isna(value) else value for value in celsius] == [350, 350, None, 360, None, 360]
 
 
 def test_no_excursion_disappears_from_a_long_run() -> None:

@@ -16,6 +16,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 
+from jbclog.report import style
 from jbclog.report.closer import closer
 from jbclog.report.figure import draw, figure_svg, looks, spread
 from jbclog.report.spans import Span
@@ -61,6 +62,18 @@ def test_the_coarser_scale_loses_nothing_and_says_so() -> None:
     assert axes.get_ylim()[0] < 25
     heights = axes.transData.transform([[0, c] for c in (25, 100, 300, 340, 350, 360)])[:, 1]
     assert (np.diff(heights) > 0).all()
+
+
+def test_the_setting_is_drawn_where_it_was_read_and_joined_only_where_it_stood_still() -> None:
+    setting = np.full(600, np.nan)
+    setting[[50, 100, 150, 200, 250]] = [350, 350, 360, 360, 360]
+    one = replace(port(set_c=setting), gaps=[Span(21.0, 24.0, "disconnected")])
+    line, dots = (line for line in draw(one, WIDE).axes[0].lines if line.get_color() == style.SETTING)
+    joined = list(zip(line.get_xdata(), line.get_ydata(), strict=True))
+    ends = [(seconds, celsius) for seconds, celsius in joined if not np.isnan(celsius)]
+    assert ends == [(5.0, 350.0), (10.0, 350.0), (15.0, 360.0), (20.0, 360.0), (25.0, 360.0)]
+    assert [i for i, (_, celsius) in enumerate(joined) if np.isnan(celsius)] == [2, 5]
+    assert (dots.get_marker(), len(dots.get_xdata())) == (".", 5)
 
 
 def visible_texts(figure: Figure) -> list[Text]:

@@ -48,3 +48,8 @@ def test_what_is_missing_is_neither_passed_nor_worst() -> None:
 
 def test_other_limits_are_other_lines() -> None:
     assert [line["of"] for line in summary([*rules("coverage", [100.0] * 10), *rules("coverage", [100.0] * 5, 90)])] == [10, 5]
+
+
+def test_nobody_is_named_where_all_are_alike() -> None:
+    lines = summary(rules("coverage", [100.0] * 20))
+    assert (lines[0]["worst"], lines[0]["station"], lines[0]["port"]) == (100, None, None)

@@ -7,7 +7,7 @@ from pathlib import Path
 from sealed_run import limit, micros, samples, seal, station, table
 
 from jbclog.analysis import open_run
-from jbclog.report.tables import MOST_EVENTS, counter_rows, event_rows, ledger_rows, setting_rows
+from jbclog.report.tables import MOST_EVENTS, by_station, counter_rows, event_rows, ledger_rows, setting_rows
 from jbclog.rows import CounterRow, EventRow, Severity
 
 
@@ -101,3 +101,12 @@ def test_the_ledger_has_every_reason_the_commonest_first(tmp_path: Path) -> None
 def test_samples_of_a_real_run_are_in_its_ledger(tmp_path: Path) -> None:
     rows, _ = ledger_rows(open_run(seal(tmp_path, [station(rows=600)], table(samples(600)))).manifest.ledger)
     assert {"station": "dde-1", "port": 1, "signal": "temperature_c", "due": 600, "ok": 600, "reasons": {}} in rows
+
+
+def test_rows_stand_in_the_line_files_order() -> None:
+    rows: list[dict[str, object]] = [
+        {"station": station, "port": port, "n": n} for n in (1, 2) for station in ("b", "x", "a") for port in (None, 2, 1)
+    ]
+    found = [(row["station"], row["port"], row["n"]) for row in by_station(rows, ["b", "a"])]
+    assert found[:6] == [("b", 1, 1), ("b", 1, 2), ("b", 2, 1), ("b", 2, 2), ("b", None, 1), ("b", None, 2)]
+    assert [station for station, _, _ in found[::6]] == ["b", "a", "x"]

@@ -256,6 +256,17 @@ def test_the_verdict_names_stations_and_not_their_devices(text: str, shown: str)
     assert without_urls(text, ["/dev/ttyUSB0", "dde-1"]) == shown
 
 
+def test_paper_has_the_wide_figure_and_a_phone_the_narrow_one(tmp_path: Path) -> None:
+    page, _ = report(sealed(tmp_path))
+    assert [attrs["media"] for tag, attrs in page.elements if tag == "source"] == ["screen and (max-width: 640px)"]
+
+
+def test_lateness_is_said_of_the_port_that_is_asked_first(tmp_path: Path) -> None:
+    facts = station(ports=(1, 2), rows=300)
+    page, _ = report(seal(tmp_path, [facts], table(samples(300), samples(300, port=2))))
+    assert page.text.count("Late, 99 % of ticks") == 1
+
+
 def test_without_its_recipe_a_run_is_inconclusive(tmp_path: Path) -> None:
     folder = sealed(tmp_path)
     (folder / "recipes" / "tht.toml").write_text("not a recipe")
