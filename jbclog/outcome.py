@@ -76,6 +76,11 @@ def _count(number: int, noun: str) -> str:
     return f"{number} {noun}{'' if number == 1 else 's'}"
 
 
+def in_order(found: Iterable[Finding]) -> list[Finding]:
+    """The findings for people, the most severe first."""
+    return sorted(found, key=lambda finding: _SEVEREST_FIRST.index(finding.code))
+
+
 def exit_code(found: Iterable[Finding]) -> Exit:
     """The most severe code among the findings; 0 where there are none."""
     codes = {one.code for one in found}

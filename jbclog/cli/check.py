@@ -8,6 +8,7 @@ import typer
 
 from jbclog.cli import options
 from jbclog.cli.output import ends_with_errors_told, tell, tell_json
+from jbclog.cli.place import expect_run
 
 
 @ends_with_errors_told
@@ -25,6 +26,7 @@ def check(
     """
     from jbclog.record.check import check as check_run
 
+    expect_run(run)
     found = check_run(run)
     if as_json:
         tell_json({"run": str(run), "agrees": not found, "findings": [str(finding) for finding in found]})

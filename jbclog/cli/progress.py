@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from jbclog.cli.output import is_terminal, note, printable
+from jbclog.cli.output import is_terminal, note, printable, wrapped
 from jbclog.commands.family import STATUS_NAMES
 from jbclog.rows import EventRow, Severity
 from jbclog.session.order import Desk, PortState
@@ -18,13 +18,15 @@ if TYPE_CHECKING:
     from rich.table import Table
 
 WORTH_TELLING = (Severity.WARNING, Severity.ERROR, Severity.CRITICAL)
+RUNNING = "running"  # the outcome of a station that has none yet
 GOOD_NEWS = ("station.ready", "link.back", "robot.on")
 
 
 def event_line(event: EventRow) -> str:
     """An event as one line of notes: time of day in UTC, where, what."""
     moment = time.strftime("%H:%M:%S", time.gmtime(event.time // 1_000_000))
-    return f"{moment}Z  {event.severity.value:8}  {event.station or 'run'}: {event.text}"
+    text = event.text.removeprefix(f"{event.station}: ")
+    return f"{moment}Z  {event.severity.value:8}  {event.station or 'run'}: {text}"
 
 
 def is_told(event: EventRow) -> bool:
@@ -88,7 +90,7 @@ class Screen:
             self._live = None
 
     def _print(self, text: str) -> None:
-        self._console.print(printable(text), markup=False, soft_wrap=True)
+        self._console.print(wrapped(printable(text), self._console.width), markup=False, soft_wrap=True)
 
     def _table(self, desks: list[Desk]) -> Table:
         from rich.table import Table
@@ -105,13 +107,18 @@ class Screen:
 
 
 def _cells(desk: Desk) -> Iterator[tuple[str, ...]]:
-    link = "connected" if desk.connected else "away"
-    if not desk.ports:
-        yield desk.name, "", "", "", "", "", desk.facts.outcome if desk.facts.outcome != "running" else "starting"
+    """A row for each port of a station that is recorded; one for a station that is not yet, or not any more."""
+    alarms = str(desk.facts.alarms or "")
+    if desk.facts.outcome != RUNNING or not desk.ports:
+        ports = ", ".join(map(str, desk.ports))
+        yield desk.name, ports, "", "", "", alarms, "starting" if desk.facts.outcome == RUNNING else desk.facts.outcome
+        return
     for port in desk.ports.values():
         setting = port.celsius("selected_temperature")
         wanted = "" if setting is None else f"{setting:g} °C"
-        yield desk.name, str(port.number), _tip(desk, port), wanted, _status(desk, port), str(desk.facts.alarms or ""), link
+        link = "connected" if desk.connected else "away"
+        yield desk.name, str(port.number), _tip(desk, port), wanted, _status(desk, port), alarms, link
+        alarms = ""  # they are counted by station
 
 
 def _tip(desk: Desk, port: PortState) -> str:

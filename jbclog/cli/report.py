@@ -8,6 +8,7 @@ import typer
 
 from jbclog.cli import options
 from jbclog.cli.output import ends_with_errors_told, tell, tell_json
+from jbclog.cli.place import expect_run
 
 
 @ends_with_errors_told
@@ -26,6 +27,7 @@ def report(
     Example:
       jbclog report runs/20261121T013000Z-bench-3-k7qd
     """
+    expect_run(run)
     if verify:
         _verify(run, as_json=as_json)
         return

@@ -10,13 +10,14 @@ import typer
 
 from jbclog.cli import options
 from jbclog.cli.output import ends_with_errors_told, note, tell, tell_json
-from jbclog.outcome import Exit
+from jbclog.cli.told import reasons_told, tools_text
+from jbclog.outcome import Exit, in_order
 
 if TYPE_CHECKING:
     from jbclog.conduct import Result
     from jbclog.plan import Wanted
 
-MOST_RULES = 12  # told on the terminal; all of them are in the manifest and the report
+MOST_REASONS = 12  # told on the terminal; all of them are in the manifest and the report
 
 
 @ends_with_errors_told
@@ -70,39 +71,30 @@ def record(wanted: Wanted, out: Path, *, as_json: bool) -> int:
 
 
 def _tell(result: Result) -> None:
-    for finding in result.findings:
+    for finding in in_order(result.findings):
         note(f"exit {finding.code.value}: {finding.text}")
     if result.exit_code is Exit.NOT_FINE:  # worse ones say already why there is no better verdict
-        _tell_rules(result)
+        _tell_reasons(result)
+    note(tools_text(result.manifest.stations))
     note(f"verdict: {result.manifest.verdict}; exit code {result.exit_code.value}")
     tell(str(result.folder))
 
 
-def _tell_rules(result: Result) -> None:
-    where: dict[str, dict[str, None]] = {}  # what is wrong -> at which places, each once
-    for rule in _rules_not_met(result):
-        where.setdefault(f"{rule['result']}: {rule['text']}", {})[_place(rule)] = None
-    for text, places in list(where.items())[:MOST_RULES]:
-        note(f"  {text} ({', '.join(places)})")
-    if len(where) > MOST_RULES:
-        note(f"  and {len(where) - MOST_RULES} more: `jbclog report {result.folder}` shows them")
+def _tell_reasons(result: Result) -> None:
+    reasons = reasons_told(result.manifest.verdict_rules)
+    for text in reasons[:MOST_REASONS]:
+        note(f"  {text}")
+    if len(reasons) > MOST_REASONS:
+        note(f"  and {len(reasons) - MOST_REASONS} more: `jbclog report {result.folder}` shows them")
 
 
 def _facts(result: Result) -> dict[str, object]:
+    manifest = result.manifest
     return {
         "run": str(result.folder),
-        "verdict": result.manifest.verdict,
+        "verdict": manifest.verdict,
         "exit_code": result.exit_code.value,
-        "findings": [{"code": one.code.value, "text": one.text} for one in result.findings],
-        "rules": _rules_not_met(result),
+        "findings": [{"code": one.code.value, "text": one.text} for one in in_order(result.findings)],
+        "rules": [rule for rule in manifest.verdict_rules if rule["result"] != "pass"],
+        "safe_state": {facts.name: facts.safe_state for facts in manifest.stations},
     }
-
-
-def _rules_not_met(result: Result) -> list[dict[str, object]]:
-    """What the verdict's rules found wrong or missing."""
-    return [rule for rule in result.manifest.verdict_rules if rule["result"] != "pass"]
-
-
-def _place(rule: dict[str, object]) -> str:
-    station, port = rule["station"], rule["port"]
-    return "run" if station is None else f"{station}" if port is None else f"{station} port {port}"

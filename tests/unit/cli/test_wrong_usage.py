@@ -79,3 +79,23 @@ def test_virtual_stations_need_a_log_that_can_be_written(place: Path) -> None:
 def test_virtual_stations_need_a_free_port(place: Path) -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         assert "cannot be served" in refused("sim", "line.toml", "--tcp", f"127.0.0.1:{taken.getsockname()[1]}")
+
+
+@pytest.mark.parametrize("verb", [("check",), ("report",), ("report", "--verify"), ("check", "--json")])
+def test_a_folder_that_is_no_runs(place: Path, verb: tuple[str, ...]) -> None:
+    for folder, why in (("nope", "there is no such folder"), (".", "is no run's folder"), ("job.toml", "there is no such folder")):
+        ended = CliRunner().invoke(app, [*verb, folder])
+        assert ended.exit_code == 2
+        assert why in ended.stderr
+        assert "runs are in `runs/`" in ended.stderr
+
+
+@pytest.mark.parametrize("verb", [("check",), ("report",)])
+def test_a_run_that_was_cut_off_at_its_very_start(place: Path, verb: tuple[str, ...], monkeypatch: pytest.MonkeyPatch) -> None:
+    run = place / "20261121T013000Z-bench-k7qd"
+    run.mkdir()
+    for folder in (run.name, "."):
+        ended = CliRunner().invoke(app, [*verb, folder])
+        assert ended.exit_code == 4
+        assert f"`jbclog recover {folder}` finishes it" in ended.stderr
+        monkeypatch.chdir(run)

@@ -1,0 +1,20 @@
+"""Whether a folder that was named is a run's."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from jbclog.errors import RecordError, UsageError
+
+
+def expect_run(folder: Path) -> None:
+    """Raise `UsageError` where `folder` is no run's, `RecordError` where a run was cut off before it had a manifest."""
+    from jbclog.record.manifest import NAME
+    from jbclog.record.recover import is_run
+
+    if not folder.is_dir():
+        raise UsageError(f"{folder}: there is no such folder; runs are in `runs/`, or where --out put them")
+    if not is_run(folder.resolve()):
+        raise UsageError(f"{folder} is no run's folder; runs are in `runs/`, or where --out put them")
+    if not (folder / NAME).exists():
+        raise RecordError(f"{folder} has no manifest: it was cut off at its very start; `jbclog recover {folder}` finishes it")

@@ -1,0 +1,76 @@
+"""The table that a person sees while a run goes on."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+
+import pytest
+from rich.console import Console
+
+from jbclog.cli import progress
+from jbclog.clock import SystemClock, UtcOffset
+from jbclog.commands.family import FAMILIES
+from jbclog.recipe.load import parse_recipe
+from jbclog.rows import EventRow, NoJournal, Severity
+from jbclog.session.order import Desk, Order, PortState
+from jbclog.wire import LineFormat
+
+RECIPE = parse_recipe('[recipe]\nname = "job"\nrevision = 1\nfamilies = ["dde"]\n')
+
+
+def desk(name: str = "dde-1", outcome: str = "running") -> Desk:
+    """A station with two ports; the first is known, the second not."""
+    order = Order(name, "nowhere", FAMILIES["dde"], LineFormat(), 1, None, RECIPE, "job.toml", FAMILIES, 0.0)
+    found = Desk(order, NoJournal(), UtcOffset(SystemClock()))
+    found.ports = {number: PortState(number) for number in (1, 2)}
+    found.ports[1].temperature_c, found.ports[1].status = 349, (0, 0, 0, 0, 0)
+    found.ports[1].held["selected_temperature"] = 350
+    found.connected, found.facts.outcome, found.facts.alarms = True, outcome, 2
+    return found
+
+
+def rows(monkeypatch: pytest.MonkeyPatch, *desks: Desk) -> list[list[str]]:
+    """The table's cells, as a terminal shows them."""
+    monkeypatch.setattr(progress, "is_terminal", lambda: True)
+    screen = progress.observer(60.0, quiet=False)
+    assert isinstance(screen, progress.Screen)
+    console = Console(file=io.StringIO(), width=100)
+    console.print(screen._table(list(desks)))
+    lines = console.file.getvalue().splitlines()  # type: ignore[attr-defined]
+    return [[cell.strip() for cell in line.split("│")[1:-1]] for line in lines if "dde-" in line]
+
+
+def test_what_is_known_and_what_is_not(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert rows(monkeypatch, desk()) == [
+        ["dde-1", "1", "349 °C", "350 °C", "working", "2", "connected"],
+        ["dde-1", "2", "unknown", "", "unknown", "", "connected"],  # alarms are the station's, told once
+    ]
+
+
+@pytest.mark.parametrize("outcome", ["refused", "gone", "stopped", "failed", "completed"])
+def test_a_station_that_has_ended_shows_how(monkeypatch: pytest.MonkeyPatch, outcome: str) -> None:
+    assert rows(monkeypatch, desk(outcome=outcome)) == [["dde-1", "1, 2", "", "", "", "2", outcome]]
+
+
+def test_a_station_that_is_away(monkeypatch: pytest.MonkeyPatch) -> None:
+    away = desk()
+    away.connected = False
+    assert [row[2:5:2] + row[6:] for row in rows(monkeypatch, away)] == [["unknown", "unknown", "away"]] * 2
+
+
+def test_events_are_broken_between_words(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.setenv("COLUMNS", "50")
+    text = "dde-1: 20 Hz does not fit its wire: 84.8 % in use with 1.00 ms of turnaround, 95 % is the limit"
+    progress.Screen(None).happened(EventRow(0, "station.refused", Severity.ERROR, text, "dde-1"))
+    told = capsys.readouterr().err.rstrip("\n")
+    assert told.split() == ["00:00:00Z", "error", *text.split()]  # the station's name once, no word in two pieces
+    assert max(map(len, told.split("\n"))) < 50
+    assert len(told.split("\n")) == 3
+
+
+def test_lines_for_a_log_are_left_whole(capsys: pytest.CaptureFixture[str]) -> None:
+    shown = progress.observer(None, quiet=True)
+    shown.begun(Path("runs/x"))
+    shown.happened(EventRow(0, "station.error", Severity.ERROR, "long " * 60, "dde-1"))
+    assert len(capsys.readouterr().err.splitlines()) == 2
