@@ -12,8 +12,9 @@ from pathlib import Path
 
 from jbclog.commands.family import FAMILIES, Family
 from jbclog.errors import Problem, Problems, UsageError
-from jbclog.recipe.line import Line, StationSpec, load_line
-from jbclog.recipe.load import load_recipe
+from jbclog.recipe.fields import not_driven
+from jbclog.recipe.line import IS_A_RECIPE, Line, StationSpec, load_line
+from jbclog.recipe.load import IS_A_LINE, load_recipe
 from jbclog.recipe.model import Recipe
 from jbclog.recipe.settings import Setting, foreign_keys, settings_for, station_settings_for
 from jbclog.scheduler import Demand
@@ -110,17 +111,28 @@ class Plan:
         """The recipes that run, by their file's name in the run's folder."""
         return {station.recipe_file: station.recipe for station in self.stations}
 
+    @property
+    def notes(self) -> list[str]:
+        """What is in order, and may not be what was meant."""
+        given = self.wanted.recipe
+        if given is None or any(station.spec.recipe is None for station in self.stations):
+            return []
+        return [f"{given} is used by no station: each of them names a recipe of its own in {self.line.path}"]
+
 
 def make_plan(wanted: Wanted) -> Plan:
     """Read and check everything. Raises `Problems` or `UsageError` with all that is wrong (exit 2)."""
     problems: list[Problem] = []
     line = _load_line(wanted, problems)
     recipes = _load_recipes(wanted, line, problems)
+    if [problem.text for problem in problems] == [IS_A_RECIPE, IS_A_LINE]:
+        raise UsageError(f"{wanted.line} is a recipe and {wanted.recipe} a line file: give them the other way round")
     if line is None or problems:
         raise Problems(problems)
     chosen = _chosen(line, wanted)
     problems += _without_recipe(line, chosen, recipes)
     stations = tuple(_station(spec, recipes[spec.name], wanted) for spec in chosen if spec.name in recipes)
+    problems += _not_driven(stations)
     for station in stations:
         problems += _mismatches(line, station)
     problems += _missing_metadata(stations, wanted)
@@ -226,8 +238,21 @@ def _without_recipe(line: Line, chosen: list[StationSpec], recipes: dict[str, Re
             )
 
 
+def _not_driven(stations: Sequence[StationPlan]) -> Iterator[Problem]:
+    """Recipes for families of which this version drives none; each is said once, not for each station."""
+    for recipe in {one.recipe.path: one.recipe for one in stations}.values():
+        if not _driven(recipe):
+            yield recipe.problem(("recipe", "families"), not_driven(recipe.families))
+
+
+def _driven(recipe: Recipe) -> bool:
+    return bool(FAMILIES.keys() & set(recipe.families))
+
+
 def _mismatches(line: Line, station: StationPlan) -> Iterator[Problem]:
     spec, recipe = station.spec, station.recipe
+    if not _driven(recipe):
+        return
     if station.family is not None and station.family.name not in recipe.families:
         families = ", ".join(recipe.families)
         yield recipe.problem(("recipe", "families"), f"{families}: not for {spec.name}, whose family is {spec.family}")

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from jbclog.cli import options
-from jbclog.cli.output import ends_with_errors_told, tell, tell_json
+from jbclog.cli.output import ends_with_errors_told, note, tell, tell_json
 
 if TYPE_CHECKING:
     from jbclog.plan import Plan, StationPlan
@@ -33,6 +33,8 @@ def plan(
     from jbclog.plan import make_plan
 
     made = make_plan(options.wanted(line, recipe, stations, None, rate))
+    for text in made.notes:
+        note(f"note: {text}")
     if as_json:
         tell_json({"line": made.line.name, "stations": [_facts(station) for station in made.stations]})
     else:

@@ -56,6 +56,8 @@ def record(wanted: Wanted, out: Path, *, as_json: bool) -> int:
     from jbclog.plan import make_plan
 
     plan = make_plan(wanted)
+    for text in plan.notes:
+        note(f"note: {text}")
     shown = observer(wanted.duration_s, quiet=as_json)
     for number in CUT_SHORT:
         signal.signal(number, signal.SIG_IGN)  # `conduct` listens to them; after it only this process's last lines are left

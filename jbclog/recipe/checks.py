@@ -9,10 +9,11 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Final
 
-from jbclog.commands.command import Command
+from jbclog.commands.command import Command, Limits
 from jbclog.commands.family import FAMILIES
 from jbclog.errors import Problem
-from jbclog.quantities import OFF, Value
+from jbclog.quantities import OFF, Off, Value, text_of
+from jbclog.recipe.fields import not_driven
 from jbclog.recipe.model import Asked, Recipe, asked_in
 from jbclog.recipe.order import COMMAND_OF
 
@@ -45,7 +46,11 @@ COOLING_DELAYS: Final = ("sleep.delay_min", "hibernation.delay_min")
 
 def problems_between(recipe: Recipe) -> Iterator[Problem]:
     """Everything that is wrong with a recipe whose keys have the right types."""
-    yield from _foreign_sections(recipe)
+    foreign = list(_foreign_sections(recipe))
+    if foreign and not set(recipe.families) & set(FAMILIES):
+        yield recipe.problem(("recipe", "families"), not_driven(recipe.families))
+        return  # it is a soldering recipe otherwise, and none of it could be held against these families
+    yield from foreign
     yield from _foreign_ports(recipe)
     yield from _out_of_range(recipe)
     yield from _states(recipe)
@@ -107,7 +112,7 @@ def _everything_asked(recipe: Recipe) -> Iterator[Asked]:
 def range_problem(command: Command, value: Value) -> str | None:
     """Why the command cannot carry the value, with what is allowed, or None."""
     if command.limits.problem(value) is not None:
-        return f"{command.shown(value)} is not allowed; {allowed(command)}"
+        return f"{_as_written(value, command.unit)} is not allowed; {allowed(command)}"
     try:
         command.quantity.encode(value)
     except ValueError as error:
@@ -122,7 +127,22 @@ def allowed(command: Command) -> str:
         return "no manual prints a range"
     if limits.low is None and limits.high is None:
         return f"steps of {limits.step:g} {command.unit}, within what the station itself allows" if limits.step else "anything"
-    return f"{limits} ({command.unit})" if command.unit else str(limits)
+    return _range(limits, f" {command.unit}".rstrip()) + (', or "off"' if limits.off else "")
+
+
+def _range(limits: Limits, unit: str) -> str:
+    """``5 °C or more, in steps of 5``."""
+    low, high = (None if end is None else f"{end:g}" for end in (limits.low, limits.high))
+    text = f"{low} to {high}{unit}" if low and high else f"{low}{unit} or more" if low else f"{high}{unit} or less"
+    return text + (f", in steps of {limits.step:g}" if limits.step else "")
+
+
+def _as_written(value: Value, unit: str) -> str:
+    """The value with all its digits, as the file has it: rounded it might look allowed."""
+    if isinstance(value, Off):
+        return '"off"'
+    digits = repr(value).removesuffix(".0") if isinstance(value, float) else text_of(value)
+    return f"{digits} {unit}".rstrip()
 
 
 def _states(recipe: Recipe) -> Iterator[Problem]:

@@ -11,7 +11,7 @@ from pydantic import AfterValidator, Field, PlainValidator
 
 from jbclog.commands.family import FAMILIES
 from jbclog.errors import Problem, Problems
-from jbclog.recipe.fields import NOT_DRIVEN
+from jbclog.recipe.fields import NOT_DRIVEN, not_driven
 from jbclog.recipe.keys import KeyPath
 from jbclog.recipe.schema import NAME_ALLOWED, FromList, Name, Table, read_table, said, shown, unknown
 from jbclog.recipe.sim_spec import SimSpec
@@ -20,6 +20,7 @@ from jbclog.recipe.url import checked_url, is_path
 from jbclog.wire import BAUDRATES, LineFormat
 
 AUTO: Final = "auto"
+IS_A_RECIPE: Final = "this is a recipe; a line file has [line] and a [[station]] for each station"
 _DRIVEN: Final = ", ".join((*FAMILIES, AUTO))
 
 
@@ -33,7 +34,7 @@ def _address(value: object) -> int | None:
 
 def _family(name: str) -> str:
     if name in NOT_DRIVEN:
-        raise said(f'"{name}" is known, but not driven by this version of jbclog; it drives {_DRIVEN}')
+        raise said(not_driven([name]))
     if name != AUTO and name not in FAMILIES:
         raise said(f"{shown(name)} is {unknown(name, [*FAMILIES, AUTO])}")
     return name
@@ -151,6 +152,8 @@ def load_line(path: Path) -> Line:
 def parse_line(text: str, path: Path) -> Line:
     """The line file of that text; relative paths are taken from the folder of `path`."""
     source = parse(text, str(path))
+    if "recipe" in source.tables and not {"line", "station"} & source.tables.keys():
+        raise Problems([Problem(source.file, None, "", IS_A_RECIPE)])
     problems = hidden(source)
     tables, wrong, _ = read_table(LineTables, source, (), source.tables)
     problems += wrong

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Final
 
 from jbclog.commands.family import FAMILIES
-from jbclog.errors import Problems
+from jbclog.errors import Problem, Problems
 from jbclog.recipe.checks import problems_between
 from jbclog.recipe.keys import KeyPath
 from jbclog.recipe.model import Recipe
@@ -15,6 +15,7 @@ from jbclog.recipe.schema import read_table
 from jbclog.recipe.sections import RecipeTables
 from jbclog.recipe.toml import TomlText, hidden, parse, read_text, shortened
 
+IS_A_LINE: Final = "this is a line file; a recipe has [recipe] and what is asked of the stations"
 _STAND_IN: Final[dict[str, object]] = {"name": "unnamed", "revision": 0, "families": list(FAMILIES)}
 
 
@@ -26,6 +27,8 @@ def load_recipe(path: Path) -> Recipe:
 def parse_recipe(text: str, path: Path = Path("recipe.toml")) -> Recipe:
     """The recipe of that text; `path` stands in its sentences."""
     source = parse(text, str(path))
+    if "recipe" not in source.tables and {"line", "station"} & source.tables.keys():
+        raise Problems([Problem(source.file, None, "", IS_A_LINE)])
     problems = hidden(source)
     tables, wrong, keys = read_table(RecipeTables, source, (), source.tables)
     problems += wrong

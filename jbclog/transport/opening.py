@@ -138,7 +138,7 @@ def _refused(url: str, device: str, error: BaseException) -> LinkError:
     if number == errno.EACCES:
         return LinkError(f"{url}: no permission to open it; add the user to the group that owns the device (often dialout)")
     if number in (errno.ENOENT, errno.ENXIO, errno.ENODEV):
-        return LinkError(f"{url}: there is no such port; is it plugged in?")
+        return LinkError(f"{url}: there is no such port; see that it is plugged in")
     if number == errno.ECONNREFUSED:
-        return LinkError(f"{url}: nobody listens there; is the server running?")
+        return LinkError(f"{url}: nobody listens there; see that the server runs")
     return LinkError(f"{url}: it cannot be opened: {error}")

@@ -277,13 +277,13 @@ def _holding(far: Terminal) -> subprocess.Popen[str]:
 @pytest.mark.parametrize(
     ("url", "sentence"),
     [
-        ("/dev/ttyNOWHERE", "there is no such port; is it plugged in?"),
+        ("/dev/ttyNOWHERE", "there is no such port; see that it is plugged in"),
         ("/dev/null", "cannot be opened"),
         ("/", "cannot be opened"),
         ("rfc4711://host:1", "cannot be opened"),
         ("socket://nowhere", "cannot be opened"),
         ("hwgrep://no-such-adapter", "cannot be opened"),
-        ("", "there is no such port; is it plugged in?"),
+        ("", "there is no such port; see that it is plugged in"),
     ],
 )
 def test_what_is_no_port_is_a_link_error_with_the_url(url: str, sentence: str) -> None:
