@@ -46,7 +46,7 @@ def connect(desk: Desk, *, reopen: bool, tries: int) -> Steps[str]:
         return (yield from _read_model(desk, tries))
     except LinkError as error:
         desk.is_proven = False
-        raise Absent(f"{desk.name}: cannot use {desk.order.url}: {error}") from error
+        raise Absent(f"{desk.name}: {error}") from error
 
 
 def _read_model(desk: Desk, tries: int) -> Steps[str]:
