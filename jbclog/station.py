@@ -16,7 +16,8 @@ Everything here is a generator that does no I/O (`effects`).
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from functools import lru_cache
 
 from jbclog.commands.command import Command
 from jbclog.commands.robot import COMMON, COMMUNICATION_ERRORS
@@ -45,7 +46,8 @@ LEAST_S = 0.1  # turnaround allowed at the least: a busy host may well need that
 QUIET_S = 0.02  # a line that was silent this long after a bad answer is drained
 PROBES = 2  # questions a silent station gets before it counts as silent
 UNEXPECTED_LENGTH = 20  # characters allowed for an answer of unprinted length, for its time-out
-KNOWN_ANSWERS = 256  # that are remembered for each question; stations say the same over and over
+KNOWN_ANSWERS = 1024  # that are remembered for each question; stations say the same over and over
+KNOWN_QUESTIONS = 4096
 
 PROBE_COMMANDS = [command for command in COMMON if command.name in ("model", "station_error", "maximum_temperature")]
 
@@ -75,8 +77,8 @@ class Question:
     answer_length: int
     wire_s: float
     tries: int  # how often it may go out
-    _texts: dict[bytes, str] = field(default_factory=dict)
-    _values: dict[str, Value] = field(default_factory=dict)
+    _texts: dict[bytes, str]
+    _values: dict[str, Value]
 
     def text_in(self, data: bytes) -> str | None:
         """The data field where `data` is the whole answer in one piece and nothing else: nearly always so."""
@@ -113,6 +115,12 @@ class Question:
         return name if self.port is None else f"{name} of port {self.port}"
 
 
+@lru_cache(KNOWN_QUESTIONS)
+def _known_answers(frame: bytes, command: Command, answer_start: bytes) -> tuple[dict[bytes, str], dict[str, Value]]:
+    """What was answered to a question so far, as text and as values: one memory for all stations with the same address."""
+    return {}, {}
+
+
 class Station:
     """A station on a line. `address` is None on a line without addresses.
 
@@ -126,6 +134,7 @@ class Station:
         self.address = address
         self.host_address = host_address
         self.sent = 0.0
+        self.first_sent: float | None = None
         self.heard = 0.0
         self.now = 0.0
         self.exchanges = 0  # questions sent
@@ -223,7 +232,8 @@ class Station:
         start = self._frame("A", code, sending=not self._answer_from_station)[:-2]
         length = len(start) + (UNEXPECTED_LENGTH if digits is None else digits) + 2
         tries = 1 if command.asked_once else 1 + REPEATS
-        return Question(command, port, frame, code, digits, start, length, self.line.seconds(len(frame) + length), tries)
+        wire_s = self.line.seconds(len(frame) + length)
+        return Question(command, port, frame, code, digits, start, length, wire_s, tries, *_known_answers(frame, command, start))
 
     def _frame(self, header: str, text: str, *, sending: bool) -> bytes:
         if self.address is None:
@@ -245,6 +255,8 @@ class Station:
         heard = yield Ask(question.frame, self.patience_s(question))
         self.exchanges += 1
         self.sent = heard.sent
+        if self.first_sent is None:
+            self.first_sent = heard.sent
         text = question.text_in(heard.data)
         if text is None:
             return (yield from self._gather(question, heard))
