@@ -228,6 +228,11 @@ class SlowReadings:
         self._waiting.remove(slow)
         heappush(self._coming, (slow.due, next(self._number), slow))
 
+    def drop(self, slow: Slow) -> None:
+        """`slow` is nothing that the station has: it is never due again."""
+        self._coming = [one for one in self._coming if one[2] is not slow]
+        heapify(self._coming)
+
 
 def _urgency(slow: Slow) -> float:
     """The nearer to its ceiling, the smaller."""

@@ -35,6 +35,7 @@ class Sampler:
         self.desk = desk
         self.grid = grid
         self.paced = paced
+        readings = [one for one in readings if one.name not in desk.not_supported]
         self.slow = self._slow_readings(readings)
         self.end = None if desk.order.duration_s is None else desk.now + desk.order.duration_s
         self._scanner = Scanner(desk)
@@ -143,11 +144,13 @@ class Sampler:
         """Slow readings, most urgent first, while the wire has room; without a grid, or behind it, one after each scan."""
         following = self.grid.due(tick + 1) if self.paced else math.inf
         while (slow := self.slow.next(self.desk.now, following)) is not None:
-            reading = slow.reading
+            probe, scan = self._probes[slow.reading.name, slow.reading.port], self._scans[slow.reading.port]
             try:
-                yield from self._scanner.take(self._probes[reading.name, reading.port], self._scans[reading.port])
+                yield from self._scanner.take(probe, scan)
             finally:
                 self.slow.taken(slow, self.desk.now, following if self.paced else 0.0)
+            if probe.is_lacking:
+                self.slow.drop(slow)
             if not self.paced or self.desk.now > following:
                 return
 

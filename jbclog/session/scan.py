@@ -10,7 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from jbclog.effects import Steps
-from jbclog.errors import ImplausibleAnswer, LinkError, Refusal, RobotModeOff, StationError, StationSilent
+from jbclog.errors import ImplausibleAnswer, LinkError, NotSupported, Refusal, RobotModeOff, StationError, StationSilent
 from jbclog.quantities import Value
 from jbclog.rows import COLUMN, SAMPLE_COLUMNS, CounterRow, SampleRow, Severity, quality_of, reasons_text
 from jbclog.scheduler import Reading
@@ -22,6 +22,8 @@ from jbclog.station import Question
 
 WIDTH = len(SAMPLE_COLUMNS)
 PLAUSIBLE_C = range(601)  # no unit of these families is made for more than 500 °C (seed 002, factory settings)
+JUMP_C = 50  # from one tick to the next; the quickest cartridges make little more in half a second
+STILL_C = 25  # between two answers to the same question, one right after the other
 SKIPPED = "skipped"
 NEEDS_A_TOOL = frozenset({"temperature_c", "power_permille", "delay_s"})
 EXPECTED = frozenset({"no_tool", "not_counting", SKIPPED, LinkError.reason, "robot_off"})  # told by other events, or none
@@ -36,8 +38,15 @@ def _differs_from_held(name: str) -> Doubt:
     return lambda port, value: port.held.get(name, value) != value
 
 
+def _jumps(port: PortState, value: Value) -> bool:
+    """A temperature that cannot be, or that no tip gets to from where it was at the last tick."""
+    if not isinstance(value, int) or value not in PLAUSIBLE_C:
+        return True
+    return port.temperature_c is not None and abs(value - port.temperature_c) > JUMP_C
+
+
 DOUBTS: dict[str, Doubt] = {
-    "temperature_c": lambda port, value: value not in PLAUSIBLE_C,
+    "temperature_c": _jumps,
     "status": lambda port, value: port.status is not None and isinstance(value, tuple) and port.status[3:] != value[3:],
     "tool": lambda port, value: port.tool != value,
     "set_c": _differs_from_held("selected_temperature"),
@@ -59,6 +68,8 @@ class Probe:
     due: int = 0
     missed: dict[str, int] = field(default_factory=dict)
     failing: bool = False
+    is_known: bool = False  # it was answered, once at least
+    is_lacking: bool = False  # the station does not have it
 
     @classmethod
     def of(cls, desk: Desk, reading: Reading) -> Probe:
@@ -104,11 +115,14 @@ class Scanner:
         Raises what ends the asking altogether: `LinkError`, `StationSilent`, `RobotModeOff`, and the run's end.
         """
         probe.due += 1
-        asked = self._station.exchanges
+        if scan.first_sent is None:
+            self._station.first_sent = None
         try:
             value = yield from self._station.ask(probe.question)
             if probe.doubt is not None and probe.doubt(probe.port, value):
-                yield from self._look_again(probe, value)
+                value = yield from self._look_again(probe, value)
+        except NotSupported as error:
+            self._lacks(probe, scan, error)
         except (StationError, LinkError) as error:
             self.unread(probe, scan, error.reason, sent=not isinstance(error, Refusal))
             if isinstance(error, LinkError | StationSilent | RobotModeOff):
@@ -123,13 +137,25 @@ class Scanner:
             scan.last_heard = self._station.heard
             self._keep(probe, scan, value)
         finally:
-            if scan.first_sent is None and self._station.exchanges > asked:
-                scan.first_sent = self._station.sent
+            if scan.first_sent is None:
+                scan.first_sent = self._station.first_sent
 
-    def _look_again(self, probe: Probe, value: Value) -> Steps[None]:
+    def _look_again(self, probe: Probe, value: Value) -> Steps[Value]:
+        """What a second answer says to a doubtful one: it is believed where it is not doubtful itself, or bears that out."""
         again = yield from self._station.ask(probe.question)
-        if again != value or (probe.reading.name == "temperature_c" and value not in PLAUSIBLE_C):
+        if probe.doubt is not None and probe.doubt(probe.port, again) and not _bears_out(probe.reading.name, value, again):
             raise ImplausibleAnswer(f"{probe.question.title()}: {value!r}, and {again!r} when asked again")
+        return again
+
+    def _lacks(self, probe: Probe, scan: Scan, error: NotSupported) -> None:
+        """A signal that was never answered is one that the station does not have: it is not due, and not asked again."""
+        if probe.is_known or scan.no_tool:
+            self.unread(probe, scan, error.reason)
+            return
+        probe.due -= 1
+        probe.is_lacking = True
+        scan.fast = [one for one in scan.fast if one is not probe]
+        self._desk.not_supported.add(probe.reading.name)
 
     def _keep(self, probe: Probe, scan: Scan, value: Value) -> None:
         name = probe.reading.name
@@ -139,7 +165,7 @@ class Scanner:
         if why:
             self.unread(probe, scan, why)
             return
-        probe.failing = False
+        probe.failing, probe.is_known = False, True
         if probe.fill is not None:
             probe.fill(scan.row, value)
         if probe.observe is not None:
@@ -194,6 +220,13 @@ class Scanner:
             row[_LATE] = round((first - due) * 1e6)
         if first is not None and last is not None:
             row[_SCAN] = round((last - first) * 1e6)
+
+
+def _bears_out(name: str, first: Value, again: Value) -> bool:
+    """Whether two doubtful answers say the same. A temperature must be one, and may have moved a little."""
+    if name == "temperature_c" and isinstance(first, int) and isinstance(again, int):
+        return again in PLAUSIBLE_C and abs(again - first) <= STILL_C
+    return again == first
 
 
 def _sentence(probe: Probe, why: str) -> str:

@@ -26,6 +26,12 @@ def outcome(run: VirtualRun, setting: str, port: int | None = 1) -> str:
     return row.outcome
 
 
+def moment_of(question: str) -> float:
+    """The second at which an undisturbed run sends that question, counted as faults are."""
+    run = prepare(duration_s=1).go()
+    return round(next(one.at for one in run.heard if one.text == question) - run.heard[0].at, 4)
+
+
 def assert_stopped_before_sampling(run: VirtualRun, *words: str) -> None:
     """The station's run was refused in so many words, nothing was sampled, and what was touched is safe."""
     assert run.facts.outcome == "refused"
@@ -143,13 +149,14 @@ def test_a_write_whose_acknowledgement_is_lost_is_settled_by_reading() -> None:
 
 
 def test_a_write_that_cannot_be_read_back_is_unconfirmed_and_stops_the_run() -> None:
-    run = prepare(line_text(fault("silence", command="alarm_high_limit", at_s=0.57)), duration_s=5).go()
+    run = prepare(line_text(fault("silence", command="alarm_high_limit", at_s=moment_of("WHA100380"))), duration_s=5).go()
     assert outcome(run, "alarm_high_limit") == "unconfirmed"
     assert_stopped_before_sampling(run, "alarm high limit of port 1", "380 °C was asked", "could not be read back")
 
 
 def test_a_link_that_breaks_in_a_write_leaves_it_unconfirmed() -> None:
-    run = prepare(line_text(fault("dropout", at_s=0.572, for_s=1)), duration_s=5).go()
+    at_s = moment_of("WHA100380") + 0.001
+    run = prepare(line_text(fault("dropout", at_s=at_s, for_s=1)), duration_s=5).go()
     assert run.facts.outcome == "gone"
     assert outcome(run, "alarm_high_limit") == "unconfirmed"
     assert "alarm high limit of port 1" in run.facts.reason

@@ -156,6 +156,10 @@ class VirtualRun:
     def writes(self) -> list[Heard]:
         return [one for one in self.heard if one.is_write]
 
+    def utc_s(self, moment: float) -> float:
+        """UTC seconds of a moment on the virtual clock, as it began."""
+        return moment + VirtualClock().utc() - VirtualClock().monotonic()
+
     def at(self, second: float, call: Callable[[], None]) -> None:
         """Do `call` that many seconds after the beginning."""
         self.driver.at(self.driver.clock.monotonic() + second, call)
