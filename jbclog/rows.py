@@ -194,6 +194,7 @@ class StationFacts:
     watched: dict[str, dict[str, dict[str, int]]] = field(default_factory=dict)  # settings read again, without a column
     skipped: int = 0  # ticks without rows: the host stood still
     garbage_bytes: int = 0
+    strays: dict[str, int] = field(default_factory=dict)  # frames that answered nothing: echo, address, code, late, unasked
     alarms: int = 0  # that count (contract, "Exit codes")
     unconfirmed_alarms: int = 0
     settings_changed: int = 0

@@ -159,6 +159,7 @@ class Desk:
         self.facts.touched = [port.number for port in self.ports.values() if port.touched]
         self.facts.not_supported = sorted(self.not_supported)
         self.facts.garbage_bytes = self.station.garbage_bytes
+        self.facts.strays = dict(self.station.strays)
         self.facts.last_temperature_c = {p.number: p.temperature_c for p in self.ports.values() if p.temperature_c is not None}
         self.journal.facts(self.facts)
 

@@ -175,6 +175,15 @@ def test_a_jump_that_stays_is_believed() -> None:
     assert not any("temperature_c" in reasons_in(row) for row in run.memory.samples)
 
 
+def test_what_came_and_answered_nothing_is_counted() -> None:
+    run = prepare(
+        line_text(fault("noise", at_s=5, bytes_count=9, every=10) + fault("late", at_s=9, by_s=0.2, every=50)), duration_s=15
+    ).go()
+    assert run.facts.garbage_bytes > 50
+    assert sum(run.facts.strays.values()) >= 1
+    assert set(run.facts.strays) <= {"echo", "address", "code", "late", "unasked"}
+
+
 # -- what the station does not have --------------------------------------------------------------------------------
 
 
