@@ -17,7 +17,7 @@ from heapq import heappop, heappush
 from itertools import count
 
 from jbclog.drive.blocking import OpenPort, Port
-from jbclog.drive.waiting import exact_selector
+from jbclog.drive.waiting import Readers, exact_selector
 from jbclog.effects import Ask, Heard, Listen, RunEnded, Steps, Wait, Wish
 from jbclog.errors import LinkError
 
@@ -34,6 +34,7 @@ class Reactor:
 
     def __init__(self) -> None:
         self.loop = asyncio.SelectorEventLoop(exact_selector())
+        self.readers = Readers(self.loop)
         self.openers = ThreadPoolExecutor(OPENERS, thread_name_prefix="open-port")
         self._wires: set[Wire] = set()
         self._alarms: list[tuple[float, int, Wire]] = []  # a heap
@@ -68,6 +69,7 @@ class Reactor:
                 self.loop.run_forever()
         finally:
             self.openers.shutdown()  # which waits until the ports are closed, about a second at the most
+            self.readers.close()
             self.loop.close()
         if self._failure is not None:
             raise self._failure
@@ -325,7 +327,7 @@ class Wire:
         self._port, self._broken, self._unasked = port, None, b""
         self._fileno = port.fileno()
         if self._fileno is not None:
-            self._loop.add_reader(self._fileno, self._on_readable)
+            self._reactor.readers.add(self._fileno, self._on_readable)
         else:
             self._pump = Pump(self._loop, port, self)
 
@@ -342,7 +344,7 @@ class Wire:
         """Give the port up; it is closed in a thread, for a driver may take its time."""
         port, self._port = self._port, None
         if self._fileno is not None:
-            self._loop.remove_reader(self._fileno)
+            self._reactor.readers.remove(self._fileno)
             self._fileno = None
         if self._pump is not None:
             self._pump.stop()
