@@ -41,10 +41,12 @@ class OtherEnd:
         self._addressed = addressed
         self._free = 0.0
         self.heard: list[str] = []
+        self.moments: list[float] = []  # at which it heard them
 
     def receive(self, data: bytes, now: float) -> list[tuple[float, bytes]]:
         text = data[5 if self._addressed else 1 : -2].decode()
         self.heard.append(text)
+        self.moments.append(now)
         return [self._at(now, answer) for answer in self._replies(text)]
 
     def hung_up(self, now: float) -> bool:

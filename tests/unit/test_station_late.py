@@ -15,7 +15,7 @@ from talk import PROMPT_S, Answer, Talk, framed
 from jbclog.commands.family import FAMILIES
 from jbclog.effects import Steps
 from jbclog.errors import StationError, StationSilent
-from jbclog.station import LEAST_S, UNMEASURED_S, Station
+from jbclog.station import LEAST_S, QUIET_S, UNMEASURED_S, Station
 from jbclog.wire import LineFormat
 
 DDE = FAMILIES["dde"].commands
@@ -106,6 +106,16 @@ def test_a_late_answer_is_dropped_while_another_code_is_out() -> None:
     talk = Talk(("RTT1", (0.35, "ATT100111")), ("RSMN", (0.01, "ASMN  DDE")), ("RTT1", "ATT100183"))
     assert talk.do(lambda station: station.read(TIP, 1)) == 183
     assert talk.station.strays == {"code": 1}
+
+
+def test_nothing_is_asked_before_the_line_is_quiet_again() -> None:
+    """What comes after the time is over is let go by first."""
+    dribble: list[Answer] = [(0.320 + 0.010 * step, b"\x02010") for step in range(10)]
+    talk = Talk(("RTT1", *dribble), ("RSMN", "ASMN  DDE"), ("RTT1", "ATT100183"))
+    assert talk.do(lambda station: station.read(TIP, 1)) == 183
+    asked, probed, _ = talk.end.moments
+    assert probed - asked >= 0.410 + QUIET_S
+    assert talk.station.strays["late"] == 10
 
 
 def test_a_silent_station_is_given_up_after_three_questions() -> None:
