@@ -38,6 +38,7 @@ class Sampler:
         readings = [one for one in readings if one.name not in desk.not_supported]
         self.slow = self._slow_readings(readings)
         self.end = None if desk.order.duration_s is None else desk.now + desk.order.duration_s
+        self._ending: RunEnded | None = None
         self._scanner = Scanner(desk)
         self._probes = {(one.name, one.port): Probe.of(desk, one) for one in readings}
         self._scans = {port.number: Scan(port, self._fast_of(port.number), AlarmWatch(desk, port)) for port in desk.ports.values()}
@@ -109,36 +110,35 @@ class Sampler:
     def _tick(self, tick: int) -> Steps[None]:
         due = self.grid.due(tick) if self.paced else None
         scans = self._scans.values()
-        unasked, ending = SKIPPED, None
+        unasked = SKIPPED
         for scan in scans:
             self._scanner.begin(scan, tick)
         try:
             for scan in scans:
-                ending = (yield from self._take_fast(scan)) or ending
-            if ending is None:
+                yield from self._take_fast(scan)
+            if self._ending is None:
                 yield from self._take_slow(tick)
         except (LinkError, StationSilent, RobotModeOff) as error:
             unasked = error.reason if isinstance(error, RobotModeOff) else LinkError.reason
-            raise ending or Lost(error) from error
+            self.desk.connected = self._ending is None
+            raise self._ending or Lost(error) from error
         finally:
             for scan in scans:
                 self._scanner.finish(scan, unasked, due)
-        if ending is not None:
-            raise ending
+        if self._ending is not None:
+            raise self._ending
 
-    def _take_fast(self, scan: Scan) -> Steps[RunEnded | None]:
+    def _take_fast(self, scan: Scan) -> Steps[None]:
         """The fast readings of one port. Where the run is ended in between, they are finished first.
 
         A driver ends a run once. A row half read helps nobody, and would count as loss what nobody lost.
         """
-        ending = None
         for probe in scan.fast:
             try:
                 yield from self._scanner.take(probe, scan)
             except RunEnded as end:
-                ending = end
+                self._ending = end  # and kept, whatever becomes of the readings that are left
                 yield from self._scanner.take(probe, scan)
-        return ending
 
     def _take_slow(self, tick: int) -> Steps[None]:
         """Slow readings, most urgent first, while the wire has room; without a grid, or behind it, one after each scan."""
