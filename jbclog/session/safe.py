@@ -10,7 +10,7 @@ from collections.abc import Iterator
 
 from jbclog.commands.family import STAND, STATUS_NAMES, STATUS_ORDERS
 from jbclog.effects import Reopen, Steps, Wait
-from jbclog.errors import LinkError, StationError, Unsafe
+from jbclog.errors import LinkError, Refusal, StationError, Unsafe
 from jbclog.rows import Severity
 from jbclog.session.identity import recognise
 from jbclog.session.order import Desk, PortState
@@ -31,11 +31,7 @@ def make_safe(desk: Desk) -> Steps[None]:
     if not touched and not desk.feeder_touched:
         return
     desk.station.unasked((yield Wait(0.0)))
-    end = desk.now + ALLOWED_S
-    has_fed = desk.feeder_touched or desk.feeding_seen
-    may_feed = has_fed and not (yield from _stop_feeder(desk, end))
-    for port in touched:
-        yield from _put(desk, port, end)
+    may_feed = yield from _put(desk, touched, feeds=desk.feeder_touched or desk.feeding_seen)
     desk.facts.unsafe = [f"{desk.name}: the feeder could not be told to stop"] if may_feed else []
     desk.facts.unsafe += [_unsafe_text(desk, port) for port in touched if not _is_verified(desk, port)]
     if may_feed:
@@ -49,8 +45,28 @@ def make_safe(desk: Desk) -> Steps[None]:
 
 def put_in_safe_state(desk: Desk, port: PortState) -> Steps[None]:
     """Order the safe state on one port until a reading bears it out, and say how that went."""
-    yield from _put(desk, port, desk.now + ALLOWED_S)
+    yield from _put(desk, [port], feeds=False)
     _tell(desk, port)
+
+
+def _put(desk: Desk, ports: list[PortState], *, feeds: bool) -> Steps[bool]:
+    """Order the safe states, feeder first, in rounds spread over the time that is allowed; whether it may still feed.
+
+    No tool waits for the tries of another. What came of it is in the facts.
+    """
+    end = desk.now + ALLOWED_S
+    for port in ports:
+        desk.facts.safe_state[port.number] = FAILED
+    for round_ in range(TRIES):
+        if round_:
+            desk.station.unasked((yield Wait(desk.now + max(end - desk.now, 0.0) / (TRIES - round_ + 1))))
+        feeds = feeds and not (yield from _stop_feeder(desk, end))
+        for port in ports:
+            if not _is_verified(desk, port):
+                yield from _put_port(desk, port, end)
+        if desk.now > end or not (feeds or any(not _is_verified(desk, port) for port in ports)):
+            break
+    return feeds
 
 
 def _is_verified(desk: Desk, port: PortState) -> bool:
@@ -75,52 +91,48 @@ def _state_of(port: PortState) -> Iterator[str]:
 
 
 def _stop_feeder(desk: Desk, end: float) -> Steps[bool]:
-    for attempt in range(TRIES):
-        if (attempt and desk.now > end) or not (yield from _is_reachable(desk, end)):
-            break
-        try:
-            yield from desk.station.write(desk.command("stop_feeding"), 0)
-            feeding = yield from desk.station.read(desk.command("feeding"))
-        except (LinkError, StationError) as error:
-            yield from _reach_again(desk, end, error)
-            continue
-        if feeding == "stopped":
-            return True
-    return False
+    if not (yield from _is_reachable(desk, end)):
+        return False
+    try:
+        yield from desk.station.write(desk.command("stop_feeding"), 0)
+        feeding = yield from desk.station.read(desk.command("feeding"))
+    except (LinkError, StationError) as error:
+        yield from _reach_again(desk, end, error)
+        return False
+    return feeding == "stopped"
 
 
-def _put(desk: Desk, port: PortState, end: float) -> Steps[None]:
-    """Order the safe state; what came of it is in the facts."""
+def _put_port(desk: Desk, port: PortState, end: float) -> Steps[None]:
+    """One try. Where another state than stand is not reached, or does not cool, stand follows: from it the station cools."""
     states, word = desk.facts.safe_state, STATUS_ORDERS[desk.safe_state]
-    states[port.number] = FAILED
-    if word != STAND and (yield from _try(desk, port, word, end)) == VERIFIED and (yield from _is_cooling(desk, port)):
+    if word != STAND and (yield from _order(desk, port, word, end)) == VERIFIED and (yield from _is_cooling(desk, port)):
         states[port.number] = VERIFIED
         return
-    states[port.number] = yield from _try(desk, port, STAND, end)  # the only state from which the station cools by itself
+    reached = yield from _order(desk, port, STAND, end)
+    states[port.number] = max(states[port.number], reached, key=(FAILED, SENT, VERIFIED).index)
 
 
-def _try(desk: Desk, port: PortState, word: tuple[int, ...], end: float) -> Steps[str]:
-    """Order and read back, three times at most and once at least: ``verified``, ``sent`` (acknowledged) or ``failed``."""
+def _order(desk: Desk, port: PortState, word: tuple[int, ...], end: float) -> Steps[str]:
+    """Order a state once and read it back: ``verified``, ``sent`` (acknowledged) or ``failed``."""
     command, reached = desk.command("status"), FAILED
-    for attempt in range(TRIES):
-        if (attempt and desk.now > end) or not (yield from _is_reachable(desk, end)):
-            break
-        try:
-            yield from desk.station.write(command, word, port.number)
-            reached = SENT
-        except LinkError as error:
-            yield from _reach_again(desk, end, error)
-            continue
-        except StationError:
-            pass  # whether it was done is read back
-        try:
-            found = yield from desk.station.read(command, port.number)
-        except (LinkError, StationError) as error:
-            yield from _reach_again(desk, end, error)
-            continue
-        if isinstance(found, tuple) and _is_safe(found, word):
-            port.status = found
-            return VERIFIED
+    if not (yield from _is_reachable(desk, end)):
+        return reached
+    try:
+        yield from desk.station.write(command, word, port.number)
+        reached = SENT
+    except LinkError as error:
+        yield from _reach_again(desk, end, error)
+        return reached
+    except StationError:
+        pass  # whether it was done is read back
+    try:
+        found = yield from desk.station.read(command, port.number)
+    except (LinkError, StationError) as error:
+        yield from _reach_again(desk, end, error)
+        return reached
+    if isinstance(found, tuple) and _is_safe(found, word):
+        port.status = found
+        return VERIFIED
     return reached
 
 
@@ -155,6 +167,8 @@ def _reach_again(desk: Desk, end: float, error: LinkError | StationError) -> Ste
     A station that is merely silent may still hear; one behind a cable that was out may be another.
     """
     desk.is_proven &= not isinstance(error, LinkError)
+    if isinstance(error, Refusal):
+        return  # it answers
     while desk.now < end:
         try:
             desk.station.unasked((yield Reopen()))

@@ -71,6 +71,19 @@ def test_ended_during_an_outage_that_passes(at_s: float) -> None:
     assert_safe(run)
 
 
+@pytest.mark.parametrize("kind", ["silence", "dropout", "nak"])
+def test_ended_in_the_moment_in_which_it_goes_away(kind: str) -> None:
+    """The end is told once: neither a question that is never answered nor the search for the station swallows it."""
+    keys = {"silence": {"for_s": 1.5}, "dropout": {"for_s": 1.5}, "nak": {"for_s": 1.5, "code": 5}}[kind]
+    for step in range(60):
+        run = prepare(line_text(fault(kind, at_s=4, **keys)), duration_s=None)
+        run.at(3.95 + 0.01 * step, lambda run=run: run.driver.end("SIGTERM"))
+        run.at(60, lambda: pytest.fail("it was never ended"))
+        run.go()
+        assert run.heard[-1].at < run.t0 + 9, step
+        assert_safe(run)
+
+
 def test_a_setting_found_changed_stops_the_run() -> None:
     run = prepare(duration_s=60)
     run.at(5, lambda: setattr(run.station.plant.ports[1].settings, "selected_temperature", 300))
@@ -215,6 +228,17 @@ def test_three_tries_within_seconds() -> None:
     assert 2 <= [one.text for one in run.writes].count("WPS100001") <= 3
     assert [one.text for one in run.writes].count("WPS200001") >= 1
     assert run.heard[-1].at - (run.t0 + 6) < 5
+
+
+def test_no_tool_waits_for_the_tries_of_another() -> None:
+    line = line_text(fault("silence", at_s=5)).replace('"dde"', '"dme"')
+    run = prepare(line, RECIPE + "\n[sampling]\nrate_hz = 2\n", duration_s=60)
+    run.at(6, lambda: run.driver.end("SIGTERM"))
+    run.go()
+    ordered = [one for one in run.writes if one.text.endswith("00001")]
+    assert [one.text[3] for one in ordered[:4]] == ["1", "2", "3", "4"]
+    assert ordered[3].at - (run.t0 + 6) < 3
+    assert run.heard[-1].at - (run.t0 + 6) < 6
 
 
 def test_a_stranger_on_the_cable_is_not_written_to() -> None:
