@@ -17,6 +17,7 @@ from jbclog.session.newtool import meet_tool
 from jbclog.session.order import Desk
 from jbclog.session.scan import SKIPPED, Probe, Scan, Scanner
 
+FINISH_S = 0.5  # a tick in which the run is ended may take so much longer; hot tools are waiting
 SUSPENDED_S = 5.0  # a pause that no question explains: the host stood still
 
 
@@ -39,6 +40,7 @@ class Sampler:
         self.slow = self._slow_readings(readings)
         self.end = None if desk.order.duration_s is None else desk.now + desk.order.duration_s
         self._ending: RunEnded | None = None
+        self._finish_by = math.inf
         self._scanner = Scanner(desk)
         self._probes = {(one.name, one.port): Probe.of(desk, one) for one in readings}
         self._scans = {port.number: Scan(port, self._fast_of(port.number), AlarmWatch(desk, port)) for port in desk.ports.values()}
@@ -134,10 +136,13 @@ class Sampler:
         A driver ends a run once. A row half read helps nobody, and would count as loss what nobody lost.
         """
         for probe in scan.fast:
+            if self._ending is not None and self.desk.now > self._finish_by:
+                raise self._ending
             try:
                 yield from self._scanner.take(probe, scan)
             except RunEnded as end:
                 self._ending = end  # and kept, whatever becomes of the readings that are left
+                self._finish_by = self.desk.now + FINISH_S
                 yield from self._scanner.take(probe, scan)
 
     def _take_slow(self, tick: int) -> Steps[None]:

@@ -84,6 +84,18 @@ def test_ended_in_the_moment_in_which_it_goes_away(kind: str) -> None:
         assert_safe(run)
 
 
+def test_a_line_on_which_much_is_asked_again_holds_up_no_safe_state() -> None:
+    """The tick in which the run is ended is finished first, if that is soon."""
+    bad = "".join(fault("silence", command=name, at_s=4) for name in ("tip_temperature", "power"))
+    for step in range(20):
+        run = prepare(line_text(bad), duration_s=None)
+        run.at(5 + 0.05 * step, lambda run=run: run.driver.end("SIGTERM"))
+        run.go()
+        ordered = next(one.at for one in run.writes if one.text == "WPS100001")
+        assert ordered - (run.t0 + 5 + 0.05 * step) < 1.2, step
+        assert_safe(run)
+
+
 def test_a_setting_found_changed_stops_the_run() -> None:
     run = prepare(duration_s=60)
     run.at(5, lambda: setattr(run.station.plant.ports[1].settings, "selected_temperature", 300))
