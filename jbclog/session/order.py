@@ -12,7 +12,8 @@ from jbclog.effects import Steps
 from jbclog.quantities import Off, Value
 from jbclog.recipe.model import Recipe
 from jbclog.rows import EventRow, Journal, Severity, StationFacts
-from jbclog.station import Station
+from jbclog.station.client import Client
+from jbclog.station.robot import Station
 from jbclog.wire import LineFormat
 
 AS_FIT = "fit"
@@ -77,7 +78,7 @@ class Desk:
         self.recipe = order.recipe
         self.journal = journal
         self.utc = utc
-        self.station = Station(order.line, order.address)
+        self.station: Client = Station(order.line, order.address)
         self.ports: dict[int, PortState] = {}
         self.held: dict[str, Value] = {}  # station-wide settings
         self.not_supported: set[str] = set()

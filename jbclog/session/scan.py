@@ -18,7 +18,7 @@ from jbclog.session.alarms import AlarmWatch
 from jbclog.session.columns import Fill, fill_of, unusable
 from jbclog.session.order import Desk, PortState
 from jbclog.session.watch import OBSERVERS, WATCHED_LIMITS, Observe, is_no_tool
-from jbclog.station import Question
+from jbclog.station.client import Asking
 
 WIDTH = len(SAMPLE_COLUMNS)
 PLAUSIBLE_C = range(601)  # no unit of these families is made for more than 500 °C (seed 002, factory settings)
@@ -59,7 +59,7 @@ class Probe:
     """A reading with everything that its answer needs, and how it fared so far."""
 
     reading: Reading
-    question: Question
+    question: Asking
     port: PortState
     fill: Fill | None
     observe: Observe | None

@@ -13,7 +13,7 @@ import serial
 from common import HZ, LINE, cpu_s, percentile
 
 from jbclog.commands.family import FAMILIES
-from jbclog.station import Station
+from jbclog.station.robot import Station
 
 FOUR = ("tip_temperature", "power", "status", "alarm_flags")
 ANSWER_BYTES = 16

@@ -20,7 +20,7 @@ from jbclog.recipe.load import parse_recipe
 from jbclog.session.order import Desk
 from jbclog.session.run import run_station
 from jbclog.sim.process import SimProcess
-from jbclog.station import Station
+from jbclog.station.robot import Station
 from jbclog.transport import Port, open_port
 
 DDE = FAMILIES["dde"].commands

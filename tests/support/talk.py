@@ -13,7 +13,7 @@ from typing import TypeVar
 from jbclog.clock import VirtualClock
 from jbclog.drive.virtual import VirtualDriver
 from jbclog.effects import Reopen, Steps
-from jbclog.station import Station
+from jbclog.station.robot import Station
 from jbclog.wire import LineFormat
 
 T = TypeVar("T")

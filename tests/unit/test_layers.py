@@ -100,7 +100,7 @@ def test_the_plan_has_no_cycle_above_the_bottom() -> None:
     [
         ("protocol/frame.py", "from jbclog.commands.robot import ROBOT", "protocol may not import jbclog.commands.robot.ROBOT"),
         ("session/run.py", "def f():\n    import time", "session does no I/O and may not import time"),
-        ("station.py", "from threading import Lock", "station does no I/O and may not import threading"),
+        ("station/robot.py", "from threading import Lock", "station does no I/O and may not import threading"),
         ("record/live.py", "import pandas as pd", "only analysis and report may import pandas"),
         ("drive/reactor.py", "from serial import Serial", "only transport may import serial"),
         ("plan.py", "from jbclog.sim.virtual import VirtualStation", "plan may not import jbclog.sim.virtual.VirtualStation"),
@@ -108,7 +108,7 @@ def test_the_plan_has_no_cycle_above_the_bottom() -> None:
         ("report/figure.py", "from matplotlib import pyplot", "pyplot's state is global"),
         ("cellar.py", "from jbclog import errors", "cellar may not import jbclog.errors"),
         ("cli/demo.py", "from jbclog.sim.process import SimProcess", None),
-        ("session/run.py", "from jbclog.station import Station", None),
+        ("session/run.py", "from jbclog.station.robot import Station", None),
     ],
 )
 def test_a_forbidden_import_is_found(tmp_path: Path, file: str, text: str, fault: str | None) -> None:

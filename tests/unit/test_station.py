@@ -20,7 +20,7 @@ from jbclog.errors import (
     StationError,
 )
 from jbclog.quantities import Value
-from jbclog.station import Station
+from jbclog.station.robot import Station
 
 ALE = FAMILIES["ale"].commands
 TIP, STATUS, FLAGS, SELECT = ALE["tip_temperature"], ALE["status"], ALE["alarm_flags"], ALE["selected_temperature"]

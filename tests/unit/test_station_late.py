@@ -15,7 +15,7 @@ from talk import PROMPT_S, Answer, Talk, framed
 from jbclog.commands.family import FAMILIES
 from jbclog.effects import Steps
 from jbclog.errors import StationError, StationSilent
-from jbclog.station import LEAST_S, QUIET_S, UNMEASURED_S, Station
+from jbclog.station.robot import LEAST_S, QUIET_S, UNMEASURED_S, Station
 from jbclog.wire import LineFormat
 
 DDE = FAMILIES["dde"].commands

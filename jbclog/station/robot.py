@@ -1,4 +1,4 @@
-"""One client of one station: questions, answers, and how far an answer may be believed.
+"""The client of one JBC station in Robot mode: questions, answers, and how far an answer may be believed.
 
 The rules:
 
@@ -16,8 +16,6 @@ Everything here is a generator that does no I/O (`effects`).
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass
-from functools import lru_cache
 
 from jbclog.commands.command import Command
 from jbclog.commands.robot import COMMON, COMMUNICATION_ERRORS
@@ -35,9 +33,11 @@ from jbclog.errors import (
     StationError,
     StationSilent,
 )
-from jbclog.protocol.frame import ETX, Frame, check_byte
+from jbclog.protocol.frame import Frame
 from jbclog.protocol.reader import Corrupt, FrameReader
 from jbclog.quantities import Value
+from jbclog.station.client import Asking
+from jbclog.station.question import Question, known_answers
 from jbclog.wire import LineFormat
 
 REPEATS = 2  # a read goes out three times at most
@@ -46,8 +46,6 @@ LEAST_S = 0.1  # turnaround allowed at the least: a busy host may well need that
 QUIET_S = 0.02  # a line that was silent this long after a bad answer is drained
 PROBES = 2  # questions a silent station gets before it counts as silent
 UNEXPECTED_LENGTH = 20  # characters allowed for an answer of unprinted length, for its time-out
-KNOWN_ANSWERS = 1024  # that are remembered for each question; stations say the same over and over
-KNOWN_QUESTIONS = 4096
 
 PROBE_COMMANDS = [command for command in COMMON if command.name in ("model", "station_error", "maximum_temperature")]
 
@@ -62,63 +60,6 @@ REFUSALS: dict[int, type[Refusal]] = {
     5: RobotModeOff,
     6: ModelUnknown,
 }
-
-
-@dataclass(slots=True)
-class Question:
-    """A frame to send and the shape that its answer must have."""
-
-    command: Command
-    port: int | None
-    frame: bytes
-    code: str
-    digits: int | None  # characters of data that the answer carries; None: any number but none
-    answer_start: bytes  # STX, addresses, A and the code
-    answer_length: int
-    wire_s: float
-    tries: int  # how often it may go out
-    _texts: dict[bytes, str]
-    _values: dict[str, Value]
-
-    def text_in(self, data: bytes) -> str | None:
-        """The data field where `data` is the whole answer in one piece and nothing else: nearly always so."""
-        known = self._texts.get(data)
-        if known is not None:  # the very bytes of an answer that was checked before
-            return known
-        if not self._is_whole_answer(data):
-            return None
-        text = data[len(self.answer_start) : -2].decode("ascii", "replace")
-        if len(self._texts) < KNOWN_ANSWERS:
-            self._texts[data] = text
-        return text
-
-    def _is_whole_answer(self, data: bytes) -> bool:
-        return (
-            len(data) == self.answer_length
-            and data.startswith(self.answer_start)
-            and data[-2] == ETX
-            and check_byte(data[:-1]) == data[-1]
-        )
-
-    def value_of(self, text: str) -> Value:
-        """What a data field means. Raises `ValueError` where it means nothing."""
-        value = self._values.get(text)
-        if value is None:
-            value = self.command.quantity.decode(text)
-            if len(self._values) < KNOWN_ANSWERS:
-                self._values[text] = value
-        return value
-
-    def title(self) -> str:
-        """How messages name it: ``tip temperature of port 1``."""
-        name = self.command.name.replace("_", " ")
-        return name if self.port is None else f"{name} of port {self.port}"
-
-
-@lru_cache(KNOWN_QUESTIONS)
-def _known_answers(frame: bytes, command: Command, answer_start: bytes) -> tuple[dict[bytes, str], dict[str, Value]]:
-    """What was answered to a question so far, as text and as values: one memory for all stations with the same address."""
-    return {}, {}
 
 
 class Station:
@@ -157,8 +98,9 @@ class Station:
         """Read a value. Raises `StationError` when no try gave one; `StationSilent` when nothing answers any more."""
         return self.ask(self.question(command, port, tool))
 
-    def ask(self, question: Question) -> Steps[Value]:
-        """The same with a question made before; the path of every sample."""
+    def ask(self, question: Asking) -> Steps[Value]:
+        """The same with a question that this client made before; the path of every sample."""
+        assert isinstance(question, Question)
         tries = question.tries
         while True:
             tries -= 1
@@ -233,7 +175,7 @@ class Station:
         length = len(start) + (UNEXPECTED_LENGTH if digits is None else digits) + 2
         tries = 1 if command.asked_once else 1 + REPEATS
         wire_s = self.line.seconds(len(frame) + length)
-        return Question(command, port, frame, code, digits, start, length, wire_s, tries, *_known_answers(frame, command, start))
+        return Question(command, port, frame, code, digits, start, length, wire_s, tries, *known_answers(frame, command, start))
 
     def _frame(self, header: str, text: str, *, sending: bool) -> bytes:
         if self.address is None:

@@ -1,0 +1,58 @@
+"""What a session wants of whoever speaks to its station, whatever the protocol."""
+
+from __future__ import annotations
+
+from collections import Counter
+from typing import Protocol
+
+from jbclog.commands.command import Command
+from jbclog.effects import Heard, Steps
+from jbclog.quantities import Value
+
+
+class Asking(Protocol):
+    """A read made once and asked often. Who made it knows its bytes; others its name and how long it takes."""
+
+    @property
+    def command(self) -> Command: ...
+
+    @property
+    def wire_s(self) -> float: ...
+
+    def title(self) -> str:
+        """How messages name it: ``tip temperature of port 1``."""
+
+
+class Client(Protocol):
+    """One client of one station, as generators that do no I/O (`effects`).
+
+    Times are monotonic seconds. `sent` and `heard` are the moments at which the last question left and its answer was
+    whole; `now` is the last moment that anything was heard of, or not. `first_sent` is the first question sent since
+    somebody set it to None. `strays` counts by kind what was on the line and answered nothing.
+    """
+
+    now: float
+    sent: float
+    heard: float
+    first_sent: float | None
+    exchanges: int
+    strays: Counter[str]
+
+    @property
+    def garbage_bytes(self) -> int:
+        """Bytes that belonged to no frame."""
+
+    def question(self, command: Command, port: int | None = None, tool: int | None = None) -> Asking:
+        """The read of `command`, made once and kept."""
+
+    def read(self, command: Command, port: int | None = None, tool: int | None = None) -> Steps[Value]:
+        """Read a value. Raises `StationError` when no try gave one; `StationSilent` when nothing answers any more."""
+
+    def ask(self, question: Asking) -> Steps[Value]:
+        """The same with a question that this client made before."""
+
+    def write(self, command: Command, value: Value, port: int | None = None, tool: int | None = None) -> Steps[None]:
+        """Write a value once. An acknowledgement is not proof: read back."""
+
+    def unasked(self, heard: Heard) -> None:
+        """Take note of the moment, and of bytes that came although nothing was asked."""
