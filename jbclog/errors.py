@@ -20,6 +20,7 @@
     │       ├── RobotModeOff        5: nobody switched Robot mode on
     │       └── ModelUnknown        6
     ├── StartRefused                exit 3: the station, the recipe or the rate does not fit
+    ├── WriteForbidden              a port that is open for reading only was to send something else; it was not sent
     ├── RecordError                 exit 4: the record could not be kept whole
     └── Unsafe                      exit 5: a tool could not be put in its safe state
 
@@ -152,6 +153,10 @@ class StartRefused(JbclogError):
     """A station's run cannot begin: wrong identity, recipe refused, rate does not fit."""
 
     exit_code = 3
+
+
+class WriteForbidden(JbclogError):
+    """Something that is no question was to go out over a port that is open for reading only. A fault of this program."""
 
 
 class RecordError(JbclogError):

@@ -71,3 +71,12 @@ def parse(content: bytes) -> Frame | None:
     if not addresses.isdigit() or not header or header not in HEADERS:
         return None
     return Frame(header, rest, int(addresses[:2]), int(addresses[2:]))
+
+
+def only_reads(data: bytes) -> bool:
+    """Whether `data` is one whole frame with header R, its check byte good, and nothing before or behind it."""
+    if len(data) < 4 or data[0] != STX or data[-2] != ETX or check_byte(data[:-1]) != data[-1]:
+        return False
+    content = data[1:-2]
+    frame = parse(content) if all(0x20 <= byte <= 0x7E for byte in content) else None
+    return frame is not None and frame.header == "R"

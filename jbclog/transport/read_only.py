@@ -1,0 +1,44 @@
+"""A port that lets questions through and nothing else, whoever asks for it (faults.md, section 9).
+
+What a question is the caller says, because that is a matter of the protocol: `protocol.frame.only_reads` for JBC's. All that
+is not known to be one is refused, so that a command that nobody thought of is refused too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from jbclog.errors import WriteForbidden
+from jbclog.transport.port import Port
+
+OnlyReads = Callable[[bytes], bool]
+"""Whether these bytes, as they would be sent, ask and change nothing."""
+
+
+class ReadOnly:
+    """A `Port` around a port. `write` raises `WriteForbidden` for bytes that `only_reads` does not know; none of them is sent."""
+
+    def __init__(self, port: Port, only_reads: OnlyReads) -> None:
+        self._port = port
+        self._only_reads = only_reads
+
+    @property
+    def url(self) -> str:
+        return self._port.url
+
+    def fileno(self) -> int | None:
+        return self._port.fileno()
+
+    def write(self, data: bytes) -> None:
+        if not self._only_reads(data):
+            raise WriteForbidden(f"{self.url} is open for reading only; {data.hex(' ')} was not sent")
+        self._port.write(data)
+
+    def read_now(self) -> bytes:
+        return self._port.read_now()
+
+    def read(self, timeout_s: float) -> bytes:
+        return self._port.read(timeout_s)
+
+    def close(self) -> None:
+        self._port.close()
