@@ -28,7 +28,8 @@ class Client(Protocol):
 
     Times are monotonic seconds. `sent` and `heard` are the moments at which the last question left and its answer was
     whole; `now` is the last moment that anything was heard of, or not. `first_sent` is the first question sent since
-    somebody set it to None. `strays` counts by kind what was on the line and answered nothing.
+    somebody set it to None. `data` is the data field of the last answer that carried one, as it came. `strays` counts by
+    kind what was on the line and answered nothing.
     """
 
     now: float
@@ -36,6 +37,7 @@ class Client(Protocol):
     heard: float
     first_sent: float | None
     exchanges: int
+    data: str
     strays: Counter[str]
 
     @property

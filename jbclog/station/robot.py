@@ -67,7 +67,8 @@ class Station:
 
     `sent` and `heard` are the moments (monotonic seconds) at which the last question left and its answer was whole; `now` is
     the last moment that anything was heard of, or not.
-    `strays` counts by kind what was on the line and answered nothing.
+    `data` is the data field of the last answer to a read, as it came. `strays` counts by kind what was on the line and
+    answered nothing.
     """
 
     def __init__(self, line: LineFormat, address: int | None = 1, host_address: int = 0) -> None:
@@ -79,6 +80,7 @@ class Station:
         self.heard = 0.0
         self.now = 0.0
         self.exchanges = 0  # questions sent
+        self.data = ""
         self.turnaround_s: float | None = None  # the longest seen lately
         self.strays: Counter[str] = Counter()
         self._reader = FrameReader()
@@ -107,7 +109,8 @@ class Station:
             if question.code in self._doubted:
                 yield from self._settle(question)
             try:
-                return question.value_of((yield from self._exchange(question)))
+                self.data = yield from self._exchange(question)
+                return question.value_of(self.data)
             except ValueError as error:  # a whole answer to this question, so nothing is under way
                 failure: StationError = AnswerFormat(f"{question.title()}: {error}")
             except (*UNCERTAIN, NotReceived) as error:

@@ -131,7 +131,9 @@ def test_flags_other_than_0_and_1_are_a_format_error_and_not_asked_again(data: s
 
 @pytest.mark.parametrize(("text", "value"), [("ADL1003E8", 100.0), ("ADL10x000000003E8", 100.0), ("ADL101000", 409.6)])
 def test_the_dispensed_length_has_any_width_and_is_hexadecimal(text: str, value: float) -> None:
-    assert Talk(("RDL1", text)).do(lambda station: station.read(ALE["dispensed_length"], 1)) == value
+    talk = Talk(("RDL1", text))
+    assert talk.do(lambda station: station.read(ALE["dispensed_length"], 1)) == value
+    assert talk.station.data == text.removeprefix("ADL1")  # as it came
 
 
 def test_the_identification_s_check_byte_is_stx() -> None:
