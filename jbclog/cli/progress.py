@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from jbclog.cli.output import is_terminal, note, printable, wrapped
-from jbclog.commands.family import STATUS_NAMES
 from jbclog.rows import EventRow, Severity
 from jbclog.session.order import Desk, PortState
 
@@ -114,7 +113,7 @@ def _cells(desk: Desk) -> Iterator[tuple[str, ...]]:
         yield desk.name, ports, "", "", "", alarms, "starting" if desk.facts.outcome == RUNNING else desk.facts.outcome
         return
     for port in desk.ports.values():
-        setting = port.celsius("selected_temperature")
+        setting = desk.set_c(port)
         wanted = "" if setting is None else f"{setting:g} °C"
         link = "connected" if desk.connected else "away"
         yield desk.name, str(port.number), _tip(desk, port), wanted, _status(desk, port), alarms, link
@@ -129,7 +128,7 @@ def _tip(desk: Desk, port: PortState) -> str:
 def _status(desk: Desk, port: PortState) -> str:
     if not desk.connected or port.status is None:
         return "unknown"
-    return STATUS_NAMES[port.status[4]]
+    return desk.family.status.names[port.status[4]]
 
 
 def observer(duration_s: float | None, *, quiet: bool) -> Lines | Screen:

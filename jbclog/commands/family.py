@@ -3,25 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from types import MappingProxyType
 
 from jbclog.commands import ale, robot, ucr
 from jbclog.commands.command import Command
+from jbclog.commands.robot import ErrorTable
 from jbclog.commands.signals import FEEDER_COUNTERS, FEEDER_SIGNALS, HOUR_COUNTERS, SOLDERING_SIGNALS, Counter, Signal
-
-WORKING = (0, 0, 0, 0, 0)
-STAND = (0, 0, 0, 0, 1)
-EXTRACTOR = (0, 0, 0, 1, 0)
-STATUS_ORDERS: Mapping[str, tuple[int, ...]] = MappingProxyType({"working": WORKING, "stand": STAND, "extractor": EXTRACTOR})
-
-
-def is_working(word: tuple[int, ...]) -> bool:
-    """Whether a status word says that the tool is at work: neither standing nor in the extractor state (digest A.7)."""
-    return word[4] == 0 and word[3] == 0
-
-
-STATUS_NAMES = ("working", "stand", "sleep", "hibernation")
+from jbclog.commands.status import SOLDERING_STATUS, StatusTable
 
 
 def _by_name(commands: Iterable[Command]) -> Mapping[str, Command]:
@@ -33,7 +22,10 @@ class Family:
     """One family of control units. All of its tables are read-only data.
 
     `models` are the beginnings of model names that prove the family. `ports` is None where the manual
-    does not say how many there are: then those that answer R-CT are meant.
+    does not say how many there are: then those that answer R-CT are meant. The first of `safe_states` is the usual one;
+    those in `proven_by_cooling` count only when the tool is seen to cool. `harmless` are reads that change nothing, with
+    which the turnaround is measured. `plausible_c` are temperatures that its tools can have, and `jump_c` is more than
+    they change from one tick to the next.
     """
 
     name: str
@@ -42,12 +34,17 @@ class Family:
     commands: Mapping[str, Command]
     ports: tuple[int, ...] | None
     tools: Mapping[int, str]
+    status: StatusTable = SOLDERING_STATUS
     safe_states: tuple[str, ...] = ("stand",)
+    proven_by_cooling: frozenset[str] = frozenset({"extractor"})
     run_statuses: tuple[str, ...] = ("working", "stand")
     signals: tuple[Signal, ...] = SOLDERING_SIGNALS
     counters: tuple[Counter, ...] = HOUR_COUNTERS
-    port_errors: Mapping[int, str] = field(default_factory=lambda: MappingProxyType(robot.PORT_ERRORS))
-    station_errors: Mapping[int, str] = field(default_factory=lambda: MappingProxyType(robot.STATION_ERRORS))
+    harmless: tuple[str, ...] = ("station_error", "tip_temperature")
+    port_errors: ErrorTable = robot.PORT_ERRORS
+    station_errors: ErrorTable = robot.STATION_ERRORS
+    plausible_c: range = range(601)  # no unit is made for more than 500 °C (seed 002, factory settings)
+    jump_c: int = 50  # the quickest cartridges make little more in half a second
     has_feeder: bool = False
     manual: str = "002"
 
@@ -55,11 +52,14 @@ class Family:
         """The tool's name; an unknown code is kept as ``tool_<n>``."""
         return self.tools.get(code, f"tool_{code}")
 
-    def port_error_text(self, code: int) -> str:
-        return self.port_errors.get(code, f"unknown port error {code}")
+    def command_of(self, signal: str) -> Command | None:
+        """The command that fills the columns of `signal` (``temperature_c``, ``set_c``); None where it has none."""
+        return next((self.commands[one.command] for one in self.signals if one.name == signal), None)
 
-    def station_error_text(self, code: int) -> str:
-        return self.station_errors.get(code, f"unknown station error {code}")
+    @property
+    def hours(self) -> str | None:
+        """The command that counts the hours since the station was made; None where there is none."""
+        return self.counters[0].command if self.counters else None
 
     def proves(self, model: str) -> bool:
         """Whether a station that calls itself `model` is of this family."""
@@ -101,8 +101,8 @@ FAMILIES: Mapping[str, Family] = MappingProxyType(
                 _UCR,
                 (1,),
                 robot.TOOLS_004,
-                ("stand", "extractor"),
-                ("working", "stand", "extractor"),
+                safe_states=("stand", "extractor"),
+                run_statuses=("working", "stand", "extractor"),
                 manual="004, 002",
             ),
             Family(
@@ -112,10 +112,10 @@ FAMILIES: Mapping[str, Family] = MappingProxyType(
                 _ALE,
                 (1,),
                 robot.TOOLS_002,
-                ("stand", "extractor"),
-                ("working", "stand", "extractor"),
-                FEEDER_SIGNALS,
-                (*HOUR_COUNTERS, *FEEDER_COUNTERS),
+                safe_states=("stand", "extractor"),
+                run_statuses=("working", "stand", "extractor"),
+                signals=FEEDER_SIGNALS,
+                counters=(*HOUR_COUNTERS, *FEEDER_COUNTERS),
                 has_feeder=True,
             ),
         )

@@ -5,6 +5,10 @@ Notes cite the digest of contradictions ("B-nn") where the manuals doubt or cont
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+
 from jbclog.commands.command import Command, Effect, Limits, Scope
 from jbclog.quantities import (
     AlarmDelay,
@@ -153,33 +157,59 @@ TOOLS_002 = {
 }
 TOOLS_004 = {0: "none", 2: "TR245/TR470", 9: "TRA245/TRA470"}
 
-PORT_ERRORS = {
-    0: "ok",
-    1: "short circuit",
-    2: "short circuit, not recoverable; restart the station",
-    3: "open circuit",
-    4: "no tool",
-    5: "tool not accepted",
-    6: "detecting the tool",
-    7: "stopped: maximum power",
-    8: "stopped: overload (MOS)",
-    9: "warning: overload (MOS)",
-}
-PORT_ERROR_NO_TOOL = 4
-PORT_ERROR_STATES = frozenset({4, 6})  # states of the port rather than faults (digest A.5)
-PORT_ERROR_WARNINGS = frozenset({9})
 
-STATION_ERRORS = {
-    0: "ok",
-    1: "stopped: transformer overload",
-    2: "temperature sensor",
-    3: "memory",
-    4: "mains frequency",
-    5: "station model",
-    6: "tool controller not connected",
-    7: "warning: transformer overload",
-}
-STATION_ERROR_WARNINGS = frozenset({7})
+@dataclass(frozen=True, slots=True)
+class ErrorTable:
+    """What error numbers mean. `states` are no faults; `no_tool` is the one that says that nothing is connected."""
+
+    kind: str
+    texts: Mapping[int, str]
+    states: frozenset[int] = frozenset()
+    warnings: frozenset[int] = frozenset()
+    no_tool: int | None = None
+
+    def text(self, code: int) -> str:
+        """What `code` means; an unknown one is kept as a number."""
+        return self.texts.get(code, f"unknown {self.kind} error {code}")
+
+
+PORT_ERRORS = ErrorTable(
+    "port",
+    MappingProxyType(
+        {
+            0: "ok",
+            1: "short circuit",
+            2: "short circuit, not recoverable; restart the station",
+            3: "open circuit",
+            4: "no tool",
+            5: "tool not accepted",
+            6: "detecting the tool",
+            7: "stopped: maximum power",
+            8: "stopped: overload (MOS)",
+            9: "warning: overload (MOS)",
+        }
+    ),
+    states=frozenset({4, 6}),  # digest A.5
+    warnings=frozenset({9}),
+    no_tool=4,
+)
+
+STATION_ERRORS = ErrorTable(
+    "station",
+    MappingProxyType(
+        {
+            0: "ok",
+            1: "stopped: transformer overload",
+            2: "temperature sensor",
+            3: "memory",
+            4: "mains frequency",
+            5: "station model",
+            6: "tool controller not connected",
+            7: "warning: transformer overload",
+        }
+    ),
+    warnings=frozenset({7}),
+)
 
 COMMUNICATION_ERRORS = {
     1: "wrong check byte",

@@ -17,7 +17,7 @@ from jbclog.recipe.fields import not_driven
 from jbclog.recipe.model import Asked, Recipe, asked_in
 from jbclog.recipe.order import COMMAND_OF
 
-SOLDERING: Final = tuple(FAMILIES)
+SOLDERING: Final = tuple(name for name, family in FAMILIES.items() if "sleep_delay" in family.commands)
 SECTION_FAMILIES: Final[Mapping[str, tuple[str, ...]]] = {
     "temperature": SOLDERING,
     "sleep": SOLDERING,

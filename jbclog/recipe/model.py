@@ -13,12 +13,16 @@ from typing import NamedTuple
 
 from pydantic import Field
 
+from jbclog.commands.family import FAMILIES
 from jbclog.errors import Problem
 from jbclog.quantities import Value
 from jbclog.recipe.keys import KeyPath
 from jbclog.recipe.schema import Table
 from jbclog.recipe.sections import PortSettings, RecipeTables
 from jbclog.recipe.toml import TomlText
+
+NO_SAFE_STATE = "none"
+"""What a family has that no order makes safe (omega)."""
 
 
 class Asked(NamedTuple):
@@ -91,9 +95,10 @@ class Recipe(RecipeTables):
 
     def safe_state(self, family: str) -> str:
         """What every touched tool is put in at the end on a station of this family (contract, "Safe state")."""
-        if family == "jtse" and "safe_state" not in self.run.model_fields_set:
-            return "cooling"
-        return self.run.safe_state
+        known = FAMILIES.get(family)
+        if "safe_state" in self.run.model_fields_set or known is None:
+            return self.run.safe_state
+        return known.safe_states[0] if known.safe_states else NO_SAFE_STATE
 
     def problem(self, key: KeyPath, text: str) -> Problem:
         """Something that is wrong with one of the recipe's keys, with file and line."""

@@ -80,7 +80,7 @@ def _place(one: Asked, asked: Mapping[str, Asked]) -> float:
 
 def _setting(one: Asked, family: Family, port: int | None) -> Setting | None:
     command = family.commands.get(COMMAND_OF[one.setting])
-    if command is None or not command.writable:
+    if command is None or not command.writable or family.name not in SECTION_FAMILIES[one.setting.partition(".")[0]]:
         return None
     # as the station will give it back, so that reading back and comparing is exact
     value = command.quantity.decode(command.quantity.encode(one.value))

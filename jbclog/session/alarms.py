@@ -80,7 +80,7 @@ class AlarmWatch:
     def _start_period(self, now: float) -> None:
         self._last_read = now
         self._port.hottest_c = self._port.coolest_c = None
-        self._port.has_counted = counts(self._port)
+        self._port.has_counted = counts(self._desk, self._port)
 
     def _known_of(self, side: _Side) -> Known:
         """What the temperatures since the last reading say of a flag that is set; only those that count were kept."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from jbclog.commands.command import Command, Scope
-from jbclog.commands.family import STATUS_ORDERS
+from jbclog.commands.status import StatusWord
 from jbclog.effects import RunEnded, Steps
 from jbclog.errors import LinkError, NotSupported, Refusal, StartRefused, StationError
 from jbclog.quantities import OFF, Value, text_of
@@ -30,7 +30,7 @@ def apply(desk: Desk) -> Steps[None]:
     for setting in wanted:
         yield from _apply(desk, setting)
     if desk.recipe.run.status is not None:
-        yield from _apply_status(desk, STATUS_ORDERS[desk.recipe.run.status])
+        yield from _apply_status(desk, desk.family.status.orders[desk.recipe.run.status])
     for port in desk.ports.values():
         note_status(port)
     desk.publish()
@@ -225,18 +225,15 @@ def _confirm(desk: Desk, command: Command, value: Value, port: PortState | None,
     except StationError as error:
         _row(desk, command, port, "unconfirmed", requested=requested, written=requested)
         raise StartRefused(_failed(desk, command, port, value, before, f"it could not be read back ({error})")) from error
-    same = found == value or (command.name == "status" and _same_status(found, value))
+    same = found == value or (command.name == "status" and _same_status(desk, found, value))
     _row(desk, command, port, "confirmed" if same else "mismatch", requested=requested, written=requested, readback=text_of(found))
     (desk.held if port is None else port.held)[command.name] = found
     if not same:
         raise StartRefused(_failed(desk, command, port, value, before, f"{command.shown(found)} was read back"))
 
 
-def _same_status(found: Value, wanted: Value) -> bool:
-    """Stand may have become sleep or hibernation already; suction and motor are not ours to set."""
-    if not isinstance(found, tuple) or not isinstance(wanted, tuple):
-        return False
-    return found[3] == wanted[3] and (found[4] == wanted[4] or (wanted[4] == 1 and found[4] in (2, 3)))
+def _same_status(desk: Desk, found: Value, wanted: Value) -> bool:
+    return isinstance(found, tuple) and isinstance(wanted, tuple) and desk.family.status.confirms(found, wanted)
 
 
 def _failed(desk: Desk, command: Command, port: PortState | None, value: Value, before: Value | None, why: str) -> str:
@@ -253,7 +250,7 @@ def _touch(desk: Desk, port: PortState | None) -> None:
         desk.publish()  # a recovery must know which tools may be hot
 
 
-def _apply_status(desk: Desk, word: tuple[int, ...]) -> Steps[None]:
+def _apply_status(desk: Desk, word: StatusWord) -> Steps[None]:
     """Put the tools to work (or to stand) once everything else holds; a port without a tool is left alone."""
     command = desk.command("status")
     for port in desk.ports.values():

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from jbclog.commands.family import STATUS_NAMES
+from jbclog.commands.family import Family
 from jbclog.commands.signals import STATUS_COLUMNS
 from jbclog.quantities import Value
 from jbclog.rows import COLUMN, SampleRow
@@ -20,18 +20,19 @@ _STATUS, _COOLING, _DESOLDERING, _MOTOR = (COLUMN[name] for name in STATUS_COLUM
 _HIGH, _LOW, _FEEDING = COLUMN["alarm_high"], COLUMN["alarm_low"], COLUMN["feeding"]
 
 
-def _status(row: SampleRow, word: Value) -> None:
+def _status(family: Family) -> Fill:
     """``0MDES``: motor, desoldering, extractor or cooling, status (digest A.7)."""
-    assert isinstance(word, tuple)
-    row[_STATUS] = STATUS_NAMES[word[4]]
-    row[_COOLING] = word[3] == 1
-    row[_DESOLDERING] = word[2] == 1
+    names, has_motor = family.status.names, family.has_feeder
 
+    def fill(row: SampleRow, word: Value) -> None:
+        assert isinstance(word, tuple)
+        row[_STATUS] = names[word[4]]
+        row[_COOLING] = word[3] == 1
+        row[_DESOLDERING] = word[2] == 1
+        if has_motor:
+            row[_MOTOR] = MOTOR[word[1]]
 
-def _status_with_motor(row: SampleRow, word: Value) -> None:
-    assert isinstance(word, tuple)
-    _status(row, word)
-    row[_MOTOR] = MOTOR[word[1]]
+    return fill
 
 
 def _alarm_flags(row: SampleRow, word: Value) -> None:
@@ -54,14 +55,12 @@ def _plain(column: str) -> Fill:
     return fill
 
 
-def fill_of(signal: str, has_feeder: bool) -> Fill:
+SPECIAL: dict[str, Fill] = {"alarm_high": _alarm_flags, "feeding": _feeding}
+
+
+def fill_of(signal: str, family: Family) -> Fill:
     """How the answer to `signal` fills its columns."""
-    special = {
-        "status": _status_with_motor if has_feeder else _status,
-        "alarm_high": _alarm_flags,
-        "feeding": _feeding,
-    }
-    return special.get(signal) or _plain(signal)
+    return _status(family) if signal == "status" else SPECIAL.get(signal) or _plain(signal)
 
 
 def unusable(signal: str, value: Value, port: PortState) -> str | None:

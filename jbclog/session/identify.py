@@ -133,10 +133,10 @@ def measure_turnaround(desk: Desk) -> Steps[None]:
     station, took = desk.station, []
     questions = [
         station.question(command, None if command.scope is Scope.STATION else min(desk.ports))
-        for command in (desk.command("station_error"), desk.command("tip_temperature"))
+        for command in map(desk.command, desk.family.harmless)
     ]
     for round_ in range(MEASURED_READS):
-        question = questions[round_ % 2]
+        question = questions[round_ % len(questions)]
         try:
             yield from station.ask(question)
         except StationError:

@@ -12,7 +12,6 @@ from jbclog.errors import NotSupported
 from jbclog.rows import Severity
 from jbclog.session.order import Desk
 
-HOURS = "plugged_hours"
 RESOLUTION_H = 1  # the counters count whole hours
 
 
@@ -54,8 +53,11 @@ def _difference(desk: Desk) -> Steps[str | None]:
 
 def _hours(desk: Desk, number: int) -> Steps[int | None]:
     """The plugged hours of a port; None where the station does not count them."""
+    counter = desk.family.hours
+    if counter is None:
+        return None
     try:
-        hours = yield from desk.station.read(desk.command(HOURS), number)
+        hours = yield from desk.station.read(desk.command(counter), number)
     except NotSupported:
         return None
     return hours if isinstance(hours, int) else None

@@ -13,7 +13,7 @@ from jbclog.quantities import Off, Value
 from jbclog.recipe.model import Recipe
 from jbclog.rows import EventRow, Journal, Severity, StationFacts
 from jbclog.station.client import Client
-from jbclog.station.robot import Station
+from jbclog.station.make import client_for
 from jbclog.wire import LineFormat
 
 AS_FIT = "fit"
@@ -78,7 +78,7 @@ class Desk:
         self.recipe = order.recipe
         self.journal = journal
         self.utc = utc
-        self.station: Client = Station(order.line, order.address)
+        self.station: Client = client_for(order.family, order.line, order.address)
         self.ports: dict[int, PortState] = {}
         self.held: dict[str, Value] = {}  # station-wide settings
         self.not_supported: set[str] = set()
@@ -120,6 +120,16 @@ class Desk:
     @property
     def family_known(self) -> bool:
         return self._family is not None
+
+    @property
+    def set_name(self) -> str:
+        """The setting by which the temperature is selected; empty where the family has none."""
+        command = self.family.command_of("set_c")
+        return "" if command is None else command.name
+
+    def set_c(self, port: PortState) -> float | None:
+        """The temperature selected on `port`, as last read."""
+        return port.celsius(self.set_name)
 
     @property
     def safe_state(self) -> str:

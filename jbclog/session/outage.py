@@ -7,7 +7,6 @@ what differs is an event (faults.md, rows 12, 13, 16 and 17).
 from __future__ import annotations
 
 from jbclog.commands.command import Scope
-from jbclog.commands.family import is_working
 from jbclog.effects import Steps, Wait
 from jbclog.errors import LinkError, RobotModeOff, StartRefused, StationError
 from jbclog.quantities import Value
@@ -121,7 +120,7 @@ def _compare(desk: Desk, before: dict[int | None, dict[str, Value]]) -> None:
         now = desk.held if port is None else port.held
         for name, value in held.items():
             found = now.get(name)
-            if found is not None and _is_watched(desk, port, name) and not _is_alike(name, value, found):
+            if found is not None and _is_watched(desk, port, name) and not _is_alike(desk, name, value, found):
                 command = desk.command(name)
                 changes.append(tell_change(desk, port, name, command.shown(value), command.shown(found)))
         if port is not None:
@@ -136,8 +135,8 @@ def _is_watched(desk: Desk, port: PortState | None, name: str) -> bool:
     return not (port is not None and port.tool_is_new and desk.command(name).scope is Scope.TOOL)
 
 
-def _is_alike(name: str, before: Value, found: Value) -> bool:
+def _is_alike(desk: Desk, name: str, before: Value, found: Value) -> bool:
     """Whether nothing changed that anybody set; a status goes on by itself from stand to sleep."""
     if name == "status" and isinstance(found, tuple) and isinstance(before, tuple):
-        return is_working(found) == is_working(before)
+        return desk.family.status.is_working(found) == desk.family.status.is_working(before)
     return found == before

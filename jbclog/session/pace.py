@@ -28,7 +28,7 @@ def readings_for(family: Family, ports: Sequence[int], recipe: Recipe, line: Lin
     sampling = recipe.sampling
     signals = [(signal, family.commands[signal.command]) for signal in family.signals]
     counters = [(counter, family.commands[counter.command]) for counter in family.counters]
-    limits = [family.commands[name] for name in WATCHED_LIMITS]
+    limits = [family.commands[name] for name in WATCHED_LIMITS if name in family.commands]
     found = readings_of(signals, counters, ports, line, addressed, sampling.alarms_every_s, sampling.counters_every_s)
     return found + watched_readings(limits, ports, line, addressed, sampling.counters_every_s)
 

@@ -6,9 +6,7 @@ opened again if need be, and what could not be done is said with station, port a
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
-from jbclog.commands.family import STAND, STATUS_NAMES, STATUS_ORDERS
+from jbclog.commands.status import StatusWord
 from jbclog.effects import Reopen, Steps, Wait
 from jbclog.errors import LinkError, Refusal, StationError, Unsafe
 from jbclog.rows import Severity
@@ -75,19 +73,15 @@ def _is_verified(desk: Desk, port: PortState) -> bool:
 
 def _tell(desk: Desk, port: PortState) -> None:
     if _is_verified(desk, port):
-        text = f"Port {port.number}: the tool is in its safe state, as read back: {'-'.join(_state_of(port))}."
+        text = f"Port {port.number}: the tool is in its safe state, as read back: {_state_of(desk, port)}."
         desk.note("safety.safe_state", Severity.INFO, text, port=port.number)
     else:
         desk.note("safety.not_safe", Severity.CRITICAL, _unsafe_text(desk, port) + ".", port=port.number)
 
 
-def _state_of(port: PortState) -> Iterator[str]:
-    """The state last read: ``stand``, ``sleep``; ``extractor`` where that digit is set."""
-    word = port.status or STAND
-    if word[3]:
-        yield "extractor"
-    if word[4] or not word[3]:
-        yield STATUS_NAMES[word[4]]
+def _state_of(desk: Desk, port: PortState) -> str:
+    status = desk.family.status
+    return status.state(port.status or status.orders[status.last_resort])
 
 
 def _stop_feeder(desk: Desk, end: float) -> Steps[bool]:
@@ -103,16 +97,17 @@ def _stop_feeder(desk: Desk, end: float) -> Steps[bool]:
 
 
 def _put_port(desk: Desk, port: PortState, end: float) -> Steps[None]:
-    """One try. Where another state than stand is not reached, or does not cool, stand follows: from it the station cools."""
-    states, word = desk.facts.safe_state, STATUS_ORDERS[desk.safe_state]
-    if word != STAND and (yield from _order(desk, port, word, end)) == VERIFIED and (yield from _is_cooling(desk, port)):
-        states[port.number] = VERIFIED
-        return
-    reached = yield from _order(desk, port, STAND, end)
+    """One try. Where the state is not reached, or should cool and does not, the one follows from which the station cools."""
+    states, status, wanted = desk.facts.safe_state, desk.family.status, desk.safe_state
+    reached = yield from _order(desk, port, status.orders[wanted], end)
+    if wanted in desk.family.proven_by_cooling and reached == VERIFIED and not (yield from _is_cooling(desk, port)):
+        reached = FAILED
+    if wanted != status.last_resort and reached != VERIFIED:
+        reached = yield from _order(desk, port, status.orders[status.last_resort], end)
     states[port.number] = max(states[port.number], reached, key=(FAILED, SENT, VERIFIED).index)
 
 
-def _order(desk: Desk, port: PortState, word: tuple[int, ...], end: float) -> Steps[str]:
+def _order(desk: Desk, port: PortState, word: StatusWord, end: float) -> Steps[str]:
     """Order a state once and read it back: ``verified``, ``sent`` (acknowledged) or ``failed``."""
     command, reached = desk.command("status"), FAILED
     if not (yield from _is_reachable(desk, end)):
@@ -130,23 +125,21 @@ def _order(desk: Desk, port: PortState, word: tuple[int, ...], end: float) -> St
     except (LinkError, StationError) as error:
         yield from _reach_again(desk, end, error)
         return reached
-    if isinstance(found, tuple) and _is_safe(found, word):
+    if isinstance(found, tuple) and desk.family.status.is_safe(found, word):
         port.status = found
         return VERIFIED
     return reached
 
 
-def _is_safe(found: tuple[int, ...], word: tuple[int, ...]) -> bool:
-    """Stand, sleep and hibernation alike; for the extractor state its own digit."""
-    return found[4] in (1, 2, 3) if word == STAND else found[3] == word[3]
-
-
 def _is_cooling(desk: Desk, port: PortState) -> Steps[bool]:
     """Whether the tip falls or its heater is off: the extractor digit alone proves neither."""
+    command = desk.family.command_of("temperature_c")
+    if command is None:
+        return False
     try:
-        before = yield from desk.station.read(desk.command("tip_temperature"), port.number)
+        before = yield from desk.station.read(command, port.number)
         desk.station.unasked((yield Wait(desk.now + COOLING_AFTER_S)))
-        after = yield from desk.station.read(desk.command("tip_temperature"), port.number)
+        after = yield from desk.station.read(command, port.number)
         power = yield from desk.station.read(desk.command("power"), port.number)
     except (LinkError, StationError):
         return False

@@ -21,8 +21,6 @@ from jbclog.session.watch import OBSERVERS, WATCHED_LIMITS, Observe, is_no_tool
 from jbclog.station.client import Asking
 
 WIDTH = len(SAMPLE_COLUMNS)
-PLAUSIBLE_C = range(601)  # no unit of these families is made for more than 500 °C (seed 002, factory settings)
-JUMP_C = 50  # from one tick to the next; the quickest cartridges make little more in half a second
 STILL_C = 25  # between two answers to the same question, one right after the other
 SKIPPED = "skipped"
 NEEDS_A_TOOL = frozenset({"temperature_c", "power_permille", "delay_s"})
@@ -31,25 +29,25 @@ EXPECTED = frozenset({"no_tool", "not_counting", SKIPPED, LinkError.reason, "rob
 _TIME, _TICK, _STATION, _PORT = (COLUMN[name] for name in ("time", "tick", "station", "port"))
 _LATE, _SCAN, _QUALITY, _REASONS = (COLUMN[name] for name in ("late_us", "scan_us", "quality", "reasons"))
 
-Doubt = Callable[[PortState, Value], bool]
+Doubt = Callable[[Desk, PortState, Value], bool]
 
 
 def _differs_from_held(name: str) -> Doubt:
-    return lambda port, value: port.held.get(name, value) != value
+    return lambda desk, port, value: port.held.get(name, value) != value
 
 
-def _jumps(port: PortState, value: Value) -> bool:
+def _jumps(desk: Desk, port: PortState, value: Value) -> bool:
     """A temperature that cannot be, or that no tip gets to from where it was at the last tick."""
-    if not isinstance(value, int) or value not in PLAUSIBLE_C:
+    if value not in desk.family.plausible_c or not isinstance(value, int):
         return True
-    return port.temperature_c is not None and abs(value - port.temperature_c) > JUMP_C
+    return port.temperature_c is not None and abs(value - port.temperature_c) > desk.family.jump_c
 
 
 DOUBTS: dict[str, Doubt] = {
     "temperature_c": _jumps,
-    "status": lambda port, value: port.status is not None and isinstance(value, tuple) and port.status[3:] != value[3:],
-    "tool": lambda port, value: port.tool != value,
-    "set_c": _differs_from_held("selected_temperature"),
+    "status": lambda desk, port, value: port.status is not None and isinstance(value, tuple) and port.status[3:] != value[3:],
+    "tool": lambda desk, port, value: port.tool != value,
+    "set_c": lambda desk, port, value: port.held.get(desk.set_name, value) != value,
     **{name: _differs_from_held(name) for name in WATCHED_LIMITS},
 }
 
@@ -74,7 +72,7 @@ class Probe:
     @classmethod
     def of(cls, desk: Desk, reading: Reading) -> Probe:
         question = desk.station.question(reading.command, reading.asks_port)
-        fill = fill_of(reading.name, desk.family.has_feeder) if reading.columns else None
+        fill = fill_of(reading.name, desk.family) if reading.columns else None
         place = COLUMN[reading.columns[0]] if reading.columns else None
         name = reading.name
         return cls(reading, question, desk.ports[reading.port], fill, OBSERVERS.get(name), DOUBTS.get(name), place)
@@ -107,7 +105,7 @@ class Scanner:
         row[_TICK], row[_STATION], row[_PORT] = tick, self._desk.name, scan.port.number
         scan.row, scan.reasons = row, {}
         scan.first_sent = scan.last_heard = scan.temperature_at = None
-        scan.no_tool = is_no_tool(scan.port)
+        scan.no_tool = is_no_tool(self._desk, scan.port)
 
     def take(self, probe: Probe, scan: Scan) -> Steps[None]:
         """Ask one reading; put it where it belongs, or the reason why there is none.
@@ -119,7 +117,7 @@ class Scanner:
             self._station.first_sent = None
         try:
             value = yield from self._station.ask(probe.question)
-            if probe.doubt is not None and probe.doubt(probe.port, value):
+            if probe.doubt is not None and probe.doubt(self._desk, probe.port, value):
                 value = yield from self._look_again(probe, value)
         except NotSupported as error:
             self._lacks(probe, scan, error)
@@ -143,9 +141,16 @@ class Scanner:
     def _look_again(self, probe: Probe, value: Value) -> Steps[Value]:
         """What a second answer says to a doubtful one: it is believed where it is not doubtful itself, or bears that out."""
         again = yield from self._station.ask(probe.question)
-        if probe.doubt is not None and probe.doubt(probe.port, again) and not _bears_out(probe.reading.name, value, again):
+        doubtful = probe.doubt is not None and probe.doubt(self._desk, probe.port, again)
+        if doubtful and not self._bears_out(probe.reading.name, value, again):
             raise ImplausibleAnswer(f"{probe.question.title()}: {value!r}, and {again!r} when asked again")
         return again
+
+    def _bears_out(self, name: str, first: Value, again: Value) -> bool:
+        """Whether two doubtful answers say the same. A temperature must be one, and may have moved a little."""
+        if name == "temperature_c" and isinstance(first, int) and isinstance(again, int):
+            return again in self._desk.family.plausible_c and abs(again - first) <= STILL_C
+        return again == first
 
     def _lacks(self, probe: Probe, scan: Scan, error: NotSupported) -> None:
         """A signal that was never answered is one that the station does not have: it is not due, and not asked again."""
@@ -220,13 +225,6 @@ class Scanner:
             row[_LATE] = round((first - due) * 1e6)
         if first is not None and last is not None:
             row[_SCAN] = round((last - first) * 1e6)
-
-
-def _bears_out(name: str, first: Value, again: Value) -> bool:
-    """Whether two doubtful answers say the same. A temperature must be one, and may have moved a little."""
-    if name == "temperature_c" and isinstance(first, int) and isinstance(again, int):
-        return again in PLAUSIBLE_C and abs(again - first) <= STILL_C
-    return again == first
 
 
 def _sentence(probe: Probe, why: str) -> str:

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from jbclog.commands.family import STATUS_ORDERS, is_working
-from jbclog.commands.robot import PORT_ERROR_NO_TOOL, PORT_ERROR_STATES, PORT_ERROR_WARNINGS, STATION_ERROR_WARNINGS
+from jbclog.commands.robot import ErrorTable
 from jbclog.errors import JbclogError
 from jbclog.quantities import Value, text_of
 from jbclog.rows import Severity
@@ -24,19 +23,24 @@ Observe = Callable[[Desk, PortState, Value], None]
 def _temperature(desk: Desk, port: PortState, value: Value) -> None:
     assert isinstance(value, int)
     port.temperature_c = value
-    if not port.at_temperature and port.status is not None and is_working(port.status):
-        setting = port.celsius("selected_temperature")
+    if not port.at_temperature and is_at_work(desk, port):
+        setting = desk.set_c(port)
         port.at_temperature = setting is not None and abs(value - setting) <= BAND_C
-    if counts(port):
+    if counts(desk, port):
         port.hottest_c = value if port.hottest_c is None or value > port.hottest_c else port.hottest_c
         port.coolest_c = value if port.coolest_c is None or value < port.coolest_c else port.coolest_c
     else:
         port.has_counted = False
 
 
-def counts(port: PortState) -> bool:
+def is_at_work(desk: Desk, port: PortState) -> bool:
+    """Whether the tool was last seen at work."""
+    return port.status is not None and desk.family.status.is_working(port.status)
+
+
+def counts(desk: Desk, port: PortState) -> bool:
     """Whether alarms count: while the tool is working, from its first entry into set ±10 °C on (contract, "Exit codes")."""
-    return port.at_temperature and port.status is not None and is_working(port.status)
+    return port.at_temperature and is_at_work(desk, port)
 
 
 def _status(desk: Desk, port: PortState, word: Value) -> None:
@@ -45,18 +49,19 @@ def _status(desk: Desk, port: PortState, word: Value) -> None:
     if before == word:
         return
     desk.feeding_seen = desk.feeding_seen or word[1] != 0
-    ordered = desk.recipe.run.status
-    if ordered is None or before is None or is_working(before) == is_working(word):
+    ordered, status = desk.recipe.run.status, desk.family.status
+    if ordered is None or before is None or status.is_working(before) == status.is_working(word):
         return
-    if is_working(word) != is_working(STATUS_ORDERS[ordered]):
+    if status.is_working(word) != status.is_working(status.orders[ordered]):
         found_changed(desk, port, "status", text_of(before), text_of(word))
 
 
 def _set_temperature(desk: Desk, port: PortState, value: Value) -> None:
-    before = port.held.get("selected_temperature")
+    name = desk.set_name
+    before = port.held.get(name)
     if before is not None and before != value:
-        port.held["selected_temperature"] = value
-        found_changed(desk, port, "selected_temperature", f"{before} °C", f"{value} °C")
+        port.held[name] = value
+        found_changed(desk, port, name, f"{before} °C", f"{value} °C")
 
 
 def found_changed(desk: Desk, port: PortState | None, name: str, before: str, found: str) -> None:
@@ -111,14 +116,18 @@ def _port_error(desk: Desk, port: PortState, value: Value) -> None:
     before, port.error = port.error, value
     if before == value or (before is None and value == 0):
         return
-    text = f"Port {port.number}: {desk.family.port_error_text(value)}."
+    errors = desk.family.port_errors
     if value == 0:
         desk.note("port.ok", Severity.INFO, f"Port {port.number}: its error is gone.", port=port.number, code=0)
-    elif value in PORT_ERROR_STATES:
-        desk.note("port.state", Severity.WARNING, text, port=port.number, code=value)
+    elif value in errors.states:
+        desk.note("port.state", Severity.WARNING, f"Port {port.number}: {errors.text(value)}.", port=port.number, code=value)
     else:
-        severity = Severity.WARNING if value in PORT_ERROR_WARNINGS else Severity.ERROR
-        desk.note("port.error", severity, text, port=port.number, code=value)
+        text = f"Port {port.number}: {errors.text(value)}."
+        desk.note("port.error", _severity(errors, value), text, port=port.number, code=value)
+
+
+def _severity(errors: ErrorTable, code: int) -> Severity:
+    return Severity.WARNING if code in errors.warnings else Severity.ERROR
 
 
 def _station_error(desk: Desk, port: PortState, value: Value) -> None:
@@ -129,8 +138,8 @@ def _station_error(desk: Desk, port: PortState, value: Value) -> None:
     if value == 0:
         desk.note("station.ok", Severity.INFO, "The station's error is gone.", code=0)
     else:
-        severity = Severity.WARNING if value in STATION_ERROR_WARNINGS else Severity.ERROR
-        desk.note("station.error", severity, f"Station error: {desk.family.station_error_text(value)}.", code=value)
+        errors = desk.family.station_errors
+        desk.note("station.error", _severity(errors, value), f"Station error: {errors.text(value)}.", code=value)
 
 
 def _feeding(desk: Desk, _port: PortState, value: Value) -> None:
@@ -149,6 +158,6 @@ OBSERVERS: dict[str, Observe] = {
 }
 
 
-def is_no_tool(port: PortState) -> bool:
+def is_no_tool(desk: Desk, port: PortState) -> bool:
     """Whether the station last said that nothing is in `port`; its temperature then means nothing."""
-    return port.tool == 0 or port.error == PORT_ERROR_NO_TOOL
+    return port.tool == 0 or (port.error is not None and port.error == desk.family.port_errors.no_tool)

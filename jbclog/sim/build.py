@@ -6,7 +6,7 @@ from collections.abc import Callable
 from random import Random
 
 from jbclog.commands.command import Scope
-from jbclog.commands.family import FAMILIES, STATUS_ORDERS, Family, family_of
+from jbclog.commands.family import FAMILIES, Family, family_of
 from jbclog.commands.signals import FEEDER_COUNTERS
 from jbclog.errors import UsageError
 from jbclog.quantities import OFF, Value
@@ -84,7 +84,7 @@ def _port(sim: SimSpec, number: int, now: float, seed: int, on_joint: Callable[[
 def _begin_with(device: Device, station: str, name: str, told: int | float | str, now: float) -> None:
     """Let the station begin with a setting, on all of its ports and tools."""
     command = device.family.commands.get(name)
-    value = _value(name, told)
+    value = _value(device, name, told)
     if command is None or "rw" not in command.access or not allowed(command, value, device.family, device.plant):
         raise UsageError(
             f"{station}: [station.sim] settings: {name} = {told} is nothing that a {device.family.name} can begin with"
@@ -98,7 +98,7 @@ def _begin_with(device: Device, station: str, name: str, told: int | float | str
         device.plant.store()
 
 
-def _value(name: str, told: int | float | str) -> Value:
+def _value(device: Device, name: str, told: int | float | str) -> Value:
     if name == "status" and isinstance(told, str):
-        return STATUS_ORDERS.get(told, told)
+        return device.family.status.orders.get(told, told)
     return OFF if told == "off" and name.endswith("_delay") else told

@@ -5,7 +5,8 @@ from __future__ import annotations
 import re
 
 from jbclog.commands.command import Command, Scope
-from jbclog.commands.family import EXTRACTOR, STAND, WORKING, Family
+from jbclog.commands.family import Family
+from jbclog.commands.status import EXTRACTOR, STAND, WORKING
 from jbclog.quantities import AlarmDelay, Value
 from jbclog.sim.plant import Plant
 from jbclog.sim.port import Port

@@ -12,7 +12,7 @@ import pytest
 from account import assert_account_holds, wrong_values
 from virtual_run import RECIPE, VirtualRun, line_text, prepare
 
-from jbclog.commands.family import STAND, WORKING
+from jbclog.commands.status import STAND, WORKING
 
 SECONDS = 25
 SETTINGS = ("HA1", "HA2", "LA1", "LA2", "HD1", "HD2", "LD1", "LD2")

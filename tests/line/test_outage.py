@@ -8,7 +8,8 @@ import pytest
 from account import assert_account_holds, reasons_in, wrong_values
 from virtual_run import RECIPE, VirtualRun, line_text, prepare
 
-from jbclog.commands.family import FAMILIES, STAND, WORKING
+from jbclog.commands.family import FAMILIES
+from jbclog.commands.status import STAND, WORKING
 from jbclog.rows import COLUMN
 
 GOING_ON = RECIPE + 'on_difference = "continue"\n'

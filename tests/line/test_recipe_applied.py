@@ -5,7 +5,8 @@ from __future__ import annotations
 import pytest
 from virtual_run import RECIPE, VirtualRun, line_text, prepare
 
-from jbclog.commands.family import FAMILIES, STAND, WORKING
+from jbclog.commands.family import FAMILIES
+from jbclog.commands.status import STAND, WORKING
 from jbclog.quantities import OFF
 from jbclog.rows import SettingRow
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from virtual_run import RECIPE, Memory, VirtualRun, line_text, prepare
 
-from jbclog.commands.family import STAND, WORKING
+from jbclog.commands.status import STAND, WORKING
 from jbclog.errors import RecordError
 from jbclog.rows import EventRow, SampleRow
 from jbclog.session.scan import Scanner

@@ -161,7 +161,7 @@ def test_the_errors(name: str) -> None:
         8: "stopped: overload",
         9: "warning: overload",
     }
-    _agree(FAMILIES[name].port_errors, words)
+    _agree(FAMILIES[name].port_errors.texts, words)
     words = {
         0: "ok",
         1: "stopped: transformer overload",
@@ -172,7 +172,7 @@ def test_the_errors(name: str) -> None:
         6: "not connected",
         7: "warning: transformer overload",
     }
-    _agree(FAMILIES[name].station_errors, words)
+    _agree(FAMILIES[name].station_errors.texts, words)
 
 
 def _agree(table: Mapping[int, str], words: dict[int, str]) -> None:

@@ -11,9 +11,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from jbclog.commands.command import Command, Effect, Limits, Scope
-from jbclog.commands.family import FAMILIES, STATUS_NAMES, STATUS_ORDERS, Family, family_of, is_working
+from jbclog.commands.family import FAMILIES, Family, family_of
 from jbclog.commands.robot import COMMUNICATION_ERRORS
 from jbclog.commands.signals import Pace
+from jbclog.commands.status import SOLDERING_STATUS
 from jbclog.quantities import (
     OFF,
     AlarmDelay,
@@ -221,9 +222,9 @@ def test_counters_are_readable_commands_in_their_unit(family: Family) -> None:
 def test_safe_states_and_run_statuses_are_orders_that_the_station_takes(family: Family) -> None:
     assert family.safe_states[0] == "stand"
     for name in (*family.safe_states, *family.run_statuses):
-        word = STATUS_ORDERS[name]
+        word = family.status.orders[name]
         assert family.commands["status"].quantity.decode(family.commands["status"].quantity.encode(word)) == word
-    assert not any(is_working(STATUS_ORDERS[name]) for name in family.safe_states)
+    assert not any(family.status.is_working(family.status.orders[name]) for name in family.safe_states)
 
 
 @families
@@ -267,11 +268,11 @@ def test_the_models_that_the_manuals_name(model: str, name: str | None) -> None:
 @families
 def test_numbers_that_no_table_has_are_kept(family: Family) -> None:
     assert family.tool_name(42) == "tool_42"
-    assert family.port_error_text(42) == "unknown port error 42"
-    assert family.station_error_text(42) == "unknown station error 42"
+    assert family.port_errors.text(42) == "unknown port error 42"
+    assert family.station_errors.text(42) == "unknown station error 42"
 
 
 def test_words_of_status_and_errors() -> None:
-    assert STATUS_NAMES == ("working", "stand", "sleep", "hibernation")
-    assert STATUS_ORDERS == {"working": (0, 0, 0, 0, 0), "stand": (0, 0, 0, 0, 1), "extractor": (0, 0, 0, 1, 0)}
+    assert SOLDERING_STATUS.names == ("working", "stand", "sleep", "hibernation")
+    assert SOLDERING_STATUS.orders == {"working": (0, 0, 0, 0, 0), "stand": (0, 0, 0, 0, 1), "extractor": (0, 0, 0, 1, 0)}
     assert sorted(COMMUNICATION_ERRORS) == [1, 2, 3, 4, 5, 6, 99999]

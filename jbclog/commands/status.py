@@ -1,0 +1,70 @@
+"""The status word `0MDES` of R-PSx and W-PSx: what it says in each kind of station, and which words are ordered.
+
+The units digit names the state of the tool; the tens digit is the extractor state of soldering stations and the cooling
+of hot air (seed 002, "Tool Operating Status"; seed 001, 4.6; digest A.7, B-17 to B-19).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+
+StatusWord = tuple[int, ...]
+
+WORKING: StatusWord = (0, 0, 0, 0, 0)
+STAND: StatusWord = (0, 0, 0, 0, 1)
+EXTRACTOR: StatusWord = (0, 0, 0, 1, 0)
+
+
+@dataclass(frozen=True, slots=True)
+class StatusTable:
+    """One kind of station's status words.
+
+    `names` are the states by units digit, `heating` those of them in which the tool is at work, `resting` those that it
+    is safe in. `orders` are the words that may be written, by the name that a recipe uses; `last_resort` is the one from
+    which the station cools by itself whatever else it does. Where `tens_rests` the tens digit alone stops the work.
+    """
+
+    names: tuple[str, ...]
+    heating: frozenset[int]
+    resting: frozenset[int]
+    orders: Mapping[str, StatusWord]
+    last_resort: str
+    tens: str
+    tens_rests: bool
+
+    def is_working(self, word: StatusWord) -> bool:
+        """Whether the tool is at work."""
+        return word[4] in self.heating and not (self.tens_rests and word[3])
+
+    def is_safe(self, found: StatusWord, ordered: StatusWord) -> bool:
+        """Whether `found`, read back, says that a safe state that was ordered is reached: all resting states alike."""
+        return found[4] in self.resting if ordered[4] in self.resting else found[3] == ordered[3]
+
+    def confirms(self, found: StatusWord, ordered: StatusWord) -> bool:
+        """Whether `found` is what was ordered: stand may have become sleep already, and hot air may have cooled down.
+
+        Suction, desoldering and motor are nobody's to order.
+        """
+        if self.tens_rests and found[3] != ordered[3]:
+            return False
+        return found[4] == ordered[4] or (ordered[4] in self.resting and found[4] in self.resting)
+
+    def state(self, word: StatusWord) -> str:
+        """The state in words: ``stand``, ``extractor``, ``extractor-stand``."""
+        named = self.names[word[4]]
+        if not word[3]:
+            return named
+        return self.tens if word[4] in self.heating or not self.tens_rests else f"{self.tens}-{named}"
+
+
+SOLDERING_STATUS = StatusTable(
+    names=("working", "stand", "sleep", "hibernation"),
+    heating=frozenset({0}),
+    resting=frozenset({1, 2, 3}),
+    orders=MappingProxyType({"working": WORKING, "stand": STAND, "extractor": EXTRACTOR}),
+    last_resort="stand",
+    tens="extractor",
+    tens_rests=True,
+)
