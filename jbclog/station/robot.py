@@ -146,6 +146,13 @@ class Station:
             raise StationSilent(f"no answer to {PROBES + 1} questions in a row")
         raise failure
 
+    def move_to(self, address: int | None) -> None:
+        """Speak to the station at another address from now on; None: without addresses."""
+        self.address = address
+        self._questions.clear()
+        self._reader.reset()
+        self._settled()
+
     def unasked(self, heard: Heard) -> None:
         """Take note of the moment, and of bytes that came although nothing was asked."""
         self.now = heard.now
