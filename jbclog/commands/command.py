@@ -63,7 +63,10 @@ class Limits:
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """A command by its trade name, with everything that a driver, a page or a person needs of it."""
+    """A command by its trade name, with everything that a driver, a page or a person needs of it.
+
+    `within` are the commands that tell the lowest and the highest value that the station itself allows.
+    """
 
     name: str
     letters: str
@@ -76,6 +79,7 @@ class Command:
     dangerous: bool = False
     answer_digits: int | None = 5  # None: any length
     note: str = ""
+    within: tuple[str, str] | None = None
 
     @property
     def readable(self) -> bool:

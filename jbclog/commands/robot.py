@@ -67,8 +67,16 @@ READINGS = (
 )
 
 SETTINGS = (
-    setting(
-        "selected_temperature", "ST", Scope.PORT, CELSIUS, "002 W-STx; 000 4.8.2", Limits(step=5), "B-27: volatile; within MIT..MAT"
+    Command(
+        "selected_temperature",
+        "ST",
+        Scope.PORT,
+        CELSIUS,
+        "rw",
+        "002 W-STx; 000 4.8.2",
+        Limits(step=5),
+        note="B-27: volatile",
+        within=("minimum_temperature", "maximum_temperature"),
     ),
     Command(
         "status",

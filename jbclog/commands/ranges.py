@@ -1,0 +1,42 @@
+"""What a command's value may be, in words for the person who wrote one that it may not be."""
+
+from __future__ import annotations
+
+from jbclog.commands.command import Command, Limits
+from jbclog.quantities import Off, Value, text_of
+
+
+def range_problem(command: Command, value: Value) -> str | None:
+    """Why the command cannot carry the value, with what is allowed, or None."""
+    if command.limits.problem(value) is not None:
+        return f"{_as_written(value, command.unit)} is not allowed; {allowed(command)}"
+    try:
+        command.quantity.encode(value)
+    except ValueError as error:
+        return f"{error}; {allowed(command)}"
+    return None
+
+
+def allowed(command: Command) -> str:
+    """What a manual prints as allowed, or that none does."""
+    limits = command.limits
+    if not limits.printed:
+        return "no manual prints a range"
+    if limits.low is None and limits.high is None:
+        return f"steps of {limits.step:g} {command.unit}, within what the station itself allows" if limits.step else "anything"
+    return _range(limits, f" {command.unit}".rstrip()) + (', or "off"' if limits.off else "")
+
+
+def _range(limits: Limits, unit: str) -> str:
+    """``5 °C or more, in steps of 5``."""
+    low, high = (None if end is None else f"{end:g}" for end in (limits.low, limits.high))
+    text = f"{low} to {high}{unit}" if low and high else f"{low}{unit} or more" if low else f"{high}{unit} or less"
+    return text + (f", in steps of {limits.step:g}" if limits.step else "")
+
+
+def _as_written(value: Value, unit: str) -> str:
+    """The value with all its digits, as the file has it: rounded it might look allowed."""
+    if isinstance(value, Off):
+        return '"off"'
+    digits = repr(value).removesuffix(".0") if isinstance(value, float) else text_of(value)
+    return f"{digits} {unit}".rstrip()
