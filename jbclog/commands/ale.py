@@ -11,7 +11,8 @@ SWITCH = Choice(("off", "on"))
 
 
 def _feeder(name: str, letters: str, quantity: Quantity, manual: str, access: str = "rw", note: str = "") -> Command:
-    return Command(name, letters, Scope.STATION, quantity, access, manual, UNPRINTED, note=note)
+    limits = Limits() if isinstance(quantity, Choice) else UNPRINTED  # what a choice can be is printed
+    return Command(name, letters, Scope.STATION, quantity, access, manual, limits, note=note)
 
 
 def _motor(name: str, letters: str, manual: str, effect: Effect) -> Command:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from jbclog.commands.command import Command, Limits
-from jbclog.quantities import Off, Value, text_of
+from jbclog.quantities import Choice, Off, Value, text_of
 
 
 def range_problem(command: Command, value: Value) -> str | None:
@@ -20,6 +20,8 @@ def range_problem(command: Command, value: Value) -> str | None:
 def allowed(command: Command) -> str:
     """What a manual prints as allowed, or that none does."""
     limits = command.limits
+    if isinstance(command.quantity, Choice):
+        return f"one of {', '.join(command.quantity.names)}"
     if not limits.printed:
         return "no manual prints a range"
     if limits.low is None and limits.high is None:

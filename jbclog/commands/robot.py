@@ -32,9 +32,11 @@ STATUS_WORD = Word((0, 2, 1, 1, 3))
 ALARM_FLAGS = Word((0, 0, 0, 1, 1))
 
 
-def per_port(name: str, letters: str, quantity: Quantity, manual: str, **more: object) -> Command:
-    """A command that is only read, on one port."""
-    return Command(name, letters, Scope.PORT, quantity, "r", manual, **more)  # type: ignore[arg-type]  # table helper
+def per_port(
+    name: str, letters: str, quantity: Quantity, manual: str, limits: Limits = UNPRINTED, note: str = "", **more: object
+) -> Command:
+    """A command that is only read, on one port. What it may tell is printed for few."""
+    return Command(name, letters, Scope.PORT, quantity, "r", manual, limits, note=note, **more)  # type: ignore[arg-type]  # table helper
 
 
 def setting(name: str, letters: str, scope: Scope, quantity: Quantity, manual: str, limits: Limits, note: str = "") -> Command:
@@ -63,7 +65,9 @@ READINGS = (
         "model", "SMN", Scope.STATION, Text(), "r", "002 R-SMN; 000 4.8.28", answer_digits=None, note="B-34: six letters occur"
     ),
     Command("station_error", "SER", Scope.STATION, Number(), "r", "002 R-SER, Station Errors; 000 4.8.33"),
-    Command("transformer_temperature", "TT", Scope.STATION, CELSIUS, "r", "002 R-TT; 000 4.8.34", note="B-10: two letters"),
+    Command(
+        "transformer_temperature", "TT", Scope.STATION, CELSIUS, "r", "002 R-TT; 000 4.8.34", UNPRINTED, note="B-10: two letters"
+    ),
 )
 
 SETTINGS = (

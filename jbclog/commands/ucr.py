@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from jbclog.commands.command import Command, Effect, Limits, Scope
 from jbclog.commands.robot import NOTHING, SOFTWARE_VERSION, STORE
-from jbclog.quantities import Choice, Unsigned
+from jbclog.quantities import Choice, Number
 
 FUSE = Choice(("absent", "present"))
 
@@ -16,7 +16,7 @@ UCR = (
         "address",
         "SAD",
         Scope.STATION,
-        Unsigned(""),
+        Number(),
         "w",
         "002 W-SAD; 004 WSAD",
         Limits(0, 99, 1),

@@ -59,13 +59,13 @@ DCx r   count -
 DLx r   mm   -                          002 R-DLx "hexadecimal. Units [dmm]"
 """
 FEEDER = """
-MOD r/w -    unprinted
+MOD r/w -    -
 LEN r/w mm   unprinted                  002 R-LEN "Units [dmm]"
 SPD r/w mm/s unprinted                  002 R-SPD "Units [dmm/s]"
 DIA r/w mm   unprinted                  002 R-DIA "Units [cmm]"
 BCK r/w mm   unprinted                  002 R-BCK "Units [dmm]"
-WCD r/w -    unprinted
-FEE r   -    unprinted
+WCD r/w -    -
+FEE r   -    -
 STR w   -    0..0
 STP w   -    0..0
 """
@@ -90,7 +90,7 @@ def _row(command: Command) -> tuple[str, str, str, str]:
 def _limits(command: Command) -> str:
     limits = command.limits
     if not limits.printed:
-        return "unprinted"
+        return "unprinted" if command.writable else "-"
     parts = []
     if limits.low is not None or limits.high is not None:
         parts.append(f"{'' if limits.low is None else f'{limits.low:g}'}..{'' if limits.high is None else f'{limits.high:g}'}")
