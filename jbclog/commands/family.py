@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 
-from jbclog.commands import ale, robot, ucr
+from jbclog.commands import ale, hotair, robot, ucr
 from jbclog.commands.command import Command
 from jbclog.commands.robot import ErrorTable
 from jbclog.commands.signals import FEEDER_COUNTERS, FEEDER_SIGNALS, HOUR_COUNTERS, SOLDERING_SIGNALS, Counter, Signal
@@ -117,6 +117,24 @@ FAMILIES: Mapping[str, Family] = MappingProxyType(
                 signals=FEEDER_SIGNALS,
                 counters=(*HOUR_COUNTERS, *FEEDER_COUNTERS),
                 has_feeder=True,
+            ),
+            Family(
+                "jtse",
+                "JTSE hot air station",
+                ("JT",),
+                _by_name(hotair.HOT_AIR),
+                (1,),
+                hotair.TOOLS,
+                status=hotair.AIR_STATUS,
+                safe_states=("cooling", "off"),
+                proven_by_cooling=frozenset(),  # 001 4.6 prints that the heater is off in both
+                run_statuses=("on", "off"),
+                signals=hotair.AIR_SIGNALS,
+                counters=hotair.AIR_COUNTERS,
+                harmless=("station_error", "air_temperature"),
+                port_errors=hotair.PORT_ERRORS,
+                station_errors=hotair.STATION_ERRORS,
+                manual="001",
             ),
         )
     }

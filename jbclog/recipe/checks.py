@@ -25,19 +25,17 @@ SECTION_FAMILIES: Final[Mapping[str, tuple[str, ...]]] = {
     "alarm": SOLDERING,
     "port": SOLDERING,
     "feeder": tuple(name for name, family in FAMILIES.items() if family.has_feeder),
-    "air": ("jtse",),
+    "air": tuple(name for name, family in FAMILIES.items() if "selected_air_temperature" in family.commands),
     "omega": ("omega",),
 }
 """The families that a section of settings speaks to."""
 
 SAFE_STATES: Final[Mapping[str, tuple[str, ...]]] = {
     **{name: family.safe_states for name, family in FAMILIES.items()},
-    "jtse": ("cooling", "off"),
     "omega": (),
 }
 STATUSES: Final[Mapping[str, tuple[str, ...]]] = {
     **{name: family.run_statuses for name, family in FAMILIES.items()},
-    "jtse": ("on", "off"),
     "omega": (),
 }
 LONGEST_FEED_S: Final = 600.0  # no joint takes ten minutes of wire; a slip of the decimal point does

@@ -15,7 +15,7 @@ from jbclog.commands.family import FAMILIES
 from jbclog.quantities import OFF, Off
 from jbclog.recipe.schema import FromList, said, shown, unknown
 
-NOT_DRIVEN: Final = ("jtse", "omega")
+NOT_DRIVEN: Final = ("omega",)
 """Families that files may name and that this version does not drive."""
 
 KNOWN_FAMILIES: Final = (*FAMILIES, *NOT_DRIVEN)

@@ -70,6 +70,35 @@ STR w   -    0..0
 STP w   -    0..0
 """
 
+HOT_AIR = """
+STx r/w °C   unprinted                  001 4 "Temperatures are always shown in ºC"
+SFx r/w raw  unprinted                  001 4.9.4: no unit is printed
+SEx r/w °C   unprinted
+ATx r   °C   -
+ETx r   °C   -
+WMx r/w -    -                          001 4.7
+PPx r   ‰    0..1000                    001 4 "thousands of the theoretical maximum power [‰]"
+PEx r   -    -
+PSx r/w -    -                          001 4.6
+CTx r   -    -
+Axy r/w °C   -50..,step=1               001 3.1 "the lowest number that can be transmitted is -0050"
+SMN r   -    -
+MAT r/w °C   unprinted
+MIT r/w °C   unprinted
+MAF r/w raw  unprinted
+MIF r/w raw  unprinted
+MAE r/w °C   unprinted
+MIE r/w °C   unprinted
+SER r   -    -
+RST w   -    0..0
+RSP w   -    0..0
+OHx r   h    -
+WHx r   h    -
+TCx r   count -
+SCx r   count -
+"""
+"""Seed 001, 4.8 "List of commands", whole."""
+
 BENCH = COMMON + STORE + VERSION
 EXPECTED = {
     "soldering": COMMON,  # seed 000 knows neither W-NVS nor R-SVR
@@ -79,6 +108,7 @@ EXPECTED = {
     "hde": BENCH,
     "ucr": BENCH + UCR_ONLY + DISPENSED,
     "ale": BENCH + FEEDER + DISPENSED,
+    "jtse": HOT_AIR,
 }
 
 
@@ -109,7 +139,16 @@ def test_the_commands_of_a_family(name: str) -> None:
 
 @pytest.mark.parametrize(
     ("name", "ports"),
-    [("soldering", None), ("dde", (1, 2)), ("nae", (1, 2)), ("dme", (1, 2, 3, 4)), ("hde", None), ("ucr", (1,)), ("ale", (1,))],
+    [
+        ("soldering", None),
+        ("dde", (1, 2)),
+        ("nae", (1, 2)),
+        ("dme", (1, 2, 3, 4)),
+        ("hde", None),
+        ("ucr", (1,)),
+        ("ale", (1,)),
+        ("jtse", (1,)),  # seed 001, 4.2
+    ],
 )
 def test_the_ports(name: str, ports: tuple[int, ...] | None) -> None:
     """ "2-Tool", "4-Tool Control Unit" (seed 002); "1 Port 1" (seed 004, Ports); the line file's defaults else (contract)."""
@@ -139,6 +178,7 @@ TOOLS_OF_THE_BENCH = {
         ),
         (["dde", "nae", "dme", "hde", "ale"], TOOLS_OF_THE_BENCH),  # seed 002, "Tools"
         (["ucr"], {0: "none", 2: "TR245/TR470", 9: "TRA245/TRA470"}),  # seed 004, "Tools"
+        (["jtse"], {0: "none", 1: "JT", 2: "TE"}),  # seed 001, 4.1
     ],
 )
 def test_the_tools(names: list[str], tools: dict[int, str]) -> None:
@@ -146,7 +186,10 @@ def test_the_tools(names: list[str], tools: dict[int, str]) -> None:
         assert FAMILIES[name].tools == tools
 
 
-@pytest.mark.parametrize("name", FAMILIES)
+SOLDERING = [name for name in FAMILIES if name != "jtse"]
+
+
+@pytest.mark.parametrize("name", SOLDERING)
 def test_the_errors(name: str) -> None:
     """Seed 000, 4.3 and 4.4; "Port Errors", "Station Errors" (seed 002), "Device errors" (seed 004)."""
     words = {
@@ -175,6 +218,35 @@ def test_the_errors(name: str) -> None:
     _agree(FAMILIES[name].station_errors.texts, words)
 
 
+def test_the_errors_of_hot_air() -> None:
+    """Seed 001, 4.3 and 4.4: the same numbers say other things (digest B-30), and station error 7 is absent (B-45)."""
+    words = {
+        0: "ok",
+        1: "air pump",
+        2: "insufficient air flow",
+        3: "heater malfunction",
+        4: "thermocouple needed",
+        5: "temperature not reached",
+        6: "short circuit",
+        7: "tool resistance",
+        8: "wrong heater",
+        9: "no tool",
+        10: "checking",
+    }
+    _agree(FAMILIES["jtse"].port_errors.texts, words)
+    assert FAMILIES["jtse"].port_errors.no_tool == 9
+    words = {
+        0: "ok",
+        1: "overload",
+        2: "temperature sensor",
+        3: "memory",
+        4: "mains frequency",
+        5: "model",
+        6: "not connected",
+    }
+    _agree(FAMILIES["jtse"].station_errors.texts, words)
+
+
 def _agree(table: Mapping[int, str], words: dict[int, str]) -> None:
     assert set(table) == set(words)
     assert [number for number, word in words.items() if word not in table[number]] == []
@@ -184,10 +256,10 @@ def _agree(table: Mapping[int, str], words: dict[int, str]) -> None:
 def test_reading_clears_nothing_but_the_alarm_flags(name: str) -> None:
     """ "Once you have read the flag this is deleted" (seed 000, 4.8.27)."""
     cleared = [command.name for command in FAMILIES[name].commands.values() if command.readable and command.asked_once]
-    assert cleared == ["alarm_flags"]
+    assert cleared == (["alarm_flags"] if name in SOLDERING else [])
 
 
 def test_what_is_never_sent_without_being_asked_for() -> None:
-    """faults.md, section 9, rule 5: RST, RSP, SAD, NVS, IFE, MAT, MIT, STR."""
+    """faults.md, section 9, rule 5: RST, RSP, SAD, NVS, IFE, MAT, MIT, STR; what hot air allows belongs to them."""
     dangerous = {command.letters for family in FAMILIES.values() for command in family.commands.values() if command.dangerous}
-    assert dangerous == {"RST", "RSP", "SAD", "NVS", "IFE", "MAT", "MIT", "STR"}
+    assert dangerous == {"RST", "RSP", "SAD", "NVS", "IFE", "MAT", "MIT", "STR", "MAF", "MIF", "MAE", "MIE"}

@@ -56,9 +56,9 @@ def test_the_wrong_kind_of_file_is_said_once(place: Path) -> None:
 
 @pytest.mark.parametrize("rest", ["", '[run]\nstatus = "working"\n[temperature]\nselect_c = 350\n[sleep]\ndelay_min = 5\n'])
 def test_a_recipe_for_families_that_are_not_driven_is_said_once(place: Path, rest: str) -> None:
-    (place / "job.toml").write_text(RECIPE.replace("dde", "jtse") + rest)
+    (place / "job.toml").write_text(RECIPE.replace("dde", "omega") + rest)
     (one, count) = planned()
-    assert one.startswith("error: job.toml:4: recipe.families: jtse is known, and not driven by this version of jbclog; it drives")
+    assert one.startswith("error: job.toml:4: recipe.families: omega is known, and not driven by this version of jbclog; it drives")
     assert count.startswith("1 problem;")
 
 

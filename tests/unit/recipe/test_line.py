@@ -139,7 +139,7 @@ address = 100
         "the first of them a letter, a digit or _",
         ':7: station[1].url: the kind of port "sockets" is unknown; did you mean socket?',
         ":8: station[1].family: omega is known, and not driven by this version of jbclog; "
-        "it drives soldering, dde, nae, dme, hde, ucr, ale",
+        "it drives soldering, dde, nae, dme, hde, ucr, ale, jtse",
         ":9: station[1].baudrate: 19201 is not allowed; one of 1200, 2400, 4800, 9600, 19200, 38400, 57600, 115200, 230400, "
         "250000, 460800, 500000",
         ":10: station[1].format: '7E1' is not a line format such as 8N1, 8E1 or 8O2",
