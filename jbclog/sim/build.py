@@ -13,14 +13,15 @@ from jbclog.quantities import OFF, Value
 from jbclog.recipe.line import StationSpec
 from jbclog.recipe.sim_spec import SimSpec
 from jbclog.sim.device import Device
+from jbclog.sim.face import Face
 from jbclog.sim.feeder import Feeder
 from jbclog.sim.joints import Joints
 from jbclog.sim.plant import Plant, StationSettings
 from jbclog.sim.port import Character, Port
 from jbclog.sim.questions import Asked
 from jbclog.sim.readings import Identity
+from jbclog.sim.soldering import SolderingFace
 from jbclog.sim.tip import Tip
-from jbclog.sim.writings import allowed, apply
 
 MODELS = {"soldering": "DDR", "ucr": "UCR245"}  # elsewhere the family's name is the model's
 HIGHEST_C = {"UCR245": 450}  # seed 004, "Factory Settings"; 500 elsewhere
@@ -43,24 +44,28 @@ def build_device(spec: StationSpec, now: float, seed: int) -> Device:
     sim = spec.sim or SimSpec()
     family = family_for(spec)
     model = sim.model or MODELS.get(family.name, family.name.upper())
-    plant = _plant(sim, spec.ports or family.ports or PORTS_IF_UNPRINTED, model, now, seed)
-    device = Device(family, plant, Identity(model, sim.software, spec.address, sim.robot_mode))
-    _check_names(spec.name, sim, family, plant)
+    face = _face(sim, family, spec.ports or family.ports or PORTS_IF_UNPRINTED, model, now, seed)
+    device = Device(family, face, Identity(model, sim.software, spec.address, sim.robot_mode))
+    _check_names(spec.name, sim, family, face)
     for name, value in sim.settings.items():
         _begin_with(device, spec.name, name, value, now)
     return device
 
 
-def _check_names(station: str, sim: SimSpec, family: Family, plant: Plant) -> None:
+def _face(sim: SimSpec, family: Family, ports: tuple[int, ...], model: str, now: float, seed: int) -> Face:
+    return SolderingFace(family, _plant(sim, ports, model, now, seed))
+
+
+def _check_names(station: str, sim: SimSpec, family: Family, face: Face) -> None:
     """A counter, a command or a port that is not there would silently do nothing."""
     counters = {counter.command for counter in (*family.counters, *FEEDER_COUNTERS)} & set(family.commands)
     wrong = [f"counters: {name}" for name in sim.counters if name not in counters]
-    wrong += [f"tools: {port}" for port in sim.tools if port not in plant.ports]
+    wrong += [f"tools: {port}" for port in sim.tools if port not in face.ports]
     for fault in sim.fault:
         wrong += [f"fault {fault.kind}: {fault.command}"] if fault.command and fault.command not in family.commands else []
-        wrong += [f"fault {fault.kind}: port {fault.port}"] if fault.port and fault.port not in plant.ports else []
+        wrong += [f"fault {fault.kind}: port {fault.port}"] if fault.port and fault.port not in face.ports else []
     if wrong:
-        raise UsageError(f"{station}: [station.sim] {', '.join(wrong)}: a {family.name} with ports {list(plant.ports)} has none")
+        raise UsageError(f"{station}: [station.sim] {', '.join(wrong)}: a {family.name} with ports {list(face.ports)} has none")
 
 
 def _plant(sim: SimSpec, ports: tuple[int, ...], model: str, now: float, seed: int) -> Plant:
@@ -85,17 +90,16 @@ def _begin_with(device: Device, station: str, name: str, told: int | float | str
     """Let the station begin with a setting, on all of its ports and tools."""
     command = device.family.commands.get(name)
     value = _value(device, name, told)
-    if command is None or "rw" not in command.access or not allowed(command, value, device.family, device.plant):
+    if command is None or "rw" not in command.access or not device.face.allowed(command, value):
         raise UsageError(
             f"{station}: [station.sim] settings: {name} = {told} is nothing that a {device.family.name} can begin with"
         )
-    ports = [0] if command.scope is Scope.STATION else list(device.plant.ports)
+    ports = [0] if command.scope is Scope.STATION else list(device.face.ports)
     tools = [tool for tool in device.family.tools if tool] if command.scope is Scope.TOOL else [0]
     for port in ports:
         for tool in tools:
-            apply(Asked(command, "", port, tool), value, device.plant, now)
-    if name == "selected_temperature":
-        device.plant.store()
+            device.face.apply(Asked(command, "", port, tool), value, now)
+    device.face.keep()
 
 
 def _value(device: Device, name: str, told: int | float | str) -> Value:

@@ -9,11 +9,11 @@ from __future__ import annotations
 
 from jbclog.commands.family import Family
 from jbclog.quantities import OFF, OFF_ON_WIRE, Value
-from jbclog.sim.plant import Plant
+from jbclog.sim.face import Face
 from jbclog.sim.questions import Asked, questions
-from jbclog.sim.readings import Identity, value_of
+from jbclog.sim.readings import Identity
 from jbclog.sim.wire_log import Refused, WireLog, Written
-from jbclog.sim.writings import WITHOUT_DATA, allowed, apply, well_formed
+from jbclog.sim.writings import WITHOUT_DATA, well_formed
 
 WRONG_CHECK, WRONG_FORMAT, OUT_OF_RANGE, UNKNOWN_COMMAND, ROBOT_OFF = 1, 2, 3, 4, 5
 BOOT_S = 3.0
@@ -25,13 +25,13 @@ Answer = tuple[str, str]
 class Device:
     """One station as the wire sees it: headers and texts in and out, addresses and check bytes aside."""
 
-    def __init__(self, family: Family, plant: Plant, identity: Identity) -> None:
+    def __init__(self, family: Family, face: Face, identity: Identity) -> None:
         self.family = family
-        self.plant = plant
+        self.face = face
         self.identity = identity
         self.log = WireLog()
         self._silent_until = float("-inf")
-        self._questions = questions(family.name, tuple(plant.ports))
+        self._questions = questions(family.name, tuple(face.ports))
 
     def asked(self, header: str, text: str) -> Asked | None:
         """What a question asks for; None where the table does not have it."""
@@ -57,7 +57,7 @@ class Device:
 
     def restart(self, now: float, silent_s: float = BOOT_S) -> None:
         """Restart now: what is volatile is lost, and nothing is heard for `silent_s`."""
-        self.plant.restart(now)
+        self.face.restart(now)
         self._silent_until = now + silent_s
 
     def _why_unknown(self, header: str, text: str) -> int:
@@ -65,7 +65,7 @@ class Device:
         return WRONG_FORMAT if read_with_data or header not in ("R", "W") else UNKNOWN_COMMAND
 
     def _read(self, asked: Asked, now: float) -> Answer:
-        value = value_of(asked, self.plant, self.identity, now)
+        value = self.face.value_of(asked, self.identity, now)
         self.log.reads += 1
         return "A", asked.code + (OFF_ON_WIRE if value is OFF else asked.command.quantity.encode(value))
 
@@ -79,13 +79,13 @@ class Device:
             value = command.quantity.decode(data)
         except ValueError:
             return self.refuse(asked.code + data, OUT_OF_RANGE, now)
-        if not allowed(command, value, self.family, self.plant):
+        if not self.face.allowed(command, value):
             return self.refuse(asked.code + data, OUT_OF_RANGE, now)
         return self._accept(asked, value, now)
 
     def _accept(self, asked: Asked, value: Value, now: float) -> Answer | None:
         self.log.writes.append(Written(now, asked.command.name, asked.port, asked.tool, value))
-        apply(asked, value, self.plant, now)
+        self.face.apply(asked, value, now)
         if asked.command.name == "restart":
             self.restart(now)
             return None

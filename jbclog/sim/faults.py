@@ -13,7 +13,6 @@ from typing import Final, NamedTuple
 
 from jbclog.recipe.sim_spec import FaultSpec
 from jbclog.sim.device import Device
-from jbclog.sim.port import Port
 from jbclog.sim.questions import Asked
 
 ON_ANSWERS: Final = frozenset({"silence", "noise", "flip", "late", "nak"})
@@ -119,22 +118,11 @@ def _meant(fault: FaultSpec, asked: Asked | None, header: str) -> bool:
 def happen(change: Change, device: Device) -> None:
     """Let a fault of the physics begin or end on this device, at its moment."""
     fault = change.fault
-    device.plant.advance_to(change.at)
+    device.face.advance_to(change.at)
     if fault.kind == "restart":
         if change.begins and fault.for_s is not None:
             device.restart(change.at, fault.for_s)
         return
-    for number, port in device.plant.ports.items():
+    for number in device.face.ports:
         if fault.port in (None, number):
-            _happen_to_port(fault, port, change.begins)
-
-
-def _happen_to_port(fault: FaultSpec, port: Port, begins: bool) -> None:
-    match fault.kind:
-        case "stuck":
-            port.stuck_c = port.temperature() if begins else None
-        case "overheat":
-            port.runaway_by_c = fault.by_c if begins else None
-            port.changed()
-        case "tool":
-            port.plug(fault.code if begins else port.tool_before)
+            device.face.strike(fault, number, begins=change.begins)

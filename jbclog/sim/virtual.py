@@ -23,6 +23,7 @@ from jbclog.sim.build import build_device
 from jbclog.sim.device import WRONG_CHECK, WRONG_FORMAT, Answer
 from jbclog.sim.faults import Tape, happen
 from jbclog.sim.plant import Plant
+from jbclog.sim.soldering import SolderingFace
 from jbclog.sim.wire_log import Struck, WireLog
 from jbclog.wire import LineFormat
 
@@ -58,7 +59,7 @@ class Pace:
 
 
 class VirtualStation:
-    """One station, switched on at `now`. `log` is its own memory of the wire, `plant` its physics."""
+    """One station, switched on at `now`. `log` is its own memory of the wire, `plant` the physics of a soldering station."""
 
     def __init__(self, spec: StationSpec, *, now: float, seed: int | None = None) -> None:
         sim = spec.sim or SimSpec()
@@ -78,7 +79,11 @@ class VirtualStation:
 
     @property
     def plant(self) -> Plant:
-        return self.device.plant
+        """The physics of a soldering station. Raises `TypeError` on another."""
+        face = self.device.face
+        if not isinstance(face, SolderingFace):
+            raise TypeError(f"{self.name} is no soldering station")
+        return face.plant
 
     def hung_up(self, now: float) -> bool:
         """Whether the cable is out: there is no port to write to or read from."""
@@ -92,7 +97,7 @@ class VirtualStation:
         """Let the physics, with the faults in it, go on without any question."""
         for change in self.faults.changes(moment):
             happen(change, self.device)
-        self.plant.advance_to(moment)
+        self.device.face.advance_to(moment)
 
     def receive(self, data: bytes, now: float) -> list[Reply]:
         """What the station says to bytes that were written to its port at `now`."""
