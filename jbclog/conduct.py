@@ -110,6 +110,7 @@ class _Run:
         keep_text(self._folder, "line.toml", self._plan.line.text)
         for name, recipe in self._plan.recipes.items():
             keep_text(self._folder, f"recipes/{name}", recipe.text)
+        self._manifest.stations = [desk.facts for desk in self._desks]  # from here on others can see whose ports this run holds
         write_manifest(self._folder, self._manifest)
 
     def _begin_manifest(self) -> Manifest:

@@ -75,7 +75,11 @@ class LinkError(JbclogError, OSError):
 
 
 class PortBusy(LinkError):
-    """Another program holds the port."""
+    """Another program holds the port. `process` is its number, where that can be found out."""
+
+    def __init__(self, text: str, process: int | None = None) -> None:
+        super().__init__(text)
+        self.process = process
 
 
 class StationError(JbclogError):

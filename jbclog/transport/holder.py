@@ -7,15 +7,19 @@ import os
 from pathlib import Path
 
 
-def holder_of(device: str) -> str | None:
-    """Who has `device` locked, or else open: ``process 4711 (minicom)``; None where the system does not tell."""
+def holder_of(device: str) -> int | None:
+    """The number of the process that has `device` locked, or else open; None where the system does not tell."""
     try:
         wanted = Path(device).stat()
     except (OSError, ValueError):
         return None
-    process = _locker(wanted) or _opener(wanted)
+    return _locker(wanted) or _opener(wanted)
+
+
+def in_words(process: int | None) -> str:
+    """Who that is: ``process 4711 (minicom)``."""
     if process is None:
-        return None
+        return "another program"
     if process == os.getpid():
         return "this program itself"
     with contextlib.suppress(OSError):

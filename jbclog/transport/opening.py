@@ -15,7 +15,7 @@ import socket
 import serial
 
 from jbclog.errors import LinkError, PortBusy
-from jbclog.transport.holder import holder_of
+from jbclog.transport.holder import holder_of, in_words
 from jbclog.transport.port import BROKEN, SLICE_S, DescriptorPort, ObjectPort, Port, give_back, lost
 from jbclog.wire import LineFormat
 
@@ -132,7 +132,8 @@ def _close_device(descriptor: int) -> None:
 def _refused(url: str, device: str, error: BaseException) -> LinkError:
     number = getattr(error, "errno", None) or getattr(error.__context__, "errno", None)
     if number in LOCKED or "lock" in str(error):
-        return PortBusy(f"{url} is in use by {holder_of(device) or 'another program'}; end that, or take another port")
+        process = holder_of(device)
+        return PortBusy(f"{url} is in use by {in_words(process)}; end that, or take another port", process)
     if number in TOO_MANY:
         return LinkError(f"{url}: this process may not open more files; raise the limit with `ulimit -n`")
     if number == errno.EACCES:

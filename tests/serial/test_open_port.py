@@ -17,7 +17,7 @@ from far_ends import Server, Terminal, open_descriptors, rfc2217_server, server,
 
 from jbclog.errors import LinkError, PortBusy
 from jbclog.transport import Port, open_port
-from jbclog.transport.holder import holder_of
+from jbclog.transport.holder import holder_of, in_words
 from jbclog.wire import LineFormat
 
 LINE = LineFormat()
@@ -257,7 +257,8 @@ def test_a_program_that_took_no_lock_is_found_by_its_open_files() -> None:
     ):
         assert other.stdout is not None
         assert other.stdout.readline() == b"open\n"
-        assert str(holder_of(far.url)).startswith(f"process {other.pid} (")
+        assert holder_of(far.url) == other.pid
+        assert in_words(other.pid).startswith(f"process {other.pid} (")
         other.kill()
         other.wait()
         assert holder_of(far.url) is None

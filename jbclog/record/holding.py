@@ -1,0 +1,89 @@
+"""Which run holds a station's port, as others can see it: by what its recorder has open.
+
+A run holds the port of a station until the session of that station has ended, also while a cable is out and the port itself is
+closed. Its manifest names the ports from the start, its live store the sessions that have ended, and the lock of its folder shows
+that somebody is writing there. All of this needs /proc; without it only the lock of the port itself tells. What reads a record
+is loaded only where there is one.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import sqlite3
+from collections.abc import Iterator
+from contextlib import closing
+from pathlib import Path
+from typing import Final
+
+from jbclog.errors import RecordError
+from jbclog.record.lock import NAME as LOCK
+from jbclog.record.lock import is_held
+
+RUNNING: Final = "running"
+
+
+def run_that_holds(url: str) -> Path | None:
+    """The folder of the run in progress on this machine to which the port at `url` belongs now."""
+    return next((folder for folder in runs_in_progress() if _holds(folder, url)), None)
+
+
+def runs_in_progress() -> Iterator[Path]:
+    """The folders that recorders of this user (for root: of all) are writing to."""
+    seen: set[Path] = set()
+    for process in _processes():
+        for folder in _folders_of(process):
+            if folder not in seen and is_held(folder):
+                seen.add(folder)
+                yield folder
+
+
+def run_of(process: int) -> Path | None:
+    """The folder of the run that this process records."""
+    return next(_folders_of(process), None)
+
+
+def _processes() -> list[int]:
+    with contextlib.suppress(OSError):
+        return [int(place.name) for place in Path("/proc").iterdir() if place.name.isdigit()]
+    return []
+
+
+def _folders_of(process: int) -> Iterator[Path]:
+    """Where a process has the lock of a run's folder open."""
+    with contextlib.suppress(OSError), os.scandir(f"/proc/{process}/fd") as descriptors:
+        for descriptor in descriptors:
+            with contextlib.suppress(OSError):
+                opened = Path(os.readlink(descriptor.path))  # noqa: PTH115  # scandir gives no Path
+                if opened.name == LOCK and opened.exists():
+                    yield opened.parent
+
+
+def _holds(folder: Path, url: str) -> bool:
+    from jbclog.record.manifest import read_manifest
+
+    try:
+        manifest = read_manifest(folder)
+    except RecordError:
+        return False  # it has not begun to ask anything
+    ended = _ended(folder)
+    mine = [facts for facts in manifest.stations if _same(facts.url, url)]
+    return manifest.state == "open" and any(facts.outcome == RUNNING and facts.name not in ended for facts in mine)
+
+
+def _same(url: str, other: str) -> bool:
+    """Whether two urls are one port: links to devices are followed."""
+    return url == other or (url.startswith("/") and other.startswith("/") and os.path.realpath(url) == os.path.realpath(other))
+
+
+def _ended(folder: Path) -> set[str]:
+    """The stations whose sessions have ended, as far as that has been stored."""
+    from jbclog.record.store import FACTS, Segment, segments
+
+    facts: dict[str, str] = {}
+    with contextlib.suppress(OSError, sqlite3.Error):
+        for path in segments(folder):
+            with closing(Segment.look(path)) as segment:
+                facts |= segment.notes(FACTS)
+    return {name for name, text in facts.items() if json.loads(text).get("outcome") != RUNNING}
