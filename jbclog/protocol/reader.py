@@ -4,13 +4,13 @@ The rules:
 
 1. A frame is STX, `SHORTEST` to `LONGEST` printable characters, ETX, and one byte of any value: the check byte can be
    STX, ETX, XON, XOFF or NUL. All else is garbage, an STX without such an end included.
-2. Where the check byte or the shape does not hold, the frame is given as corrupt, and the search goes on behind it; but
-   where its check byte is an STX, that begins the next frame: a check byte was lost.
-3. A frame is given with its last byte. Garbage is counted and dropped, and what is held for the next chunk can only be
+2. Where the check byte or the shape does not hold, the frame is given as corrupt, and the search goes on behind it.
+3. Where the check byte is an STX, the search goes on with it: it may begin the next frame, whose STX stands for a check
+   byte that was lost. That holds for good frames too: their own check byte may be an STX, and be lost.
+4. A frame is given with its last byte. Garbage is counted and dropped, and what is held for the next chunk can only be
    the beginning of a frame: `MOST_HELD` bytes at most.
 
-One loss cannot be seen: where a frame's own check byte is an STX and is lost, the STX behind it stands for it. The frame
-is then given, rightly, and the one behind it is garbage.
+So the first good frame behind any garbage is given, whatever the garbage was.
 """
 
 from __future__ import annotations
@@ -40,13 +40,14 @@ class FrameReader:
 
     def __init__(self) -> None:
         self._held = b""
+        self._lent = 0  # 1 where what is held begins with the check byte of a good frame
         self.garbage = 0
 
     def reset(self) -> int:
         """Forget what is held, as after a drain; give how many bytes that were."""
-        forgotten = len(self._held)
+        forgotten = len(self._held) - self._lent
         self.garbage += forgotten
-        self._held = b""
+        self._held, self._lent = b"", 0
         return forgotten
 
     def feed(self, chunk: bytes) -> list[Frame | Corrupt]:
@@ -55,17 +56,22 @@ class FrameReader:
         found: list[Frame | Corrupt] = []
         place = 0
         while match := _FRAME.search(stream, place):
-            self.garbage += match.start() - place
-            place = match.end()
+            self._drop(match.start() - place)
             frame = _checked(match)
-            if frame is None:
-                place -= stream[place - 1] == STX
+            is_stx = match[2][0] == STX
+            place = match.end() - is_stx
+            self._lent = int(is_stx and frame is not None)
             found.append(frame or Corrupt(match[0]))
         begun = _BEGUN.search(stream, place)
         kept = begun.start() if begun else len(stream)
-        self.garbage += kept - place
+        self._drop(kept - place)
         self._held = stream[kept:]
         return found
+
+    def _drop(self, count: int) -> None:
+        if count:
+            self.garbage += count - self._lent
+            self._lent = 0
 
 
 def _checked(match: re.Match[bytes]) -> Frame | None:

@@ -1,44 +1,32 @@
-"""Every frame and every example that the manuals print, read and written byte for byte."""
+"""Every frame and every example that the manuals print: its check byte worked out anew, and read by the reader.
+
+What it means in the product's tables, and that the product writes the same bytes, is in `tests/tables/test_golden.py`.
+"""
 
 from __future__ import annotations
 
 import pytest
-from golden import Golden, seed_000, seed_002, seed_004, with_check_byte
+from golden import FRAMES, JBC, WHOLE, Golden, framed, seed_003, seed_004, with_check_byte
 
-from jbclog.commands.command import Command
-from jbclog.commands.family import FAMILIES, Family
 from jbclog.protocol.frame import Frame
 from jbclog.protocol.reader import FrameReader
 
-ALL = [*seed_000.FRAMES, *seed_002.FRAMES, *seed_004.FRAMES]
-FAMILIES_OF = {"000": ("soldering",), "002": ("dde", "nae", "dme", "hde", "ucr", "ale"), "004": ("ucr",)}
-
-every = pytest.mark.parametrize("golden", ALL, ids=lambda golden: f"{golden.where} {golden.text}")
+every = pytest.mark.parametrize("golden", FRAMES, ids=lambda golden: f"{golden.where} {golden.text}")
 
 
-def _commands(golden: Golden) -> list[tuple[Family, Command]]:
-    families = [FAMILIES[name] for name in FAMILIES_OF[golden.seed]]
-    return [(family, family.commands[golden.command]) for family in families if golden.command in family.commands]
-
-
-def _code(golden: Golden, command: Command) -> str:
-    return command.code(golden.port, golden.tool)
-
-
-def test_the_two_frames_that_are_printed_whole() -> None:
-    """ "Sending code: 0230303031574D41543030333735033E" and "02574D41543030333735033F" (seeds 002 and 004, "Examples")."""
-    with_addresses = bytes.fromhex("0230303031574D41543030333735033E")
-    without = bytes.fromhex("02574D41543030333735033F")
-    assert FrameReader().feed(with_addresses) == [Frame("W", "MAT00375", 0, 1)]
-    assert FrameReader().feed(without) == [Frame("W", "MAT00375")]
-    assert Frame("W", "MAT00375", 0, 1).encode() == with_addresses
-    assert Frame("W", "MAT00375").encode() == without
-    assert [golden.addressed for golden in ALL if golden.text == "WMAT00375"] == [with_addresses] * 3
+@pytest.mark.parametrize(("where", "printed", "wire"), WHOLE)
+def test_the_frames_that_are_printed_whole(where: str, printed: str, wire: bytes) -> None:
+    assert bytes.fromhex(printed.split(maxsplit=2 if "Sending" in printed else 1)[-1]) == wire
+    assert with_check_byte(wire[:-1]) == wire
+    addresses = (0, 1) if len(wire) == 16 else (None, None)
+    assert FrameReader().feed(wire) == [Frame("W", "MAT00375", *addresses)]
+    assert wire in [form for golden in FRAMES if golden.where == where for form in (golden.bare, golden.addressed)]
 
 
 @every
 def test_the_check_byte_is_the_xor_of_all_before_it(golden: Golden) -> None:
     assert with_check_byte(golden.bare[:-1]) == golden.bare
+    assert golden.bare == framed(golden.text)
 
 
 @every
@@ -52,60 +40,22 @@ def test_it_is_read(golden: Golden) -> None:
         assert reader.reset() == 0
 
 
-@every
-def test_it_is_written(golden: Golden) -> None:
-    header, text = golden.text[0], golden.text[1:]
-    pair = (0, 1) if header in "RW" else (1, 0)
-    assert Frame(header, text).encode() == golden.bare
-    assert Frame(header, text, *pair).encode() == golden.addressed
+@pytest.mark.parametrize(("where", "printed", "addresses"), seed_004.ADDRESSES)
+def test_printed_addresses_are_read(where: str, printed: str, addresses: tuple[bytes, ...]) -> None:
+    for address in addresses:
+        assert f'"{address.decode("ascii")}"' in printed
+        wire = with_check_byte(b"\x02" + address + b"00ASER00000\x03")
+        assert FrameReader().feed(wire) == [Frame("A", "SER00000", int(address), 0)]
 
 
-@every
-def test_the_tables_know_it(golden: Golden) -> None:
-    known = _commands(golden)
-    assert known
-    for _, command in known:
-        code = _code(golden, command)
-        assert golden.text[1:].startswith(code)
-        assert {"R": command.readable, "W": command.writable, "A": True}[golden.text[0]]
-
-
-@every
-def test_its_value_has_its_type(golden: Golden) -> None:
-    for _, command in _commands(golden):
-        data = golden.text[1 + len(_code(golden, command)) :]
-        if golden.value is None:
-            assert data in ("", "00000")  # a question, an acknowledgement, an order
-            continue
-        value = command.quantity.decode(data)
-        assert value == golden.value
-        assert type(value) is type(golden.value)
-        if not golden.written_otherwise:
-            assert command.quantity.encode(golden.value) == data
-
-
-@every
-def test_what_is_printed_for_writing_is_within_the_limits(golden: Golden) -> None:
-    for _, command in _commands(golden):
-        if golden.text[0] == "W" and golden.value is not None:
-            assert command.limits.problem(golden.value) is None
-
-
-@pytest.mark.parametrize(
-    ("seed", "printed"), [(seed, code) for seed in (seed_000, seed_002, seed_004) for code in seed.CODES.split()], ids=str
-)
-def test_every_code_that_is_printed_is_in_the_tables(seed: object, printed: str) -> None:
-    families = [FAMILIES[name] for name in FAMILIES_OF[str(seed.__name__)[-3:]]]  # type: ignore[attr-defined]  # a module
-    found = [command for family in families for command in family.commands.values() if printed[1:] in _codes(command)]
-    assert found
-    assert all({"R": command.readable, "W": command.writable, "A": True}[printed[0]] for command in found)
-
-
-def _codes(command: Command) -> set[str]:
-    """All codes of a command on the ports and tools that the examples use."""
-    if command.scope.value == "station":
-        return {command.code()}
-    return {command.code(port, 2) for port in (1, 3)}
+def test_a_refusal_is_read_with_any_code_or_none() -> None:
+    """No N frame is printed, only the numbers that stand in its data (digest B-11)."""
+    for where, printed, data in (one for seed in JBC for one in seed.REFUSALS):
+        assert printed.startswith(data.decode("ascii")), where
+        for code in ("TT1", "A12", "SMN", "TT", ""):
+            text = code + data.decode("ascii")
+            assert FrameReader().feed(framed("N" + text)) == [Frame("N", text)]
+            assert FrameReader().feed(framed("N" + text, "0100")) == [Frame("N", text, 1, 0)]
 
 
 @pytest.mark.parametrize(
@@ -122,8 +72,45 @@ def _codes(command: Command) -> set[str]:
         (b"\x02NTT100004\x03\x4b", None),  # the addressed one's check byte: a misprint must not pass
         (b"\x02NTT100004\x03\x4a", Frame("N", "TT100004")),
         (b"\x02ATT00045\x03\x71", Frame("A", "TT00045")),
+        (b"\x020001RST1\x03\x64", Frame("R", "ST1", 0, 1)),
+        (b"\x020001RTT1\x03\x63", Frame("R", "TT1", 0, 1)),
+        (b"\x020100APP100840\x03\x4c", Frame("A", "PP100840", 1, 0)),
+        (b"\x020100APE100004\x03\x51", Frame("A", "PE100004", 1, 0)),
+        (b"\x020001WST100350\x03\x57", Frame("W", "ST100350", 0, 1)),
+        (b"\x020100AST1\x03\x77", Frame("A", "ST1", 1, 0)),
+        (b"\x020001WA1200012\x03\x26", Frame("W", "A1200012", 0, 1)),
+        (b"\x020001WA12-0050\x03\x3d", Frame("W", "A12-0050", 0, 1)),
+        (b"\x020001WA12.0050\x03\x3e", Frame("W", "A12.0050", 0, 1)),
+        (b"\x020001WHD101.60\x03\x43", Frame("W", "HD101.60", 0, 1)),
+        (b"\x020001WHD199999\x03\x53", Frame("W", "HD199999", 0, 1)),
+        (b"\x020001WNVS00000\x03\x2c", Frame("W", "NVS00000", 0, 1)),
+        (b"\x020100ANVS\x03\x0a", Frame("A", "NVS", 1, 0)),
+        (b"\x020001WSAD00000\x03\x31", Frame("W", "SAD00000", 0, 1)),
+        (b"\x020001RTT\x03\x52", Frame("R", "TT", 0, 1)),
+        (b"\x020100ATA100011\x03\x55", Frame("A", "TA100011", 1, 0)),
+        (b"\x020001WPS100010\x03\x54", Frame("W", "PS100010", 0, 1)),
+        (b"\x020001RSER\x03\x16", Frame("R", "SER", 0, 1)),
+        (b"\x020100ADL1003E8\x03\x36", Frame("A", "DL1003E8", 1, 0)),
     ],
 )
 def test_completed_frames(wire: bytes, meaning: Frame | None) -> None:
     found = [one for one in FrameReader().feed(wire) if isinstance(one, Frame)]
     assert found == ([] if meaning is None else [meaning])
+
+
+# -- OMEGA ------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("golden", [*seed_003.FRAMES, *seed_003.BY_HAND], ids=lambda golden: f"{golden.where} {golden.text}")
+def test_the_sum_is_that_of_the_text(golden: seed_003.OmegaGolden) -> None:
+    """ "The result of adding the decimal values of the characters in the main text" (manual 003, 11.2)."""
+    total = 0
+    for byte in golden.text.encode("ascii"):
+        total += byte
+    assert golden.wire == b"\x02" + golden.text.encode("ascii") + b"\x03" + b"%02X" % (total % 256)
+
+
+@pytest.mark.parametrize(("where", "printed", "total", "digits"), seed_003.SUMS)
+def test_a_sum_keeps_its_two_last_digits(where: str, printed: str, total: int, digits: bytes) -> None:
+    assert str(total) in printed
+    assert b"%02X" % (total % 256) == digits

@@ -1,0 +1,42 @@
+"""What the manuals print, byte by byte: the referee between the client, the simulator and the tables.
+
+Typed from the manuals by hand. Nothing here imports anything of the product, so that nothing here can agree with it by
+descent; a test holds that. Three kinds:
+
+- `Golden`: a whole frame. Printed is mostly its text only ("A-ST1- 00350"): it stands here without the hyphens and blanks
+  of typography, between STX and ETX, with its check byte behind. These are the frames without addresses; `addressed` puts
+  the addresses in.
+- `Field`: a control field that is printed as an example while its data is left out ("for example WST3").
+- `Listed`: a row of a printed list, as the data field that it stands for ("00004 No tool").
+
+`where` is the manual's number and its section, or its row where it has no sections; `printed` quotes it (`` ... `` stands
+for words between). The manuals and their pages are named in the modules.
+"""
+
+from golden import letters, seed_000, seed_001, seed_002, seed_003, seed_004
+from golden.form import OFF, Field, Golden, Listed, framed, summed, wire_of, with_check_byte
+
+JBC = (seed_000, seed_001, seed_002, seed_004)
+FRAMES = [golden for seed in JBC for golden in seed.FRAMES]
+FIELDS = [field for seed in JBC for field in seed.FIELDS]
+LISTED = [listed for seed in JBC for listed in seed.LISTED]
+WHOLE = [*seed_002.WHOLE, *seed_004.WHOLE]
+
+__all__ = [
+    "FIELDS",
+    "FRAMES",
+    "JBC",
+    "LISTED",
+    "OFF",
+    "WHOLE",
+    "Field",
+    "Golden",
+    "Listed",
+    "framed",
+    "letters",
+    "seed_003",
+    "seed_004",
+    "summed",
+    "wire_of",
+    "with_check_byte",
+]
