@@ -48,7 +48,7 @@ class FaultSpec(Table):
     dropout   the cable is out: the port disappears and comes back after `for_s`
     restart   the station restarts: what is volatile is lost, and it is silent for `for_s`
     stuck     the temperature reading stays what it was
-    overheat  the tip runs away to `by_c` above the upper alarm limit (above the setting if none is set)
+    overheat  tip or air runs away to `by_c` above the upper alarm limit (above the setting if none is set)
     tool      the tool is exchanged for the one with number `code`; 0 pulls it out
     ========  ==========================================================================================
 
@@ -103,7 +103,9 @@ class SimSpec(Table):
     noise_c: float = Field(default=0.0, ge=0, le=50)  # standard deviation of the temperature reading
     sensor_error_c: float = Field(default=0.0, ge=-100, le=100)  # reading minus the true tip temperature
     ambient_c: float = Field(default=23.0, ge=-20, le=60)
-    rated_power_w: float = Field(default=130.0, gt=0, le=1000)
+    rated_power_w: float | None = Field(default=None, gt=0, le=2000)  # default 130, hot air 900
+    thermocouple: bool = True  # jtse: an external thermocouple is plugged in
+    suction_each_joint: bool = False  # jtse: a part is lifted off after each joint
     extractor_cools: bool = True  # whether the heater is off in status 00010, which no manual says
     settings: dict[str, int | float | str] = Field(default_factory=dict)
     counters: dict[str, float] = Field(default_factory=dict)

@@ -7,11 +7,16 @@ from random import Random
 
 from jbclog.commands.command import Scope
 from jbclog.commands.family import FAMILIES, Family, family_of
+from jbclog.commands.hotair import AIR_STATUS
 from jbclog.commands.signals import FEEDER_COUNTERS
 from jbclog.errors import UsageError
 from jbclog.quantities import OFF, Value
 from jbclog.recipe.line import StationSpec
 from jbclog.recipe.sim_spec import SimSpec
+from jbclog.sim.air import Heater
+from jbclog.sim.airface import PORT as AIR_PORT
+from jbclog.sim.airface import AirFace
+from jbclog.sim.airstation import AirCharacter, AirStation
 from jbclog.sim.device import Device
 from jbclog.sim.face import Face
 from jbclog.sim.feeder import Feeder
@@ -26,6 +31,7 @@ from jbclog.sim.tip import Tip
 MODELS = {"soldering": "DDR", "ucr": "UCR245"}  # elsewhere the family's name is the model's
 HIGHEST_C = {"UCR245": 450}  # seed 004, "Factory Settings"; 500 elsewhere
 PORTS_IF_UNPRINTED = (1, 2)
+TIP_W, HOT_AIR_W = 130.0, 900.0
 
 
 def family_for(spec: StationSpec) -> Family:
@@ -53,6 +59,8 @@ def build_device(spec: StationSpec, now: float, seed: int) -> Device:
 
 
 def _face(sim: SimSpec, family: Family, ports: tuple[int, ...], model: str, now: float, seed: int) -> Face:
+    if family.status is AIR_STATUS:
+        return AirFace(_air_station(sim, now, seed))
     return SolderingFace(family, _plant(sim, ports, model, now, seed))
 
 
@@ -80,10 +88,17 @@ def _plant(sim: SimSpec, ports: tuple[int, ...], model: str, now: float, seed: i
     )
 
 
+def _air_station(sim: SimSpec, now: float, seed: int) -> AirStation:
+    character = AirCharacter(sim.noise_c, sim.sensor_error_c, sim.thermocouple, sim.suction_each_joint, Random(seed))
+    heater = Heater(sim.ambient_c, sim.rated_power_w or HOT_AIR_W)
+    joints = Joints(sim.joints_per_minute, sim.joint_seconds, seed, now)
+    return AirStation(now, sim.tools.get(AIR_PORT, sim.tool), heater, joints, character, sim.counters)
+
+
 def _port(sim: SimSpec, number: int, now: float, seed: int, on_joint: Callable[[float], None] | None) -> Port:
     character = Character(sim.noise_c, sim.sensor_error_c, sim.extractor_cools, Random(seed), on_joint)
     joints = Joints(sim.joints_per_minute, sim.joint_seconds, seed, now)
-    return Port(now, sim.tools.get(number, sim.tool), Tip(sim.ambient_c, sim.rated_power_w), joints, character)
+    return Port(now, sim.tools.get(number, sim.tool), Tip(sim.ambient_c, sim.rated_power_w or TIP_W), joints, character)
 
 
 def _begin_with(device: Device, station: str, name: str, told: int | float | str, now: float) -> None:

@@ -1,0 +1,231 @@
+"""A whole hot air station: tool, pump, suction and hours. Physics only; time is passed in.
+
+What no manual says, and this station does: cooling blows all the air that there is, and ends by itself below `COLD_C`;
+off is off at once, without cooling; a tool that is pulled out leaves the state as it was; a tool cycle is counted each
+time that the tool is switched on, a suction cycle each time that suction is. The external temperature regulates nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from math import inf
+from random import Random
+
+from jbclog.sim.air import Heater, Probe
+from jbclog.sim.joints import NEVER, Joint, Joints
+
+STEP_S = 0.05
+COLD_C = 50.0
+READY_C = 30.0  # nobody begins to work with air that is colder than this below its setting
+LIFT_S = 1.0  # a part is lifted off as long with suction
+NO_TOOL = 0
+NO_TOOL_ERROR, NO_THERMOCOUPLE_ERROR = 9, 4
+
+StatusWord = tuple[int, ...]
+
+
+@dataclass(slots=True)
+class AirSettings:
+    """What can be set, with the virtual station's own defaults (no manual prints any)."""
+
+    selected_air_temperature: int = 300
+    selected_air_flow: int = 500
+    selected_external_temperature: int = 200
+    work_mode: str = "manual"
+
+
+@dataclass(slots=True)
+class AirLimits:
+    """What the station allows; the virtual station's own choice."""
+
+    maximum_air_temperature: int = 450
+    minimum_air_temperature: int = 150
+    maximum_air_flow: int = 1000
+    minimum_air_flow: int = 100
+    maximum_external_temperature: int = 500
+    minimum_external_temperature: int = 25
+
+
+@dataclass(slots=True)
+class AirCharacter:
+    """What does not change: how its sensors and its user are."""
+
+    noise_c: float = 0.0
+    sensor_error_c: float = 0.0
+    has_thermocouple: bool = True
+    lifts_parts: bool = False  # suction after each joint
+    noise: Random = field(default_factory=lambda: Random(0))
+
+
+def _adjustments() -> dict[int, int]:
+    return dict.fromkeys((1, 2), 0)
+
+
+@dataclass(slots=True)
+class AirStation:
+    """A hot air station from `now` (monotonic seconds) on, with tool number `tool`. It has one port."""
+
+    now: float
+    tool: int
+    heater: Heater
+    joints: Joints
+    character: AirCharacter = field(default_factory=AirCharacter)
+    start_counts: Mapping[str, float] = field(default_factory=dict)
+    settings: AirSettings = field(default_factory=AirSettings)
+    limits: AirLimits = field(default_factory=AirLimits)
+    adjust: dict[int, int] = field(default_factory=_adjustments)
+    probe: Probe = field(init=False)
+    is_on: bool = False
+    is_cooling: bool = False
+    has_suction: bool = False
+    error: int = 0
+    station_error: int = 0
+    tool_before: int = NO_TOOL
+    runaway_by_c: float | None = None
+    stuck_c: int | None = None
+    began: float = field(init=False)
+    work_s: float = 0.0
+    tool_cycles: int = 0
+    suction_cycles: int = 0
+    _work: Joint | None = None
+    _next: Joint = NEVER
+    _let_go: float = inf  # when suction ends by itself
+    _quiet_since: float = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.began = self._quiet_since = self.now
+        self.probe = Probe(self.heater.ambient_c)
+
+    # --- what can be done to it, at its present moment
+
+    def order(self, word: StatusWord) -> None:
+        """Switch on, off or to cooling, with or without suction, as W-PS orders it."""
+        self.tool_cycles += word[4] == 1 and not self.is_on
+        self.is_on, self.is_cooling = word[4] == 1, word[3] == 1
+        self.suck(on=word[2] == 1)
+        self.changed()
+
+    def suck(self, *, on: bool) -> None:
+        """Switch suction on or off, as its key does."""
+        self.suction_cycles += on and not self.has_suction
+        self.has_suction, self._let_go = on, inf
+
+    def plug(self, tool: int) -> None:
+        """Exchange the tool for a cold one with number `tool`; 0 pulls it out."""
+        self.tool_before, self.tool = self.tool, tool
+        self.heater.temperature_c = self.heater.ambient_c
+        self._work = None
+        self.changed()
+
+    def restart(self) -> None:
+        """The mains switch: everything is off. Whether a setting is volatile is not printed; here none is."""
+        self.order((0, 0, 0, 0, 0))
+
+    def reset_settings(self) -> None:
+        """What W-RST is called in the list of commands: "reset station settings"."""
+        self.settings, self.adjust = AirSettings(), _adjustments()
+        self.changed()
+
+    def factory_reset(self) -> None:
+        """Settings and limits as the factory left them; counters stay."""
+        self.limits = AirLimits()
+        self.reset_settings()
+
+    def changed(self) -> None:
+        """Take note of a changed setting, state or tool: work begins anew."""
+        self._quiet_since = self.now
+        self._next = self.joints.after(self.now) if self.target_c is not None else NEVER
+
+    # --- what can be seen of it
+
+    @property
+    def target_c(self) -> float | None:
+        """What the heater is regulated to; None where it is off."""
+        if self.tool == NO_TOOL or not self.is_on or self.is_cooling:
+            return None
+        return self.settings.selected_air_temperature + (self.runaway_by_c or 0.0) - self._offset_c
+
+    @property
+    def stream(self) -> float:
+        """How much of its greatest air flow it blows, 0 to 1."""
+        if self.is_cooling:
+            return 1.0
+        return self.settings.selected_air_flow / max(self.limits.maximum_air_flow, 1) if self.is_on else 0.0
+
+    @property
+    def status(self) -> StatusWord:
+        return (0, 0, int(self.has_suction), int(self.is_cooling), int(self.is_on))
+
+    def air_temperature(self) -> int:
+        """The air temperature that the station shows, in °C; 0 without a tool."""
+        if self.stuck_c is not None:
+            return self.stuck_c
+        noise = self.character.noise.gauss(0.0, self.character.noise_c) if self.character.noise_c else 0.0
+        return 0 if self.tool == NO_TOOL else round(self.heater.temperature_c + self._offset_c + noise)
+
+    def external_temperature(self) -> int:
+        """What the thermocouple on the work shows; without one 0, as no manual says what then."""
+        return round(self.probe.temperature_c) if self.character.has_thermocouple else 0
+
+    def power(self) -> int:
+        """The heating power in per mille of the rated power."""
+        return round(1000 * self.heater.power_w / self.heater.rated_w)
+
+    def port_error(self) -> int:
+        if self.tool == NO_TOOL:
+            return NO_TOOL_ERROR
+        return self.error if self.error or self.character.has_thermocouple else NO_THERMOCOUPLE_ERROR
+
+    def count(self, name: str) -> int:
+        """What the counter with the command name `name` shows."""
+        counted = {
+            "plugged_hours": (self.now - self.began) / 3600,
+            "work_hours": self.work_s / 3600,
+            "tool_cycles": self.tool_cycles,
+            "suction_cycles": self.suction_cycles,
+        }
+        return int(self.start_counts.get(name, 0.0) + counted[name])
+
+    @property
+    def _offset_c(self) -> float:
+        """Reading minus true temperature."""
+        return self.character.sensor_error_c - self.adjust.get(self.tool, 0)
+
+    # --- time
+
+    def advance_to(self, moment: float) -> None:
+        """Let time go on to `moment`; a moment in the past changes nothing."""
+        while self.now < moment:
+            coarse = self.now + max(STEP_S, (self.now - self._quiet_since) / 4)
+            due = min(self._work.end if self._work else self._next.start, self._let_go)
+            self._step(max(min(moment, due, coarse), self.now))
+            if self.now >= due:
+                self._turn()
+
+    def _step(self, end: float) -> None:
+        seconds, self.now = end - self.now, end
+        self.heater.step(seconds, self.target_c, self.stream)
+        self.probe.step(seconds, self.heater.temperature_c if self.stream else None, on_work=self._work is not None)
+        if self.is_on:
+            self.work_s += seconds
+        if self.is_cooling and self.heater.temperature_c < COLD_C:
+            self.is_cooling, self._quiet_since = False, self.now
+
+    def _turn(self) -> None:
+        """Something is due: work begins or ends, or a part is let go."""
+        self._quiet_since = self.now
+        if self.now >= self._let_go:
+            self.suck(on=False)
+        elif self._work is not None:
+            self._end_work()
+        else:
+            target = self.target_c
+            self._work = self._next if target is not None and self.heater.temperature_c > target - READY_C else None
+            self._next = self.joints.after(self.now)
+
+    def _end_work(self) -> None:
+        self._work = None
+        if self.character.lifts_parts:
+            self.suck(on=True)
+            self._let_go = self.now + LIFT_S
