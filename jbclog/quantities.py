@@ -25,9 +25,18 @@ class Off(Enum):
 
 OFF: Final = Off.OFF
 OFF_ON_WIRE: Final = "99999"
+HIGHEST_C: Final = 600  # no station is made for more than 500 (seed 002, factory settings)
 
-Value = int | float | str | Off | tuple[int, ...]
-"""What a station can tell: a number, a name, off, or the digits of a status word."""
+
+
+class Record:
+    """A value of several fields at once; a class below it names them, and `str` of it is for people."""
+
+    __slots__ = ()
+
+
+Value = int | float | str | Off | tuple[int, ...] | Record
+"""What a station can tell: a number, a name, off, the digits of a status word, or a record of several fields."""
 
 
 class Quantity(Protocol):
@@ -114,17 +123,20 @@ class Delay:
 
 @dataclass(frozen=True, slots=True)
 class AlarmDelay:
-    """Seconds as ``ss.cc``: ``01.60`` is 1.6 s, 99999 means that the alarm is off (seed 002, W-HDx)."""
+    """Seconds as ``ss.cc``: ``01.60`` is 1.6 s, 99999 means that the alarm is off (seed 002, W-HDx).
+
+    Up to 99.99 s, digits without a dot are read as hundredths (digest B-22).
+    """
 
     unit: str = "s"
 
     def decode(self, data: str) -> float | Off:
         if data == OFF_ON_WIRE:
             return OFF
-        whole, dot, hundredths = data[:2], data[2:3], data[3:]
-        if len(data) != 5 or dot != "." or not (whole + hundredths).isascii() or not (whole + hundredths).isdigit():
+        digits = data[:2] + data[3:] if data[2:3] == "." else data.removeprefix("0")
+        if len(data) != 5 or len(digits) != 4 or not (digits.isascii() and digits.isdigit()):
             raise ValueError(f"{data!r} is not a delay of the form ss.cc")
-        return int(whole + hundredths) / 100
+        return int(digits) / 100
 
     def encode(self, value: Value) -> str:
         if value is OFF:
@@ -138,7 +150,7 @@ class AlarmDelay:
 
 @dataclass(frozen=True, slots=True)
 class AlarmLimit:
-    """A limit in °C. "Not set" has no printed wire value: 99999 and 00000 are read as OFF (digest B-23).
+    """A limit in °C. "Not set" has no printed wire value: 00000 and what no station can reach are read as OFF (digest B-23).
 
     What lies outside the station's own limits is kept as it is; only the station knows those.
     """
@@ -147,7 +159,7 @@ class AlarmLimit:
 
     def decode(self, data: str) -> int | Off:
         number = _digits(data)
-        return OFF if number in (99999, 0) else number
+        return number if number <= HIGHEST_C and number else OFF
 
     def encode(self, value: Value) -> str:
         if value is OFF:
@@ -272,8 +284,19 @@ class Word:
         if not isinstance(value, tuple) or len(value) != 5:
             raise ValueError(f"{value!r} is not five digits")
         text = "".join(map(str, value))
-        self.decode(text)
+        Word.decode(self, text)
         return text
+
+
+class Flags(Word):
+    """Digits of which any but 0 means that a flag is set, where `highest` says that there is one (digest B-24)."""
+
+    __slots__ = ()
+
+    def decode(self, data: str) -> tuple[int, ...]:
+        if len(data) == 5 and data.isascii() and data.isdigit():
+            data = "".join(str(min(int(digit), top)) if top else digit for digit, top in zip(data, self.highest, strict=True))
+        return Word.decode(self, data)
 
 
 def text_of(value: Value) -> str:

@@ -14,6 +14,7 @@ from jbclog.quantities import (
     AlarmDelay,
     AlarmLimit,
     Delay,
+    Flags,
     Number,
     Quantity,
     Text,
@@ -29,7 +30,7 @@ COUNT = Unsigned("count")
 NOTHING = Number()
 UNPRINTED = Limits(printed=False)
 STATUS_WORD = Word((0, 2, 1, 1, 3))
-ALARM_FLAGS = Word((0, 0, 0, 1, 1))
+ALARM_FLAGS = Flags((0, 0, 0, 1, 1))
 
 
 def per_port(

@@ -8,6 +8,7 @@ from typing import Protocol
 from jbclog.commands.command import Command
 from jbclog.effects import Heard, Steps
 from jbclog.quantities import Value
+from jbclog.station.anomalies import Anomalies
 
 
 class Asking(Protocol):
@@ -29,7 +30,7 @@ class Client(Protocol):
     Times are monotonic seconds. `sent` and `heard` are the moments at which the last question left and its answer was
     whole; `now` is the last moment that anything was heard of, or not. `first_sent` is the first question sent since
     somebody set it to None. `data` is the data field of the last answer that carried one, as it came. `strays` counts by
-    kind what was on the line and answered nothing.
+    kind what was on the line and answered nothing, `anomalies` what was taken although it is not as recommended.
     """
 
     now: float
@@ -39,6 +40,7 @@ class Client(Protocol):
     exchanges: int
     data: str
     strays: Counter[str]
+    anomalies: Anomalies
 
     @property
     def garbage_bytes(self) -> int:

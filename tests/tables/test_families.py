@@ -17,6 +17,7 @@ from jbclog.commands.robot import COMMUNICATION_ERRORS
 from jbclog.commands.signals import Pace
 from jbclog.commands.status import SOLDERING_STATUS
 from jbclog.quantities import (
+    HIGHEST_C,
     OFF,
     AlarmDelay,
     AlarmLimit,
@@ -141,7 +142,9 @@ def _values(command: Command) -> st.SearchStrategy[Value]:
             return st.integers(0, 16**8).map(lambda raw: raw / 10)
         case Delay():
             return st.one_of(st.just(OFF), _steps(low, int(limits.high or 99998), step))
-        case Whole() | Unsigned() | Number() | AlarmLimit():
+        case AlarmLimit():
+            return _steps(low, HIGHEST_C, step)
+        case Whole() | Unsigned() | Number():
             return _steps(low, 79_999 if limits.high is None else int(limits.high), step)  # 80000: digest B-28
     raise AssertionError(f"{quantity} is no kind of value that this test knows")
 

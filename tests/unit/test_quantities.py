@@ -16,6 +16,7 @@ from jbclog.quantities import (
     AlarmLimit,
     Choice,
     Delay,
+    Flags,
     HexLength,
     Number,
     Quantity,
@@ -40,7 +41,7 @@ DISPENSED = HexLength()
 NAME = Text()
 MODE = Choice(("continuous", "discontinuous", "program", "reload"))
 CODE = Number()
-FLAGS = Word((0, 0, 0, 1, 1))
+FLAGS = Flags((0, 0, 0, 1, 1))
 STATUS = Word((0, 2, 1, 1, 3))
 
 OF_DIGITS = (CELSIUS, OFFSET, HOURS, MINUTES, SECONDS, LIMIT, LENGTH, DIAMETER, MODE, CODE, FLAGS, STATUS)
@@ -109,7 +110,11 @@ def test_what_is_never_a_value(quantity: Quantity, field: str) -> None:
         (SECONDS, "00.10", 0.1),
         (SECONDS, "99.99", 99.99),
         (SECONDS, "99999", OFF),
+        (SECONDS, "00160", 1.6),  # without a dot (digest B-22)
+        (SECONDS, "09999", 99.99),
         (LIMIT, "00380", 380),
+        (LIMIT, "00600", 600),
+        (LIMIT, "00601", OFF),  # no station gets there
         (LIMIT, "99999", OFF),  # "not set" has no printed form (digest B-23)
         (LIMIT, "00000", OFF),
         (LENGTH, "01000", 100.0),
@@ -129,6 +134,7 @@ def test_what_is_never_a_value(quantity: Quantity, field: str) -> None:
         (MODE, "00000", "continuous"),
         (MODE, "00003", "reload"),
         (FLAGS, "00011", (0, 0, 0, 1, 1)),
+        (FLAGS, "00090", (0, 0, 0, 1, 0)),  # any digit but 0 is set (digest B-24)
         (STATUS, "02113", (0, 2, 1, 1, 3)),
     ],
 )
@@ -151,8 +157,9 @@ def test_what_is_read(quantity: Quantity, field: str, value: Value) -> None:
         (MINUTES, "-0001"),
         (MINUTES, "01.60"),
         (LENGTH, "-0001"),
-        (SECONDS, "00160"),
-        (SECONDS, "00000"),
+        (SECONDS, "99998"),  # no hundredths of a second that a delay can have
+        (SECONDS, "10160"),
+        (SECONDS, "0016"),
         (SECONDS, "9999."),
         (SECONDS, "1.600"),
         (SECONDS, "01,60"),
@@ -177,8 +184,10 @@ def test_what_is_read(quantity: Quantity, field: str, value: Value) -> None:
         (NAME, "DDÉ"),
         (MODE, "00004"),
         (MODE, "-0001"),
-        (FLAGS, "00012"),
+        (FLAGS, "0001x"),
+        (FLAGS, "0001²"),
         (FLAGS, "00101"),
+        (FLAGS, "20000"),
         (FLAGS, "-0011"),
         (STATUS, "00004"),
         (STATUS, "00020"),

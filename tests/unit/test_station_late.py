@@ -15,7 +15,8 @@ from talk import PROMPT_S, Answer, Talk, framed
 from jbclog.commands.family import FAMILIES
 from jbclog.effects import Steps
 from jbclog.errors import StationError, StationSilent
-from jbclog.station.robot import LEAST_S, QUIET_S, UNMEASURED_S, Station
+from jbclog.station.dialogue import LEAST_S, QUIET_S, UNMEASURED_S
+from jbclog.station.robot import Station
 from jbclog.wire import LineFormat
 
 DDE = FAMILIES["dde"].commands

@@ -1,0 +1,29 @@
+"""One contradiction, misprint or gap of the manuals, and what jbclog makes of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class Decision:
+    """A row of section B of the digest.
+
+    `reading` is what is sent and how what comes is read, `reason` why, and where nothing of it shows on the wire, why not.
+    `quirks` are the ways in which virtual stations play the alternative; the driver takes those, and `met` is what the event
+    ``protocol.anomaly`` says the first time, with `number` as its code. `doubtful` marks those after which the value itself
+    may not be what it seems. `families` are those that the row is about; none named: all that speak JBC's protocol.
+    """
+
+    number: int
+    title: str
+    reading: str
+    reason: str
+    quirks: tuple[str, ...] = ()
+    met: str = ""
+    doubtful: bool = False
+    families: tuple[str, ...] = ()
+
+    @property
+    def shows_on_the_wire(self) -> bool:
+        return bool(self.quirks)
