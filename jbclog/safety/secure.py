@@ -1,0 +1,185 @@
+"""Feeder stopped, then each tool in its safe state, read back.
+
+A station has no watchdog: what is not told to stand stays hot. So this is tried three times a tool, over a line that is
+opened again if need be, in rounds, so that no tool waits for the tries of another. What cannot be known is not taken for
+done: an order that was acknowledged and not read back is `SENT`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+from jbclog.commands.family import Family
+from jbclog.commands.status import StatusWord
+from jbclog.effects import Reopen, Steps, Wait
+from jbclog.errors import LinkError, Refusal, StationError
+from jbclog.station.client import Client
+
+ALLOWED_S = 3.0  # for one station (faults.md, section 9)
+TRIES = 3
+VERIFIED, SENT, FAILED = "verified", "sent", "failed"
+COOLING_AFTER_S = 1.0  # how long after the order an extractor state has to show in temperature or power
+IDLE_PERMILLE = 20  # a heater that gets less than this is off
+REOPEN_EVERY_S = 0.25
+
+Prove = Callable[[], Steps[bool]]
+"""Asks who is at the end of the line; whether it is the station that is meant. May raise what a question may."""
+
+
+@dataclass(slots=True)
+class Tool:
+    """One port's tool and how far it got: `FAILED`, `SENT` (acknowledged) or `VERIFIED` (read back as `status`)."""
+
+    port: int
+    reached: str = FAILED
+    status: StatusWord | None = None
+
+    @property
+    def is_safe(self) -> bool:
+        return self.reached == VERIFIED
+
+
+@dataclass(slots=True)
+class Task:
+    """The tools of one station that must be made safe, and what is known of the station.
+
+    `wanted` is the name of the state in the family's table. `feeds`: the feeder may be running. `is_proven`: the port has
+    not broken since the station said who it is; where it has, nothing is written before `prove` says so again.
+    """
+
+    client: Client
+    family: Family
+    wanted: str
+    tools: list[Tool]
+    feeds: bool
+    prove: Prove
+    is_proven: bool = True
+    end: float = field(init=False, default=0.0)
+
+    @property
+    def is_done(self) -> bool:
+        return not self.feeds and all(tool.is_safe for tool in self.tools)
+
+
+def secure(task: Task) -> Steps[None]:
+    """Make it safe, as far as that goes in `ALLOWED_S`. What came of it stands in the task; nothing that a link or a
+    station does is raised.
+    """
+    task.client.unasked((yield Wait(0.0)))
+    task.end = task.client.now + ALLOWED_S
+    for round_ in range(TRIES):
+        if round_:
+            yield from _spread(task, TRIES - round_)
+        yield from _round(task)
+        if task.is_done or task.client.now > task.end:
+            return
+
+
+def _spread(task: Task, rounds_left: int) -> Steps[None]:
+    """Wait for a share of the time that is left: what blocked the line may go away."""
+    now = task.client.now
+    task.client.unasked((yield Wait(now + max(task.end - now, 0.0) / (rounds_left + 1))))
+
+
+def _round(task: Task) -> Steps[None]:
+    if task.feeds:
+        task.feeds = not (yield from _stop_feeder(task))
+    for tool in task.tools:
+        if not tool.is_safe:
+            yield from _put(task, tool)
+
+
+def _stop_feeder(task: Task) -> Steps[bool]:
+    """Whether the feeder was told to stop and says that it stands."""
+    if not (yield from _is_reachable(task)):
+        return False
+    try:
+        yield from task.client.write(task.family.commands["stop_feeding"], 0)
+        feeding = yield from task.client.read(task.family.commands["feeding"])
+    except (LinkError, StationError) as error:
+        yield from _reach_again(task, error)
+        return False
+    return feeding == "stopped"
+
+
+def _put(task: Task, tool: Tool) -> Steps[None]:
+    """One try. Where the state is not reached, or should cool and does not, the one follows from which the station cools."""
+    status = task.family.status
+    reached = yield from _order(task, tool, status.orders[task.wanted])
+    if task.wanted in task.family.proven_by_cooling and reached == VERIFIED and not (yield from _is_cooling(task, tool)):
+        reached = FAILED
+    if task.wanted != status.last_resort and reached != VERIFIED:
+        reached = yield from _order(task, tool, status.orders[status.last_resort])
+    tool.reached = max(tool.reached, reached, key=(FAILED, SENT, VERIFIED).index)
+
+
+def _order(task: Task, tool: Tool, word: StatusWord) -> Steps[str]:
+    """Order a state once and read it back: how far that got."""
+    command, reached = task.family.commands["status"], FAILED
+    if not (yield from _is_reachable(task)):
+        return reached
+    try:
+        yield from task.client.write(command, word, tool.port)
+        reached = SENT
+    except LinkError as error:
+        yield from _reach_again(task, error)
+        return reached
+    except StationError:
+        pass  # whether it was done is read back
+    try:
+        found = yield from task.client.read(command, tool.port)
+    except (LinkError, StationError) as error:
+        yield from _reach_again(task, error)
+        return reached
+    if isinstance(found, tuple) and task.family.status.is_safe(found, word):
+        tool.status = found
+        return VERIFIED
+    return reached
+
+
+def _is_cooling(task: Task, tool: Tool) -> Steps[bool]:
+    """Whether the tool gets colder or its heater is off: a digit of the status alone proves neither."""
+    command = task.family.command_of("temperature_c")
+    if command is None:
+        return False
+    client = task.client
+    try:
+        before = yield from client.read(command, tool.port)
+        client.unasked((yield Wait(client.now + COOLING_AFTER_S)))
+        after = yield from client.read(command, tool.port)
+        power = yield from client.read(task.family.commands["power"], tool.port)
+    except (LinkError, StationError):
+        return False
+    falling = isinstance(before, int) and isinstance(after, int) and after < before
+    return falling or (isinstance(power, int) and power <= IDLE_PERMILLE)
+
+
+def _is_reachable(task: Task) -> Steps[bool]:
+    """Whether the station that is meant, and no other, is at the end of the line."""
+    if not task.is_proven:
+        yield from _reach_again(task, LinkError("not proven"))
+    return task.is_proven
+
+
+def _reach_again(task: Task, error: LinkError | StationError) -> Steps[None]:
+    """Open the port anew, while there is time; where the link was broken, until the station has said again who it is.
+
+    A station that is merely silent may still hear; one behind a cable that was out may be another.
+    """
+    task.is_proven &= not isinstance(error, LinkError)
+    if isinstance(error, Refusal):
+        return  # it answers
+    client = task.client
+    while client.now < task.end:
+        try:
+            client.unasked((yield Reopen()))
+            if not task.is_proven:
+                task.is_proven = yield from task.prove()
+            if task.is_proven:
+                return
+        except LinkError:
+            task.is_proven = False
+        except StationError:
+            pass  # not there yet
+        client.unasked((yield Wait(client.now + REOPEN_EVERY_S)))
