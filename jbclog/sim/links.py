@@ -15,7 +15,10 @@ with suppress(ImportError):  # Windows has no pseudo-terminals; TcpLink serves t
     import tty
 
 from jbclog.errors import UsageError
+from jbclog.sim.terminal_line import line_set
+from jbclog.sim.uart import heard
 from jbclog.sim.waiting import Waiter
+from jbclog.wire import LineFormat
 
 MOST_AT_ONCE = 4096
 
@@ -45,11 +48,15 @@ class PtyLink:
     While no client has it open the station holds the client's side itself, so that it does not hang up; it
     lets go of it at the first byte, so that it learns when the client closes. Then it takes back what the
     client has set, above all the exclusive use, which outlives the client.
+
+    Where the client has set another line format than the station's, `line`, each hears of the other what a wire would
+    make of it (`uart.py`).
     """
 
-    def __init__(self, path: Path, waiter: Waiter) -> None:
+    def __init__(self, path: Path, waiter: Waiter, line: LineFormat) -> None:
         self.path = path
         self._waiter = waiter
+        self._line = line
         self._station: int | None = None
         self._held: int | None = None
         self._device = ""
@@ -71,7 +78,7 @@ class PtyLink:
     def send(self, data: bytes) -> None:
         if self._station is not None:
             with suppress(BlockingIOError):  # nobody has read for thousands of bytes
-                os.write(self._station, data)
+                os.write(self._station, heard(data, self._line, line_set(self._station, self._line), keeps_errors=True))
 
     def pull_out(self) -> None:
         if self._station is None:
@@ -94,7 +101,9 @@ class PtyLink:
             data = b""
         if data:
             self._let_go()
-            self._on_bytes(data, now)
+            understood = heard(data, line_set(self._station, self._line), self._line)
+            if understood:
+                self._on_bytes(understood, now)
         else:
             self._hold()
 

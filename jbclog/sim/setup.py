@@ -113,7 +113,7 @@ def _pty_links(line: Line, folder: Path, waiter: Waiter) -> list[Link]:
             raise UsageError(
                 f"{line.path}: {station.name} would be linked at {path}, which has another use; give it another name or url"
             )
-    return [PtyLink(path, waiter) for path in paths]
+    return [PtyLink(path, waiter, station.line_format) for path, station in zip(paths, line.stations, strict=True)]
 
 
 def allow_descriptors(wanted: int) -> None:

@@ -1,0 +1,66 @@
+"""A pseudo-terminal has no wire, but it knows what its client has set: virtual stations go by that."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+import serial
+
+from jbclog.protocol.frame import Frame
+from jbclog.recipe.line import load_line
+from jbclog.sim.process import SimProcess
+
+READ = Frame("R", "SMN", 0, 1).encode()
+UNPACED = "[station.sim]\nwire = false\n"
+ANSWER = b"\x020100ASMN  DDE\x03"
+
+
+def line_file(folder: Path, *formats: tuple[int, str]) -> Path:
+    path = folder / "bench.toml"
+    stations = (
+        f'[[station]]\nname = "s{n}"\nfamily = "dde"\nurl = "s{n}"\nbaudrate = {rate}\nformat = "{form}"\n{UNPACED}'
+        for n, (rate, form) in enumerate(formats, 1)
+    )
+    path.write_text('[line]\nname = "bench"\n' + "".join(stations))
+    return path
+
+
+def asked(url: str, baudrate: int, form: str = "8N1", count: int = 17) -> bytes:
+    with serial.serial_for_url(url, baudrate, parity=form[1], stopbits=int(form[2]), timeout=0.15) as port:
+        port.write(READ)
+        return bytes(port.read(count))
+
+
+def test_only_a_client_at_the_stations_rate_is_answered(tmp_path: Path) -> None:
+    formats = [(1200, "8N1"), (19200, "8N1"), (250000, "8E1"), (500000, "8N2"), (115200, "8O1")]
+    with SimProcess(line_file(tmp_path, *formats), tmp_path / "sim") as sim:
+        for station in load_line(sim.line_path).stations:
+            assert asked(station.url, station.baudrate, station.format)[:-1] == ANSWER
+            assert asked(station.url, 38400, station.format) == b""
+            assert asked(station.url, station.baudrate, station.format)[:-1] == ANSWER
+
+
+@pytest.mark.parametrize(("client", "understood"), [("8N1", True), ("8N2", True), ("8E1", True), ("8O1", False)])
+def test_of_parity_a_terminal_tells_only_the_odd_one(tmp_path: Path, client: str, understood: bool) -> None:
+    """Linux drops PARENB on pseudo-terminals and keeps PARODD: even and none are the same there."""
+    with SimProcess(line_file(tmp_path, (19200, "8N1")), tmp_path / "sim") as sim:
+        url = load_line(sim.line_path).station("s1").url
+        assert (asked(url, 19200, client)[:-1] == ANSWER) is understood
+
+
+def test_a_terminal_at_a_wrong_rate_hears_garbage(tmp_path: Path) -> None:
+    """What was asked at the right rate is answered after the client has changed to another."""
+    slow = line_file(tmp_path, (9600, "8N1"))
+    slow.write_text(slow.read_text().replace("wire = false", "wire = false\nturnaround_ms = 100"))
+    with SimProcess(slow, tmp_path / "sim") as sim:
+        url = load_line(sim.line_path).station("s1").url
+        with serial.serial_for_url(url, 9600, timeout=0.3) as port:
+            port.write(READ)
+            port.timeout = 0.05  # the question is read by then, and its answer not sent yet
+            port.read(1)
+            port.baudrate = 19200
+            port.timeout = 0.3
+            garbage = port.read(64)
+    assert garbage
+    assert b"ASMN" not in garbage
