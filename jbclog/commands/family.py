@@ -8,6 +8,7 @@ from types import MappingProxyType
 
 from jbclog.commands import ale, hotair, robot, ucr
 from jbclog.commands.command import Command
+from jbclog.commands.defaults import FEEDER_DEFAULTS, OLD_DEFAULTS, SOLDERING_DEFAULTS, UCR_DEFAULTS, Default
 from jbclog.commands.robot import ErrorTable
 from jbclog.commands.signals import FEEDER_COUNTERS, FEEDER_SIGNALS, HOUR_COUNTERS, SOLDERING_SIGNALS, Counter, Signal
 from jbclog.commands.status import SOLDERING_STATUS, StatusTable
@@ -25,7 +26,7 @@ class Family:
     does not say how many there are: then those that answer R-CT are meant. The first of `safe_states` is the usual one;
     those in `proven_by_cooling` count only when the tool is seen to cool. `harmless` are reads that change nothing, with
     which the turnaround is measured. `plausible_c` are temperatures that its tools can have, and `jump_c` is more than
-    they change from one tick to the next.
+    they change from one tick to the next. `defaults` are what a station of it holds fresh from the factory.
     """
 
     name: str
@@ -46,6 +47,8 @@ class Family:
     plausible_c: range = range(601)  # no unit is made for more than 500 °C (seed 002, factory settings)
     jump_c: int = 50  # the quickest cartridges make little more in half a second
     has_feeder: bool = False
+    defaults: tuple[Default, ...] = SOLDERING_DEFAULTS
+    note: str = ""
     manual: str = "002"
 
     def tool_name(self, code: int) -> str:
@@ -83,11 +86,13 @@ FAMILIES: Mapping[str, Family] = MappingProxyType(
             Family(
                 "soldering",
                 "older soldering stations (manual 000)",
-                # 000 prints only "DDR"; the others are the letters of the maker's units of that time
-                ("DDR", "DIR", "CDR", "HDR", "NAR", "DMR", "DD", "DI", "CD", "HD", "NA", "DM"),
+                # 000 prints "DDR" alone. The others are inferred, and whole: two letters would also take DDE for one of these
+                ("DDR", "DIR", "CDR", "HDR", "NAR", "DMR"),
                 _OLD,
                 None,
                 robot.TOOLS_000,
+                defaults=OLD_DEFAULTS,
+                note="Its manual prints one model name, DDR; the others are inferred from it and from the newer units' names.",
                 manual="000",
             ),
             _bench("dde", "DDE 2-tool control unit", (1, 2)),
@@ -103,6 +108,7 @@ FAMILIES: Mapping[str, Family] = MappingProxyType(
                 robot.TOOLS_004,
                 safe_states=("stand", "extractor"),
                 run_statuses=("working", "stand", "extractor"),
+                defaults=UCR_DEFAULTS,
                 manual="004, 002",
             ),
             Family(
@@ -117,6 +123,7 @@ FAMILIES: Mapping[str, Family] = MappingProxyType(
                 signals=FEEDER_SIGNALS,
                 counters=(*HOUR_COUNTERS, *FEEDER_COUNTERS),
                 has_feeder=True,
+                defaults=(*SOLDERING_DEFAULTS, *FEEDER_DEFAULTS),
             ),
             Family(
                 "jtse",
@@ -134,6 +141,7 @@ FAMILIES: Mapping[str, Family] = MappingProxyType(
                 harmless=("station_error", "air_temperature"),
                 port_errors=hotair.PORT_ERRORS,
                 station_errors=hotair.STATION_ERRORS,
+                defaults=(),
                 manual="001",
             ),
         )

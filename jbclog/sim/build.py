@@ -20,6 +20,7 @@ from jbclog.sim.airstation import AirCharacter, AirStation
 from jbclog.sim.device import Device
 from jbclog.sim.face import Face
 from jbclog.sim.feeder import Feeder
+from jbclog.sim.fresh import fresh
 from jbclog.sim.joints import Joints
 from jbclog.sim.plant import Plant, StationSettings
 from jbclog.sim.port import Character, Port
@@ -29,7 +30,6 @@ from jbclog.sim.soldering import SolderingFace
 from jbclog.sim.tip import Tip
 
 MODELS = {"soldering": "DDR", "ucr": "UCR245"}  # elsewhere the family's name is the model's
-HIGHEST_C = {"UCR245": 450}  # seed 004, "Factory Settings"; 500 elsewhere
 PORTS_IF_UNPRINTED = (1, 2)
 TIP_W, HOT_AIR_W = 130.0, 900.0
 
@@ -61,7 +61,7 @@ def build_device(spec: StationSpec, now: float, seed: int) -> Device:
 def _face(sim: SimSpec, family: Family, ports: tuple[int, ...], model: str, now: float, seed: int) -> Face:
     if family.status is AIR_STATUS:
         return AirFace(_air_station(sim, now, seed))
-    return SolderingFace(family, _plant(sim, ports, model, now, seed))
+    return SolderingFace(family, _plant(sim, family, ports, model, now, seed))
 
 
 def _check_names(station: str, sim: SimSpec, family: Family, face: Face) -> None:
@@ -76,14 +76,14 @@ def _check_names(station: str, sim: SimSpec, family: Family, face: Face) -> None
         raise UsageError(f"{station}: [station.sim] {', '.join(wrong)}: a {family.name} with ports {list(face.ports)} has none")
 
 
-def _plant(sim: SimSpec, ports: tuple[int, ...], model: str, now: float, seed: int) -> Plant:
+def _plant(sim: SimSpec, family: Family, ports: tuple[int, ...], model: str, now: float, seed: int) -> Plant:
     feeder = Feeder()
     on_joint = feeder.start if sim.feed_each_joint else None
     return Plant(
         began=now,
         ports={number: _port(sim, number, now, seed * 5 + number, on_joint) for number in ports},
         feeder=feeder,
-        factory=StationSettings(maximum_temperature=HIGHEST_C.get(model, 500)),
+        factory=fresh(StationSettings, family.defaults, model),
         start_counts=sim.counters,
     )
 

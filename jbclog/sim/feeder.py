@@ -9,26 +9,34 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from math import inf
 
+from jbclog.commands.defaults import FEEDER_DEFAULTS
+from jbclog.sim.fresh import fresh
+
 UNTIL_STOPPED = ("continuous", "reload")
 
 
 @dataclass(slots=True)
 class FeederSettings:
-    """What can be set, in mm and mm/s, with the virtual station's own defaults (no manual prints any)."""
+    """What can be set, in mm and mm/s."""
 
-    feeder_mode: str = "discontinuous"
-    feeder_length: float = 5.0
-    feeder_speed: float = 10.0
-    feeder_diameter: float = 1.0
-    feeder_backward: float = 1.0
-    clog_detection: str = "off"
+    feeder_mode: str
+    feeder_length: float
+    feeder_speed: float
+    feeder_diameter: float
+    feeder_backward: float
+    clog_detection: str
+
+
+def fresh_feeder() -> FeederSettings:
+    """The settings with which a virtual feeder begins; no manual prints a real one's."""
+    return fresh(FeederSettings, FEEDER_DEFAULTS)
 
 
 @dataclass(slots=True)
 class Feeder:
     """Motor and counters. `settings` count for a feed from its start on."""
 
-    settings: FeederSettings = field(default_factory=FeederSettings)
+    settings: FeederSettings = field(default_factory=fresh_feeder)
     fed_mm: float = 0.0
     cycles: int = 0
     _start: float = -inf

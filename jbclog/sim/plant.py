@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
-from jbclog.sim.feeder import Feeder, FeederSettings
+from jbclog.sim.feeder import Feeder, fresh_feeder
 from jbclog.sim.parts import WarmPart
-from jbclog.sim.port import Port, PortSettings
-from jbclog.sim.state import HIBERNATION, SLEEP, STAND, WORKING, ToolSettings
+from jbclog.sim.port import Port
+from jbclog.sim.state import HIBERNATION, SLEEP, STAND, WORKING
 
 AMBIENT_C = 23.0
 
@@ -17,8 +17,8 @@ AMBIENT_C = 23.0
 class StationSettings:
     """What the station itself keeps."""
 
-    maximum_temperature: int = 500
-    minimum_temperature: int = 90
+    maximum_temperature: int
+    minimum_temperature: int
 
 
 @dataclass(slots=True)
@@ -36,7 +36,7 @@ class Plant:
 
     def __post_init__(self) -> None:
         self.transformer = WarmPart(900.0, 0.15, AMBIENT_C + 12, self.began)
-        self.settings = StationSettings(self.factory.maximum_temperature, self.factory.minimum_temperature)
+        self.settings = replace(self.factory)
 
     def advance_to(self, moment: float) -> None:
         """Let time go on to `moment` in all ports."""
@@ -89,10 +89,8 @@ class Plant:
 
     def factory_reset(self, now: float) -> None:
         """Put every setting back to the factory's; counters stay."""
-        self.settings = StationSettings(self.factory.maximum_temperature, self.factory.minimum_temperature)
+        self.settings = replace(self.factory)
         self.feeder.stop(now)
-        self.feeder.settings = FeederSettings()
+        self.feeder.settings = fresh_feeder()
         for port in self.ports.values():
-            port.settings, port.stored_c = PortSettings(), PortSettings().selected_temperature
-            port.tools = {tool: ToolSettings() for tool in port.tools}
-            port.restart()
+            port.factory_reset()

@@ -13,7 +13,9 @@ from dataclasses import dataclass, field
 from math import inf
 from random import Random
 
-from jbclog.quantities import OFF, Off
+from jbclog.commands.defaults import SOLDERING_DEFAULTS
+from jbclog.quantities import Off
+from jbclog.sim.fresh import fresh
 from jbclog.sim.joints import LOAD_C, NEVER, Joint, Joints
 from jbclog.sim.parts import Comparator, WarmPart
 from jbclog.sim.state import HIBERNATION, SLEEP, WORKING, ToolSettings, ToolState
@@ -27,13 +29,13 @@ NO_TOOL_ERROR = 4
 
 @dataclass(slots=True)
 class PortSettings:
-    """What a port keeps whatever tool is in it (factory settings: seed 002; alarms are "not set")."""
+    """What a port keeps whatever tool is in it."""
 
-    selected_temperature: int = 350
-    alarm_high_limit: int | Off = OFF
-    alarm_low_limit: int | Off = OFF
-    alarm_high_delay: float | Off = OFF
-    alarm_low_delay: float | Off = OFF
+    selected_temperature: int
+    alarm_high_limit: int | Off
+    alarm_low_limit: int | Off
+    alarm_high_delay: float | Off
+    alarm_low_delay: float | Off
 
 
 @dataclass(slots=True)
@@ -47,8 +49,12 @@ class Character:
     on_joint: Callable[[float], None] | None = None
 
 
+def _port_settings() -> PortSettings:
+    return fresh(PortSettings, SOLDERING_DEFAULTS)
+
+
 def _tool_settings() -> dict[int, ToolSettings]:
-    return {tool: ToolSettings() for tool in range(10)}
+    return {tool: fresh(ToolSettings, SOLDERING_DEFAULTS) for tool in range(10)}
 
 
 @dataclass(slots=True)
@@ -60,13 +66,13 @@ class Port:
     tip: Tip
     joints: Joints
     character: Character = field(default_factory=Character)
-    settings: PortSettings = field(default_factory=PortSettings)
+    settings: PortSettings = field(default_factory=_port_settings)
     tools: dict[int, ToolSettings] = field(default_factory=_tool_settings)
     doing: ToolState = field(init=False)
     transistor: WarmPart = field(init=False)
     high: Comparator = field(default_factory=Comparator)
     low: Comparator = field(default_factory=Comparator)
-    stored_c: int = 350  # the selected temperature in the EEPROM
+    stored_c: int = field(init=False)  # the selected temperature in the EEPROM
     error: int = 0
     tool_before: int = NO_TOOL
     runaway_by_c: float | None = None
@@ -83,6 +89,7 @@ class Port:
 
     def __post_init__(self) -> None:
         self.began = self._quiet_since = self.now
+        self.stored_c = self.settings.selected_temperature
         self.doing = ToolState(self.now)
         self.transistor = WarmPart(60.0, 0.3, self.tip.ambient_c + 10, self.now)
         self.changed()
@@ -101,6 +108,12 @@ class Port:
         self._load = None
         self.high, self.low = Comparator(latched=self.high.latched), Comparator(latched=self.low.latched)
         self.changed()
+
+    def factory_reset(self) -> None:
+        """Every setting as it was when it left the factory."""
+        self.settings, self.tools = _port_settings(), _tool_settings()
+        self.stored_c = self.settings.selected_temperature
+        self.restart()
 
     def restart(self) -> None:
         """Lose what is volatile: selected temperature, state and alarm flags."""

@@ -22,16 +22,12 @@ WORKING, STAND, SLEEP, HIBERNATION = range(4)
 
 @dataclass(slots=True)
 class ToolSettings:
-    """What a port keeps for one kind of tool: °C and minutes.
+    """What a port keeps for one kind of tool: °C and minutes."""
 
-    The delays are the virtual station's own choice; the factory tables print "10 sec" and "0 sec", which
-    cannot be in steps of minutes (digest B-20).
-    """
-
-    adjust: int = 0
-    sleep_temperature: int = 150
-    sleep_delay: int | Off = 5
-    hibernation_delay: int | Off = 30
+    adjust: int
+    sleep_temperature: int
+    sleep_delay: int | Off
+    hibernation_delay: int | Off
 
 
 def _no_seconds() -> dict[int, float]:

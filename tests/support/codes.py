@@ -9,12 +9,15 @@ from jbclog.commands.family import Family
 
 PORTS = (1, 2, 3, 4)
 TOOLS = range(1, 10)
+CONDITIONS = (0, *range(101, 200), *range(201, 300), *range(301, 400))
 
 
 def codes_of(command: Command, ports: tuple[int, ...] = PORTS) -> Iterator[str]:
     """The control commands on the wire: ``SMN``, ``TT1``…``TT4``, ``A11``…``A49``."""
     if command.scope is Scope.STATION:
         yield command.code()
+    elif command.scope is Scope.CONDITION:
+        yield from (command.numbered(number).code() for number in CONDITIONS)
     elif command.scope is Scope.PORT:
         yield from (command.code(port) for port in ports)
     else:

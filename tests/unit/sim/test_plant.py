@@ -18,7 +18,7 @@ T0 = 1000.0
 
 def plant(counts: dict[str, float] | None = None) -> Plant:
     ports = {number: Port(T0, 2, Tip(23.0, 130.0), Joints(0.0, 1.5, number)) for number in (1, 2)}
-    return Plant(T0, ports, Feeder(), StationSettings(), counts or {})
+    return Plant(T0, ports, Feeder(), StationSettings(500, 90), counts or {})
 
 
 def test_a_discontinuous_feed_goes_forward_then_backward_and_is_counted() -> None:

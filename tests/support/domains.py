@@ -1,0 +1,87 @@
+"""What can stand on the wire, and what can be written: for walks over every command, whatever its kind of value."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import chain
+
+from jbclog.commands.command import Command
+from jbclog.commands.family import Family
+from jbclog.quantities import OFF, OFF_ON_WIRE, AlarmDelay, AlarmLimit, Flags, HexLength, Number, Quantity, Text, Value
+
+NAMES = ("  DDE", "  DDR", " JTSE", "UCR245", "UCR470", "UCR24", "1.00a")
+LONG_HEX = ("186A0", "FFFFF", "100000", "FFFFFFFF")
+RECORDS = ("00650" + 15 * "023", "018F4" + 5 * "00001EFFF", "0191500A00B", "00C95FFFFFF", "0000000", "0000FFF")
+"""Solder conditions: modes 0, 4 and 5, and the cleaning."""
+
+
+def every_text() -> Iterator[str]:
+    """Every data field of five characters that a manual lets one expect, every ss.cc, and some that are longer."""
+    numbers = (f"{number:05d}" for number in range(100_000))
+    negative = (f"-{number:04d}" for number in range(10_000))
+    delays = (f"{number // 100:02d}.{number % 100:02d}" for number in range(10_000))
+    digits = (f"{number:X}" for number in range(16))
+    conditions = (f"{number:04X}" for number in range(512))
+    return chain(numbers, negative, delays, NAMES, LONG_HEX, digits, conditions, RECORDS)
+
+
+def meant(quantity: Quantity, text: str) -> Value | None:
+    """What the text means, None where it means nothing."""
+    try:
+        return quantity.decode(text)
+    except ValueError:
+        return None
+
+
+def as_written(quantity: Quantity, text: str) -> str | None:
+    """How what `text` means is written: the same, but for the few that are read for tolerance' sake. None: no manual says."""
+    match quantity:
+        case AlarmLimit() if quantity.decode(text) is OFF or text.startswith("-"):
+            return None  # "not set" has no printed form (digest B-23)
+        case AlarmDelay() if "." not in text and text != OFF_ON_WIRE:
+            return f"{text[1:3]}.{text[3:]}"  # digits without a dot (digest B-22)
+        case Flags():
+            return "".join("0" if digit == "0" else "1" for digit in text)  # any digit but 0 is a flag (digest B-24)
+        case Number(printed_for=misprints) if text.isdigit():
+            return f"{dict(misprints).get(int(text), int(text)):05d}"  # digest B-28
+        case Text():
+            return text.rjust(5)
+        case HexLength():
+            return text.lstrip("0").zfill(5)
+    return {"-0000": "00000"}.get(text, text)
+
+
+def values_to_write(family: Family, command: Command, held: Value | None = None) -> list[Value]:
+    """The borders of what may be written, and what lies a step beside `held`."""
+    names = getattr(command.quantity, "names", None)
+    if names is not None:
+        return list(names)
+    if command.name == "status":
+        return list(family.status.orders.values())
+    numbers = [value for value in dict.fromkeys(_numbers(command, held)) if command.limits.problem(value) is None]
+    return numbers or [value for text in RECORDS if (value := meant(command.quantity, text)) is not None]
+
+
+def _numbers(command: Command, held: Value | None) -> Iterator[Value]:
+    limits, step = command.limits, command.limits.step or resolution(command.quantity)
+    for number in (limits.low, limits.high):
+        if number is not None:
+            yield as_held(command, number)
+    if limits.off:
+        yield OFF
+    if limits.low is not None and limits.high is None:
+        yield as_held(command, limits.low + step)
+    if isinstance(held, int | float):
+        yield from (as_held(command, held + step), as_held(command, held - step), held)
+
+
+def resolution(quantity: Quantity) -> float:
+    """The least step that the wire can carry."""
+    less, more = (meant(quantity, text) for text in ("00001", "00002"))
+    return more - less if isinstance(less, int | float) and isinstance(more, int | float) else 0.01
+
+
+def as_held(command: Command, number: float) -> Value:
+    """The number as it will be read back."""
+    whole = round(number)
+    return command.quantity.decode(command.quantity.encode(whole if whole == number else round(number, 3)))
