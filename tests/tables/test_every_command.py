@@ -1,0 +1,281 @@
+"""Every command of every family. No list of exceptions: a family that joins `FAMILIES` is walked like the others.
+
+What a command must say of itself, that no other is meant by its code, that its values go there and back, that a virtual
+station answers it to the client that a run uses, and that the page of commands lists it.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from functools import cache
+
+import pytest
+from codes import PORTS, codes_of
+from converse import Pair
+from domains import as_written, every_text, meant, values_to_write
+
+from jbclog.commands.command import Command, Effect, Limits, Scope
+from jbclog.commands.family import FAMILIES, Family
+from jbclog.commands.omega_values import ConditionNumber, Digit, StoredCondition
+from jbclog.effects import Steps
+from jbclog.errors import OutOfRange
+from jbclog.quantities import OFF, AlarmDelay, Choice, Delay, Number, Quantity, Text, Value, Word
+from jbclog.station.after import change_address, restart
+from jbclog.station.client import Client
+from jbclog.station.robot import Station
+
+EVERY = [(family, command) for family in FAMILIES.values() for command in family.commands.values()]
+
+
+def _walk(*chosen: tuple[Family, Command]) -> pytest.MarkDecorator:
+    return pytest.mark.parametrize(
+        ("family", "command"), [pytest.param(family, command, id=f"{family.name}-{command.name}") for family, command in chosen]
+    )
+
+
+every_command = _walk(*EVERY)
+every_reading = _walk(*((family, command) for family, command in EVERY if command.readable))
+every_setting = _walk(*((family, command) for family, command in EVERY if command.access == "rw"))
+every_order = _walk(*((family, command) for family, command in EVERY if command.access == "w"))
+
+# -- what its row says -------------------------------------------------------------------------------------------------
+
+UNITS = {"°C", "‰", "h", "count", "s", "min", "mm", "mm/s", "raw"}
+"""``raw`` says that no manual prints the unit (digest B-33)."""
+WITHOUT_UNIT = (Choice, ConditionNumber, Digit, Number, StoredCondition, Text, Word)
+"""Names, words and numbers that stand for something else: what they can be is their range."""
+
+CITATION = re.compile(r"(00[0-4]) \S.*|digest A\.13, [A-H]")
+"""A manual's number, and its section or the name of its row; of OMEGA's pages that are not here the digest."""
+
+
+@every_command
+def test_it_has_a_name_and_its_letters(family: Family, command: Command) -> None:
+    assert re.fullmatch(r"[a-z]+(_[a-z]+)*", command.name)
+    assert re.fullmatch(r"[A-Z]{1,3}", command.letters)
+    assert command.access in ("r", "w", "rw")
+    assert family.commands[command.name] is command
+
+
+@every_command
+def test_it_has_a_unit_or_needs_none(family: Family, command: Command) -> None:
+    assert command.unit in UNITS if not isinstance(command.quantity, WITHOUT_UNIT) else command.unit == ""
+
+
+@every_command
+def test_its_range_and_step_are_printed_or_marked_as_not_printed(family: Family, command: Command) -> None:
+    limits = command.limits
+    if not limits.printed:
+        assert limits == Limits(printed=False), "a range that is not printed has no border"
+    elif not isinstance(command.quantity, WITHOUT_UNIT):
+        assert limits != Limits(), "neither a border nor a step, and not marked as not printed"
+    if limits.low is not None and limits.high is not None:
+        assert limits.low <= limits.high
+
+
+@every_command
+def test_its_manual_and_section_are_named(family: Family, command: Command) -> None:
+    citations = [CITATION.fullmatch(part.strip()) for part in command.manual.split(";")]
+    assert all(citations), f"{command.manual!r} is not a manual's number and its section"
+    assert {found[1] for found in citations if found} & set(family.manual.split(", ")), "its family's own manual is cited"
+
+
+@every_command
+def test_what_acts_is_dangerous_and_sent_once(family: Family, command: Command) -> None:
+    if command.effect in (Effect.MOVES, Effect.ERASES):
+        assert command.access == "w"
+        assert command.dangerous
+    if command.effect is Effect.CLEARS:
+        assert command.access == "r"
+    assert command.asked_once == (command.effect in (Effect.MOVES, Effect.ERASES, Effect.CLEARS))
+
+
+# -- its code ----------------------------------------------------------------------------------------------------------
+
+
+@cache
+def _meanings(name: str) -> dict[str, set[str]]:
+    """Header and code, at every port with every tool -> the commands that they mean. Looked up whole, never by beginning."""
+    family, found = FAMILIES[name], dict[str, set[str]]()
+    for command in family.commands.values():
+        for code in codes_of(command, family.ports or PORTS):
+            for header in command.access.upper():
+                found.setdefault(header + code, set()).add(command.name)
+    return found
+
+
+@every_command
+def test_its_letters_leave_room_for_port_and_tool(family: Family, command: Command) -> None:
+    """A code of JBC has three characters (seed 002, "Data Link Layer"), but for RTT (digest B-10); OMEGA's has one letter."""
+    for code in codes_of(command):
+        assert code.isascii()
+        assert code.isalnum()
+        assert len(code) == 3 or command.name == "transformer_temperature" or family.protocol == "omega"
+
+
+@every_command
+def test_its_code_is_refused_without_port_or_tool(family: Family, command: Command) -> None:
+    for nowhere in (None, 0, 5, -1):
+        if command.scope in (Scope.PORT, Scope.TOOL):
+            with pytest.raises(ValueError, match="port from 1 to 4"):
+                command.code(nowhere, 2)
+    for none in (None, 0, 10, -1):
+        if command.scope is Scope.TOOL:
+            with pytest.raises(ValueError, match="tool from 1 to 9"):
+                command.code(1, none)
+
+
+@every_command
+def test_no_other_command_of_the_family_has_its_code(family: Family, command: Command) -> None:
+    for code in codes_of(command, family.ports or PORTS):
+        for header in ("R", "W"):  # reading and writing one code concern the same value
+            assert _meanings(family.name).get(header + code, {command.name}) == {command.name}, code
+
+
+@every_command
+def test_no_code_begins_with_its_own_but_that_of_a_tip(family: Family, command: Command) -> None:
+    """``TT`` is a beginning of ``TT1``: the two are told apart by the length of the answer (digest B-10)."""
+    for code in codes_of(command, family.ports or PORTS):
+        longer = {other[1:] for other in _meanings(family.name) if other[1:].startswith(code) and other[1:] != code}
+        assert longer == ({f"TT{port}" for port in family.ports or PORTS} if code == "TT" else set())
+
+
+# -- its values there and back -----------------------------------------------------------------------------------------
+
+
+def _distinct() -> list[Quantity]:
+    return list(dict.fromkeys(command.quantity for _, command in EVERY))
+
+
+@cache
+def _decoded(quantity: Quantity) -> int:
+    """How many texts mean something; each value must be written as the text that it was read from."""
+    count = 0
+    for text in every_text():
+        value = meant(quantity, text)
+        if value is None:
+            continue
+        count += 1
+        written = as_written(quantity, text)
+        if written is not None:
+            assert quantity.encode(value) == written, f"{text} is {value}"
+            assert quantity.decode(written) == value
+    return count
+
+
+@pytest.mark.parametrize("quantity", _distinct(), ids=repr)
+def test_every_text_that_means_something_is_written_as_it_was_read(quantity: Quantity) -> None:
+    assert _decoded(quantity) > 0
+
+
+@every_command
+def test_what_its_limits_allow_can_be_written_and_what_they_forbid_cannot(family: Family, command: Command) -> None:
+    limits = command.limits
+    for value in values_to_write(family, command):
+        assert limits.problem(value) is None
+        assert command.quantity.decode(command.quantity.encode(value)) == value
+    assert (limits.problem(OFF) is None) == limits.off
+    step = limits.step or 1
+    if limits.low is not None:
+        assert "outside" in (limits.problem(limits.low - step) or "")
+    if limits.high is not None:
+        assert "outside" in (limits.problem(limits.high + step) or "")
+    if limits.step is not None:
+        assert "not a step" in (limits.problem((limits.low or 0) + limits.step / 2) or "")
+
+
+@every_command
+def test_off_is_99999_where_the_limits_say_so_and_nowhere_else(family: Family, command: Command) -> None:
+    if command.limits.off:
+        assert command.writable
+        assert isinstance(command.quantity, Delay | AlarmDelay)
+        assert (command.quantity.encode(OFF), command.quantity.decode("99999")) == ("99999", OFF)
+    else:
+        with pytest.raises(ValueError, match=r"\boff\b|OFF|number|no solder condition"):
+            command.quantity.encode(OFF)
+        assert command.limits.problem(OFF) == "cannot be switched off"
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "problem"),
+    [
+        ("adjust", 51, "outside"),
+        ("adjust", -51, "outside"),
+        ("sleep_delay", 10, "outside"),
+        ("sleep_delay", -1, "outside"),
+        ("hibernation_delay", 61, "outside"),
+        ("hibernation_delay", 12, "not a step of 5"),
+        ("selected_temperature", 352, "not a step of 5"),
+        ("sleep_temperature", 149, "not a step of 5"),
+        ("alarm_high_limit", 0, "outside"),  # would be read back as "not set"
+        ("alarm_low_limit", 301, "not a step of 5"),
+        ("alarm_high_delay", 100.0, "outside"),
+        ("alarm_low_delay", 1.005, "not a step of 0.01"),
+    ],
+)
+def test_what_no_manual_of_a_soldering_station_allows(name: str, value: Value, problem: str) -> None:
+    for family in FAMILIES.values():
+        if "sleep_delay" in family.commands:
+            assert problem in (family.commands[name].limits.problem(value) or "")
+
+
+# -- a virtual station answers it --------------------------------------------------------------------------------------
+
+
+@every_reading
+def test_a_virtual_station_tells_it_everywhere(family: Family, command: Command) -> None:
+    pair = Pair(family.name)
+    for place in pair.places(command):
+        value = pair.read(*place)
+        assert command.quantity.decode(pair.client.data) == value
+    assert pair.station.log.refused == []
+
+
+@every_setting
+def test_a_virtual_station_takes_it_and_tells_it_again(family: Family, command: Command) -> None:
+    for place in Pair(family.name).places(command):
+        pair = Pair(family.name)
+        held = pair.read(*place)
+        values = values_to_write(family, command, held)
+        taken = [value for value in values if _takes(pair, value, *place)]
+        assert set(taken) - {held}, f"of {values} nothing was taken beside {held}"
+
+
+def _takes(pair: Pair, value: Value, command: Command, port: int | None, tool: int | None) -> bool:
+    """Whether the station takes the value; then it must tell the same."""
+    try:
+        pair.write(command, value, port, tool)
+    except OutOfRange:
+        return False
+    found = pair.read(command, port, tool)
+    assert found == value or _same_status(pair.family, found, value)
+    assert pair.station.log.writes[-1][1:] == (command.name, port or 0, tool or 0, value)
+    return True
+
+
+def _same_status(family: Family, found: Value, ordered: Value) -> bool:
+    """Whether a status word says that it was done: a tool that is cool already goes on by itself."""
+    return isinstance(found, tuple) and isinstance(ordered, tuple) and family.status.confirms(found, ordered)
+
+
+def _restart(client: Client, command: Command) -> Steps[object]:
+    return restart(client, command)
+
+
+def _move(client: Client, command: Command) -> Steps[object]:
+    assert isinstance(client, Station)
+    return change_address(client, command, 99)
+
+
+ITS_OWN_WAY: dict[str, Callable[[Client, Command], Steps[object]]] = {"restart": _restart, "address": _move}
+"""Orders after which the station is away for a while, or elsewhere."""
+
+
+@every_order
+def test_a_virtual_station_does_it_once(family: Family, command: Command) -> None:
+    pair = Pair(family.name)
+    (value,) = values_to_write(family, command)[-1:]
+    pair.do(lambda client: ITS_OWN_WAY.get(command.name, lambda one, order: one.write(order, value))(client, command))
+    assert [(one.name, one.value) for one in pair.station.log.writes] == [(command.name, value)]
+    pair.read(family.commands[family.harmless[0]])  # and is there again
