@@ -257,7 +257,7 @@ VALUES = (
         "Dispensed length: hexadecimal with 0x and eleven digits in a field of five",
         "hexadecimal of any width, with or without 0x, in either case; the column `raw` keeps the characters",
         "Digits without a letter are hexadecimal too. Only a known length can prove it, so such numbers are marked.",
-        ("hex_with_0x", "hex_lower_case", "hex_of_eight", "hex_without_letters"),
+        ("hex_with_0x", "hex_lower_case", "hex_of_eight"),
         "A dispensed length is not five capital hexadecimal digits, or has no letter that proves it hexadecimal; it is read as "
         "hexadecimal, and its characters are kept.",
         doubtful=True,

@@ -86,7 +86,8 @@ class SimSpec(Table):
 
     `tool` is what is plugged into every port, `tools` what is plugged into single ones (0 = none). Without
     `model` the family's own name is told. `settings` and `counters` are what the station begins with, by
-    command name, on all of its ports and tools; ``"off"`` is a value of delays. `seed` decides joints,
+    command name, on all of its ports and tools; ``"off"`` is a value of delays. `quirks` are ways in which it differs from
+    what is recommended where the manuals contradict themselves. `seed` decides joints,
     noise and flipped bits; without it the station's name does.
     """
 
@@ -107,6 +108,7 @@ class SimSpec(Table):
     thermocouple: bool = True  # jtse: an external thermocouple is plugged in
     suction_each_joint: bool = False  # jtse: a part is lifted off after each joint
     extractor_cools: bool = True  # whether the heater is off in status 00010, which no manual says
+    quirks: Annotated[tuple[str, ...], FromList] = ()  # names of `sim/quirks.py`
     settings: dict[str, int | float | str] = Field(default_factory=dict)
     counters: dict[str, float] = Field(default_factory=dict)
     seed: int | None = None

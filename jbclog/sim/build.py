@@ -25,6 +25,7 @@ from jbclog.sim.joints import Joints
 from jbclog.sim.plant import Plant, StationSettings
 from jbclog.sim.port import Character, Port
 from jbclog.sim.questions import Asked
+from jbclog.sim.quirks import QUIRKS, Quirks
 from jbclog.sim.readings import Identity
 from jbclog.sim.soldering import SolderingFace
 from jbclog.sim.tip import Tip
@@ -51,8 +52,10 @@ def build_device(spec: StationSpec, now: float, seed: int) -> Device:
     family = family_for(spec)
     model = sim.model or MODELS.get(family.name, family.name.upper())
     face = _face(sim, family, spec.ports or family.ports or PORTS_IF_UNPRINTED, model, now, seed)
-    device = Device(family, face, Identity(model, sim.software, spec.address, sim.robot_mode))
     _check_names(spec.name, sim, family, face)
+    quirks = Quirks(sim.quirks)
+    quirks.begin(face)
+    device = Device(family, face, Identity(model, sim.software, spec.address, sim.robot_mode), quirks)
     for name, value in sim.settings.items():
         _begin_with(device, spec.name, name, value, now)
     return device
@@ -69,6 +72,7 @@ def _check_names(station: str, sim: SimSpec, family: Family, face: Face) -> None
     counters = {counter.command for counter in (*family.counters, *FEEDER_COUNTERS)} & set(family.commands)
     wrong = [f"counters: {name}" for name in sim.counters if name not in counters]
     wrong += [f"tools: {port}" for port in sim.tools if port not in face.ports]
+    wrong += [f"quirks: {name}" for name in sim.quirks if name not in QUIRKS]
     for fault in sim.fault:
         wrong += [f"fault {fault.kind}: {fault.command}"] if fault.command and fault.command not in family.commands else []
         wrong += [f"fault {fault.kind}: port {fault.port}"] if fault.port and fault.port not in face.ports else []

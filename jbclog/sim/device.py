@@ -1,8 +1,9 @@
 """The protocol face of a virtual station: answers questions from the physics, by the client's own tables.
 
-What the manuals leave open is answered thus: W-RST gets silence for `BOOT_S` (B-40); a delay that is not
-running reads 99999 (B-25), and so does an alarm limit that is not set (B-23); a port or tool that is not
-there is a control command that is not accepted; N repeats the control command, as far as there was one (B-11).
+What the manuals leave open is answered thus: W-RST is acknowledged, then nothing is heard for `BOOT_S` (B-40); a delay
+that is not running reads 99999 (B-25), and so does an alarm limit that is not set (B-23); a port or tool that is not
+there is a control command that is not accepted; N repeats the control command, as far as there was one (B-11). The
+alternatives are in `quirks.py`.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from jbclog.commands.family import Family
 from jbclog.quantities import OFF, OFF_ON_WIRE, Value
 from jbclog.sim.face import Face
 from jbclog.sim.questions import Asked, questions
+from jbclog.sim.quirks import Quirks
 from jbclog.sim.readings import Identity
 from jbclog.sim.wire_log import Refused, WireLog, Written
 from jbclog.sim.writings import WITHOUT_DATA, well_formed
@@ -25,8 +27,9 @@ Answer = tuple[str, str]
 class Device:
     """One station as the wire sees it: headers and texts in and out, addresses and check bytes aside."""
 
-    def __init__(self, family: Family, face: Face, identity: Identity) -> None:
+    def __init__(self, family: Family, face: Face, identity: Identity, quirks: Quirks | None = None) -> None:
         self.family = family
+        self.quirks = quirks or Quirks()
         self.face = face
         self.identity = identity
         self.log = WireLog()
@@ -45,15 +48,24 @@ class Device:
         """The answer to a question whose check byte holds; None is silence."""
         if not self.identity.robot_mode:
             return self.refuse(text, ROBOT_OFF, now)
+        heard = self.quirks.hear(header + text)
+        if isinstance(heard, int):
+            return self.refuse(text, heard, now)
+        header, text = heard[:1], heard[1:]
         asked = self.asked(header, text)
         if asked is None:
             return self.refuse(text, self._why_unknown(header, text), now)
-        return self._read(asked, now) if header == "R" else self._write(asked, text[3:], now)
+        answer = self._read(asked, now) if header == "R" else self._write(asked, text[3:], now)
+        return answer if answer[0] == "N" else self._said(asked, text, answer[1])
+
+    def _said(self, asked: Asked, question: str, text: str) -> Answer | None:
+        said = self.quirks.say(asked, question, text)
+        return None if said is None else ("A", said)
 
     def refuse(self, text: str, code: int, now: float) -> Answer:
         """N with communication error `code`."""
         self.log.refused.append(Refused(now, text, code))
-        return "N", f"{text[:3]}{code:05d}"
+        return "N", self.quirks.refusal(f"{text[:3]}{code:05d}")
 
     def restart(self, now: float, silent_s: float = BOOT_S) -> None:
         """Restart now: what is volatile is lost, and nothing is heard for `silent_s`."""
@@ -69,7 +81,7 @@ class Device:
         self.log.reads += 1
         return "A", asked.code + (OFF_ON_WIRE if value is OFF else asked.command.quantity.encode(value))
 
-    def _write(self, asked: Asked, data: str, now: float) -> Answer | None:
+    def _write(self, asked: Asked, data: str, now: float) -> Answer:
         command = asked.command
         if not data and command.name in WITHOUT_DATA:
             data = "00000"
@@ -83,12 +95,11 @@ class Device:
             return self.refuse(asked.code + data, OUT_OF_RANGE, now)
         return self._accept(asked, value, now)
 
-    def _accept(self, asked: Asked, value: Value, now: float) -> Answer | None:
+    def _accept(self, asked: Asked, value: Value, now: float) -> Answer:
         self.log.writes.append(Written(now, asked.command.name, asked.port, asked.tool, value))
         self.face.apply(asked, value, now)
         if asked.command.name == "restart":
             self.restart(now)
-            return None
         if asked.command.name == "address" and isinstance(value, int):
             self.identity.address = value or None  # 00000 switches addresses off (seed 002, W-SAD)
         return "A", asked.code

@@ -28,6 +28,7 @@ from jbclog.sim.wire_log import Struck, WireLog
 from jbclog.wire import LineFormat
 
 KNOWN_QUESTIONS = 512  # what is asked is asked again: as many whole frames are remembered
+MOVED: Answer = ("A", "SAD")  # the acknowledgement of a change of address
 
 
 class Reply(NamedTuple):
@@ -123,23 +124,31 @@ class VirtualStation:
         """The reply to one frame; None where there is silence: another's address, the other framing, a restart."""
         frame = found if isinstance(found, Frame) else _remains(found.raw)
         if frame.target != self.device.identity.address:
-            return None
+            return self._refuse_other(frame, heard) if self.device.quirks.refuses_others else None
         self._let_faults_happen(heard)
         if not self.device.hears(heard):
             return None
         if isinstance(found, Corrupt):
             answer = self.device.refuse(frame.text, _why_corrupt(found.raw), heard)
-            return self._send(_addressed(answer, frame), [], heard)
+            return self._send(self._addressed(answer, frame), [], heard)
         return self._answer(frame, heard)
+
+    def _refuse_other(self, frame: Frame, heard: float) -> Reply | None:
+        return self._send(self._addressed(self.device.refuse(frame.text, WRONG_FORMAT, heard), frame), [], heard)
 
     def _answer(self, frame: Frame, heard: float) -> Reply | None:
         asked = self.device.asked(frame.header, frame.text)
         struck = self.faults.strikes(asked, frame.header, heard)
         refusal = next((fault for fault in struck if fault.kind == "nak"), None)
         if refusal is not None:
-            return self._send(_addressed(self.device.refuse(frame.text, refusal.code, heard), frame), struck, heard)
+            return self._send(self._addressed(self.device.refuse(frame.text, refusal.code, heard), frame), struck, heard)
         answer = self.device.answer(frame.header, frame.text, heard)
-        return None if answer is None else self._send(_addressed(answer, frame), struck, heard)
+        return None if answer is None else self._send(self._addressed(answer, frame), struck, heard)
+
+    def _addressed(self, answer: Answer, question: Frame) -> bytes:
+        """The bytes of an answer: the station that was asked is its source, who asked its target (digest B-6)."""
+        usual, own = (question.target, question.source), self.device.identity.address
+        return _encoded(*answer, *self.device.quirks.addresses(usual, own, moves=answer == MOVED))
 
     def _let_faults_happen(self, heard: float) -> None:
         if self.faults.zero is None:
@@ -156,11 +165,6 @@ class VirtualStation:
             return None
         at = self._pace.said(len(sent), heard + late_s)
         return None if self.hung_up(at) else Reply(at, sent)
-
-
-def _addressed(answer: Answer, question: Frame) -> bytes:
-    """The bytes of an answer: the station that was asked is its source, who asked its target (digest B-6)."""
-    return _encoded(*answer, question.target, question.source)
 
 
 @lru_cache(maxsize=4096)

@@ -196,10 +196,10 @@ def test_writes_are_read_back_and_logged() -> None:
     assert asked.log.reads == 7
 
 
-def test_a_restart_is_silent_and_forgets_the_selected_temperature() -> None:
+def test_a_restart_takes_a_while_and_forgets_the_selected_temperature() -> None:
     asked = station()
     told(asked, "WST100330")
-    assert told(asked, "WRST00000", T0 + 1) is None
+    assert told(asked, "WRST00000", T0 + 1) == "ARST"
     assert told(asked, "RST1", T0 + 3.9) is None
     assert told(asked, "RST1", T0 + 4.1) == "AST100350"
     told(asked, "WST100330", T0 + 5)
