@@ -1,0 +1,77 @@
+"""The lease: what must be made safe if nobody renews it, station by station. Kept in the run's folder while it runs."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterable, Mapping
+from contextlib import suppress
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Final
+
+NAME: Final = "lease.json"
+
+
+@dataclass(frozen=True, slots=True)
+class StationLease:
+    """One station whose tools a run has touched. `ports` are those, `temperatures` the last readings in °C by port.
+
+    `model` and `software` are what the station must answer before anything is written to it.
+    """
+
+    name: str
+    url: str
+    baudrate: int
+    format: str
+    address: int | None
+    family: str
+    model: str | None
+    software: str | None
+    safe_state: str
+    ports: tuple[int, ...]
+    feeds: bool
+    temperatures: Mapping[int, float]
+
+    @property
+    def holds(self) -> bool:
+        """Whether there is anything to be made safe."""
+        return bool(self.ports) or self.feeds
+
+    def to_json(self) -> str:
+        return json.dumps(asdict(self))
+
+    @classmethod
+    def from_json(cls, text: str) -> StationLease:
+        """Raises `ValueError` where `text` is no lease."""
+        told = json.loads(text)
+        try:
+            ports = tuple(int(port) for port in told.pop("ports"))
+            temperatures = {int(port): float(seen) for port, seen in told.pop("temperatures").items()}
+            return cls(**told, ports=ports, temperatures=temperatures)
+        except (TypeError, KeyError, AttributeError) as error:
+            raise ValueError(f"no lease: {error}") from error
+
+
+def keep(folder: Path, stations: Iterable[StationLease]) -> None:
+    """Put the lease into the run's folder, so that the next start finds what a dead host left hot; none removes it."""
+    held = [station for station in stations if station.holds]
+    if not held:
+        with suppress(FileNotFoundError):
+            (folder / NAME).unlink()
+        return
+    beside = folder / f"{NAME}.new"
+    with beside.open("w", encoding="utf-8") as file:
+        file.writelines(f"{station.to_json()}\n" for station in held)
+        file.flush()
+        os.fsync(file.fileno())
+    beside.replace(folder / NAME)
+
+
+def kept(folder: Path) -> list[StationLease]:
+    """What stands in the lease in this folder; nothing where there is none, or none that can be read."""
+    try:
+        text = (folder / NAME).read_text(encoding="utf-8")
+        return [StationLease.from_json(line) for line in text.splitlines()]
+    except (OSError, ValueError):
+        return []
