@@ -2,18 +2,21 @@
 
 A station has no watchdog: what is not told to stand stays hot. So this is tried three times a tool, over a line that is
 opened again if need be, in rounds, so that no tool waits for the tries of another. What cannot be known is not taken for
-done: an order that was acknowledged and not read back is `SENT`.
+done: an order that was acknowledged and not read back is `SENT`, and what is read back counts when two answers say it.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
+from jbclog.commands.command import Command
 from jbclog.commands.family import Family
 from jbclog.commands.status import StatusWord
 from jbclog.effects import Reopen, Steps, Wait
 from jbclog.errors import LinkError, Refusal, StationError
+from jbclog.station.agreed import agreed
 from jbclog.station.client import Client
 
 ALLOWED_S = 3.0  # for one station (faults.md, section 9)
@@ -96,7 +99,7 @@ def _stop_feeder(task: Task) -> Steps[bool]:
         return False
     try:
         yield from task.client.write(task.family.commands["stop_feeding"], 0)
-        feeding = yield from task.client.read(task.family.commands["feeding"])
+        feeding = yield from agreed(task.client, task.family.commands["feeding"])
     except (LinkError, StationError) as error:
         yield from _reach_again(task, error)
         return False
@@ -128,7 +131,7 @@ def _order(task: Task, tool: Tool, word: StatusWord) -> Steps[str]:
     except StationError:
         pass  # whether it was done is read back
     try:
-        found = yield from task.client.read(command, tool.port)
+        found = yield from agreed(task.client, command, tool.port)
     except (LinkError, StationError) as error:
         yield from _reach_again(task, error)
         return reached
@@ -139,20 +142,29 @@ def _order(task: Task, tool: Tool, word: StatusWord) -> Steps[str]:
 
 
 def _is_cooling(task: Task, tool: Tool) -> Steps[bool]:
-    """Whether the tool gets colder or its heater is off: a digit of the status alone proves neither."""
+    """Whether the tool gets colder or its heater is off, by two answers each: a digit of the status alone proves neither."""
     command = task.family.command_of("temperature_c")
     if command is None:
         return False
     client = task.client
     try:
-        before = yield from client.read(command, tool.port)
+        before = yield from _two_of(task, command, tool)
         client.unasked((yield Wait(client.now + COOLING_AFTER_S)))
-        after = yield from client.read(command, tool.port)
-        power = yield from client.read(task.family.commands["power"], tool.port)
+        after = yield from _two_of(task, command, tool)
+        power = yield from _two_of(task, task.family.commands["power"], tool)
     except (LinkError, StationError):
         return False
-    falling = isinstance(before, int) and isinstance(after, int) and after < before
-    return falling or (isinstance(power, int) and power <= IDLE_PERMILLE)
+    falls = all(now < then for now in after for then in before)
+    return falls or all(permille <= IDLE_PERMILLE for permille in power)
+
+
+def _two_of(task: Task, command: Command, tool: Tool) -> Steps[list[float]]:
+    """Two answers, one right after the other: they need not be equal, but what is made of them has to hold for both."""
+    answers = []
+    for _ in range(2):
+        value = yield from task.client.read(command, tool.port)
+        answers.append(float(value) if isinstance(value, int | float) else math.nan)  # of which nothing holds
+    return answers
 
 
 def _is_reachable(task: Task) -> Steps[bool]:

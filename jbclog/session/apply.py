@@ -78,7 +78,7 @@ def read_tool(desk: Desk, port: PortState) -> Steps[None]:
 def _read_held(desk: Desk, command: Command, port: PortState | None) -> Steps[None]:
     held = desk.held if port is None else port.held
     try:
-        held[command.name] = yield from _read(desk, command, port)
+        held[command.name] = yield from _read(desk, command, port, held.get(command.name))
     except NotSupported:
         held.pop(command.name, None)
         desk.not_supported.add(command.name)
@@ -86,8 +86,8 @@ def _read_held(desk: Desk, command: Command, port: PortState | None) -> Steps[No
         raise StartRefused(f"{desk.name}: cannot read {_title(command, port)}: {error}") from error
 
 
-def _read(desk: Desk, command: Command, port: PortState | None) -> Steps[Value]:
-    return (yield from desk.station.read(command, *_place(command, port)))
+def _read(desk: Desk, command: Command, port: PortState | None, known: Value | None = None) -> Steps[Value]:
+    return (yield from desk.agreed(command, *_place(command, port), known=known))
 
 
 def _place(command: Command, port: PortState | None) -> tuple[int | None, int | None]:

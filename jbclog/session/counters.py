@@ -1,4 +1,4 @@
-"""The hour and cycle counters, read whole at the start and at the end of a run."""
+"""The hour and cycle counters, read whole at the start and at the end of a run; each counts when two answers say the same."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ def read_counters(desk: Desk) -> Steps[None]:
 
 
 def _read(desk: Desk, port: PortState, counter: Counter) -> Steps[None]:
-    command = desk.command(counter.command)
+    command, known = desk.command(counter.command), port.counted.get(counter.name)
     try:
-        found = yield from desk.station.read(command, port.number)
+        found = yield from desk.agreed(command, port.number, known=known, grows=True)
     except NotSupported:
         desk.not_supported.add(counter.name)
     except (LinkError, StationError) as error:
@@ -31,6 +31,7 @@ def _read(desk: Desk, port: PortState, counter: Counter) -> Steps[None]:
         if isinstance(error, LinkError | StationSilent | RobotModeOff):
             raise
     else:
+        port.counted[counter.name] = found
         _keep(desk, port, counter, float(found) if isinstance(found, int | float) else None, command.quantity.encode(found))
 
 

@@ -55,7 +55,7 @@ def _read_model(desk: Desk, tries: int) -> Steps[str]:
     while True:
         tries -= 1
         try:
-            return str((yield from desk.station.read(command)))
+            return str((yield from desk.agreed(command, known=desk.facts.model)))
         except RobotModeOff as error:
             raise StartRefused(f"{desk.name}: Robot mode is off; switch it on in the station's menu") from error
         except StationError as error:
@@ -92,7 +92,7 @@ def _learn_family(desk: Desk) -> Steps[None]:
 
 def _optional_text(desk: Desk, name: str) -> Steps[str | None]:
     try:
-        return str((yield from desk.station.read(desk.command(name))))
+        return str((yield from desk.agreed(desk.command(name))))
     except StationError:
         desk.not_supported.add(name)
         return None
@@ -103,7 +103,7 @@ def _learn_ports(desk: Desk) -> Steps[None]:
     named = desk.order.ports or desk.family.ports
     for number in named or range(1, 5):
         try:
-            tool = yield from desk.station.read(desk.command("tool"), number)
+            tool = yield from desk.agreed(desk.command("tool"), number)
         except (NotSupported, OutOfRange) as error:
             if named:
                 raise StartRefused(f"{desk.name}: it has no port {number} ({error}); correct `ports` in the line file") from error

@@ -41,23 +41,23 @@ def _difference(desk: Desk) -> Steps[str | None]:
     """How the station differs from this run's, of the same model; None where it does not."""
     model, software = desk.facts.model, desk.facts.software
     if software is not None:
-        found = yield from desk.station.read(desk.command("software_version"))
+        found = yield from desk.agreed(desk.command("software_version"), known=software)
         if found != software:
             return f"a {model} with software {found}, not the one with {software}"
     for number, (before, then) in desk.plugged_hours.items():
-        hours = yield from _hours(desk, number)
+        hours = yield from _hours(desk, number, before)
         if hours is not None and not before <= hours <= before + (desk.now - then) / 3600 + RESOLUTION_H:
             return f"a {model} with {hours} plugged hours on port {number}, not the one with {before}"
     return None
 
 
-def _hours(desk: Desk, number: int) -> Steps[int | None]:
+def _hours(desk: Desk, number: int, known: int | None = None) -> Steps[int | None]:
     """The plugged hours of a port; None where the station does not count them."""
     counter = desk.family.hours
     if counter is None:
         return None
     try:
-        hours = yield from desk.station.read(desk.command(counter), number)
+        hours = yield from desk.agreed(desk.command(counter), number, known=known, grows=True)
     except NotSupported:
         return None
     return hours if isinstance(hours, int) else None

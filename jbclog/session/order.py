@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
@@ -12,6 +13,7 @@ from jbclog.effects import Steps
 from jbclog.quantities import Off, Value
 from jbclog.recipe.model import Recipe
 from jbclog.rows import EventRow, Journal, Severity, StationFacts
+from jbclog.station.agreed import agreed
 from jbclog.station.client import Client
 from jbclog.station.make import client_for
 from jbclog.wire import LineFormat
@@ -57,6 +59,7 @@ class PortState:
     coolest_c: int | None = None
     has_counted: bool = False  # alarms have counted all the time since the flags were last read
     at_temperature: bool = False  # has been within ±10 °C of its setting while working
+    counted: dict[str, Value] = field(default_factory=dict)  # counter -> value that two answers bore out
     touched: bool = False
     tool_is_new: bool = False  # connected or changed, and its settings not read yet
 
@@ -87,6 +90,7 @@ class Desk:
         self.after_safe: Callable[[], Steps[None]] | None = None  # what is still read when sampling has ended
         self.connected = False
         self.is_proven = False  # the port has not broken since the station said who it is
+        self.doubted: Counter[str] = Counter()  # answers that were not believed at once, by command
         self.plugged_hours: dict[int, tuple[int, float]] = {}  # by port, with the moment at which they were read
         self.stranger: str | None = None  # who answers where this station was, in words
         self._family = order.family
@@ -144,6 +148,12 @@ class Desk:
     def command(self, name: str) -> Command:
         return self.family.commands[name]
 
+    def agreed(
+        self, command: Command, port: int | None = None, tool: int | None = None, *, known: Value | None = None, grows: bool = False
+    ) -> Steps[Value]:
+        """Read what something is decided by: two answers must say the same (`station/agreed.py`)."""
+        return agreed(self.station, command, port, tool, known=known, grows=grows, doubted=self.doubted)
+
     def note(
         self,
         kind: str,
@@ -171,6 +181,7 @@ class Desk:
         self.facts.not_supported = sorted(self.not_supported)
         self.facts.garbage_bytes = self.station.garbage_bytes
         self.facts.strays = dict(self.station.strays)
+        self.facts.doubted = dict(self.doubted)
         self.facts.last_temperature_c = {p.number: p.temperature_c for p in self.ports.values() if p.temperature_c is not None}
         self.journal.facts(self.facts)
 

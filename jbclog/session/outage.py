@@ -96,7 +96,7 @@ def _seek(desk: Desk, *, reopen: bool) -> Steps[bool]:
 
 def _read_tools(desk: Desk) -> Steps[None]:
     for port in desk.ports.values():
-        tool = yield from desk.station.read(desk.command("tool"), port.number)
+        tool = yield from desk.agreed(desk.command("tool"), port.number, known=port.tool)
         if tool != port.tool and isinstance(tool, int):
             before, after = desk.tool_text(port.tool), desk.tool_text(tool)
             text = f"Port {port.number}: the tool changed from {before} to {after} during the outage."

@@ -53,7 +53,7 @@ def _put(desk: Desk, ports: list[PortState], *, feeds: bool) -> Steps[bool]:
 
 
 def _is_ours(desk: Desk) -> Steps[bool]:
-    model = yield from desk.station.read(desk.command("model"))
+    model = yield from desk.agreed(desk.command("model"), known=desk.facts.model)
     return (yield from recognise(desk, str(model)))
 
 

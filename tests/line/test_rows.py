@@ -56,7 +56,8 @@ def test_every_family_is_run_to_the_end(family: str, keys: str) -> None:
 def test_ports_of_hde_are_those_that_answer() -> None:
     run = of_family("hde", duration_s=2).go()
     assert run.facts.ports == [1, 2]
-    assert [one.text for one in run.heard if one.text.startswith("RCT")][:4] == ["RCT1", "RCT2", "RCT3", "RCT4"]
+    asked = [one.text for one in run.heard if one.text.startswith("RCT")]
+    assert asked[:6] == ["RCT1", "RCT1", "RCT2", "RCT2", "RCT3", "RCT4"]  # two answers each; a refusal is one
 
 
 def test_a_port_that_the_station_does_not_have_is_refused() -> None:
@@ -172,7 +173,9 @@ def test_a_jump_that_stays_is_believed() -> None:
     run = prepare(line_text("" + fault("tool", port=1, code=3, at_s=10), "ports = [1]"), duration_s=15).go()
     values = [int(str(value)) for value in run.memory.column("temperature_c") if value is not None]
     assert min(values[90:]) < 60
-    assert not any("temperature_c" in reasons_in(row) for row in run.memory.samples)
+    reasons = [reasons_in(row).get("temperature_c") for row in run.memory.samples]
+    assert set(reasons) <= {None, "skipped"}
+    assert reasons.count("skipped") <= 1  # while the settings of the new tool are read
 
 
 def test_what_came_and_answered_nothing_is_counted() -> None:
