@@ -47,7 +47,10 @@ def _option(name: str) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Wanted:
-    """What was asked for on the command line. `rate` is Hz, ``fit``, ``max``, or None for the recipe's."""
+    """What was asked for on the command line. `rate` is Hz, ``fit``, ``max``, or None for the recipe's.
+
+    `wire`: what passes over the wires is kept, too.
+    """
 
     line: Path
     recipe: Path | None = None
@@ -55,6 +58,7 @@ class Wanted:
     duration_s: float | None = None
     rate: float | str | None = None
     metadata: Metadata = field(default_factory=Metadata)
+    wire: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,7 +135,7 @@ def make_plan(wanted: Wanted) -> Plan:
         raise Problems(problems)
     chosen = _chosen(line, wanted)
     problems += _without_recipe(line, chosen, recipes)
-    stations = tuple(_station(spec, recipes[spec.name], wanted) for spec in chosen if spec.name in recipes)
+    stations = tuple(station_plan(spec, recipes[spec.name], wanted) for spec in chosen if spec.name in recipes)
     problems += _not_driven(stations)
     for station in stations:
         problems += _mismatches(line, station)
@@ -205,7 +209,8 @@ def _chosen(line: Line, wanted: Wanted) -> list[StationSpec]:
     return [spec for spec in line.stations if not wanted.stations or spec.name in wanted.stations]
 
 
-def _station(spec: StationSpec, recipe: Recipe, wanted: Wanted) -> StationPlan:
+def station_plan(spec: StationSpec, recipe: Recipe, wanted: Wanted) -> StationPlan:
+    """What `wanted` means for one station with its recipe."""
     family = None if spec.family == "auto" else FAMILIES[spec.family]
     ports = spec.ports or (family.ports if family else None) or ANSWERING_PORTS
     demand = None

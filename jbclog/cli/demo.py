@@ -14,7 +14,7 @@ from jbclog.cli import options
 from jbclog.cli.output import ends_with_errors_told, note, tell, tell_json
 
 if TYPE_CHECKING:
-    from jbclog.conduct import Result
+    from jbclog.dossier import Result
 
 LEAST_S = 14.0  # heating up takes seven seconds, the faults the rest
 DROPPED, OVERHEATED = "dde-2", "ucr-1"

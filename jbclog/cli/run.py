@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,7 +15,7 @@ from jbclog.cli.told import reasons_told, tools_text
 from jbclog.outcome import Exit, in_order
 
 if TYPE_CHECKING:
-    from jbclog.conduct import Result
+    from jbclog.dossier import Result
     from jbclog.plan import Wanted
 
 MOST_REASONS = 12  # told on the terminal; all of them are in the manifest and the report
@@ -33,6 +34,7 @@ def run(
     product: str | None = typer.Option(None, metavar="NAME", help="What is made."),
     unit: list[str] = typer.Option([], metavar="SERIAL", help="A unit that is made; may be repeated."),
     tag: list[str] = typer.Option([], metavar="NAME=VALUE", help="Anything else to keep with the run; may be repeated."),
+    wire: bool = typer.Option(False, "--wire", help="Keep every byte with its time in the run's folder, for `jbclog replay`."),
     as_json: bool = options.AS_JSON,
 ) -> None:
     """Apply a recipe, prove that it took, and record until the end.
@@ -45,7 +47,8 @@ def run(
       jbclog run profiles/recipes/sn100c-tht.toml --line virtual/line.toml --duration 15m --operator "A. Rossi" --order 88123
     """
     said = options.metadata(operator, order, product, unit, tag)
-    code = record(options.wanted(line, recipe, stations, duration, rate, said), out, as_json=as_json)
+    wanted = replace(options.wanted(line, recipe, stations, duration, rate, said), wire=wire)
+    code = record(wanted, out, as_json=as_json)
     raise typer.Exit(code)
 
 

@@ -3,6 +3,6 @@
 Owns: the schema of the four tables, the run's folder, the live store, sealing into Parquet, the manifest and its
 ledger, recovery after a crash, and the check of a finished run.
 Never: makes up a value, forgets a loss silently, changes a sealed run, talks to a station, imports pandas.
-May use: `rows`, `clock` and `errors`; sqlite3 and pyarrow.
+May use: `rows`, `tape`, `clock` and `errors`; sqlite3 and pyarrow.
 Start reading: `schema.py`, then `live.py` (rows into SQLite), `seal.py` (SQLite into Parquet), `recover.py`.
 """

@@ -11,7 +11,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from jbclog.errors import RecordError
-from jbclog.record import chain
+from jbclog.record import chain, wire
 from jbclog.record.conclude import LATER, files_of, live_files, sealed_file
 from jbclog.record.ledger import disagreements, ledger_of, reasons_of
 from jbclog.record.manifest import NAME, Manifest, SealedFile, read_manifest
@@ -77,7 +77,7 @@ def _there(folder: Path) -> Iterator[str]:
     for path in sorted(folder.iterdir()):
         if path.name in LATER or path in live:
             continue
-        if path.is_dir() and path.name in (*TABLES, "recipes", "damaged"):
+        if path.is_dir() and path.name in (*TABLES, "recipes", wire.FOLDER, "damaged"):
             yield from (one.relative_to(folder).as_posix() for one in sorted(path.rglob("*")) if one.is_file())
         elif path.is_file() and path.suffix in (".toml", ".jsonl", ".parquet"):
             yield path.name

@@ -18,7 +18,7 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from jbclog.errors import RecordError
-from jbclog.record import damage
+from jbclog.record import damage, wire
 from jbclog.record.durable import sync_folder
 from jbclog.record.from_json import Misfit, build
 from jbclog.record.ledger import ledger_of
@@ -33,7 +33,7 @@ from jbclog.rows import StationFacts
 LATER: Final = (NAME, "annotations.jsonl", "report.html", "report.json", "joints.parquet")
 """Files of the folder that are not the record: the manifest itself, and what comes after sealing."""
 
-TAKEN_IN: Final = ("line.toml", "recipes", damage.NOTES, damage.REMAINS)
+TAKEN_IN: Final = ("line.toml", "recipes", wire.FOLDER, damage.NOTES, damage.REMAINS)
 
 
 def conclude(folder: Path, manifest: Manifest, lock: FolderLock) -> Manifest:
@@ -112,7 +112,7 @@ def files_of(folder: Path) -> Iterator[SealedFile]:
     for name in TAKEN_IN:
         there = folder / name
         for path in sorted(there.iterdir()) if there.is_dir() else [there] if there.exists() else []:
-            yield sealed_file(folder, path, None)
+            yield sealed_file(folder, path, wire.count_rows(path) if name == wire.FOLDER else None)
 
 
 def sealed_file(folder: Path, path: Path, rows: int | None) -> SealedFile:

@@ -69,7 +69,7 @@ class Lost:
 
 @dataclass(frozen=True, slots=True)
 class SealedFile:
-    """A file of the run: its path in the folder, its rows (None: it is no table), its size, its hash."""
+    """A file of the run: its path in the folder, its rows (None: it has none), its size, its hash."""
 
     path: str
     rows: int | None
@@ -82,7 +82,8 @@ class Manifest:
     """`state` is ``open`` or ``sealed``; `exit_status` ``success``, ``aborted``, ``failed``, ``lost`` or not yet known.
 
     Times are ISO 8601 in UTC; `t0_mono` is the moment of tick 0 on the recorder's monotonic clock in seconds, `t0_utc`
-    the same moment in seconds since 1970 UTC. `rate` is in Hz or ``max``.
+    the same moment in seconds since 1970 UTC. `rate` is in Hz or ``max``. `wire` is None where what passed over the wires
+    was not kept, ``whole`` where it was, or says what of it is missing.
     """
 
     run: str
@@ -102,6 +103,7 @@ class Manifest:
     host: dict[str, str] = field(default_factory=dict)
     rate: float | str | None = None
     guard: str = "none"
+    wire: str | None = None
     stations: list[StationFacts] = field(default_factory=list)
     ledger: Ledger = field(default_factory=dict)
     lost: Lost | None = None

@@ -16,7 +16,7 @@ from typing import Final
 import pyarrow as pa
 
 from jbclog.errors import RecordError
-from jbclog.record import damage
+from jbclog.record import damage, wire
 from jbclog.record.conclude import conclude, live_files, remove_live
 from jbclog.record.folder import RUN_NAME
 from jbclog.record.live import AT_RISK_S
@@ -95,6 +95,7 @@ def recover(folder: Path, patience_s: float = PATIENCE_S) -> Recovery:
 def _finish(folder: Path, manifest: Manifest, lock: FolderLock) -> Recovery:
     remove_leavings(folder)
     _note_bad_parts(folder)
+    manifest = replace(manifest, wire=_wire(folder, manifest))
     seal_rows(folder)
     with Stock(folder) as stock:
         _note_missing_end(folder, stock.last)
@@ -155,6 +156,16 @@ def _was_to_be_judged(folder: Path, manifest: Manifest) -> bool:
         return any("acceptance" in tomllib.loads(path.read_text(encoding="utf-8")) for path in (folder / "recipes").glob("*.toml"))
     except (OSError, ValueError, RecursionError):
         return True
+
+
+def _wire(folder: Path, manifest: Manifest) -> str | None:
+    """Close the files of the wires; what of them is missing."""
+    paths = wire.wire_paths(folder)
+    if [path for path in paths if wire.mend(path)]:
+        return f"The recorder ended without closing it. At most the last {AT_RISK_S:g} s of it are missing."
+    if not all(wire.is_done(path) for path in paths):
+        return "It was not kept to the run's end; the event wire.failed says why."
+    return None if manifest.wire is None else wire.WHOLE
 
 
 def _note_missing_end(folder: Path, last: int) -> None:

@@ -6,7 +6,7 @@ Owns: the physics of tip, port, feeder and counters (`tip.py`, `joints.py`, `sta
 (`virtual.py`, `build.py`, `wire_log.py`); and serving a line on pseudo-terminals or TCP (`setup.py`, `serve.py`,
 `links.py`, `terminal_line.py`, `uart.py`, `waiting.py`, `wire_file.py`, `process.py`).
 Never: is imported by anything on the run path; touches an absolute device path; prints.
-May use: `protocol`, `commands`, `quantities`, `wire`, `recipe` (line files), `clock` and `errors`.
+May use: `protocol`, `commands`, `quantities`, `wire`, `recipe` (line files), `tape`, `clock` and `errors`.
 Start reading: `virtual.py`, then `device.py` and `plant.py`; `serve.py` for the ports.
 
 Physics knows nothing of the protocol and is passed the time. Where no manual says what a station does, the

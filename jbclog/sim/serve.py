@@ -15,18 +15,32 @@ from dataclasses import dataclass
 from functools import partial
 from itertools import count
 from time import monotonic
+from typing import Protocol
 
 from jbclog.sim.links import Link
-from jbclog.sim.virtual import VirtualStation
+from jbclog.sim.virtual import Reply
 from jbclog.sim.waiting import Waiter, exact_timers
 from jbclog.sim.wire_file import NoWireFile, WireFile
 
 
+class Servable(Protocol):
+    """A station that is all in this program: virtual, or played from a tape. Moments are monotonic seconds."""
+
+    @property
+    def name(self) -> str: ...
+
+    def receive(self, data: bytes, now: float) -> Sequence[Reply]: ...
+
+    def hung_up(self, now: float) -> bool: ...
+
+    def next_plugging(self, now: float) -> float | None: ...
+
+
 @dataclass(frozen=True, slots=True)
 class Served:
-    """A virtual station and the link that it is served on."""
+    """A station and the link that it is served on."""
 
-    station: VirtualStation
+    station: Servable
     link: Link
 
 

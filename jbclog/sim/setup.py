@@ -10,7 +10,7 @@ from time import monotonic
 from jbclog.errors import UsageError
 from jbclog.recipe.line import Line, StationSpec
 from jbclog.sim.links import Link, PtyLink, TcpLink
-from jbclog.sim.serve import Served, Server
+from jbclog.sim.serve import Servable, Served, Server
 from jbclog.sim.virtual import VirtualStation
 from jbclog.sim.waiting import Waiter
 from jbclog.sim.wire_file import WireFile
@@ -24,9 +24,16 @@ Tcp = tuple[str, int]
 """Host and first port."""
 
 
-def set_up(line: Line, folder: Path, tcp: Tcp | None = None, wire_file: WireFile | None = None) -> Server:
+def set_up(
+    line: Line,
+    folder: Path,
+    tcp: Tcp | None = None,
+    wire_file: WireFile | None = None,
+    stations: Sequence[Servable] | None = None,
+) -> Server:
     """Make the line's ports appear in `folder` (or on TCP) and write `folder/line.toml`; `run` then serves them.
 
+    `stations` are what is served, in the line's order; without them the virtual ones that the line describes.
     Raises `UsageError` where a station cannot be virtual or a link cannot be made.
     """
     allow_descriptors(DESCRIPTORS_EACH * len(line.stations) + DESCRIPTORS_BESIDE)
@@ -34,7 +41,7 @@ def set_up(line: Line, folder: Path, tcp: Tcp | None = None, wire_file: WireFile
     if served_line.resolve() == line.path.resolve():
         raise UsageError(f"{line.path} would be overwritten with the line file for the run; choose another folder")
     now, waiter = monotonic(), Waiter()
-    stations = [VirtualStation(station, now=now) for station in line.stations]
+    stations = stations or [VirtualStation(station, now=now) for station in line.stations]
     links = _tcp_links(line, tcp, waiter) if tcp else _pty_links(line, folder.absolute(), waiter)
     server = Server([Served(*pair) for pair in zip(stations, links, strict=True)], waiter, wire_file)
     _make(folder)

@@ -3,14 +3,14 @@
 Owns: opening, exclusive use, reading and writing without waiting, closing; every way in which a link breaks, as one
 `LinkError`.
 Never: knows a frame, decides a time-out, or tries anything twice.
-May use: `errors`, `wire`.
-Start reading: `port.py`, then `opening.py`; `tee.py` keeps every byte, `read_only.py` refuses what is no
+May use: `errors`, `wire`, `tape`.
+Start reading: `port.py`, then `opening.py`; `tee.py` notes every byte, `read_only.py` refuses what is no
 question, `descriptors.py` makes room for many ports.
 """
 
 from jbclog.transport.opening import open_port
 from jbclog.transport.port import Port
 from jbclog.transport.read_only import OnlyReads, ReadOnly
-from jbclog.transport.tee import Moved, Tee
+from jbclog.transport.tee import Tee
 
-__all__ = ["Moved", "OnlyReads", "Port", "ReadOnly", "Tee", "open_port"]
+__all__ = ["OnlyReads", "Port", "ReadOnly", "Tee", "open_port"]

@@ -1,29 +1,40 @@
-"""A port that keeps what passes through it: every byte with its moment and direction."""
+"""A port that notes what passes through it: every byte with its moment and direction, and every change of the link."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from typing import Literal, NamedTuple
+from typing import Literal, Self
 
+from jbclog.errors import LinkError
+from jbclog.tape import Passed
 from jbclog.transport.port import Port
 
-
-class Moved(NamedTuple):
-    """Bytes that went one way at once. `at_s` is monotonic: after they were handed over, or had come."""
-
-    at_s: float
-    direction: Literal["sent", "heard"]
-    data: bytes
+Keep = Callable[[Passed], object]
 
 
 class Tee:
-    """A `Port` around a port. `keep` is called with each `Moved`, in the reading thread: a bounded deque's `append`, a file."""
+    """A `Port` around a port. `keep` is called in the thread that moves the bytes: a bounded deque's `append`.
 
-    def __init__(self, port: Port, keep: Callable[[Moved], object], now: Callable[[], float] = time.monotonic) -> None:
+    A question is noted before it is handed over, so that it stands before its answer whoever reads that.
+    """
+
+    def __init__(self, port: Port, keep: Keep, now: Callable[[], float] = time.monotonic) -> None:
         self._port = port
         self._keep = keep
         self._now = now
+        self._is_there = True
+
+    @classmethod
+    def opened(cls, open_port: Callable[[], Port], keep: Keep, now: Callable[[], float] = time.monotonic) -> Self:
+        """Open a port and note that, or why it could not be opened, which is raised as it came."""
+        try:
+            port = open_port()
+        except LinkError as error:
+            keep(Passed(now(), "failed", text=str(error)))
+            raise
+        keep(Passed(now(), "opened", text=port.url))
+        return cls(port, keep, now)
 
     @property
     def url(self) -> str:
@@ -33,19 +44,35 @@ class Tee:
         return self._port.fileno()
 
     def write(self, data: bytes) -> None:
-        self._port.write(data)
-        self._keep(Moved(self._now(), "sent", data))
+        self._keep(Passed(self._now(), "sent", data))
+        try:
+            self._port.write(data)
+        except LinkError as error:
+            self._end("lost", str(error))
+            raise
 
     def read_now(self) -> bytes:
-        return self._heard(self._port.read_now())
+        return self._heard(self._port.read_now)
 
     def read(self, timeout_s: float) -> bytes:
-        return self._heard(self._port.read(timeout_s))
+        return self._heard(lambda: self._port.read(timeout_s))
 
     def close(self) -> None:
+        self._end("closed")
         self._port.close()
 
-    def _heard(self, data: bytes) -> bytes:
+    def _heard(self, read: Callable[[], bytes]) -> bytes:
+        try:
+            data = read()
+        except LinkError as error:
+            self._end("lost", str(error))
+            raise
         if data:
-            self._keep(Moved(self._now(), "heard", data))
+            self._keep(Passed(self._now(), "heard", data))
         return data
+
+    def _end(self, how: Literal["lost", "closed"], text: str = "") -> None:
+        """Note the end of the link, once: a port that was lost is closed as well."""
+        if self._is_there:
+            self._is_there = False
+            self._keep(Passed(self._now(), how, text=text))

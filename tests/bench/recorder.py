@@ -10,7 +10,8 @@ from typing import NamedTuple
 import pyarrow.parquet as pq
 from common import cpu_s, percentile
 
-from jbclog.conduct import Result, conduct
+from jbclog.conduct import conduct
+from jbclog.dossier import Result
 from jbclog.plan import Wanted, make_plan
 from jbclog.record.live import SEAL_S
 from jbclog.rows import EventRow

@@ -1,4 +1,4 @@
-"""The tee keeps every byte with its moment and direction, and changes nothing of the port."""
+"""The tee notes every byte with its moment and direction, and every change of the link; it changes nothing of the port."""
 
 from __future__ import annotations
 
@@ -8,17 +8,18 @@ import pytest
 from far_ends import terminal
 
 from jbclog.errors import LinkError
-from jbclog.transport import Moved, Port, Tee, open_port
+from jbclog.tape import Passed
+from jbclog.transport import Port, Tee, open_port
 from jbclog.wire import LineFormat
 
 
 def test_every_byte_is_kept_in_order_with_its_moment() -> None:
-    kept: list[Moved] = []
-    moments = iter((1.0, 2.0, 3.0))
+    kept: list[Passed] = []
+    moments = iter((1.0, 2.0, 3.0, 4.0, 5.0, 6.0))
     with terminal() as far:
-        plain = open_port(far.url, LineFormat())
-        port: Port = Tee(plain, kept.append, now=lambda: next(moments))
-        assert (port.url, port.fileno()) == (plain.url, plain.fileno())
+        port: Port = Tee.opened(lambda: open_port(far.url, LineFormat()), kept.append, lambda: next(moments))
+        assert port.url == far.url
+        assert port.fileno() is not None
         port.write(b"\x02RSMN\x03\x03")
         assert port.read(0.0) == b""  # nothing came: nothing to keep
         far.say(b"\x02ASMN")
@@ -27,17 +28,44 @@ def test_every_byte_is_kept_in_order_with_its_moment() -> None:
         while not (last := port.read_now()):
             pass
         port.close()
+        port.close()
         with pytest.raises(LinkError):
             port.write(b"never sent")
-    assert kept == [(1.0, "sent", b"\x02RSMN\x03\x03"), (2.0, "heard", b"\x02ASMN"), (3.0, "heard", last)]
+    assert kept == [
+        (1.0, "opened", b"", far.url),
+        (2.0, "sent", b"\x02RSMN\x03\x03", ""),
+        (3.0, "heard", b"\x02ASMN", ""),
+        (4.0, "heard", last, ""),
+        (5.0, "closed", b"", ""),
+        (6.0, "sent", b"never sent", ""),  # noted before it is handed over: an answer can never stand before its question
+    ]
+
+
+def test_a_link_that_breaks_is_lost_once() -> None:
+    kept: list[Passed] = []
+    with terminal() as far:
+        port = Tee.opened(lambda: open_port(far.url, LineFormat()), kept.append)
+        far.unplug()
+        for _ in range(2):
+            with pytest.raises(LinkError):
+                port.read(1.0)
+        port.close()
+    assert [row.what for row in kept] == ["opened", "lost"]
+    assert "hung up" in kept[1].text or "read" in kept[1].text
+
+
+def test_a_port_that_cannot_be_opened_is_noted_with_the_reason() -> None:
+    kept: list[Passed] = []
+    with pytest.raises(LinkError) as told:
+        Tee.opened(lambda: open_port("/nowhere/at-all", LineFormat()), kept.append)
+    assert [(row.what, row.text) for row in kept] == [("failed", str(told.value))]
 
 
 def test_a_bounded_sink_holds_the_newest() -> None:
-    kept: deque[Moved] = deque(maxlen=2)
+    kept: deque[Passed] = deque(maxlen=2)
     with terminal() as far:
         port = Tee(open_port(far.url, LineFormat()), kept.append)
         for question in (b"one", b"two", b"three"):
             port.write(question)
-        port.close()
-    assert [moved.data for moved in kept] == [b"two", b"three"]
+    assert [row.data for row in kept] == [b"two", b"three"]
     assert kept[0].at_s <= kept[1].at_s

@@ -16,27 +16,29 @@ import jbclog
 
 PACKAGE = Path(jbclog.__file__).parent
 
-BOTTOM = "errors clock quantities wire rows effects"
+BOTTOM = "errors clock quantities wire rows effects tape"
 MAY_USE = {
     # bottom: of jbclog they import only each other
     **dict.fromkeys(BOTTOM.split(), BOTTOM),
     "protocol": "errors",
     "commands": "quantities errors",
-    "transport": "errors wire",
+    "transport": "errors wire tape",
     "recipe": "commands quantities errors wire",
     "station": "protocol commands quantities wire errors effects",
     "scheduler": "commands wire errors",
     "session": "station scheduler recipe commands rows clock effects errors quantities wire",
-    "drive": "transport clock effects errors",
-    "record": "rows clock errors",
-    "sim": "protocol commands quantities wire recipe clock errors",
+    "drive": "transport clock effects tape errors",
+    "record": "rows tape clock errors",
+    "sim": "protocol commands quantities wire recipe clock tape errors",
     "judge": "rows errors",
     "analysis": "record judge rows errors",
     "report": "analysis judge record recipe commands rows errors",
     # top: what puts the rooms together, below the command line
     "outcome": "rows errors",
     "plan": f"{BOTTOM} commands recipe scheduler session",
-    "conduct": f"{BOTTOM} plan outcome session drive transport record judge",
+    "dossier": f"{BOTTOM} plan outcome session record judge",
+    "conduct": f"{BOTTOM} dossier plan outcome session drive transport record",
+    "replaying": f"{BOTTOM} dossier plan recipe session drive record sim",
     "jbclog": "analysis errors",  # public names, loaded when they are used
 }
 """Room -> the rooms that it may import. `cli` may import all; a room that is not here must be given a row."""

@@ -1,0 +1,193 @@
+"""One run's papers: its folder, the journal of what its sessions tell, the seal, the verdict, the manifest.
+
+The same for a run on real ports (`conduct`) and for one that is lived through once more (`replaying`)::
+
+    Dossier() -> begin -> (the sessions) -> close -> conclude
+"""
+
+from __future__ import annotations
+
+import getpass
+import platform
+import socket
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Protocol
+
+from jbclog import __version__
+from jbclog.clock import Clock, UtcOffset
+from jbclog.errors import RecordError
+from jbclog.judge import Evidence, judge
+from jbclog.outcome import Exit, Finding, exit_code, findings, status
+from jbclog.plan import Plan, orders
+from jbclog.record.conclude import conclude
+from jbclog.record.folder import create_run, keep_text
+from jbclog.record.ledger import ledger_of
+from jbclog.record.live import SEAL_S, LiveStore, OnFailure
+from jbclog.record.manifest import LineFile, Manifest, Metadata, RecipeFile, iso, write_manifest
+from jbclog.record.seal import seal_in_child
+from jbclog.rows import CounterRow, EventRow, SampleRow, SettingRow, Severity, StationFacts
+from jbclog.session.order import Desk
+
+
+class Observer(Protocol):
+    """Who looks on: the command line's progress. Nothing that it does can change the run."""
+
+    def begun(self, folder: Path) -> None: ...
+
+    def happened(self, event: EventRow) -> None: ...
+
+    def second(self, desks: list[Desk]) -> None: ...
+
+    def sealing(self) -> None: ...
+
+
+@dataclass(frozen=True, slots=True)
+class Result:
+    """What a run came to."""
+
+    folder: Path
+    exit_code: Exit
+    findings: list[Finding]
+    manifest: Manifest
+
+
+class Dossier:
+    """The papers of one run of `plan`, in a new folder below `out`. Times are those of `clock`.
+
+    `on_failure` is told, in a thread of the record, when rows cannot be kept. Raises `RecordError` where the record
+    cannot even be begun.
+    """
+
+    def __init__(
+        self,
+        plan: Plan,
+        out: Path,
+        observer: Observer,
+        clock: Clock,
+        on_failure: OnFailure | None = None,
+        seal_every_s: float | None = SEAL_S,
+    ) -> None:
+        self.clock = clock
+        self.utc = UtcOffset(clock)
+        self.t0 = clock.monotonic()
+        self.observer = observer
+        self.folder = create_run(out, plan.line.name, clock.utc())
+        self._plan = plan
+        self._store = LiveStore(self.folder, on_failure, seal_every_s=seal_every_s)
+        self.journal = _Tap(self._store, observer)
+        self.manifest = self._draft()
+        self.desks = [Desk(order, self.journal, self.utc) for order in orders(plan, self.t0)]
+
+    def begin(self) -> None:
+        """Keep what runs and begin to take rows. Raises `RecordError`; no station has been touched then."""
+        keep_text(self.folder, "line.toml", self._plan.line.text)
+        for name, recipe in self._plan.recipes.items():
+            keep_text(self.folder, f"recipes/{name}", recipe.text)
+        write_manifest(self.folder, self.manifest)
+        self._store.start()
+        self.show(lambda: self.observer.begun(self.folder))
+        count = len(self.desks)
+        stations = f"{count} station{'' if count == 1 else 's'}"
+        self.note("run.start", f"Run of {stations} on line {self._plan.line.name}, jbclog {__version__}.")
+
+    def _draft(self) -> Manifest:
+        line, told = self._plan.line, self._plan.wanted.metadata
+        return Manifest(
+            run=self.folder.name,
+            started=iso(self.utc.micros(self.t0)),
+            t0_mono=self.t0,
+            t0_utc=self.t0 + self.utc.offset,
+            line=LineFile(line.name, "line.toml", line.sha256),
+            recipes=[RecipeFile(f"recipes/{name}", one.sha256, one.name, one.revision) for name, one in self._plan.recipes.items()],
+            metadata=Metadata(told.operator, told.order, told.product, list(told.units), dict(told.tags)),
+            host=_host(),
+            rate=self._plan.wanted.rate,
+        )
+
+    def note(self, kind: str, text: str, severity: Severity = Severity.INFO, value: float | None = None) -> None:
+        """An event of the run as a whole."""
+        self.journal.event(EventRow(self.utc.micros(self.clock.monotonic()), kind, severity, text, value=value))
+
+    @staticmethod
+    def show(show: Callable[[], None]) -> None:
+        """A terminal that is gone must not become a fault of the run."""
+        with suppress(Exception):
+            show()
+
+    # -- after the last session has ended -------------------------------------------------------------------------------------
+
+    def close(self) -> str | None:
+        """Close the live store and seal its rows; what the record lacks, or None."""
+        self.note("run.end", "All stations have ended.")
+        self._store.close()
+        self.show(self.observer.sealing)
+        failure = str(self._store.failure) if self._store.failure else None
+        try:
+            seal_in_child(self.folder, self._store.lock)
+        except RecordError as error:
+            return failure or f"{error}; `jbclog recover {self.folder}` tries again"
+        return failure
+
+    def conclude(self, record: str | None, cut_short: Exit | None = None) -> Result:
+        """Judge what is sealed, and write the manifest that is never changed again. `record` is what the record lacks."""
+        stations, manifest = [desk.facts for desk in self.desks], self.manifest
+        manifest.stations = stations  # in the line file's order
+        manifest.ended = iso(self.utc.micros(self.clock.monotonic()))
+        self._judge(stations, record, cut_short)
+        found = findings(stations, verdict=manifest.verdict, record=record, cut_short=cut_short)
+        manifest.exit_code, manifest.exit_status = exit_code(found), status(found)
+        try:
+            self.manifest = conclude(self.folder, manifest, self._store.lock)
+        except RecordError as error:
+            found.append(Finding(Exit.RECORD, f"{error}; `jbclog recover {self.folder}` tries again"))
+        finally:
+            self._store.release()
+        return Result(self.folder, exit_code(found), found, self.manifest)
+
+    def _judge(self, stations: list[StationFacts], record: str | None, cut_short: Exit | None) -> None:
+        exit_status = status(findings(stations, verdict=None, record=record, cut_short=cut_short))
+        evidence = Evidence(self.folder, stations, ledger_of(self.folder, stations), exit_status, record)
+        judgement = judge(evidence, {one.spec.name: one.recipe.acceptance for one in self._plan.stations})
+        self.manifest.verdict = judgement.verdict.value
+        self.manifest.verdict_rules = judgement.rules_as_dicts()
+
+
+class _Tap:
+    """A journal that lets the observer see the events that pass."""
+
+    def __init__(self, store: LiveStore, observer: Observer) -> None:
+        self.sample: Callable[[SampleRow], None] = store.sample
+        self.setting: Callable[[SettingRow], None] = store.setting
+        self.counter: Callable[[CounterRow], None] = store.counter
+        self.facts: Callable[[StationFacts], None] = store.facts
+        self._store = store
+        self._observer = observer
+
+    def event(self, event: EventRow, *, at_once: bool = False) -> None:
+        self._store.event(event, at_once=at_once)
+        with suppress(Exception):  # a terminal that is gone must not become a fault of a session
+            self._observer.happened(event)
+
+
+def _host() -> dict[str, str]:
+    """Where this runs and with which versions."""
+    found = {
+        "name": socket.gethostname(),
+        "system": platform.platform(),
+        "python": platform.python_version(),
+        "jbclog": __version__,
+    }
+    try:
+        found["user"] = getpass.getuser()
+    except (KeyError, OSError):
+        found["user"] = "unknown"
+    for package in ("pyserial", "pyarrow"):
+        try:
+            found[package] = version(package)
+        except PackageNotFoundError:
+            found[package] = "unknown"
+    return found

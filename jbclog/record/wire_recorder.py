@@ -1,0 +1,163 @@
+"""Writes what passes over the wires of a run, beside the record proper, and gives way to it.
+
+The rules:
+
+1. Noting a row costs the session an append. A thread puts rows into lines, packs and writes them twice a second.
+2. A kill loses what was not written yet, half a second or so (the file's form: `wire`).
+3. Trouble with a file ends the recording of that wire and nothing else: the run goes on. So does a disk with little room
+   left, for that belongs to the record itself.
+4. Memory is bounded: where the disk takes nothing for a minute and more, that is trouble, too.
+"""
+
+from __future__ import annotations
+
+import os
+import threading
+import zlib
+from collections import deque
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+from typing import Final
+
+from jbclog.record.batches import breathe
+from jbclog.record.durable import sync_folder
+from jbclog.record.wire import HEADER, Head, end_of_file, head_lines, line_of, wire_path
+from jbclog.tape import Row
+
+WRITE_S: Final = 0.5
+MOST_ROWS: Final = 20_000  # waiting for one station: a minute and a half of a full wire at 19200 baud
+LEAST_FREE: Final = 64 << 20  # bytes of the disk that are left to the record
+LEVEL, WINDOW, MEMORY = 3, 13, 7  # of zlib: as small as 6 and 15 nearly, in half the time and a quarter of the memory
+
+Keep = Callable[[Row], object]
+
+
+class Wire:
+    """The file of one station. `keep` may be called in any thread; all else is the recorder's."""
+
+    def __init__(self, path: Path, head: Head) -> None:
+        self.trouble: str | None = None
+        self._rows: deque[Row] = deque(maxlen=MOST_ROWS)
+        self.keep: Keep = self._rows.append
+        self._path = path
+        self._packer = zlib.compressobj(LEVEL, zlib.DEFLATED, -WINDOW, MEMORY)
+        self._crc = self._size = self._written = 0
+        self._descriptor = -1
+        try:
+            self._descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o644)
+            self._put(HEADER)
+            self._pack(head_lines(head))
+        except OSError as error:
+            self._fail(error.strerror or str(error))
+
+    @property
+    def is_open(self) -> bool:
+        return self._descriptor >= 0
+
+    def write(self) -> None:
+        """Write what was kept so far. Does not raise: `trouble` says what went wrong."""
+        if not self.is_open or not self._rows:
+            return
+        if len(self._rows) == MOST_ROWS:
+            self._fail(f"the disk was too slow for it: more than {MOST_ROWS} rows were waiting")
+            return
+        try:
+            if _free(self._descriptor) < LEAST_FREE:
+                self._fail(f"less than {LEAST_FREE >> 20} MB are free on the disk, and the record needs them")
+                return
+            self._pack("".join([line_of(self._rows.popleft()) for _ in range(len(self._rows))]))
+        except OSError as error:
+            self._fail(error.strerror or str(error))
+
+    def close(self) -> None:
+        """Write the rest and the file's end, and make it last."""
+        self.write()
+        if self.is_open:
+            self._end()
+
+    def _pack(self, text: str) -> None:
+        data = text.encode()
+        packed = self._packer.compress(data) + self._packer.flush(zlib.Z_SYNC_FLUSH)
+        self._put(packed)
+        self._crc, self._size = zlib.crc32(data, self._crc), self._size + len(data)
+
+    def _put(self, packed: bytes) -> None:
+        """Write all of it. Raises OSError."""
+        rest = memoryview(packed)
+        while rest:
+            rest = rest[os.write(self._descriptor, rest) :]
+        self._written += len(packed)
+
+    def _fail(self, why: str) -> None:
+        """Give up; what was written as a whole stays, and is closed."""
+        self.trouble = f"{self._path} cannot be written any further: {why}. The run goes on without it."
+        if self.is_open:
+            self._end()
+
+    def _end(self) -> None:
+        descriptor, self._descriptor = self._descriptor, -1
+        try:
+            os.ftruncate(descriptor, self._written)
+            os.pwrite(descriptor, (b"" if self._written else HEADER) + end_of_file(self._crc, self._size), self._written)
+            os.fsync(descriptor)
+        except OSError as error:
+            self.trouble = self.trouble or f"{self._path} cannot be closed: {error.strerror or error}"
+        finally:
+            os.close(descriptor)
+
+
+class WireRecorder:
+    """The wires of one run, in `folder`. `begin` each, then `start`; `news` tells what went wrong, once."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self._wires: list[Wire] = []
+        self._told: list[Wire] = []  # those whose trouble was told
+        self._ending = threading.Event()
+        self._thread = threading.Thread(target=self._write_on, name="jbclog-wires", daemon=True)
+
+    def begin(self, head: Head) -> Keep:
+        """Begin the file of one station; give what takes its rows. Does not raise."""
+        path = wire_path(self._folder, head.station)
+        with suppress(OSError):  # opening the file will say it, too
+            path.parent.mkdir(exist_ok=True)
+            sync_folder(self._folder)
+        wire = Wire(path, head)
+        self._wires.append(wire)
+        return wire.keep
+
+    def start(self) -> None:
+        self._thread.start()
+
+    def close(self) -> None:
+        """Write the rest and close all files. Does not raise."""
+        self._ending.set()
+        if self._thread.is_alive():
+            self._thread.join()
+        for wire in self._wires:
+            wire.close()
+        with suppress(OSError):  # the record proper lies in the same folder, and says so
+            sync_folder(self._folder)
+
+    def troubles(self) -> list[str]:
+        """What went wrong so far, a sentence for each wire."""
+        return [wire.trouble for wire in self._wires if wire.trouble is not None]
+
+    def news(self) -> list[str]:
+        """The troubles that were not told yet."""
+        fresh = [wire for wire in self._wires if wire.trouble is not None and wire not in self._told]
+        self._told += fresh
+        return [wire.trouble for wire in fresh if wire.trouble is not None]
+
+    def _write_on(self) -> None:
+        while not self._ending.wait(WRITE_S):
+            for wire in self._wires:
+                wire.write()
+                breathe()
+
+
+def _free(descriptor: int) -> int:
+    """Bytes that are free on the disk of an open file."""
+    state = os.fstatvfs(descriptor)
+    return state.f_bavail * state.f_frsize

@@ -1,0 +1,122 @@
+"""A recorded station, played from its tape without any I/O: to a question that was asked then, what was answered then.
+
+Each question has its own row of answers, in the order in which they were recorded, and each asking takes the next: so a
+client that asks in another order, or at another pace, gets the same values all the same. What came is given as it came,
+with its delay: whole, in pieces, corrupt, late, twice, or not at all. Where the link was lost after a question, it is
+lost again, for as long.
+
+A question that was never asked, or not so often, is met with silence: nothing is made up.
+"""
+
+from __future__ import annotations
+
+from collections import Counter, defaultdict, deque
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, field
+from math import inf
+
+from jbclog.sim.virtual import Reply
+from jbclog.tape import Passed, Row
+
+
+@dataclass(slots=True)
+class Exchange:
+    """One question as it was recorded, and what came of it until the next; seconds count from the question."""
+
+    question: bytes
+    replies: list[tuple[float, bytes]] = field(default_factory=list)
+    lost_s: float | None = None  # when the link was lost after it
+    back_s: float = inf
+
+    def lost(self, after_s: float) -> None:
+        """The link was lost, or was still away."""
+        self.lost_s, self.back_s = after_s if self.lost_s is None else self.lost_s, inf
+
+
+def exchanges(rows: Iterable[Row]) -> Iterator[Exchange]:
+    """The exchanges on a tape, in order. What came before the first question belongs to none."""
+    one, asked_at, down_since = None, 0.0, 0.0
+    for row in rows:
+        if not isinstance(row, Passed):
+            continue
+        if row.what == "sent":
+            if one is not None:
+                yield one
+            one, asked_at = Exchange(row.data), row.at_s
+        elif one is None:
+            continue
+        elif row.what == "heard":
+            one.replies.append((row.at_s - asked_at, row.data))
+        elif row.what in ("lost", "failed"):
+            one.lost(row.at_s - asked_at)
+            down_since = row.at_s
+        elif row.what == "opened" and one.lost_s is not None and one.back_s == inf:
+            one.back_s = (down_since + row.at_s) / 2 - asked_at  # it came back between the last try that failed and this one
+    if one is not None:
+        yield one
+
+
+class TapeStation:
+    """A station that plays `rows`. They are read when they are needed; `speed` divides all delays.
+
+    `strange` counts the questions that were never recorded, `used_up` those that were asked more often than recorded.
+    """
+
+    def __init__(self, name: str, rows: Callable[[], Iterable[Row]], speed: float = 1.0) -> None:
+        self.name = name
+        self.strange = 0
+        self.used_up: Counter[bytes] = Counter()
+        self._speed = speed
+        self._coming = exchanges(rows())
+        self._waiting: defaultdict[bytes, deque[Exchange]] = defaultdict(deque)
+        self._known = {row.data for row in rows() if isinstance(row, Passed) and row.what == "sent"}
+        self._starts = {question[:length] for question in self._known for length in range(1, len(question))}
+        self._lengths = sorted({len(question) for question in self._known}, reverse=True)
+        self._heard = b""
+        self._outages: list[tuple[float, float]] = []
+
+    def receive(self, data: bytes, now: float) -> list[Reply]:
+        """What comes back to `data` written at `now`: bytes, each with the moment at which they are there."""
+        if self.hung_up(now):
+            self._heard = b""
+            return []
+        replies = [reply for question in self._questions(data) for reply in self._replies(question, now)]
+        return [reply for reply in replies if not self.hung_up(reply.at)]
+
+    def hung_up(self, now: float) -> bool:
+        """Whether the link is lost."""
+        return any(begin <= now < end for begin, end in self._outages)
+
+    def next_plugging(self, now: float) -> float | None:
+        """When `hung_up` changes next, as far as is known."""
+        return min((moment for outage in self._outages for moment in outage if now < moment < inf), default=None)
+
+    def _questions(self, data: bytes) -> Iterator[bytes]:
+        """The known questions in what has been heard; a piece of one is kept until the rest of it comes."""
+        self._heard += data
+        dropped = False
+        while self._heard and self._heard not in self._starts:
+            length = next((length for length in self._lengths if self._heard[:length] in self._known), 0)
+            if length:
+                yield self._heard[:length]
+            dropped |= not length
+            self._heard = self._heard[length or 1 :]
+        self.strange += dropped
+
+    def _replies(self, question: bytes, now: float) -> list[Reply]:
+        one = self._next(question)
+        if one is None:
+            self.used_up[question] += 1
+            return []
+        if one.lost_s is not None:
+            self._outages.append((now + one.lost_s / self._speed, now + one.back_s / self._speed))
+        return [Reply(now + delay_s / self._speed, data) for delay_s, data in one.replies]
+
+    def _next(self, question: bytes) -> Exchange | None:
+        """The next exchange with that question; those before it wait for theirs."""
+        while not self._waiting[question]:
+            one = next(self._coming, None)
+            if one is None:
+                return None
+            self._waiting[one.question].append(one)
+        return self._waiting[question].popleft()
