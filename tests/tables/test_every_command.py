@@ -9,12 +9,15 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 from functools import cache
+from pathlib import Path
 
 import pytest
 from codes import PORTS, codes_of
+from commands_page import printed_code
 from converse import Pair
 from domains import as_written, every_text, meant, values_to_write
 
+import jbclog.commands
 from jbclog.commands.command import Command, Effect, Limits, Scope
 from jbclog.commands.family import FAMILIES, Family
 from jbclog.commands.omega_values import ConditionNumber, Digit, StoredCondition
@@ -139,6 +142,23 @@ def test_no_code_begins_with_its_own_but_that_of_a_tip(family: Family, command: 
     for code in codes_of(command, family.ports or PORTS):
         longer = {other[1:] for other in _meanings(family.name) if other[1:].startswith(code) and other[1:] != code}
         assert longer == ({f"TT{port}" for port in family.ports or PORTS} if code == "TT" else set())
+
+
+# -- the page lists it -------------------------------------------------------------------------------------------------
+
+COMMANDS_MD = (Path(jbclog.commands.__file__).parent / "COMMANDS.md").read_text(encoding="utf-8")
+"""As it stands in the repository; that it is made from the tables is held by tests/docs/test_pages.py."""
+
+
+@every_command
+def test_the_page_of_commands_lists_it(family: Family, command: Command) -> None:
+    begin = f"| `{command.name}` | `{printed_code(command)}` | "
+    (row,) = (line for line in COMMANDS_MD.splitlines() if line.startswith(begin) and command.manual in line)
+    cells = [cell.strip() for cell in row.strip("|").split(" | ")]
+    assert f"`{family.name}`" in cells[2] or cells[2] in ("all", "all soldering", "all of 002")
+    assert cells[3] == (command.unit or "–")
+    assert ("dangerous" in cells[6]) == command.dangerous
+    assert cells[8] == command.note
 
 
 # -- its values there and back -----------------------------------------------------------------------------------------

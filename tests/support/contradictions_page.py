@@ -1,0 +1,29 @@
+"""CONTRADICTIONS.md: what the manuals contradict, misprint or leave open, and what is made of it."""
+
+from __future__ import annotations
+
+from md_table import MADE, codes, table
+
+from jbclog.commands.decision import Decision
+from jbclog.commands.decisions import DECISIONS
+
+INTRODUCTION = """
+The makers' manuals contradict each other and themselves in places, and leave things out. Each row below is one such place
+(its number is what notes in the tables and events of the kind `protocol.anomaly` cite as B-nn), how it is read, and why.
+
+Where the alternative shows on the wire, a virtual station can play it: the word in the last column is one of `quirks` in its
+`[station.sim]`. The driver takes the alternative, records the same samples, and says once, as an event, what it has met.
+Rows without such a word cannot be seen on the wire, or are about what is sent; their reason says so.
+"""
+
+
+def page() -> str:
+    """The whole page."""
+    rows = [_row(one) for one in DECISIONS.values()]
+    head = ("no.", "contradicted or left open", "how it is read", "why", "families", "quirk of a virtual station")
+    return f"{MADE}\n\n# Contradictions of the manuals\n{INTRODUCTION}\n{table(head, rows)}\n"
+
+
+def _row(one: Decision) -> tuple[str, ...]:
+    number = f"B-{one.number}" + (" (value doubtful)" if one.doubtful else "")
+    return number, one.title, one.reading, one.reason, codes(one.families) or "all of JBC", codes(one.quirks)
