@@ -195,6 +195,7 @@ class StationFacts:
     skipped: int = 0  # ticks without rows: the host stood still
     garbage_bytes: int = 0
     strays: dict[str, int] = field(default_factory=dict)  # frames that answered nothing: echo, address, code, late, unasked
+    anomalies: dict[int, int] = field(default_factory=dict)  # forms not as recommended, by row of section B
     doubted: dict[str, int] = field(default_factory=dict)  # answers that were not believed at once, by command
     alarms: int = 0  # that count (contract, "Exit codes")
     unconfirmed_alarms: int = 0

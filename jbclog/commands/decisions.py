@@ -144,7 +144,7 @@ STATUS = (
         "00000, 00001, and 00010 only on ucr and ale; where 00010 is refused as the safe state, 00001 follows",
         "Asked for by a recipe at the start, a refusal stops the station as that of any setting does (contract).",
         ("extractor_refused",),
-        "The extractor state 00010 is refused; the tool is told to stand instead.",
+        "The extractor state 00010 is refused; where it was to be the safe state, the tool is told to stand.",
         families=("ucr", "ale"),
     ),
     Decision(

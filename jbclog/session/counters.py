@@ -6,6 +6,7 @@ from jbclog.commands.signals import Counter
 from jbclog.effects import Steps
 from jbclog.errors import LinkError, NotSupported, RobotModeOff, StationError, StationSilent
 from jbclog.rows import CounterRow
+from jbclog.session.anomalies import as_it_came
 from jbclog.session.order import Desk, PortState
 
 
@@ -32,7 +33,7 @@ def _read(desk: Desk, port: PortState, counter: Counter) -> Steps[None]:
             raise
     else:
         port.counted[counter.name] = found
-        _keep(desk, port, counter, float(found) if isinstance(found, int | float) else None, command.quantity.encode(found))
+        _keep(desk, port, counter, float(found) if isinstance(found, int | float) else None, as_it_came(desk, command, found))
 
 
 def _keep(desk: Desk, port: PortState, counter: Counter, value: float | None, raw: str) -> None:

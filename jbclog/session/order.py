@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 
 from jbclog.clock import UtcOffset
 from jbclog.commands.command import Command
+from jbclog.commands.decisions import DECISIONS
 from jbclog.commands.family import Family
 from jbclog.effects import Steps
 from jbclog.quantities import Off, Value
@@ -174,6 +175,14 @@ class Desk:
         event = EventRow(time, kind, severity, text, self.name, port, earliest, code, value, limit, raw)
         self.journal.event(event, at_once=at_once)
 
+    def tell_anomalies(self) -> None:
+        """Put into the record what the station was newly seen to do otherwise than recommended; each kind comes once."""
+        for one in self.station.anomalies.take():
+            decision = DECISIONS[one.number]
+            severity = Severity.WARNING if decision.doubtful else Severity.INFO
+            text = f"{decision.met} First met: {one.place}."
+            self.note("protocol.anomaly", severity, text, port=one.port, code=one.number, raw=one.raw)
+
     def publish(self) -> None:
         """Hand the facts over as they are now."""
         self.facts.tools = {port.number: self.tool_text(port.tool) for port in self.ports.values()}
@@ -181,6 +190,8 @@ class Desk:
         self.facts.not_supported = sorted(self.not_supported)
         self.facts.garbage_bytes = self.station.garbage_bytes
         self.facts.strays = dict(self.station.strays)
+        self.tell_anomalies()
+        self.facts.anomalies = dict(sorted(self.station.anomalies.counts.items()))
         self.facts.doubted = dict(self.doubted)
         self.facts.last_temperature_c = {p.number: p.temperature_c for p in self.ports.values() if p.temperature_c is not None}
         self.journal.facts(self.facts)

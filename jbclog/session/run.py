@@ -11,6 +11,7 @@ from jbclog.effects import RunEnded, Steps
 from jbclog.errors import JbclogError, LinkError, StartRefused, StationError, Unsafe
 from jbclog.rows import NoJournal, Severity, StationFacts
 from jbclog.scheduler import Grid
+from jbclog.session.anomalies import compare_countdowns
 from jbclog.session.apply import apply
 from jbclog.session.counters import read_counters
 from jbclog.session.identify import Absent, identify
@@ -19,7 +20,7 @@ from jbclog.session.outage import Gone, outage
 from jbclog.session.pace import choose_pace
 from jbclog.session.safe import make_safe
 from jbclog.session.sampling import Lost, Sampler
-from jbclog.session.watch import SettingChanged
+from jbclog.session.watch import SettingChanged, is_at_work
 
 
 def run_station(desk: Desk) -> Steps[StationFacts]:
@@ -77,9 +78,11 @@ def _sample(desk: Desk, sampler: Sampler) -> Steps[None]:
 
 
 def _close(desk: Desk) -> Steps[None]:
+    at_work = [port for port in desk.ports.values() if is_at_work(desk, port)]
     yield from _surely_make_safe(desk)
     try:
         if desk.connected and desk.after_safe is not None:
+            yield from compare_countdowns(desk, at_work)
             yield from desk.after_safe()
             yield from read_counters(desk)
     except (LinkError, StationError, RunEnded) as error:

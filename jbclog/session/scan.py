@@ -15,6 +15,7 @@ from jbclog.quantities import Value
 from jbclog.rows import COLUMN, SAMPLE_COLUMNS, CounterRow, SampleRow, Severity, quality_of, reasons_text
 from jbclog.scheduler import Reading
 from jbclog.session.alarms import AlarmWatch
+from jbclog.session.anomalies import as_it_came, note_zero_countdown
 from jbclog.session.columns import Fill, fill_of, unusable
 from jbclog.session.order import Desk, PortState
 from jbclog.session.watch import OBSERVERS, WATCHED_LIMITS, Observe, is_no_tool
@@ -169,6 +170,8 @@ class Scanner:
         why = "no_tool" if scan.no_tool and name in NEEDS_A_TOOL else unusable(name, value, scan.port)
         if why:
             self.unread(probe, scan, why)
+            if name == "delay_s":
+                note_zero_countdown(self._desk, probe.port, value)
             return
         probe.failing, probe.is_known = False, True
         if probe.fill is not None:
@@ -195,7 +198,7 @@ class Scanner:
 
     def _count(self, probe: Probe, value: Value) -> None:
         if isinstance(value, int | float):
-            self._counter_row(probe, float(value), probe.reading.command.quantity.encode(value))
+            self._counter_row(probe, float(value), as_it_came(self._desk, probe.reading.command, value))
 
     def _counter_row(self, probe: Probe, value: float | None, raw: str) -> None:
         counter, desk = probe.reading.counter, self._desk
@@ -216,6 +219,8 @@ class Scanner:
         else:
             row[_QUALITY] = "ok"
         self._desk.journal.sample(row)
+        if self._station.anomalies.untold:
+            self._desk.tell_anomalies()
 
     def _stamp(self, scan: Scan, due: float | None) -> None:
         row, first, last = scan.row, scan.first_sent, scan.last_heard

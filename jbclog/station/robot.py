@@ -27,6 +27,7 @@ from jbclog.errors import (
     AnswerTimeout,
     NotReceived,
     NotSupported,
+    OutOfRange,
     Refusal,
     StationError,
     StationSilent,
@@ -40,6 +41,7 @@ from jbclog.wire import LineFormat
 PROBES = 2  # questions a silent station gets before it counts as silent
 PROBE_COMMANDS = [command for command in COMMON if command.name in ("model", "station_error", "maximum_temperature")]
 BADLY_FORMED, UNDEFINED = 2, 99999  # communication errors
+EXTRACTOR_ORDER = ("status", "00010")  # which some stations may refuse (digest B-19)
 
 UNCERTAIN = (AnswerTimeout, AnswerCorrupt, AnswerFormat)
 """After these an answer may still be under way: what came may have been noise, an echo or an answer to something else."""
@@ -140,6 +142,10 @@ class Station(Dialogue):
             if refusal.code != BADLY_FORMED or not data or command.name not in WITHOUT_DATA:
                 raise
             yield from self._write_without_data(command)
+        except OutOfRange:
+            if (command.name, data) == EXTRACTOR_ORDER:
+                self._meet(19, self._make(command, "W", port, tool, data), data)
+            raise
         finally:
             self._moving = ()
 
