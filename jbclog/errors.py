@@ -17,6 +17,7 @@
     │       ├── NotReceived         1, 2: it did not understand the frame
     │       ├── OutOfRange          3
     │       ├── NotSupported        4: it does not know the command
+    │       │   └── Ignored         OMEGA: it says nothing to what it refuses, and answered what was asked next
     │       ├── RobotModeOff        5: nobody switched Robot mode on
     │       └── ModelUnknown        6
     ├── StartRefused                exit 3: the station, the recipe or the rate does not fit
@@ -139,6 +140,15 @@ class OutOfRange(Refusal):
 
 class NotSupported(Refusal):
     """N 4: the station does not accept this command."""
+
+
+class Ignored(NotSupported):
+    """OMEGA's way to refuse: no answer, while the next question was answered. Nothing tells why (seed 003, 11.2)."""
+
+    reason = "timeout"  # in the record it is what it looks like
+
+    def __init__(self, text: str) -> None:
+        super().__init__(0, text)
 
 
 class RobotModeOff(Refusal):

@@ -12,7 +12,6 @@ from pathlib import Path
 
 from jbclog.commands.family import FAMILIES, Family
 from jbclog.errors import Problem, Problems, UsageError
-from jbclog.recipe.fields import not_driven
 from jbclog.recipe.line import IS_A_RECIPE, Line, StationSpec, load_line
 from jbclog.recipe.load import IS_A_LINE, load_recipe
 from jbclog.recipe.model import Recipe
@@ -83,7 +82,7 @@ class StationPlan:
         """The rate that will be asked for; None without pause."""
         if self.rate == AS_FAST_AS_POSSIBLE:
             return None
-        wished = self.recipe.sampling.rate_hz if self.rate is None or isinstance(self.rate, str) else self.rate
+        wished = self.recipe.rate_hz(self.family) if self.rate is None or isinstance(self.rate, str) else self.rate
         if self.rate == AS_FIT and self.demand is not None:
             return min(wished, self.demand.best_rate_hz(self.turnaround_s))
         return wished
@@ -136,7 +135,6 @@ def make_plan(wanted: Wanted) -> Plan:
     chosen = _chosen(line, wanted)
     problems += _without_recipe(line, chosen, recipes)
     stations = tuple(station_plan(spec, recipes[spec.name], wanted) for spec in chosen if spec.name in recipes)
-    problems += _not_driven(stations)
     for station in stations:
         problems += _mismatches(line, station)
     problems += _missing_metadata(stations, wanted)
@@ -243,21 +241,8 @@ def _without_recipe(line: Line, chosen: list[StationSpec], recipes: dict[str, Re
             )
 
 
-def _not_driven(stations: Sequence[StationPlan]) -> Iterator[Problem]:
-    """Recipes for families of which this version drives none; each is said once, not for each station."""
-    for recipe in {one.recipe.path: one.recipe for one in stations}.values():
-        if not _driven(recipe):
-            yield recipe.problem(("recipe", "families"), not_driven(recipe.families))
-
-
-def _driven(recipe: Recipe) -> bool:
-    return bool(FAMILIES.keys() & set(recipe.families))
-
-
 def _mismatches(line: Line, station: StationPlan) -> Iterator[Problem]:
     spec, recipe = station.spec, station.recipe
-    if not _driven(recipe):
-        return
     if station.family is not None and station.family.name not in recipe.families:
         families = ", ".join(recipe.families)
         yield recipe.problem(("recipe", "families"), f"{families}: not for {spec.name}, whose family is {spec.family}")

@@ -22,10 +22,12 @@ from itertools import count
 
 from jbclog.commands.command import Command, Scope
 from jbclog.commands.signals import Counter, Pace, Signal
-from jbclog.wire import ANSWER_BYTES, READ_BYTES, UNADDRESSED_SAVES, LineFormat
+from jbclog.wire import ADDRESSES, AROUND, LineFormat
 
 KEPT_FOR_REPEATS = 0.05
 CEILING = 3.0  # a slow reading may be this many of its periods old
+BEHIND_LETTERS = {Scope.STATION: 0, Scope.PORT: 1, Scope.TOOL: 2}  # characters for port and tool
+USUAL_DIGITS = 5  # of an answer whose length is not printed
 FIXED_PERIODS_S = {Pace.FIVE: 5.0, Pace.TEN: 10.0}
 
 
@@ -57,9 +59,9 @@ def period_s(pace: Pace, alarms_every_s: float, counters_every_s: float) -> floa
 
 def read_wire_s(line: LineFormat, command: Command, addressed: bool) -> float:
     """Seconds that the bytes of a read and its usual answer take on the wire, without turnaround."""
-    short = command.scope is Scope.STATION and len(command.letters) == 2  # RTT: a letter less both ways
-    saved = 2 * short + (0 if addressed else 2 * UNADDRESSED_SAVES)
-    return line.seconds(READ_BYTES + ANSWER_BYTES - saved)
+    code = len(command.letters) + BEHIND_LETTERS[command.scope]
+    digits = USUAL_DIGITS if command.answer_digits is None else command.answer_digits
+    return line.seconds(2 * (AROUND + code + (ADDRESSES if addressed else 0)) + digits)
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,11 +2,12 @@
 
 A control command is two letters and the port, one letter with port and tool, or three letters for the
 whole station (seed 002, "Commands"); RTT, the transformer, has two letters and nothing behind (digest B-10).
+OMEGA's commands are one letter, for some with the number of a solder condition behind it (digest A.13).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import Enum
 
 from jbclog.quantities import OFF, Quantity, Value, text_of
@@ -18,6 +19,7 @@ class Scope(Enum):
     STATION = "station"
     PORT = "port"
     TOOL = "tool"
+    CONDITION = "condition"
 
 
 class Effect(Enum):
@@ -102,6 +104,8 @@ class Command:
         """The control command on the wire: ``TT1``, ``A12``, ``SMN``."""
         if self.scope is Scope.STATION:
             return self.letters
+        if self.scope is Scope.CONDITION:
+            raise ValueError(f"{self.name} needs the number of a solder condition; ask for numbered(101)")
         if port is None or not 1 <= port <= 4:
             raise ValueError(f"{self.name} needs a port from 1 to 4, not {port}")
         if self.scope is Scope.PORT:
@@ -109,6 +113,12 @@ class Command:
         if tool is None or not 1 <= tool <= 9:
             raise ValueError(f"{self.name} needs a tool from 1 to 9, not {tool}")
         return f"{self.letters}{port}{tool}"
+
+    def numbered(self, condition: int) -> Command:
+        """The command for one of OMEGA's solder conditions, which speaks to the station like any other: ``C0065``."""
+        if self.scope is not Scope.CONDITION:
+            raise ValueError(f"{self.name} has no number behind its letters")
+        return replace(self, letters=f"{self.letters}{condition:04X}", scope=Scope.STATION)
 
     def shown(self, value: Value) -> str:
         """The value as text with its unit, for sentences."""

@@ -6,12 +6,15 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 
-from jbclog.commands import ale, hotair, robot, ucr
+from jbclog.commands import ale, hotair, omega, robot, ucr
 from jbclog.commands.command import Command
 from jbclog.commands.defaults import FEEDER_DEFAULTS, OLD_DEFAULTS, SOLDERING_DEFAULTS, UCR_DEFAULTS, Default
 from jbclog.commands.robot import ErrorTable
 from jbclog.commands.signals import FEEDER_COUNTERS, FEEDER_SIGNALS, HOUR_COUNTERS, SOLDERING_SIGNALS, Counter, Signal
-from jbclog.commands.status import SOLDERING_STATUS, StatusTable
+from jbclog.commands.status import NO_STATUS, SOLDERING_STATUS, StatusTable
+
+ROBOT, OMEGA = "robot", "omega"
+"""Protocols: JBC's Robot mode, and OMEGA's own."""
 
 
 def _by_name(commands: Iterable[Command]) -> Mapping[str, Command]:
@@ -27,6 +30,10 @@ class Family:
     those in `proven_by_cooling` count only when the tool is seen to cool. `harmless` are reads that change nothing, with
     which the turnaround is measured. `plausible_c` are temperatures that its tools can have, and `jump_c` is more than
     they change from one tick to the next. `defaults` are what a station of it holds fresh from the factory.
+
+    Where `models` is empty the station does not say what it is; where `tools` is, it does not say what is connected.
+    `protocol` is how it is spoken to, `baudrate` and `rate_hz` are what holds where a file names none, and `turnaround_ms` is
+    what its manual prints of it, from least to most.
     """
 
     name: str
@@ -50,6 +57,10 @@ class Family:
     defaults: tuple[Default, ...] = SOLDERING_DEFAULTS
     note: str = ""
     manual: str = "002"
+    protocol: str = ROBOT
+    baudrate: int = 19200
+    rate_hz: float = 10.0
+    turnaround_ms: tuple[float, float] | None = None
 
     def tool_name(self, code: int) -> str:
         """The tool's name; an unknown code is kept as ``tool_<n>``."""
@@ -143,6 +154,29 @@ FAMILIES: Mapping[str, Family] = MappingProxyType(
                 station_errors=hotair.STATION_ERRORS,
                 defaults=(),
                 manual="001",
+            ),
+            Family(
+                "omega",
+                "Apollo Seiko OMEGA soldering controller",
+                (),
+                _by_name(omega.OMEGA),
+                (1,),
+                {},
+                status=NO_STATUS,
+                safe_states=(),
+                proven_by_cooling=frozenset(),
+                run_statuses=(),
+                signals=omega.OMEGA_SIGNALS,
+                counters=(),
+                harmless=("information", "temperature_control", "set_temperature_state"),
+                port_errors=omega.NO_ERRORS,
+                station_errors=omega.NO_ERRORS,
+                defaults=(),
+                manual="003",
+                protocol=OMEGA,
+                baudrate=9600,
+                rate_hz=1.0,
+                turnaround_ms=(0.0, 250.0),  # 003 11.1
             ),
         )
     }

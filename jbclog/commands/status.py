@@ -68,3 +68,6 @@ SOLDERING_STATUS = StatusTable(
     tens="extractor",
     tens_rests=True,
 )
+
+NO_STATUS = StatusTable((), frozenset(), frozenset(), MappingProxyType({}), last_resort="", tens="", tens_rests=False)
+"""Of stations that have no status word."""

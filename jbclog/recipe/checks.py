@@ -13,7 +13,6 @@ from jbclog.commands.family import FAMILIES
 from jbclog.commands.ranges import range_problem
 from jbclog.errors import Problem
 from jbclog.quantities import OFF
-from jbclog.recipe.fields import not_driven
 from jbclog.recipe.model import Asked, Recipe, asked_in
 from jbclog.recipe.order import COMMAND_OF
 
@@ -26,29 +25,19 @@ SECTION_FAMILIES: Final[Mapping[str, tuple[str, ...]]] = {
     "port": SOLDERING,
     "feeder": tuple(name for name, family in FAMILIES.items() if family.has_feeder),
     "air": tuple(name for name, family in FAMILIES.items() if "selected_air_temperature" in family.commands),
-    "omega": ("omega",),
+    "omega": tuple(name for name, family in FAMILIES.items() if "store_condition" in family.commands),
 }
 """The families that a section of settings speaks to."""
 
-SAFE_STATES: Final[Mapping[str, tuple[str, ...]]] = {
-    **{name: family.safe_states for name, family in FAMILIES.items()},
-    "omega": (),
-}
-STATUSES: Final[Mapping[str, tuple[str, ...]]] = {
-    **{name: family.run_statuses for name, family in FAMILIES.items()},
-    "omega": (),
-}
+SAFE_STATES: Final[Mapping[str, tuple[str, ...]]] = {name: family.safe_states for name, family in FAMILIES.items()}
+STATUSES: Final[Mapping[str, tuple[str, ...]]] = {name: family.run_statuses for name, family in FAMILIES.items()}
 LONGEST_FEED_S: Final = 600.0  # no joint takes ten minutes of wire; a slip of the decimal point does
 COOLING_DELAYS: Final = ("sleep.delay_min", "hibernation.delay_min")
 
 
 def problems_between(recipe: Recipe) -> Iterator[Problem]:
     """Everything that is wrong with a recipe whose keys have the right types."""
-    foreign = list(_foreign_sections(recipe))
-    if foreign and not set(recipe.families) & set(FAMILIES):
-        yield recipe.problem(("recipe", "families"), not_driven(recipe.families))
-        return  # it is a soldering recipe otherwise, and none of it could be held against these families
-    yield from foreign
+    yield from _foreign_sections(recipe)
     yield from _foreign_ports(recipe)
     yield from _out_of_range(recipe)
     yield from _states(recipe)

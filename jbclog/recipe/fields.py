@@ -6,7 +6,6 @@ Each is a check of type only; ranges are the command tables' and stand in `check
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from typing import Annotated, Final
 
 from pydantic import AfterValidator, Field, PlainValidator
@@ -15,20 +14,10 @@ from jbclog.commands.family import FAMILIES
 from jbclog.quantities import OFF, Off
 from jbclog.recipe.schema import FromList, said, shown, unknown
 
-NOT_DRIVEN: Final = ("omega",)
-"""Families that files may name and that this version does not drive."""
-
-KNOWN_FAMILIES: Final = (*FAMILIES, *NOT_DRIVEN)
 FIVE_DIGITS: Final = "as far as five digits go; no manual prints a range"
 TENTHS: Final = "0 to 409.5 in steps of 0.1"
 CONDITIONS: Final = "101 to 199, 201 to 299 or 301 to 399"
 METADATA: Final = ("operator", "order", "product", "unit")
-
-
-def not_driven(names: Sequence[str]) -> str:
-    """The sentence for families that files may name and nothing here speaks to."""
-    are = "are" if len(names) > 1 else "is"
-    return f"{' and '.join(names)} {are} known, and not driven by this version of jbclog; it drives {', '.join(FAMILIES)}"
 
 
 def _minutes(value: object) -> int | Off:
@@ -74,8 +63,8 @@ def _condition(number: int) -> int:
 
 
 def _family(name: str) -> str:
-    if name not in KNOWN_FAMILIES:
-        raise said(f"{shown(name)} is {unknown(name, list(KNOWN_FAMILIES))}")
+    if name not in FAMILIES:
+        raise said(f"{shown(name)} is {unknown(name, list(FAMILIES))}")
     return name
 
 

@@ -9,9 +9,8 @@ from typing import Annotated, Final
 
 from pydantic import AfterValidator, Field, PlainValidator
 
-from jbclog.commands.family import FAMILIES
+from jbclog.commands.family import FAMILIES, OMEGA, Family
 from jbclog.errors import Problem, Problems
-from jbclog.recipe.fields import NOT_DRIVEN, not_driven
 from jbclog.recipe.keys import KeyPath
 from jbclog.recipe.schema import NAME_ALLOWED, FromList, Name, Table, read_table, said, shown, unknown
 from jbclog.recipe.sim_spec import SimSpec
@@ -33,8 +32,6 @@ def _address(value: object) -> int | None:
 
 
 def _family(name: str) -> str:
-    if name in NOT_DRIVEN:
-        raise said(not_driven([name]))
     if name != AUTO and name not in FAMILIES:
         raise said(f"{shown(name)} is {unknown(name, [*FAMILIES, AUTO])}")
     return name
@@ -68,7 +65,7 @@ class StationTable(Table):
         min_length=1, max_length=1024, description="a device path, socket://HOST:PORT or rfc2217://HOST:PORT"
     )
     family: Annotated[str, AfterValidator(_family)] = Field(description=f"one of {_DRIVEN}")
-    baudrate: Annotated[int, AfterValidator(_baudrate)] = Field(19200, description="bits per second, default 19200")
+    baudrate: Annotated[int, AfterValidator(_baudrate)] = Field(19200, description="bits per second, default 19200 (omega 9600)")
     format: Annotated[str, AfterValidator(_format)] = Field("8N1", description="a line format such as 8N1, 8E1 or 8O2")
     address: Annotated[int | None, PlainValidator(_address)] = 1
     ports: Annotated[tuple[PortNumber, ...], FromList, AfterValidator(_in_order)] | None = Field(
@@ -176,19 +173,26 @@ def _read_station(source: TomlText, place: int, table: dict[str, object], proble
     at: KeyPath = ("station", place)
     station, wrong, _ = read_table(StationTable, source, at, table)
     problems += wrong
-    problems += _within_family(source, at, str(table.get("family")), table.get("ports"))
+    family = FAMILIES.get(str(table.get("family")))
+    if family is not None:
+        problems += _within_family(source, at, family, table.get("ports"))
+        problems += _without_addresses(source, at, family, table.get("address", False))
     return station
 
 
-def _within_family(source: TomlText, at: KeyPath, name: str, ports: object) -> Iterator[Problem]:
+def _without_addresses(source: TomlText, at: KeyPath, family: Family, address: object) -> Iterator[Problem]:
+    if family.protocol == OMEGA and address is not False:
+        yield source.problem((*at, "address"), f"the frames of family {family.name} have no addresses; leave it out")
+
+
+def _within_family(source: TomlText, at: KeyPath, family: Family, ports: object) -> Iterator[Problem]:
     """Ports that other families have and this one has not."""
-    family = FAMILIES.get(name)
-    if family is None or family.ports is None or not isinstance(ports, list):
+    if family.ports is None or not isinstance(ports, list):
         return
     for place, port in enumerate(ports):
         if port in (1, 2, 3, 4) and port not in family.ports:
             allowed = ", ".join(map(str, family.ports))
-            yield source.problem((*at, "ports", place), f"the family {name} has no port {port}; it has {allowed}")
+            yield source.problem((*at, "ports", place), f"the family {family.name} has no port {port}; it has {allowed}")
 
 
 def _between_stations(source: TomlText, path: Path) -> Iterator[Problem]:
@@ -223,9 +227,13 @@ def _folder(path: Path) -> Path:
 
 
 def _placed(table: StationTable, path: Path) -> StationSpec:
-    """The station with absolute paths."""
-    folder = _folder(path)
+    """The station with absolute paths, and with what its family brings where the file names nothing."""
+    folder, family = _folder(path), FAMILIES.get(table.family)
     values = {name: getattr(table, name) for name in StationTable.model_fields}
     values["url"] = str(folder / table.url) if is_path(table.url) else table.url
     values["recipe"] = None if table.recipe is None else folder / table.recipe
+    if family is not None and "baudrate" not in table.model_fields_set:
+        values["baudrate"] = family.baudrate
+    if family is not None and family.protocol == OMEGA:
+        values["address"] = None
     return StationSpec.model_construct(**values, written_url=table.url)

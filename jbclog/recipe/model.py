@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 from pydantic import Field
 
-from jbclog.commands.family import FAMILIES
+from jbclog.commands.family import FAMILIES, Family
 from jbclog.errors import Problem
 from jbclog.quantities import Value
 from jbclog.recipe.keys import KeyPath
@@ -21,6 +21,7 @@ from jbclog.recipe.schema import Table
 from jbclog.recipe.sections import PortSettings, RecipeTables
 from jbclog.recipe.toml import TomlText
 
+USUAL_HZ = 10.0
 NO_SAFE_STATE = "none"
 """What a family has that no order makes safe (omega)."""
 
@@ -99,6 +100,10 @@ class Recipe(RecipeTables):
         if "safe_state" in self.run.model_fields_set or known is None:
             return self.run.safe_state
         return known.safe_states[0] if known.safe_states else NO_SAFE_STATE
+
+    def rate_hz(self, family: Family | None) -> float:
+        """How often the fast signals are read; where the recipe does not say, as usual for the family (None: for most)."""
+        return self.sampling.rate_hz or (USUAL_HZ if family is None else family.rate_hz)
 
     def problem(self, key: KeyPath, text: str) -> Problem:
         """Something that is wrong with one of the recipe's keys, with file and line."""

@@ -7,10 +7,10 @@ from typing import Literal
 
 from pydantic import Field
 
+from jbclog.commands.family import FAMILIES
 from jbclog.recipe.fields import (
     CONDITIONS,
     FIVE_DIGITS,
-    KNOWN_FAMILIES,
     METADATA,
     TENTHS,
     Condition,
@@ -28,7 +28,7 @@ from jbclog.recipe.schema import NAME_ALLOWED, Name, Table
 class Head(Table):
     name: Name = Field(description=NAME_ALLOWED)
     revision: int = Field(ge=0, le=999_999, description="a whole number from 0 on")
-    families: Families = Field(min_length=1, description=f"a list of some of {', '.join(KNOWN_FAMILIES)}")
+    families: Families = Field(min_length=1, description=f"a list of some of {', '.join(FAMILIES)}")
 
 
 class Temperature(Table):
@@ -85,7 +85,7 @@ class Air(Table):
 
 
 class Omega(Table):
-    """One solder condition (omega), a family that this version does not drive: its whole record of fifteen fields."""
+    """One solder condition (omega): its whole record of fifteen fields."""
 
     condition: Condition = Field(description=CONDITIONS)
     mode: int = Field(ge=0, le=4, description="0 to 4: special point, special slide, the same without iron up, pre-solder")
@@ -107,9 +107,9 @@ class Omega(Table):
 
 
 class Sampling(Table):
-    """Hz of the fast signals, and the ceilings of the slow ones in seconds."""
+    """Hz of the fast signals (None: the family's own; ask `Recipe.rate_hz`), and the ceilings of the slow ones in seconds."""
 
-    rate_hz: float = Field(10.0, ge=0.001, le=1000, description="Hz, from 0.001 to 1000")
+    rate_hz: float | None = Field(None, ge=0.001, le=1000, description="Hz, from 0.001 to 1000")
     alarms_every_s: float = Field(2.0, ge=0.1, le=3600, description="seconds, from 0.1 to 3600")
     counters_every_s: float = Field(60.0, ge=1, le=86400, description="seconds, from 1 to 86400")
 

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Final
 
 from jbclog.commands.command import Command
 from jbclog.commands.family import Family
+from jbclog.commands.omega_values import ConditionRecord
 from jbclog.quantities import OFF, Value
 from jbclog.recipe.checks import SECTION_FAMILIES
 from jbclog.recipe.model import Asked, Recipe, asked_in
@@ -41,6 +42,13 @@ def station_settings_for(recipe: Recipe, family: Family) -> list[Setting]:
     """What is written once for the whole station: the feeder of ale. Empty for families without one."""
     wanted = sorted(asked_in(recipe.feeder, ("feeder",)), key=lambda one: _PLACE[one.setting])
     return [setting for one in wanted if (setting := _setting(one, family, None)) is not None]
+
+
+def condition_of(recipe: Recipe, family: Family) -> ConditionRecord | None:
+    """The solder condition that the recipe asks of a station of `family`; None where it asks for none."""
+    if recipe.omega is None or family.name not in SECTION_FAMILIES["omega"]:
+        return None
+    return ConditionRecord(*(getattr(recipe.omega, one.name) for one in fields(ConditionRecord)))
 
 
 def foreign_keys(recipe: Recipe, family: Family, ports: Collection[int] | None = None) -> list[str]:

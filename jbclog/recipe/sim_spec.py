@@ -12,7 +12,22 @@ from pydantic import Field, model_validator
 
 from jbclog.recipe.schema import FromList, Table
 
-FaultKind = Literal["silence", "noise", "flip", "late", "dropout", "nak", "restart", "stuck", "overheat", "tool"]
+FaultKind = Literal[
+    "silence",
+    "noise",
+    "flip",
+    "late",
+    "dropout",
+    "nak",
+    "restart",
+    "stuck",
+    "overheat",
+    "tool",
+    "solder_shortage",
+    "clog",
+    "not_ready",
+    "out_of_range",
+]
 
 _TELLING: Final = frozenset({"command", "port", "only", "every"})  # which answers it strikes
 KEYS_OF_FAULT: Final[dict[str, frozenset[str]]] = {
@@ -26,6 +41,10 @@ KEYS_OF_FAULT: Final[dict[str, frozenset[str]]] = {
     "stuck": frozenset({"port"}),
     "overheat": frozenset({"port", "by_c"}),
     "tool": frozenset({"port", "code"}),
+    "solder_shortage": frozenset(),
+    "clog": frozenset(),
+    "not_ready": frozenset(),
+    "out_of_range": frozenset(),
 }
 """What a fault takes beside `kind`, `at_s` and `for_s`."""
 
@@ -39,18 +58,22 @@ Tool = Annotated[int, Field(ge=0, le=9)]
 class FaultSpec(Table):
     """One fault, in force from `at_s` for `for_s` seconds; without `for_s` to the end.
 
-    ========  ==========================================================================================
-    silence   the station hears and acts, and its answer does not come
-    noise     `bytes_count` random bytes come before the answer
-    flip      `bits` bits of the answer are the wrong way round
-    late      the answer comes `by_s` seconds late
-    nak       the question is refused with `code` (1 to 6, 99999) and not acted upon
-    dropout   the cable is out: the port disappears and comes back after `for_s`
-    restart   the station restarts: what is volatile is lost, and it is silent for `for_s`
-    stuck     the temperature reading stays what it was
-    overheat  tip or air runs away to `by_c` above the upper alarm limit (above the setting if none is set)
-    tool      the tool is exchanged for the one with number `code`; 0 pulls it out
-    ========  ==========================================================================================
+    ===============  ===================================================================================
+    silence          the station hears and acts, and its answer does not come
+    noise            `bytes_count` random bytes come before the answer
+    flip             `bits` bits of the answer are the wrong way round
+    late             the answer comes `by_s` seconds late
+    nak              the question is refused with `code` (1 to 6, 99999) and not acted upon; omega ignores it
+    dropout          the cable is out: the port disappears and comes back after `for_s`
+    restart          the station restarts: what is volatile is lost, and it is silent for `for_s`
+    stuck            the temperature reading stays what it was
+    overheat         tip or air runs away to `by_c` above the upper alarm limit (above the setting if none is set)
+    tool             the tool is exchanged for the one with number `code`; 0 pulls it out
+    solder_shortage  omega: there is no solder left
+    clog             omega: the solder is clogged
+    not_ready        omega: the controller prepares, or has an error
+    out_of_range     omega: the temperature is out of its alarm range
+    ===============  ===================================================================================
 
     `command` (a name of the family's table), `port` and `only` choose the answers that are struck, and
     `every` = n strikes each nth of those.
@@ -88,7 +111,8 @@ class SimSpec(Table):
     `model` the family's own name is told. `settings` and `counters` are what the station begins with, by
     command name, on all of its ports and tools; ``"off"`` is a value of delays. `quirks` are ways in which it differs from
     what is recommended where the manuals contradict themselves. `seed` decides joints,
-    noise and flipped bits; without it the station's name does.
+    noise and flipped bits; without it the station's name does. An omega answers after 0 to 250 ms, as it likes, unless
+    `turnaround_ms` is given, and begins with the conditions that `settings` have as ``condition_101 = "0065 0 023 ..."``.
     """
 
     turnaround_ms: float = Field(default=1.0, ge=0, le=10_000)

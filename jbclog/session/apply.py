@@ -9,12 +9,14 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from jbclog.commands.command import Command, Scope
+from jbclog.commands.omega_values import Stored
 from jbclog.commands.status import StatusWord
 from jbclog.effects import RunEnded, Steps
 from jbclog.errors import LinkError, NotSupported, Refusal, StartRefused, StationError
 from jbclog.quantities import OFF, Value, text_of
 from jbclog.recipe.settings import Setting, foreign_keys, live_problems, settings_for, station_settings_for
 from jbclog.rows import SettingRow, Severity
+from jbclog.session.condition import apply_condition
 from jbclog.session.identify import Absent
 from jbclog.session.order import Desk, PortState
 
@@ -29,6 +31,7 @@ def apply(desk: Desk) -> Steps[None]:
     _record_untouched(desk, wanted)
     for setting in wanted:
         yield from _apply(desk, setting)
+    yield from apply_condition(desk)
     if desk.recipe.run.status is not None:
         yield from _apply_status(desk, desk.family.status.orders[desk.recipe.run.status])
     for port in desk.ports.values():
@@ -50,6 +53,9 @@ def readable_settings(desk: Desk, scope: Scope) -> Iterator[Command]:
     for command in desk.family.commands.values():
         if command.access == "rw" and command.scope is scope and command.name != "status":
             yield command
+    condition = desk.held.get("condition")
+    if scope is Scope.STATION and isinstance(condition, Stored):
+        yield desk.command("condition").numbered(condition.condition)
 
 
 def read_all(desk: Desk) -> Steps[None]:
@@ -64,7 +70,8 @@ def read_port(desk: Desk, port: PortState) -> Steps[None]:
     """Read every setting of one port, and of the tool in it if there is one."""
     for command in readable_settings(desk, Scope.PORT):
         yield from _read_held(desk, command, port)
-    yield from _read_held(desk, desk.command("status"), port)
+    if "status" in desk.family.commands:
+        yield from _read_held(desk, desk.command("status"), port)
     if port.has_tool:
         yield from read_tool(desk, port)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from jbclog.commands.family import Family
+from jbclog.commands.omega import OMEGA_SIGNALS, SAYS_YES
 from jbclog.commands.signals import STATUS_COLUMNS
 from jbclog.quantities import Value
 from jbclog.rows import COLUMN, SampleRow
@@ -46,6 +47,17 @@ def _feeding(row: SampleRow, mode: Value) -> None:
     row[_FEEDING] = mode == "running"
 
 
+def _flags(*columns: str) -> Fill:
+    """OMEGA's states: each answer says yes or no to one column or more."""
+    places = [(COLUMN[column], SAYS_YES[column]) for column in columns]
+
+    def fill(row: SampleRow, value: Value) -> None:
+        for place, yes in places:
+            row[place] = value in yes
+
+    return fill
+
+
 def _plain(column: str) -> Fill:
     place = COLUMN[column]
 
@@ -55,7 +67,11 @@ def _plain(column: str) -> Fill:
     return fill
 
 
-SPECIAL: dict[str, Fill] = {"alarm_high": _alarm_flags, "feeding": _feeding}
+SPECIAL: dict[str, Fill] = {
+    "alarm_high": _alarm_flags,
+    "feeding": _feeding,
+    **{signal.name: _flags(*signal.columns) for signal in OMEGA_SIGNALS},
+}
 
 
 def fill_of(signal: str, family: Family) -> Fill:

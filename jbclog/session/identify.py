@@ -5,6 +5,7 @@ from __future__ import annotations
 from statistics import median
 
 from jbclog.commands.command import Scope
+from jbclog.commands.family import ROBOT
 from jbclog.effects import Reopen, Steps, Wait
 from jbclog.errors import LinkError, NotSupported, OutOfRange, Refusal, RobotModeOff, StartRefused, StationError
 from jbclog.rows import Severity
@@ -37,24 +38,30 @@ def _learn_who(desk: Desk) -> Steps[None]:
         raise StartRefused(f"{desk.name}: {error}") from error
 
 
-def connect(desk: Desk, *, reopen: bool, tries: int) -> Steps[str]:
-    """Open the port and read the model name; used at the start and after an outage."""
+def connect(desk: Desk, *, reopen: bool, tries: int) -> Steps[str | None]:
+    """Open the port and read the model name; used at the start and after an outage.
+
+    None where the family does not tell one: then it has answered something else, which proves the protocol and no more.
+    """
     desk.station.unasked((yield Wait(0.0)))
     try:
         if reopen:
             desk.station.unasked((yield Reopen()))
-        return (yield from _read_model(desk, tries))
+        return (yield from _answer(desk, tries))
     except LinkError as error:
         desk.is_proven = False
         raise Absent(f"{desk.name}: {error}") from error
 
 
-def _read_model(desk: Desk, tries: int) -> Steps[str]:
-    # R-SMN is the same command in every family, so it may be asked before the family is known
-    command = next(iter(desk.order.families.values())).commands["model"]
+def _answer(desk: Desk, tries: int) -> Steps[str | None]:
     while True:
         tries -= 1
         try:
+            if desk.family_known and not desk.family.models:
+                yield from desk.station.read(desk.command(desk.family.harmless[0]))
+                return None
+            # R-SMN is the same command in every family that has it, so it may be asked before the family is known
+            command = next(iter(desk.order.families.values())).commands["model"]
             return str((yield from desk.agreed(command, known=desk.facts.model)))
         except RobotModeOff as error:
             raise StartRefused(f"{desk.name}: Robot mode is off; switch it on in the station's menu") from error
@@ -64,11 +71,12 @@ def _read_model(desk: Desk, tries: int) -> Steps[str]:
 
 
 def _no_answer(desk: Desk, error: StationError) -> str:
-    order = desk.order
+    order, is_robot = desk.order, not desk.family_known or desk.family.protocol == ROBOT
+    mode = "Robot mode is switched on in its menu, " if is_robot else ""
     addressing = "without addresses" if order.address is None else f"address {order.address:02d}"
     return (
         f"{desk.name}: no usable answer on {order.url} at {order.line.baudrate} {order.line.format}, {addressing} ({error}); "
-        "check that the station is on, Robot mode is switched on in its menu, the cable, and the line format"
+        f"check that the station is on, {mode}the cable, and the line format"
     )
 
 
@@ -79,7 +87,7 @@ def _learn_family(desk: Desk) -> Steps[None]:
         if not proven:
             raise StartRefused(f'{desk.name}: its model {model!r} is of no known family; name the family instead of "auto"')
         desk.family = max(proven, key=lambda family: family.name != "soldering")
-    elif not desk.family.proves(model):
+    elif desk.family.models and not desk.family.proves(model):
         raise StartRefused(
             f"{desk.name}: the line file says family {desk.family.name}, the station says model {model}; "
             "nothing was written to it. Correct `family`, or the cable"
@@ -101,6 +109,10 @@ def _optional_text(desk: Desk, name: str) -> Steps[str | None]:
 def _learn_ports(desk: Desk) -> Steps[None]:
     """Ports that the line file names must answer R-CT; without a name, those that do are meant."""
     named = desk.order.ports or desk.family.ports
+    if not desk.family.tools:
+        desk.ports.update({number: PortState(number) for number in named or ()})
+        desk.facts.ports = list(desk.ports)
+        return
     for number in named or range(1, 5):
         try:
             tool = yield from desk.agreed(desk.command("tool"), number)

@@ -2,7 +2,8 @@
 
 The model alone proves little on a line of equal units, so the software version and the plugged hours are compared too:
 hours never fall, and grow no faster than time (faults.md, rows 16 and 17). Two units of one model and software whose
-hours agree cannot be told apart by anything that the manuals print.
+hours agree cannot be told apart by anything that the manuals print. OMEGA tells none of these: that one answers is all
+that is known of it.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ def learn_identity(desk: Desk) -> Steps[None]:
             desk.plugged_hours[number] = (hours, desk.now)
 
 
-def recognise(desk: Desk, model: str) -> Steps[bool]:
+def recognise(desk: Desk, model: str | None) -> Steps[bool]:
     """Whether `model` answers for this run's station. A stranger is told once, and neither read further nor written.
 
     Raises `StationError` or `LinkError` where it cannot be asked.

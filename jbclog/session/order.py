@@ -11,7 +11,7 @@ from jbclog.commands.command import Command
 from jbclog.commands.decisions import DECISIONS
 from jbclog.commands.family import Family
 from jbclog.effects import Steps
-from jbclog.quantities import Off, Value
+from jbclog.quantities import Value
 from jbclog.recipe.model import Recipe
 from jbclog.rows import EventRow, Journal, Severity, StationFacts
 from jbclog.station.agreed import agreed
@@ -44,6 +44,7 @@ class Order:
     duration_s: float | None = None
     rate: float | str | None = None
     rated_power_w: float | None = None
+    allow_omega_write: bool = False
 
 
 @dataclass(slots=True)
@@ -61,6 +62,7 @@ class PortState:
     has_counted: bool = False  # alarms have counted all the time since the flags were last read
     at_temperature: bool = False  # has been within ±10 °C of its setting while working
     counted: dict[str, Value] = field(default_factory=dict)  # counter -> value that two answers bore out
+    states: dict[str, tuple[Value, float]] = field(default_factory=dict)  # OMEGA's, as last read, and when
     touched: bool = False
     tool_is_new: bool = False  # connected or changed, and its settings not read yet
 
@@ -71,7 +73,7 @@ class PortState:
     def celsius(self, name: str) -> float | None:
         """A held temperature or limit as a number; None where it is off or unknown."""
         value = self.held.get(name)
-        return None if value is None or isinstance(value, Off | str | tuple) else float(value)
+        return float(value) if isinstance(value, int | float) else None
 
 
 class Desk:
@@ -185,7 +187,8 @@ class Desk:
 
     def publish(self) -> None:
         """Hand the facts over as they are now."""
-        self.facts.tools = {port.number: self.tool_text(port.tool) for port in self.ports.values()}
+        has_tools = self._family is None or self._family.tools
+        self.facts.tools = {port.number: self.tool_text(port.tool) for port in self.ports.values() if has_tools}
         self.facts.touched = [port.number for port in self.ports.values() if port.touched]
         self.facts.not_supported = sorted(self.not_supported)
         self.facts.garbage_bytes = self.station.garbage_bytes

@@ -76,7 +76,10 @@ def _tell_return(desk: Desk, began: float, why: str) -> None:
     desk.connected = True
     away = desk.now - began
     kind = "robot.on" if why == "robot_off" else "link.back"
-    text = f"The station is back after {away:.1f} s; its identity and settings have been read again."
+    known = "its identity and settings have been read again"
+    if not desk.family.models:
+        known = "whether it is the same one cannot be told, because it does not say who it is"
+    text = f"The station is back after {away:.1f} s; {known}."
     desk.note(kind, Severity.INFO, text, since=began, value=round(away, 3))
     desk.publish()
 
@@ -95,7 +98,7 @@ def _seek(desk: Desk, *, reopen: bool) -> Steps[bool]:
 
 
 def _read_tools(desk: Desk) -> Steps[None]:
-    for port in desk.ports.values():
+    for port in desk.ports.values() if desk.family.tools else ():
         tool = yield from desk.agreed(desk.command("tool"), port.number, known=port.tool)
         if tool != port.tool and isinstance(tool, int):
             before, after = desk.tool_text(port.tool), desk.tool_text(tool)

@@ -49,7 +49,7 @@ def _rate_hz(desk: Desk, demand: Demand, turnaround_s: float) -> float:
     asked, best = desk.order.rate, demand.best_rate_hz(turnaround_s)
     if best <= 0:
         raise StartRefused(f"{desk.name}: with {turnaround_s * 1000:.1f} ms of turnaround no rate at all fits its wire")
-    wished = desk.recipe.sampling.rate_hz if asked is None or isinstance(asked, str) else asked
+    wished = desk.recipe.rate_hz(desk.family) if asked is None or isinstance(asked, str) else asked
     if asked == AS_FIT:
         return min(wished, best)
     problem = rate_problem(desk.name, wished, demand, turnaround_s)

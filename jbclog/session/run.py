@@ -13,6 +13,7 @@ from jbclog.rows import NoJournal, Severity, StationFacts
 from jbclog.scheduler import Grid
 from jbclog.session.anomalies import compare_countdowns
 from jbclog.session.apply import apply
+from jbclog.session.condition import check_condition
 from jbclog.session.counters import read_counters
 from jbclog.session.identify import Absent, identify
 from jbclog.session.order import Desk
@@ -57,6 +58,9 @@ def _record(desk: Desk) -> Steps[None]:
     yield from identify(desk)
     pace = choose_pace(desk)
     desk.note("station.ready", Severity.INFO, _ready_text(desk))
+    if not desk.family.safe_states:
+        text = f"An {desk.family.title} has no safe state that could be ordered: at the end of the run it is left as it is."
+        desk.note("safety.not_available", Severity.WARNING, text)
     yield from apply(desk)
     yield from read_counters(desk)
     sampler = Sampler(desk, pace.readings, Grid(desk.order.t0 if pace.paced else desk.now, pace.period_s), paced=pace.paced)
@@ -85,6 +89,7 @@ def _close(desk: Desk) -> Steps[None]:
             yield from compare_countdowns(desk, at_work)
             yield from desk.after_safe()
             yield from read_counters(desk)
+            yield from check_condition(desk)
     except (LinkError, StationError, RunEnded) as error:
         desk.note("counters.missed", Severity.WARNING, f"The counters could not be read at the end: {error}.")
     _tell_end(desk)
@@ -125,6 +130,8 @@ def _tell_end(desk: Desk) -> None:
 
 
 def _ready_text(desk: Desk) -> str:
-    facts = desk.facts
+    facts, answers = desk.facts, f"answers in {desk.facts.turnaround_us['median'] / 1000:.2f} ms (median)"
+    if not desk.family.models:
+        return f"{desk.family.title}, as the line file says, {answers}."
     tools = ", ".join(f"port {port.number} {desk.tool_text(port.tool)}" for port in desk.ports.values())
-    return f"{facts.model} answers in {facts.turnaround_us['median'] / 1000:.2f} ms (median), tools: {tools}."
+    return f"{facts.model} {answers}, tools: {tools}."

@@ -14,6 +14,7 @@ from jbclog.rows import Severity
 from jbclog.scheduler import Demand, Grid, Reading, SlowReadings
 from jbclog.session.alarms import AlarmWatch
 from jbclog.session.newtool import meet_tool
+from jbclog.session.omega_states import tell_late
 from jbclog.session.order import Desk
 from jbclog.session.scan import SKIPPED, Probe, Scan, Scanner
 
@@ -74,6 +75,7 @@ class Sampler:
                 self.desk.station.unasked((yield Wait(self.grid.due(tick))))
             self.desk.facts.last_tick = tick
             yield from self._tick(tick)
+            tell_late(self.desk)
             yield from self._meet_new_tools()
             tick = self._following(tick)
         return tick

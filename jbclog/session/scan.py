@@ -17,6 +17,7 @@ from jbclog.scheduler import Reading
 from jbclog.session.alarms import AlarmWatch
 from jbclog.session.anomalies import as_it_came, note_zero_countdown
 from jbclog.session.columns import Fill, fill_of, unusable
+from jbclog.session.omega_states import differs_from_last
 from jbclog.session.order import Desk, PortState
 from jbclog.session.watch import OBSERVERS, WATCHED_LIMITS, Observe, is_no_tool
 from jbclog.station.client import Asking
@@ -49,6 +50,8 @@ DOUBTS: dict[str, Doubt] = {
     "status": lambda desk, port, value: port.status is not None and isinstance(value, tuple) and port.status[3:] != value[3:],
     "tool": lambda desk, port, value: port.tool != value,
     "set_c": lambda desk, port, value: port.held.get(desk.set_name, value) != value,
+    "solder_shortage": differs_from_last("solder_shortage"),
+    "preparing": differs_from_last("preparing"),
     **{name: _differs_from_held(name) for name in WATCHED_LIMITS},
 }
 

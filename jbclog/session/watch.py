@@ -8,6 +8,7 @@ from jbclog.commands.robot import ErrorTable
 from jbclog.errors import JbclogError
 from jbclog.quantities import Value, text_of
 from jbclog.rows import Severity
+from jbclog.session.omega_states import OMEGA_OBSERVERS
 from jbclog.session.order import Desk, PortState
 
 BAND_C = 10  # ±10 °C around the setting counts as at temperature (contract, "Exit codes")
@@ -154,6 +155,7 @@ OBSERVERS: dict[str, Observe] = {
     "port_error": _port_error,
     "station_error": _station_error,
     "feeding": _feeding,
+    **OMEGA_OBSERVERS,
     **{name: _watched(name) for name in WATCHED_LIMITS},
 }
 

@@ -19,6 +19,7 @@ from jbclog.sim.airface import AirFace
 from jbclog.sim.airstation import AirCharacter, AirStation
 from jbclog.sim.device import Device
 from jbclog.sim.face import Face
+from jbclog.sim.faults import OF_OMEGA
 from jbclog.sim.feeder import Feeder
 from jbclog.sim.fresh import fresh
 from jbclog.sim.joints import Joints
@@ -74,6 +75,7 @@ def _check_names(station: str, sim: SimSpec, family: Family, face: Face) -> None
     wrong += [f"tools: {port}" for port in sim.tools if port not in face.ports]
     wrong += [f"quirks: {name}" for name in sim.quirks if name not in QUIRKS]
     for fault in sim.fault:
+        wrong += [f"fault {fault.kind}"] if fault.kind in OF_OMEGA else []
         wrong += [f"fault {fault.kind}: {fault.command}"] if fault.command and fault.command not in family.commands else []
         wrong += [f"fault {fault.kind}: port {fault.port}"] if fault.port and fault.port not in face.ports else []
     if wrong:

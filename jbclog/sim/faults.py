@@ -16,7 +16,8 @@ from jbclog.sim.device import Device
 from jbclog.sim.questions import Asked
 
 ON_ANSWERS: Final = frozenset({"silence", "noise", "flip", "late", "nak"})
-ON_PHYSICS: Final = frozenset({"restart", "stuck", "overheat", "tool"})
+OF_OMEGA: Final = frozenset({"solder_shortage", "clog", "not_ready", "out_of_range"})
+ON_PHYSICS: Final = frozenset({"restart", "stuck", "overheat", "tool"}) | OF_OMEGA
 
 
 class Change(NamedTuple):

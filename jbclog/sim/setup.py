@@ -10,8 +10,8 @@ from time import monotonic
 from jbclog.errors import UsageError
 from jbclog.recipe.line import Line, StationSpec
 from jbclog.sim.links import Link, PtyLink, TcpLink
+from jbclog.sim.make import virtual_station
 from jbclog.sim.serve import Servable, Served, Server
-from jbclog.sim.virtual import VirtualStation
 from jbclog.sim.waiting import Waiter
 from jbclog.sim.wire_file import WireFile
 
@@ -41,7 +41,7 @@ def set_up(
     if served_line.resolve() == line.path.resolve():
         raise UsageError(f"{line.path} would be overwritten with the line file for the run; choose another folder")
     now, waiter = monotonic(), Waiter()
-    stations = stations or [VirtualStation(station, now=now) for station in line.stations]
+    stations = stations or [virtual_station(station, now=now) for station in line.stations]
     links = _tcp_links(line, tcp, waiter) if tcp else _pty_links(line, folder.absolute(), waiter)
     server = Server([Served(*pair) for pair in zip(stations, links, strict=True)], waiter, wire_file)
     _make(folder)

@@ -11,9 +11,12 @@ from jbclog.commands.family import FAMILIES
 from jbclog.drive.virtual import VirtualDriver
 from jbclog.recipe.line import StationSpec, parse_line
 from jbclog.recipe.load import parse_recipe
+from jbclog.recipe.model import Recipe
 from jbclog.rows import COLUMN, CounterRow, EventRow, SampleRow, SettingRow, StationFacts
 from jbclog.session.order import Desk, Order
 from jbclog.session.run import run_station
+from jbclog.sim.make import virtual_station
+from jbclog.sim.omega import VirtualOmega
 from jbclog.sim.virtual import VirtualStation
 
 RECIPE = """
@@ -113,7 +116,7 @@ class Heard:
 class Tap:
     """The cable to a virtual station, with a note of every question."""
 
-    def __init__(self, station: VirtualStation) -> None:
+    def __init__(self, station: VirtualStation | VirtualOmega) -> None:
         self._station = station
         self.heard: list[Heard] = []
 
@@ -132,7 +135,7 @@ class Tap:
 
 def _text(frame: bytes) -> str:
     """Header, code and data; of a frame with addresses they are left out."""
-    body = frame[1:-2].decode("ascii", "replace")
+    body = frame[1:-2].decode("ascii", "replace").removesuffix("\x03")  # OMEGA's sum has two characters
     return body[4:] if body[:1].isdigit() else body
 
 
@@ -141,7 +144,7 @@ class VirtualRun:
     """What a run left behind: the journal, the stations' own view, and the facts."""
 
     memory: Memory
-    stations: dict[str, VirtualStation]
+    stations: dict[str, VirtualStation | VirtualOmega]
     driver: VirtualDriver
     desks: dict[str, Desk]
     taps: dict[str, Tap] = field(default_factory=dict)
@@ -166,7 +169,15 @@ class VirtualRun:
 
     @property
     def station(self) -> VirtualStation:
-        return next(iter(self.stations.values()))
+        station = next(iter(self.stations.values()))
+        assert isinstance(station, VirtualStation)
+        return station
+
+    @property
+    def omega(self) -> VirtualOmega:
+        station = next(iter(self.stations.values()))
+        assert isinstance(station, VirtualOmega)
+        return station
 
     @property
     def facts(self) -> StationFacts:
@@ -182,7 +193,12 @@ def line_text(sim: str = "", keys: str = "") -> str:
 
 
 def prepare(
-    line: str | None = None, recipe: str = RECIPE, duration_s: float | None = 10.0, rate: float | str | None = None
+    line: str | None = None,
+    recipe: str = RECIPE,
+    duration_s: float | None = 10.0,
+    rate: float | str | None = None,
+    *,
+    allow_omega_write: bool = False,
 ) -> VirtualRun:
     """A run that is ready to go: `prepare(line_text(sim=...)).go()`."""
     clock = VirtualClock()
@@ -190,15 +206,24 @@ def prepare(
     stations, desks, taps, t0 = {}, {}, {}, clock.monotonic()
     loaded = parse_recipe(recipe)
     for spec in parse_line(line or line_text(), Path("line.toml")).stations:
-        station = VirtualStation(spec, now=clock.monotonic())
-        desk = Desk(order_for(spec, loaded, clock, duration_s, rate), memory, UtcOffset(clock))
+        station = virtual_station(spec, now=clock.monotonic())
+        order = order_for(spec, loaded, clock, duration_s, rate, allow_omega_write=allow_omega_write)
+        desk = Desk(order, memory, UtcOffset(clock))
         taps[spec.name] = Tap(station)
         driver.add(run_station(desk), taps[spec.name])
         stations[spec.name], desks[spec.name] = station, desk
     return VirtualRun(memory, stations, driver, desks, taps, t0)
 
 
-def order_for(spec: StationSpec, recipe: object, clock: VirtualClock, duration_s: float | None, rate: float | str | None) -> Order:
+def order_for(
+    spec: StationSpec,
+    recipe: Recipe,
+    clock: VirtualClock,
+    duration_s: float | None,
+    rate: float | str | None,
+    *,
+    allow_omega_write: bool = False,
+) -> Order:
     return Order(
         name=spec.name,
         url=spec.url,
@@ -213,4 +238,5 @@ def order_for(spec: StationSpec, recipe: object, clock: VirtualClock, duration_s
         duration_s=duration_s,
         rate=rate,
         rated_power_w=spec.rated_power_w,
+        allow_omega_write=allow_omega_write,
     )
