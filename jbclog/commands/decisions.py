@@ -107,9 +107,8 @@ LINK = (
         14,
         "A frame for another address or without one: silence or N 2",
         "silence and N 2 alike mean that nobody is there under this address",
-        "It matters only to who seeks a station: `scan`, `doctor`, and after W-SAD.",
+        "It matters only to who seeks a station (`scan`, `doctor`, and after W-SAD), and who seeks counts neither as an answer.",
         ("refuses_other_addresses",),
-        "A frame that was addressed otherwise was refused, and not passed over in silence.",
     ),
     Decision(
         15,

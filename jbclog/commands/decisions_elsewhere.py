@@ -73,7 +73,7 @@ OMEGA_ROWS = (
         48,
         "A is printed as 41H('')",
         "A",
-        "41h is A.",
+        "41h is the letter A, and it is the only letter that a is an answer to.",
         families=OMEGA,
     ),
     Decision(

@@ -14,6 +14,7 @@ from jbclog.station.client import Client
 from jbclog.station.robot import Station
 
 MODEL = next(command for command in COMMON if command.name == "model")
+NOT_ACKNOWLEDGED = 40  # row of section B
 BACK_S = 30.0  # a station that is not back by then is gone
 SEEK_S = 0.5  # between two questions to a station that restarts
 STEADY = 4  # answers in a row: it may go on answering for a moment before it goes down
@@ -29,8 +30,8 @@ def restart(client: Client, command: Command) -> Steps[float]:
         yield from client.write(command, 0)
     except Refusal:
         raise
-    except StationError:
-        pass  # silence is as good as an acknowledgement
+    except StationError:  # as good as an acknowledgement
+        client.anomalies.meet(NOT_ACKNOWLEDGED, "restart", f"W{command.code()} without an answer")
     yield from settle_restart(client)
     return client.now - began
 

@@ -1,0 +1,260 @@
+"""A station that does otherwise than recommended: the run records the same as without, and says what it met, once.
+
+Every quirk that a virtual station knows is played here, in a whole run or, where a run never sends what shows it, against
+the client alone. The decisions' own table says which row each belongs to.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import pytest
+from virtual_run import RECIPE, VirtualRun, line_text, prepare
+
+from jbclog.clock import VirtualClock
+from jbclog.commands.decisions import DECISIONS
+from jbclog.commands.family import FAMILIES
+from jbclog.drive.virtual import VirtualDriver
+from jbclog.effects import Reopen, Steps
+from jbclog.errors import StationError
+from jbclog.recipe.line import StationSpec
+from jbclog.recipe.sim_spec import SimSpec
+from jbclog.rows import COLUMN, SAMPLE_COLUMNS, SIGNAL_COLUMNS
+from jbclog.sim.quirks import QUIRKS
+from jbclog.sim.virtual import VirtualStation
+from jbclog.station.after import MODEL, change_address, restart
+from jbclog.station.robot import Station
+from jbclog.wire import LineFormat
+
+SECONDS = 14.0
+HOT_C, HOLDING_W = 350.0, 9.81
+FAMILIES_IN_RECIPE = re.compile("families = .*")
+
+Act = Callable[[VirtualRun], None]
+
+
+def _nothing(run: VirtualRun) -> None:
+    return
+
+
+def _port_error(run: VirtualRun) -> None:
+    run.at(5, lambda: setattr(run.station.plant.ports[1], "error", 8))
+    run.at(9, lambda: setattr(run.station.plant.ports[1], "error", 0))
+
+
+def _feed(run: VirtualRun) -> None:
+    run.at(6, lambda: run.station.plant.feeder.start(run.driver.clock.monotonic()))
+
+
+@dataclass(frozen=True)
+class Case:
+    """A run in which a quirk shows: its family, what the line file and the recipe say, and what happens meanwhile.
+
+    `differs` are columns in which the number itself is kept as it came, with what both numbers are held against. `tells`:
+    the driver can notice it; `usually`: the recommended form is odd as well.
+    """
+
+    family: str = "dde"
+    sim: str = ""
+    settings: str = ""
+    recipe: str = ""
+    act: Act = _nothing  # what happens meanwhile
+    is_hot: bool = True
+    tells: bool = True
+    usually: bool = False
+    differs: dict[str, Callable[[object], object]] = field(default_factory=dict)
+
+
+OVERHEAT = '\n[[station.sim.fault]]\nkind = "overheat"\nport = 1\nat_s = 4\nfor_s = 4\nby_c = 40\n'
+ALE = Case("ale", "counters = {dispensed_length = 100.0, dispensed_cycles = 42}")
+
+IN_A_RUN: dict[str, Case] = {
+    "minus_as_dot": Case(settings=", adjust = -12"),
+    "software_in_ten_characters": Case(),
+    "addresses_swapped": Case(),
+    "transformer_padded_with_blank": Case(),
+    "transformer_padded_with_zero": Case(),
+    "transformer_wants_blank": Case(),
+    "refusal_without_code": Case("hde"),
+    "extractor_refused": Case("ucr", recipe='safe_state = "extractor"\n'),
+    "sleep_delay_in_seconds": Case(),
+    "delay_without_dot": Case(),
+    "alarm_not_set_is_zero": Case(),
+    "alarm_not_set_is_out_of_range": Case(),
+    "alarm_flags_of_any_digit": Case(sim=OVERHEAT),
+    "alarm_flags_stay": Case(sim=OVERHEAT, tells=False, differs={"alarm_high": lambda _: None}),
+    "countdown_65535": Case(),
+    "countdown_zero": Case(),
+    "port_error_80000": Case(act=_port_error),
+    "power_above_full": Case(is_hot=False, differs={"power_permille": lambda power: min(int(str(power)), 1000)}),
+    "six_letter_model": Case(),
+    "model_cut_to_five": Case("ucr", usually=True),  # UCR245 has six letters
+    "model_unpadded": Case(),
+    "hex_with_0x": ALE,
+    "hex_lower_case": ALE,
+    "hex_of_eight": ALE,
+    "dispensed_cycles_answers_acd": ALE,
+    "no_data_orders": Case("ale", act=_feed),
+    "status_acknowledged_with_value": Case(),
+    "alarm_delay_answers_ald": Case(),
+}
+AT_THE_CLIENT = {
+    "address_acknowledged_from_the_new_one",
+    "address_acknowledged_without_any",
+    "refuses_other_addresses",
+    "silent_after_restart",
+}
+
+
+def run_of(case: Case, quirks: list[str]) -> VirtualRun:
+    sim = f'joints_per_minute = 0\nquirks = {quirks}\nsettings = {{status = "working"{case.settings}}}\n{case.sim}'
+    line = line_text(sim).replace('family = "dde"', f'family = "{case.family}"')
+    run = prepare(line, FAMILIES_IN_RECIPE.sub(f'families = ["{case.family}"]', RECIPE) + case.recipe, SECONDS, rate=4)
+    if case.is_hot:
+        for port in run.station.plant.ports.values():
+            port.tip.temperature_c, port.tip.integral_w = HOT_C, HOLDING_W
+    case.act(run)
+    return run.go()
+
+
+def samples(run: VirtualRun, case: Case) -> list[tuple[object, ...]]:
+    """The rows without their times; what a column is held against in its place."""
+    columns = [column for column in SAMPLE_COLUMNS if column in (*SIGNAL_COLUMNS, "port", "quality", "reasons")]
+    same: Callable[[object], object] = lambda value: value  # noqa: E731  # the rule for all other columns
+    rules = [(COLUMN[column], case.differs.get(column, same)) for column in columns]
+    return [tuple(None if row[place] is None else rule(row[place]) for place, rule in rules) for row in run.memory.samples]
+
+
+def settings(run: VirtualRun) -> list[tuple[object, ...]]:
+    return [tuple(row)[1:] for row in run.memory.settings]
+
+
+def counters(run: VirtualRun) -> list[tuple[object, ...]]:
+    return [(row.station, row.port, row.counter, row.value, row.unit) for row in run.memory.counters]
+
+
+def test_every_quirk_is_played() -> None:
+    assert set(IN_A_RUN) | AT_THE_CLIENT == set(QUIRKS)
+    assert set(IN_A_RUN) & AT_THE_CLIENT == set()
+
+
+def kinds(run: VirtualRun) -> list[tuple[str, int | None, int | None]]:
+    return [(event.kind, event.port, event.code) for event in run.memory.events if event.kind != "protocol.anomaly"]
+
+
+@pytest.mark.parametrize("quirk", IN_A_RUN)
+def test_a_run_records_the_same_with_a_quirk_as_without(quirk: str) -> None:
+    case, number = IN_A_RUN[quirk], QUIRKS[quirk].number
+    usual, odd = run_of(case, []), run_of(case, [quirk])
+    assert (odd.facts.outcome, odd.facts.reason) == (usual.facts.outcome, usual.facts.reason) == ("completed", "")
+    assert samples(odd, case) == samples(usual, case)
+    assert settings(odd) == settings(usual)
+    assert counters(odd) == counters(usual)
+    assert kinds(odd) == kinds(usual)
+    assert odd.facts.safe_state == usual.facts.safe_state
+    assert odd.facts.due == usual.facts.due
+    assert (number in usual.facts.anomalies) == case.usually
+    assert (odd.facts.anomalies.get(number, 0) > 0) == case.tells
+
+
+@pytest.mark.parametrize("quirk", [quirk for quirk, case in IN_A_RUN.items() if case.tells])
+def test_a_quirk_is_one_event_that_says_what_was_met_and_how_it_is_read(quirk: str) -> None:
+    number = QUIRKS[quirk].number
+    run = run_of(IN_A_RUN[quirk], [quirk])
+    (event,) = [event for event in run.memory.of_kind("protocol.anomaly") if event.code == number]
+    assert event.text.startswith(DECISIONS[number].met)
+    assert "First met: " in event.text
+    assert event.raw
+    assert event.severity == ("warning" if DECISIONS[number].doubtful else "info")
+    assert event.station == "dde-1"
+
+
+# -- what a run never sends ------------------------------------------------------------------------------------------------
+
+
+def station_of(family: str, *quirks: str) -> VirtualStation:
+    spec = StationSpec(name="s", url="s", family=family, sim=SimSpec(quirks=quirks))
+    return VirtualStation(spec, now=VirtualClock().monotonic())
+
+
+def do(other: VirtualStation, ask: Callable[[Station], Steps[object]], address: int | None = 1) -> tuple[Station, object]:
+    """What came of it: the value, or the error where there is none."""
+    station, outcome = Station(LineFormat(), address), list[object]()
+
+    def steps() -> Steps[None]:
+        station.unasked((yield Reopen()))
+        try:
+            outcome.append((yield from ask(station)))
+        except StationError as error:
+            outcome.append(error)
+
+    driver = VirtualDriver(VirtualClock())
+    driver.add(steps(), other)
+    driver.run()
+    return station, outcome[0]
+
+
+UCR = FAMILIES["ucr"].commands
+NEW, NONE = "address_acknowledged_from_the_new_one", "address_acknowledged_without_any"
+
+
+@pytest.mark.parametrize("quirk", [(), (NEW,), (NONE,)])
+@pytest.mark.parametrize("new", [7, None])
+def test_an_address_is_changed_however_that_is_acknowledged(quirk: tuple[str, ...], new: int | None) -> None:
+    other = station_of("ucr", *quirk)
+    station, outcome = do(other, lambda client: change_address(client, UCR["address"], new))
+    assert outcome is None
+    assert station.address == other.device.identity.address == new
+    assert [write.value for write in other.log.written("address")] == [new or 0]
+    assert station.anomalies.counts[9] == len(quirk)
+    assert [one.number for one in station.anomalies.take() if one.number == 9] == [9] * len(quirk)
+
+
+def test_a_station_that_keeps_its_address_is_spoken_to_at_it() -> None:
+    other = station_of("ucr")
+    other.device.answer = lambda header, text, now: ("A", "SAD" if header == "W" else "SMNUCR245")  # type: ignore[method-assign]
+    station, outcome = do(other, lambda client: change_address(client, UCR["address"], 7))
+    assert "still answers at its old address (01)" in str(outcome)
+    assert station.address == 1
+
+
+def test_a_change_of_address_that_is_refused_changes_nothing() -> None:
+    other = station_of("ucr")
+    station, outcome = do(other, lambda client: change_address(client, UCR["address"], 100))
+    assert isinstance(outcome, StationError)
+    assert station.address == 1
+
+
+@pytest.mark.parametrize("quirk", [(), ("silent_after_restart",)])
+def test_a_restart_is_waited_for_whether_it_is_acknowledged_or_not(quirk: tuple[str, ...]) -> None:
+    other = station_of("dde", *quirk)
+    station, took = do(other, lambda client: restart(client, FAMILIES["dde"].commands["restart"]))
+    assert isinstance(took, float)
+    assert 3.0 < took < 10.0
+    assert len(other.log.written("restart")) == 1
+    assert station.anomalies.counts[40] == len(quirk)
+
+
+def test_a_station_that_does_not_come_back_is_gone() -> None:
+    other = station_of("dde")
+    other.device.restart = lambda now, silent_s=0.0: setattr(other.device, "_silent_until", float("inf"))  # type: ignore[method-assign]
+    _, outcome = do(other, lambda client: restart(client, FAMILIES["dde"].commands["restart"]))
+    assert "did not answer again within 30 s" in str(outcome)
+
+
+@pytest.mark.parametrize("quirk", [(), ("refuses_other_addresses",)])
+@pytest.mark.parametrize("address", [2, None])
+def test_nobody_is_found_under_another_address_whether_that_is_refused_or_not(quirk: tuple[str, ...], address: int | None) -> None:
+    station, outcome = do(station_of("dde", *quirk), lambda client: client.read(MODEL), address)
+    assert isinstance(outcome, StationError)
+    assert station.exchanges >= 3
+
+
+@pytest.mark.parametrize("quirk", [(), ("status_acknowledged_with_value",)])
+def test_hot_air_acknowledges_a_status_with_or_without_its_value(quirk: tuple[str, ...]) -> None:
+    commands = FAMILIES["jtse"].commands
+    station, outcome = do(station_of("jtse", *quirk), lambda client: client.write(commands["status"], (0, 0, 0, 1, 0), 1))
+    assert outcome is None
+    assert station.anomalies.counts[43] == len(quirk)

@@ -1,0 +1,74 @@
+"""Every row of section B of the digest is decided, and what shows on the wire can be played and is told."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+
+from jbclog.commands import tolerated
+from jbclog.commands.decision import Decision
+from jbclog.commands.decisions import DECISIONS
+from jbclog.commands.family import FAMILIES
+from jbclog.sim.quirks import QUIRKS
+
+ROWS = 52
+MISPRINTS = 53  # B.4, which has no number of its own
+ONLY_SOUGHT = {14}  # what only who seeks a station meets, and nobody can tell from another's refusal
+
+decisions = pytest.mark.parametrize("decision", DECISIONS.values(), ids=lambda one: f"B-{one.number}")
+
+
+def test_every_row_has_a_decision() -> None:
+    assert list(DECISIONS) == [*range(1, ROWS + 1), MISPRINTS]
+
+
+@decisions
+def test_a_decision_says_what_is_done_and_why(decision: Decision) -> None:
+    assert min(len(decision.title), len(decision.reason)) > 10
+    assert decision.reading
+    assert bool(decision.met) == (decision.shows_on_the_wire and decision.number not in ONLY_SOUGHT)
+    assert decision.met == "" or decision.met.endswith(".")
+
+
+def test_every_quirk_belongs_to_the_row_that_names_it() -> None:
+    named = {quirk: decision.number for decision in DECISIONS.values() for quirk in decision.quirks}
+    assert named == {name: quirk.number for name, quirk in QUIRKS.items()}
+
+
+def test_what_is_taken_beside_the_recommended_form_is_told() -> None:
+    taken = {form.number for form in tolerated.ODD_FORMS.values()}
+    taken |= {number for number, _ in (*tolerated.READ_ANSWERED_AS.values(), *tolerated.WRITE_ANSWERED_AS.values())}
+    taken |= {*tolerated.ACKNOWLEDGED_WITH_VALUE.values(), *tolerated.WITHOUT_DATA.values()}
+    assert all(DECISIONS[number].met for number in taken)
+
+
+def test_what_is_tolerated_are_commands() -> None:
+    commands = {name for family in FAMILIES.values() for name in family.commands}
+    named = {*tolerated.ODD_FORMS, *tolerated.READ_ANSWERED_AS, *tolerated.WRITE_ANSWERED_AS}
+    named |= {*tolerated.ACKNOWLEDGED_WITH_VALUE, *tolerated.WITHOUT_DATA}
+    assert named <= commands
+
+
+def test_notes_of_commands_cite_rows_that_are_there() -> None:
+    notes = [command.note for family in FAMILIES.values() for command in family.commands.values()]
+    cited = {int(number) for note in notes for number in re.findall(r"B-(\d+)", note)}
+    assert cited <= set(DECISIONS)
+    assert len(cited) > 10
+
+
+PRINTED = [
+    ("adjust", "-0050"),
+    ("alarm_flags", "00011"),
+    ("alarm_high_delay", "01.60"),
+    ("alarm_high_delay", "99999"),
+    ("dispensed_length", "003E8"),
+    ("model", "  DDR"),
+    ("port_error", "00004"),
+    ("power", "00840"),
+]
+
+
+@pytest.mark.parametrize(("command", "data"), PRINTED)
+def test_what_the_manuals_print_is_not_odd(command: str, data: str) -> None:
+    assert tolerated.odd_form(command, data) is None
