@@ -34,6 +34,15 @@ class Chain:
         self._seq = 0
         self._previous = first_link(run)
 
+    @classmethod
+    def after(cls, row: Mapping[str, object]) -> Chain:
+        """The chain that goes on behind `row`, the last that is there (times in µs)."""
+        chain = cls("")
+        seq = row["seq"]
+        assert isinstance(seq, int)
+        chain._seq, chain._previous = seq, digest(row)
+        return chain
+
     def link(self, event: EventRow) -> list[object]:
         """The row of `events`, in the columns' order. Raises ValueError or TypeError for what is no event."""
         row = {

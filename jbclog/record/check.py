@@ -13,6 +13,7 @@ import pyarrow.compute as pc
 from jbclog.errors import RecordError
 from jbclog.record import chain, wire
 from jbclog.record.conclude import LATER, files_of, live_files, sealed_file
+from jbclog.record.guarded import plain_events
 from jbclog.record.ledger import disagreements, ledger_of, reasons_of
 from jbclog.record.manifest import NAME, Manifest, SealedFile, read_manifest
 from jbclog.record.parts import part_paths, read_through, row_groups
@@ -120,17 +121,9 @@ def _ledger(folder: Path, manifest: Manifest) -> Iterator[Finding]:
 
 
 def _events(folder: Path, manifest: Manifest) -> Iterator[Finding]:
-    rows = (row for group in row_groups(folder, "events") for row in _plain(group).to_pylist())
+    rows = (row for group in row_groups(folder, "events") for row in plain_events(group).to_pylist())
     for seq, text in chain.breaks(manifest.run, rows):
         yield Finding("events/", f"event {seq} {text}")
-
-
-def _plain(events: pa.Table) -> pa.Table:
-    """Times as whole microseconds, as they are hashed."""
-    for name in ("time", "earliest"):
-        place = events.schema.get_field_index(name)
-        events = events.set_column(place, name, events[name].cast(pa.int64()))
-    return events
 
 
 # -- samples ----------------------------------------------------------------------------------------------------------

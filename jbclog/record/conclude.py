@@ -18,7 +18,7 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from jbclog.errors import RecordError
-from jbclog.record import damage, wire
+from jbclog.record import damage, guarded, wire
 from jbclog.record.durable import sync_folder
 from jbclog.record.from_json import Misfit, build
 from jbclog.record.ledger import ledger_of
@@ -33,7 +33,7 @@ from jbclog.rows import StationFacts
 LATER: Final = (NAME, "annotations.jsonl", "report.html", "report.json", "joints.parquet")
 """Files of the folder that are not the record: the manifest itself, and what comes after sealing."""
 
-TAKEN_IN: Final = ("line.toml", "recipes", wire.FOLDER, damage.NOTES, damage.REMAINS)
+TAKEN_IN: Final = ("line.toml", "recipes", wire.FOLDER, guarded.DIARY, damage.NOTES, damage.REMAINS)
 
 
 def conclude(folder: Path, manifest: Manifest, lock: FolderLock) -> Manifest:
@@ -47,7 +47,7 @@ def conclude(folder: Path, manifest: Manifest, lock: FolderLock) -> Manifest:
         with Stock(folder) as stock:
             _refuse_unsealed(stock)
             damage.note(folder, stock.damage)
-            stations = known_stations(stock, manifest.stations)
+            stations = guarded.with_guard(folder, known_stations(stock, manifest.stations))
             dropped = stock.dropped_rows
         lost = manifest.lost or _lost(damage.read(folder), dropped)
         sealed = replace(manifest, state="sealed", stations=stations, lost=lost, ended=manifest.ended or last_time(folder))

@@ -16,7 +16,7 @@ from typing import Final
 import pyarrow as pa
 
 from jbclog.errors import RecordError
-from jbclog.record import damage, wire
+from jbclog.record import damage, guarded, wire
 from jbclog.record.conclude import conclude, live_files, remove_live
 from jbclog.record.folder import RUN_NAME
 from jbclog.record.live import AT_RISK_S
@@ -97,6 +97,7 @@ def _finish(folder: Path, manifest: Manifest, lock: FolderLock) -> Recovery:
     _note_bad_parts(folder)
     manifest = replace(manifest, wire=_wire(folder, manifest))
     seal_rows(folder)
+    guarded.take_in(folder, manifest.run)
     with Stock(folder) as stock:
         _note_missing_end(folder, stock.last)
         manifest = _outcome(folder, manifest, stock)

@@ -1,0 +1,85 @@
+"""What a guard did when the recorder was gone: its diary becomes events, and what it reached stands in the facts.
+
+The guard writes where it cannot be waited for and without anything of the record's machinery: a JSON line each, in
+`guard.jsonl`. `recover` takes them in, behind the last event that the recorder wrote; doing that twice changes nothing.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Final
+
+import pyarrow as pa
+
+from jbclog.record.batches import decode, encode
+from jbclog.record.chain import Chain
+from jbclog.record.parts import row_groups, through, write_part
+from jbclog.rows import EventRow, Severity, StationFacts
+
+DIARY: Final = "guard.jsonl"
+REACHED: Final = {"safety.safe_state": "verified", "safety.not_safe": "failed"}
+
+
+def diary(folder: Path) -> list[EventRow]:
+    """The lines of the guard's diary that can be read, as events; nothing where no guard took over."""
+    try:
+        lines = (folder / DIARY).read_text(encoding="utf-8").splitlines()
+    except FileNotFoundError:
+        return []
+    return [event for line in lines if (event := _event(line)) is not None]
+
+
+def _event(line: str) -> EventRow | None:
+    """A torn last line is no event."""
+    try:
+        told = json.loads(line)
+        return EventRow(
+            int(told["time"]), str(told["kind"]), Severity(told["severity"]), str(told["text"]), told["station"], told["port"]
+        )
+    except (ValueError, KeyError, TypeError):
+        return None
+
+
+def take_in(folder: Path, run: str) -> None:
+    """Put the diary behind the events that are sealed. All rows of the live store have to be sealed already."""
+    told = diary(folder)
+    if not told:
+        return
+    sealed = [row for group in row_groups(folder, "events") for row in plain_events(group).to_pylist()]
+    known = {(row["time"], row["text"]) for row in sealed}
+    missing = [event for event in told if (event.time, event.text) not in known]
+    if missing:
+        chain = Chain.after(sealed[-1]) if sealed else Chain(run)
+        rows = _table([chain.link(event) for event in missing])
+        write_part(folder, "events", lambda: [rows], through(folder, "events"))
+
+
+def _table(rows: Iterable[list[object]]) -> pa.Table:
+    batch = encode(0, "events", [value for row in rows for value in row])
+    return decode(batch, batch.crc)
+
+
+def plain_events(events: pa.Table) -> pa.Table:
+    """Times as whole microseconds, as they are hashed."""
+    for name in ("time", "earliest"):
+        place = events.schema.get_field_index(name)
+        events = events.set_column(place, name, events[name].cast(pa.int64()))
+    return events
+
+
+def with_guard(folder: Path, stations: list[StationFacts]) -> list[StationFacts]:
+    """The facts with what the guard reached: it spoke last."""
+    reached: dict[str, dict[int, EventRow]] = {}
+    for event in diary(folder):
+        if event.kind in REACHED and event.station is not None and event.port is not None:
+            reached.setdefault(event.station, {})[event.port] = event
+    return [_updated(station, reached.get(station.name, {})) for station in stations]
+
+
+def _updated(facts: StationFacts, reached: Mapping[int, EventRow]) -> StationFacts:
+    states = {port: REACHED[event.kind] for port, event in reached.items()}
+    unsafe = [f"{facts.name} port {port}: {event.text}" for port, event in reached.items() if REACHED[event.kind] == "failed"]
+    return replace(facts, safe_state=facts.safe_state | states, unsafe=[*facts.unsafe, *unsafe])
