@@ -1,29 +1,28 @@
 """One tick of one station: every due reading asked, every one accounted for, one row a port.
 
-What could not be read is null with a reason. What would stop a run, or is out of range, is asked twice before it is
-believed: one flipped pair of bits in sixteen bytes passes the check byte once in eleven times (faults.md, section 0).
+What could not be read is null with a reason. What would stop a run, counts something, or cannot well be, is asked again
+before it is believed (`doubt.py`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from jbclog.effects import Steps
-from jbclog.errors import ImplausibleAnswer, LinkError, NotSupported, Refusal, RobotModeOff, StationError, StationSilent
+from jbclog.errors import LinkError, NotSupported, Refusal, RobotModeOff, StationError, StationSilent
 from jbclog.quantities import Value
 from jbclog.rows import COLUMN, SAMPLE_COLUMNS, CounterRow, SampleRow, Severity, quality_of, reasons_text
 from jbclog.scheduler import Reading
 from jbclog.session.alarms import AlarmWatch
 from jbclog.session.anomalies import as_it_came, note_zero_countdown
 from jbclog.session.columns import Fill, fill_of, unusable
+from jbclog.session.doubt import Doubt, SecondLook
 from jbclog.session.omega_states import differs_from_last
 from jbclog.session.order import Desk, PortState
 from jbclog.session.watch import OBSERVERS, WATCHED_LIMITS, Observe, is_no_tool
 from jbclog.station.client import Asking
 
 WIDTH = len(SAMPLE_COLUMNS)
-STILL_C = 25  # between two answers to the same question, one right after the other
 SKIPPED = "skipped"
 NEEDS_A_TOOL = frozenset({"temperature_c", "power_permille", "delay_s"})
 EXPECTED = frozenset({"no_tool", "not_counting", SKIPPED, LinkError.reason, "robot_off"})  # told by other events, or none
@@ -31,11 +30,13 @@ EXPECTED = frozenset({"no_tool", "not_counting", SKIPPED, LinkError.reason, "rob
 _TIME, _TICK, _STATION, _PORT = (COLUMN[name] for name in ("time", "tick", "station", "port"))
 _LATE, _SCAN, _QUALITY, _REASONS = (COLUMN[name] for name in ("late_us", "scan_us", "quality", "reasons"))
 
-Doubt = Callable[[Desk, PortState, Value], bool]
-
 
 def _differs_from_held(name: str) -> Doubt:
     return lambda desk, port, value: port.held.get(name, value) != value
+
+
+def _differs_from_counted(name: str) -> Doubt:
+    return lambda desk, port, value: port.counted.get(name) != value
 
 
 def _jumps(desk: Desk, port: PortState, value: Value) -> bool:
@@ -49,6 +50,8 @@ DOUBTS: dict[str, Doubt] = {
     "temperature_c": _jumps,
     "status": lambda desk, port, value: port.status is not None and isinstance(value, tuple) and port.status[3:] != value[3:],
     "tool": lambda desk, port, value: port.tool != value,
+    "port_error": lambda desk, port, value: (port.error or 0) != value,
+    "station_error": lambda desk, port, value: desk.held.get("station_error", 0) != value,
     "set_c": lambda desk, port, value: port.held.get(desk.set_name, value) != value,
     "solder_shortage": differs_from_last("solder_shortage"),
     "preparing": differs_from_last("preparing"),
@@ -65,7 +68,7 @@ class Probe:
     port: PortState
     fill: Fill | None
     observe: Observe | None
-    doubt: Doubt | None
+    look: SecondLook
     place: int | None  # of its first column
     due: int = 0
     missed: dict[str, int] = field(default_factory=dict)
@@ -78,8 +81,10 @@ class Probe:
         question = desk.station.question(reading.command, reading.asks_port)
         fill = fill_of(reading.name, desk.family) if reading.columns else None
         place = COLUMN[reading.columns[0]] if reading.columns else None
-        name = reading.name
-        return cls(reading, question, desk.ports[reading.port], fill, OBSERVERS.get(name), DOUBTS.get(name), place)
+        name, port = reading.name, desk.ports[reading.port]
+        doubt = DOUBTS.get(name) if reading.counter is None else _differs_from_counted(reading.counter.name)
+        look = SecondLook(reading, port, question, doubt)
+        return cls(reading, question, port, fill, OBSERVERS.get(name), look, place)
 
 
 @dataclass(slots=True)
@@ -121,8 +126,8 @@ class Scanner:
             self._station.first_sent = None
         try:
             value = yield from self._station.ask(probe.question)
-            if probe.doubt is not None and probe.doubt(self._desk, probe.port, value):
-                value = yield from self._look_again(probe, value)
+            if probe.look.doubt is not None and probe.look.is_due(self._desk, value):
+                value = yield from probe.look.settle(self._desk, value)
         except NotSupported as error:
             self._lacks(probe, scan, error)
         except (StationError, LinkError) as error:
@@ -136,25 +141,11 @@ class Scanner:
                 probe.due -= 1
             raise
         else:
-            scan.last_heard = self._station.heard
+            scan.last_heard = probe.look.heard_at = self._station.heard
             self._keep(probe, scan, value)
         finally:
             if scan.first_sent is None:
                 scan.first_sent = self._station.first_sent
-
-    def _look_again(self, probe: Probe, value: Value) -> Steps[Value]:
-        """What a second answer says to a doubtful one: it is believed where it is not doubtful itself, or bears that out."""
-        again = yield from self._station.ask(probe.question)
-        doubtful = probe.doubt is not None and probe.doubt(self._desk, probe.port, again)
-        if doubtful and not self._bears_out(probe.reading.name, value, again):
-            raise ImplausibleAnswer(f"{probe.question.title()}: {value!r}, and {again!r} when asked again")
-        return again
-
-    def _bears_out(self, name: str, first: Value, again: Value) -> bool:
-        """Whether two doubtful answers say the same. A temperature must be one, and may have moved a little."""
-        if name == "temperature_c" and isinstance(first, int) and isinstance(again, int):
-            return again in self._desk.family.plausible_c and abs(again - first) <= STILL_C
-        return again == first
 
     def _lacks(self, probe: Probe, scan: Scan, error: NotSupported) -> None:
         """A signal that was never answered is one that the station does not have: it is not due, and not asked again."""
@@ -200,7 +191,8 @@ class Scanner:
             self._desk.note(f"read.{why}", Severity.WARNING, _sentence(probe, why), port=probe.port.number)
 
     def _count(self, probe: Probe, value: Value) -> None:
-        if isinstance(value, int | float):
+        if isinstance(value, int | float) and probe.reading.counter is not None:
+            probe.port.counted[probe.reading.counter.name] = value
             self._counter_row(probe, float(value), as_it_came(self._desk, probe.reading.command, value))
 
     def _counter_row(self, probe: Probe, value: float | None, raw: str) -> None:
