@@ -7,12 +7,15 @@ import typer
 from jbclog import __version__
 from jbclog.cli.check import check
 from jbclog.cli.demo import demo
+from jbclog.cli.names import ReadCommand, WriteCommand
 from jbclog.cli.plan import plan
+from jbclog.cli.read import read
 from jbclog.cli.recover import recover
 from jbclog.cli.report import report
 from jbclog.cli.run import run
 from jbclog.cli.sim import sim
 from jbclog.cli.streams import make_usable
+from jbclog.cli.write import write
 
 app = typer.Typer(
     name="jbclog",
@@ -41,6 +44,8 @@ def _main(
 
 for verb in (demo, sim, plan, run, report, check, recover):
     app.command()(verb)
+app.command(cls=ReadCommand)(read)
+app.command(cls=WriteCommand)(write)
 
 
 def main() -> None:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import typer
 
+from jbclog.cli.names import complete_station
 from jbclog.errors import UsageError
 
 if TYPE_CHECKING:
@@ -27,6 +28,16 @@ DURATION = typer.Option(
 )
 OUT = typer.Option(Path("runs"), "--out", "-o", metavar="DIR", help="The folder that the run's folder is made in.")
 RUN = typer.Argument(..., metavar="RUN", help="A run's folder.", show_default=False)
+STATION_NAMED = typer.Argument(
+    ..., metavar="STATION", help="A station of the line, by name.", show_default=False, autocompletion=complete_station
+)
+PORT = typer.Option(None, "--port", "-p", min=1, max=4, metavar="N", help="Which port of the station.", show_default=False)
+TOOL = typer.Option(
+    None, "--tool", "-t", min=0, max=9, metavar="N", help="Which tool, by its code. Default: the one connected.", show_default=False
+)
+CONDITION = typer.Option(
+    None, "--condition", min=0, max=399, metavar="N", help="Which solder condition (omega).", show_default=False
+)
 AS_JSON = typer.Option(False, "--json", help="One JSON object on stdout.")
 
 _PARTS = re.compile(r"(?:(\d+(?:\.\d+)?)h)?(?:(\d+(?:\.\d+)?)m)?(?:(\d+(?:\.\d+)?)s?)?", re.ASCII)

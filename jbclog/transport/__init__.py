@@ -10,7 +10,7 @@ question, `descriptors.py` makes room for many ports.
 
 from jbclog.transport.opening import open_port
 from jbclog.transport.port import Port
-from jbclog.transport.read_only import OnlyReads, ReadOnly
+from jbclog.transport.read_only import ReadOnly
 from jbclog.transport.tee import Tee
 
-__all__ = ["OnlyReads", "Port", "ReadOnly", "Tee", "open_port"]
+__all__ = ["Port", "ReadOnly", "Tee", "open_port"]

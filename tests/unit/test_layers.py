@@ -26,8 +26,11 @@ MAY_USE = {
     "recipe": "commands quantities errors wire",
     "station": "protocol commands quantities wire errors effects",
     "scheduler": "commands wire errors",
-    "session": "station scheduler recipe commands rows clock effects errors quantities wire",
+    "byhand": "station commands quantities wire errors effects",
+    "safety": "station commands quantities effects errors",
+    "session": "safety station scheduler recipe commands rows clock effects errors quantities wire",
     "drive": "transport clock effects tape errors",
+    "guard": "safety station commands drive transport clock effects wire errors",
     "record": "rows tape clock errors",
     "sim": "protocol commands quantities wire recipe clock tape errors",
     "judge": "rows errors",
@@ -35,6 +38,7 @@ MAY_USE = {
     "report": "analysis judge record recipe commands rows errors",
     # top: what puts the rooms together, below the command line
     "outcome": "rows errors",
+    "reach": "byhand commands protocol recipe record drive transport clock effects wire errors",
     "plan": f"{BOTTOM} commands recipe scheduler session",
     "dossier": f"{BOTTOM} plan outcome session record judge",
     "conduct": f"{BOTTOM} dossier plan outcome session drive transport record",
@@ -44,7 +48,7 @@ MAY_USE = {
 """Room -> the rooms that it may import. `cli` may import all; a room that is not here must be given a row."""
 
 ALL = {*MAY_USE, "cli"}
-KNOWS_NO_IO = ["protocol", "commands", "quantities", "station", "scheduler", "session", "effects"]
+KNOWS_NO_IO = ["protocol", "commands", "quantities", "station", "safety", "scheduler", "session", "byhand", "effects"]
 NO_IO = ["serial", "socket", "threading", "time", "pandas", "pyarrow", "asyncio", "select", "selectors", "subprocess", "sqlite3"]
 HEAVY = ("pandas", "matplotlib", "jinja2")
 ONLY_IN = {"serial": {"transport"}, "pandas": {"analysis", "report"}, "jinja2": {"report"}, "tomllib": {"recipe", "record"}}

@@ -1,0 +1,96 @@
+"""Reading by hand: one value at each place that is meant, or everything that a station can tell.
+
+What is steady, a setting or a counter, is asked until two answers agree; what moves is asked once. What reading would clear is
+read only by its name.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TypeVar
+
+from jbclog.byhand.contact import Contact, Place, Target, everywhere, meet, places, sentence
+from jbclog.byhand.names import find, readable, why_only_by_name
+from jbclog.commands.command import Command
+from jbclog.commands.family import Family
+from jbclog.effects import Steps
+from jbclog.errors import RobotModeOff, StartRefused, StationError, StationSilent, UsageError
+from jbclog.quantities import Value
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """What a station told, or why it did not: then `value` is None, `reason` the record's word and `problem` the sentence.
+
+    `data` is the data field as it came; `heard` is when it was there, monotonic seconds.
+    """
+
+    command: Command
+    place: Place
+    value: Value | None
+    data: str
+    heard: float
+    reason: str = ""
+    problem: str = ""
+
+
+Tell = Callable[[Contact, Reading], None]
+"""Takes each reading as it comes, with the station that it comes from."""
+
+
+def read_value(target: Target, name: str, asked: Place, tell: Tell) -> Steps[None]:
+    """Read the value of that name at each place that is meant.
+
+    Raises `StartRefused` where nobody usable answers or the family has no such value, and `LinkError`.
+    """
+    contact = yield from meet(target)
+    command = found_after_all(contact, lambda: find(name, contact.family, readable))
+    for place in (yield from places(contact, command, asked)):
+        tell(contact, (yield from _reading(contact, command, place)))
+
+
+def read_all(target: Target, tell: Tell) -> Steps[None]:
+    """Read everything that can be read without changing anything, at every place. Raises as `read_value` does."""
+    contact = yield from meet(target)
+    for command, place in (yield from everywhere(contact, harmless(contact.family))):
+        tell(contact, (yield from _reading(contact, command, place)))
+
+
+def harmless(family: Family) -> list[Command]:
+    """What can be read as often as one likes, and without a number."""
+    return [command for command in family.commands.values() if command.readable and not why_only_by_name(command)]
+
+
+def only_by_name(family: Family) -> list[Command]:
+    """What `read_all` leaves out."""
+    return [command for command in family.commands.values() if command.readable and why_only_by_name(command)]
+
+
+def found_after_all(contact: Contact, look: Callable[[], T]) -> T:
+    """What `look` finds once the family is known. What it does not find was wrong usage no more: the station was asked."""
+    try:
+        return look()
+    except UsageError as error:
+        raise StartRefused(f"{contact.name} is a {contact.model}: {error}") from error
+
+
+def _reading(contact: Contact, command: Command, place: Place) -> Steps[Reading]:
+    """Raises only where nothing more can be read at all."""
+    client = contact.client
+    try:
+        value = yield from _ask(contact, command, place)
+    except (StationSilent, RobotModeOff) as error:
+        raise StartRefused(f"{contact.name}: {error}") from error
+    except StationError as error:
+        return Reading(command, place, None, "", client.now, error.reason, sentence(error))
+    return Reading(command, place, value, client.data, client.heard)
+
+
+def _ask(contact: Contact, command: Command, place: Place) -> Steps[Value]:
+    is_counter = any(counter.command == command.name for counter in contact.family.counters)
+    if is_counter or command.access == "rw":
+        return (yield from contact.agreed(command, place, grows=is_counter))
+    return (yield from contact.read(command, place))

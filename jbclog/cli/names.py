@@ -1,0 +1,159 @@
+"""Names of commands on the command line: listed in help, completed by the shell. All of it comes from the tables."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import textwrap
+from collections.abc import Iterable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import typer
+from typer.core import TyperCommand
+
+from jbclog.errors import JbclogError
+
+if TYPE_CHECKING:
+    from jbclog.byhand.names import Kind
+    from jbclog.commands.command import Command
+    from jbclog.commands.family import Family
+
+USUAL_LINE = Path("line.toml")  # what the shell completes from while no --line has been typed
+NEGATIVE = re.compile(r"-\d+(\.\d+)?", re.ASCII)
+WIDEST = 100
+
+Completions = list[tuple[str, str]]
+"""What can stand here, each with its help."""
+
+
+class _NamingCommand(TyperCommand):
+    """A verb whose help lists names of commands, and whose values may be negative numbers."""
+
+    def get_help(self, ctx: typer.Context) -> str:  # type: ignore[override]  # the base's type is private to typer
+        return "\n\n".join([super().get_help(ctx).rstrip(), _shared_text(self._kind()), *self._more()])
+
+    def parse_args(self, ctx: typer.Context, args: list[str]) -> list[str]:  # type: ignore[override]
+        ctx.ignore_unknown_options = any(NEGATIVE.fullmatch(word) for word in args)  # -5 is no option here
+        return super().parse_args(ctx, args)
+
+    def _kind(self) -> Kind:
+        raise LookupError("which commands are listed, the verb says")
+
+    def _more(self) -> list[str]:
+        """What is said behind the list."""
+        return []
+
+
+class ReadCommand(_NamingCommand):
+    """`read`: everything that can be read."""
+
+    def _kind(self) -> Kind:
+        from jbclog.byhand.names import readable
+
+        return readable
+
+
+class WriteCommand(_NamingCommand):
+    """`write`: everything that can be written."""
+
+    def _kind(self) -> Kind:
+        from jbclog.byhand.names import writable
+
+        return writable
+
+    def _more(self) -> list[str]:
+        from jbclog.byhand.names import anywhere
+
+        dangerous = [command.name for command in anywhere().values() if command.dangerous]
+        return [f"Dangerous, and done only with --yes-i-mean STATION:\n{_wrapped(dangerous)}"]
+
+
+def _shared_text(kind: Kind) -> str:
+    from jbclog.byhand.names import shared
+
+    parts = ["Names (with a station and no name: those of that station, with units, ranges and manual):"]
+    for families, names in shared(kind):
+        parts += ["", f"  {', '.join(families)}:", _wrapped(names)]
+    return "\n".join(parts)
+
+
+def _wrapped(names: Iterable[str]) -> str:
+    width = min(shutil.get_terminal_size().columns, WIDEST) - 1
+    text = " ".join(names)
+    return textwrap.fill(
+        text, width, initial_indent="    ", subsequent_indent="    ", break_long_words=False, break_on_hyphens=False
+    )
+
+
+# -- completion ---------------------------------------------------------------------------------------------------------------
+
+
+def complete_station(ctx: typer.Context, incomplete: str) -> Completions:
+    """The names of the line file that was given, or of `line.toml` in this folder."""
+    from jbclog.recipe.line import load_line
+
+    try:
+        stations = load_line(_line(ctx)).stations
+    except (JbclogError, OSError):
+        return []
+    return [(station.name, f"{station.family} on {station.url}") for station in stations if station.name.startswith(incomplete)]
+
+
+def complete_signal(ctx: typer.Context, incomplete: str) -> Completions:
+    """What can be read of the station that was named; of any, where it is not known."""
+    from jbclog.byhand.names import readable
+
+    return _complete(ctx, incomplete, readable)
+
+
+def complete_setting(ctx: typer.Context, incomplete: str) -> Completions:
+    """What can be written to the station that was named; to any, where it is not known."""
+    from jbclog.byhand.names import writable
+
+    return _complete(ctx, incomplete, writable)
+
+
+def complete_value(ctx: typer.Context, incomplete: str) -> Completions:
+    """The words that the setting takes; a number nobody can complete."""
+    from jbclog.byhand.names import anywhere
+    from jbclog.byhand.values import words_for
+    from jbclog.commands.family import FAMILIES
+
+    name = str(ctx.params.get("setting"))
+    family = _family(ctx) or next((one for one in FAMILIES.values() if name in one.commands), None)
+    command = (family.commands if family else anywhere()).get(name)
+    if family is None or command is None:
+        return []
+    return [(word, command.name) for word in words_for(command, family) if word.startswith(incomplete)]
+
+
+def _complete(ctx: typer.Context, incomplete: str, kind: Kind) -> Completions:
+    from jbclog.byhand.names import anywhere
+
+    family = _family(ctx)
+    commands = (family.commands if family else anywhere()).values()
+    return [(one.name, _about(one, family)) for one in commands if kind(one) and one.name.startswith(incomplete)]
+
+
+def _about(command: Command, family: Family | None) -> str:
+    """``°C, per port; steps of 5 °C, within what the station itself allows``."""
+    from jbclog.byhand.names import values_text
+
+    place = f"{command.unit}, per {command.scope.value}" if command.unit else f"per {command.scope.value}"
+    values = f"; {values_text(command, family)}" if command.writable and family is not None else ""
+    return place + values + (" (dangerous)" if command.dangerous else "")
+
+
+def _family(ctx: typer.Context) -> Family | None:
+    from jbclog.reach import target_in
+
+    try:
+        return target_in(_line(ctx), str(ctx.params.get("station"))).family
+    except (JbclogError, OSError):
+        return None
+
+
+def _line(ctx: typer.Context) -> Path:
+    given = ctx.params.get("line")
+    return Path(str(given)) if given else USUAL_LINE

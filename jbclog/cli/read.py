@@ -1,0 +1,166 @@
+"""`jbclog read`: one value by name, or all of them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import typer
+
+from jbclog.cli import options
+from jbclog.cli.names import complete_signal
+from jbclog.cli.output import ends_with_errors_told, note, tell, tell_json
+from jbclog.errors import StartRefused, UsageError
+
+if TYPE_CHECKING:
+    from jbclog.byhand.contact import Contact, Place, Target
+    from jbclog.byhand.read import Reading
+
+NAME_WIDTH = 40
+
+
+@ends_with_errors_told
+def read(
+    station: str = options.STATION_NAMED,
+    signal: str | None = typer.Argument(
+        None, metavar="SIGNAL", help="What to read, by name.", show_default=False, autocompletion=complete_signal
+    ),
+    line: Path = options.LINE,
+    port: int | None = options.PORT,
+    tool: int | None = options.TOOL,
+    condition: int | None = options.CONDITION,
+    everything: bool = typer.Option(False, "--all", help="Everything that can be read without changing anything."),
+    as_json: bool = options.AS_JSON,
+) -> None:
+    """Read a value of a station by its name.
+
+    Without --port of every port; what belongs to a tool, of the tool connected. Without a name the names are listed, with
+    units, ranges and manual. Nothing but questions can go out. While a run holds the station it is refused, naming the run.
+
+    \b
+    Example:
+      jbclog read dde-1 tip_temperature --port 2 --line virtual/line.toml
+    """
+    from jbclog.byhand.contact import Place
+    from jbclog.reach import target_in
+
+    target = target_in(line, station)
+    asked = Place(port, tool, condition)
+    if signal is None and not everything:
+        _list(target, asked, as_json=as_json)
+        return
+    if signal is not None and everything:
+        raise UsageError(f"--all reads everything: leave {signal!r} or --all out")
+    seen = _All(asked, as_json=as_json) if signal is None else _Named(signal, asked, as_json=as_json)
+    seen.ask(target)
+    if seen.failed:
+        raise typer.Exit(StartRefused.exit_code)
+
+
+def _list(target: Target, asked: Place, *, as_json: bool) -> None:
+    from jbclog.byhand.names import readable
+    from jbclog.cli.listing import tell_names
+
+    if any(number is not None for number in asked):
+        raise UsageError("--port, --tool and --condition want a name, or --all")
+    tell_names(target, readable, as_json=as_json)
+
+
+class _Seen:
+    """What was read so far: told at once as lines, or kept for the one object of --json."""
+
+    def __init__(self, asked: Place, *, as_json: bool) -> None:
+        self.asked = asked
+        self.failed = 0
+        self._as_json = as_json
+        self._facts: list[dict[str, object]] = []
+        self._contact: Contact | None = None
+
+    def take(self, contact: Contact, reading: Reading) -> None:
+        from jbclog.cli.values import reading_facts
+        from jbclog.reach import utc_of
+
+        if self._contact is None and not contact.is_proven:
+            note(f"note: {contact.stranger()}; it is read by the tables of {contact.family.name}")
+        self._contact = contact
+        if self._as_json:
+            self._facts.append(reading_facts(contact, reading, utc_of(reading.heard)))
+        self.show(contact, reading)
+
+    def show(self, contact: Contact, reading: Reading) -> None:
+        """A line for people."""
+
+    def ask(self, target: Target) -> None:
+        """Ask the station, and tell what there is to tell at the end."""
+
+
+class _Named(_Seen):
+    """One value, at one place or at several."""
+
+    def __init__(self, name: str, asked: Place, *, as_json: bool) -> None:
+        super().__init__(asked, as_json=as_json)
+        self._name = name
+        self._places: list[Place] = []
+
+    def ask(self, target: Target) -> None:
+        from jbclog.byhand.contact import check_place
+        from jbclog.byhand.names import find, readable
+        from jbclog.byhand.read import read_value
+        from jbclog.reach import ask
+
+        command = find(self._name, target.family, readable)
+        if target.family is not None:
+            check_place(command, target.family, target.ports or target.family.ports, self.asked)
+        ask(target, read_value(target, self._name, self.asked, self.take))
+        if self._as_json:
+            one = self._places and self._is_only_one(self._places[0])
+            tell_json(self._facts[0] if one else {"station": target.name, "values": self._facts})
+        if command.asked_once and not self.failed:
+            note(f"note: reading {command.name} has cleared it in the station")
+
+    def _is_only_one(self, place: Place) -> bool:
+        """Whether what was typed means one value, whatever station it is."""
+        return place.port is None or self.asked.port is not None
+
+    def show(self, contact: Contact, reading: Reading) -> None:
+        from jbclog.byhand.contact import title
+        from jbclog.byhand.values import shown
+
+        self._places.append(reading.place)
+        if reading.value is None:
+            self.failed += 1
+            note(f"error: {contact.name}: {title(reading.command, reading.place)}: {reading.problem}")
+        elif not self._as_json:
+            told = shown(reading.value, reading.command, contact.family)
+            tell(told if self._is_only_one(reading.place) else f"{reading.place}: {told}")
+
+
+class _All(_Seen):
+    """Everything that can be read without changing anything."""
+
+    def ask(self, target: Target) -> None:
+        from jbclog.byhand.names import why_only_by_name
+        from jbclog.byhand.read import only_by_name, read_all
+        from jbclog.reach import ask
+
+        if any(number is not None for number in self.asked):
+            raise UsageError("--all reads every port, and the tools connected: leave --port, --tool and --condition out")
+        ask(target, read_all(target, self.take))
+        if self._as_json:
+            tell_json({"station": target.name, "values": self._facts})
+        left_out = [f"{one.name} ({why_only_by_name(one)})" for one in only_by_name(self._contact.family)] if self._contact else []
+        if left_out:
+            note(f"note: read only by name: {', '.join(left_out)}")
+
+    def show(self, contact: Contact, reading: Reading) -> None:
+        from jbclog.byhand.contact import title
+        from jbclog.byhand.values import shown
+
+        is_absent = reading.reason == "nak4"
+        if reading.value is not None:
+            text = shown(reading.value, reading.command, contact.family)
+        else:
+            text = "unknown to this station (N 00004)" if is_absent else f"not read: {reading.problem}"
+            self.failed += not is_absent
+        if not self._as_json:
+            tell(f"{title(reading.command, reading.place):{NAME_WIDTH}}  {text}")

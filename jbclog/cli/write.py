@@ -1,0 +1,149 @@
+"""`jbclog write`: one value by name, with what a write by hand owes its user."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import typer
+
+from jbclog.cli import options
+from jbclog.cli.names import complete_setting, complete_station, complete_value
+from jbclog.cli.output import ends_with_errors_told, note, tell, tell_json
+from jbclog.errors import UsageError
+
+if TYPE_CHECKING:
+    from jbclog.byhand.contact import Target
+    from jbclog.byhand.snapshot import Snapshot
+    from jbclog.byhand.write import Change
+
+
+@ends_with_errors_told
+def write(
+    station: str = options.STATION_NAMED,
+    setting: str | None = typer.Argument(
+        None, metavar="SETTING", help="What to write, by name.", show_default=False, autocompletion=complete_setting
+    ),
+    value: str | None = typer.Argument(
+        None,
+        metavar="VALUE",
+        help="A number, a word, or off; nothing for an order.",
+        show_default=False,
+        autocompletion=complete_value,
+    ),
+    line: Path = options.LINE,
+    port: int | None = options.PORT,
+    tool: int | None = options.TOOL,
+    yes_i_mean: str | None = typer.Option(
+        None,
+        "--yes-i-mean",
+        metavar="STATION",
+        help="The station again, by name: what is dangerous is done only so.",
+        show_default=False,
+        autocompletion=complete_station,
+    ),
+    snapshot: Path | None = typer.Option(
+        None,
+        "--snapshot",
+        metavar="FILE",
+        help="Where all settings are kept before something dangerous. Default: STATION-settings-TIME.json in this folder.",
+        show_default=False,
+    ),
+    as_json: bool = options.AS_JSON,
+) -> None:
+    """Write a value of a station by its name, once, and read it back.
+
+    Without a name the names are listed, with what each takes. What cannot be taken back asks for --yes-i-mean, keeps all settings
+    in a file first, and restart and factory_reset want every tool at 60 °C or below. While a run holds the station it is refused,
+    naming the run. Exit code 3: refused, or not confirmed; 5: a tool that was told to rest is not known to.
+
+    \b
+    Example:
+      jbclog write dde-1 selected_temperature 350 --port 1 --line virtual/line.toml
+    """
+    from jbclog.byhand.contact import Place
+    from jbclog.byhand.names import writable
+    from jbclog.byhand.write import Change
+    from jbclog.cli.listing import tell_names
+    from jbclog.reach import target_in
+
+    target = target_in(line, station)
+    if yes_i_mean is not None and yes_i_mean != station:
+        raise UsageError(f"--yes-i-mean {yes_i_mean} is not {station}, the station that is to be written; nothing was sent")
+    if setting is None:
+        tell_names(target, writable, as_json=as_json)
+        return
+    change = Change(setting, value, Place(port, tool))
+    _check(target, change, line, is_meant=yes_i_mean is not None)
+    code = _Writing(target, change, line, snapshot, as_json=as_json).do()
+    raise typer.Exit(code)
+
+
+def _check(target: Target, change: Change, line: Path, *, is_meant: bool) -> None:
+    """Everything that can be known to be wrong before a byte is sent. Raises `UsageError`."""
+    from jbclog.byhand.contact import check_place
+    from jbclog.byhand.danger import is_dangerous, what_it_does
+    from jbclog.byhand.names import find, writable
+    from jbclog.byhand.write import expect_one_port
+    from jbclog.cli.wording import call
+
+    command = find(change.name, target.family, writable)
+    if target.family is not None:
+        ports = target.ports or target.family.ports
+        check_place(command, target.family, ports, change.place)
+        change.meant(target.family)
+        expect_one_port(command, change.place, ports)
+    if is_dangerous(command.name, target.family) and not is_meant:
+        raise UsageError(
+            f"{command.name} {what_it_does(command)}. Nothing was sent. To do it all the same:\n"
+            f"  {call('write', target, change, line)} --yes-i-mean {target.name}"
+        )
+
+
+class _Writing:
+    """One write: done, told, and given its exit code."""
+
+    def __init__(self, target: Target, change: Change, line: Path, snapshot: Path | None, *, as_json: bool) -> None:
+        from jbclog.byhand.write import Written
+
+        self._target = target
+        self._change = change
+        self._line = line
+        self._snapshot = snapshot
+        self._as_json = as_json
+        self._kept: Path | None = None
+        self._written = Written()
+
+    def do(self) -> int:
+        from jbclog.byhand.write import write_value
+        from jbclog.reach import ask
+
+        steps = write_value(self._target, self._change, self._keep, self._written)
+        try:
+            ask(self._target, steps, may_write=True)
+        except KeyboardInterrupt:
+            if self._written.is_sent:
+                note("interrupted after it was sent, before it was read back:")
+                self._tell()
+            raise
+        return self._tell()
+
+    def _keep(self, snapshot: Snapshot) -> None:
+        from jbclog.reach import keep_snapshot
+
+        self._kept = keep_snapshot(snapshot, self._change.name, self._snapshot)
+        note(f"note: all {len(snapshot.settings)} settings of {snapshot.station}, as they are now, are kept in {self._kept}")
+
+    def _tell(self) -> int:
+        from jbclog.cli.wording import exit_code, notes, result, written_facts
+
+        written = self._written
+        if self._as_json:
+            tell_json(written_facts(written, self._kept))
+        elif written.is_fine:
+            tell(result(written))
+        if not written.is_fine:
+            note(f"error: {self._target.name}: {result(written)}")
+        for text in notes(written, self._target, self._change, self._line):
+            note(f"note: {text}")
+        return exit_code(written)
