@@ -16,7 +16,7 @@ from jbclog.drive.virtual import VirtualDriver
 from jbclog.effects import Reopen, Steps
 from jbclog.quantities import Value
 from jbclog.recipe.line import parse_line
-from jbclog.sim.virtual import VirtualStation
+from jbclog.sim.make import virtual_station
 from jbclog.station.client import Client
 from jbclog.station.make import client_for
 
@@ -34,7 +34,8 @@ class Pair:
         spec = parse_line(LINE.format(family=family, keys=keys, sim=sim), Path("line.toml")).stations[0]
         self.family = FAMILIES[family]
         self.clock = VirtualClock()
-        self.station = VirtualStation(spec, now=self.clock.monotonic())
+        self.station = virtual_station(spec, now=self.clock.monotonic())
+        self.ports = spec.ports or self.family.ports or ()
         self.client = client_for(self.family, spec.line_format, spec.address)
 
     def do(self, ask: Callable[[Client], Steps[T]]) -> T:
@@ -67,7 +68,3 @@ class Pair:
                 yield from ((command, port, None) for port in self.ports)
             case Scope.TOOL:
                 yield from ((command, port, tool) for port in self.ports for tool in self.family.tools if tool)
-
-    @property
-    def ports(self) -> tuple[int, ...]:
-        return tuple(self.station.device.face.ports)
