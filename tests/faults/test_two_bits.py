@@ -1,0 +1,107 @@
+"""Flipped bits: one is always seen, two are not where they hide from an XOR. What then passes is counted, and decides nothing.
+
+The check byte is the XOR of a frame: a bit that is turned over in two characters at the same place leaves it as it was.
+"""
+
+from __future__ import annotations
+
+import re
+from typing import NamedTuple
+
+import pytest
+from corrupted import flipped, taken, taken_of_two_bits
+from golden import FRAMES, Golden
+from readme import README
+
+from jbclog.commands.command import Command
+from jbclog.commands.family import FAMILIES
+from jbclog.quantities import Value
+
+FAMILIES_OF = {"000": ("soldering",), "001": ("jtse",), "002": ("dde", "ale", "ucr"), "004": ("ucr",)}
+ANSWERS = [golden for golden in FRAMES if golden.text[0] == "A" and golden.value is not None]
+
+
+def command_of(golden: Golden) -> Command:
+    families = (FAMILIES[name] for name in FAMILIES_OF[golden.seed])
+    return next(family.commands[golden.command] for family in families if golden.command in family.commands)
+
+
+def _forms(golden: Golden) -> list[tuple[bytes, int | None]]:
+    return [(golden.addressed, 1), (golden.bare, None)]
+
+
+@pytest.mark.parametrize("golden", ANSWERS, ids=lambda golden: f"{golden.where} {golden.text}")
+def test_no_single_flipped_bit_is_taken(golden: Golden) -> None:
+    command = command_of(golden)
+    for wire, address in _forms(golden):
+        assert taken(command, golden.port, golden.tool, wire, address) is not None
+        for sent in flipped(wire, 1):
+            assert taken(command, golden.port, golden.tool, sent, address) is None, sent
+
+
+# -- two bits: counted, and published ---------------------------------------------------------------------------------------
+
+
+class Kind(NamedTuple):
+    """An answer as the README names it."""
+
+    name: str
+    where: str
+    text: str
+
+
+PUBLISHED = [
+    Kind("tip temperature", "002 R-TTx", "ATT100183"),
+    Kind("selected temperature", "002 R-STx", "AST100350"),
+    Kind("power", "002 R-PPx", "APP100840"),
+    Kind("counter", "000 3.1", "ACC312345"),
+    Kind("port error", "002 R-PEx", "APE100004"),
+    Kind("delay", "004 R-Dxy", "AD1299999"),
+    Kind("alarm delay", "000 4.8.23", "AHD301.60"),
+    Kind("status", "002 Tool Operating Status", "APS100002"),
+    Kind("pair of alarm flags", "002 R-TAx", "ATA100001"),
+    Kind("model name", "000 4.8.28", "ASMN  DDR"),
+]
+
+
+def golden_of(kind: Kind) -> Golden:
+    (golden,) = [one for one in ANSWERS if (one.where, one.text) == (kind.where, kind.text)]
+    return golden
+
+
+def passing(golden: Golden) -> list[tuple[bytes, Value]]:
+    return taken_of_two_bits(command_of(golden), golden.port, golden.tool, golden.addressed)
+
+
+def published() -> dict[str, int]:
+    """The numbers in the README's sentence, by the names that it uses."""
+    sentence = re.search(r"of the 8128 that turn over two,([^.]*)", " ".join(README.split()))
+    assert sentence, "the README no longer says how many corruptions of two bits pass"
+    return {name: int(number) for number, name in re.findall(r"(\d+)(?: pass)? as an? ([a-z ]+?)(?=,| and \d|$)", sentence[1])}
+
+
+def test_how_many_corruptions_of_two_bits_pass_is_published() -> None:
+    counted = {kind.name: len(passing(golden_of(kind))) for kind in PUBLISHED}
+    assert published() == counted
+
+
+@pytest.mark.parametrize("kind", PUBLISHED, ids=lambda kind: kind.name)
+def test_what_passes_hides_from_an_xor_or_is_the_same_value(kind: Kind) -> None:
+    golden = golden_of(kind)
+    for sent, value in passing(golden):
+        changed = {
+            place: one ^ other for place, (one, other) in enumerate(zip(golden.addressed, sent, strict=True)) if one != other
+        }
+        assert len(changed) == 2
+        assert len(set(changed.values())) == 1, "two different bits would show in the check byte"
+        in_data_or_check = all(place >= 5 + 1 + 3 for place in changed)
+        assert in_data_or_check or value == command_of(golden).quantity.decode(golden.text[4:])
+
+
+@pytest.mark.campaign
+@pytest.mark.parametrize("golden", ANSWERS, ids=lambda golden: f"{golden.where} {golden.text}")
+def test_less_than_one_in_a_hundred_passes(golden: Golden) -> None:
+    """Of every golden answer, with and without addresses."""
+    for wire, address in _forms(golden):
+        found = taken_of_two_bits(command_of(golden), golden.port, golden.tool, wire, address)
+        assert len(found) < 0.02 * len(list(flipped(wire, 2)))

@@ -1,0 +1,55 @@
+"""What a client takes of an answer whose bits were turned over: its whole acceptance, for the question that is out."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import combinations
+
+from jbclog.commands.command import Command
+from jbclog.effects import Heard
+from jbclog.errors import StationError
+from jbclog.protocol.frame import Frame
+from jbclog.protocol.reader import FrameReader
+from jbclog.quantities import Value
+from jbclog.station.robot import Station
+from jbclog.wire import LineFormat
+
+LINE = LineFormat()
+
+
+def taken(command: Command, port: int | None, tool: int | None, wire: bytes, address: int | None = 1) -> Value | None:
+    """The value that a client which has just asked takes `wire` for; None where it goes on listening or asks again."""
+    station = Station(LINE, address)
+    asking = station.ask(station.question(command, port, tool))
+    next(asking)
+    try:
+        asking.send(Heard(0.02, wire, 0.0))
+    except StopIteration as done:
+        return done.value  # type: ignore[no-any-return]  # what the generator returns
+    except StationError:
+        return None
+    asking.close()
+    return None
+
+
+def flipped(wire: bytes, bits: int) -> Iterator[bytes]:
+    """Every way to turn over so many different bits of `wire`."""
+    whole = int.from_bytes(wire, "big")
+    for places in combinations(range(8 * len(wire)), bits):
+        yield (whole ^ sum(1 << place for place in places)).to_bytes(len(wire), "big")
+
+
+def taken_of_two_bits(
+    command: Command, port: int | None, tool: int | None, wire: bytes, address: int | None = 1
+) -> list[tuple[bytes, Value]]:
+    """Every corruption of two bits that a client takes, and for what.
+
+    Where a reader finds no frame at all, none can be taken; the others go through the client.
+    """
+    found = []
+    for sent in flipped(wire, 2):
+        if any(isinstance(one, Frame) for one in FrameReader().feed(sent)):
+            value = taken(command, port, tool, sent, address)
+            if value is not None:
+                found.append((sent, value))
+    return found
