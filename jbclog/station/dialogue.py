@@ -112,19 +112,11 @@ class Dialogue:
         frame = self._frame(header, code + data, sending=True)
         start = self._frame("A", code, sending=not self._answer_from_station)[:-2]
         length = len(start) + (UNEXPECTED_LENGTH if digits is None else digits) + 2
-        question = Question(
-            command=command,
-            port=port,
-            frame=frame,
-            code=code,
-            digits=digits,
-            answer_start=start,
-            answer_length=length,
-            wire_s=self.line.seconds(len(frame) + length),
-            tries=1 if is_write or command.asked_once else 1 + REPEATS,
-            is_short=command.scope is Scope.STATION and len(code) == 2,
-            known=known_answers(frame, command, start),
-        )
+        wire_s = self.line.seconds(len(frame) + length)
+        tries = 1 if is_write or command.asked_once else 1 + REPEATS
+        is_short = command.scope is Scope.STATION and len(code) == 2
+        known = known_answers(frame, command, start)
+        question = Question(command, port, frame, code, digits, start, length, wire_s, tries, is_short, *known)
         answered_as = (WRITE_ANSWERED_AS if is_write else READ_ANSWERED_AS).get(command.name)
         if answered_as is not None:
             question.also_number, question.also = answered_as[0], f"{answered_as[1]}{port}"
@@ -148,7 +140,8 @@ class Dialogue:
     def _exchange(self, question: Question) -> Steps[str]:
         """Ask once; give the data field of the answer."""
         self._reader.reset()  # what came before the question cannot answer it
-        self._last, self._pending = self._pending, question.code
+        self._last = self._pending
+        self._pending = question.code
         self._is_clear = not self._doubted
         self._doubted.add(question.code)  # until that or any other is answered
         heard = yield Ask(question.frame, self.patience_s(question))

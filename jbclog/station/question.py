@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import NamedTuple
 
 from jbclog.commands.command import Command
 from jbclog.commands.tolerated import odd_form
@@ -15,12 +14,8 @@ KNOWN_ANSWERS = 1024  # that are remembered for each question; stations say the 
 KNOWN_QUESTIONS = 4096
 
 
-class Known(NamedTuple):
-    """What was answered to a question so far, whole answers and data fields: texts, values, and the odd ones' rows."""
-
-    texts: dict[bytes, str]
-    values: dict[str, Value]
-    odd: dict[str, int]
+Known = tuple[dict[bytes, str], dict[str, Value], dict[str, int]]
+"""The data fields of whole answers, the values of data fields, and the rows of section B of the odd ones."""
 
 
 @dataclass(slots=True)
@@ -42,21 +37,23 @@ class Question:
     wire_s: float
     tries: int  # how often it may go out
     is_short: bool
-    known: Known
+    _texts: dict[bytes, str]
+    _values: dict[str, Value]
+    odd: dict[str, int]  # the rows of section B by which data fields that mean something are odd
     also: str = ""
     also_number: int = 0
     repeated: str = ""
 
     def text_in(self, data: bytes) -> str | None:
         """The data field where `data` is the whole answer in one piece and nothing else: nearly always so."""
-        known = self.known.texts.get(data)
+        known = self._texts.get(data)
         if known is not None:  # the very bytes of an answer that was checked before
             return known
         if not self._is_whole_answer(data):
             return None
         text = data[len(self.answer_start) : -2].decode("ascii", "replace")
-        if len(self.known.texts) < KNOWN_ANSWERS:
-            self.known.texts[data] = text
+        if len(self._texts) < KNOWN_ANSWERS:
+            self._texts[data] = text
         return text
 
     def _is_whole_answer(self, data: bytes) -> bool:
@@ -69,25 +66,22 @@ class Question:
 
     def value_of(self, text: str) -> Value:
         """What a data field means. Raises `ValueError` where it means nothing."""
-        value = self.known.values.get(text)
+        value = self._values.get(text)
         if value is None:
             value = self.command.quantity.decode(text)
-            if len(self.known.values) < KNOWN_ANSWERS:
-                self.known.values[text] = value
+            if len(self._values) < KNOWN_ANSWERS:
+                self._values[text] = value
             self._look_at_form(text)
         return value
 
     def _look_at_form(self, text: str) -> None:
         row = odd_form(self.command.name, text)
-        if row is not None and len(self.known.odd) < KNOWN_ANSWERS:
-            self.known.odd[text] = row
+        if row is not None and len(self.odd) < KNOWN_ANSWERS:
+            self.odd[text] = row
 
     def odd_row(self, text: str) -> int | None:
         """The row of section B by which a data field that means something is odd; None where it is as recommended."""
-        odd = self.known.odd
-        if not odd:
-            return None
-        return odd.get(text) if len(odd) < KNOWN_ANSWERS else odd_form(self.command.name, text)
+        return self.odd.get(text) if len(self.odd) < KNOWN_ANSWERS else odd_form(self.command.name, text)
 
     def title(self) -> str:
         """How messages name it: ``tip temperature of port 1``."""
@@ -98,4 +92,4 @@ class Question:
 @lru_cache(KNOWN_QUESTIONS)
 def known_answers(frame: bytes, command: Command, answer_start: bytes) -> Known:
     """What was answered to a question so far: one memory for all stations with the same address."""
-    return Known({}, {}, {})
+    return {}, {}, {}

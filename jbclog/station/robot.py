@@ -101,7 +101,8 @@ class Station(Dialogue):
                     raise
                 failure = error
             else:
-                self._note_form(question, text)
+                if question.odd or question.also:
+                    self._note_form(question, text)
                 return value
             if not tries:
                 raise failure
