@@ -299,6 +299,16 @@ class Flags(Word):
         return Word.decode(self, data)
 
 
+def raw_share(permille: int, whole: int) -> int:
+    """What goes on the wire for `permille` of `whole` (contract, `[air]`)."""
+    return round(permille * whole / 1000)
+
+
+def permille_of(raw: int, whole: int) -> int:
+    """The share that `raw` is of `whole`."""
+    return round(1000 * raw / whole)
+
+
 def text_of(value: Value) -> str:
     """The value as the `settings` table and messages show it: ``350``, ``1.60``, ``off``, ``00001``."""
     if isinstance(value, tuple):

@@ -67,7 +67,8 @@ class Limits:
 class Command:
     """A command by its trade name, with everything that a driver, a page or a person needs of it.
 
-    `within` are the commands that tell the lowest and the highest value that the station itself allows.
+    `within` are the commands that tell the lowest and the highest value that the station itself allows. `share_of` is the one
+    that tells what a number without a printed unit is a share of: recipes and samples hold it in per mille of that (B-33).
     """
 
     name: str
@@ -82,6 +83,7 @@ class Command:
     answer_digits: int | None = 5  # None: any length
     note: str = ""
     within: tuple[str, str] | None = None
+    share_of: str | None = None
 
     @property
     def readable(self) -> bool:

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
-from jbclog.commands.status import EXTRACTOR
+from jbclog.commands.status import EXTRACTOR, WORKING
 from jbclog.quantities import OFF, Value
 
 PRINTED_AT = "002 Factory Settings; 004 Factory Settings"
@@ -72,3 +72,21 @@ FEEDER_DEFAULTS = (
 )
 
 OLD_DEFAULTS = tuple(replace(one, printed="", manual="", note="000 prints no factory settings") for one in SOLDERING_DEFAULTS)
+
+AIR_DEFAULTS = tuple(
+    Default(command, value, note="001 prints no factory settings")
+    for command, value in (
+        ("selected_air_temperature", 300),
+        ("selected_air_flow", 500),
+        ("selected_external_temperature", 200),
+        ("work_mode", "manual"),
+        ("status", WORKING),  # 00000: off, on hot air
+        ("adjust", 0),
+        ("maximum_air_temperature", 450),
+        ("minimum_air_temperature", 150),
+        ("maximum_air_flow", 1000),
+        ("minimum_air_flow", 100),
+        ("maximum_external_temperature", 500),
+        ("minimum_external_temperature", 25),
+    )
+)

@@ -8,7 +8,7 @@ from types import MappingProxyType
 
 from jbclog.commands import ale, hotair, omega, robot, ucr
 from jbclog.commands.command import Command
-from jbclog.commands.defaults import FEEDER_DEFAULTS, OLD_DEFAULTS, SOLDERING_DEFAULTS, UCR_DEFAULTS, Default
+from jbclog.commands.defaults import AIR_DEFAULTS, FEEDER_DEFAULTS, OLD_DEFAULTS, SOLDERING_DEFAULTS, UCR_DEFAULTS, Default
 from jbclog.commands.robot import ErrorTable
 from jbclog.commands.signals import FEEDER_COUNTERS, FEEDER_SIGNALS, HOUR_COUNTERS, SOLDERING_SIGNALS, Counter, Signal
 from jbclog.commands.status import NO_STATUS, SOLDERING_STATUS, StatusTable
@@ -34,6 +34,7 @@ class Family:
     Where `models` is empty the station does not say what it is; where `tools` is, it does not say what is connected.
     `protocol` is how it is spoken to, `baudrate` and `rate_hz` are what holds where a file names none, and `turnaround_ms` is
     what its manual prints of it, from least to most.
+    `hot_part` is what its temperature is the temperature of, in messages.
     """
 
     name: str
@@ -53,6 +54,7 @@ class Family:
     station_errors: ErrorTable = robot.STATION_ERRORS
     plausible_c: range = range(601)  # no unit is made for more than 500 °C (seed 002, factory settings)
     jump_c: int = 50  # the quickest cartridges make little more in half a second
+    hot_part: str = "tip"
     has_feeder: bool = False
     defaults: tuple[Default, ...] = SOLDERING_DEFAULTS
     note: str = ""
@@ -152,7 +154,8 @@ FAMILIES: Mapping[str, Family] = MappingProxyType(
                 harmless=("station_error", "air_temperature"),
                 port_errors=hotair.PORT_ERRORS,
                 station_errors=hotair.STATION_ERRORS,
-                defaults=(),
+                hot_part="air",
+                defaults=AIR_DEFAULTS,
                 manual="001",
             ),
             Family(

@@ -20,9 +20,9 @@ MODES = Choice(("manual", "profile"))
 STATUS_WORD = Word((0, 0, 1, 1, 1))
 
 
-def _selected(name: str, letters: str, quantity: Quantity, manual: str, note: str) -> Command:
-    within = (f"minimum_{name}", f"maximum_{name}")
-    return Command(f"selected_{name}", letters, Scope.PORT, quantity, "rw", manual, UNPRINTED, note=note, within=within)
+def _selected(name: str, letters: str, quantity: Quantity, manual: str, note: str, share_of: str | None = None) -> Command:
+    name, within = f"selected_{name}", (f"minimum_{name}", f"maximum_{name}")
+    return Command(name, letters, Scope.PORT, quantity, "rw", manual, UNPRINTED, note=note, within=within, share_of=share_of)
 
 
 def _limit(name: str, letters: str, quantity: Quantity, manual: str, note: str = "") -> Command:
@@ -51,7 +51,7 @@ READINGS = (
 
 SETTINGS = (
     _selected("air_temperature", "ST", CELSIUS, "001 4.9.1, 4.9.2", "B-27: whether it is volatile is not printed here"),
-    _selected("air_flow", "SF", FLOW, "001 4.9.3, 4.9.4", "B-33: unit unprinted"),
+    _selected("air_flow", "SF", FLOW, "001 4.9.3, 4.9.4", "B-33: unit unprinted", "maximum_air_flow"),
     _selected("external_temperature", "SE", CELSIUS, "001 4.9.5, 4.9.6", 'B-38: its text says "air flow"'),
     setting(
         "work_mode", "WM", Scope.PORT, MODES, "001 4.7, 4.9.9, 4.9.10", Limits(), "B-42: what a running profile does is unprinted"
@@ -107,8 +107,8 @@ PORT_ERRORS = ErrorTable(  # 001 4.3
     states=frozenset({9, 10}),
     warnings=frozenset({4}),  # nothing is broken: a sensor is not plugged in
     no_tool=9,
+    voids=((4, "external_c", "no_thermocouple"),),  # digest B-44
 )
-NO_THERMOCOUPLE = 4
 
 STATION_ERRORS = ErrorTable(  # 001 4.4
     "station",
@@ -121,8 +121,10 @@ STATION_ERRORS = ErrorTable(  # 001 4.4
             4: "mains frequency",
             5: "station model",
             6: "tool controller not connected",
+            7: "warning: transformer overload",  # not printed here; as on every other station (digest B-45)
         }
     ),
+    warnings=frozenset({7}),
 )
 
 # 001 4.6. On and cooling at once is not described; it counts as at work, because the heater may be.
@@ -131,7 +133,7 @@ AIR_STATUS = StatusTable(
     heating=frozenset({1}),
     resting=frozenset({0}),
     orders=MappingProxyType({"on": (0, 0, 0, 0, 1), "off": (0, 0, 0, 0, 0), "cooling": (0, 0, 0, 1, 0)}),
-    last_resort="off",
+    last_resorts=("off", "cooling"),
     tens="cooling",
     tens_rests=False,
 )

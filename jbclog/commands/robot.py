@@ -173,17 +173,25 @@ TOOLS_004 = {0: "none", 2: "TR245/TR470", 9: "TRA245/TRA470"}
 
 @dataclass(frozen=True, slots=True)
 class ErrorTable:
-    """What error numbers mean. `states` are no faults; `no_tool` is the one that says that nothing is connected."""
+    """What error numbers mean. `states` are no faults; `no_tool` is the one that says that nothing is connected.
+
+    `voids` are error, signal and reason: what the signal says while the error lasts means nothing.
+    """
 
     kind: str
     texts: Mapping[int, str]
     states: frozenset[int] = frozenset()
     warnings: frozenset[int] = frozenset()
     no_tool: int | None = None
+    voids: tuple[tuple[int, str, str], ...] = ()
 
     def text(self, code: int) -> str:
         """What `code` means; an unknown one is kept as a number."""
         return self.texts.get(code, f"unknown {self.kind} error {code}")
+
+    def void(self, code: int | None, signal: str) -> str | None:
+        """Why `signal` means nothing while the error is `code`, or None."""
+        return next((reason for error, name, reason in self.voids if (error, name) == (code, signal)), None)
 
 
 PORT_ERRORS = ErrorTable(

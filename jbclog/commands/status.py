@@ -22,15 +22,16 @@ class StatusTable:
     """One kind of station's status words.
 
     `names` are the states by units digit, `heating` those of them in which the tool is at work, `resting` those that it
-    is safe in. `orders` are the words that may be written, by the name that a recipe uses; `last_resort` is the one from
-    which the station cools by itself whatever else it does. Where `tens_rests` the tens digit alone stops the work.
+    is safe in. `orders` are the words that may be written, by the name that a recipe uses; `last_resorts` are those that
+    are tried where another is not reached: the tool cools by itself from them, whatever else the station does. Where
+    `tens_rests` the tens digit alone stops the work.
     """
 
     names: tuple[str, ...]
     heating: frozenset[int]
     resting: frozenset[int]
     orders: Mapping[str, StatusWord]
-    last_resort: str
+    last_resorts: tuple[str, ...]
     tens: str
     tens_rests: bool
 
@@ -47,7 +48,7 @@ class StatusTable:
 
         Suction, desoldering and motor are nobody's to order.
         """
-        if self.tens_rests and found[3] != ordered[3]:
+        if (self.tens_rests or ordered[4] in self.heating) and found[3] != ordered[3]:
             return False
         return found[4] == ordered[4] or (ordered[4] in self.resting and found[4] in self.resting)
 
@@ -56,7 +57,7 @@ class StatusTable:
         named = self.names[word[4]]
         if not word[3]:
             return named
-        return self.tens if word[4] in self.heating or not self.tens_rests else f"{self.tens}-{named}"
+        return self.tens if (word[4] in self.heating) == self.tens_rests else f"{self.tens}-{named}"
 
 
 SOLDERING_STATUS = StatusTable(
@@ -64,10 +65,10 @@ SOLDERING_STATUS = StatusTable(
     heating=frozenset({0}),
     resting=frozenset({1, 2, 3}),
     orders=MappingProxyType({"working": WORKING, "stand": STAND, "extractor": EXTRACTOR}),
-    last_resort="stand",
+    last_resorts=("stand",),
     tens="extractor",
     tens_rests=True,
 )
 
-NO_STATUS = StatusTable((), frozenset(), frozenset(), MappingProxyType({}), last_resort="", tens="", tens_rests=False)
+NO_STATUS = StatusTable((), frozenset(), frozenset(), MappingProxyType({}), last_resorts=(), tens="", tens_rests=False)
 """Of stations that have no status word."""

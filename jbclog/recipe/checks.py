@@ -94,6 +94,7 @@ def _everything_asked(recipe: Recipe) -> Iterator[Asked]:
     for port in recipe.ports_named():
         yield from recipe.asked_of(port)
     yield from asked_in(recipe.feeder, ("feeder",))
+    yield from asked_in(recipe.air, ("air",))
 
 
 def _states(recipe: Recipe) -> Iterator[Problem]:

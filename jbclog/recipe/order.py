@@ -9,6 +9,9 @@ The order is the one in which a run may stop at any place and leave the tool no 
 3. Adjust, which moves the tip by up to 50 °C at the same setting.
 4. The selected temperature last: it is the only one that heats.
 
+On hot air the work mode comes first, which says what the rest means, then the flow, because a heater without air is
+burnt, and the temperature last.
+
 The tool's status is no setting and is ordered after all of these, by the session. The feeder is set up before
 the ports: clog detection first, what the wire is and how it moves then, and the mode, which says what those
 numbers mean, last; no setting starts it.
@@ -31,6 +34,10 @@ COMMAND_OF: Final[Mapping[str, str]] = MappingProxyType(
         "alarm.low.delay_s": "alarm_low_delay",
         "temperature.adjust_c": "adjust",
         "temperature.select_c": "selected_temperature",
+        "air.mode": "work_mode",
+        "air.flow_permille": "selected_air_flow",
+        "air.external_set_c": "selected_external_temperature",
+        "air.temperature_c": "selected_air_temperature",
         "feeder.clog_detection": "clog_detection",
         "feeder.diameter_mm": "feeder_diameter",
         "feeder.length_mm": "feeder_length",

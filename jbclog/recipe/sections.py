@@ -76,7 +76,7 @@ class Feeder(Table):
 
 
 class Air(Table):
-    """Hot air (jtse), a family that this version does not drive: checked, and kept with the run."""
+    """Hot air (jtse). No manual prints ranges; the station's own limits are checked live."""
 
     temperature_c: int | None = Field(None, description="whole °C")
     flow_permille: int | None = Field(None, ge=0, le=1000, description="0 to 1000, the share of the station's greatest flow")

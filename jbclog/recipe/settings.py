@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Final
 
 from jbclog.commands.command import Command
 from jbclog.commands.family import Family
 from jbclog.commands.omega_values import ConditionRecord
-from jbclog.quantities import OFF, Value
+from jbclog.quantities import OFF, Value, raw_share
 from jbclog.recipe.checks import SECTION_FAMILIES
 from jbclog.recipe.model import Asked, Recipe, asked_in
 from jbclog.recipe.order import COMMAND_OF, WHEN_OFF
@@ -22,20 +22,38 @@ _PLACE: Final = {setting: place for place, setting in enumerate(COMMAND_OF)}
 class Setting:
     """One value to be written. `port` is None for the whole station; the tool is known at run time only.
 
-    `command.name` is what stands in the column `setting`; `key` is where the value stands in the recipe.
+    `command.name` is what stands in the column `setting`; `key` is where the value stands in the recipe. A share
+    (`is_share`) is in per mille until `as_counted` has made of it what the station counts in.
     """
 
     command: Command
     port: int | None
     value: Value
     key: str
+    is_share: bool = False
+
+    @property
+    def unit(self) -> str:
+        """The value's unit, with what a share is a share of."""
+        return f"‰ of the station's {str(self.command.share_of).replace('_', ' ')}" if self.is_share else self.command.unit
+
+    def shown(self) -> str:
+        """The value with its unit, for sentences."""
+        return f"{self.value} {self.unit}" if self.is_share else self.command.shown(self.value)
+
+    def as_counted(self, held: Mapping[str, Value]) -> Setting | None:
+        """The setting with the number that goes on the wire, given what the station holds; None where that is not known."""
+        if not self.is_share:
+            return self
+        whole = held.get(str(self.command.share_of))
+        if not isinstance(whole, int) or not isinstance(self.value, int) or whole <= 0:
+            return None
+        return replace(self, value=raw_share(self.value, whole), is_share=False)
 
 
 def settings_for(recipe: Recipe, family: Family, port: int) -> list[Setting]:
     """What is written on `port` of a station of `family`, in the order that `order.py` explains."""
-    asked = recipe.asked(port)
-    wanted = sorted(asked.values(), key=lambda one: _place(one, asked))
-    return [setting for one in wanted if (setting := _setting(one, family, port)) is not None]
+    return [setting for _, setting in _for_port(recipe, family, port)]
 
 
 def station_settings_for(recipe: Recipe, family: Family) -> list[Setting]:
@@ -55,27 +73,38 @@ def foreign_keys(recipe: Recipe, family: Family, ports: Collection[int] | None =
     """What the recipe asks for and this station does not have, as it stands in the column `setting` (`unsupported`).
 
     Keys of other families' sections by their command's name (``feeder_length``) or, where no driven family has
-    one, by their key (``air.temperature_c``); and keys of ports beyond `ports` (default: the family's), whole:
+    one, by their key (``omega.condition``); and keys of ports beyond `ports` (default: the family's), whole:
     ``port.3.temperature.select_c``.
     """
     return [*_of_other_families(recipe, family), *_of_other_ports(recipe, ports if ports is not None else family.ports)]
 
 
-def live_problems(recipe: Recipe, port: int, max_c: Value | None, min_c: Value | None) -> list[str]:
-    """Where the port's selected temperature is beyond what the station allows (R-MAT, R-MIT; None: not read)."""
-    select = recipe.asked(port).get("temperature.select_c")
-    if select is None or not isinstance(select.value, int):
-        return []
-    problems = []
-    if isinstance(max_c, int) and select.value > max_c:
-        problems.append(_beyond(recipe, select, port, f"above the station's maximum of {max_c} °C"))
-    if isinstance(min_c, int) and select.value < min_c:
-        problems.append(_beyond(recipe, select, port, f"below the station's minimum of {min_c} °C"))
-    return problems
+def live_problems(recipe: Recipe, family: Family, port: int, held: Mapping[str, Value]) -> list[str]:
+    """Where what the port is asked to hold is beyond what the station itself allows, as it told in `held`."""
+    found = ((one, _live_problem(setting, held)) for one, setting in _for_port(recipe, family, port))
+    return [str(recipe.problem(one.key, text)) for one, text in found if text is not None]
 
 
-def _beyond(recipe: Recipe, select: Asked, port: int, text: str) -> str:
-    return str(recipe.problem(select.key, f"{select.value} °C on port {port} is {text}"))
+def _live_problem(setting: Setting, held: Mapping[str, Value]) -> str | None:
+    place, counted = f"{setting.shown()} on port {setting.port}", setting.as_counted(held)
+    if counted is None:
+        return f"{place} cannot be reckoned: the station does not tell it"
+    if setting.is_share:
+        place = f"{place}, {counted.shown()},"
+    if setting.command.within is None:
+        return None
+    value, (lowest, highest) = counted.value, (held.get(name) for name in setting.command.within)
+    if isinstance(value, int) and isinstance(highest, int) and value > highest:
+        return f"{place} is above the station's maximum of {setting.command.shown(highest)}"
+    if isinstance(value, int) and isinstance(lowest, int) and value < lowest:
+        return f"{place} is below the station's minimum of {setting.command.shown(lowest)}"
+    return None
+
+
+def _for_port(recipe: Recipe, family: Family, port: int) -> list[tuple[Asked, Setting]]:
+    asked = recipe.asked(port) | {one.setting: one for one in asked_in(recipe.air, ("air",))}
+    wanted = sorted(asked.values(), key=lambda one: _place(one, asked))
+    return [(one, setting) for one in wanted if (setting := _setting(one, family, port)) is not None]
 
 
 def _place(one: Asked, asked: Mapping[str, Asked]) -> float:
@@ -88,14 +117,20 @@ def _place(one: Asked, asked: Mapping[str, Asked]) -> float:
 
 def _setting(one: Asked, family: Family, port: int | None) -> Setting | None:
     command = family.commands.get(COMMAND_OF[one.setting])
-    if command is None or not command.writable or family.name not in SECTION_FAMILIES[one.setting.partition(".")[0]]:
+    if command is None or not command.writable or not _belongs(one, family):
         return None
     # as the station will give it back, so that reading back and comparing is exact
     value = command.quantity.decode(command.quantity.encode(one.value))
-    return Setting(command, port, value, dotted(one.key))
+    return Setting(command, port, value, dotted(one.key), command.share_of is not None)
+
+
+def _belongs(one: Asked, family: Family) -> bool:
+    """Whether the section that asks for it is one for this family."""
+    return family.name in SECTION_FAMILIES[one.setting.partition(".")[0]]
 
 
 def _of_other_families(recipe: Recipe, family: Family) -> Iterator[str]:
+    yield from (COMMAND_OF[one.setting] for one in recipe.asked().values() if not _belongs(one, family))
     for section in ("feeder", "air", "omega"):
         table = getattr(recipe, section)
         if table is not None and family.name not in SECTION_FAMILIES[section]:

@@ -107,13 +107,14 @@ def _stop_feeder(task: Task) -> Steps[bool]:
 
 
 def _put(task: Task, tool: Tool) -> Steps[None]:
-    """One try. Where the state is not reached, or should cool and does not, the one follows from which the station cools."""
+    """One try. Where the state is not reached, or should cool and does not, those follow from which the station cools."""
     status = task.family.status
     reached = yield from _order(task, tool, status.orders[task.wanted])
     if task.wanted in task.family.proven_by_cooling and reached == VERIFIED and not (yield from _is_cooling(task, tool)):
         reached = FAILED
-    if task.wanted != status.last_resort and reached != VERIFIED:
-        reached = yield from _order(task, tool, status.orders[status.last_resort])
+    for state in status.last_resorts:
+        if state != task.wanted and reached != VERIFIED:
+            reached = yield from _order(task, tool, status.orders[state])
     tool.reached = max(tool.reached, reached, key=(FAILED, SENT, VERIFIED).index)
 
 

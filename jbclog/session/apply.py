@@ -28,6 +28,7 @@ def apply(desk: Desk) -> Steps[None]:
     yield from read_all(desk)
     wanted = _wanted(desk)
     _check(desk, wanted)
+    wanted = [(_as_counted(desk, setting), port) for setting, port in wanted]
     _record_untouched(desk, wanted)
     for setting in wanted:
         yield from _apply(desk, setting)
@@ -119,15 +120,21 @@ def _wanted(desk: Desk) -> list[tuple[Setting, PortState | None]]:
     return wanted
 
 
+def _as_counted(desk: Desk, setting: Setting) -> Setting:
+    """The setting with the number that goes on the wire, once it has been checked that there is one."""
+    counted = setting.as_counted(desk.held)
+    assert counted is not None
+    return counted
+
+
 # -- checks before the first write ----------------------------------------------------------------------------------------
 
 
 def _check(desk: Desk, wanted: list[tuple[Setting, PortState | None]]) -> None:
     """What only the station knows: its limits, and whether a tool told to stand will ever cool."""
     problems = []
-    lowest, highest = desk.held.get("minimum_temperature"), desk.held.get("maximum_temperature")
     for port in desk.ports.values():
-        problems += live_problems(desk.recipe, port.number, highest, lowest)
+        problems += live_problems(desk.recipe, desk.family, port.number, desk.held)
         problems += _cooling_problems(desk, port, wanted)
     if problems:
         raise StartRefused(f"{desk.name}: " + "; ".join(problems) + ". Nothing was written")

@@ -4,17 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from jbclog.commands.command import Command
 from jbclog.commands.family import Family
 from jbclog.commands.omega import OMEGA_SIGNALS, SAYS_YES
 from jbclog.commands.signals import STATUS_COLUMNS
-from jbclog.quantities import Value
+from jbclog.quantities import Value, permille_of
 from jbclog.rows import COLUMN, SampleRow
-from jbclog.session.order import PortState
+from jbclog.scheduler import Reading
+from jbclog.session.order import Desk, PortState
 
 Fill = Callable[[SampleRow, Value], None]
 
 MOTOR = ("off", "forward", "backward")
 NOT_COUNTING = "not_counting"
+NO_MAXIMUM = "no_maximum"
 NO_COUNTDOWN = frozenset({99999, 65535})  # what a station says when no countdown runs (digest B-25)
 
 _STATUS, _COOLING, _DESOLDERING, _MOTOR = (COLUMN[name] for name in STATUS_COLUMNS)
@@ -67,6 +70,17 @@ def _plain(column: str) -> Fill:
     return fill
 
 
+def _share(column: str, command: Command, desk: Desk) -> Fill:
+    """Per mille of what the station tells as its greatest; the raw number is a row of `settings` (digest B-33)."""
+    place = COLUMN[column]
+
+    def fill(row: SampleRow, value: Value) -> None:
+        whole = whole_of(command, desk)
+        row[place] = permille_of(value, whole) if isinstance(value, int) and whole is not None else None
+
+    return fill
+
+
 SPECIAL: dict[str, Fill] = {
     "alarm_high": _alarm_flags,
     "feeding": _feeding,
@@ -74,16 +88,37 @@ SPECIAL: dict[str, Fill] = {
 }
 
 
-def fill_of(signal: str, family: Family) -> Fill:
-    """How the answer to `signal` fills its columns."""
-    return _status(family) if signal == "status" else SPECIAL.get(signal) or _plain(signal)
+def fill_of(reading: Reading, desk: Desk) -> Fill:
+    """How the answer to a reading fills its columns."""
+    signal = reading.name
+    if signal == "status":
+        return _status(desk.family)
+    if reading.command.share_of is not None:
+        return _share(signal, reading.command, desk)
+    return SPECIAL.get(signal) or _plain(signal)
 
 
-def unusable(signal: str, value: Value, port: PortState) -> str | None:
-    """Why a well-formed value is not taken, or None: a countdown that does not run has no remaining time."""
-    if signal == "delay_s" and (value in NO_COUNTDOWN or (value == 0 and not _is_counting(port))):
+def whole_of(command: Command, desk: Desk) -> int | None:
+    """What the number that `command` tells is a share of, as the station told it; None where it did not."""
+    whole = desk.held.get(str(command.share_of))
+    return whole if isinstance(whole, int) and whole > 0 else None
+
+
+def unusable(reading: Reading, value: Value, port: PortState, desk: Desk) -> str | None:
+    """Why a well-formed value is not taken, or None.
+
+    A countdown that does not run has no remaining time, and a share of something unknown is none.
+    """
+    if reading.name == "delay_s" and (value in NO_COUNTDOWN or (value == 0 and not _is_counting(port))):
         return NOT_COUNTING
-    return None
+    if reading.command.share_of is not None and whole_of(reading.command, desk) is None:
+        return NO_MAXIMUM
+    return void(reading.name, port, desk)
+
+
+def void(signal: str, port: PortState, desk: Desk) -> str | None:
+    """Why nothing that is answered means anything while the port's error lasts, or None (digest B-44)."""
+    return desk.family.port_errors.void(port.error, signal)
 
 
 def _is_counting(port: PortState) -> bool:

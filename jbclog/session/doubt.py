@@ -26,6 +26,12 @@ SERIES_S = 60.0  # what is doubted again within this time is not told again
 
 Doubt = Callable[[Desk, PortState, Value], bool]
 
+TEMPERATURES: dict[str, Callable[[PortState], int | None]] = {
+    "temperature_c": lambda port: port.temperature_c,
+    "external_c": lambda port: port.external_c,
+}
+"""Signals that are temperatures, and what each was last."""
+
 
 @dataclass(slots=True)
 class SecondLook:
@@ -70,26 +76,35 @@ class SecondLook:
         return value
 
     @property
+    def _is_temperature(self) -> bool:
+        return self.reading.name in TEMPERATURES
+
+    @property
+    def _last_c(self) -> int | None:
+        """The temperature that was last believed."""
+        return TEMPERATURES[self.reading.name](self.port) if self._is_temperature else None
+
+    @property
     def _grows(self) -> bool:
         return self.reading.counter is not None
 
     def _borne_out(self, desk: Desk, given: Sequence[Value]) -> Value | None:
         """What two of the answers say. A temperature must be one, and may have moved a little between them."""
-        if self.reading.name != "temperature_c":
+        if not self._is_temperature:
             return borne_out(given, grows=self._grows)
         return given[-1] if self._is_near(given) and given[-1] in desk.family.plausible_c else None
 
     def _is_near(self, given: Sequence[Value]) -> bool:
         """Whether the last is a temperature about as high as another of the answers."""
         *before, last = given
-        if self.reading.name != "temperature_c" or not isinstance(last, int):
+        if not self._is_temperature or not isinstance(last, int):
             return False
         return any(isinstance(one, int) and abs(last - one) <= STILL_C for one in before)
 
     def _is_jump(self, desk: Desk, value: Value) -> bool:
         """Whether no tool gets from the last temperature to this one in the time that was between them."""
-        known = self.port.temperature_c
-        if self.reading.name != "temperature_c" or not isinstance(value, int) or known is None or self.heard_at is None:
+        known = self._last_c
+        if not isinstance(value, int) or known is None or self.heard_at is None:
             return False
         spans = max((desk.station.heard - self.heard_at) / JUMP_EVERY_S, 1.0)
         return abs(value - known) > desk.family.jump_c * spans
@@ -101,8 +116,7 @@ class SecondLook:
         if not is_new:
             return
         if is_jump:
-            before = self.port.temperature_c
-            text = f"The {self.question.title()} jumped from {before} °C to {value} °C; a second answer bore it out."
+            text = f"The {self.question.title()} jumped from {self._last_c} °C to {value} °C; a second answer bore it out."
         else:
             text = f"The {self.question.title()} was {self._shown(given)} when asked {len(given)} times; the last is believed."
         number = float(value) if isinstance(value, int | float) else None

@@ -30,8 +30,13 @@ def meet_tool(desk: Desk, port: PortState) -> Steps[None]:
         if isinstance(error.__cause__, LinkError | StationSilent | RobotModeOff):
             raise error.__cause__ from error
     _record(desk, port)
-    if port.touched and port.held.get("sleep_delay", OFF) is OFF and not desk.recipe.run.allow_no_cooldown:
+    if port.touched and _stays_hot(desk, port) and not desk.recipe.run.allow_no_cooldown:
         yield from _make_safe(desk, port)
+
+
+def _stays_hot(desk: Desk, port: PortState) -> bool:
+    """Whether it would never cool in stand. Hot air needs no delay for that: its safe states have the heater off."""
+    return "sleep_delay" in desk.family.commands and port.held.get("sleep_delay", OFF) is OFF
 
 
 def _record(desk: Desk, port: PortState) -> None:

@@ -57,6 +57,7 @@ class PortState:
     held: dict[str, Value] = field(default_factory=dict)  # command name -> value last read or confirmed
     status: tuple[int, ...] | None = None
     temperature_c: int | None = None
+    external_c: int | None = None
     hottest_c: int | None = None  # since the alarm flags were last read, while alarms counted
     coolest_c: int | None = None
     has_counted: bool = False  # alarms have counted all the time since the flags were last read

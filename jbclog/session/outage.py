@@ -68,7 +68,7 @@ def _tell_loss(desk: Desk, lost: Lost) -> None:
     hot = [port for port in desk.ports.values() if port.touched and (port.temperature_c or 0) > HOT_C]
     severity = Severity.CRITICAL if hot else Severity.ERROR
     tips = ", ".join(f"port {port.number} at {port.temperature_c} °C" for port in hot)
-    warning = f" Its tip stays as it was last set: {tips}." if hot else ""
+    warning = f" Its {desk.family.hot_part} stays as it was last set: {tips}." if hot else ""
     desk.note("link.lost", severity, f"The station cannot be reached: {lost.cause}.{warning}")
 
 

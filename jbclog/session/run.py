@@ -19,6 +19,7 @@ from jbclog.session.identify import Absent, identify
 from jbclog.session.order import Desk
 from jbclog.session.outage import Gone, outage
 from jbclog.session.pace import choose_pace
+from jbclog.session.provisos import learn_provisos
 from jbclog.session.safe import make_safe
 from jbclog.session.sampling import Lost, Sampler
 from jbclog.session.watch import SettingChanged, is_at_work
@@ -62,6 +63,7 @@ def _record(desk: Desk) -> Steps[None]:
         text = f"An {desk.family.title} has no safe state that could be ordered: at the end of the run it is left as it is."
         desk.note("safety.not_available", Severity.WARNING, text)
     yield from apply(desk)
+    yield from learn_provisos(desk)
     yield from read_counters(desk)
     sampler = Sampler(desk, pace.readings, Grid(desk.order.t0 if pace.paced else desk.now, pace.period_s), paced=pace.paced)
     try:

@@ -70,8 +70,7 @@ def _tell(desk: Desk, port: PortState) -> None:
 
 
 def _state_of(desk: Desk, port: PortState) -> str:
-    status = desk.family.status
-    return status.state(port.status or status.orders[status.last_resort])
+    return "not read" if port.status is None else desk.family.status.state(port.status)
 
 
 def _unsafe_text(desk: Desk, port: PortState) -> str:
@@ -80,4 +79,4 @@ def _unsafe_text(desk: Desk, port: PortState) -> str:
     what = "was told to go to its safe state and does not confirm it" if sent else "could not be put in its safe state"
     if desk.stranger:
         what += f" (on its cable is now {desk.stranger})"
-    return f"{desk.name} port {port.number}: {what}, its tip may be hot ({last}); switch the station off"
+    return f"{desk.name} port {port.number}: {what}, its {desk.family.hot_part} may be hot ({last}); switch the station off"

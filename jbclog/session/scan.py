@@ -9,13 +9,13 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from jbclog.effects import Steps
-from jbclog.errors import LinkError, NotSupported, Refusal, RobotModeOff, StationError, StationSilent
+from jbclog.errors import ImplausibleAnswer, LinkError, NotSupported, Refusal, RobotModeOff, StationError, StationSilent
 from jbclog.quantities import Value
 from jbclog.rows import COLUMN, SAMPLE_COLUMNS, CounterRow, SampleRow, Severity, quality_of, reasons_text
 from jbclog.scheduler import Reading
 from jbclog.session.alarms import AlarmWatch
 from jbclog.session.anomalies import as_it_came, note_zero_countdown
-from jbclog.session.columns import Fill, fill_of, unusable
+from jbclog.session.columns import Fill, fill_of, unusable, void
 from jbclog.session.doubt import Doubt, SecondLook
 from jbclog.session.omega_states import differs_from_last
 from jbclog.session.order import Desk, PortState
@@ -25,7 +25,9 @@ from jbclog.station.client import Asking
 WIDTH = len(SAMPLE_COLUMNS)
 SKIPPED = "skipped"
 NEEDS_A_TOOL = frozenset({"temperature_c", "power_permille", "delay_s"})
-EXPECTED = frozenset({"no_tool", "not_counting", SKIPPED, LinkError.reason, "robot_off"})  # told by other events, or none
+EXPECTED = frozenset(  # told by other events, or none
+    {"no_tool", "no_thermocouple", "not_counting", SKIPPED, LinkError.reason, "robot_off"}
+)
 
 _TIME, _TICK, _STATION, _PORT = (COLUMN[name] for name in ("time", "tick", "station", "port"))
 _LATE, _SCAN, _QUALITY, _REASONS = (COLUMN[name] for name in ("late_us", "scan_us", "quality", "reasons"))
@@ -40,10 +42,14 @@ def _differs_from_counted(name: str) -> Doubt:
 
 
 def _jumps(desk: Desk, port: PortState, value: Value) -> bool:
-    """A temperature that cannot be, or that no tip gets to from where it was at the last tick."""
+    """A temperature that cannot be, or that no tool gets to from where it was at the last tick."""
+    return _leaps(desk, port.temperature_c, value)
+
+
+def _leaps(desk: Desk, before: int | None, value: Value) -> bool:
     if value not in desk.family.plausible_c or not isinstance(value, int):
         return True
-    return port.temperature_c is not None and abs(value - port.temperature_c) > desk.family.jump_c
+    return before is not None and abs(value - before) > desk.family.jump_c
 
 
 DOUBTS: dict[str, Doubt] = {
@@ -52,9 +58,11 @@ DOUBTS: dict[str, Doubt] = {
     "tool": lambda desk, port, value: port.tool != value,
     "port_error": lambda desk, port, value: (port.error or 0) != value,
     "station_error": lambda desk, port, value: desk.held.get("station_error", 0) != value,
+    "external_c": lambda desk, port, value: not void("external_c", port, desk) and _leaps(desk, port.external_c, value),
     "set_c": lambda desk, port, value: port.held.get(desk.set_name, value) != value,
     "solder_shortage": differs_from_last("solder_shortage"),
     "preparing": differs_from_last("preparing"),
+    "set_flow_permille": _differs_from_held("selected_air_flow"),
     **{name: _differs_from_held(name) for name in WATCHED_LIMITS},
 }
 
@@ -79,7 +87,7 @@ class Probe:
     @classmethod
     def of(cls, desk: Desk, reading: Reading) -> Probe:
         question = desk.station.question(reading.command, reading.asks_port)
-        fill = fill_of(reading.name, desk.family) if reading.columns else None
+        fill = fill_of(reading, desk) if reading.columns else None
         place = COLUMN[reading.columns[0]] if reading.columns else None
         name, port = reading.name, desk.ports[reading.port]
         doubt = DOUBTS.get(name) if reading.counter is None else _differs_from_counted(reading.counter.name)
@@ -131,7 +139,7 @@ class Scanner:
         except NotSupported as error:
             self._lacks(probe, scan, error)
         except (StationError, LinkError) as error:
-            self.unread(probe, scan, error.reason, sent=not isinstance(error, Refusal))
+            self.unread(probe, scan, self._why_unread(probe, scan, error), sent=not isinstance(error, Refusal))
             if isinstance(error, LinkError | StationSilent | RobotModeOff):
                 raise
         except BaseException:  # the run's end in mid-question: it may be asked once more, flags may not
@@ -149,19 +157,25 @@ class Scanner:
 
     def _lacks(self, probe: Probe, scan: Scan, error: NotSupported) -> None:
         """A signal that was never answered is one that the station does not have: it is not due, and not asked again."""
-        if probe.is_known or scan.no_tool:
-            self.unread(probe, scan, error.reason)
+        why = self._why_unread(probe, scan, error)
+        if probe.is_known or scan.no_tool or why != error.reason:
+            self.unread(probe, scan, why)
             return
         probe.due -= 1
         probe.is_lacking = True
         scan.fast = [one for one in scan.fast if one is not probe]
         self._desk.not_supported.add(probe.reading.name)
 
+    def _why_unread(self, probe: Probe, scan: Scan, error: StationError | LinkError) -> str:
+        """The reason; a station that refuses or garbles what means nothing at the moment is not at fault for that."""
+        meaningless = isinstance(error, Refusal | ImplausibleAnswer) and void(probe.reading.name, scan.port, self._desk)
+        return meaningless or error.reason
+
     def _keep(self, probe: Probe, scan: Scan, value: Value) -> None:
         name = probe.reading.name
         if name == "temperature_c":
             scan.temperature_at = scan.last_heard
-        why = "no_tool" if scan.no_tool and name in NEEDS_A_TOOL else unusable(name, value, scan.port)
+        why = "no_tool" if scan.no_tool and name in NEEDS_A_TOOL else unusable(probe.reading, value, scan.port, self._desk)
         if why:
             self.unread(probe, scan, why)
             if name == "delay_s":

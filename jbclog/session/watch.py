@@ -34,6 +34,11 @@ def _temperature(desk: Desk, port: PortState, value: Value) -> None:
         port.has_counted = False
 
 
+def _external(desk: Desk, port: PortState, value: Value) -> None:
+    assert isinstance(value, int)
+    port.external_c = value
+
+
 def is_at_work(desk: Desk, port: PortState) -> bool:
     """Whether the tool was last seen at work."""
     return port.status is not None and desk.family.status.is_working(port.status)
@@ -86,7 +91,14 @@ def stop_on(desk: Desk, changes: list[str]) -> None:
         raise SettingChanged(f"{desk.name}: {'; '.join(changes)}")
 
 
-WATCHED_LIMITS = ("alarm_high_limit", "alarm_low_limit", "alarm_high_delay", "alarm_low_delay")
+WATCHED_LIMITS = (
+    "alarm_high_limit",
+    "alarm_low_limit",
+    "alarm_high_delay",
+    "alarm_low_delay",
+    "selected_external_temperature",
+    "work_mode",
+)
 
 
 def _watched(name: str) -> Observe:
@@ -150,7 +162,9 @@ def _feeding(desk: Desk, _port: PortState, value: Value) -> None:
 OBSERVERS: dict[str, Observe] = {
     "temperature_c": _temperature,
     "status": _status,
+    "external_c": _external,
     "set_c": _set_temperature,
+    "set_flow_permille": _watched("selected_air_flow"),
     "tool": _tool,
     "port_error": _port_error,
     "station_error": _station_error,

@@ -12,7 +12,9 @@ from dataclasses import dataclass, field
 from math import inf
 from random import Random
 
+from jbclog.commands.defaults import AIR_DEFAULTS
 from jbclog.sim.air import Heater, Probe
+from jbclog.sim.fresh import fresh
 from jbclog.sim.joints import NEVER, Joint, Joints
 
 STEP_S = 0.05
@@ -27,24 +29,24 @@ StatusWord = tuple[int, ...]
 
 @dataclass(slots=True)
 class AirSettings:
-    """What can be set, with the virtual station's own defaults (no manual prints any)."""
+    """What can be set."""
 
-    selected_air_temperature: int = 300
-    selected_air_flow: int = 500
-    selected_external_temperature: int = 200
-    work_mode: str = "manual"
+    selected_air_temperature: int
+    selected_air_flow: int
+    selected_external_temperature: int
+    work_mode: str
 
 
 @dataclass(slots=True)
 class AirLimits:
-    """What the station allows; the virtual station's own choice."""
+    """What the station allows."""
 
-    maximum_air_temperature: int = 450
-    minimum_air_temperature: int = 150
-    maximum_air_flow: int = 1000
-    minimum_air_flow: int = 100
-    maximum_external_temperature: int = 500
-    minimum_external_temperature: int = 25
+    maximum_air_temperature: int
+    minimum_air_temperature: int
+    maximum_air_flow: int
+    minimum_air_flow: int
+    maximum_external_temperature: int
+    minimum_external_temperature: int
 
 
 @dataclass(slots=True)
@@ -56,6 +58,14 @@ class AirCharacter:
     has_thermocouple: bool = True
     lifts_parts: bool = False  # suction after each joint
     noise: Random = field(default_factory=lambda: Random(0))
+
+
+def _settings() -> AirSettings:
+    return fresh(AirSettings, AIR_DEFAULTS)
+
+
+def _limits() -> AirLimits:
+    return fresh(AirLimits, AIR_DEFAULTS)
 
 
 def _adjustments() -> dict[int, int]:
@@ -72,8 +82,8 @@ class AirStation:
     joints: Joints
     character: AirCharacter = field(default_factory=AirCharacter)
     start_counts: Mapping[str, float] = field(default_factory=dict)
-    settings: AirSettings = field(default_factory=AirSettings)
-    limits: AirLimits = field(default_factory=AirLimits)
+    settings: AirSettings = field(default_factory=_settings)
+    limits: AirLimits = field(default_factory=_limits)
     adjust: dict[int, int] = field(default_factory=_adjustments)
     probe: Probe = field(init=False)
     is_on: bool = False
@@ -124,12 +134,12 @@ class AirStation:
 
     def reset_settings(self) -> None:
         """What W-RST is called in the list of commands: "reset station settings"."""
-        self.settings, self.adjust = AirSettings(), _adjustments()
+        self.settings, self.adjust = _settings(), _adjustments()
         self.changed()
 
     def factory_reset(self) -> None:
         """Settings and limits as the factory left them; counters stay."""
-        self.limits = AirLimits()
+        self.limits = _limits()
         self.reset_settings()
 
     def changed(self) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 from account import assert_account_holds, reasons_in, wrong_values
+from hot_air import AIR
 from virtual_run import RECIPE, VirtualRun, line_text, prepare
 
 from jbclog.commands.family import FAMILIES
@@ -19,7 +20,8 @@ def fault(kind: str, **keys: object) -> str:
 
 def of_family(family: str, sim: str = "", keys: str = "", **more: object) -> VirtualRun:
     line = line_text(sim, keys).replace('family = "dde"', f'family = "{family}"')
-    return prepare(line, GOING_ON, **more)  # type: ignore[arg-type]
+    recipe = AIR if family == "jtse" else RECIPE
+    return prepare(line, recipe + 'on_difference = "continue"\n', **more)  # type: ignore[arg-type]
 
 
 def cells(run: VirtualRun, column: str, port: int = 1) -> set[object]:

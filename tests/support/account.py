@@ -22,7 +22,19 @@ CODES = {
     "station_error": "SER",
     "transformer_c": "TT",
 }
+AIR_CODES = {
+    "temperature_c": "AT{port}",
+    "external_c": "ET{port}",
+    "power_permille": "PP{port}",
+    "status": "PS{port}",
+    "set_c": "ST{port}",
+    "set_flow_permille": "SF{port}",
+    "tool": "CT{port}",
+    "port_error": "PE{port}",
+    "station_error": "SER",
+}
 STATUS = {"0": "working", "1": "stand", "2": "sleep", "3": "hibernation"}
+AIR_STATUS = {"0": "off", "1": "on"}
 
 
 def reasons_in(row: SampleRow) -> dict[str, str]:
@@ -80,22 +92,23 @@ def wrong_values(run: VirtualRun, *, as_sent: bool = False) -> list[str]:
             continue
         begin = run.t0 + int(str(row[COLUMN["tick"]])) * run.facts.period_s + late / 1e6
         first, end = bisect_left(moments, begin - 1e-4), bisect_right(moments, begin + scan / 1e6)
-        found += _wrong_in(row, run.heard[first:end], as_sent)
+        found += _wrong_in(row, run.heard[first:end], as_sent, is_air=run.facts.family == "jtse")
     return found
 
 
-def _wrong_in(row: SampleRow, asked: list[Heard], as_sent: bool) -> Iterator[str]:
-    for column, code in CODES.items():
+def _wrong_in(row: SampleRow, asked: list[Heard], as_sent: bool, is_air: bool) -> Iterator[str]:
+    for column, code in (AIR_CODES if is_air else CODES).items():
         value, wanted = row[COLUMN[column]], code.format(port=row[COLUMN["port"]])
         if value is None:
             continue
         told = [text for one in asked if one.text == f"R{wanted}" for text in ([one.clean, one.sent] if as_sent else [one.clean])]
         said = [text for text in told if text is not None and text.startswith(f"A{wanted}") and text[1 + len(wanted) :].isdigit()]
-        if value not in [_read(column, text[1 + len(wanted) :]) for text in said]:
+        if value not in [_read(column, text[1 + len(wanted) :], is_air) for text in said]:
             yield f"tick {row[COLUMN['tick']]} port {row[COLUMN['port']]}: {column} = {value!r}, the station said {said}"
 
 
-def _read(column: str, data: str) -> object:
+def _read(column: str, data: str, is_air: bool) -> object:
+    """What a data field means; the flow of virtual stations is in per mille as it is, their R-MAF being 1000."""
     if column == "status":
-        return STATUS.get(data[4])
+        return (AIR_STATUS if is_air else STATUS).get(data[4])
     return data[4] == "1" if column == "alarm_high" else int(data)

@@ -219,7 +219,7 @@ def test_the_errors(name: str) -> None:
 
 
 def test_the_errors_of_hot_air() -> None:
-    """Seed 001, 4.3 and 4.4: the same numbers say other things (digest B-30), and station error 7 is absent (B-45)."""
+    """Seed 001, 4.3 and 4.4: the same numbers say other things (digest B-30), and station error 7 is not printed (B-45)."""
     words = {
         0: "ok",
         1: "air pump",
@@ -243,6 +243,7 @@ def test_the_errors_of_hot_air() -> None:
         4: "mains frequency",
         5: "model",
         6: "not connected",
+        7: "overload",
     }
     _agree(FAMILIES["jtse"].station_errors.texts, words)
 

@@ -139,16 +139,16 @@ def test_what_is_foreign_to_a_station_is_named() -> None:
 
 def test_sections_of_families_that_are_not_driven_are_foreign_by_their_key() -> None:
     recipe = parse_recipe('[recipe]\nname = "j"\nrevision = 1\nfamilies = ["dde", "jtse"]\n[air]\ntemperature_c = 300\n')
-    assert foreign_keys(recipe, DDE) == ["air.temperature_c"]
+    assert foreign_keys(recipe, DDE) == ["selected_air_temperature"]
 
 
 def test_what_only_the_station_knows_is_checked_against_its_own_limits() -> None:
     recipe = parse_recipe(RECIPE, Path("job.toml"))
-    assert live_problems(recipe, 1, 350, 350) == []
-    assert live_problems(recipe, 1, None, None) == []
-    assert live_problems(recipe, 1, 345, 90) == [
+    assert live_problems(recipe, DDE, 1, {"maximum_temperature": 350, "minimum_temperature": 350}) == []
+    assert live_problems(recipe, DDE, 1, {}) == []
+    assert live_problems(recipe, DDE, 1, {"maximum_temperature": 345, "minimum_temperature": 90}) == [
         "job.toml:6: temperature.select_c: 350 °C on port 1 is above the station's maximum of 345 °C"
     ]
-    assert live_problems(recipe, 2, 450, 335) == [
+    assert live_problems(recipe, DDE, 2, {"maximum_temperature": 450, "minimum_temperature": 335}) == [
         "job.toml:20: port.2.temperature.select_c: 330 °C on port 2 is below the station's minimum of 335 °C"
     ]

@@ -1,0 +1,363 @@
+"""Hot air: applied, sampled and made safe, by what the wire carried and what the heater did."""
+
+from __future__ import annotations
+
+import pytest
+from account import assert_account_holds, reasons_in, wrong_values
+from hot_air import AIR, hot_air, plant
+from virtual_run import VirtualRun
+
+from jbclog.rows import COLUMN
+
+
+def fault(kind: str, **keys: object) -> str:
+    return "\n[[station.sim.fault]]\n" + "".join(f"{key} = {value!r}\n" for key, value in {"kind": kind, **keys}.items())
+
+
+def cells(run: VirtualRun, column: str) -> list[object]:
+    """The values of a column, nulls aside."""
+    return [value for value in run.memory.column(column) if value is not None]
+
+
+def written(run: VirtualRun) -> list[str]:
+    return [one.text for one in run.writes]
+
+
+def after_the_run(run: VirtualRun) -> tuple[int, ...]:
+    return plant(run).status
+
+
+# -- the recipe on the station -------------------------------------------------------------------------------------
+
+
+def test_mode_and_flow_come_before_heat_and_the_tool_is_switched_on_last() -> None:
+    run = hot_air("settings = { work_mode = 'profile' }", duration_s=5).go()
+    assert run.facts.outcome == "completed", run.facts.reason
+    assert written(run) == ["WWM100000", "WSF100600", "WSE100180", "WST100320", "WPS100001", "WPS100010"]
+    assert [(row.setting, row.unit, row.written, row.outcome) for row in run.memory.settings if row.requested] == [
+        ("work_mode", "", "manual", "confirmed"),
+        ("selected_air_flow", "raw", "600", "confirmed"),
+        ("selected_external_temperature", "°C", "180", "confirmed"),
+        ("selected_air_temperature", "°C", "320", "confirmed"),
+        ("status", "", "00001", "confirmed"),
+    ]
+
+
+def test_what_holds_is_not_written() -> None:
+    settings = "selected_air_temperature = 320, selected_air_flow = 600, selected_external_temperature = 180, status = 'on'"
+    run = hot_air(f"settings = {{ {settings} }}", duration_s=5).go()
+    assert written(run) == ["WPS100010"]
+    assert {row.outcome for row in run.memory.settings if row.requested} == {"unchanged"}
+
+
+@pytest.mark.parametrize(("greatest", "raw"), [(1000, 600), (100, 60), (45, 27), (999, 599)])
+def test_the_flow_is_a_share_of_what_the_station_says_is_its_greatest(greatest: int, raw: int) -> None:
+    """Digest B-33: per mille, per cent or litres, the share is the same."""
+    settings = f"minimum_air_flow = 1, selected_air_flow = 20, maximum_air_flow = {greatest}"
+    run = hot_air(f"settings = {{ {settings} }}", duration_s=15).go()
+    assert f"WSF1{raw:05d}" in written(run)
+    assert set(cells(run, "set_flow_permille")) == {round(1000 * raw / greatest)}
+    (event,) = run.memory.of_kind("protocol.undecided")
+    assert (event.code, event.port, event.raw) == (33, 1, f"{raw}/{greatest}")
+    held = {row.setting: row.readback for row in run.memory.settings}
+    assert (held["selected_air_flow"], held["maximum_air_flow"]) == (str(raw), str(greatest))
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "said"),
+    [
+        ("temperature_c = 320", "temperature_c = 451", "451 °C on port 1 is above the station's maximum of 450 °C"),
+        ("temperature_c = 320", "temperature_c = 149", "149 °C on port 1 is below the station's minimum of 150 °C"),
+        ("external_set_c = 180", "external_set_c = 501", "501 °C on port 1 is above the station's maximum of 500 °C"),
+        (
+            "flow_permille = 600",
+            "flow_permille = 99",
+            "99 ‰ of the station's maximum air flow on port 1, 99 raw, is below the station's minimum of 100 raw",
+        ),
+    ],
+)
+def test_what_the_station_does_not_allow_is_refused_before_the_first_write(key: str, value: str, said: str) -> None:
+    run = hot_air(recipe=AIR.replace(key, value), duration_s=5).go()
+    assert run.facts.outcome == "refused"
+    assert said in run.facts.reason
+    assert "Nothing was written" in run.facts.reason
+    assert written(run) == []
+
+
+def test_a_station_that_does_not_tell_its_greatest_flow_gets_none() -> None:
+    run = hot_air(fault("nak", code=4, command="maximum_air_flow"), duration_s=5).go()
+    assert "600 ‰ of the station's maximum air flow on port 1 cannot be reckoned" in run.facts.reason
+    assert written(run) == []
+
+
+def test_without_a_greatest_flow_the_flow_in_force_is_no_share() -> None:
+    recipe = AIR.replace("flow_permille = 600\n", "")
+    run = hot_air(fault("nak", code=4, command="maximum_air_flow"), recipe=recipe, duration_s=15).go()
+    assert run.facts.outcome == "completed", run.facts.reason
+    assert cells(run, "set_flow_permille") == []
+    assert {reasons_in(row).get("set_flow_permille") for row in run.memory.samples} == {None, "no_maximum"}
+    assert_account_holds(run)
+    (event,) = run.memory.of_kind("protocol.undecided")
+    assert "cannot be recorded as a share" in event.text
+
+
+def test_without_a_status_in_the_recipe_nothing_is_switched_on() -> None:
+    run = hot_air(recipe=AIR.replace('status = "on"', ""), duration_s=5).go()
+    assert "WPS100001" not in written(run)
+    assert set(cells(run, "status")) == {"off"}
+
+
+def test_on_and_cooling_at_once_is_not_on() -> None:
+    run = hot_air(duration_s=5)
+    asked = run.station.device.answer
+    run.station.device.answer = lambda header, text, now: (  # type: ignore[method-assign]
+        ("A", "PS100011") if text == "PS1" and plant(run).is_on else asked(header, text, now)
+    )
+    run.go()
+    assert run.facts.outcome == "refused"
+    assert "00001 was asked, 00011 was read back" in run.facts.reason
+
+
+# -- samples -------------------------------------------------------------------------------------------------------
+
+
+def test_air_and_work_are_sampled_each_tick_and_hold_what_the_station_said() -> None:
+    run = hot_air("joints_per_minute = 6\njoint_seconds = 4\nsuction_each_joint = true\nnoise_c = 1.0", duration_s=60).go()
+    assert_account_holds(run)
+    assert wrong_values(run) == []
+    for column in ("temperature_c", "external_c", "power_permille", "status"):
+        assert len(cells(run, column)) == len(run.memory.samples)
+    assert {row[COLUMN["quality"]] for row in run.memory.samples} == {"ok"}
+    assert {row[COLUMN["reasons"]] for row in run.memory.samples} == {None}
+    assert set(cells(run, "desoldering")) == {True, False}
+    assert set(cells(run, "cooling")) == {False}
+    assert set(cells(run, "set_c")) == {320}
+    assert set(cells(run, "tool")) == {1}
+
+
+def test_columns_that_hot_air_does_not_have_are_never_due() -> None:
+    run = hot_air(duration_s=15).go()
+    for column in ("motor", "alarm_high", "alarm_low", "transformer_c", "transistor_c", "delay_s", "feeding"):
+        assert cells(run, column) == []
+        assert column not in run.facts.due["1"]
+    assert run.facts.not_supported == []
+    assert not [one.text for one in run.heard if one.text[:3] in ("RTA", "RTT", "RQT", "RED", "RHA", "RLA")]
+
+
+def test_suction_and_cooling_by_hand_are_seen() -> None:
+    run = hot_air(duration_s=20, recipe=AIR.replace('status = "on"', ""))
+    run.at(5, lambda: plant(run).order((0, 0, 1, 0, 1)))
+    run.at(10, lambda: plant(run).order((0, 0, 0, 1, 0)))
+    run.go()
+    words = (tuple(row[COLUMN[name]] for name in ("status", "cooling", "desoldering")) for row in run.memory.samples)
+    assert list(dict.fromkeys(words)) == [("off", False, False), ("on", False, True), ("off", True, False)]
+    assert written(run) == ["WSF100600", "WSE100180", "WST100320", "WPS100010"]
+
+
+def test_its_counters_are_its_own() -> None:
+    sim = "counters = { plugged_hours = 17, tool_cycles = 5 }\nsuction_each_joint = true\njoints_per_minute = 12"
+    run = hot_air(sim, duration_s=65).go()
+    first = {one.counter: one.value for one in run.memory.counters[:4]}
+    last = {one.counter: one.value for one in run.memory.counters[-4:]}
+    assert first == {"on_h": 17, "work_h": 0, "tool_cycles": 6, "suction_cycles": 0}
+    assert last == {"on_h": 17, "work_h": 0, "tool_cycles": 6, "suction_cycles": plant(run).suction_cycles}
+    assert plant(run).suction_cycles > 5
+
+
+# -- the thermocouple on the work ----------------------------------------------------------------------------------
+
+
+def test_without_a_thermocouple_its_temperature_is_null_and_the_row_is_well() -> None:
+    """Digest B-44, from the very first row on."""
+    run = hot_air("thermocouple = false", duration_s=15).go()
+    assert cells(run, "external_c") == []
+    assert {row[COLUMN["reasons"]] for row in run.memory.samples} == {"external_c=no_thermocouple"}
+    assert {row[COLUMN["quality"]] for row in run.memory.samples} == {"ok"}
+    (event,) = run.memory.of_kind("port.error")
+    assert (event.code, event.severity) == (4, "warning")
+    assert "external thermocouple needed" in event.text
+    assert_account_holds(run)
+
+
+@pytest.mark.parametrize("data", ["00023", "99999", "-0050", "00000"])
+def test_whatever_is_said_without_a_thermocouple_means_nothing(data: str) -> None:
+    run = hot_air("thermocouple = false", duration_s=5)
+    asked = run.station.device.answer
+    run.station.device.answer = lambda header, text, now: (  # type: ignore[method-assign]
+        ("A", f"ET1{data}") if text == "ET1" else asked(header, text, now)
+    )
+    run.go()
+    assert {row[COLUMN["reasons"]] for row in run.memory.samples} == {"external_c=no_thermocouple"}
+    assert run.memory.of_kind("read.implausible") == []
+    assert len([one for one in run.heard if one.text == "RET1"]) == len(run.memory.samples), "asked once a tick"
+
+
+def test_a_station_that_refuses_it_without_a_thermocouple_is_asked_again_once_there_is_one() -> None:
+    run = hot_air("thermocouple = false" + fault("nak", code=4, command="external_temperature", for_s=6), duration_s=15)
+    run.at(7, lambda: setattr(plant(run).character, "has_thermocouple", True))
+    run.go()
+    assert len(cells(run, "external_c")) > 30
+    assert run.facts.not_supported == []
+    assert run.memory.of_kind("port.ok")
+
+
+def test_a_thermocouple_that_is_put_on_hot_work_leaps_and_is_believed() -> None:
+    run = hot_air(duration_s=15)
+    run.at(5, lambda: setattr(plant(run).probe, "temperature_c", 250.0))
+    run.go()
+    assert max(int(str(value)) for value in cells(run, "external_c")) > 200
+    assert {row[COLUMN["quality"]] for row in run.memory.samples} == {"ok"}
+
+
+# -- the tool ------------------------------------------------------------------------------------------------------
+
+
+def test_a_tool_that_is_pulled_out_gives_no_temperature() -> None:
+    run = hot_air(fault("tool", code=0, at_s=8), duration_s=20).go()
+    assert "no_tool" in {row[COLUMN["quality"]] for row in run.memory.samples}
+    (changed,) = run.memory.of_kind("tool.changed")
+    assert "from JT to none" in changed.text
+    assert [event.code for event in run.memory.of_kind("port.state")] == [9]
+    assert after_the_run(run)[4] == 0
+
+
+def test_another_tool_is_told_and_goes_on() -> None:
+    """There is no delay that could be off: the safe states of hot air have the heater off whatever the tool."""
+    run = hot_air(fault("tool", code=2, at_s=8), duration_s=20).go()
+    (changed,) = run.memory.of_kind("tool.changed")
+    assert "from JT to TE" in changed.text
+    assert run.memory.of_kind("safety.no_cooldown") == []
+    assert written(run).count("WPS100010") == 1
+    assert [row.tool for row in run.memory.settings if row.setting == "adjust"] == ["JT", "TE"]
+
+
+def test_no_tool_is_no_run_unless_the_recipe_says_so() -> None:
+    run = hot_air("tools = { 1 = 0 }", duration_s=5).go()
+    assert "no tool in port 1" in run.facts.reason
+    run = hot_air("tools = { 1 = 0 }", recipe=AIR + "require_tool = false\n", duration_s=5).go()
+    assert run.facts.outcome == "completed"
+    assert "WPS100001" not in written(run)
+
+
+# -- the safe state ------------------------------------------------------------------------------------------------
+
+
+def test_the_run_ends_with_the_heater_off_and_the_pump_on() -> None:
+    run = hot_air(duration_s=20).go()
+    assert run.facts.safe_state == {1: "verified"}
+    assert after_the_run(run) == (0, 0, 0, 1, 0)
+    (event,) = run.memory.of_kind("safety.safe_state")
+    assert event.text.endswith("as read back: cooling.")
+    plant(run).advance_to(plant(run).now + 120)
+    assert plant(run).air_temperature() < 60
+    assert after_the_run(run) == (0, 0, 0, 0, 0), "cooling has ended by itself"
+
+
+def test_off_may_be_the_safe_state() -> None:
+    run = hot_air(recipe=AIR + 'safe_state = "off"\n', duration_s=10).go()
+    assert written(run)[-1] == "WPS100000"
+    assert run.facts.safe_state == {1: "verified"}
+
+
+@pytest.mark.parametrize(("safe", "code", "then"), [("cooling", "PS100010", "WPS100000"), ("off", "PS100000", "WPS100010")])
+def test_where_one_safe_state_is_refused_the_other_follows(safe: str, code: str, then: str) -> None:
+    run = hot_air(recipe=AIR + f'safe_state = "{safe}"\n', duration_s=10)
+    asked = run.station.device.answer
+    run.station.device.answer = lambda header, text, now: (  # type: ignore[method-assign]
+        ("N", "PS100003") if (header, text) == ("W", code) else asked(header, text, now)
+    )
+    run.go()
+    assert written(run)[-2:] == [f"W{code}", then]
+    assert run.facts.safe_state == {1: "verified"}
+    assert plant(run).target_c is None
+
+
+def test_a_tool_that_stays_on_is_not_safe() -> None:
+    run = hot_air(fault("nak", code=3, command="status", only="write", at_s=8), duration_s=10).go()
+    assert run.facts.safe_state == {1: "failed"}
+    (sentence,) = run.facts.unsafe
+    assert "jtse-1 port 1: could not be put in its safe state, its air may be hot (last read 320 °C)" in sentence
+    assert run.memory.of_kind("safety.not_safe")
+
+
+def test_cooling_does_not_count_while_it_is_on() -> None:
+    run = hot_air(duration_s=10)
+    asked = run.station.device.answer
+    run.station.device.answer = lambda header, text, now: (  # type: ignore[method-assign]
+        ("A", "PS100011") if text == "PS1" and "WPS100010" in written(run) else asked(header, text, now)
+    )
+    run.go()
+    assert run.facts.safe_state == {1: "sent"}
+    assert run.facts.unsafe
+
+
+# -- what changes and what goes away -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "said"),
+    [
+        ("selected_air_temperature", 250, "selected air temperature of port 1 was found changed: 250 °C instead of 320 °C"),
+        ("selected_air_flow", 300, "selected air flow of port 1 was found changed: 300 raw instead of 600 raw"),
+        ("selected_external_temperature", 90, "selected external temperature of port 1 was found changed: 90 °C instead of 180 °C"),
+        ("work_mode", "profile", "work mode of port 1 was found changed: profile instead of manual"),
+    ],
+)
+def test_a_setting_that_somebody_changed_stops_the_run(name: str, value: object, said: str) -> None:
+    run = hot_air(recipe=AIR + "[sampling]\ncounters_every_s = 5\n", duration_s=30)
+    run.at(8, lambda: setattr(plant(run).settings, name, value))
+    run.go()
+    assert run.facts.outcome == "stopped"
+    assert said in run.facts.reason
+    assert after_the_run(run)[4] == 0
+
+
+def test_a_tool_that_somebody_switched_off_stops_the_run() -> None:
+    run = hot_air(duration_s=30)
+    run.at(8, lambda: plant(run).order((0, 0, 0, 1, 0)))
+    run.go()
+    assert "status of port 1 was found changed: 00010 instead of 00001" in run.facts.reason
+
+
+def test_hot_air_behind_a_broken_cable_is_critical_and_nothing_is_switched_on_again() -> None:
+    run = hot_air(fault("dropout", at_s=8, for_s=5), duration_s=25).go()
+    (lost,) = run.memory.of_kind("link.lost")
+    assert lost.severity == "critical"
+    assert "Its air stays as it was last set: port 1 at" in lost.text
+    assert run.memory.of_kind("link.back")
+    assert run.facts.outcome == "completed", run.facts.reason
+    assert written(run).count("WPS100001") == 1
+    assert_account_holds(run)
+
+
+def test_a_restart_is_found_by_what_is_off() -> None:
+    run = hot_air(fault("restart", at_s=8, for_s=3), duration_s=25).go()
+    assert run.facts.outcome == "stopped"
+    assert "status of port 1 was found changed: 00000 instead of 00001" in run.facts.reason
+    assert written(run).count("WPS100001") == 1
+
+
+def test_air_that_runs_away_is_recorded_as_it_was() -> None:
+    run = hot_air(fault("overheat", at_s=10, by_c=60), duration_s=25).go()
+    assert max(int(str(value)) for value in cells(run, "temperature_c")) == 380
+    assert wrong_values(run) == []
+
+
+def test_a_reading_that_sticks_is_recorded_as_it_was() -> None:
+    run = hot_air(fault("stuck", at_s=3), duration_s=15).go()
+    assert len(set(cells(run, "temperature_c")[-80:])) == 1
+
+
+@pytest.mark.parametrize(("code", "severity"), [(1, "error"), (5, "error"), (8, "error"), (10, "warning"), (42, "error")])
+def test_port_errors_are_those_of_hot_air(code: int, severity: str) -> None:
+    run = hot_air(duration_s=15)
+    run.at(5, lambda: setattr(plant(run), "error", code))
+    run.go()
+    (event,) = [one for one in run.memory.events if one.kind in ("port.error", "port.state")]
+    assert (event.code, event.severity) == (code, severity)
+
+
+def test_no_write_of_a_run_is_dangerous() -> None:
+    """What `run` can send to hot air: settings of the recipe and the status (faults.md, section 9)."""
+    run = hot_air("joints_per_minute = 6", duration_s=30).go()
+    assert {text[1:4] for text in written(run)} <= {"WM1", "SF1", "SE1", "ST1", "PS1"}
