@@ -181,7 +181,7 @@ def _read_station(source: TomlText, place: int, table: dict[str, object], proble
 
 
 def _without_addresses(source: TomlText, at: KeyPath, family: Family, address: object) -> Iterator[Problem]:
-    if family.protocol == OMEGA and address is not False:
+    if family.protocol == OMEGA and isinstance(address, int) and not isinstance(address, bool):
         yield source.problem((*at, "address"), f"the frames of family {family.name} have no addresses; leave it out")
 
 

@@ -7,7 +7,7 @@ from account import assert_account_holds, reasons_in, wrong_values
 from hot_air import AIR
 from virtual_run import RECIPE, VirtualRun, line_text, prepare
 
-from jbclog.commands.family import FAMILIES
+from jbclog.commands.family import FAMILIES, ROBOT
 from jbclog.rows import COLUMN, SampleRow
 
 ALL_FAMILIES = 'families = ["soldering", "dde", "nae", "dme", "hde", "ucr", "ale"]'
@@ -44,7 +44,7 @@ def answered_otherwise(run: VirtualRun, code: str, data: str, begin_s: float, en
 # -- every family --------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("family", FAMILIES)
+@pytest.mark.parametrize("family", [name for name, family in FAMILIES.items() if family.protocol == ROBOT])
 @pytest.mark.parametrize("keys", ["", "address = false", "baudrate = 38400\nformat = '8E1'"], ids=["", "no addresses", "8E1"])
 def test_every_family_is_run_to_the_end(family: str, keys: str) -> None:
     run = of_family(family, "noise_c = 2.0", keys, duration_s=15, rate="fit").go()

@@ -99,6 +99,17 @@ SCx r   count -
 """
 """Seed 001, 4.8 "List of commands", whole."""
 
+OMEGA = """
+A   r   -    -                          003 11.3.1 "Soldering controller information request"
+B   r   -    -                          these and all below: digest A.13, from pages that are not here
+Cn  r   -    -
+D   w   -    -
+F   r   -    -
+G   r   -    -
+H   w   -    101..399,step=1
+"""
+"""n stands for the number of a solder condition."""
+
 BENCH = COMMON + STORE + VERSION
 EXPECTED = {
     "soldering": COMMON,  # seed 000 knows neither W-NVS nor R-SVR
@@ -109,11 +120,12 @@ EXPECTED = {
     "ucr": BENCH + UCR_ONLY + DISPENSED,
     "ale": BENCH + FEEDER + DISPENSED,
     "jtse": HOT_AIR,
+    "omega": OMEGA,
 }
 
 
 def _row(command: Command) -> tuple[str, str, str, str]:
-    code = command.letters + {Scope.STATION: "", Scope.PORT: "x", Scope.TOOL: "xy"}[command.scope]
+    code = command.letters + {Scope.STATION: "", Scope.PORT: "x", Scope.TOOL: "xy", Scope.CONDITION: "n"}[command.scope]
     return code, "/".join(command.access), command.unit or "-", _limits(command)
 
 
@@ -148,6 +160,7 @@ def test_the_commands_of_a_family(name: str) -> None:
         ("ucr", (1,)),
         ("ale", (1,)),
         ("jtse", (1,)),  # seed 001, 4.2
+        ("omega", (1,)),  # seed 003, 11.1: "Connecting number 1 on 1"
     ],
 )
 def test_the_ports(name: str, ports: tuple[int, ...] | None) -> None:
@@ -179,6 +192,7 @@ TOOLS_OF_THE_BENCH = {
         (["dde", "nae", "dme", "hde", "ale"], TOOLS_OF_THE_BENCH),  # seed 002, "Tools"
         (["ucr"], {0: "none", 2: "TR245/TR470", 9: "TRA245/TRA470"}),  # seed 004, "Tools"
         (["jtse"], {0: "none", 1: "JT", 2: "TE"}),  # seed 001, 4.1
+        (["omega"], {}),
     ],
 )
 def test_the_tools(names: list[str], tools: dict[int, str]) -> None:
@@ -186,7 +200,7 @@ def test_the_tools(names: list[str], tools: dict[int, str]) -> None:
         assert FAMILIES[name].tools == tools
 
 
-SOLDERING = [name for name in FAMILIES if name != "jtse"]
+SOLDERING = [name for name in FAMILIES if name not in ("jtse", "omega")]
 
 
 @pytest.mark.parametrize("name", SOLDERING)
@@ -261,6 +275,6 @@ def test_reading_clears_nothing_but_the_alarm_flags(name: str) -> None:
 
 
 def test_what_is_never_sent_without_being_asked_for() -> None:
-    """faults.md, section 9, rule 5: RST, RSP, SAD, NVS, IFE, MAT, MIT, STR; what hot air allows belongs to them."""
+    """faults.md, section 9, rule 5: RST, RSP, SAD, NVS, IFE, MAT, MIT, STR; what hot air allows belongs to them, and OMEGA's D, H."""
     dangerous = {command.letters for family in FAMILIES.values() for command in family.commands.values() if command.dangerous}
-    assert dangerous == {"RST", "RSP", "SAD", "NVS", "IFE", "MAT", "MIT", "STR", "MAF", "MIF", "MAE", "MIE"}
+    assert dangerous == {"RST", "RSP", "SAD", "NVS", "IFE", "MAT", "MIT", "STR", "MAF", "MIF", "MAE", "MIE", "D", "H"}

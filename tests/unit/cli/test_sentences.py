@@ -54,14 +54,6 @@ def test_the_wrong_kind_of_file_is_said_once(place: Path) -> None:
     assert one == "error: job.toml: this is a recipe; a line file has [line] and a [[station]] for each station"
 
 
-@pytest.mark.parametrize("rest", ["", '[run]\nstatus = "working"\n[temperature]\nselect_c = 350\n[sleep]\ndelay_min = 5\n'])
-def test_a_recipe_for_families_that_are_not_driven_is_said_once(place: Path, rest: str) -> None:
-    (place / "job.toml").write_text(RECIPE.replace("dde", "omega") + rest)
-    (one, count) = planned()
-    assert one.startswith("error: job.toml:4: recipe.families: omega is known, and not driven by this version of jbclog; it drives")
-    assert count.startswith("1 problem;")
-
-
 def test_a_recipe_that_no_station_uses_is_noted(place: Path) -> None:
     shutil.copy(place / "job.toml", place / "own.toml")
     (place / "line.toml").write_text(LINE.replace("ports = [1]\n", 'ports = [1]\nrecipe = "own.toml"\n', 1))

@@ -36,6 +36,18 @@ def test_a_station_has_the_contracts_defaults() -> None:
     assert (station.turnaround_ms, station.recipe, station.rated_power_w, station.sim) == (None, None, None, None)
 
 
+def test_an_omega_has_defaults_of_its_own() -> None:
+    omega = STATION.replace('"dde"', '"omega"')
+    (station,) = line(HEAD + omega).stations
+    assert station.line_format == LineFormat(9600, "8N1")
+    assert station.address is None
+    (station,) = line(HEAD + omega + "baudrate = 19200\naddress = false\n").stations
+    assert (station.baudrate, station.address) == (19200, None)
+    assert problems(HEAD + omega + "address = 1\n") == [
+        ":7: station[1].address: the frames of family omega have no addresses; leave it out"
+    ]
+
+
 def test_everything_that_a_station_can_say() -> None:
     (station,) = line(
         HEAD
@@ -106,6 +118,7 @@ family = "omega"
 baudrate = 19201
 format = "7E1"
 address = true
+ports = [2]
 
 [[station]]
 name = "dde-1"
@@ -138,27 +151,26 @@ address = 100
         ':6: station[1].name: ".dde" is not allowed; 1 to 64 of the characters A-Z a-z 0-9 . _ -, '
         "the first of them a letter, a digit or _",
         ':7: station[1].url: the kind of port "sockets" is unknown; did you mean socket?',
-        ":8: station[1].family: omega is known, and not driven by this version of jbclog; "
-        "it drives soldering, dde, nae, dme, hde, ucr, ale, jtse",
         ":9: station[1].baudrate: 19201 is not allowed; one of 1200, 2400, 4800, 9600, 19200, 38400, 57600, 115200, 230400, "
         "250000, 460800, 500000",
         ":10: station[1].format: '7E1' is not a line format such as 8N1, 8E1 or 8O2",
         ":11: station[1].address: true is not allowed; 1 to 99, or false for frames without addresses",
-        ':15: station[2].url: "../ttyUSB0" is not allowed; a relative path stays below the line file\'s folder',
-        ':16: station[2].family: "ddee" is unknown; did you mean dde?',
-        ":17: station[2].ports[2]: 5 is not allowed; a list of ports from 1 to 4",
-        ":18: station[2].turnaround_ms: -1 is not allowed; milliseconds from 0 to 5000",
-        ":19: station[2].written_url: unknown; allowed here: name, url, family, baudrate, format, address, ports, turnaround_ms, "
+        ":12: station[1].ports[1]: the family omega has no port 2; it has 1",
+        ':16: station[2].url: "../ttyUSB0" is not allowed; a relative path stays below the line file\'s folder',
+        ':17: station[2].family: "ddee" is unknown; did you mean dde?',
+        ":18: station[2].ports[2]: 5 is not allowed; a list of ports from 1 to 4",
+        ":19: station[2].turnaround_ms: -1 is not allowed; milliseconds from 0 to 5000",
+        ":20: station[2].written_url: unknown; allowed here: name, url, family, baudrate, format, address, ports, turnaround_ms, "
         "recipe, rated_power_w, sim",
-        ':22: station[3].name: "dde-1" is the name of two stations, first in line 14',
-        ':23: station[3].url: "socket://host" is not allowed; socket://HOST:PORT',
-        ":25: station[3].ports[2]: the family dde has no port 3; it has 1, 2",
-        ":26: station[3].rated_power_w: 0 is not allowed; watts, more than 0",
-        ":28: station[3].sim.tool: 11 is not allowed; input should be less than or equal to 9",
-        ":30: station[4].url: missing; a device path, socket://HOST:PORT or rfc2217://HOST:PORT",
-        ":32: station[4].ports: [1, 1] names a port twice",
-        ":34: station[4].recipe: 5 is not allowed; a recipe file's path, from the line file's folder",
-        ":35: station[4].address: 100 is not allowed; 1 to 99, or false for frames without addresses",
+        ':23: station[3].name: "dde-1" is the name of two stations, first in line 15',
+        ':24: station[3].url: "socket://host" is not allowed; socket://HOST:PORT',
+        ":26: station[3].ports[2]: the family dde has no port 3; it has 1, 2",
+        ":27: station[3].rated_power_w: 0 is not allowed; watts, more than 0",
+        ":29: station[3].sim.tool: 11 is not allowed; input should be less than or equal to 9",
+        ":31: station[4].url: missing; a device path, socket://HOST:PORT or rfc2217://HOST:PORT",
+        ":33: station[4].ports: [1, 1] names a port twice",
+        ":35: station[4].recipe: 5 is not allowed; a recipe file's path, from the line file's folder",
+        ":36: station[4].address: 100 is not allowed; 1 to 99, or false for frames without addresses",
     ]
 
 

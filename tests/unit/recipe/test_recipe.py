@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 from pydantic import ValidationError
 
+from jbclog.commands.family import FAMILIES
 from jbclog.errors import Problems
 from jbclog.quantities import OFF
 from jbclog.recipe.checks import warnings
@@ -39,7 +40,14 @@ def test_only_the_head_is_required_and_nothing_is_asked_by_itself() -> None:
     assert recipe.acceptance is None
     assert recipe.run.status is None
     assert (recipe.run.safe_state, recipe.run.require_tool, recipe.run.on_difference) == ("stand", True, "stop")
-    assert (recipe.sampling.rate_hz, recipe.sampling.alarms_every_s, recipe.sampling.counters_every_s) == (10, 2, 60)
+    assert (recipe.sampling.alarms_every_s, recipe.sampling.counters_every_s) == (2, 60)
+    assert [recipe.rate_hz(FAMILIES[name]) for name in ("dde", "jtse", "omega")] == [10, 10, 1]
+    assert recipe.rate_hz(None) == 10
+
+
+def test_a_rate_that_is_named_holds_for_every_family() -> None:
+    recipe = parse_recipe(HEAD + "[sampling]\nrate_hz = 2.5\n")
+    assert {recipe.rate_hz(family) for family in FAMILIES.values()} == {2.5}
 
 
 def test_a_port_of_its_own_wins_key_by_key() -> None:
@@ -344,7 +352,7 @@ def test_a_delay_that_is_off_is_no_matter_where_the_safe_state_is_another() -> N
     assert recipe.safe_state("ucr") == "extractor"
 
 
-def test_families_that_are_known_and_not_driven_have_sections_of_their_own() -> None:
+def test_hot_air_and_omega_have_sections_of_their_own() -> None:
     condition = "".join(f"{field} = 1.5\n" for field in OMEGA_FIELDS)
     head = '[recipe]\nname = "x"\nrevision = 0\nfamilies = ["jtse", "omega"]\n'
     recipe = parse_recipe(head + '[air]\nflow_permille = 500\nmode = "manual"\n[omega]\ncondition = 101\nmode = 0\n' + condition)
