@@ -54,7 +54,7 @@ def _status(desk: Desk, port: PortState, word: Value) -> None:
     before, port.status = port.status, word
     if before == word:
         return
-    desk.feeding_seen = desk.feeding_seen or word[1] != 0
+    desk.feeding_seen = desk.feeding_seen or (desk.family.has_feeder and word[1] != 0)
     ordered, status = desk.recipe.run.status, desk.family.status
     if ordered is None or before is None or status.is_working(before) == status.is_working(word):
         return
