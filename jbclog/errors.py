@@ -6,7 +6,9 @@
     ├── UsageError                  exit 2: a wrong file, name or option; nothing was sent
     │   └── Problems                several of them, each with file, line and key
     ├── LinkError (OSError)         the cable, the port or the server is gone
-    │   └── PortBusy                somebody else holds the port
+    │   ├── PortBusy                somebody else holds the port
+    │   ├── PortForbidden           this user may not open it
+    │   └── PortMissing             there is no such port
     ├── StationError                the link works, the station did not give what was asked
     │   ├── AnswerTimeout (TimeoutError)
     │   │   └── StationSilent       nothing answers any more, probes included
@@ -81,6 +83,14 @@ class PortBusy(LinkError):
     def __init__(self, text: str, process: int | None = None) -> None:
         super().__init__(text)
         self.process = process
+
+
+class PortForbidden(LinkError):
+    """The system does not let this user open the port."""
+
+
+class PortMissing(LinkError):
+    """There is no port of that name: unplugged, or named otherwise."""
 
 
 class StationError(JbclogError):

@@ -46,8 +46,8 @@ class PtyLink:
     """A pseudo-terminal with a symbolic link to it at `path`.
 
     While no client has it open the station holds the client's side itself, so that it does not hang up; it
-    lets go of it at the first byte, so that it learns when the client closes. Then it takes back what the
-    client has set, above all the exclusive use, which outlives the client.
+    lets go of it at the first byte, so that it learns when the client closes. Then it takes back the exclusive
+    use, which outlives the client.
 
     Where the client has set another line format than the station's, `line`, each hears of the other what a wire would
     make of it (`uart.py`).
@@ -115,8 +115,7 @@ class PtyLink:
     def _hold(self) -> None:
         with suppress(OSError):  # the next client has it already, for itself alone
             self._held = os.open(self._device, os.O_RDWR | os.O_NOCTTY)
-            fcntl.ioctl(self._held, termios.TIOCNXCL)
-            tty.setraw(self._held)
+            fcntl.ioctl(self._held, termios.TIOCNXCL)  # and no more: the next client may be setting up its own already
 
 
 class TcpLink:

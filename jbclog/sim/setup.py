@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from time import monotonic
 
 from jbclog.errors import UsageError
-from jbclog.recipe.line import Line, StationSpec
+from jbclog.recipe.line import Line
+from jbclog.recipe.line_text import line_text
 from jbclog.sim.links import Link, PtyLink, TcpLink
 from jbclog.sim.make import virtual_station
 from jbclog.sim.serve import Servable, Served, Server
@@ -47,7 +47,7 @@ def set_up(
     _make(folder)
     try:
         server.open()
-        served_line.write_text(line_text(line, [link.url for link in links]), encoding="utf-8")
+        served_line.write_text(_served_text(line, [link.url for link in links]), encoding="utf-8")
     except BaseException as error:
         server.close()
         if isinstance(error, OSError):
@@ -74,37 +74,10 @@ def tcp_of(text: str) -> Tcp:
     return host.strip("[]") or "127.0.0.1", int(port)
 
 
-def line_text(line: Line, urls: Sequence[str]) -> str:
+def _served_text(line: Line, urls: Sequence[str]) -> str:
     """The text of a line file like `line` with these urls, all paths absolute."""
-    parts = ["\n".join(_station(station, url)) for station, url in zip(line.stations, urls, strict=True)]
-    return (
-        f"# Virtual stations, made by jbclog sim from {_quoted(str(line.path))}\n[line]\nname = {_quoted(line.name)}\n"
-        + "".join(parts)
-    )
-
-
-def _station(station: StationSpec, url: str) -> Iterator[str]:
-    yield "\n[[station]]"
-    yield f"name = {_quoted(station.name)}"
-    yield f"url = {_quoted(url)}"
-    yield f"family = {_quoted(station.family)}"
-    yield f"baudrate = {station.baudrate}"
-    yield f"format = {_quoted(station.format)}"
-    yield f"address = {'false' if station.address is None else station.address}"
-    if station.ports is not None:
-        yield f"ports = {list(station.ports)}"
-    if station.turnaround_ms is not None:
-        yield f"turnaround_ms = {station.turnaround_ms}"
-    if station.recipe is not None:
-        yield f"recipe = {_quoted(str(station.recipe.absolute()))}"
-    if station.rated_power_w is not None:
-        yield f"rated_power_w = {station.rated_power_w}"
-    yield ""
-
-
-def _quoted(text: str) -> str:
-    """A TOML basic string: JSON's escapes are TOML's, but for the one character that JSON leaves alone."""
-    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
+    stations = [(station.model_copy(update={"url": url}), "") for station, url in zip(line.stations, urls, strict=True)]
+    return line_text(line.name, stations, f"Virtual stations, made by jbclog sim from {line.path}")
 
 
 def _tcp_links(line: Line, tcp: Tcp, waiter: Waiter) -> list[Link]:

@@ -14,7 +14,7 @@ import socket
 
 import serial
 
-from jbclog.errors import LinkError, PortBusy
+from jbclog.errors import LinkError, PortBusy, PortForbidden, PortMissing
 from jbclog.transport.holder import holder_of, in_words
 from jbclog.transport.port import BROKEN, SLICE_S, DescriptorPort, ObjectPort, Port, give_back, lost
 from jbclog.wire import LineFormat
@@ -26,6 +26,7 @@ except ImportError:  # Windows, which opens every port for one program alone
     fcntl = termios = None  # type: ignore[assignment]  # told apart below
 
 WRITE_S = 1.0  # only for ports that pyserial writes to itself
+PSEUDO_TERMINALS = "/dev/pts/"
 LOCKED = (errno.EBUSY, errno.EAGAIN)
 TOO_MANY = (errno.EMFILE, errno.ENFILE)
 
@@ -39,7 +40,7 @@ def open_port(url: str, line: LineFormat, *, exclusive: bool = True) -> Port:
     try:
         opened = serial.serial_for_url(url, do_not_open=True)
         _set_up(opened, url, line, exclusive)
-        opened.open()
+        _open(opened, line.parity)
     except BROKEN as error:
         raise _refused(url, _device(opened, url), error) from error
     try:
@@ -51,7 +52,6 @@ def open_port(url: str, line: LineFormat, *, exclusive: bool = True) -> Port:
 
 def _set_up(opened: serial.SerialBase, url: str, line: LineFormat, exclusive: bool) -> None:
     opened.baudrate = line.baudrate
-    opened.parity = line.parity
     opened.stopbits = line.stop_bits
     opened.xonxoff = opened.rtscts = False  # check bytes can be XON and XOFF (digest A.2)
     opened.timeout = SLICE_S
@@ -61,6 +61,16 @@ def _set_up(opened: serial.SerialBase, url: str, line: LineFormat, exclusive: bo
         opened.inter_byte_timeout = 0  # VMIN 1: "nothing there" and "hung up" become two different answers
     if exclusive:
         opened.exclusive = True
+
+
+def _open(opened: serial.SerialBase, parity: str) -> None:
+    """A pseudo-terminal has no parity; where nothing else changes, the C library makes an error of that."""
+    is_terminal = os.path.realpath(str(opened.port)).startswith(PSEUDO_TERMINALS)
+    opened.parity = serial.PARITY_NONE if is_terminal else parity
+    opened.open()
+    if is_terminal:
+        with contextlib.suppress(*BROKEN):
+            opened.parity = parity  # odd leaves its mark there (`sim`)
 
 
 def _device(opened: serial.SerialBase | None, url: str) -> str:
@@ -119,7 +129,7 @@ def _keep_others_out(descriptor: int) -> None:
     Not on a pseudo-terminal: the mark outlives a killed recorder as long as the other end keeps the terminal open.
     """
     with contextlib.suppress(OSError):
-        if not os.ttyname(descriptor).startswith("/dev/pts/"):
+        if not os.ttyname(descriptor).startswith(PSEUDO_TERMINALS):
             fcntl.ioctl(descriptor, termios.TIOCEXCL)
 
 
@@ -130,16 +140,24 @@ def _close_device(descriptor: int) -> None:
 
 
 def _refused(url: str, device: str, error: BaseException) -> LinkError:
-    number = getattr(error, "errno", None) or getattr(error.__context__, "errno", None)
+    number = _number(error) or _number(error.__context__)
     if number in LOCKED or "lock" in str(error):
         process = holder_of(device)
         return PortBusy(f"{url} is in use by {in_words(process)}; end that, or take another port", process)
     if number in TOO_MANY:
         return LinkError(f"{url}: this process may not open more files; raise the limit with `ulimit -n`")
     if number == errno.EACCES:
-        return LinkError(f"{url}: no permission to open it; add the user to the group that owns the device (often dialout)")
+        return PortForbidden(f"{url}: no permission to open it; add the user to the group that owns the device (often dialout)")
     if number in (errno.ENOENT, errno.ENXIO, errno.ENODEV):
-        return LinkError(f"{url}: there is no such port; see that it is plugged in")
+        return PortMissing(f"{url}: there is no such port; see that it is plugged in")
+    if number == errno.ENOTTY:
+        return LinkError(f"{url}: it is no serial port; give a device such as /dev/ttyUSB0")
     if number == errno.ECONNREFUSED:
         return LinkError(f"{url}: nobody listens there; see that the server runs")
     return LinkError(f"{url}: it cannot be opened: {error}")
+
+
+def _number(error: BaseException | None) -> int | None:
+    """The system's number of an error; termios has it as its first argument only."""
+    told = (getattr(error, "errno", None), *getattr(error, "args", ()))
+    return next((number for number in told if isinstance(number, int)), None)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import fcntl
 import shutil
 import socket
@@ -13,9 +14,10 @@ import time
 from pathlib import Path
 
 import pytest
+import serial
 from far_ends import Server, Terminal, open_descriptors, rfc2217_server, server, terminal
 
-from jbclog.errors import LinkError, PortBusy
+from jbclog.errors import LinkError, PortBusy, PortForbidden, PortMissing
 from jbclog.transport import Port, open_port
 from jbclog.transport.holder import holder_of, in_words
 from jbclog.wire import LineFormat
@@ -87,6 +89,16 @@ def test_rate_and_format_are_set() -> None:
 def test_the_printed_rates_open(baudrate: int) -> None:
     with terminal() as far:
         open_port(far.url, LineFormat(baudrate)).close()
+
+
+@pytest.mark.parametrize("form", ["8E1", "8O1", "8N1"])
+def test_a_terminal_opens_with_any_parity_again_and_again(form: str) -> None:
+    """It keeps none, and where nothing else changes the C library makes an error of that."""
+    with terminal() as far:
+        for _ in range(3):
+            port = open_port(far.url, LineFormat(19200, form))
+            assert bool(termios.tcgetattr(far.far)[2] & termios.PARODD) is (form == "8O1")
+            port.close()
 
 
 def test_a_loop_has_no_descriptor_and_works() -> None:
@@ -279,7 +291,7 @@ def _holding(far: Terminal) -> subprocess.Popen[str]:
     ("url", "sentence"),
     [
         ("/dev/ttyNOWHERE", "there is no such port; see that it is plugged in"),
-        ("/dev/null", "cannot be opened"),
+        ("/dev/null", "it is no serial port; give a device such as /dev/ttyUSB0"),
         ("/", "cannot be opened"),
         ("rfc4711://host:1", "cannot be opened"),
         ("socket://nowhere", "cannot be opened"),
@@ -292,6 +304,26 @@ def test_what_is_no_port_is_a_link_error_with_the_url(url: str, sentence: str) -
         open_port(url, LINE)
     assert str(refused.value).startswith(url)
     assert not isinstance(refused.value, PortBusy)
+
+
+@pytest.mark.parametrize(
+    ("number", "kind", "sentence"),
+    [
+        (errno.EACCES, PortForbidden, "no permission to open it; add the user to the group that owns the device"),
+        (errno.ENODEV, PortMissing, "there is no such port; see that it is plugged in"),
+        (errno.EMFILE, LinkError, "may not open more files; raise the limit"),
+    ],
+)
+def test_what_the_system_refuses_has_its_own_error(
+    monkeypatch: pytest.MonkeyPatch, number: int, kind: type[LinkError], sentence: str
+) -> None:
+    def refuse(self: serial.Serial) -> None:
+        raise serial.SerialException(number, "could not open port")
+
+    monkeypatch.setattr(serial.Serial, "open", refuse)
+    with pytest.raises(LinkError, match=sentence) as refused:
+        open_port("/dev/ttyUSB0", LINE)
+    assert type(refused.value) is kind
 
 
 def test_a_server_that_is_not_there() -> None:

@@ -1,0 +1,50 @@
+"""The text of a line file, written: what `parse_line` reads again as the same stations."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Iterator
+
+from jbclog.recipe.line import StationTable
+
+Described = tuple[StationTable, str]
+"""A station and what is said of it in a comment above it, or nothing."""
+
+
+def line_text(name: str, stations: Iterable[Described], heading: str) -> str:
+    """The text of a line file. `heading` and what is said of stations become comments."""
+    parts = ["\n".join(_station(station, said)) for station, said in stations]
+    return f"{_comment(heading)}[line]\nname = {quoted(name)}\n" + "".join(parts)
+
+
+def _comment(text: str) -> str:
+    return "".join(f"# {line}\n" for line in _plain(text).splitlines())
+
+
+def _plain(text: str) -> str:
+    """Text that a comment can hold: a control character is no TOML, and a hidden one is refused."""
+    return "".join(sign if sign == "\n" or sign.isprintable() else "?" for sign in text)
+
+
+def _station(station: StationTable, said: str) -> Iterator[str]:
+    yield f"\n{_comment(said)}[[station]]"
+    yield f"name = {quoted(station.name)}"
+    yield f"url = {quoted(station.url)}"
+    yield f"family = {quoted(station.family)}"
+    yield f"baudrate = {station.baudrate}"
+    yield f"format = {quoted(station.format)}"
+    yield f"address = {'false' if station.address is None else station.address}"
+    if station.ports is not None:
+        yield f"ports = {list(station.ports)}"
+    if station.turnaround_ms is not None:
+        yield f"turnaround_ms = {station.turnaround_ms}"
+    if station.recipe is not None:
+        yield f"recipe = {quoted(str(station.recipe.absolute()))}"
+    if station.rated_power_w is not None:
+        yield f"rated_power_w = {station.rated_power_w}"
+    yield ""
+
+
+def quoted(text: str) -> str:
+    """A TOML basic string: JSON's escapes are TOML's, but for the one character that JSON leaves alone."""
+    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
