@@ -1,0 +1,140 @@
+"""Every line file that comes with the project, run as it stands: planned, recorded, sealed, judged, and looked at from outside.
+
+Each is lived through once, on virtual stations and a clock that jumps. A line file that joins `profiles/lines` is walked like
+the others; one that ends otherwise than accepted says so in `OTHERWISE`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+
+import pytest
+from command import PROFILES, RECIPE
+from recorded_run import RecordedRun
+from typer.testing import CliRunner
+
+from jbclog.analysis.run import open_run
+from jbclog.cli.app import app
+from jbclog.commands.family import FAMILIES
+from jbclog.plan import Plan, Wanted, make_plan
+from jbclog.recipe.line import StationSpec, load_line
+from jbclog.recipe.order import COMMAND_OF
+from jbclog.record.check import check
+
+LINES = sorted((PROFILES / "lines").glob("*.toml"))
+SECONDS = 30.0  # long enough for every tip to be seen idle
+OTHERWISE: dict[str, str] = {}
+"""Line file -> verdict, where it is not ACCEPT."""
+
+SETTINGS = {
+    *("sleep_delay", "hibernation_delay", "sleep_temperature", "adjust", "selected_temperature"),
+    *("alarm_high_limit", "alarm_high_delay", "alarm_low_limit", "alarm_low_delay"),
+}
+FEEDER = {"clog_detection", "feeder_diameter", "feeder_length", "feeder_backward", "feeder_speed", "feeder_mode"}
+AIR = {"selected_air_temperature", "selected_air_flow", "selected_external_temperature", "work_mode"}
+A_RUN_WRITES = SETTINGS | FEEDER | AIR | {"status", "stop_feeding"}
+"""All that `run` can write (faults.md, 9.5), but for OMEGA's condition with --allow-omega-write."""
+
+every_line = pytest.mark.parametrize("path", LINES, ids=lambda path: path.stem)
+Recorded = Callable[[Path], RecordedRun]
+
+
+def plan_of(path: Path) -> Plan:
+    """The line with its own recipes; the bench names none, as the demo has it."""
+    own = all(station.recipe is not None for station in load_line(path).stations)
+    return make_plan(Wanted(path, None if own else RECIPE, duration_s=SECONDS, rate=None if own else "fit"))
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> Recorded:
+    """The run of a line file, lived through when first asked for."""
+    return cache(lambda path: RecordedRun(plan_of(path), tmp_path_factory.mktemp(path.stem)))
+
+
+@every_line
+def test_its_plan_has_no_error(path: Path) -> None:
+    plan = plan_of(path)
+    arguments = ["plan", *([] if plan.wanted.recipe is None else [str(RECIPE), "--rate", "fit"]), "--line", str(path)]
+    said = CliRunner().invoke(app, arguments)
+    assert said.exit_code == 0, said.output
+    assert "error" not in said.output
+    assert all(station.spec.name in said.output for station in plan.stations)
+
+
+@every_line
+def test_it_runs_to_an_accepted_record(path: Path, recorded: Recorded) -> None:
+    result = recorded(path).result
+    assert [one.outcome for one in result.manifest.stations] == ["completed"] * len(result.manifest.stations)
+    assert result.manifest.verdict == OTHERWISE.get(path.stem, "ACCEPT"), [one.text for one in result.findings]
+    assert result.exit_code == (1 if path.stem in OTHERWISE else 0)
+    assert check(result.folder) == []
+
+
+@every_line
+def test_every_port_has_all_its_rows(path: Path, recorded: Recorded) -> None:
+    result = recorded(path).result
+    samples = open_run(result.folder).samples()
+    for facts in result.manifest.stations:
+        assert facts.ports
+        assert facts.skipped == 0
+        for port in facts.ports:
+            rows = samples[(samples["station"] == facts.name) & (samples["port"] == port)]
+            assert set(rows["quality"]) == {"ok"}
+            assert facts.period_s is not None
+            assert len(rows) == pytest.approx(SECONDS / facts.period_s, abs=1)
+
+
+@every_line
+def test_every_setting_of_its_recipes_holds(path: Path, recorded: Recorded) -> None:
+    settings = open_run(recorded(path).result.folder).settings()
+    assert set(settings["outcome"]) <= {"confirmed", "unchanged", "read", "unsupported"}
+    for station in plan_of(path).stations:
+        own = settings[settings["station"] == station.spec.name]
+        assert set(own.loc[own["outcome"] == "unsupported", "setting"]) == set(station.skipped())
+
+
+@every_line
+def test_every_tool_is_safe_at_the_end(path: Path, recorded: Recorded) -> None:
+    run = recorded(path)
+    for facts in run.result.manifest.stations:
+        family = FAMILIES[facts.family]
+        if not family.safe_states:
+            assert set(facts.safe_state.values()) <= {"not_available"}
+            continue
+        orders = run.stations[facts.name].log.written("status")
+        for port in facts.touched:
+            last = [order.value for order in orders if order.port == port][-1]
+            assert last in [family.status.orders[name] for name in family.safe_states]
+            assert facts.safe_state[port] == "verified"
+
+
+def test_all_of_them_together_write_what_a_run_can_write_and_nothing_else(recorded: Recorded) -> None:
+    written = {write.name for path in LINES for station in recorded(path).stations.values() for write in station.log.writes}
+    assert written == A_RUN_WRITES
+
+
+def test_no_recipe_reaches_another_command_or_a_dangerous_one() -> None:
+    assert set(COMMAND_OF.values()) | {"status", "stop_feeding"} == A_RUN_WRITES
+    commands = [family.commands[name] for family in FAMILIES.values() for name in A_RUN_WRITES if name in family.commands]
+    assert not any(command.dangerous for command in commands)
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+def test_every_family_has_a_line_with_a_recipe_of_its_own(family: str) -> None:
+    stations = [station for path in LINES for station in load_line(path).stations if station.family == family]
+    assert any(station.recipe is not None for station in stations)
+
+
+def test_the_systems_that_one_family_covers_have_a_line_each() -> None:
+    """UCR245 and UCR470 (seed 004), ALE without and with perforation of the wire, two line formats of seed 000."""
+    models = {station.sim.model for path in LINES for station in load_line(path).stations if station.sim is not None}
+    assert {"UCR245", "UCR470", "DDR"} <= models
+    assert {"ale", "ale-perforated", "soldering", "soldering-slow"} <= {path.stem for path in LINES}
+    formats = {(station.baudrate, station.format, station.address) for station in _old()}
+    assert formats == {(19200, "8E1", 1), (4800, "8O2", None)}
+
+
+def _old() -> list[StationSpec]:
+    return [station for path in LINES for station in load_line(path).stations if station.family == "soldering"]

@@ -1,0 +1,60 @@
+"""A run as `jbclog run` makes it, recorded, sealed and judged, but of virtual stations on a clock that jumps: no time passes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from jbclog import dossier
+from jbclog.clock import VirtualClock
+from jbclog.dossier import Dossier, Result
+from jbclog.drive.virtual import VirtualDriver
+from jbclog.plan import Plan
+from jbclog.record.lock import FolderLock
+from jbclog.record.seal import seal_rows
+from jbclog.rows import EventRow
+from jbclog.session.order import Desk
+from jbclog.session.run import run_station
+from jbclog.sim.make import virtual_station
+from jbclog.sim.omega import VirtualOmega
+from jbclog.sim.virtual import VirtualStation
+
+
+class Nobody:
+    """An observer that does not look."""
+
+    def begun(self, folder: Path) -> None: ...
+
+    def happened(self, event: EventRow) -> None: ...
+
+    def second(self, desks: list[Desk]) -> None: ...
+
+    def sealing(self) -> None: ...
+
+
+class RecordedRun:
+    """What is left of it: the run's folder with everything in it, and the stations' own memory."""
+
+    def __init__(self, plan: Plan, out: Path) -> None:
+        clock = VirtualClock()
+        papers, driver = Dossier(plan, out, Nobody(), clock, seal_every_s=None), VirtualDriver(clock)
+        self.stations: dict[str, VirtualStation | VirtualOmega] = {}
+        papers.begin()
+        for station, desk in zip(plan.stations, papers.desks, strict=True):
+            virtual = virtual_station(station.spec, now=clock.monotonic())
+            self.stations[station.spec.name] = virtual
+            driver.add(run_station(desk), virtual)
+        driver.run()
+        self.result: Result = papers.conclude(_sealed_here(papers))
+
+
+def _sealed_here(papers: Dossier) -> str | None:
+    """Closed and sealed; a child process would take a second for it."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(dossier, "seal_in_child", _seal)
+        return papers.close()
+
+
+def _seal(folder: Path, _lock: FolderLock) -> None:
+    seal_rows(folder)
