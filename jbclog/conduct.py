@@ -106,8 +106,17 @@ class _Run:
 
     def _head(self, desk: Desk) -> Head:
         order, manifest = desk.order, self._dossier.manifest
-        utc = manifest.t0_utc or 0.0
-        return Head(order.name, order.url, order.recipe_file, order.t0, utc, order.duration_s, order.rate, __version__)
+        return Head(
+            station=order.name,
+            url=order.url,
+            recipe=order.recipe_file,
+            t0_mono=order.t0,
+            t0_utc=manifest.t0_utc or 0.0,
+            duration_s=order.duration_s,
+            rate=order.rate,
+            allow_omega_write=order.allow_omega_write,
+            jbclog=__version__,
+        )
 
     def _look(self) -> None:
         if not self._have_all_begun:

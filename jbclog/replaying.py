@@ -22,6 +22,7 @@ from jbclog.errors import UsageError
 from jbclog.plan import Metadata, Plan, Wanted, station_plan
 from jbclog.recipe.line import Line, StationSpec, load_line
 from jbclog.recipe.load import load_recipe
+from jbclog.record.compare import differences
 from jbclog.record.manifest import NAME, Lost, read_manifest
 from jbclog.record.wire import Head, read_head, read_rows, wire_path, wire_paths
 from jbclog.rows import NoJournal
@@ -34,6 +35,7 @@ from jbclog.sim.virtual import Reply
 from jbclog.tape import Row
 from jbclog.wire import BAUDRATES
 
+HANDING_S = 0.0005  # that bytes take from one program to another and back through a pseudo-terminal, beside the wire's time
 GRACE_S = 5.0  # that a session which left its tape may still take once the tape is over
 REPLAY_OF = "replay_of"  # the tag that names the run which was lived through
 
@@ -114,6 +116,15 @@ def record_again(recording: Recording, out: Path, observer: Observer) -> Again:
     return Again(dossier.conclude(dossier.close() or lost), left)
 
 
+def compare(recording: Recording, again: Again) -> list[str] | None:
+    """What came out otherwise, as sentences; None where the recorded run is not sealed and so has no tables yet."""
+    original = recording.folder
+    if not (original / NAME).exists() or (manifest := read_manifest(original)).state != "sealed":
+        return None
+    cut_off = manifest.lost is not None or any(astray.is_cut_off for astray in again.left.values())
+    return differences(original, again.result.folder, prefix=cut_off)
+
+
 def relive(recording: Recording, desks: Iterable[Desk], clock: VirtualClock) -> dict[str, Astray]:
     """Run the sessions of `desks` on what was recorded; give where they left it, by station, if they did."""
     driver = VirtualDriver(clock)
@@ -172,7 +183,7 @@ def serve(recording: Recording, folder: Path, tcp: Tcp | None = None, speed: flo
     The line file in `folder` names the recipes that ran. Raises `UsageError` where a link cannot be made.
     """
     specs = tuple(_served(recording, spec, speed) for spec in recording.stations)
-    stations = [TapeStation(spec.name, partial(recording.tape, spec.name), speed) for spec in specs]
+    stations = [TapeStation(spec.name, partial(recording.tape, spec.name), speed, HANDING_S) for spec in specs]
     line = recording.line.model_copy(update={"stations": specs})
     return set_up(line, folder, tcp, stations=stations), stations
 

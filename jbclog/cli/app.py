@@ -11,6 +11,7 @@ from jbclog.cli.names import ReadCommand, WriteCommand
 from jbclog.cli.plan import plan
 from jbclog.cli.read import read
 from jbclog.cli.recover import recover
+from jbclog.cli.replay import replay
 from jbclog.cli.report import report
 from jbclog.cli.run import run
 from jbclog.cli.sim import sim
@@ -42,7 +43,7 @@ def _main(
 ) -> None: ...
 
 
-for verb in (demo, sim, plan, run, report, check, recover):
+for verb in (demo, sim, plan, run, report, check, recover, replay):
     app.command()(verb)
 app.command(cls=ReadCommand)(read)
 app.command(cls=WriteCommand)(write)

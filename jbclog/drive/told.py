@@ -56,6 +56,9 @@ class Step(NamedTuple):
     asked: bytes
     data: bytes
 
+    def __str__(self) -> str:
+        return "the end" if self.told.what == "done" else f"{self.told.wish} {self.asked!r}" if self.asked else self.told.wish
+
     def answers(self, wish: Wish) -> bool:
         """Whether this can be what came of `wish`."""
         told = self.told
@@ -93,6 +96,10 @@ class Astray(NamedTuple):
     at_s: float
     wish: Wish
     step: Step | None
+
+    def __str__(self) -> str:
+        wished = f"{NAMES[type(self.wish)]} {self.wish.data!r}" if isinstance(self.wish, Ask) else NAMES[type(self.wish)]
+        return f"it would {wished}; recorded is {'nothing more' if self.step is None else self.step}"
 
     @property
     def is_cut_off(self) -> bool:

@@ -62,6 +62,7 @@ class Head:
     t0_utc: float
     duration_s: float | None = None
     rate: float | str | None = None
+    allow_omega_write: bool = False
     jbclog: str = ""
     format: int = FORMAT
 
@@ -208,7 +209,7 @@ def _last_point(path: Path) -> tuple[int, int, int]:
     end = path.stat().st_size
     if end:
         with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
-            while (found := data.rfind(FLUSHED, 0, end)) >= 0:
+            while (found := data.rfind(FLUSHED, len(HEADER), end)) >= 0:
                 end = found + len(FLUSHED)
                 if held := _contents(data, end):
                     return end, *held
@@ -217,12 +218,12 @@ def _last_point(path: Path) -> tuple[int, int, int]:
 
 
 def _contents(data: mmap.mmap, end: int) -> tuple[int, int] | None:
-    """Check sum and size of what the bytes before `end` hold, if a block ends there."""
-    unpacker, crc, size = zlib.decompressobj(-zlib.MAX_WBITS), 0, 0
+    """Check sum and size of what the bytes before `end` hold, if a block and a line end there."""
+    unpacker, crc, size, last = zlib.decompressobj(-zlib.MAX_WBITS), 0, 0, b""
     try:
         for place in range(len(HEADER), end, PIECE):
             piece = unpacker.decompress(data[place : min(place + PIECE, end)])
-            crc, size = zlib.crc32(piece, crc), size + len(piece)
-        return (crc, size) if not unpacker.decompress(LAST_BLOCK) and unpacker.eof else None
+            crc, size, last = zlib.crc32(piece, crc), size + len(piece), piece[-1:] or last
+        return (crc, size) if last == b"\n" and not unpacker.decompress(LAST_BLOCK) and unpacker.eof else None
     except zlib.error:
         return None

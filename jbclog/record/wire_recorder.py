@@ -130,6 +130,12 @@ class WireRecorder:
     def start(self) -> None:
         self._thread.start()
 
+    def write(self) -> None:
+        """Write what was kept so far. Does not raise."""
+        for wire in self._wires:
+            wire.write()
+            breathe()
+
     def close(self) -> None:
         """Write the rest and close all files. Does not raise."""
         self._ending.set()
@@ -152,9 +158,7 @@ class WireRecorder:
 
     def _write_on(self) -> None:
         while not self._ending.wait(WRITE_S):
-            for wire in self._wires:
-                wire.write()
-                breathe()
+            self.write()
 
 
 def _free(descriptor: int) -> int:

@@ -1,9 +1,10 @@
 """A recorded station, played from its tape without any I/O: to a question that was asked then, what was answered then.
 
 Each question has its own row of answers, in the order in which they were recorded, and each asking takes the next: so a
-client that asks in another order, or at another pace, gets the same values all the same. What came is given as it came,
-with its delay: whole, in pieces, corrupt, late, twice, or not at all. Where the link was lost after a question, it is
-lost again, for as long.
+client that asks in a slightly other order gets the same values all the same. Where it asks something less often than
+then, answers that lie far behind the place on the tape where it otherwise is are left out. What came is given as it
+came, with its delay: whole, in pieces, corrupt, late, twice, or not at all. Where the link was lost after a question, it
+is lost again, for as long.
 
 A question that was never asked, or not so often, is met with silence: nothing is made up.
 """
@@ -14,15 +15,23 @@ from collections import Counter, defaultdict, deque
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from math import inf
+from statistics import median_low
 
 from jbclog.sim.virtual import Reply
 from jbclog.tape import Passed, Row
 
+LATELY = 16  # exchanges whose middle one is the place on the tape: a single one may lie far ahead
+FAR = 32  # exchanges behind that: half a second of a full wire
+
 
 @dataclass(slots=True)
 class Exchange:
-    """One question as it was recorded, and what came of it until the next; seconds count from the question."""
+    """One question as it was recorded, and what came of it until the next; seconds count from the question.
 
+    `place` is its number on the tape.
+    """
+
+    place: int
     question: bytes
     replies: list[tuple[float, bytes]] = field(default_factory=list)
     lost_s: float | None = None  # when the link was lost after it
@@ -42,7 +51,7 @@ def exchanges(rows: Iterable[Row]) -> Iterator[Exchange]:
         if row.what == "sent":
             if one is not None:
                 yield one
-            one, asked_at = Exchange(row.data), row.at_s
+            one, asked_at = Exchange(0 if one is None else one.place + 1, row.data), row.at_s
         elif one is None:
             continue
         elif row.what == "heard":
@@ -59,14 +68,18 @@ def exchanges(rows: Iterable[Row]) -> Iterator[Exchange]:
 class TapeStation:
     """A station that plays `rows`. They are read when they are needed; `speed` divides all delays.
 
+    Recorded delays hold what it took to hand bytes over; who serves it on a port, where that is taken again, has each
+    answer begin `early_s` before its time.
+
     `strange` counts the questions that were never recorded, `used_up` those that were asked more often than recorded.
     """
 
-    def __init__(self, name: str, rows: Callable[[], Iterable[Row]], speed: float = 1.0) -> None:
+    def __init__(self, name: str, rows: Callable[[], Iterable[Row]], speed: float = 1.0, early_s: float = 0.0) -> None:
         self.name = name
         self.strange = 0
         self.used_up: Counter[bytes] = Counter()
         self._speed = speed
+        self._early_s = early_s
         self._coming = exchanges(rows())
         self._waiting: defaultdict[bytes, deque[Exchange]] = defaultdict(deque)
         self._known = {row.data for row in rows() if isinstance(row, Passed) and row.what == "sent"}
@@ -74,6 +87,7 @@ class TapeStation:
         self._lengths = sorted({len(question) for question in self._known}, reverse=True)
         self._heard = b""
         self._outages: list[tuple[float, float]] = []
+        self._lately: deque[int] = deque(maxlen=LATELY)
 
     def receive(self, data: bytes, now: float) -> list[Reply]:
         """What comes back to `data` written at `now`: bytes, each with the moment at which they are there."""
@@ -105,12 +119,23 @@ class TapeStation:
 
     def _replies(self, question: bytes, now: float) -> list[Reply]:
         one = self._next(question)
+        while one is not None and self._is_left_behind(one):
+            self._lose(one, now)
+            one = self._next(question)
         if one is None:
             self.used_up[question] += 1
             return []
+        self._lately.append(one.place)
+        self._lose(one, now)
+        return [Reply(now + max(delay_s / self._speed - self._early_s, 0.0), data) for delay_s, data in one.replies]
+
+    def _is_left_behind(self, one: Exchange) -> bool:
+        return len(self._lately) == LATELY and one.place < median_low(self._lately) - FAR
+
+    def _lose(self, one: Exchange, now: float) -> None:
+        """Lose the link where it was lost after this exchange."""
         if one.lost_s is not None:
             self._outages.append((now + one.lost_s / self._speed, now + one.back_s / self._speed))
-        return [Reply(now + delay_s / self._speed, data) for delay_s, data in one.replies]
 
     def _next(self, question: bytes) -> Exchange | None:
         """The next exchange with that question; those before it wait for theirs."""

@@ -8,7 +8,8 @@ from pathlib import Path
 
 from jbclog.clock import UtcOffset, VirtualClock
 from jbclog.commands.family import FAMILIES
-from jbclog.drive.virtual import VirtualDriver
+from jbclog.drive.virtual import Peer, VirtualDriver
+from jbclog.effects import Steps
 from jbclog.recipe.line import StationSpec, parse_line
 from jbclog.recipe.load import parse_recipe
 from jbclog.recipe.model import Recipe
@@ -192,6 +193,9 @@ def line_text(sim: str = "", keys: str = "") -> str:
     return LINE.format(sim=sim, keys=keys)
 
 
+Pulled = Callable[[Order, Steps[StationFacts], Peer], tuple[Steps[StationFacts], Peer]]
+
+
 def prepare(
     line: str | None = None,
     recipe: str = RECIPE,
@@ -199,8 +203,9 @@ def prepare(
     rate: float | str | None = None,
     *,
     allow_omega_write: bool = False,
+    pulled: Pulled = lambda _order, session, cable: (session, cable),
 ) -> VirtualRun:
-    """A run that is ready to go: `prepare(line_text(sim=...)).go()`."""
+    """A run that is ready to go: `prepare(line_text(sim=...)).go()`. `pulled` may put itself around session and cable."""
     clock = VirtualClock()
     memory, driver = Memory(), VirtualDriver(clock)
     stations, desks, taps, t0 = {}, {}, {}, clock.monotonic()
@@ -210,7 +215,7 @@ def prepare(
         order = order_for(spec, loaded, clock, duration_s, rate, allow_omega_write=allow_omega_write)
         desk = Desk(order, memory, UtcOffset(clock))
         taps[spec.name] = Tap(station)
-        driver.add(run_station(desk), taps[spec.name])
+        driver.add(*pulled(order, run_station(desk), taps[spec.name]))
         stations[spec.name], desks[spec.name] = station, desk
     return VirtualRun(memory, stations, driver, desks, taps, t0)
 

@@ -1,0 +1,98 @@
+"""Runs on a virtual clock whose wires are kept as `run --wire` keeps them, and runs lived through once more from that."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from virtual_run import RECIPE, Memory, VirtualRun, prepare
+
+from jbclog.clock import UtcOffset, VirtualClock
+from jbclog.drive.told import Astray, keeping
+from jbclog.drive.virtual import Peer
+from jbclog.effects import Steps
+from jbclog.plan import orders
+from jbclog.record.wire import Head
+from jbclog.record.wire_recorder import Keep, WireRecorder
+from jbclog.replaying import Recording, open_recording, plan_of, relive
+from jbclog.rows import StationFacts
+from jbclog.session.order import Desk, Order
+from jbclog.tape import Passed, Told
+
+RECIPE_FILE = "recipe.toml"
+WRITE_EVERY_S = 20.0
+
+
+class TapedCable:
+    """A cable of the virtual driver, with what passes through it noted as a `Tee` and the reactor would."""
+
+    def __init__(self, cable: Peer, keep: Keep) -> None:
+        self._cable = cable
+        self._keep = keep
+        self._coming: list[tuple[float, bytes]] = []
+
+    def receive(self, data: bytes, now: float) -> Sequence[tuple[float, bytes]]:
+        self._keep(Passed(now, "sent", data))
+        replies = self._cable.receive(data, now)
+        self._coming = sorted([*self._coming, *replies], key=lambda reply: reply[0])
+        return replies
+
+    def hung_up(self, now: float) -> bool:
+        return self._cable.hung_up(now)
+
+    def told(self, row: Told) -> None:
+        """Note what came up to this moment, or became of the link; then what the session is told."""
+        now, reopened = row.at_s, row.wish == "reopen"
+        if row.what == "broke":
+            self._keep(Passed(now, "failed" if reopened else "lost", text=row.text))
+        elif row.what == "told" and reopened:
+            self._coming = []
+            self._keep(Passed(now, "opened"))
+        for at_s, data in self._coming:
+            if at_s <= now:
+                self._keep(Passed(at_s, "heard", data))
+        self._coming = [one for one in self._coming if one[0] > now]
+        self._keep(row)
+
+
+def recorded(
+    folder: Path,
+    line: str,
+    recipe: str = RECIPE,
+    duration_s: float | None = 10.0,
+    rate: float | str | None = None,
+    arrange: Callable[[VirtualRun], None] = lambda run: None,
+) -> VirtualRun:
+    """Run to the end, and have the wires in `folder`, with line file and recipe. `arrange` sees the run before it goes."""
+    (folder / "recipes").mkdir(parents=True)
+    (folder / "line.toml").write_text(line)
+    (folder / "recipes" / RECIPE_FILE).write_text(recipe)
+    wires, clock = WireRecorder(folder), VirtualClock()
+
+    def pulled(order: Order, session: Steps[StationFacts], cable: Peer) -> tuple[Steps[StationFacts], Peer]:
+        head = Head(order.name, order.url, RECIPE_FILE, order.t0, clock.utc(), order.duration_s, order.rate)
+        taped = TapedCable(cable, wires.begin(head))
+        return keeping(session, taped.told, lambda: run.driver.clock.monotonic()), taped
+
+    def write() -> None:
+        wires.write()
+        run.driver.at(run.driver.clock.monotonic() + WRITE_EVERY_S, write)
+
+    run = prepare(line, recipe, duration_s, rate, pulled=pulled)
+    write()
+    arrange(run)
+    run.go()
+    wires.close()
+    assert wires.troubles() == []
+    return run
+
+
+def relived(folder: Path) -> tuple[Memory, dict[str, Astray]]:
+    """A recorded run once more: what its sessions tell, and where they left the recording, if they did."""
+    recording = open_recording(folder)
+    memory, clock = Memory(), VirtualClock(recording.first.t0_mono, recording.first.t0_utc)
+    return memory, relive(recording, desks_of(recording, memory, clock), clock)
+
+
+def desks_of(recording: Recording, memory: Memory, clock: VirtualClock) -> list[Desk]:
+    return [Desk(order, memory, UtcOffset(clock)) for order in orders(plan_of(recording), clock.monotonic())]

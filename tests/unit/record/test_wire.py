@@ -1,0 +1,301 @@
+"""The file of a wire: what is written is read again to the bit, and whatever a crash leaves of it can be read."""
+
+from __future__ import annotations
+
+import errno
+import gzip
+import os
+import zlib
+from collections.abc import Iterator
+from pathlib import Path
+
+import pandas as pd
+import pytest
+from few_rows import abandoned
+from hypothesis import given
+from hypothesis import strategies as st
+from make_run import make_run
+
+from jbclog.errors import RecordError
+from jbclog.record import wire_recorder
+from jbclog.record.check import check
+from jbclog.record.manifest import Manifest, read_manifest, write_manifest
+from jbclog.record.recover import recover
+from jbclog.record.wire import (
+    Head,
+    count_rows,
+    is_done,
+    line_of,
+    mend,
+    read_head,
+    read_rows,
+    row_of,
+    wire_path,
+    wire_paths,
+)
+from jbclog.record.wire_recorder import WireRecorder
+from jbclog.tape import Passed, Row, Told
+
+HEAD = Head("dde-1", "/dev/ttyUSB0", "tht.toml", 8123.480001251, 1_790_000_000.25, 90.0, "fit", jbclog="0.1.0")
+QUESTION, ANSWER = b"\x020001RSMN\x03\x02", b"\x020100ASMN DDE\x03U"
+
+
+def some_rows(count: int) -> Iterator[Row]:
+    """What a session of so many exchanges leaves."""
+    yield Told(8123.5, "told", "wait")
+    yield Passed(8123.51, "opened", text="/dev/ttyUSB0")
+    for number in range(count):
+        at_s = 8124.0 + number * 0.0147123
+        yield Passed(at_s, "sent", QUESTION)
+        yield Passed(at_s + 0.014, "heard", ANSWER)
+        yield Told(at_s + 0.0140021, "told", "ask", len(ANSWER), at_s - 1.7e-6)
+    yield Told(8200.0, "broke", "listen", text='the "port"\tis\ngone…')
+    yield Told(8201.0, "done", "wait")
+
+
+ROWS = list(some_rows(300))
+
+
+def written(folder: Path, rows: list[Row], *, writes: int = 10, close: bool = True) -> Path:
+    """The file of these rows, written in so many pieces."""
+    folder.mkdir(exist_ok=True)
+    recorder = WireRecorder(folder)
+    keep = recorder.begin(HEAD)
+    for place, row in enumerate(rows):
+        keep(row)
+        if place % (len(rows) // writes + 1) == 0:
+            recorder.write()
+    recorder.write()
+    if close:
+        recorder.close()
+        assert recorder.troubles() == []
+    return wire_path(folder, "dde-1")
+
+
+# -- the format -------------------------------------------------------------------------------------------------------------
+
+moments = st.floats(0, 1e9)
+texts = st.text(max_size=40)
+rows_made_up = st.one_of(
+    st.builds(Passed, moments, st.sampled_from(["sent", "heard"]), st.binary(min_size=1, max_size=40), st.just("")),
+    st.builds(Passed, moments, st.sampled_from(["opened", "failed", "lost", "closed"]), st.just(b""), texts),
+    st.builds(Told, moments, st.just("told"), st.just("ask"), st.integers(0, 4096), moments, st.just("")),
+    st.builds(
+        Told,
+        moments,
+        st.just("told"),
+        st.sampled_from(["listen", "wait", "reopen"]),
+        st.integers(0, 4096),
+        st.just(0.0),
+        st.just(""),
+    ),
+    st.builds(
+        Told, moments, st.sampled_from(["broke", "stopped"]), st.sampled_from(["ask", "wait"]), st.just(0), st.just(0.0), texts
+    ),
+)
+
+
+@given(rows_made_up)
+def test_a_row_comes_back_to_the_bit(row: Row) -> None:
+    line = line_of(row)
+    assert line.count("\n") == 1
+    assert line.count("\t") == 2
+    assert row_of(line) == row
+
+
+NO_ROWS = ("", "1.0\tsent", "x\tsent\t00", "1.0\tsent\t0", "1.0\tsang\tla", "1.0\ttold\tsing 1", "1.0\ttold\task x")
+
+
+@pytest.mark.parametrize("line", NO_ROWS)
+def test_what_is_no_row(line: str) -> None:
+    with pytest.raises(ValueError, match=r"."):
+        row_of(line)
+
+
+def test_the_file_opens_with_other_tools(tmp_path: Path) -> None:
+    path = written(tmp_path, ROWS)
+    with gzip.open(path, "rt") as file:
+        assert next(file) == "at_s\twhat\tdata\n"
+    table = pd.read_csv(path, sep="\t", dtype={"data": str})
+    assert list(table.columns) == ["at_s", "what", "data"]
+    assert len(table) == len(ROWS) + 1 == count_rows(path)
+    assert bytes.fromhex(table.loc[table["what"] == "heard", "data"].iloc[-1]) == ANSWER
+
+
+def test_what_was_kept_is_read_again(tmp_path: Path) -> None:
+    path = written(tmp_path, ROWS)
+    assert read_head(path) == HEAD
+    assert list(read_rows(path)) == ROWS
+    assert list(read_rows(path, 100)) == ROWS[100:]
+    assert is_done(path)
+    assert not mend(path)
+    assert path.stat().st_size < 40 * 300
+
+
+def test_a_file_that_is_none(tmp_path: Path) -> None:
+    path = tmp_path / "x.tsv.gz"
+    packed = [gzip.compress(text) for text in (b"one\ttwo\n1\t2\n", b"at_s\twhat\tdata\n1.0\tsent\t00\n")]
+    for data in (b"", b"at_s\twhat\tdata\n", *packed):
+        path.write_bytes(data)
+        with pytest.raises(RecordError, match="is no wire record"):
+            read_head(path)
+
+
+def test_a_file_of_a_newer_jbclog(tmp_path: Path) -> None:
+    path = written(tmp_path, ROWS[:2])
+    text = gzip.decompress(path.read_bytes()).replace(b'"format": 1', b'"format": 2')
+    path.write_bytes(gzip.compress(text))
+    with pytest.raises(RecordError, match="format 2; this jbclog knows 1"):
+        read_head(path)
+
+
+def test_a_line_that_is_no_row_is_named(tmp_path: Path) -> None:
+    path = written(tmp_path, ROWS[:20])
+    path.write_bytes(gzip.compress(gzip.decompress(path.read_bytes()).replace(b"opened", b"opine")))
+    with pytest.raises(RecordError, match="line 4: opine"):
+        list(read_rows(path))
+
+
+# -- what a crash leaves ------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("tail", [b"", b"\0" * 300, b"\0\0\xff\xff", os.urandom(300)], ids=["cut", "zeros", "a point", "noise"])
+def test_wherever_it_was_cut_off_it_is_mended_to_whole_rows(tmp_path: Path, tail: bytes) -> None:
+    path = written(tmp_path, ROWS, close=False)
+    whole = path.read_bytes()
+    for end in [*range(40), *range(40, len(whole), 97), len(whole)]:
+        path.write_bytes(whole[:end] + tail)
+        if not tail:
+            before = list(read_rows(path))
+            assert before == ROWS[: len(before)]
+        assert mend(path)
+        rows = list(read_rows(path))
+        assert rows == ROWS[: len(rows)]
+        assert gzip.decompress(path.read_bytes()).endswith(b"\n") or not rows
+        assert not mend(path)
+    assert rows == ROWS
+
+
+def test_half_a_second_is_what_a_cut_takes_at_most(tmp_path: Path) -> None:
+    """Up to each write all rows are there without what follows."""
+    recorder = WireRecorder(tmp_path)
+    keep = recorder.begin(HEAD)
+    for place, row in enumerate(ROWS[:100], start=1):
+        keep(row)
+        recorder.write()
+        assert len(list(read_rows(wire_path(tmp_path, "dde-1")))) == place
+    recorder.close()
+
+
+def test_recover_closes_it_and_says_so(tmp_path: Path) -> None:
+    folder = abandoned(tmp_path)
+    write_manifest(folder, Manifest(folder.name, wire="open"))
+    path = written(folder, ROWS, close=False)
+    recover(folder)
+    manifest = read_manifest(folder)
+    assert manifest.wire == "The recorder ended without closing it. At most the last 1 s of it are missing."
+    listed = {file.path: file.rows for file in manifest.files}
+    assert listed["wire/dde-1.tsv.gz"] == count_rows(path) == len(ROWS) + 1
+    assert check(folder) == []
+    assert list(read_rows(path)) == ROWS
+
+
+def test_recover_knows_one_that_had_ended_before(tmp_path: Path) -> None:
+    for rows, said in ((ROWS, "whole"), (ROWS[:-1], "It was not kept to the run's end; the event wire.failed says why.")):
+        folder = abandoned(tmp_path / str(len(rows)))
+        write_manifest(folder, Manifest(folder.name, wire="open"))
+        written(folder, rows)
+        recover(folder)
+        assert read_manifest(folder).wire == said
+
+
+def test_check_looks_at_it_too(tmp_path: Path) -> None:
+    folder = make_run(tmp_path, seconds=2.0)
+    path = written(folder, ROWS[:50])
+    assert [str(finding) for finding in check(folder)] == ["wire/dde-1.tsv.gz: is in the folder and not in the manifest"]
+    assert wire_paths(folder) == [path]
+
+
+# -- what goes wrong while it is written --------------------------------------------------------------------------------------
+
+
+def failing(monkeypatch: pytest.MonkeyPatch, after: int) -> None:
+    """A disk that is full after so many bytes, in the middle of a write."""
+    write, left = os.write, [after]
+
+    def full(descriptor: int, data: memoryview) -> int:
+        if not left[0]:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        done = write(descriptor, data[: left[0]])
+        left[0] -= done
+        return done
+
+    monkeypatch.setattr(wire_recorder.os, "write", full)
+
+
+@pytest.mark.parametrize("after", [0, 5, 100, 1000, 3000])
+def test_a_full_disk_ends_this_file_and_nothing_else(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, after: int) -> None:
+    failing(monkeypatch, after)
+    recorder = WireRecorder(tmp_path)
+    keep = recorder.begin(HEAD)
+    for row in ROWS:
+        keep(row)
+        recorder.write()
+    (said,) = recorder.news()
+    assert "cannot be written any further: No space left on device. The run goes on without it." in said
+    assert recorder.news() == []
+    recorder.close()
+    path = wire_path(tmp_path, "dde-1")
+    assert not mend(path)  # it was closed properly
+    rows = list(read_rows(path))
+    assert rows == ROWS[: len(rows)]
+    assert len(rows) >= (after - 300) // 40
+
+
+def test_a_folder_that_cannot_be_made(tmp_path: Path) -> None:
+    (tmp_path / "wire").write_text("a file is in its way")
+    recorder = WireRecorder(tmp_path)
+    keep = recorder.begin(HEAD)
+    keep(ROWS[0])
+    recorder.write()
+    recorder.close()
+    (said,) = recorder.troubles()
+    assert "Not a directory" in said
+
+
+def test_it_gives_way_to_the_record_where_room_is_short(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(wire_recorder, "LEAST_FREE", 1 << 60)
+    recorder = WireRecorder(tmp_path)
+    recorder.begin(HEAD)(ROWS[0])
+    recorder.write()
+    (said,) = recorder.news()
+    assert "are free on the disk, and the record needs them" in said
+
+
+def test_a_disk_that_hangs_takes_no_more_memory_than_there_is_for_it(tmp_path: Path) -> None:
+    recorder = WireRecorder(tmp_path)
+    keep = recorder.begin(HEAD)
+    for _ in range(wire_recorder.MOST_ROWS + 10):
+        keep(ROWS[0])
+    recorder.write()
+    assert "the disk was too slow for it" in recorder.news()[0]
+    recorder.close()
+    assert list(read_rows(wire_path(tmp_path, "dde-1"))) == []
+
+
+def test_trouble_with_one_wire_leaves_the_others(tmp_path: Path) -> None:
+    (tmp_path / "wire").mkdir()
+    wire_path(tmp_path, "dde-1").write_text("here already")
+    recorder = WireRecorder(tmp_path)
+    keeps = [recorder.begin(head) for head in (HEAD, Head("dde-2", "x", "tht.toml", 1.0, 2.0))]
+    recorder.start()
+    for keep in keeps:
+        keep(ROWS[0])
+    recorder.close()
+    assert len(recorder.news()) == 1
+    assert list(read_rows(wire_path(tmp_path, "dde-2"))) == ROWS[:1]
+    assert wire_path(tmp_path, "dde-1").read_text() == "here already"
+
+
+def test_the_window_is_one_that_every_reader_has() -> None:
+    assert wire_recorder.WINDOW <= zlib.MAX_WBITS

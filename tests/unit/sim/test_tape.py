@@ -1,0 +1,167 @@
+"""A station played from a tape: the same answers after the same time, and silence where nothing was recorded."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import inf
+
+import pytest
+
+from jbclog.sim.tape import FAR, LATELY, TapeStation, exchanges
+from jbclog.tape import Passed, PassedName, Row, Told
+
+Q1, Q2, A1, A2, A3 = b"\x02RTT1\x03a", b"\x02RPP1\x03b", b"\x02ATT100350\x03", b"\x02ATT100351\x03", b"\x02APP100100\x03"
+
+
+def row(at_s: float, what: PassedName, data: bytes = b"") -> Passed:
+    return Passed(at_s, what, data)
+
+
+def tape(*rows: Row) -> list[Row]:
+    return [Told(0.5, "told", "wait"), row(1.0, "opened"), *rows]
+
+
+def station(rows: Sequence[Row], **keys: float) -> TapeStation:
+    return TapeStation("dde-1", lambda: rows, **keys)
+
+
+TWO = tape(
+    row(2.0, "sent", Q1),
+    row(2.015, "heard", A1),
+    Told(2.016, "told", "ask", 12, 2.0),
+    row(2.02, "sent", Q2),
+    row(2.034, "heard", A3[:4]),
+    row(2.036, "heard", A3[4:]),
+    row(3.0, "sent", Q1),
+    row(3.4, "heard", A2),
+)
+
+
+def test_each_asking_gets_the_next_answer_after_the_same_time() -> None:
+    one = station(TWO)
+    assert one.receive(Q1, 100.0) == [(pytest.approx(100.015), A1)]
+    assert one.receive(Q2, 100.1) == [(pytest.approx(100.114), A3[:4]), (pytest.approx(100.116), A3[4:])]
+    assert one.receive(Q1, 101.0) == [(pytest.approx(101.4), A2)]
+    assert one.receive(Q1, 102.0) == []
+    assert (one.strange, one.used_up) == (0, {Q1: 1})
+
+
+def test_another_order_gets_the_same_answers() -> None:
+    one = station(TWO)
+    assert [reply.data for question in (Q1, Q1, Q2) for reply in one.receive(question, 1.0)] == [A1, A2, A3[:4], A3[4:]]
+
+
+def test_a_faster_tape_and_one_that_is_handed_over() -> None:
+    assert station(TWO, speed=5.0).receive(Q1, 100.0) == [(pytest.approx(100.003), A1)]
+    assert station(TWO, early_s=0.001).receive(Q1, 100.0) == [(pytest.approx(100.014), A1)]
+    assert station(TWO, early_s=1.0).receive(Q1, 100.0) == [(100.0, A1)]
+
+
+def test_silence_for_what_was_never_asked() -> None:
+    one = station(TWO)
+    assert one.receive(b"\x02RST1\x03c", 1.0) == []
+    assert [reply.data for reply in one.receive(b"\xff\x00" + Q1, 2.0)] == [A1]
+    assert (one.strange, one.used_up) == (2, {})
+
+
+def test_a_question_in_pieces_and_two_at_once() -> None:
+    one = station(TWO)
+    assert one.receive(Q1[:3], 1.0) == []
+    assert [reply.data for reply in one.receive(Q1[3:] + Q2 + Q1[:1], 1.1)] == [A1, A3[:4], A3[4:]]
+    assert [reply.data for reply in one.receive(Q1[1:], 1.2)] == [A2]
+    assert one.strange == 0
+
+
+def test_half_a_question_is_forgotten_where_another_follows() -> None:
+    one = station(TWO)
+    one.receive(Q1[:3], 1.0)
+    assert [reply.data for reply in one.receive(Q1, 2.0)] == [A1]
+
+
+OUTAGE = tape(
+    row(2.0, "sent", Q1),
+    row(2.015, "heard", A1),
+    row(2.5, "lost"),
+    row(3.0, "failed"),
+    row(4.0, "failed"),
+    row(5.0, "opened"),
+    row(5.1, "sent", Q2),
+    row(5.2, "heard", A3),
+)
+
+
+def test_a_link_is_lost_for_as_long_and_is_back_between_the_last_try_that_failed_and_the_first_that_did_not() -> None:
+    one = station(OUTAGE)
+    assert one.next_plugging(99.0) is None
+    assert len(one.receive(Q1, 100.0)) == 1
+    assert one.next_plugging(100.0) == pytest.approx(100.5)
+    assert [one.hung_up(moment) for moment in (100.4, 100.6, 102.4, 102.6)] == [False, True, True, False]
+    assert one.next_plugging(101.0) == pytest.approx(102.5)
+    assert one.receive(Q2, 101.0) == []
+    assert [reply.data for reply in one.receive(Q2, 103.0)] == [A3]
+    assert one.next_plugging(103.0) is None
+
+
+def test_a_faster_tape_has_shorter_outages() -> None:
+    one = station(OUTAGE, speed=2.0)
+    one.receive(Q1, 100.0)
+    assert [one.hung_up(moment) for moment in (100.2, 100.3, 101.2, 101.3)] == [False, True, True, False]
+
+
+def test_a_link_that_never_came_back() -> None:
+    one = station(tape(row(2.0, "sent", Q1), row(2.1, "lost"), row(2.5, "failed")))
+    one.receive(Q1, 100.0)
+    assert one.hung_up(1e6)
+    assert one.next_plugging(101.0) is None
+
+
+def test_two_losses_without_a_question_between_them_are_one() -> None:
+    rows = tape(
+        row(2.0, "sent", Q1), row(2.1, "lost"), row(3.0, "opened"), row(3.1, "lost"), row(3.5, "failed"), row(4.5, "opened")
+    )
+    (one,) = exchanges(rows)
+    assert (one.lost_s, one.back_s) == (pytest.approx(0.1), pytest.approx(2.0))
+
+
+def test_what_came_before_the_first_question_belongs_to_none() -> None:
+    (one,) = exchanges([row(1.0, "heard", b"noise"), row(1.5, "lost"), *TWO[:3]])
+    assert (one.question, one.replies, one.lost_s, one.back_s) == (Q1, [], None, inf)
+
+
+def many(count: int) -> list[Row]:
+    """Q1 answered by its own number, Q2 every fourth time, by the number of the question before it."""
+    rows: list[Row] = []
+    for number in range(count):
+        rows += [row(float(number), "sent", Q1), row(number + 0.01, "heard", b"%d" % number)]
+        if number % 4 == 0:
+            rows += [row(number + 0.5, "sent", Q2), row(number + 0.51, "heard", b"%d" % number)]
+    return rows
+
+
+def test_who_asks_something_less_often_gets_answers_of_the_time_that_it_is_at() -> None:
+    one = station(many(400))
+    for number in range(300):
+        one.receive(Q1, float(number))
+    (reply,) = one.receive(Q2, 300.0)
+    assert 300 - FAR - LATELY < int(reply.data) < 300
+
+
+def test_who_asks_something_more_often_does_not_pull_the_tape_along() -> None:
+    one = station(many(400))
+    answers = []
+    for number in range(200):
+        answers += one.receive(Q1, float(number))
+        one.receive(Q2, float(number))
+    assert [int(reply.data) for reply in answers] == list(range(200))
+
+
+def test_a_loss_among_what_is_left_out_is_not() -> None:
+    rows = many(200)
+    place = next(place for place, one in enumerate(rows) if one.at_s == 48.5)
+    rows[place + 2 : place + 2] = [row(48.6, "lost"), row(48.9, "opened")]
+    one = station(rows)
+    for number in range(150):
+        one.receive(Q1, float(number))
+    assert not one.hung_up(200.2)
+    one.receive(Q2, 200.0)
+    assert one.hung_up(200.2)
