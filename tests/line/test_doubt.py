@@ -1,0 +1,122 @@
+"""What is hard to believe is asked again, marked, and told once a series."""
+
+from __future__ import annotations
+
+from virtual_run import VirtualRun, line_text, prepare
+
+from jbclog.rows import COLUMN, EventRow
+
+FAULT = "\n[[station.sim.fault]]\n"
+
+
+def one_port(sim: str = "", duration_s: float = 20, rate: float | None = None) -> VirtualRun:
+    return prepare(line_text("joints_per_minute = 0\n" + sim, "ports = [1]"), duration_s=duration_s, rate=rate)
+
+
+def say(run: VirtualRun, code: str, data: str, *moments: float, times: int = 1) -> None:
+    """Let the station answer a question otherwise, so many times from each of these moments on."""
+    ask, left = run.station.device.answer, dict.fromkeys(moments, times)
+
+    def answer(header: str, text: str, now: float) -> tuple[str, str] | None:
+        found = ask(header, text, now)
+        due = next((one for one in moments if header == "R" and text == code and now >= run.t0 + one and left[one]), None)
+        if due is None:
+            return found
+        left[due] -= 1
+        return "A", code + data
+
+    run.station.device.answer = answer  # type: ignore[method-assign]
+
+
+def marks(run: VirtualRun) -> list[EventRow]:
+    return run.memory.of_kind("read.doubted")
+
+
+def test_an_answer_that_the_next_one_contradicts_is_marked() -> None:
+    run = one_port()
+    say(run, "TT1", "00240", 10)
+    run.go()
+    (event,) = marks(run)
+    assert event.text == "The tip temperature of port 1 was 240 °C and 350 °C when asked 2 times; the last is believed."
+    assert (event.port, event.value, event.raw, event.severity) == (1, 350.0, "240 °C", "info")
+    assert run.facts.doubted == {"tip_temperature": 1}
+    assert 240 not in run.memory.column("temperature_c")[90:]
+    assert {row[COLUMN["quality"]] for row in run.memory.samples} == {"ok"}
+
+
+def test_a_jump_that_a_second_answer_bears_out_is_believed_and_marked() -> None:
+    run = one_port()
+    run.at(12, lambda: setattr(run.station.plant.ports[1], "stuck_c", 200))
+    run.go()
+    (event,) = marks(run)
+    assert event.text == "The tip temperature of port 1 jumped from 350 °C to 200 °C; a second answer bore it out."
+    assert event.earliest is not None
+    assert 0 < event.time - event.earliest < 200_000
+    assert run.memory.column("temperature_c")[-1] == 200
+
+
+def test_it_is_told_once_a_series_and_counted_each_time() -> None:
+    run = one_port(duration_s=150)
+    say(run, "TT1", "00240", 10, 11, 12, 13, 100)
+    run.go()
+    assert len(marks(run)) == 2
+    assert run.facts.doubted == {"tip_temperature": 5}
+
+
+def test_heating_up_is_no_jump() -> None:
+    for rate in (0.5, 1, None):
+        run = one_port("noise_c = 3.0\n", duration_s=30, rate=rate).go()
+        assert marks(run) == []
+        assert run.facts.doubted == {}
+
+
+def test_a_setting_is_not_found_changed_by_one_answer() -> None:
+    run = one_port()
+    say(run, "ST1", "00340", 10)
+    run.go()
+    (event,) = marks(run)
+    assert event.raw == "340 °C"
+    assert run.memory.of_kind("setting.changed") == []
+
+
+def test_a_setting_that_was_changed_is_no_mark() -> None:
+    run = one_port()
+    say(run, "ST1", "00340", 10, times=1000)
+    run.go()
+    assert len(run.memory.of_kind("setting.changed")) == 1
+    assert marks(run) == []
+
+
+def test_an_error_that_only_one_answer_tells_is_none() -> None:
+    for code, data in (("PE1", "00001"), ("SER", "00003")):
+        run = one_port()
+        say(run, code, data, 10)
+        run.go()
+        assert not {"port.error", "station.error"} & set(run.memory.kinds())
+        assert len(marks(run)) == 1
+
+
+def test_an_error_that_stays_is_told() -> None:
+    run = one_port()
+    say(run, "PE1", "00003", 10, times=1000)
+    run.go()
+    assert [event.code for event in run.memory.of_kind("port.error")] == [3]
+    assert marks(run) == []
+
+
+def test_a_counter_that_only_one_answer_tells_is_not_recorded() -> None:
+    run = one_port("counters = { work_hours = 120 }\n", duration_s=75)
+    say(run, "CW1", "00168", 1, 50)
+    run.go()
+    values = [one.value for one in run.memory.counters if one.counter == "work_h"]
+    assert values == [120.0] * len(values)
+    assert len(values) >= 3
+    assert run.facts.doubted == {"work_hours": 2}
+
+
+def test_a_counter_that_goes_on_is_recorded_as_it_goes() -> None:
+    run = one_port("counters = { sleep_cycles = 7 }\n", duration_s=75)
+    say(run, "CC1", "00008", 30, times=1000)
+    run.go()
+    assert [one.value for one in run.memory.counters if one.counter == "sleep_cycles"] == [7.0, 8.0, 8.0]
+    assert marks(run) == []
