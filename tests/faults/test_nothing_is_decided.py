@@ -11,11 +11,10 @@ from collections.abc import Sequence
 from functools import lru_cache
 
 import pytest
-from account import assert_account_holds, wrong_values
+from account import assert_account_holds
 from corrupted import taken_of_two_bits
 from virtual_run import VirtualRun, line_text, prepare
 
-from jbclog.commands.family import FAMILIES
 from jbclog.quantities import Value
 from jbclog.sim.questions import questions
 
