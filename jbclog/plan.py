@@ -11,11 +11,12 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from jbclog.commands.family import FAMILIES, Family
+from jbclog.commands.omega_values import ConditionRecord
 from jbclog.errors import Problem, Problems, UsageError
 from jbclog.recipe.line import IS_A_RECIPE, Line, StationSpec, load_line
 from jbclog.recipe.load import IS_A_LINE, load_recipe
 from jbclog.recipe.model import Recipe
-from jbclog.recipe.settings import Setting, foreign_keys, settings_for, station_settings_for
+from jbclog.recipe.settings import Setting, condition_of, foreign_keys, settings_for, station_settings_for
 from jbclog.scheduler import Demand
 from jbclog.session.order import AS_FAST_AS_POSSIBLE, AS_FIT, Order
 from jbclog.session.pace import rate_problem, readings_for
@@ -58,6 +59,7 @@ class Wanted:
     rate: float | str | None = None
     metadata: Metadata = field(default_factory=Metadata)
     wire: bool = False
+    allow_omega_write: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,6 +80,11 @@ class StationPlan:
         return (self.spec.turnaround_ms or 0.0) / 1000
 
     @property
+    def slowest_s(self) -> float | None:
+        """The longest turnaround that the family's manual prints, in seconds; None where it prints none."""
+        return None if self.family is None or self.family.turnaround_ms is None else self.family.turnaround_ms[1] / 1000
+
+    @property
     def rate_hz(self) -> float | None:
         """The rate that will be asked for; None without pause."""
         if self.rate == AS_FAST_AS_POSSIBLE:
@@ -95,6 +102,10 @@ class StationPlan:
         for port in self.ports:
             found += settings_for(self.recipe, self.family, port)
         return found
+
+    def condition(self) -> ConditionRecord | None:
+        """The solder condition that the recipe asks of this station: read, compared, and written only with leave."""
+        return None if self.family is None else condition_of(self.recipe, self.family)
 
     def skipped(self) -> list[str]:
         """What of the recipe this station does not have."""
@@ -116,7 +127,15 @@ class Plan:
 
     @property
     def notes(self) -> list[str]:
-        """What is in order, and may not be what was meant."""
+        """What is in order, and may not be what was meant, or what was hoped for."""
+        return [*self._unused(), *self._without_safe_state()]
+
+    def _without_safe_state(self) -> Iterator[str]:
+        for station in self.stations:
+            if station.family is not None and not station.family.safe_states:
+                yield f"{station.spec.name} has no safe state that could be ordered: it is left as it is, whatever happens"
+
+    def _unused(self) -> list[str]:
         given = self.wanted.recipe
         if given is None or any(station.spec.recipe is None for station in self.stations):
             return []
@@ -161,6 +180,7 @@ def orders(plan: Plan, t0: float) -> Iterator[Order]:
             duration_s=plan.wanted.duration_s,
             rate=station.rate,
             rated_power_w=spec.rated_power_w,
+            allow_omega_write=plan.wanted.allow_omega_write,
         )
 
 

@@ -23,6 +23,9 @@ STATION = typer.Option([], "--station", "-s", metavar="NAME", help="Only this st
 RATE = typer.Option(
     None, "--rate", metavar="HZ|fit|max", help="Ticks a second, the best rate that fits, or without pause. Default: the recipe's."
 )
+ALLOW_OMEGA_WRITE = typer.Option(
+    False, "--allow-omega-write", help="Let the recipe's [omega] condition be written where the controller holds another."
+)
 DURATION = typer.Option(
     None, "--duration", "-d", metavar="TIME", help="How long to record: 90s, 15m, 8h, 1h30m. Default: until Ctrl-C."
 )
@@ -111,8 +114,18 @@ def wanted(
     duration: str | None,
     rate_text: str | None,
     metadata: Metadata | None = None,
+    *,
+    allow_omega_write: bool = False,
 ) -> Wanted:
     """What the options ask for."""
     from jbclog.plan import Metadata, Wanted
 
-    return Wanted(line, recipe, tuple(stations), duration_s(duration), rate(rate_text), metadata or Metadata())
+    return Wanted(
+        line,
+        recipe,
+        tuple(stations),
+        duration_s(duration),
+        rate(rate_text),
+        metadata or Metadata(),
+        allow_omega_write=allow_omega_write,
+    )

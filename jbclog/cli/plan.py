@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from textwrap import wrap
 from typing import TYPE_CHECKING
 
 from jbclog.cli import options
@@ -11,6 +12,7 @@ from jbclog.cli.output import ends_with_errors_told, note, tell, tell_json
 if TYPE_CHECKING:
     from jbclog.plan import Plan, StationPlan
     from jbclog.recipe.settings import Setting
+    from jbclog.scheduler import Demand
 
 
 @ends_with_errors_told
@@ -19,6 +21,7 @@ def plan(
     line: Path = options.LINE,
     stations: list[str] = options.STATION,
     rate: str | None = options.RATE,
+    allow_omega_write: bool = options.ALLOW_OMEGA_WRITE,
     as_json: bool = options.AS_JSON,
 ) -> None:
     """Show what a run would write, and whether its rate fits the wire.
@@ -32,20 +35,22 @@ def plan(
     """
     from jbclog.plan import make_plan
 
-    made = make_plan(options.wanted(line, recipe, stations, None, rate))
+    made = make_plan(options.wanted(line, recipe, stations, None, rate, allow_omega_write=allow_omega_write))
     for text in made.notes:
         note(f"note: {text}")
     if as_json:
-        tell_json({"line": made.line.name, "stations": [_facts(station) for station in made.stations]})
+        tell_json({"line": made.line.name, "stations": [_facts(station, made) for station in made.stations]})
     else:
         tell(_text(made))
 
 
-def _facts(station: StationPlan) -> dict[str, object]:
+def _facts(station: StationPlan, made: Plan) -> dict[str, object]:
     from jbclog.quantities import text_of
 
     demand, rate_hz, turnaround = station.demand, station.rate_hz, station.turnaround_s
     known: dict[str, object] = {} if demand is None else {"best_rate_hz": demand.best_rate_hz(turnaround)}
+    if demand is not None and station.slowest_s is not None:
+        known["best_rate_at_slowest_hz"] = demand.best_rate_hz(station.slowest_s)
     if demand is not None and rate_hz is not None:
         known |= {
             "wire_ms_per_tick": round(1000 * (demand.fast_s + demand.fast_reads * turnaround), 3),
@@ -64,29 +69,46 @@ def _facts(station: StationPlan) -> dict[str, object]:
         "rate_hz": rate_hz,
         **known,
         "writes": writes,
+        "condition": _condition_facts(station, made),
         "unsupported": station.skipped(),
         "status": station.recipe.run.status,
     }
 
 
+def _condition_facts(station: StationPlan, made: Plan) -> dict[str, object] | None:
+    condition = station.condition()
+    if condition is None:
+        return None
+    values = {name: value for name, _, value in condition.values()}
+    return {"condition": condition.condition, **values, "may_be_written": made.wanted.allow_omega_write}
+
+
 def _text(made: Plan) -> str:
     sections = [f"Line {made.line.name}: {len(made.stations)} station{'s' if len(made.stations) > 1 else ''}. No byte was sent."]
-    sections += [_station_text(station) for station in made.stations]
+    sections += [_station_text(station, made) for station in made.stations]
     return "\n\n".join(sections)
 
 
-def _station_text(station: StationPlan) -> str:
-    spec, recipe = station.spec, station.recipe
+def _station_text(station: StationPlan, made: Plan) -> str:
+    spec, recipe, condition = station.spec, station.recipe, station.condition()
     ports = f"port{'s' if len(station.ports) > 1 else ''} {', '.join(map(str, station.ports))}"
     lines = [f"{spec.name}  {spec.family}, {ports}, {spec.url}", f"  recipe    {recipe.name} revision {recipe.revision}"]
     lines += _rate_lines(station)
     lines += [f"  write     {_write_text(one)}" for one in station.writes()]
+    if condition is not None:
+        written = "written once" if made.wanted.allow_omega_write else "a reason to stop; with --allow-omega-write it is written"
+        lines += wrap(f"{condition}; a difference is {written}", 110, initial_indent="  compare   ", subsequent_indent=" " * 12)
     if station.skipped():
         lines.append(f"  skip      {', '.join(station.skipped())}: not on this station")
     if recipe.run.status:
         lines.append(f"  then      put every tool to {recipe.run.status}, and record")
-    lines.append(f"  at last   put every tool to {recipe.safe_state(spec.family)}, whatever happens")
-    return "\n".join(lines)
+    return "\n".join([*lines, _last_line(station)])
+
+
+def _last_line(station: StationPlan) -> str:
+    if station.family is not None and not station.family.safe_states:
+        return "  at last   leave it as it is: it has no safe state that could be ordered"
+    return f"  at last   put every tool to {station.recipe.safe_state(station.spec.family)}, whatever happens"
 
 
 def _write_text(setting: Setting) -> str:
@@ -107,4 +129,16 @@ def _rate_lines(station: StationPlan) -> list[str]:
         f"{demand.load(rate_hz, turnaround):.1%} of the wire {measured}",
         f"  fits      up to {1000 * demand.greatest_turnaround_s(rate_hz):.2f} ms of turnaround; "
         f"the best rate is {demand.best_rate_hz(turnaround):g} Hz",
+        *_slowest_line(station, demand, rate_hz),
+    ]
+
+
+def _slowest_line(station: StationPlan, demand: Demand, rate_hz: float) -> list[str]:
+    """What becomes of it at the longest turnaround that the family's manual prints."""
+    slowest_s = station.slowest_s
+    if slowest_s is None or slowest_s <= station.turnaround_s:
+        return []
+    load, best = demand.load(rate_hz, slowest_s), demand.best_rate_hz(slowest_s)
+    return [
+        f"  slowest   {load:.1%} with {1000 * slowest_s:g} ms, the most that its manual prints: there {best:g} Hz is the best rate"
     ]

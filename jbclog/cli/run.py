@@ -35,6 +35,7 @@ def run(
     unit: list[str] = typer.Option([], metavar="SERIAL", help="A unit that is made; may be repeated."),
     tag: list[str] = typer.Option([], metavar="NAME=VALUE", help="Anything else to keep with the run; may be repeated."),
     wire: bool = typer.Option(False, "--wire", help="Keep every byte with its time in the run's folder, for `jbclog replay`."),
+    allow_omega_write: bool = options.ALLOW_OMEGA_WRITE,
     as_json: bool = options.AS_JSON,
 ) -> None:
     """Apply a recipe, prove that it took, and record until the end.
@@ -47,7 +48,8 @@ def run(
       jbclog run profiles/recipes/sn100c-tht.toml --line virtual/line.toml --duration 15m --operator "A. Rossi" --order 88123
     """
     said = options.metadata(operator, order, product, unit, tag)
-    wanted = replace(options.wanted(line, recipe, stations, duration, rate, said), wire=wire)
+    wanted = options.wanted(line, recipe, stations, duration, rate, said, allow_omega_write=allow_omega_write)
+    wanted = replace(wanted, wire=wire)
     code = record(wanted, out, as_json=as_json)
     raise typer.Exit(code)
 

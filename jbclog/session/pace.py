@@ -37,12 +37,17 @@ def choose_pace(desk: Desk) -> Pace:
     """Decide the rate. Raises `StartRefused` naming the best rate and the greatest turnaround where it does not fit."""
     order, facts = desk.order, desk.facts
     readings = readings_for(desk.family, list(desk.ports), desk.recipe, order.line, order.address is not None)
-    demand, turnaround_s = Demand.of(readings), facts.turnaround_us["median"] / 1e6
+    demand, turnaround_s = Demand.of(readings), _turnaround_s(desk)
     if order.rate == AS_FAST_AS_POSSIBLE:
         return Pace(readings, demand.tick_s(turnaround_s), False)
     rate_hz = _rate_hz(desk, demand, turnaround_s)
     facts.period_s = 1 / rate_hz
     return Pace(readings, 1 / rate_hz, True)
+
+
+def _turnaround_s(desk: Desk) -> float:
+    """What a rate is held against: the usual turnaround, or the longest seen where the manual prints that it varies."""
+    return desk.facts.turnaround_us["median" if desk.family.turnaround_ms is None else "p99"] / 1e6
 
 
 def _rate_hz(desk: Desk, demand: Demand, turnaround_s: float) -> float:

@@ -275,6 +275,6 @@ def test_reading_clears_nothing_but_the_alarm_flags(name: str) -> None:
 
 
 def test_what_is_never_sent_without_being_asked_for() -> None:
-    """faults.md, section 9, rule 5: RST, RSP, SAD, NVS, IFE, MAT, MIT, STR; what hot air allows belongs to them, and OMEGA's D, H."""
+    """faults.md, section 9, rule 5: RST, RSP, SAD, NVS, IFE, MAT, MIT, STR; hot air's own of that kind, and OMEGA's D and H."""
     dangerous = {command.letters for family in FAMILIES.values() for command in family.commands.values() if command.dangerous}
     assert dangerous == {"RST", "RSP", "SAD", "NVS", "IFE", "MAT", "MIT", "STR", "MAF", "MIF", "MAE", "MIE", "D", "H"}
