@@ -55,7 +55,8 @@ def _normal(name: str) -> str:
 
 
 def _unknown(name: str, of: str, names: list[str]) -> str:
-    near = difflib.get_close_matches(_normal(name)[:64], names, n=MOST_NEAR, cutoff=0.5)
+    typed = _normal(name)[:64]
+    near = difflib.get_close_matches(typed, names, n=MOST_NEAR) or [one for one in names if typed and typed in one][:MOST_NEAR]
     has = f"{of} knows {name!r}" if of == "no station" else f"{of} has no {name!r}"
     meant = f"; did you mean {', '.join(near)}?" if near else "."
     return f"{has}{meant} Leave the name out, and all of them are listed"

@@ -73,6 +73,8 @@ def write(
     if setting is None:
         tell_names(target, writable, as_json=as_json)
         return
+    if snapshot is not None and snapshot.exists():
+        raise UsageError(f"--snapshot {snapshot} is there already, and nothing is written over; nothing was sent")
     change = Change(setting, value, Place(port, tool))
     _check(target, change, line, is_meant=yes_i_mean is not None)
     code = _Writing(target, change, line, snapshot, as_json=as_json).do()

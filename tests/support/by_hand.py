@@ -5,16 +5,18 @@
 
 from __future__ import annotations
 
+import shlex
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+from talk import framed
 from typer.testing import CliRunner
 
 from jbclog import reach
 from jbclog.byhand.contact import Target
 from jbclog.cli.app import app
 from jbclog.clock import VirtualClock
-from jbclog.errors import LinkError
 from jbclog.recipe.line import StationSpec, parse_line
 from jbclog.sim.make import virtual_station
 from jbclog.wire import LineFormat
@@ -28,13 +30,17 @@ def station_text(name: str, family: str, keys: str = "", sim: str = "") -> str:
 
 
 class Wire:
-    """The cable to one virtual station. `unplugs_after` questions it is out."""
+    """The cable to one virtual station. `watch` sees each question, and may pull the cable by raising.
+
+    What begins with `only_acknowledged` is acknowledged, and never comes to the station.
+    """
 
     def __init__(self, spec: StationSpec, clock: VirtualClock) -> None:
         self.station = virtual_station(spec, now=clock.monotonic())
         self.heard: list[bytes] = []
         self.opened = 0
-        self.unplugs_after: int | None = None
+        self.watch: Callable[[str], object] = lambda text: None
+        self.only_acknowledged = "-"
 
     @property
     def texts(self) -> list[str]:
@@ -45,9 +51,14 @@ class Wire:
     def writes(self) -> list[str]:
         return [text for text in self.texts if text[0] in "WDH"]
 
-    @property
-    def is_out(self) -> bool:
-        return self.unplugs_after is not None and len(self.heard) >= self.unplugs_after
+    def take(self, data: bytes, now: float) -> list[tuple[float, bytes]]:
+        """Put a question on the wire; what comes back, and when."""
+        self.heard.append(data)
+        text = _text(data)
+        self.watch(text)
+        if text.startswith(self.only_acknowledged):
+            return [(now, framed("A" + text[1:4]))]
+        return [(reply.at, reply.data) for reply in self.station.receive(data, now)]
 
 
 def _text(frame: bytes) -> str:
@@ -68,11 +79,8 @@ class MemoryPort:
         return None
 
     def write(self, data: bytes) -> None:
-        if self._wire.is_out:
-            raise LinkError(f"{self.url}: the cable is out")
-        self._wire.heard.append(data)
-        replies = self._wire.station.receive(data, self._clock.monotonic())
-        self._coming = sorted([*self._coming, *((reply.at, reply.data) for reply in replies)], key=lambda coming: coming[0])
+        coming = [*self._coming, *self._wire.take(data, self._clock.monotonic())]
+        self._coming = sorted(coming, key=lambda one: one[0])
 
     def read_now(self) -> bytes:
         return self.read(0.0)
@@ -121,7 +129,13 @@ class Bench:
 
     def do(self, *words: str) -> Ended:
         """Call the program with this line file."""
-        ended = CliRunner().invoke(app, [*words, "--line", str(self.line)])
+        return self.call(*words, "--line", str(self.line))
+
+    def call(self, *words: str) -> Ended:
+        """Call the program with these words, or with those of a call as it is told: ``jbclog write ...``."""
+        if len(words) == 1:
+            words = tuple(shlex.split(words[0])[1:])
+        ended = CliRunner().invoke(app, list(words))
         if ended.exception is not None and not isinstance(ended.exception, SystemExit):
             raise ended.exception
         return Ended(ended.exit_code, ended.stdout, ended.stderr)
@@ -129,3 +143,7 @@ class Bench:
     def wait(self, seconds: float) -> None:
         """Let the stations go on."""
         self.clock.advance_to(self.clock.monotonic() + seconds)
+
+
+Make = Callable[..., Bench]
+"""Makes the bench with these stations that `read` and `write` find from then on."""

@@ -2,9 +2,12 @@ from __future__ import annotations
 
 import signal
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
+from by_hand import Bench, Make
 
+from jbclog import reach
 from jbclog.conduct import CUT_SHORT
 
 
@@ -15,3 +18,17 @@ def _signals_as_before() -> Iterator[None]:
     yield
     for number, handler in before.items():
         signal.signal(number, handler)
+
+
+@pytest.fixture
+def make(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Make:
+    """A bench of virtual stations in memory, in whose folder the program is; no run is in progress."""
+
+    def made(*stations: str) -> Bench:
+        bench = Bench(tmp_path, *stations)
+        monkeypatch.chdir(tmp_path)
+        monkeypatch.setattr(reach, "means", bench.means)
+        monkeypatch.setattr(reach, "run_that_holds", lambda url: None)
+        return bench
+
+    return made

@@ -1,0 +1,535 @@
+"""`jbclog write`: once, read back, told as it is; what is dangerous only when it is meant."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from by_hand import Bench, Ended, Make, station_text
+
+from jbclog import reach
+from jbclog.commands.family import FAMILIES
+from jbclog.errors import LinkError
+
+TOOLS = "tools = { 1 = 2, 2 = 1 }"
+STAND = "jbclog write dde-1 status stand --port 1 --line"
+
+
+def dde(sim: str = TOOLS) -> str:
+    return station_text("dde-1", "dde", sim=sim)
+
+
+def ale(sim: str = "") -> str:
+    return station_text("ale-1", "ale", sim=sim)
+
+
+def fault(kind: str, more: str) -> str:
+    return f"[[station.sim.fault]]\nkind = '{kind}'\n{more}\n"
+
+
+def unplugged_at(bench: Bench, name: str, beginning: str) -> None:
+    """The cable of that station is pulled with the question that begins so."""
+
+    def watch(text: str) -> None:
+        if text.startswith(beginning):
+            raise LinkError("the cable is out")
+
+    bench.wires[name].watch = watch
+
+
+def writes(bench: Bench, name: str = "dde-1") -> list[str]:
+    return bench.wires[name].writes
+
+
+# -- one write ----------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("words", "sent", "told"),
+    [
+        (("selected_temperature", "360"), "WST100360", "selected_temperature of port 1: 360 °C, confirmed (350 °C before)"),
+        (("adjust", "-5"), "WA12-0005", "adjust of port 1, tool 2: -5 °C, confirmed (0 °C before)"),
+        (("adjust", "7", "--tool", "3"), "WA1300007", "adjust of port 1, tool 3: 7 °C, confirmed (0 °C before)"),
+        (("sleep_delay", "off"), "WD1299999", "sleep_delay of port 1, tool 2: off, confirmed (5 min before)"),
+        (("alarm_high_limit", "380"), "WHA100380", "alarm_high_limit of port 1: 380 °C, confirmed (not set before)"),
+        (("alarm_high_delay", "1.6"), "WHD101.60", "alarm_high_delay of port 1: 1.60 s, confirmed (off before)"),
+        (("status", "stand"), "WPS100001", "status of port 1: stand, confirmed (extractor before)"),
+    ],
+)
+def test_it_is_written_once_and_read_back(make: Make, words: tuple[str, ...], sent: str, told: str) -> None:
+    bench = make(dde())
+    ended = bench.do("write", "dde-1", *words, "--port", "1")
+    assert (ended.code, ended.out, ended.err) == (0, f"{told}\n", "")
+    assert writes(bench) == [sent]
+    read_back = bench.do("read", "dde-1", words[0], "--port", "1", *words[2:])
+    assert read_back.out.strip() in told
+
+
+def test_what_is_so_already_is_not_sent(make: Make) -> None:
+    bench = make(dde())
+    ended = bench.do("write", "dde-1", "selected_temperature", "350", "--port", "1")
+    assert (ended.code, ended.out) == (0, "selected_temperature of port 1: is 350 °C already; nothing was sent\n")
+    assert writes(bench) == []
+
+
+def test_a_tool_s_state_is_ordered_whatever_it_says_that_it_is(make: Make) -> None:
+    bench = make(dde(f"{TOOLS}\nsettings = {{ status = 'stand' }}"))
+    assert bench.do("write", "dde-1", "status", "stand", "--port", "1").code == 0
+    bench.wait(6 * 60)  # and beyond its sleep delay
+    ended = bench.do("write", "dde-1", "status", "stand", "--port", "1")
+    assert (ended.code, "confirmed (sleep before)" in ended.out) == (0, True)
+    assert writes(bench) == ["WPS100001", "WPS100001"]
+
+
+def test_a_station_with_one_port_needs_none_named(make: Make) -> None:
+    bench = make(ale())
+    assert bench.do("write", "ale-1", "selected_temperature", "300").code == 0
+    assert bench.do("write", "ale-1", "feeder_length", "5.5").out == "feeder_length: 5.50 mm, confirmed (5.00 mm before)\n"
+    assert bench.do("write", "ale-1", "feeder_mode", "program").code == 0
+    assert writes(bench, "ale-1") == ["WST100300", "WLEN00055", "WMOD00002"]
+
+
+def test_a_write_as_json(make: Make) -> None:
+    bench = make(dde())
+    told = json.loads(bench.do("write", "dde-1", "selected_temperature", "360", "--port", "1", "--json").out)
+    assert told.pop("time").endswith("Z")
+    assert told == {
+        "station": "dde-1",
+        "command": "selected_temperature",
+        "port": 1,
+        "tool": None,
+        "requested": 360,
+        "before": 350,
+        "readback": 360,
+        "unit": "°C",
+        "outcome": "confirmed",
+        "problem": "",
+        "manual": "002 W-STx; 000 4.8.2",
+        "snapshot": None,
+        "exit_code": 0,
+    }
+
+
+# -- what goes wrong ------------------------------------------------------------------------------------------------------------
+
+
+def test_a_lost_acknowledgement_is_settled_by_reading(make: Make) -> None:
+    bench = make(dde(fault("silence", "command = 'selected_temperature'\nonly = 'write'")))
+    assert bench.do("write", "dde-1", "selected_temperature", "360", "--port", "1").code == 0
+    assert writes(bench) == ["WST100360"]
+
+
+def refused(bench: Bench, *words: str) -> Ended:
+    ended = bench.do("write", "dde-1", *words)
+    assert ended.out == ""
+    return ended
+
+
+def test_what_the_station_refuses_is_told_with_what_was_before(make: Make) -> None:
+    bench = make(dde(fault("nak", "command = 'selected_temperature'\nonly = 'write'\ncode = 3")))
+    ended = refused(bench, "selected_temperature", "360", "--port", "1")
+    assert ended.code == 3
+    assert ended.err == (
+        "error: dde-1: selected_temperature of port 1: 360 °C was asked, refused with N 00003, value out of range (350 °C before)\n"
+    )
+    assert writes(bench) == ["WST100360"]
+
+
+def test_what_is_acknowledged_and_not_done_is_a_mismatch(make: Make) -> None:
+    bench = make(dde())
+    bench.wires["dde-1"].only_acknowledged = "WST1"
+    ended = refused(bench, "selected_temperature", "360", "--port", "1")
+    assert ended.code == 3
+    assert "360 °C was asked, 350 °C was read back (350 °C before)" in ended.err
+    told = json.loads(bench.do("write", "dde-1", "selected_temperature", "360", "--port", "1", "--json").out)
+    assert (told["outcome"], told["readback"], told["exit_code"]) == ("mismatch", 350, 3)
+
+
+def test_a_cable_that_goes_leaves_it_open(make: Make) -> None:
+    bench = make(dde())
+    unplugged_at(bench, "dde-1", "WST1")
+    ended = refused(bench, "selected_temperature", "360", "--port", "1")
+    assert ended.code == 3
+    assert "it was sent and is not confirmed: the cable is out (350 °C before)" in ended.err
+    assert "it may or may not have been done; `jbclog read dde-1 selected_temperature --port 1 --line" in ended.err
+    assert writes(bench) == ["WST100360"]
+
+
+def test_a_cable_that_is_out_before_is_no_write(make: Make) -> None:
+    bench = make(dde())
+    unplugged_at(bench, "dde-1", "RST1")
+    ended = refused(bench, "selected_temperature", "360", "--port", "1")
+    assert (ended.code, ended.err) == (3, "error: the cable is out\n")
+    assert writes(bench) == []
+
+
+def test_a_setting_that_cannot_be_read_is_not_written(make: Make) -> None:
+    bench = make(dde(fault("silence", "command = 'selected_temperature'\nonly = 'read'")))
+    ended = refused(bench, "selected_temperature", "360", "--port", "1")
+    assert ended.code == 3
+    assert "selected_temperature of port 1 cannot be read (no answer within 0." in ended.err
+    assert writes(bench) == []
+
+
+def test_nothing_is_written_to_a_stranger(make: Make) -> None:
+    bench = make(dde('model = "NAE"'))
+    ended = refused(bench, "status", "stand", "--port", "1")
+    assert ended.code == 3
+    assert "the line file says family dde, the station says model NAE; nothing was written to it" in ended.err
+    assert writes(bench) == []
+
+
+@pytest.mark.parametrize(
+    ("value", "which"), [("505", "above the station's maximum of 500 °C"), ("85", "below the station's minimum of 90")]
+)
+def test_what_only_the_station_knows_is_asked_before(make: Make, value: str, which: str) -> None:
+    bench = make(dde())
+    ended = refused(bench, "selected_temperature", value, "--port", "1")
+    assert (ended.code, which in ended.err) == (3, True)
+    assert writes(bench) == []
+
+
+# -- nobody watches -------------------------------------------------------------------------------------------------------------
+
+
+def test_a_tool_that_is_put_to_work_is_watched_by_nobody(make: Make) -> None:
+    bench = make(dde())
+    ended = bench.do("write", "dde-1", "status", "working", "--port", "1")
+    assert ended.code == 0
+    assert ended.err.startswith(
+        "note: the tool in port 1 is at work, and nobody watches it: it stays hot until it is told otherwise."
+    )
+    assert STAND in ended.err
+    ended = bench.do("write", "dde-1", "selected_temperature", "360", "--port", "1")
+    assert "the tool in port 1 is at work, and nobody watches it" in ended.err
+    assert bench.call(ended.err.partition("To let it rest: ")[2]).out == "status of port 1: stand, confirmed (working before)\n"
+    assert bench.do("write", "dde-1", "selected_temperature", "340", "--port", "1").err == ""  # a tool that stands is no news
+
+
+def test_hot_air_rests_by_its_own_words(make: Make) -> None:
+    bench = make(station_text("air", "jtse"))
+    ended = bench.do("write", "air", "status", "on")
+    assert (ended.code, "jbclog write air status cooling --port 1 --line" in ended.err) == (0, True)
+    assert bench.call(ended.err.partition("To let it rest: ")[2]).code == 0
+    assert writes(bench, "air") == ["WPS100001", "WPS100010"]
+
+
+def test_a_tool_that_may_be_at_work_is_told_so(make: Make) -> None:
+    bench = make(dde())
+    unplugged_at(bench, "dde-1", "WPS1")
+    ended = refused(bench, "status", "working", "--port", "1")
+    assert ended.code == 3
+    assert "the tool in port 1 is or may be at work" in ended.err
+
+
+@pytest.mark.parametrize("how", ["gone", "mismatch"])
+def test_a_tool_that_is_not_known_to_rest_is_exit_5(make: Make, how: str) -> None:
+    bench = make(dde(f"{TOOLS}\nsettings = {{ status = 'working' }}"))
+    bench.wires["dde-1"].only_acknowledged = "WPS1"
+    if how == "gone":
+        unplugged_at(bench, "dde-1", "WPS1")
+    ended = refused(bench, "status", "stand", "--port", "1")
+    assert ended.code == 5
+    assert "at work, and nobody watches it" in ended.err
+
+
+def test_a_tool_is_told_to_rest_even_where_its_state_cannot_be_read(make: Make) -> None:
+    bench = make(dde(fault("silence", "command = 'status'\nonly = 'read'")))
+    assert refused(bench, "status", "stand", "--port", "1").code == 5
+    assert writes(bench) == ["WPS100001"]
+
+
+# -- what is dangerous ------------------------------------------------------------------------------------------------------------
+
+MEANT = ("--yes-i-mean", "dde-1")
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+def test_nothing_dangerous_is_done_unless_it_is_meant(make: Make, family: str) -> None:
+    bench = make(station_text("it", family))
+    for command in FAMILIES[family].commands.values():
+        if command.dangerous:
+            ended = bench.do("write", "it", command.name, *_value_for(command.name))
+            assert ended.code == 2, command.name
+            assert f"error: {command.name} " in ended.err
+            assert ended.err.endswith("--yes-i-mean it\n")
+    assert bench.wires["it"].opened == 0
+
+
+def _value_for(name: str) -> list[str]:
+    if name == "store_condition":
+        return ["condition 0: air_blow_s 1.0"]
+    return {"address": ["7"], "run_condition": ["101"]}.get(name, ["300"] if name.startswith(("max", "min")) else [])
+
+
+def test_the_call_that_is_told_does_it(make: Make) -> None:
+    bench = make(dde())
+    ended = bench.do("write", "dde-1", "maximum_temperature", "450")
+    assert ended.err.startswith(
+        "error: maximum_temperature moves the highest temperature that can be selected on the whole station. Nothing was sent."
+    )
+    ended = bench.call(ended.err.splitlines()[1])
+    assert (ended.code, ended.out) == (0, "maximum_temperature: 450 °C, confirmed (500 °C before)\n")
+    assert writes(bench) == ["WMAT00450"]
+
+
+@pytest.mark.parametrize("words", [("restart",), ("selected_temperature", "360", "--port", "1")])
+def test_another_station_s_name_is_wrong_usage(make: Make, words: tuple[str, ...]) -> None:
+    bench = make(dde())
+    ended = bench.do("write", "dde-1", *words, "--yes-i-mean", "dde-2")
+    assert (ended.code, bench.wires["dde-1"].opened) == (2, 0)
+    assert "--yes-i-mean dde-2 is not dde-1, the station that is to be written; nothing was sent" in ended.err
+
+
+def test_all_settings_are_kept_before_anything_is_sent(make: Make, tmp_path: Path) -> None:
+    bench = make(dde())
+    bench.do("write", "dde-1", "adjust", "-5", "--port", "1")
+    bench.do("write", "dde-1", "adjust", "9", "--port", "2", "--tool", "7")
+    files_at_write: list[list[Path]] = []
+    bench.wires["dde-1"].watch = lambda text: files_at_write.append(list(tmp_path.glob("*.json"))) if text[0] == "W" else None
+    ended = bench.do("write", "dde-1", "factory_reset", *MEANT)
+    (kept,) = files_at_write[0]
+    assert (ended.code, ended.out) == (
+        0,
+        "factory_reset: sent and acknowledged; there is nothing by which it could be read back\n",
+    )
+    assert ended.err.startswith(f"note: all 86 settings of dde-1, as they are now, are kept in {kept.name}\n")
+    told = json.loads(kept.read_text())
+    assert (told["station"], told["family"], told["model"], told["before"]) == ("dde-1", "dde", "DDE", "factory_reset")
+    values = {(one["setting"], one["port"], one["tool"]): one["value"] for one in told["settings"]}
+    assert values["adjust", 1, 2] == "-5"
+    assert values["adjust", 2, 7] == "9"  # not connected, and a reset takes it all the same
+    assert values["selected_temperature", 2, None] == "350"
+    assert values["maximum_temperature", None, None] == "500"
+    assert values["status", 1, None] == "extractor"
+    assert values["sleep_delay", 2, 1] == "5"
+    assert writes(bench)[-1] == "WRSP00000"
+    assert bench.do("read", "dde-1", "adjust", "--port", "1").out == "0 °C\n"
+
+
+def test_a_snapshot_is_put_where_one_wants_it_and_over_nothing(make: Make, tmp_path: Path) -> None:
+    bench = make(dde())
+    assert bench.do("write", "dde-1", "store", *MEANT, "--snapshot", "kept.json").code == 0
+    before = (tmp_path / "kept.json").read_bytes()
+    bench.wires["dde-1"].opened = 0
+    ended = bench.do("write", "dde-1", "store", *MEANT, "--snapshot", "kept.json")
+    assert (ended.code, bench.wires["dde-1"].opened) == (2, 0)
+    assert "--snapshot kept.json is there already, and nothing is written over; nothing was sent" in ended.err
+    ended = bench.do("write", "dde-1", "store", *MEANT, "--snapshot", "no-such-folder/kept.json")
+    assert (ended.code, "the snapshot cannot be kept there" in ended.err) == (4, True)
+    assert (tmp_path / "kept.json").read_bytes() == before
+    assert writes(bench) == ["WNVS00000"]
+
+
+def test_without_a_whole_snapshot_nothing_is_sent(make: Make, tmp_path: Path) -> None:
+    bench = make(dde(fault("silence", "command = 'sleep_temperature'\nport = 2")))
+    ended = refused(bench, "store", *MEANT)
+    assert ended.code == 3
+    assert "sleep_temperature of port 2, tool 2 cannot be read (no answer within 0." in ended.err
+    assert "there is no whole snapshot of the settings; nothing was written" in ended.err
+    assert writes(bench) == []
+    assert list(tmp_path.glob("*.json")) == []
+
+
+def test_what_the_station_does_not_have_belongs_to_no_snapshot(make: Make) -> None:
+    bench = make(dde(fault("nak", "command = 'alarm_low_delay'\ncode = 4")))
+    assert bench.do("write", "dde-1", "store", *MEANT, "--snapshot", "kept.json").code == 0
+    told = json.loads(Path("kept.json").read_text())
+    assert told["absent"] == ["alarm_low_delay of port 1", "alarm_low_delay of port 2"]
+
+
+@pytest.mark.parametrize("command", ["restart", "factory_reset"])
+def test_a_hot_tool_keeps_a_station_from_being_restarted(make: Make, command: str) -> None:
+    bench = make(dde())
+    bench.do("write", "dde-1", "status", "working", "--port", "2")
+    bench.wait(20)
+    ended = refused(bench, command, *MEANT)
+    assert ended.code == 3
+    assert "dde-1: port 2 is at 3" in ended.err
+    assert "only when all tools are at 60 °C or below. Put it to stand, or take the tool out, and wait" in ended.err
+    assert writes(bench) == ["WPS200000"]
+
+
+@pytest.mark.parametrize(
+    "sim",
+    [fault("silence", "command = 'tip_temperature'\nport = 2"), fault("nak", "command = 'tip_temperature'\nport = 2\ncode = 4")],
+)
+def test_a_tip_that_tells_no_temperature_counts_as_hot(make: Make, sim: str) -> None:
+    bench = make(dde(sim))
+    ended = refused(bench, "restart", *MEANT)
+    assert (ended.code, "port 2 counts as hot, its temperature cannot be read" in ended.err) == (3, True)
+    assert writes(bench) == []
+
+
+def test_a_port_without_a_tool_is_cold(make: Make) -> None:
+    bench = make(dde("tools = { 1 = 2, 2 = 0 }\n" + fault("nak", "command = 'tip_temperature'\nport = 2\ncode = 4")))
+    assert bench.do("write", "dde-1", "restart", *MEANT).code == 0
+
+
+def test_a_restart_is_waited_for(make: Make) -> None:
+    bench = make(dde())
+    bench.do("write", "dde-1", "selected_temperature", "300", "--port", "1")
+    ended = bench.do("write", "dde-1", "restart", *MEANT)
+    assert ended.code == 0
+    assert ended.out.startswith("restart: sent; the station answers again after ")
+    assert "what the station keeps only while it is on is lost" in ended.err
+    assert writes(bench) == ["WST100300", "WRST00000"]
+    assert bench.do("read", "dde-1", "selected_temperature", "--port", "1").out == "350 °C\n"
+
+
+def test_a_station_that_does_not_come_back_is_said(make: Make) -> None:
+    bench = make(dde(fault("silence", "at_s = 5")))
+    bench.do("read", "dde-1", "model")  # from here on faults count their seconds
+    bench.wait(4)
+    bench.wires["dde-1"].watch = lambda text: bench.wait(5) if text == "WRST00000" else None
+    ended = refused(bench, "restart", *MEANT)
+    assert ended.code == 3
+    assert (
+        "restart: it was sent and is not confirmed: the station was told to restart and did not answer again within 30 s"
+        in ended.err
+    )
+    assert writes(bench) == ["WRST00000"]
+
+
+@pytest.mark.parametrize(("value", "written"), [("7", "address = 7"), ("0", "address = false")])
+def test_another_address_is_proven_and_the_line_file_s_turn(make: Make, value: str, written: str) -> None:
+    bench = make(station_text("ucr-1", "ucr", "address = 1"))
+    ended = bench.do("write", "ucr-1", "address", value, "--yes-i-mean", "ucr-1")
+    assert (ended.code, ended.out) == (0, f"address: {value}, confirmed\n")
+    assert f"write `{written}` for ucr-1 in" in ended.err
+    assert writes(bench, "ucr-1") == [f"WSAD{int(value):05d}"]
+    assert bench.do("read", "ucr-1", "model").code == 3
+    bench.line.write_text(bench.line.read_text().replace("address = 1", written))
+    assert bench.do("read", "ucr-1", "model").out == "UCR245\n"
+
+
+def test_the_feeder_is_started_once_and_told_how_to_be_stopped(make: Make) -> None:
+    bench = make(ale("settings = { feeder_mode = 'continuous' }"))
+    ended = bench.do("write", "ale-1", "start_feeding", "--yes-i-mean", "ale-1")
+    assert (ended.code, ended.out) == (0, "start_feeding: running, confirmed\n")
+    assert "note: the feeder is running, and nobody watches it. To stop it: jbclog write ale-1 stop_feeding --line" in ended.err
+    ended = bench.call(ended.err.partition("To stop it: ")[2])
+    assert (ended.code, ended.out) == (0, "stop_feeding: stopped, confirmed\n")
+    assert writes(bench, "ale-1") == ["WSTR00000", "WSTP00000"]
+
+
+def test_a_start_whose_answers_are_lost_is_not_sent_again(make: Make) -> None:
+    bench = make(ale("settings = { feeder_mode = 'continuous' }\n" + fault("silence", "command = 'start_feeding'")))
+    assert bench.do("write", "ale-1", "start_feeding", "--yes-i-mean", "ale-1").code == 0  # it is seen to run
+    unplugged_at(bench, "ale-1", "WSTR")
+    ended = bench.do("write", "ale-1", "start_feeding", "--yes-i-mean", "ale-1", "--snapshot", "other.json")
+    assert ended.code == 3
+    assert "the feeder is or may be running, and nobody watches it" in ended.err
+    assert writes(bench, "ale-1") == ["WSTR00000", "WSTR00000"]
+
+
+def test_a_feeder_that_does_not_stop_is_exit_5(make: Make) -> None:
+    bench = make(ale("settings = { feeder_mode = 'continuous' }"))
+    bench.do("write", "ale-1", "start_feeding", "--yes-i-mean", "ale-1")
+    bench.wires["ale-1"].only_acknowledged = "WSTP"
+    ended = bench.do("write", "ale-1", "stop_feeding")
+    assert (ended.code, "stop_feeding: feeding is running" in ended.err) == (5, True)
+
+
+def test_a_solder_condition_is_kept_written_and_read_back(make: Make) -> None:
+    bench = make(station_text("omega-1", "omega"))
+    shown = bench.do("read", "omega-1", "condition", "--condition", "101").out.strip()
+    changed = shown.replace("preheat_s ", "preheat_s 1")
+    meant = ("--yes-i-mean", "omega-1", "--snapshot", "kept.json")
+    ended = bench.do("write", "omega-1", "store_condition", changed, *meant)
+    assert (ended.code, ended.out) == (0, f"store_condition: {changed}, confirmed ({shown} before)\n")
+    told = json.loads(Path("kept.json").read_text())
+    assert [(one["setting"], one["condition"], one["value"]) for one in told["settings"]] == [("condition", 101, shown)]
+    assert len(writes(bench, "omega-1")) == 1
+
+
+# -- interrupted, and held by a run -----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("at", "is_told"), [("RST1", False), ("WST1", True)])
+def test_ctrl_c_says_whether_it_was_sent(make: Make, at: str, is_told: bool) -> None:
+    bench = make(dde())
+
+    def watch(text: str) -> None:
+        if text.startswith(at):
+            raise KeyboardInterrupt
+
+    bench.wires["dde-1"].watch = watch
+    ended = refused(bench, "selected_temperature", "360", "--port", "1")
+    assert ended.code == 130
+    assert ("interrupted after it was sent, before it was read back" in ended.err) is is_told
+    assert ("it was sent and is not confirmed" in ended.err) is is_told
+
+
+@pytest.mark.parametrize(
+    "words", [("read", "dde-1", "model"), ("write", "dde-1", "status", "stand", "-p", "1"), ("read", "dde-1", "--all")]
+)
+def test_a_run_that_holds_the_station_is_named(
+    make: Make, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, words: tuple[str, ...]
+) -> None:
+    bench = make(dde())
+    monkeypatch.setattr(reach, "run_that_holds", lambda url: tmp_path / "runs" / "20261121T013000Z-hand-k7qd")
+    ended = bench.do(*words)
+    assert (ended.code, ended.out, bench.wires["dde-1"].opened) == (3, "", 0)
+    assert ended.err == (
+        "error: dde-1: the run runs/20261121T013000Z-hand-k7qd holds this station; nothing was sent. "
+        "End that run, or wait for its end\n"
+    )
+
+
+# -- what is wrong is said before anything is sent ---------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (("selected_temperature", "360"), "selected_temperature belongs to a port: name it with --port, one of 1, 2"),
+        (("selected_temperature", "362", "-p", "1"), "362 °C is not allowed; steps of 5 °C, within what the station itself allows"),
+        (("selected_temperature", "hot", "-p", "1"), "'hot' is not a number; steps of 5 °C"),
+        (("selected_temperature", "12,5", "-p", "1"), "write the decimal point as a dot"),
+        (("selected_temperature", "3_50", "-p", "1"), "'3_50' is not a number"),
+        (("selected_temperature", "٣٥٠", "-p", "1"), "'٣٥٠' is not a number"),
+        (("selected_temperature", "off", "-p", "1"), "'off' is not a number"),
+        (("selected_temperature", "1e3", "-p", "1"), "'1e3' is not a number"),
+        (("selected_temperature", "350.5", "-p", "1"), "350.5 °C is not allowed"),
+        (("selected_temperature", "-p", "1"), "selected_temperature needs a value"),
+        (("selected_temperature", "350", "-p", "3"), "there is no port 3; this station has 1, 2"),
+        (("adjust", "-55", "-p", "1"), "-55 °C is not allowed; -50 to 50 °C, in steps of 1"),
+        (("sleep_delay", "10", "-p", "1"), '10 min is not allowed; 0 to 9 min, in steps of 1, or "off"'),
+        (("alarm_high_limit", "off", "-p", "1"), "no manual prints how a limit is taken back; switch its delay off instead"),
+        (("alarm_high_delay", "1.605", "-p", "1"), "1.605 s is not allowed"),
+        (("status", "extractor", "-p", "1"), "'extractor' is none of working, stand"),
+        (("status", "00001", "-p", "1"), "'00001' is none of working, stand"),
+        (("tip_temperature", "5"), "tip_temperature can only be read: `jbclog read` does that"),
+        (("restart", "0"), "restart takes no value: leave '0' out"),
+        (("selected_temprature", "5"), "did you mean selected_temperature, sleep_temperature?"),
+        (("feeder_mode", "foo"), "a station of family dde has no 'feeder_mode'"),
+        (("status", "stand", "-p", "1", "--tool", "1"), "status belongs to no tool: leave --tool out"),
+    ],
+)
+def test_wrong_usage_is_said_before_anything_is_sent(make: Make, words: tuple[str, ...], told: str) -> None:
+    bench = make(dde())
+    ended = bench.do("write", "dde-1", *words)
+    assert (ended.code, ended.out) == (2, "")
+    assert told in ended.err
+    assert bench.wires["dde-1"].opened == 0
+
+
+def test_a_family_still_to_be_learnt_is_asked_first(make: Make) -> None:
+    bench = make(station_text("x", "auto", sim='model = "UCR245"'))
+    assert bench.do("write", "x", "sleep_delay", "10").code == 3
+    assert bench.do("write", "x", "feeder_mode", "program").code == 3
+    assert bench.do("write", "x", "restart").code == 2  # dangerous wherever there is one
+    assert writes(bench, "x") == []
+    assert bench.do("write", "x", "selected_temperature", "300").code == 0
+
+
+def test_without_a_name_the_names_are_listed_with_what_they_take(make: Make) -> None:
+    bench = make(ale())
+    lines = bench.do("write", "ale-1").out.splitlines()
+    assert "restart - station no value; dangerous 002 W-RST; 000 4.7" in [" ".join(line.split()) for line in lines]
+    assert "feeder_mode - station continuous, discontinuous, program, reload 002 R-MOD, W-MOD" in [
+        " ".join(line.split()) for line in lines
+    ]
+    assert not [line for line in lines if line.startswith("tip_temperature")]
