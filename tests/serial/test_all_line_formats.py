@@ -1,0 +1,77 @@
+"""Every line format of the older stations (seed 000, 2.1), opened on a real terminal, and a run on all twelve rates at once.
+
+250000, 460800 and 500000 are no rates of the old terminal interface; Linux takes any number by the newer one.
+"""
+
+from __future__ import annotations
+
+import json
+import termios
+from itertools import product
+from pathlib import Path
+
+import pytest
+from command import jbclog
+from far_ends import terminal
+
+from jbclog.recipe.line import load_line
+from jbclog.sim.process import SimProcess
+from jbclog.sim.terminal_line import line_set
+from jbclog.transport import open_port
+from jbclog.wire import BAUDRATES, LineFormat
+
+FORMATS = tuple(f"8{parity}{stop}" for parity, stop in product("NEO", (1, 2)))
+
+
+@pytest.mark.parametrize("baudrate", BAUDRATES)
+def test_a_terminal_is_set_to_each(baudrate: int) -> None:
+    """The rate to the bit, the stop bits, and what a pseudo-terminal keeps of the parity: that it is odd."""
+    with terminal() as far:
+        for form in FORMATS:
+            port = open_port(far.url, LineFormat(baudrate, form))
+            other = LineFormat(1200 if baudrate != 1200 else 2400, form)
+            assert line_set(far.far, other).baudrate == baudrate
+            flags = termios.tcgetattr(far.far)[2]
+            assert bool(flags & termios.CSTOPB) == form.endswith("2")
+            assert bool(flags & termios.PARODD) == ("O" in form)
+            port.write(b"\x02RSMN\x03\x03")
+            assert far.heard() == b"\x02RSMN\x03\x03"
+            far.say(b"\x02ASMN  DDR\x03\x11\x13")
+            assert port.read(1.0) == b"\x02ASMN  DDR\x03\x11\x13"
+            port.close()
+
+
+LINE = '[line]\nname = "menu"\n'
+STATION = """
+[[station]]
+name = "old-{baudrate}"
+url = "old-{baudrate}"
+family = "soldering"
+baudrate = {baudrate}
+format = "{form}"
+ports = [1]
+[station.sim]
+wire = false
+turnaround_ms = 0
+"""
+RECIPE = (
+    '[recipe]\nname = "menu"\nrevision = 1\nfamilies = ["soldering"]\n[temperature]\nselect_c = 320\n[run]\nstatus = "working"\n'
+)
+
+
+def test_stations_at_all_rates_are_recorded_side_by_side(tmp_path: Path) -> None:
+    """Through the ports of this machine; each virtual station goes by the line format that its client has set."""
+    line, recipe = tmp_path / "menu.toml", tmp_path / "recipe.toml"
+    formats = [FORMATS[place % len(FORMATS)] for place in range(len(BAUDRATES))]
+    line.write_text(LINE + "".join(STATION.format(baudrate=rate, form=form) for rate, form in zip(BAUDRATES, formats, strict=True)))
+    recipe.write_text(RECIPE)
+    with SimProcess(line, tmp_path / "sim") as sim:
+        arguments = ("--line", sim.line_path, "--out", tmp_path / "runs", "--rate", "fit", "--duration", "3s", "--json")
+        said = jbclog("run", recipe, *arguments)
+        assert [one.format for one in load_line(sim.line_path).stations] == formats
+    assert said.returncode == 0, said.stderr
+    manifest = json.loads((Path(json.loads(said.stdout)["run"]) / "manifest.json").read_text())
+    assert [one["baudrate"] for one in manifest["stations"]] == list(BAUDRATES)
+    assert [one["format"] for one in manifest["stations"]] == formats
+    assert {one["outcome"] for one in manifest["stations"]} == {"completed"}
+    assert all(one["last_tick"] > one["first_tick"] for one in manifest["stations"])
