@@ -23,6 +23,9 @@ from jbclog.dossier import Dossier, Observer, Result
 from jbclog.drive.reactor import Reactor
 from jbclog.drive.told import keeping
 from jbclog.errors import RecordError
+from jbclog.guard.left_over import settle
+from jbclog.guard.watch import RENEW_S
+from jbclog.guarding import Guarding
 from jbclog.outcome import Exit
 from jbclog.plan import Plan
 from jbclog.record.live import SEAL_S
@@ -34,6 +37,7 @@ from jbclog.session.run import run_station
 from jbclog.transport import Port, Tee, open_port
 from jbclog.transport.descriptors import allow_ports
 
+GUARDED, NO_GUARD, GUARD_LOST = "on", "none", "lost"  # what the manifest says of it
 LOOK_EVERY_S = 1.0  # at the wall clock, at progress
 CUT_SHORT = {signal.SIGINT: Exit.INTERRUPTED, signal.SIGTERM: Exit.TERMINATED, signal.SIGHUP: Exit.TERMINATED}
 
@@ -50,7 +54,11 @@ class _Run:
         self._plan = plan
         self._clock = SystemClock()
         allow_ports(len(plan.stations))
-        self._dossier = Dossier(plan, out, observer, self._clock, self._on_record_failure, seal_every_s)
+        self._guarding = Guarding()
+        self._left_over = settle(out, {station.spec.url for station in plan.stations})
+        self._dossier = Dossier(
+            plan, out, observer, self._clock, self._on_record_failure, seal_every_s, on_facts=self._guarding.know
+        )
         self._note = self._dossier.note
         self._desks = self._dossier.desks
         self._reactor = Reactor()
@@ -70,7 +78,18 @@ class _Run:
         manifest = self._dossier.manifest
         manifest.stations = [desk.facts for desk in self._desks]  # from here on others can see whose ports this run holds
         manifest.wire = None if self._wires is None else "open"
+        manifest.guard = GUARDED if self._plan.wanted.guard else NO_GUARD
         self._dossier.begin()
+        for text in self._left_over:
+            self._note("guard.left_over", text, Severity.ERROR)
+        if self._plan.wanted.guard:
+            self._guarding.start(self._dossier.folder, self._tell_of_guard)
+        else:
+            self._note("guard.none", "There is no guard: if this recorder dies, the tools stay as they are.", Severity.WARNING)
+
+    def _tell_of_guard(self, kind: str, text: str) -> None:
+        self._dossier.manifest.guard = GUARD_LOST
+        self._note(kind, text, Severity.CRITICAL)
 
     # -- during -------------------------------------------------------------------------------------------------------------
 
@@ -81,14 +100,16 @@ class _Run:
         if self._wires is not None:
             self._wires.start()
         self._reactor.every(LOOK_EVERY_S, self._look)
+        self._reactor.every(RENEW_S, self._guarding.renew)
         try:
             self._reactor.run()
         except Exception as error:  # the record of what went before is closed all the same
             text = f"internal error, {type(error).__name__}: {error}"
             self._note("run.failed", text, Severity.CRITICAL)
-            return text
+            return text  # sessions may not have come to their ends: the guard has the last word, when this process ends
         finally:
             gc.unfreeze()
+        self._guarding.end()
         return None
 
     def _add(self, desk: Desk) -> None:

@@ -32,6 +32,8 @@ from jbclog.record.seal import seal_in_child
 from jbclog.rows import CounterRow, EventRow, SampleRow, SettingRow, Severity, StationFacts
 from jbclog.session.order import Desk
 
+OnFacts = Callable[[StationFacts], None]
+
 
 class Observer(Protocol):
     """Who looks on: the command line's progress. Nothing that it does can change the run."""
@@ -58,8 +60,8 @@ class Result:
 class Dossier:
     """The papers of one run of `plan`, in a new folder below `out`. Times are those of `clock`.
 
-    `on_failure` is told, in a thread of the record, when rows cannot be kept. Raises `RecordError` where the record
-    cannot even be begun.
+    `on_facts` is given what a session hands over, before the session goes on. `on_failure` is told, in a thread of the
+    record, when rows cannot be kept. Raises `RecordError` where the record cannot even be begun.
     """
 
     def __init__(
@@ -70,6 +72,7 @@ class Dossier:
         clock: Clock,
         on_failure: OnFailure | None = None,
         seal_every_s: float | None = SEAL_S,
+        on_facts: OnFacts | None = None,
     ) -> None:
         self.clock = clock
         self.utc = UtcOffset(clock)
@@ -78,7 +81,7 @@ class Dossier:
         self.folder = create_run(out, plan.line.name, clock.utc())
         self._plan = plan
         self._store = LiveStore(self.folder, on_failure, seal_every_s=seal_every_s)
-        self.journal = _Tap(self._store, observer)
+        self.journal = _Tap(self._store, observer, on_facts)
         self.manifest = self._draft()
         self.desks = [Desk(order, self.journal, self.utc) for order in orders(plan, self.t0)]
 
@@ -159,13 +162,18 @@ class Dossier:
 class _Tap:
     """A journal that lets the observer see the events that pass."""
 
-    def __init__(self, store: LiveStore, observer: Observer) -> None:
+    def __init__(self, store: LiveStore, observer: Observer, on_facts: OnFacts | None) -> None:
         self.sample: Callable[[SampleRow], None] = store.sample
         self.setting: Callable[[SettingRow], None] = store.setting
         self.counter: Callable[[CounterRow], None] = store.counter
-        self.facts: Callable[[StationFacts], None] = store.facts
+        self._on_facts = on_facts
         self._store = store
         self._observer = observer
+
+    def facts(self, facts: StationFacts) -> None:
+        self._store.facts(facts)
+        if self._on_facts is not None:
+            self._on_facts(facts)
 
     def event(self, event: EventRow, *, at_once: bool = False) -> None:
         self._store.event(event, at_once=at_once)

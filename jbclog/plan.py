@@ -49,7 +49,7 @@ def _option(name: str) -> str:
 class Wanted:
     """What was asked for on the command line. `rate` is Hz, ``fit``, ``max``, or None for the recipe's.
 
-    `wire`: what passes over the wires is kept, too.
+    `wire`: what passes over the wires is kept, too. `guard`: a guard makes the tools safe if the recorder dies.
     """
 
     line: Path
@@ -59,6 +59,7 @@ class Wanted:
     rate: float | str | None = None
     metadata: Metadata = field(default_factory=Metadata)
     wire: bool = False
+    guard: bool = True
     allow_omega_write: bool = False
 
 

@@ -187,6 +187,7 @@ class StationFacts:
     period_s: float | None = None
     recipe: str | None = None
     rated_power_w: float | None = None
+    signals: list[str] = field(default_factory=list)  # that its family tells; empty in records that do not say
     not_supported: list[str] = field(default_factory=list)
     first_tick: int | None = None
     last_tick: int | None = None
@@ -205,6 +206,8 @@ class StationFacts:
     touched: list[int] = field(default_factory=list)
     outcome: str = "running"
     reason: str = ""
+    asked_safe_state: str = ""  # what touched tools are to be put in
+    may_feed: bool = False  # the feeder was set up, or seen running
     safe_state: dict[int, str] = field(default_factory=dict)
     unsafe: list[str] = field(default_factory=list)  # a sentence for each tool or feeder that could not be made safe
     last_temperature_c: dict[int, float] = field(default_factory=dict)

@@ -35,6 +35,7 @@ def run(
     unit: list[str] = typer.Option([], metavar="SERIAL", help="A unit that is made; may be repeated."),
     tag: list[str] = typer.Option([], metavar="NAME=VALUE", help="Anything else to keep with the run; may be repeated."),
     wire: bool = typer.Option(False, "--wire", help="Keep every byte with its time in the run's folder, for `jbclog replay`."),
+    no_guard: bool = typer.Option(False, "--no-guard", help="Run without the process that makes tools safe if this one dies."),
     allow_omega_write: bool = options.ALLOW_OMEGA_WRITE,
     as_json: bool = options.AS_JSON,
 ) -> None:
@@ -49,7 +50,7 @@ def run(
     """
     said = options.metadata(operator, order, product, unit, tag)
     wanted = options.wanted(line, recipe, stations, duration, rate, said, allow_omega_write=allow_omega_write)
-    wanted = replace(wanted, wire=wire)
+    wanted = replace(wanted, wire=wire, guard=not no_guard)
     code = record(wanted, out, as_json=as_json)
     raise typer.Exit(code)
 

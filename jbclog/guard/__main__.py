@@ -18,7 +18,7 @@ from jbclog.guard import lease
 from jbclog.guard.diary import Diary
 from jbclog.guard.only_one import only_one
 from jbclog.guard.process import READY
-from jbclog.guard.takeover import CRITICAL, ERROR, INFO, take_over
+from jbclog.guard.takeover import CRITICAL, ERROR, take_over
 from jbclog.guard.watch import HUNG_S, Verdict, Watch
 
 STDIN, STDOUT = 0, 1
@@ -68,7 +68,7 @@ def _take_over(watch: Watch, verdict: Verdict, folder: Path, died: int) -> None:
     left = take_over(list(watch.stations.values()), diary)
     why = verdict.value if verdict is Verdict.DEAD else f"{verdict.value} for {HUNG_S:g} s and was ended"
     outcome = (ERROR, "every tool is in its safe state") if not left else (CRITICAL, "not every tool could be made safe")
-    diary.write("guard.took_over", outcome[0], f"The guard took over, because {why}: {outcome[1]}.", raw=INFO if not left else None)
+    diary.write("guard.took_over", outcome[0], f"The guard took over, because {why}: {outcome[1]}.")
     lease.keep(folder, left)
 
 

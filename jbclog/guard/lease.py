@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -15,7 +15,7 @@ NAME: Final = "lease.json"
 
 @dataclass(frozen=True, slots=True)
 class StationLease:
-    """One station whose tools a run has touched. `ports` are those, `temperatures` the last readings in °C by port.
+    """One station whose tools a run has touched. `ports` are those that may be hot.
 
     `model` and `software` are what the station must answer before anything is written to it.
     """
@@ -31,7 +31,6 @@ class StationLease:
     safe_state: str
     ports: tuple[int, ...]
     feeds: bool
-    temperatures: Mapping[int, float]
 
     @property
     def holds(self) -> bool:
@@ -47,8 +46,7 @@ class StationLease:
         told = json.loads(text)
         try:
             ports = tuple(int(port) for port in told.pop("ports"))
-            temperatures = {int(port): float(seen) for port, seen in told.pop("temperatures").items()}
-            return cls(**told, ports=ports, temperatures=temperatures)
+            return cls(**told, ports=ports)
         except (TypeError, KeyError, AttributeError) as error:
             raise ValueError(f"no lease: {error}") from error
 

@@ -24,7 +24,7 @@ class GuardLost(Exception):
 
 
 class GuardProcess:
-    """One guard of the run in `folder`. Raises `StartRefused` where it cannot be started.
+    """One guard of the run in `folder`. Raises `StartRefused` where there is no process for it.
 
     What is told goes through a pipe that is never waited for; a guard that does not read it is a lost one.
     """
@@ -42,18 +42,23 @@ class GuardProcess:
         self._pipe = self._process.stdin.fileno()
         os.set_blocking(self._pipe, False)
         self._told: dict[str, StationLease] = {}
-        self._await_ready(self._process.stdout.fileno())
+        self._ready = self._process.stdout.fileno()
 
     @property
     def pid(self) -> int:
         return self._process.pid
 
-    def _await_ready(self, descriptor: int) -> None:
-        ready, _, _ = select.select([descriptor], [], [], READY_S)
-        if not ready or os.read(descriptor, len(READY)) != READY:
-            self._process.kill()
-            self._process.wait()
+    def await_ready(self) -> None:
+        """Wait until it watches. Raises `StartRefused`."""
+        ready, _, _ = select.select([self._ready], [], [], READY_S)
+        if not ready or os.read(self._ready, len(READY)) != READY:
+            self.kill()
             raise StartRefused("the guard did not start; its reason stands above. --no-guard runs without one")
+
+    def kill(self) -> None:
+        """End it, whatever it does."""
+        self._process.kill()
+        self._process.wait()
 
     def lease(self, station: StationLease) -> None:
         """Tell what must be made safe on a station, where that has changed. Raises `GuardLost`."""

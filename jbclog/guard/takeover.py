@@ -26,6 +26,7 @@ from jbclog.transport import Port, open_port
 from jbclog.wire import LineFormat
 
 INFO, ERROR, CRITICAL = "info", "error", "critical"
+HOT = "it may be hot: switch the station off"
 
 
 def take_over(stations: Sequence[StationLease], diary: Diary) -> list[StationLease]:
@@ -45,7 +46,7 @@ def _one(lease: StationLease, diary: Diary, left: dict[str, StationLease]) -> No
         task = _task(lease)
         blocking.run(secure(task), lambda: _open(lease), sleep=time.sleep)
     except Exception as error:  # one station that cannot be saved must not keep the others from it
-        _say(diary, lease, "guard.failed", CRITICAL, f"the guard failed, {type(error).__name__}: {error}; {_hot(lease)}")
+        _say(diary, lease, "guard.failed", CRITICAL, f"the guard failed, {type(error).__name__}: {error}; {HOT}")
         return
     for tool in task.tools:
         _tell(diary, lease, task, tool)
@@ -92,13 +93,7 @@ def _tell(diary: Diary, lease: StationLease, task: Task, tool: Tool) -> None:
         _say(diary, lease, "safety.safe_state", INFO, f"the guard put the tool in its safe state, as read back: {state}", tool.port)
         return
     what = "was told its safe state by the guard and does not confirm it" if tool.reached == SENT else "could not be made safe"
-    _say(diary, lease, "safety.not_safe", CRITICAL, f"the tool {what}; {_hot(lease, tool.port)}", tool.port)
-
-
-def _hot(lease: StationLease, port: int | None = None) -> str:
-    seen = lease.temperatures.get(port) if port is not None else None
-    last = "" if seen is None else f" (last read {seen:g} °C)"
-    return f"it may be hot{last}: switch the station off"
+    _say(diary, lease, "safety.not_safe", CRITICAL, f"the tool {what}; {HOT}", tool.port)
 
 
 def _say(diary: Diary, lease: StationLease, kind: str, severity: str, text: str, port: int | None = None) -> None:

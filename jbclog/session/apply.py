@@ -257,11 +257,11 @@ def _failed(desk: Desk, command: Command, port: PortState | None, value: Value, 
 
 def _touch(desk: Desk, port: PortState | None) -> None:
     if port is None:
-        desk.feeder_touched = True
-        return
-    port.touched = True
-    if port.number not in desk.facts.touched:
-        desk.publish()  # a recovery must know which tools may be hot
+        news, desk.feeder_touched = not desk.feeder_touched, True
+    else:
+        news, port.touched = port.number not in desk.facts.touched, True
+    if news:
+        desk.publish()  # a guard and a recovery must know which tools may be hot, before they are
 
 
 def _apply_status(desk: Desk, word: StatusWord) -> Steps[None]:
@@ -271,7 +271,7 @@ def _apply_status(desk: Desk, word: StatusWord) -> Steps[None]:
         if not port.has_tool:
             continue
         if port.held.get("status") == word:
-            port.touched = True
+            _touch(desk, port)
             _row(desk, command, port, "unchanged", requested=text_of(word), readback=text_of(word))
         else:
             yield from _write(desk, command, word, port)

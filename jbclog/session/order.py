@@ -190,7 +190,10 @@ class Desk:
         """Hand the facts over as they are now."""
         has_tools = self._family is None or self._family.tools
         self.facts.tools = {port.number: self.tool_text(port.tool) for port in self.ports.values() if has_tools}
+        self.facts.signals = [] if self._family is None else [signal.name for signal in self._family.signals]
         self.facts.touched = [port.number for port in self.ports.values() if port.touched]
+        self.facts.asked_safe_state = self.safe_state if self.family_known else ""
+        self.facts.may_feed = self.feeder_touched or self.feeding_seen
         self.facts.not_supported = sorted(self.not_supported)
         self.facts.garbage_bytes = self.station.garbage_bytes
         self.facts.strays = dict(self.station.strays)

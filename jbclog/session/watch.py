@@ -54,7 +54,8 @@ def _status(desk: Desk, port: PortState, word: Value) -> None:
     before, port.status = port.status, word
     if before == word:
         return
-    desk.feeding_seen = desk.feeding_seen or (desk.family.has_feeder and word[1] != 0)
+    if desk.family.has_feeder and word[1] != 0:
+        _feeds(desk)
     ordered, status = desk.recipe.run.status, desk.family.status
     if ordered is None or before is None or status.is_working(before) == status.is_working(word):
         return
@@ -156,7 +157,14 @@ def _station_error(desk: Desk, port: PortState, value: Value) -> None:
 
 
 def _feeding(desk: Desk, _port: PortState, value: Value) -> None:
-    desk.feeding_seen = desk.feeding_seen or value == "running"
+    if value == "running":
+        _feeds(desk)
+
+
+def _feeds(desk: Desk) -> None:
+    if not desk.feeding_seen:
+        desk.feeding_seen = True
+        desk.publish()  # from now on it has to be stopped, whoever ends this run
 
 
 OBSERVERS: dict[str, Observe] = {

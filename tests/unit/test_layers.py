@@ -41,7 +41,8 @@ MAY_USE = {
     "reach": "byhand commands protocol recipe record drive transport clock effects wire errors",
     "plan": f"{BOTTOM} commands recipe scheduler session",
     "dossier": f"{BOTTOM} plan outcome session record judge",
-    "conduct": f"{BOTTOM} dossier plan outcome session drive transport record",
+    "guarding": "guard rows",
+    "conduct": f"{BOTTOM} dossier guarding guard plan outcome session drive transport record",
     "replaying": f"{BOTTOM} dossier plan recipe session drive record sim",
     "jbclog": "analysis errors",  # public names, loaded when they are used
 }

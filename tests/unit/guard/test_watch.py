@@ -11,7 +11,7 @@ from jbclog.guard.watch import BEAT, END, HUNG_S, RENEW_S, Verdict, Watch
 
 
 def lease(*ports: int, feeds: bool = False) -> StationLease:
-    return StationLease("dde-1", "p", 19200, "8N1", 1, "dde", "DDE", "1.0", "stand", ports, feeds, {1: 350.0})
+    return StationLease("dde-1", "p", 19200, "8N1", 1, "dde", "DDE", "1.0", "stand", ports, feeds)
 
 
 def line(text: str) -> bytes:
