@@ -58,7 +58,8 @@ def _facts(station: StationPlan, made: Plan) -> dict[str, object]:
             "greatest_turnaround_ms": round(1000 * demand.greatest_turnaround_s(rate_hz), 3),
         }
     writes = [
-        {"port": one.port, "setting": one.command.name, "value": text_of(one.value), "key": one.key} for one in station.writes()
+        {"port": one.port, "setting": one.command.name, "value": text_of(one.value), "unit": one.unit, "key": one.key}
+        for one in station.writes()
     ]
     return {
         "name": station.spec.name,
@@ -101,19 +102,19 @@ def _station_text(station: StationPlan, made: Plan) -> str:
     if station.skipped():
         lines.append(f"  skip      {', '.join(station.skipped())}: not on this station")
     if recipe.run.status:
-        lines.append(f"  then      put every tool to {recipe.run.status}, and record")
+        lines.append(f'  then      tell every tool "{recipe.run.status}", and record')
     return "\n".join([*lines, _last_line(station)])
 
 
 def _last_line(station: StationPlan) -> str:
     if station.family is not None and not station.family.safe_states:
         return "  at last   leave it as it is: it has no safe state that could be ordered"
-    return f"  at last   put every tool to {station.recipe.safe_state(station.spec.family)}, whatever happens"
+    return f'  at last   tell every tool "{station.recipe.safe_state(station.spec.family)}", whatever happens'
 
 
 def _write_text(setting: Setting) -> str:
     place = "" if setting.port is None else f"port {setting.port}: "
-    return f"{place}{setting.command.name.replace('_', ' ')} = {setting.command.shown(setting.value)}"
+    return f"{place}{setting.command.name.replace('_', ' ')} = {setting.shown()}"
 
 
 def _rate_lines(station: StationPlan) -> list[str]:

@@ -97,8 +97,8 @@ class Screen:
         passed = time.monotonic() - self._began
         total = "" if self._duration_s is None else f" of {self._duration_s:g} s"
         table = Table(title=f"{passed:.0f} s{total}", title_justify="left", pad_edge=False)
-        for name in ("station", "port", "tip", "set", "status", "alarms", "link"):
-            table.add_column(name, justify="right" if name in ("tip", "set", "alarms") else "left")
+        for name in ("station", "port", "now", "set", "status", "alarms", "link"):
+            table.add_column(name, justify="right" if name in ("now", "set", "alarms") else "left")
         for desk in desks:
             for cells in _cells(desk):
                 table.add_row(*map(printable, cells))
@@ -128,7 +128,7 @@ def _tip(desk: Desk, port: PortState) -> str:
 def _status(desk: Desk, port: PortState) -> str:
     if not desk.connected or port.status is None:
         return "unknown"
-    return desk.family.status.names[port.status[4]]
+    return desk.family.status.state(port.status)
 
 
 def observer(duration_s: float | None, *, quiet: bool) -> Lines | Screen:

@@ -40,7 +40,8 @@ def sim(
     served = folder / SERVED_LINE
     tell(str(served))
     note(f"{_count(len(loaded.stations))} ready; Ctrl-C ends this. In another terminal:")
-    note(f"  jbclog run profiles/recipes/sn100c-tht.toml --line {served} --rate fit --duration 60s")
+    recipe = "" if all(station.recipe for station in loaded.stations) else "profiles/recipes/sn100c-tht.toml "
+    note(f"  jbclog run {recipe}--line {served} --rate fit --duration 60s")
     server.run()
     wire_file.close()
 
