@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -10,7 +11,9 @@ from by_hand import Bench, Ended, Make, station_text
 
 from jbclog import reach
 from jbclog.commands.family import FAMILIES
-from jbclog.errors import LinkError
+from jbclog.errors import LinkError, PortBusy
+from jbclog.transport import Port
+from jbclog.wire import LineFormat
 
 TOOLS = "tools = { 1 = 2, 2 = 1 }"
 STAND = "jbclog write dde-1 status stand --port 1 --line"
@@ -476,6 +479,24 @@ def test_a_run_that_holds_the_station_is_named(
         "error: dde-1: the run runs/20261121T013000Z-hand-k7qd holds this station; nothing was sent. "
         "End that run, or wait for its end\n"
     )
+
+
+@pytest.mark.parametrize(
+    ("run", "told"), [("runs/x", "dde-1: the run runs/x holds this station"), (None, "in use by process 4711")]
+)
+def test_a_port_that_is_in_use_names_the_run_of_whoever_has_it(
+    make: Make, monkeypatch: pytest.MonkeyPatch, run: str | None, told: str
+) -> None:
+    """A run that begins just now may have the port before its record can be seen."""
+    bench = make(dde())
+
+    def busy(url: str, line: LineFormat) -> Port:
+        raise PortBusy(f"{url} is in use by process 4711 (jbclog)", 4711)
+
+    monkeypatch.setattr(reach, "means", replace(bench.means, open_port=busy))
+    monkeypatch.setattr(reach, "run_of", lambda process: Path.cwd() / run if run and process == 4711 else None)
+    ended = bench.do("read", "dde-1", "model")
+    assert (ended.code, told in ended.err) == (3, True)
 
 
 # -- what is wrong is said before anything is sent ---------------------------------------------------------------------------------
