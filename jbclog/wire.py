@@ -28,6 +28,9 @@ class LineFormat:
         if self.baudrate <= 0:
             raise ValueError(f"{self.baudrate} is not a baud rate")
 
+    def __str__(self) -> str:
+        return f"{self.baudrate} {self.format}"
+
     @property
     def parity(self) -> str:
         return self.format[1]

@@ -7,6 +7,7 @@ import typer
 from jbclog import __version__
 from jbclog.cli.check import check
 from jbclog.cli.demo import demo
+from jbclog.cli.doctor import doctor
 from jbclog.cli.names import ReadCommand, WriteCommand
 from jbclog.cli.plan import plan
 from jbclog.cli.read import read
@@ -14,6 +15,7 @@ from jbclog.cli.recover import recover
 from jbclog.cli.replay import replay
 from jbclog.cli.report import report
 from jbclog.cli.run import run
+from jbclog.cli.scan import scan
 from jbclog.cli.sim import sim
 from jbclog.cli.streams import make_usable
 from jbclog.cli.write import write
@@ -43,7 +45,7 @@ def _main(
 ) -> None: ...
 
 
-for verb in (demo, sim, plan, run, report, check, recover, replay):
+for verb in (demo, sim, scan, doctor, plan, run, report, check, recover, replay):
     app.command()(verb)
 app.command(cls=ReadCommand)(read)
 app.command(cls=WriteCommand)(write)

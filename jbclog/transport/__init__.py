@@ -8,9 +8,9 @@ Start reading: `port.py`, then `opening.py`; `tee.py` notes every byte, `read_on
 question, `descriptors.py` makes room for many ports.
 """
 
-from jbclog.transport.opening import open_port
+from jbclog.transport.opening import is_pseudo_terminal, open_port
 from jbclog.transport.port import Port
 from jbclog.transport.read_only import ReadOnly
 from jbclog.transport.tee import Tee
 
-__all__ = ["Port", "ReadOnly", "Tee", "open_port"]
+__all__ = ["Port", "ReadOnly", "Tee", "is_pseudo_terminal", "open_port"]

@@ -65,12 +65,17 @@ def _set_up(opened: serial.SerialBase, url: str, line: LineFormat, exclusive: bo
 
 def _open(opened: serial.SerialBase, parity: str) -> None:
     """A pseudo-terminal has no parity; where nothing else changes, the C library makes an error of that."""
-    is_terminal = os.path.realpath(str(opened.port)).startswith(PSEUDO_TERMINALS)
+    is_terminal = is_pseudo_terminal(str(opened.port))
     opened.parity = serial.PARITY_NONE if is_terminal else parity
-    opened.open()
+    opened.open()  # type: ignore[attr-defined]  # every port has it, the stubs' base has not
     if is_terminal:
         with contextlib.suppress(*BROKEN):
             opened.parity = parity  # odd leaves its mark there (`sim`)
+
+
+def is_pseudo_terminal(device: str) -> bool:
+    """Whether a program and no wire stands behind `device`, as with virtual stations."""
+    return os.path.realpath(device).startswith(PSEUDO_TERMINALS)
 
 
 def _device(opened: serial.SerialBase | None, url: str) -> str:

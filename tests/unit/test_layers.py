@@ -27,6 +27,7 @@ MAY_USE = {
     "station": "protocol commands quantities wire errors effects",
     "scheduler": "commands wire errors",
     "byhand": "station commands quantities wire errors effects",
+    "finding": "station protocol commands quantities wire errors effects",
     "safety": "station commands quantities effects errors",
     "session": "safety station scheduler recipe commands rows clock effects errors quantities wire",
     "drive": "transport clock effects tape errors",
@@ -39,6 +40,9 @@ MAY_USE = {
     # top: what puts the rooms together, below the command line
     "outcome": "rows errors",
     "reach": "byhand commands protocol recipe record drive transport clock effects wire errors",
+    "search": "finding drive transport clock wire",
+    "found_line": "finding recipe transport",
+    "doctor": "search finding recipe record transport commands",
     "plan": f"{BOTTOM} commands recipe scheduler session",
     "dossier": f"{BOTTOM} plan outcome session record judge",
     "guarding": "guard rows",
@@ -49,7 +53,7 @@ MAY_USE = {
 """Room -> the rooms that it may import. `cli` may import all; a room that is not here must be given a row."""
 
 ALL = {*MAY_USE, "cli"}
-KNOWS_NO_IO = ["protocol", "commands", "quantities", "station", "safety", "scheduler", "session", "byhand", "effects"]
+KNOWS_NO_IO = ["protocol", "commands", "quantities", "station", "safety", "scheduler", "session", "byhand", "finding", "effects"]
 NO_IO = ["serial", "socket", "threading", "time", "pandas", "pyarrow", "asyncio", "select", "selectors", "subprocess", "sqlite3"]
 HEAVY = ("pandas", "matplotlib", "jinja2")
 ONLY_IN = {"serial": {"transport"}, "pandas": {"analysis", "report"}, "jinja2": {"report"}, "tomllib": {"recipe", "record"}}

@@ -1,0 +1,92 @@
+"""From what came on a port to findings: why there is no station that could be driven, and the one step that mends it."""
+
+from __future__ import annotations
+
+from jbclog.commands.family import FAMILIES
+from jbclog.errors import LinkError, PortBusy, PortForbidden, PortMissing
+from jbclog.finding.finding import Finding
+from jbclog.finding.found import PortReport, StationFound
+
+SHOWN_BYTES = 12
+
+SWITCH_ON = "switch Robot mode on in the station's menu"
+LOOK_AGAIN = (
+    "see that the station is on and that Robot mode is on in its menu; if so, exchange the wires on pins 3 and 4 of the plug"
+)
+BREAKS: tuple[tuple[type[LinkError], str], ...] = (
+    (PortBusy, "port.busy"),
+    (PortForbidden, "port.permission"),
+    (PortMissing, "port.missing"),
+    (LinkError, "port.broken"),
+)
+PLUG_IN = "pull the adapter out and plug it in again, or start the server behind it"
+
+
+def diagnose(report: PortReport) -> list[Finding]:
+    """What is wrong with this port, the first cause first; nothing where a station answers that a run could begin with."""
+    if report.broken is not None and not (report.station and report.station.is_drivable):
+        return [_broken(report.url, report.broken)]
+    if report.station is not None:
+        return [] if report.station.is_drivable else [_not_drivable(report.url, report.station)]
+    if report.stopped:
+        return []
+    return [_nobody(report)]
+
+
+def _broken(url: str, error: LinkError) -> Finding:
+    """The sentences of `transport` say what is wrong, and behind a semicolon what to do."""
+    kind = next(kind for one, kind in BREAKS if isinstance(error, one))
+    what, _, step = str(error).removeprefix(url).lstrip(": ").partition("; ")
+    return Finding(kind, url, what, step or PLUG_IN)
+
+
+def _not_drivable(url: str, station: StationFound) -> Finding:
+    who = f"a station answers at {station.line}, {station.addressing}"
+    if station.robot_mode is False:
+        return Finding("robot_mode.off", url, f"{who}, and refuses everything because Robot mode is off", SWITCH_ON)
+    if station.refusal is not None:
+        step = "set the addresses of its menu to the usual ones (01, or none), and scan again"
+        return Finding("station.refuses", url, f"{who}, and does not say its model ({station.refusal})", step)
+    if station.trouble is not None:
+        return Finding("station.silent", url, f"{who}, and then does not: {station.trouble}", "see that its plug sits firmly")
+    driven = ", ".join(name for name, family in FAMILIES.items() if family.models)
+    step = f"take a station of a family that jbclog drives: {driven}"
+    return Finding("station.unknown", url, f"{who}, and says model {station.model!r}, which no table has", step)
+
+
+def _nobody(report: PortReport) -> Finding:
+    """Why nobody is there. The surest sign decides."""
+    url = report.url
+    if report.binary is not None:
+        what = f"a JBC station speaks its binary protocol here, at {report.binary}: it is not in Robot mode"
+        return Finding("robot_mode.binary", url, what, SWITCH_ON)
+    if report.echoed:
+        what = "each question comes back as it was sent, and no answer: a loop-back, or an adapter for RS-485 with echo"
+        return Finding("line.echo", url, what, "connect the station with an RS-232 adapter, its pins 3 and 4 not joined")
+    if report.garbage:
+        return Finding(
+            "line.format", url, f"something speaks, in no line format that was tried: {_heard(report)}", _next_try(report)
+        )
+    if report.untried:
+        step = f"give it more time: `jbclog scan {url}` without --seconds"
+        return Finding("scan.cut", url, f"nothing answers in {_formats(report)}; the time was over before the rest was tried", step)
+    return Finding("line.silent", url, f"nothing answers in {_formats(report)}", LOOK_AGAIN)
+
+
+def _heard(report: PortReport) -> str:
+    line, data = next(iter(report.garbage.items()))
+    more = " …" if len(data) > SHOWN_BYTES else ""
+    return f"{data[:SHOWN_BYTES].hex(' ')}{more} at {line}"
+
+
+def _next_try(report: PortReport) -> str:
+    if report.url.startswith("socket:"):
+        return "set the line format of the station's menu in the server behind this port"
+    return f"look up the line format in the station's menu, or try them all: `jbclog scan --thorough {report.url}`"
+
+
+def _formats(report: PortReport) -> str:
+    tried = report.tried
+    if len(tried) == 1:
+        return "the server's line format" if report.url.startswith("socket:") else f"the line format {tried[0]}"
+    return f"{len(tried)} line formats ({', '.join(map(str, tried[:3]))}, …)"

@@ -1,0 +1,133 @@
+"""The scan of one port: line format after line format, until somebody answers or all were tried.
+
+::
+
+    open at a format -> listen, where it could be the binary protocol -> R-SMN to 01, to nobody, to 10 (-> OMEGA's A)
+         ↑ nobody answers                                                          ↓ somebody does
+         └─────────────────────────────────────                                 ask who (`who.py`)
+
+Only questions are sent, and none that clears anything. What came and was no answer is kept for the diagnosis.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from jbclog.commands.family import FAMILIES
+from jbclog.effects import Reopen, Steps, Wait
+from jbclog.errors import LinkError
+from jbclog.finding.ear import (
+    MOST_KEPT,
+    OMEGA_QUESTION,
+    Came,
+    Ear,
+    is_binary,
+    model_question,
+    omega_answer,
+    robot_answer,
+)
+from jbclog.finding.found import PortReport, StationFound
+from jbclog.finding.trials import ANSWER_S, EXCHANGE, OMEGA_ANSWER_S, ScanPlan, Trial
+from jbclog.finding.who import learn, of_answer
+from jbclog.wire import LineFormat
+
+OMEGA = "omega"
+
+
+@dataclass(slots=True)
+class Dial:
+    """What the scan and whoever opens its port share: `line` is the format for the next opening; `stop` ends the scan soon."""
+
+    line: LineFormat
+    stop: bool = False
+
+
+def scan(plan: ScanPlan, dial: Dial, report: PortReport) -> Steps[None]:
+    """Fill `report`. Never raises for what a port or a station does."""
+    began = (yield Wait(0.0)).now
+    this = _Scan(plan, dial, report, began)
+    try:
+        yield from this.try_all()
+    except LinkError as error:
+        report.broken = error
+    report.seconds = this.ear.now - began
+    report.stopped = dial.stop
+
+
+class _Scan:
+    """One scan while it goes on."""
+
+    def __init__(self, plan: ScanPlan, dial: Dial, report: PortReport, began: float) -> None:
+        self.ear = Ear()
+        self.ear.now = began
+        self._plan = plan
+        self._dial = dial
+        self._report = report
+        self._until = began + plan.seconds
+
+    def try_all(self) -> Steps[None]:
+        for place, trial in enumerate(self._plan.trials):
+            if self._is_over():
+                self._report.untried += [rest.line for rest in self._plan.trials[place:]]
+                return
+            if (yield from self._try(trial)):
+                return
+
+    def _is_over(self) -> bool:
+        return self._dial.stop or self.ear.now >= self._until
+
+    def _try(self, trial: Trial) -> Steps[bool]:
+        """Whether this line format settled it."""
+        self._dial.line = trial.line
+        self.ear.now = (yield Reopen()).now
+        self._report.tried.append(trial.line)
+        if trial.listens_s and (yield from self._hears_binary(trial)):
+            return True
+        if (yield from self._finds_robot(trial)):
+            return True
+        return trial.asks_omega and (yield from self._finds_omega(trial))
+
+    def _hears_binary(self, trial: Trial) -> Steps[bool]:
+        came = yield from self.ear.listen(trial.listens_s)
+        self._keep(trial.line, came)
+        if is_binary(came.rest):
+            self._report.binary = trial.line
+        return self._report.binary is not None
+
+    def _finds_robot(self, trial: Trial) -> Steps[bool]:
+        patience_s = ANSWER_S + trial.line.seconds(EXCHANGE)
+        refused: StationFound | None = None
+        for address in self._plan.addresses:
+            if self._is_over():
+                break
+            came = yield from self.ear.ask(model_question(address), patience_s, robot_answer)
+            answer = robot_answer(came.rest)
+            if answer is None:
+                self._keep(trial.line, came)
+                continue
+            found, is_meant = of_answer(answer, trial.line)
+            if is_meant:
+                yield from self._learn(found)
+                return True
+            refused = refused or found  # it found fault with the frame: perhaps it wants the other addressing (digest B-14)
+        self._report.station = refused
+        return refused is not None
+
+    def _finds_omega(self, trial: Trial) -> Steps[bool]:
+        came = yield from self.ear.ask(OMEGA_QUESTION, OMEGA_ANSWER_S + trial.line.seconds(EXCHANGE), omega_answer)
+        if omega_answer(came.rest) is None:
+            self._keep(trial.line, came)
+            return False
+        yield from self._learn(StationFound(trial.line, None, FAMILIES[OMEGA], robot_mode=None))
+        return True
+
+    def _learn(self, found: StationFound) -> Steps[None]:
+        self._report.station = found
+        self.ear.now = yield from learn(found, self.ear.now)
+
+    def _keep(self, line: LineFormat, came: Came) -> None:
+        """Note what came and was no answer."""
+        self._report.echoed |= came.echoed
+        if came.rest:
+            kept = self._report.garbage.get(line, b"") + came.rest
+            self._report.garbage[line] = kept[:MOST_KEPT]

@@ -1,0 +1,130 @@
+"""Who it is that answers: model, family, software, ports and tools, how fast. Harmless reads only."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from statistics import median
+
+from jbclog.commands.command import Scope
+from jbclog.commands.family import FAMILIES, Family, family_of
+from jbclog.commands.robot import COMMUNICATION_ERRORS
+from jbclog.effects import Steps
+from jbclog.errors import NotSupported, OutOfRange, StationError, StationSilent
+from jbclog.finding.ear import HOST, MODEL
+from jbclog.finding.found import StationFound, Turnaround
+from jbclog.protocol.frame import Frame
+from jbclog.quantities import Value
+from jbclog.station.client import Client
+from jbclog.station.make import client_for
+from jbclog.station.turnaround import turnarounds_us
+from jbclog.wire import LineFormat
+
+ROBOT_OFF = 5
+FAULT_IN_FRAME = (1, 2)  # communication errors: the station did not understand the question
+PORTS = (1, 2, 3, 4)
+READS = 12  # as many as a run measures with
+NO_TOOL = 0
+COMMON_TO_ALL = FAMILIES["soldering"]  # its table, where the family is not known
+
+
+def of_answer(answer: Frame, line: LineFormat) -> tuple[StationFound, bool]:
+    """Who sent this answer to R-SMN, and whether it was meant: a fault found with the frame may be the wrong addressing."""
+    found = StationFound(line, _address(answer))
+    if answer.header == "A":
+        found.model = str(MODEL.quantity.decode(answer.text[len(MODEL.letters) :]))
+        found.family = family_of(found.model)
+        return found, True
+    number = int(answer.text[-5:])
+    found.robot_mode = False if number == ROBOT_OFF else None
+    found.refusal = f"N {number:05d}, {COMMUNICATION_ERRORS.get(number, 'unknown communication error')}"
+    return found, number not in FAULT_IN_FRAME
+
+
+def _address(answer: Frame) -> int | None:
+    """The address that is not the host's, whichever of the two stands first (digest B-6)."""
+    if answer.source is None or answer.target is None:
+        return None
+    return answer.source if answer.source != HOST else answer.target
+
+
+def learn(found: StationFound, now: float) -> Steps[float]:
+    """Ask it what else it says of itself, and note that in `found`; give the moment."""
+    if found.refusal is not None:
+        return now
+    client = client_for(found.family, found.line, found.address)
+    client.now = now
+    try:
+        yield from _learn_station(client, found)
+        yield from _learn_tools(client, found)
+        yield from _learn_turnaround(client, found)
+    except StationError as error:
+        found.trouble = str(error)
+    return client.now
+
+
+def _table(found: StationFound) -> Family:
+    return found.family or COMMON_TO_ALL
+
+
+def _learn_station(client: Client, found: StationFound) -> Steps[None]:
+    table = _table(found)
+    software = yield from _told(client, table, "software_version")
+    found.software = None if software is None else str(software)
+    error = yield from _told(client, table, "station_error")
+    if isinstance(error, int) and error:
+        found.error = table.station_errors.text(error)
+
+
+def _told(client: Client, table: Family, name: str, port: int | None = None) -> Steps[Value | None]:
+    """The value of a command; None where the family has none, or the station says no or nothing that can be read."""
+    if name not in table.commands:
+        return None
+    try:
+        return (yield from client.read(table.commands[name], port))
+    except StationSilent:
+        raise
+    except StationError:
+        return None
+
+
+def _learn_tools(client: Client, found: StationFound) -> Steps[None]:
+    """The ports that answer R-CT, and what is connected there."""
+    table = _table(found)
+    if "tool" not in table.commands:
+        return
+    for port in table.ports or PORTS:
+        try:
+            tool = yield from client.read(table.commands["tool"], port)
+        except (NotSupported, OutOfRange):
+            continue
+        except StationSilent:
+            raise
+        except StationError:
+            tool = None
+        found.tools[port] = _tool_name(found.family, tool)
+
+
+def _tool_name(family: Family | None, tool: Value | None) -> str | None:
+    if not isinstance(tool, int):
+        return None
+    if tool == NO_TOOL:
+        return "none"
+    return f"tool_{tool}" if family is None else family.tool_name(tool)
+
+
+def _learn_turnaround(client: Client, found: StationFound) -> Steps[None]:
+    table = _table(found)
+    commands = [table.commands[name] for name in table.harmless]
+    port = min(found.tools, default=1)
+    questions = [client.question(command, None if command.scope is Scope.STATION else port) for command in commands]
+    took = yield from turnarounds_us(client, questions, READS)
+    found.turnaround = _turnaround(took)
+    if len(took) < READS // 2:
+        found.trouble = f"only {len(took)} of {READS} questions were answered, and in time"
+
+
+def _turnaround(took_us: Iterable[float]) -> Turnaround | None:
+    took = sorted(took_us)
+    if not took:
+        return None
+    return Turnaround(round(median(took) / 1000, 3), round(took[-1] / 1000, 3), len(took), READS)

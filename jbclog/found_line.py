@@ -1,0 +1,76 @@
+"""From what a scan found to a line file that runs as it is."""
+
+from __future__ import annotations
+
+import math
+import os
+import re
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+from jbclog.finding.found import PortReport, StationFound
+from jbclog.recipe.line import StationTable
+from jbclog.recipe.line_text import Described, line_text
+from jbclog.recipe.schema import NAME_PATTERN
+from jbclog.recipe.url import is_path
+from jbclog.transport.usb import lasting_name
+
+NO_TOOL = (None, "none")
+
+
+def text_of(reports: Iterable[PortReport], file: Path) -> str | None:
+    """The text of a line file with every station that a run could begin with; None where there is none."""
+    stations = _described([report for report in reports if report.station is not None and report.station.is_drivable])
+    name = file.stem if re.fullmatch(NAME_PATTERN, file.stem) else "line"
+    return (
+        line_text(name, stations, "Found by jbclog scan. A station's recipe goes here, or on the command line.")
+        if stations
+        else None
+    )
+
+
+def _described(reports: Sequence[PortReport]) -> list[Described]:
+    numbers: Counter[str] = Counter()
+    described = []
+    for report in reports:
+        if report.station is not None and report.station.family is not None:
+            family = report.station.family.name
+            numbers[family] += 1
+            described.append(
+                (_table(f"{family}-{numbers[family]}", report.url, report.station, family), _said(report, report.station))
+            )
+    return described
+
+
+def _table(name: str, url: str, found: StationFound, family: str) -> StationTable:
+    turnaround = found.turnaround
+    return StationTable(
+        name=name,
+        url=lasting_url(url),
+        family=family,
+        baudrate=found.line.baudrate,
+        format=found.line.format,
+        address=found.address if found.address is not None else False,
+        ports=_ports(found),
+        turnaround_ms=math.ceil(turnaround.median_ms * 10) / 10 if turnaround else None,
+    )
+
+
+def _ports(found: StationFound) -> tuple[int, ...] | None:
+    """The ports with a tool: a run refuses a named port without one. Where there is no tool at all, those that answer."""
+    with_tool = tuple(port for port, tool in found.tools.items() if tool not in NO_TOOL)
+    return with_tool or tuple(found.tools) or None
+
+
+def lasting_url(url: str) -> str:
+    """The url as a line file best has it: a USB adapter by its own number, a path from the root."""
+    return lasting_name(os.path.abspath(url)) if is_path(url) else url  # noqa: PTH100  # a link stays a link
+
+
+def _said(report: PortReport, found: StationFound) -> str:
+    parts = [f"{found.model or 'no model told'}"]
+    parts += [f"software {found.software}"] if found.software else []
+    parts += [f"port {port} {tool or 'not told'}" for port, tool in found.tools.items()]
+    said = ", ".join(parts)
+    return f"{said}\nThe line format is the server's." if report.url.startswith("socket:") else said

@@ -1,0 +1,280 @@
+"""A scan against stations at every line format, and against everything that is no station, bit by bit on a virtual clock."""
+
+from __future__ import annotations
+
+import pytest
+from talk import framed
+from uart_ports import Cable, Coming, Echo, Silence, means, station_cable
+
+from jbclog.clock import VirtualClock
+from jbclog.errors import PortMissing
+from jbclog.finding.diagnosis import diagnose
+from jbclog.finding.found import PortReport, StationFound
+from jbclog.finding.questions import is_harmless
+from jbclog.finding.trials import ADDRESSES, THOROUGH, USUAL, ScanPlan, Trial, plan_for
+from jbclog.search import search
+from jbclog.wire import BAUDRATES, LineFormat
+
+ALL = tuple(dict.fromkeys((*ADDRESSES, *range(1, 100))))
+
+
+def scanned(cable: Cable, plan: ScanPlan | None = None, clock: VirtualClock | None = None) -> PortReport:
+    (report,) = search([("port", plan or ScanPlan())], means=means({"port": cable}, clock))
+    return report
+
+
+def station(report: PortReport) -> StationFound:
+    assert report.station is not None
+    assert [finding.kind for finding in diagnose(report)] == []
+    return report.station
+
+
+def kinds(report: PortReport) -> list[str]:
+    found = diagnose(report)
+    assert all(finding.step and finding.what for finding in found)
+    return [finding.kind for finding in found]
+
+
+# -- stations ---------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("family", "model", "ports"),
+    [
+        ("soldering", "DDR", [1, 2]),
+        ("dde", "DDE", [1, 2]),
+        ("nae", "NAE", [1, 2]),
+        ("dme", "DME", [1, 2, 3, 4]),
+        ("hde", "HDE", [1, 2]),
+        ("ucr", "UCR245", [1]),
+        ("ale", "ALE", [1]),
+        ("jtse", "JTSE", [1]),
+    ],
+)
+def test_every_family_is_known_by_its_model(family: str, model: str, ports: list[int]) -> None:
+    found = station(scanned(station_cable(family, sim="turnaround_ms = 2.0")))
+    assert (found.model, found.family and found.family.name, found.address, found.robot_mode) == (model, family, 1, True)
+    assert list(found.tools) == ports
+    assert "none" not in found.tools.values()
+    assert found.turnaround is not None
+    assert found.turnaround.median_ms == pytest.approx(2.0, abs=0.01)
+    assert (found.turnaround.answered, found.turnaround.asked) == (12, 12)
+
+
+def test_an_omega_is_found_by_its_own_question() -> None:
+    found = station(scanned(station_cable("omega")))
+    assert found.family is not None
+    assert (found.family.name, found.model, found.address, found.robot_mode, found.line) == (
+        "omega",
+        None,
+        None,
+        None,
+        LineFormat(9600),
+    )
+    assert found.turnaround is not None
+    assert 0 < found.turnaround.median_ms <= found.turnaround.p99_ms < 251
+
+
+def test_what_is_connected_is_named() -> None:
+    found = station(scanned(station_cable("dde", sim='tools = { 1 = 2, 2 = 0 }\nsoftware = "8.88"')))
+    assert found.tools == {1: "T245/T470/TR245/TR470", 2: "none"}
+    assert found.software == "8.88"
+
+
+@pytest.mark.parametrize("baudrate", BAUDRATES)
+@pytest.mark.parametrize("form", ["8N1", "8E1", "8O1", "8N2", "8E2", "8O2"])
+def test_a_thorough_scan_finds_every_line_format(baudrate: int, form: str) -> None:
+    """Stop bits apart, which no receiver tells: rate and parity are found as they are set."""
+    cable = station_cable("soldering", f'baudrate = {baudrate}\nformat = "{form}"', "wire = false")
+    found = station(scanned(cable, plan_for("port", thorough=True, limit_s=None)))
+    assert (found.line.baudrate, found.line.parity) == (baudrate, form[1])
+
+
+def test_the_usual_scan_tries_the_usual_formats_in_this_order() -> None:
+    assert [str(trial.line) for trial in USUAL[:3]] == ["19200 8N1", "19200 8E1", "9600 8N1"]  # digest B-1
+    assert len({trial.line for trial in THOROUGH}) == len(THOROUGH) == 72
+
+
+@pytest.mark.parametrize("address", [1, None, 10])
+def test_the_usual_addresses_are_found(address: int | None) -> None:
+    keys = f"address = {'false' if address is None else address}"
+    assert station(scanned(station_cable("ale", keys))).address == address
+
+
+def test_an_odd_address_is_found_where_it_is_asked_for() -> None:
+    cable = station_cable("ucr", "address = 77")
+    assert kinds(scanned(cable)) == ["line.silent"]
+    assert station(scanned(cable, ScanPlan(addresses=ALL))).address == 77
+
+
+def test_a_slow_station_is_known_by_the_address_in_its_answer() -> None:
+    """What comes when nobody is being asked was said by 01. A run could not wait for it either."""
+    report = scanned(station_cable("dde", sim="turnaround_ms = 400"))
+    assert report.station is not None
+    assert (report.station.model, report.station.address) == ("DDE", 1)
+    assert kinds(report) == ["station.silent"]
+    assert "only 0 of 12 questions were answered, and in time" in diagnose(report)[0].what
+
+
+class OnlyWithout:
+    """Finds fault with addressed frames (digest B-14), and answers those without addresses."""
+
+    def receive(self, data: bytes, now: float) -> Coming:
+        if data[1:2].isdigit():
+            return [(now + 0.02, framed("NSMN00002"))]
+        return [(now + 0.02, framed("ASMN  DDE" if b"SMN" in data else "N00004", source=None))]
+
+
+def test_a_fault_found_with_the_frame_is_no_answer_yet() -> None:
+    report = scanned(Cable(OnlyWithout(), LineFormat()))
+    assert report.station is not None
+    assert (report.station.model, report.station.address) == ("DDE", None)
+
+
+class Refuses:
+    def __init__(self, code: int) -> None:
+        self.code = code
+
+    def receive(self, data: bytes, now: float) -> Coming:
+        return [(now + 0.02, framed(f"NSMN{self.code:05d}"))]
+
+
+@pytest.mark.parametrize("code", [1, 2, 4, 6, 99999])
+def test_a_station_that_refuses_all_the_same_is_told(code: int) -> None:
+    report = scanned(Cable(Refuses(code), LineFormat()))
+    assert kinds(report) == ["station.refuses"]
+    assert f"N {code:05d}" in diagnose(report)[0].what
+
+
+def test_behind_an_adapter_with_echo_a_station_is_found() -> None:
+    cable = station_cable("dde")
+    cable.far = Echo(cable.far)
+    assert station(scanned(cable)).model == "DDE"
+
+
+# -- what is no station to drive --------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("keys", ["", "address = false", 'baudrate = 57600\nformat = "8E1"'])
+def test_robot_mode_off_is_an_answer(keys: str) -> None:
+    report = scanned(station_cable("dde", keys, "robot_mode = false"))
+    assert kinds(report) == ["robot_mode.off"]
+    assert report.station is not None
+    assert report.station.robot_mode is False
+    assert report.station.line.baudrate == (57600 if keys.startswith("baud") else 19200)
+    assert diagnose(report)[0].step == "switch Robot mode on in the station's menu"
+
+
+@pytest.mark.parametrize("line", [LineFormat(250000, "8E1"), LineFormat(500000, "8E1"), LineFormat(500000)])
+@pytest.mark.parametrize("said", [b"\x15", b"\x15\x15\x15", b"\x10\x02\x01\x00\xfd\x00\x00\xff\x10\x03"])
+def test_the_binary_protocol_is_told_by_what_it_says(line: LineFormat, said: bytes) -> None:
+    report = scanned(Cable(Silence(), line, speaks=(1.0, said)))
+    assert kinds(report) == ["robot_mode.binary"]
+    assert report.binary is not None
+    assert report.binary.baudrate == line.baudrate
+
+
+def test_a_model_that_no_table_has_is_told_and_not_driven() -> None:
+    report = scanned(station_cable("dde", sim='model = "ZZQ"'))
+    assert kinds(report) == ["station.unknown"]
+    assert "'ZZQ'" in diagnose(report)[0].what
+    assert report.station is not None
+    assert report.station.tools == {1: "tool_2", 2: "tool_2"}
+
+
+def test_a_loop_back_is_told() -> None:
+    report = scanned(Cable(Echo(), None))
+    assert kinds(report) == ["line.echo"]
+    assert report.garbage == {}
+
+
+def test_something_else_that_speaks_is_shown_with_its_bytes() -> None:
+    report = scanned(Cable(Silence(), LineFormat(4800), speaks=(0.5, b"$GPRMC,1*6A\r\n")))
+    assert kinds(report) == ["line.format"]
+    assert all(len(data) <= 256 for data in report.garbage.values())
+    assert "scan --thorough port" in diagnose(report)[0].step
+
+
+def test_nobody() -> None:
+    report = scanned(Cable(Silence(), LineFormat()))
+    assert kinds(report) == ["line.silent"]
+    assert report.tried == [trial.line for trial in USUAL]
+    assert "12 line formats" in diagnose(report)[0].what
+    assert "pins 3 and 4" in diagnose(report)[0].step
+    assert sum(report.sent.values()) == len(USUAL) * len(ADDRESSES) + 1
+    assert report.seconds <= ScanPlan().seconds
+
+
+def test_no_port() -> None:
+    (report,) = search([("elsewhere", ScanPlan())], means=means({}))
+    assert isinstance(report.broken, PortMissing)
+    assert kinds(report) == ["port.missing"]
+    assert diagnose(report)[0].what == "there is no such port"
+    assert diagnose(report)[0].step == "see that it is plugged in"
+
+
+def test_a_cable_that_is_pulled_meanwhile() -> None:
+    clock = VirtualClock()
+    cable = Cable(Silence(), LineFormat())
+    cable.breaks_at = clock.monotonic() + 2.0
+    report = scanned(cable, clock=clock)
+    assert kinds(report) == ["port.broken"]
+    assert report.tried == [trial.line for trial in USUAL[:3]]
+
+
+def test_a_station_that_falls_silent_is_told_as_that() -> None:
+    report = scanned(station_cable("dde", sim='[[station.sim.fault]]\nkind = "silence"\nat_s = 0.05'))
+    assert kinds(report) == ["station.silent"]
+    assert report.station is not None
+    assert report.station.model == "DDE"
+    assert report.seconds < ScanPlan().seconds
+
+
+# -- bounds, and what is sent -----------------------------------------------------------------------------------------------
+
+
+def test_the_time_is_bounded_and_what_was_not_tried_is_said() -> None:
+    report = scanned(Cable(Silence(), LineFormat()), ScanPlan(limit_s=2.0))
+    assert report.seconds < 2.0 + USUAL[0].seconds(ADDRESSES)
+    assert report.tried + report.untried == [trial.line for trial in USUAL]
+    assert report.untried
+    assert kinds(report) == ["scan.cut"]
+
+
+def test_a_line_full_of_noise_takes_no_longer() -> None:
+    report = scanned(Cable(Silence(), LineFormat(115200), speaks=(0.003, b"\x02\x8f\x15")), ScanPlan(limit_s=5.0))
+    assert report.seconds < 5.0 + max(trial.seconds(ADDRESSES) for trial in USUAL)
+
+
+def test_a_thorough_scan_with_all_addresses_ends_too() -> None:
+    plan = plan_for("port", thorough=True, addresses=ALL, limit_s=30.0)
+    assert scanned(Cable(Silence(), LineFormat()), plan).seconds < 31.0
+
+
+@pytest.mark.parametrize("family", ["dde", "ale", "jtse", "omega", "soldering"])
+def test_nothing_but_harmless_questions_is_sent_and_all_of_it_is_told(family: str) -> None:
+    cable = station_cable(family)
+    report = scanned(cable)
+    assert all(is_harmless(data) for _, data in cable.asked)
+    assert sum(report.sent.values()) == len(cable.asked)
+    assert {key: cable.asked.count(key) for key in cable.asked} == dict(report.sent)
+
+
+def test_latched_alarms_stay_where_they_are() -> None:
+    """R-TA clears what it reads (seed 000, 4.8.27): a scan must leave that to the run."""
+    cable = station_cable("dde")
+    scanned(cable)
+    assert not any(b"RTA" in data for _, data in cable.asked)
+
+
+def test_a_servers_line_format_is_its_own_business() -> None:
+    plan = plan_for("socket://host:1", limit_s=None)
+    assert [trial.line for trial in plan.trials] == [LineFormat()]
+    assert plan.trials[0].asks_omega
+
+
+def test_a_trial_says_how_long_it_takes() -> None:
+    cable = Cable(Silence(), LineFormat(1200))
+    trial = Trial(LineFormat(1200), asks_omega=True, listens_s=1.0)
+    report = scanned(cable, ScanPlan((trial,)))
+    assert report.seconds <= trial.seconds(ADDRESSES) + 0.3  # OMEGA's answer at 1200, which it does not speak
