@@ -13,6 +13,8 @@ HOT_AIR_ROWS = (
         "The unit of the air flow is not said",
         "the share of the station's own R-MAF in per mille; the raw numbers of R-SF, R-MIF and R-MAF stand in `settings`",
         "No manual decides; a share needs no unit, and the raw numbers can be read anew once somebody knows.",
+        met="No manual gives the air flow a unit; its numbers are kept as they came, and sampled as shares of the greatest.",
+        doubtful=True,
         families=HOT_AIR,
     ),
     Decision(
@@ -95,6 +97,8 @@ OMEGA_ROWS = (
         "A set temperature in tenths would end at 409.5 °C",
         "tenths, as for every field; the three digits are kept as they came, and marked",
         "No text decides; only a known temperature, read back, can.",
+        met="A condition sets a temperature, and no document says whether its number is in tenths; it is kept as it came.",
+        doubtful=True,
         families=OMEGA,
     ),
     Decision(

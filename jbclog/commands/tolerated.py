@@ -40,6 +40,7 @@ ODD_FORMS: Mapping[str, OddForm] = MappingProxyType(
         "port_error": _odd(28, r"80000"),
         "power": _odd(32, r"(?!00\d{3}|01000)\d{5}"),
         "model": _odd(34, r"(?!.{5}$).*|.* |UCR24|UCR47"),
+        "selected_air_flow": _odd(33, r".*"),  # whose unit nothing decides: always marked
         "dispensed_length": _odd(35, r"(?![0-9A-F]{5}$).*|(?!0000\d)\d{5}"),
     }
 )

@@ -16,6 +16,7 @@ from jbclog.errors import LinkError, NotSupported, Refusal, StartRefused, Statio
 from jbclog.quantities import OFF, Value, text_of
 from jbclog.recipe.settings import Setting, foreign_keys, live_problems, settings_for, station_settings_for
 from jbclog.rows import SettingRow, Severity
+from jbclog.session.anomalies import compare_countdowns
 from jbclog.session.condition import apply_condition
 from jbclog.session.identify import Absent
 from jbclog.session.order import Desk, PortState
@@ -33,11 +34,18 @@ def apply(desk: Desk) -> Steps[None]:
     for setting in wanted:
         yield from _apply(desk, setting)
     yield from apply_condition(desk)
+    at_work = [port for port in desk.ports.values() if _works(desk, port)]
     if desk.recipe.run.status is not None:
         yield from _apply_status(desk, desk.family.status.orders[desk.recipe.run.status])
     for port in desk.ports.values():
         note_status(port)
+    yield from compare_countdowns(desk, at_work)
     desk.publish()
+
+
+def _works(desk: Desk, port: PortState) -> bool:
+    word = port.held.get("status")
+    return isinstance(word, tuple) and desk.family.status.is_working(word)
 
 
 def note_status(port: PortState) -> None:

@@ -11,7 +11,7 @@ from jbclog.commands.omega_values import ConditionRecord, SetTemperature, Stored
 from jbclog.effects import RunEnded, Steps
 from jbclog.errors import Ignored, LinkError, NotSupported, StartRefused, StationError
 from jbclog.recipe.settings import condition_of
-from jbclog.rows import SettingRow, Severity
+from jbclog.rows import SettingRow
 from jbclog.session.order import Desk
 from jbclog.session.watch import tell_change
 
@@ -70,11 +70,8 @@ def _held(desk: Desk, wanted: ConditionRecord) -> Steps[Stored]:
 def _tell_unresolved(desk: Desk, held: SetTemperature) -> None:
     """A temperature whose scale nothing here decides (digest B-51)."""
     raw = held.set_temperature_raw
-    text = (
-        f"Condition {held.condition} sets a temperature: {raw} on the wire, which is {raw / 10:.1f} °C if it is in tenths like the "
-        f"other fields, and {raw} °C if it is not. No document here decides it (digest B-51); the number is kept as it came."
-    )
-    desk.note("omega.unresolved", Severity.WARNING, text, value=raw)
+    place = f"condition {held.condition}: {raw} on the wire, {raw / 10:.1f} °C if it is in tenths and {raw} °C if it is not"
+    desk.station.anomalies.meet(51, place, desk.station.data)
 
 
 def _write(desk: Desk, wanted: ConditionRecord, held: Stored) -> Steps[None]:

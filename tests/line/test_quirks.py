@@ -11,6 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import pytest
+from hot_air import hot_air
 from virtual_run import RECIPE, VirtualRun, line_text, prepare
 
 from jbclog.clock import VirtualClock
@@ -169,6 +170,29 @@ def test_a_quirk_is_one_event_that_says_what_was_met_and_how_it_is_read(quirk: s
     assert event.raw
     assert event.severity == ("warning" if DECISIONS[number].doubtful else "info")
     assert event.station == "dde-1"
+
+
+# -- what nobody can decide -------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("quirk", [[], ["sleep_delay_in_seconds"]])
+def test_the_unit_of_the_sleep_delay_shows_wherever_a_tool_is_told_to_stand(quirk: list[str]) -> None:
+    """At the end of every run, and at its beginning where the recipe wants the tools to stand."""
+    line = line_text(f'quirks = {quirk}\nsettings = {{status = "working"}}')
+    stands = prepare(line, RECIPE.replace('status = "working"', 'status = "stand"'), 2).go()
+    works = prepare(line, RECIPE, 2).go()
+    for run in (stands, works):
+        told = [event for event in run.memory.of_kind("protocol.anomaly") if event.code == 20]
+        assert [(event.severity, event.raw) for event in told] == [("warning", "00005")] * len(quirk)
+    assert stands.facts.anomalies.get(20, 0) == works.facts.anomalies.get(20, 0) == 2 * len(quirk)  # two ports
+
+
+def test_the_air_flow_without_a_unit_is_marked_and_kept() -> None:
+    run = hot_air("", duration_s=3).go()
+    (event,) = [event for event in run.memory.of_kind("protocol.anomaly") if event.code == 33]
+    assert event.severity == "warning"
+    assert event.raw == "00500"  # as it was before the recipe was applied; the settings have it, too
+    assert {row.written for row in run.memory.settings if row.setting == "selected_air_flow"} == {"600"}
 
 
 # -- what a run never sends ------------------------------------------------------------------------------------------------
