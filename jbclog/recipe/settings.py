@@ -76,7 +76,7 @@ def foreign_keys(recipe: Recipe, family: Family, ports: Collection[int] | None =
     one, by their key (``omega.condition``); and keys of ports beyond `ports` (default: the family's), whole:
     ``port.3.temperature.select_c``.
     """
-    return [*_of_other_families(recipe, family), *_of_other_ports(recipe, ports if ports is not None else family.ports)]
+    return [*_of_other_families(recipe, family), *_of_other_ports(recipe, family, ports if ports is not None else family.ports)]
 
 
 def live_problems(recipe: Recipe, family: Family, port: int, held: Mapping[str, Value]) -> list[str]:
@@ -138,8 +138,7 @@ def _of_other_families(recipe: Recipe, family: Family) -> Iterator[str]:
                 yield COMMAND_OF.get(one.setting, one.setting)
 
 
-def _of_other_ports(recipe: Recipe, ports: Collection[int] | None) -> Iterator[str]:
+def _of_other_ports(recipe: Recipe, family: Family, ports: Collection[int] | None) -> Iterator[str]:
     for port in recipe.ports_named():
-        if ports is not None and port not in ports:
-            for one in recipe.asked_of(port):
-                yield dotted(one.key)
+        is_there = ports is None or port in ports
+        yield from (dotted(one.key) for one in recipe.asked_of(port) if not (is_there and _belongs(one, family)))

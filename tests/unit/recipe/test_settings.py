@@ -8,7 +8,7 @@ import pytest
 
 from jbclog.commands.command import Scope
 from jbclog.commands.family import FAMILIES
-from jbclog.quantities import OFF
+from jbclog.quantities import OFF, Value
 from jbclog.recipe.checks import SOLDERING
 from jbclog.recipe.load import parse_recipe
 from jbclog.recipe.order import COMMAND_OF
@@ -152,3 +152,75 @@ def test_what_only_the_station_knows_is_checked_against_its_own_limits() -> None
     assert live_problems(recipe, DDE, 2, {"maximum_temperature": 450, "minimum_temperature": 335}) == [
         "job.toml:20: port.2.temperature.select_c: 330 °C on port 2 is below the station's minimum of 335 °C"
     ]
+
+
+# -- hot air ------------------------------------------------------------------------------------------------------------
+
+AIR = """[recipe]
+name = "air"
+revision = 1
+families = ["jtse"]
+
+[air]
+temperature_c = 320
+flow_permille = 600
+external_set_c = 180
+mode = "profile"
+"""
+HELD: dict[str, Value] = {
+    "maximum_air_flow": 120,
+    "minimum_air_flow": 12,
+    "maximum_air_temperature": 450,
+    "minimum_air_temperature": 150,
+    "maximum_external_temperature": 500,
+    "minimum_external_temperature": 25,
+}
+
+
+def test_on_hot_air_mode_and_flow_come_before_heat() -> None:
+    settings = settings_for(parse_recipe(AIR), FAMILIES["jtse"], 1)
+    assert [(one.command.name, one.shown(), one.port, one.key) for one in settings] == [
+        ("work_mode", "profile", 1, "air.mode"),
+        ("selected_air_flow", "600 ‰ of the station's maximum air flow", 1, "air.flow_permille"),
+        ("selected_external_temperature", "180 °C", 1, "air.external_set_c"),
+        ("selected_air_temperature", "320 °C", 1, "air.temperature_c"),
+    ]
+    assert station_settings_for(parse_recipe(AIR), FAMILIES["jtse"]) == []
+
+
+@pytest.mark.parametrize(
+    ("permille", "greatest", "raw"), [(600, 1000, 600), (600, 100, 60), (333, 100, 33), (0, 50, 0), (1000, 45, 45)]
+)
+def test_a_share_is_counted_in_what_the_station_counts(permille: int, greatest: int, raw: int) -> None:
+    """raw = round(x * MAF / 1000) (contract, `[air]`)."""
+    recipe = parse_recipe(AIR.replace("600", str(permille)))
+    flow = settings_for(recipe, FAMILIES["jtse"], 1)[1]
+    counted = flow.as_counted({"maximum_air_flow": greatest})
+    assert counted is not None
+    assert (counted.value, counted.unit, counted.is_share) == (raw, "raw", False)
+    assert flow.as_counted({}) is flow.as_counted({"maximum_air_flow": 0}) is None
+
+
+def test_hot_air_is_held_against_what_the_station_allows() -> None:
+    recipe = parse_recipe(AIR, Path("job.toml"))
+    assert live_problems(recipe, FAMILIES["jtse"], 1, HELD) == []
+    assert live_problems(recipe, FAMILIES["jtse"], 1, HELD | {"minimum_air_flow": 100, "maximum_external_temperature": 175}) == [
+        "job.toml:8: air.flow_permille: 600 ‰ of the station's maximum air flow on port 1, 72 raw, "
+        "is below the station's minimum of 100 raw",
+        "job.toml:9: air.external_set_c: 180 °C on port 1 is above the station's maximum of 175 °C",
+    ]
+
+
+def test_a_recipe_for_both_says_of_each_what_it_has_not() -> None:
+    recipe = parse_recipe(
+        AIR.replace('"jtse"', '"jtse", "dde"') + "[temperature]\nselect_c = 350\n[port.1.sleep]\ndelay_min = 5\n[run]\n"
+    )
+    assert foreign_keys(recipe, DDE) == [
+        "selected_air_temperature",
+        "selected_air_flow",
+        "selected_external_temperature",
+        "work_mode",
+    ]
+    assert foreign_keys(recipe, FAMILIES["jtse"]) == ["selected_temperature", "port.1.sleep.delay_min"]
+    assert len(settings_for(recipe, FAMILIES["jtse"], 1)) == 4
+    assert [one.command.name for one in settings_for(recipe, DDE, 1)] == ["sleep_delay", "selected_temperature"]
