@@ -9,11 +9,13 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import pytest
 from hot_air import hot_air
 from virtual_run import RECIPE, VirtualRun, line_text, prepare
 
+import jbclog
 from jbclog.clock import VirtualClock
 from jbclog.commands.decisions import DECISIONS
 from jbclog.commands.family import FAMILIES
@@ -23,6 +25,7 @@ from jbclog.errors import StationError
 from jbclog.recipe.line import StationSpec
 from jbclog.recipe.sim_spec import SimSpec
 from jbclog.rows import COLUMN, SAMPLE_COLUMNS, SIGNAL_COLUMNS
+from jbclog.sim.omega import OMEGA_QUIRKS
 from jbclog.sim.quirks import QUIRKS
 from jbclog.sim.virtual import VirtualStation
 from jbclog.station.after import MODEL, change_address, restart
@@ -139,6 +142,7 @@ def counters(run: VirtualRun) -> list[tuple[object, ...]]:
 def test_every_quirk_is_played() -> None:
     assert set(IN_A_RUN) | AT_THE_CLIENT == set(QUIRKS)
     assert set(IN_A_RUN) & AT_THE_CLIENT == set()
+    assert set(OMEGA_QUIRKS) == {"temperature_in_degrees"}
 
 
 def kinds(run: VirtualRun) -> list[tuple[str, int | None, int | None]]:
@@ -193,6 +197,20 @@ def test_the_air_flow_without_a_unit_is_marked_and_kept() -> None:
     assert event.severity == "warning"
     assert event.raw == "00500"  # as it was before the recipe was applied; the settings have it, too
     assert {row.written for row in run.memory.settings if row.setting == "selected_air_flow"} == {"600"}
+
+
+@pytest.mark.parametrize(("quirk", "raw"), [([], "3500"), (["temperature_in_degrees"], "350")])
+def test_a_set_temperature_of_omega_is_marked_and_kept_in_tenths_or_not(quirk: list[str], raw: str) -> None:
+    """Nothing tells the two apart, so both numbers are said; the run is refused, because the recipe asks for something else."""
+    recipe = Path(jbclog.__file__).parents[1].joinpath("profiles/recipes/omega-point.toml").read_text(encoding="utf-8")
+    line = line_text(f"quirks = {quirk}").replace('"dde"', '"omega"')
+    run = prepare(line, recipe.replace("condition = 101", "condition = 399"), 3).go()
+    assert run.facts.outcome == "refused"
+    (event,) = run.memory.of_kind("protocol.anomaly")
+    assert (event.code, event.severity) == (51, "warning")
+    assert f"condition 399: {raw} on the wire" in event.text
+    assert event.raw is not None
+    assert f"{int(raw):03X}" in event.raw
 
 
 # -- what a run never sends ------------------------------------------------------------------------------------------------

@@ -10,6 +10,7 @@ from jbclog.commands import tolerated
 from jbclog.commands.decision import Decision
 from jbclog.commands.decisions import DECISIONS
 from jbclog.commands.family import FAMILIES
+from jbclog.sim.omega import OMEGA_QUIRKS
 from jbclog.sim.quirks import QUIRKS
 
 ROWS = 52
@@ -36,7 +37,7 @@ def test_a_decision_says_what_is_done_and_why(decision: Decision) -> None:
 
 def test_every_quirk_belongs_to_the_row_that_names_it() -> None:
     named = {quirk: decision.number for decision in DECISIONS.values() for quirk in decision.quirks}
-    assert named == {name: quirk.number for name, quirk in QUIRKS.items()}
+    assert named == {name: quirk.number for name, quirk in QUIRKS.items()} | OMEGA_QUIRKS
 
 
 def test_what_is_taken_beside_the_recommended_form_is_told() -> None:
