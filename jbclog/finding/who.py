@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from statistics import median
 
-from jbclog.commands.command import Scope
 from jbclog.commands.family import FAMILIES, Family, family_of
 from jbclog.commands.robot import COMMUNICATION_ERRORS
 from jbclog.effects import Steps
@@ -16,13 +14,12 @@ from jbclog.protocol.frame import Frame
 from jbclog.quantities import Value
 from jbclog.station.client import Client
 from jbclog.station.make import client_for
-from jbclog.station.turnaround import turnarounds_us
+from jbclog.station.turnaround import LEAST_ANSWERED, READS, turnarounds_us
 from jbclog.wire import LineFormat
 
 ROBOT_OFF = 5
 FAULT_IN_FRAME = (1, 2)  # communication errors: the station did not understand the question
 PORTS = (1, 2, 3, 4)
-READS = 12  # as many as a run measures with
 NO_TOOL = 0
 COMMON_TO_ALL = FAMILIES["soldering"]  # its table, where the family is not known
 
@@ -113,18 +110,13 @@ def _tool_name(family: Family | None, tool: Value | None) -> str | None:
 
 
 def _learn_turnaround(client: Client, found: StationFound) -> Steps[None]:
-    table = _table(found)
-    commands = [table.commands[name] for name in table.harmless]
-    port = min(found.tools, default=1)
-    questions = [client.question(command, None if command.scope is Scope.STATION else port) for command in commands]
-    took = yield from turnarounds_us(client, questions, READS)
+    took = yield from turnarounds_us(client, _table(found), min(found.tools, default=1))
     found.turnaround = _turnaround(took)
-    if len(took) < READS // 2:
+    if len(took) < LEAST_ANSWERED:
         found.trouble = f"only {len(took)} of {READS} questions were answered, and in time"
 
 
-def _turnaround(took_us: Iterable[float]) -> Turnaround | None:
-    took = sorted(took_us)
-    if not took:
+def _turnaround(took_us: list[float]) -> Turnaround | None:
+    if not took_us:
         return None
-    return Turnaround(round(median(took) / 1000, 3), round(took[-1] / 1000, 3), len(took), READS)
+    return Turnaround(round(median(took_us) / 1000, 3), round(took_us[-1] / 1000, 3), len(took_us), READS)

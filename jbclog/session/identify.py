@@ -4,15 +4,14 @@ from __future__ import annotations
 
 from statistics import median
 
-from jbclog.commands.command import Scope
 from jbclog.commands.family import ROBOT
 from jbclog.effects import Reopen, Steps, Wait
 from jbclog.errors import LinkError, NotSupported, OutOfRange, Refusal, RobotModeOff, StartRefused, StationError
 from jbclog.rows import Severity
 from jbclog.session.identity import learn_identity
 from jbclog.session.order import Desk, PortState
+from jbclog.station.turnaround import LEAST_ANSWERED, READS, turnarounds_us
 
-MEASURED_READS = 12  # enough for a median that one late answer does not move
 TRIES = 3
 
 
@@ -142,21 +141,7 @@ def _require_tools(desk: Desk) -> None:
 
 def measure_turnaround(desk: Desk) -> Steps[None]:
     """Ask harmless questions and keep how long the station itself takes to answer, in µs."""
-    station, took = desk.station, []
-    questions = [
-        station.question(command, None if command.scope is Scope.STATION else min(desk.ports))
-        for command in map(desk.command, desk.family.harmless)
-    ]
-    for round_ in range(MEASURED_READS):
-        question = questions[round_ % len(questions)]
-        try:
-            yield from station.ask(question)
-        except StationError:
-            continue
-        took.append((station.heard - station.sent - question.wire_s) * 1e6)
-    if len(took) < MEASURED_READS // 2:
-        raise StartRefused(
-            f"{desk.name}: only {len(took)} of {MEASURED_READS} questions were answered; the link is too bad to run on"
-        )
-    took.sort()
+    took = yield from turnarounds_us(desk.station, desk.family, min(desk.ports))
+    if len(took) < LEAST_ANSWERED:
+        raise StartRefused(f"{desk.name}: only {len(took)} of {READS} questions were answered; the link is too bad to run on")
     desk.facts.turnaround_us = {"median": round(median(took), 1), "p99": round(took[-1], 1), "n": len(took)}

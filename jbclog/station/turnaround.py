@@ -2,21 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
+from jbclog.commands.command import Scope
+from jbclog.commands.family import Family
 from jbclog.effects import Steps
 from jbclog.errors import StationError
 from jbclog.station.client import Asking, Client
 
+READS = 12  # enough for a median that one late answer does not move
+LEAST_ANSWERED = READS // 2  # with fewer the link is too bad to run on
 
-def turnarounds_us(client: Client, questions: Sequence[Asking], reads: int) -> Steps[list[float]]:
-    """Ask `reads` times, the questions in turn; how long each answer took beside its bytes, in µs.
 
-    What was not answered is missing. Where more than half fail, no more is asked.
+def turnarounds_us(client: Client, family: Family, port: int) -> Steps[list[float]]:
+    """Ask `READS` times what is harmless; how long each answer took beside its bytes, in µs, in order of size.
+
+    What was not answered is missing. Once `LEAST_ANSWERED` can no more be reached, nothing more is asked.
     """
+    questions = [_question(client, family, name, port) for name in family.harmless]
     took: list[float] = []
-    for number in range(reads):
-        if number - len(took) > reads // 2:
+    for number in range(READS):
+        if number - len(took) > READS - LEAST_ANSWERED:
             break
         question = questions[number % len(questions)]
         try:
@@ -24,4 +28,9 @@ def turnarounds_us(client: Client, questions: Sequence[Asking], reads: int) -> S
         except StationError:
             continue
         took.append((client.heard - client.sent - question.wire_s) * 1e6)
-    return took
+    return sorted(took)
+
+
+def _question(client: Client, family: Family, name: str, port: int) -> Asking:
+    command = family.commands[name]
+    return client.question(command, None if command.scope is Scope.STATION else port)
