@@ -10,7 +10,19 @@ Start reading: `verdict.py`, then `rules.py`; `samples.py` and `idle.py` say how
 from jbclog.judge.acceptance import Acceptance, Limits
 from jbclog.judge.evidence import Evidence
 from jbclog.judge.rule import Result, Rule
-from jbclog.judge.samples import PortMeasure, measure
+from jbclog.judge.samples import PortMeasure, judged_signals, measure
 from jbclog.judge.verdict import Judgement, Verdict, judge
 
-__all__ = ["Acceptance", "Evidence", "Judgement", "Limits", "PortMeasure", "Result", "Rule", "Verdict", "judge", "measure"]
+__all__ = [
+    "Acceptance",
+    "Evidence",
+    "Judgement",
+    "Limits",
+    "PortMeasure",
+    "Result",
+    "Rule",
+    "Verdict",
+    "judge",
+    "judged_signals",
+    "measure",
+]

@@ -56,7 +56,9 @@ def unused_ports(facts: StationFacts, evidence: Evidence) -> Iterator[Rule]:
             yield Rule("no_tool", facts.name, port, None, None, "", Result.DEVIATION, text)
 
 
-def not_judged(facts: StationFacts) -> Rule:
-    """A station whose recipe states no limits, beside others that do."""
-    text = "Its recipe states no limits; it is recorded and not judged."
+NO_LIMITS = "Its recipe states no limits; it is recorded and not judged."
+
+
+def not_judged(facts: StationFacts, text: str = NO_LIMITS) -> Rule:
+    """A station whose recipe states no limits, beside others that do, or none that is about it."""
     return Rule("no_acceptance", facts.name, None, None, None, "", Result.DEVIATION, text)

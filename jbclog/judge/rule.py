@@ -11,6 +11,7 @@ class Result(StrEnum):
     FAIL = "fail"
     MISSING = "missing"  # there is not enough evidence to say
     DEVIATION = "deviation"  # no limit was broken, and it was not as planned
+    NOT_APPLICABLE = "not applicable"  # the station tells nothing that the limit is about
 
 
 Figure = float | int | str

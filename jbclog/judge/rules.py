@@ -6,10 +6,10 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from math import floor
 
-from jbclog.judge.acceptance import Acceptance
+from jbclog.judge.acceptance import LIMIT_NAMES, Acceptance
 from jbclog.judge.evidence import Evidence, PortLedger
 from jbclog.judge.rule import Result, Rule
-from jbclog.judge.samples import PortMeasure
+from jbclog.judge.samples import TEMPERATURE, PortMeasure, judged_signals
 from jbclog.judge.tables import Event
 from jbclog.rows import StationFacts
 
@@ -80,6 +80,8 @@ def settings_rule(facts: StationFacts, outcomes: Counter[str]) -> Rule:
 
 def alarms_rule(facts: StationFacts, most: int, evidence: Evidence, events: Sequence[Event]) -> Rule:
     """Counts high and low alarms, where the station's flags were read at all."""
+    if not tells(facts, "alarm_high"):
+        return not_applicable("alarms", facts.name, None, most, "", "alarm flags")
     count = sum(event.kind in COUNTED_ALARMS and event.severity in COUNTED_SEVERITIES for event in events)
     if count > most:
         text = f"{count} alarm{'s' * (count != 1)} counted; {most} allowed."
@@ -98,19 +100,57 @@ def used_ports(facts: StationFacts, evidence: Evidence) -> list[int]:
     return [port for port in facts.ports if not never_had_a_tool(facts, port, evidence.port_ledger(facts.name, port))]
 
 
+def tells(facts: StationFacts, signal: str) -> bool:
+    """Whether it is a station that tells this signal; where the record does not say which it tells, it does."""
+    return not facts.signals or signal in facts.signals
+
+
+def no_limit_applies(facts: StationFacts, acceptance: Acceptance) -> bool:
+    """Whether every limit that is stated is about something that the station does not tell."""
+    applies = {
+        "coverage_percent": True,
+        "longest_gap_s": True,
+        "idle_error_c": tells(facts, TEMPERATURE),
+        "idle_sd_c": tells(facts, TEMPERATURE),
+        "alarms_max": tells(facts, "alarm_high"),
+    }
+    return not any(applies[name] for name in LIMIT_NAMES if getattr(acceptance, name) is not None)
+
+
+def not_applicable(name: str, station: str, port: int | None, limit: float, unit: str, what: str) -> Rule:
+    """A limit about something that the station does not tell."""
+    text = f"It tells no {what}; the limit is not about it."
+    return Rule(name, station, port, limit, None, unit, Result.NOT_APPLICABLE, text)
+
+
 def never_had_a_tool(facts: StationFacts, port: int, ledger: PortLedger) -> bool:
     """Whether every reading that a tool is needed for says that there was none."""
     temperature = ledger.get("temperature_c", {})
     return port not in facts.touched and not temperature.get("ok") and bool(temperature.get("no_tool"))
 
 
-def port_rules(station: str, port: int, acceptance: Acceptance, ledger: PortLedger, measure: PortMeasure | None) -> Iterator[Rule]:
+def port_rules(
+    facts: StationFacts, port: int, acceptance: Acceptance, ledger: PortLedger, measure: PortMeasure | None
+) -> Iterator[Rule]:
     """The rules that hold for one port, in the order in which they are read."""
+    station = facts.name
     if acceptance.coverage_percent is not None:
-        yield coverage_rule(station, port, acceptance.coverage_percent, ledger, measure)
+        yield coverage_rule(facts, port, acceptance.coverage_percent, ledger, measure)
     if acceptance.longest_gap_s is not None:
         seen = None if measure is None else measure.gap_s
-        yield _at_most("longest_gap", station, port, acceptance.longest_gap_s, seen, "s", "without a temperature at the longest")
+        without = f"without a {'temperature' if tells(facts, TEMPERATURE) else 'reading'} at the longest"
+        yield _at_most("longest_gap", station, port, acceptance.longest_gap_s, seen, "s", without)
+    yield from idle_rules(facts, port, acceptance, measure)
+
+
+def idle_rules(facts: StationFacts, port: int, acceptance: Acceptance, measure: PortMeasure | None) -> Iterator[Rule]:
+    """How well the idle tip holds its setting."""
+    station = facts.name
+    if not tells(facts, TEMPERATURE):
+        for name, limit in (("idle_error", acceptance.idle_error_c), ("idle_sd", acceptance.idle_sd_c)):
+            if limit is not None:
+                yield not_applicable(name, station, port, limit, "°C", "temperature")
+        return
     if acceptance.idle_error_c is not None:
         mean = None if measure is None else measure.idle.mean_c
         yield idle_error_rule(station, port, acceptance.idle_error_c, mean)
@@ -119,18 +159,20 @@ def port_rules(station: str, port: int, acceptance: Acceptance, ledger: PortLedg
         yield _at_most("idle_sd", station, port, acceptance.idle_sd_c, spread, "°C", "of standard deviation while idle")
 
 
-def coverage_rule(station: str, port: int, least: float, ledger: PortLedger, measure: PortMeasure | None) -> Rule:
+def coverage_rule(facts: StationFacts, port: int, least: float, ledger: PortLedger, measure: PortMeasure | None) -> Rule:
     """Readings of the tip temperature that are there, in per cent of those due; ledger and samples must agree."""
-    signal = ledger.get("temperature_c", {})
-    due, there = signal.get("due", 0), 0 if measure is None else measure.temperatures
+    station, what = facts.name, "the tip" if tells(facts, TEMPERATURE) else "its states"
+    counts = [ledger.get(signal, {}) for signal in judged_signals(facts)]
+    due, counted = (sum(one.get(word, 0) for one in counts) for word in ("due", "ok"))
+    there = 0 if measure is None else measure.readings
     if not due:
-        return Rule("coverage", station, port, least, None, "%", Result.MISSING, "No reading of the tip was ever due.")
-    if there != signal.get("ok", 0):
-        text = f"The ledger counts {signal.get('ok', 0)} readings of the tip, the samples hold {there}."
+        return Rule("coverage", station, port, least, None, "%", Result.MISSING, f"No reading of {what} was ever due.")
+    if there != counted:
+        text = f"The ledger counts {counted} readings of {what}, the samples hold {there}."
         return Rule("coverage", station, port, least, None, "%", Result.MISSING, text)
     percent = 100 * there / due
     result = Result.PASS if percent >= least else Result.FAIL
-    text = f"{there} of {due} readings of the tip are there, {_shown(_floor(percent))} %; {_shown(least)} % are asked."
+    text = f"{there} of {due} readings of {what} are there, {_shown(_floor(percent))} %; {_shown(least)} % are asked."
     return Rule("coverage", station, port, least, percent, "%", result, text)
 
 
@@ -147,7 +189,7 @@ def _at_most(name: str, station: str, port: int, most: float, seen: float | None
     if seen is None and name == "idle_sd":
         return _not_idle(name, station, port, most)
     if seen is None:
-        return Rule(name, station, port, most, None, unit, Result.MISSING, "No temperature was recorded at all.")
+        return Rule(name, station, port, most, None, unit, Result.MISSING, "Nothing was recorded at all.")
     result = Result.PASS if seen <= most else Result.FAIL
     return Rule(name, station, port, most, seen, unit, result, f"{_shown(seen)} {unit} {what}; {_shown(most)} {unit} allowed.")
 

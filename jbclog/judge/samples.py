@@ -4,6 +4,7 @@ Definitions. *Due*: the ticks at which the port's tip temperature was to be read
 skipped included (`ledger`). *Coverage*: readings that are there, in per cent of those due. *Longest gap*: the
 longest time without a temperature on the monotonic grid, missing ticks × period, beginning and end of the run
 included. With ``--rate max`` there is no grid: then it is the longest time between two temperatures, in UTC.
+Of a station that tells no temperature the same holds of all that it tells (`judged_signals`).
 """
 
 from __future__ import annotations
@@ -21,35 +22,41 @@ from numpy.typing import NDArray
 from jbclog.judge.idle import BLOCK_S, Block, Floats, IdleError, idle_errors
 from jbclog.rows import StationFacts
 
+TEMPERATURE = "temperature_c"
 COLUMNS = ["time", "tick", "station", "port", "temperature_c", "power_permille", "status", "set_c"]
+Counts = NDArray[np.int64]
 WORKING = ("working", "on")
 BATCH_ROWS = 16_384
 
 
+def judged_signals(facts: StationFacts) -> list[str]:
+    """The signals that coverage and gaps are about: the temperature, or where there is none all that the station tells."""
+    return [TEMPERATURE] if not facts.signals or TEMPERATURE in facts.signals else facts.signals
+
+
 @dataclass(slots=True)
 class PortMeasure:
-    """What the samples of one port show. `gap_s` is None while no temperature was seen at all."""
+    """What the samples of one port show. `gap_s` is None while nothing was read at all."""
 
     period_s: float | None
     start_s: float | None = None
     end_s: float | None = None
     rows: int = 0
-    temperatures: int = 0
+    readings: int = 0  # of the signals that are judged
     idle: IdleError = field(default_factory=IdleError)
     gap_s: float | None = None
     _last_s: float | None = None
     _block: int = 0
     _held: list[Block] = field(default_factory=list)
 
-    def feed(self, rows: Block) -> None:
-        """Take the next rows of this port, in the order of their ticks."""
+    def feed(self, rows: Block, read: Counts) -> None:
+        """Take the next rows of this port, in the order of their ticks, and how many readings each has."""
         if self.start_s is None:
             self.start_s = float(rows.seconds[0]) - (self.period_s or 0.0)
         self.end_s = float(rows.seconds[-1])
         self.rows += len(rows.seconds)
-        there = rows.seconds[~np.isnan(rows.temperature)]
-        self.temperatures += len(there)
-        self._widest(there)
+        self.readings += int(read.sum())
+        self._widest(rows.seconds[read > 0])
         self._into_blocks(rows)
 
     def finish(self, last_due_s: float | None) -> None:
@@ -103,11 +110,13 @@ Measures = dict[tuple[str, int], PortMeasure]
 def measure(folder: Path, stations: dict[str, StationFacts]) -> Measures:
     """Measure every port of `stations` from ``folder/samples``. A port without any row is not in the answer."""
     measures: Measures = {}
-    for batch in _batches(folder):
-        for station, port, rows in _ports(batch, stations):
+    signals = {name: judged_signals(facts) for name, facts in stations.items()}
+    columns = [*COLUMNS, *sorted({name for names in signals.values() for name in names} - set(COLUMNS))]
+    for batch in _batches(folder, columns):
+        for station, port, rows, read in _ports(batch, stations, signals):
             if (station, port) not in measures:
                 measures[station, port] = _new(stations[station])
-            measures[station, port].feed(rows)
+            measures[station, port].feed(rows, read)
     for (station, _), port_measure in measures.items():
         facts = stations[station]
         last = None if facts.last_tick is None or not facts.period_s else facts.last_tick * facts.period_s
@@ -122,15 +131,17 @@ def _new(facts: StationFacts) -> PortMeasure:
     return PortMeasure(facts.period_s, start)
 
 
-def _batches(folder: Path) -> Iterator[pa.RecordBatch]:
+def _batches(folder: Path, columns: list[str]) -> Iterator[pa.RecordBatch]:
     for part in sorted((folder / "samples").glob("part-*.parquet")):
         with pq.ParquetFile(part) as file:
             for group in range(file.num_row_groups):  # over all of them at once it reads ahead
-                yield from file.iter_batches(BATCH_ROWS, [group], COLUMNS, use_threads=False)
+                yield from file.iter_batches(BATCH_ROWS, [group], columns, use_threads=False)
 
 
-def _ports(batch: pa.RecordBatch, stations: dict[str, StationFacts]) -> Iterator[tuple[str, int, Block]]:
-    """The rows of each known station and port in the batch, kept in their order."""
+def _ports(
+    batch: pa.RecordBatch, stations: dict[str, StationFacts], signals: dict[str, list[str]]
+) -> Iterator[tuple[str, int, Block, Counts]]:
+    """The rows of each known station and port in the batch, kept in their order, and how many judged readings each has."""
     names = batch.column("station").cast(pa.string()).dictionary_encode()
     ports = batch.column("port").to_numpy(zero_copy_only=False).astype(np.int64)
     keys = names.indices.to_numpy(zero_copy_only=False).astype(np.int64) * 16 + ports
@@ -141,7 +152,8 @@ def _ports(batch: pa.RecordBatch, stations: dict[str, StationFacts]) -> Iterator
             continue
         station = names.dictionary[int(keys[rows[0]]) // 16].as_py()
         if station in stations:
-            yield station, int(ports[rows[0]]), columns.block(rows, stations[station].period_s)
+            there = sum((_is_there(batch, name)[rows] for name in signals[station]), np.zeros(len(rows), dtype=np.int64))
+            yield station, int(ports[rows[0]]), columns.block(rows, stations[station].period_s), there
 
 
 @dataclass(frozen=True, slots=True)
@@ -169,6 +181,11 @@ def _columns(batch: pa.RecordBatch) -> _Columns:
         _floats(batch, "set_c"),
         working.to_numpy(zero_copy_only=False),
     )
+
+
+def _is_there(batch: pa.RecordBatch, name: str) -> Counts:
+    """1 where the column has a value, 0 where it has none."""
+    return np.asarray(pc.is_valid(batch.column(name)).to_numpy(zero_copy_only=False), dtype=np.int64)
 
 
 def _floats(batch: pa.RecordBatch, name: str) -> Floats:

@@ -16,7 +16,7 @@ from jbclog.judge.acceptance import Acceptance, asks_for_anything
 from jbclog.judge.deviations import deviations, not_judged, unused_ports
 from jbclog.judge.evidence import Evidence
 from jbclog.judge.rule import Result, Rule
-from jbclog.judge.rules import port_rules, record_rule, station_rules, used_ports
+from jbclog.judge.rules import no_limit_applies, port_rules, record_rule, station_rules, used_ports
 from jbclog.judge.samples import Measures, measure
 from jbclog.judge.tables import Event, read_events, read_outcomes
 from jbclog.rows import StationFacts
@@ -87,9 +87,9 @@ def _station(
     if not ports:
         yield Rule("ports", facts.name, None, "one at least", 0, "", Result.MISSING, "None of its ports was recorded with a tool.")
     for port in ports:
-        yield from port_rules(
-            facts.name, port, acceptance, evidence.port_ledger(facts.name, port), measures.get((facts.name, port))
-        )
+        yield from port_rules(facts, port, acceptance, evidence.port_ledger(facts.name, port), measures.get((facts.name, port)))
+    if no_limit_applies(facts, acceptance):
+        yield not_judged(facts, "None of its recipe's limits is about what it tells; it is recorded and not judged.")
     yield from unused_ports(facts, evidence)
 
 

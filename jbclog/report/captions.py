@@ -37,6 +37,8 @@ def closer_caption(part: Trace, why: str) -> str:
 
 def description(place: str, trace: Trace) -> str:
     """The figure without seeing it."""
+    if trace.states:
+        return f"{place}: its states over {duration_text(trace.end - trace.start)}, {len(trace.gaps)} gaps."
     known = trace.temperature[~np.isnan(trace.temperature)]
     seen = f"from {known.min():g} to {known.max():g} °C" if len(known) else "never read"
     alarms = sum(mark.kind == "alarm" for mark in trace.marks)

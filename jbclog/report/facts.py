@@ -79,6 +79,16 @@ class PowerFacts:
 
 
 @dataclass(slots=True)
+class StatesFacts:
+    """For how many seconds a station without a temperature told what should not be; None: never read."""
+
+    shortage_s: float | None
+    clogged_s: float | None
+    preparing_s: float | None
+    out_of_range_s: float | None
+
+
+@dataclass(slots=True)
 class PortFacts:
     """One port: what was in it, what was measured, how it was left (`safety.py`); `late_p99_ms` grows with a port's place."""
 
@@ -87,6 +97,7 @@ class PortFacts:
     recorded: RecordedFacts
     tip: TipFacts
     power: PowerFacts
+    states: StatesFacts | None  # of a station that tells states and no temperature
     alarms: int
     doubtful_alarms: int
     touched: bool

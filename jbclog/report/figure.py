@@ -19,13 +19,14 @@ from matplotlib.ticker import FixedLocator, MaxNLocator
 
 from jbclog.report import style
 from jbclog.report.envelope import Envelope, envelope, lone
-from jbclog.report.lanes import draw_lanes, lanes_of, least_seen_s
+from jbclog.report.lanes import Lane, draw_lanes, lanes_of, least_seen_s
 from jbclog.report.spans import merged, widened
 from jbclog.report.style import Format
 from jbclog.report.timescale import time_marks
 from jbclog.report.trace import JOINED_PERIODS, SETTING_JOINED_S, Floats, Trace
 
 LANE_IN = 0.155  # height of a lane
+STATE_LANE_IN = 0.26  # where there is nothing but lanes
 SHORT_S = 1.0
 ROUND = [1, 2, 2.5, 5, 10]  # steps of an axis that people count in
 RARE, COARSE = 0.02, 0.2  # samples that may lie in the coarse part of a scale, and its share of the height
@@ -52,6 +53,8 @@ def figure_svg(trace: Trace, form: Format) -> str:
 def draw(trace: Trace, form: Format) -> Figure:
     """The figure, not yet rendered."""
     lanes = lanes_of(trace, form)
+    if trace.states:
+        return _draw_states(trace, lanes, form)
     lane_in, edge_in = LANE_IN * len(lanes), 0.62
     figure = Figure(figsize=(form.width_in, form.height_in + lane_in), facecolor="white")
     room = figure.add_gridspec(
@@ -70,6 +73,16 @@ def draw(trace: Trace, form: Format) -> Figure:
     draw_lanes(lane, lanes, trace, form)
     for axes in (temperature, power, lane):
         _time_axis(axes, trace, form, labelled=axes is lane)
+    return figure
+
+
+def _draw_states(trace: Trace, lanes: list[Lane], form: Format) -> Figure:
+    """The figure of a station that tells no temperature: its lanes, and nothing above them."""
+    figure = Figure(figsize=(form.width_in, STATE_LANE_IN * len(lanes) + 0.42), facecolor="white")
+    height = figure.get_figheight()
+    axes = figure.add_axes((0.78 / form.width_in, 0.26 / height, 1 - 1.0 / form.width_in, 1 - 0.36 / height))
+    draw_lanes(axes, lanes, trace, form)
+    _time_axis(axes, trace, form, labelled=True)
     return figure
 
 

@@ -10,11 +10,12 @@ from pathlib import Path
 from jbclog import __version__
 from jbclog.analysis import Run
 from jbclog.errors import RecordError
-from jbclog.judge import measure
+from jbclog.judge import judged_signals, measure
 from jbclog.record.manifest import Manifest, manifest_sha256
 from jbclog.report.facts import NOT_CLAIMED, SCHEMA, Facts, Reason, StationReport
 from jbclog.report.marks import happenings
 from jbclog.report.ports import Context
+from jbclog.report.states import COLUMNS as STATES
 from jbclog.report.stations import station_report
 from jbclog.report.tables import by_station, counter_rows, event_rows, ledger_rows, setting_rows
 from jbclog.report.verdict import is_cut_off, verdict_facts
@@ -78,7 +79,8 @@ def _stations(run: Run, folder: Path) -> Iterator[StationReport]:
         is_cut_off(manifest),
     )
     for number, facts in enumerate(manifest.stations, 1):
-        yield station_report(facts, number, run.samples(station=facts.name, columns=COLUMNS), context)
+        columns = COLUMNS if "temperature_c" in judged_signals(facts) else (*COLUMNS, *STATES)
+        yield station_report(facts, number, run.samples(station=facts.name, columns=columns), context)
 
 
 def _not_made_safe(stations: list[StationReport]) -> Iterator[Reason]:

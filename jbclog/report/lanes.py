@@ -15,6 +15,7 @@ from jbclog.report.trace import Trace
 
 CHARACTER = 0.62  # width of a character, in font sizes
 LANES = (("no data", None), ("alarm", "alarm"), ("doubtful", "unconfirmed"), ("error", "error"))
+MARKED = frozenset(name for name, _ in LANES)
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,15 +32,22 @@ def least_seen_s(trace: Trace, form: Format) -> float:
 
 
 def lanes_of(trace: Trace, form: Format) -> list[Lane]:
-    """Status always; the others where there is something to show. Spans that cannot be told apart are one."""
+    """Status or states always; the others where there is something to show. Spans that cannot be told apart are one."""
     least = least_seen_s(trace, form)
-    lanes = [Lane("status", merged(trace.status, least))]
+    states = trace.states or {"status": trace.status}
+    lanes = [Lane(name, _seen(spans, least)) for name, spans in states.items()]
     for name, kind in LANES:
         spans = trace.gaps if kind is None else [mark.span for mark in trace.marks if mark.kind == kind]
         seen = within((widened(span, least) for span in merged(spans, least)), trace.start, trace.end)
         if seen:
             lanes.append(Lane(name, seen))
     return lanes
+
+
+def _seen(spans: list[Span], least: float) -> list[Span]:
+    """A state's spans, and over them, wide enough to be seen, those that somebody should see."""
+    graver = [widened(span, least) for span in spans if span.word in style.GRAVE_STATES]
+    return [*merged(spans, least), *graver]
 
 
 def draw_lanes(axes: Axes, lanes: list[Lane], trace: Trace, form: Format) -> None:
@@ -54,7 +62,9 @@ def draw_lanes(axes: Axes, lanes: list[Lane], trace: Trace, form: Format) -> Non
 
 def _bar(axes: Axes, row: int, name: str, span: Span, hatched: bool) -> None:
     place = Rectangle((span.start, row + 0.14), span.seconds, 0.72, lw=0, zorder=2)
-    if name == "status":
+    if span.word in style.GRAVE_STATES:
+        place.set_facecolor(style.ERROR)
+    elif name not in MARKED:
         place.set_facecolor(style.STATUS_SHADES.get(span.word, "#ffffff"))
     elif name == "no data":
         hatch = style.hatch(span.word, hatched)
@@ -72,7 +82,7 @@ def _word(axes: Axes, row: int, name: str, span: Span, trace: Trace, form: Forma
     text = next((text for text in (*longest, span.word) if (len(text) + 1) * CHARACTER * size <= room), None)
     if text is None:
         return
-    light = name not in ("status", "no data") or span.word in style.DARK_STATUS
+    light = (name in MARKED and name != "no data") or span.word in style.DARK_STATUS
     box = {"facecolor": "white", "edgecolor": "none", "pad": 0.6} if name == "no data" else None
     colour = "white" if light else style.INK
     middle = span.start + span.seconds / 2

@@ -22,7 +22,7 @@ SIGNS = {
     "INCONCLUSIVE": ("inconclusive", "?"),
     "NOT JUDGED": ("notjudged", "–"),
 }
-RESULT_SIGNS = {"pass": "✓", "fail": "✕", "missing": "?", "deviation": "△", "none": "–"}
+RESULT_SIGNS = {"pass": "✓", "fail": "✕", "missing": "?", "deviation": "△", "not applicable": "–", "none": "–"}
 
 ENDINGS = {
     "success": "recorded to the end",

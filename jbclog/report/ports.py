@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pandas as pd
 
-from jbclog.judge import PortMeasure
+from jbclog.judge import PortMeasure, judged_signals
 from jbclog.report.captions import caption, closer_caption, description
 from jbclog.report.closer import closer
 from jbclog.report.facts import Figure, PortFacts, PowerFacts, RecordedFacts, TipFacts
@@ -16,6 +16,7 @@ from jbclog.report.figure import figure_svg
 from jbclog.report.marks import Happening, limits_of, marks_of
 from jbclog.report.safety import left
 from jbclog.report.spans import Span
+from jbclog.report.states import states_facts
 from jbclog.report.style import NARROW, WIDE
 from jbclog.report.text import iso
 from jbclog.report.timescale import moment
@@ -41,8 +42,9 @@ class Context:
 
 def port_facts(facts: StationFacts, port: int, file: str, rows: pd.DataFrame, context: Context) -> PortFacts:
     """One port, from its rows of `samples`; its figures' files begin with `file`."""
+    signals = judged_signals(facts)
     drawn = replace(
-        trace(rows, Grid(context.t0_utc_us, facts.period_s)),
+        trace(rows, Grid(context.t0_utc_us, facts.period_s), of_states="temperature_c" not in signals),
         limits=limits_of(context.settings, facts.name, port, context.t0_utc_us),
         marks=marks_of(context.happenings, facts.name, port),
     )
@@ -53,9 +55,10 @@ def port_facts(facts: StationFacts, port: int, file: str, rows: pd.DataFrame, co
     return PortFacts(
         port=port,
         tool=facts.tools.get(port),
-        recorded=_recorded(rows, drawn, measure, ledger),
+        recorded=_recorded(rows, drawn, measure, ledger, signals),
         tip=_tip(drawn, measure),
         power=_power(drawn, facts.rated_power_w),
+        states=states_facts(drawn.states) if drawn.states else None,
         alarms=sum(mark.kind == "alarm" for mark in drawn.marks),
         doubtful_alarms=sum(mark.kind == "unconfirmed" for mark in drawn.marks),
         safe_state=facts.safe_state.get(port),
@@ -69,8 +72,11 @@ def port_facts(facts: StationFacts, port: int, file: str, rows: pd.DataFrame, co
     )
 
 
-def _recorded(rows: pd.DataFrame, drawn: Trace, measure: PortMeasure | None, ledger: PortLedger) -> RecordedFacts:
-    due, readings = ledger.get("temperature_c", {}).get("due", 0), 0 if measure is None else measure.temperatures
+def _recorded(
+    rows: pd.DataFrame, drawn: Trace, measure: PortMeasure | None, ledger: PortLedger, signals: list[str]
+) -> RecordedFacts:
+    due = sum(ledger.get(signal, {}).get("due", 0) for signal in signals)
+    readings = 0 if measure is None else measure.readings
     late_us = rows["late_us"].dropna().to_numpy(dtype=np.float64)
     longest = sorted(drawn.gaps, key=lambda gap: (-round(gap.seconds, 6), gap.start))[:MOST_GAPS]
     return RecordedFacts(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from jbclog.commands.family import FAMILIES
 from jbclog.rows import StationFacts
 
 MEANINGS = {
@@ -12,6 +13,7 @@ MEANINGS = {
     "failed": "The tool could not be put in its safe state.",
 }
 UNSAFE = "The run put this tool to work, and nothing in the record says that it was put in its safe state. It may still be hot."
+NO_SAFE_STATE = "It has no safe state that could be ordered; the run left it as it was."
 UNTOUCHED = "The run changed nothing at this port."
 UNTOUCHED_AS_FAR = "Nothing in the record says that the run changed anything at this port; the record's end is missing."
 
@@ -30,6 +32,9 @@ def left(facts: StationFacts, port: int, celsius: float | None, status: str | No
     order = facts.safe_state.get(port)
     if order is not None:
         return Left(order, MEANINGS.get(order, ""), order not in ("verified", "sent"))
+    family = FAMILIES.get(facts.family)
+    if family is not None and not family.safe_states:
+        return Left("has none", NO_SAFE_STATE, False)
     if port not in facts.touched:
         return Left("not touched", UNTOUCHED_AS_FAR if cut_off else UNTOUCHED, False)
     seen = [f"{celsius:.0f} °C"] if celsius is not None else []

@@ -35,8 +35,14 @@ STATUS_SHADES: Final = {
     "sleep": "#c3ced8",
     "hibernation": "#e1e7ec",
     "off": "#f1f4f6",
+    "ready": "#c3ced8",
+    "preparing": "#3d5166",
+    "in range": "#c3ced8",
+    "out of range": "#3d5166",
+    "ok": "#c3ced8",
 }
-DARK_STATUS: Final = frozenset({"working", "on"})
+GRAVE_STATES: Final = frozenset({"shortage", "clogged", "both"})
+DARK_STATUS: Final = frozenset({"working", "on", "preparing", "out of range", *GRAVE_STATES})
 
 HATCHES: Final = {"disconnected": "xxx", "skipped": "---", "no_tool": "...", "robot_off": "+++"}
 HATCH_ELSE: Final = "///"

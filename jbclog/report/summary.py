@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
+NOT_APPLICABLE = "not applicable"
 FEW = 12  # so many rules are read at a glance and need no summary
 
 Rule = Mapping[str, object]
@@ -21,8 +22,9 @@ def summary(rules: Sequence[Rule]) -> list[dict[str, object]]:
 
 def _line(rules: Sequence[Rule]) -> dict[str, object]:
     worst = _worst(rules)
-    results = [str(rule["result"]) for rule in rules]
-    result = next((one for one in ("fail", "missing", "deviation") if one in results), "pass")
+    results = [str(rule["result"]) for rule in rules if rule["result"] != NOT_APPLICABLE]
+    usual = "pass" if results else NOT_APPLICABLE
+    result = next((one for one in ("fail", "missing", "deviation") if one in results), usual)
     alike = len(rules) > 1 and len({rule["observed"] for rule in rules}) == 1  # nobody stands out
     named = None if alike else worst
     place = {"station": named["station"], "port": named["port"]} if named is not None else {"station": None, "port": None}
@@ -33,7 +35,7 @@ def _line(rules: Sequence[Rule]) -> dict[str, object]:
         "limit": first["limit"],
         "unit": first["unit"],
         "kept": results.count("pass"),
-        "of": len(rules),
+        "of": len(results),
         "worst": observed,
         **place,
         "result": result,

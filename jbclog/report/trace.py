@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -10,6 +10,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from jbclog.report.spans import Span, missing_ticks, runs, within
+from jbclog.report.states import is_any_told, state_lanes
 
 Floats = NDArray[np.float64]
 JOINED_PERIODS = 1.5  # samples further apart than this are not joined by a line
@@ -61,6 +62,7 @@ class Trace:
     gaps: list[Span]
     limits: Sequence[Limit] = ()
     marks: Sequence[Mark] = field(default_factory=tuple)
+    states: Mapping[str, list[Span]] = field(default_factory=dict)  # lanes of a station that tells no temperature
 
     @property
     def start(self) -> float:
@@ -82,17 +84,19 @@ class Trace:
             status=within(self.status, start, end),
             gaps=within(self.gaps, start, end),
             marks=[mark for mark in self.marks if mark.span.end >= start and mark.span.start <= end],
+            states={name: within(spans, start, end) for name, spans in self.states.items()},
         )
 
 
-def trace(samples: pd.DataFrame, grid: Grid) -> Trace:
-    """The trace of one port from its rows of `samples`, in the order of their ticks."""
+def trace(samples: pd.DataFrame, grid: Grid, *, of_states: bool = False) -> Trace:
+    """The trace of one port from its rows of `samples`, in the order of their ticks; `of_states` where it tells no temperature."""
     utc = samples["time"].to_numpy(dtype="datetime64[us]").astype(np.int64).astype(np.float64)
     seconds = grid.seconds(_floats(samples["tick"]), utc)
     temperature = _floats(samples["temperature_c"])
     period_s = grid.period_s or _typical(seconds)
     words = samples["quality"].astype(object)
-    why = [None if there else _why(word) for there, word in zip(~np.isnan(temperature), words, strict=True)]
+    told = is_any_told(samples) if of_states else ~np.isnan(temperature)
+    why = [None if there else _why(word) for there, word in zip(told, words, strict=True)]
     skipped = missing_ticks(seconds, period_s) if grid.period_s else []
     status = samples["status"].astype(object)
     return Trace(
@@ -104,6 +108,7 @@ def trace(samples: pd.DataFrame, grid: Grid) -> Trace:
         _floats(samples["set_c"]),
         runs(seconds, status.where(status.notna(), None).to_numpy(), period_s),
         sorted([*runs(seconds, why, period_s), *skipped], key=lambda span: span.start),
+        states=state_lanes(samples, seconds, period_s) if of_states else {},
     )
 
 

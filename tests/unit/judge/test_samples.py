@@ -58,7 +58,7 @@ def test_small_batches_measure_the_same(case: Any, tip: Callable[..., Any], monk
     for port in (1, 2):
         assert pieces["a", port].gap_s == whole["a", port].gap_s
         assert pieces["a", port].idle == whole["a", port].idle
-        assert pieces["a", port].temperatures == whole["a", port].temperatures
+        assert pieces["a", port].readings == whole["a", port].readings
 
 
 def test_without_a_grid_the_gap_is_taken_from_the_times(case: Any, tip: Callable[..., Any]) -> None:
