@@ -121,11 +121,15 @@ def _cells(desk: Desk) -> Iterator[tuple[str, ...]]:
 
 
 def _tip(desk: Desk, port: PortState) -> str:
+    if desk.family.command_of("temperature_c") is None:
+        return ""
     known = desk.connected and port.temperature_c is not None
     return f"{port.temperature_c} °C" if known else "unknown"
 
 
 def _status(desk: Desk, port: PortState) -> str:
+    if desk.connected and port.states:  # OMEGA's, each in its own words
+        return ", ".join(str(port.states[signal.name][0]) for signal in desk.family.signals if signal.name in port.states)
     if not desk.connected or port.status is None:
         return "unknown"
     return desk.family.status.state(port.status)
