@@ -57,8 +57,8 @@ def test_the_flow_is_a_share_of_what_the_station_says_is_its_greatest(greatest: 
     run = hot_air(f"settings = {{ {settings} }}", duration_s=15).go()
     assert f"WSF1{raw:05d}" in written(run)
     assert set(cells(run, "set_flow_permille")) == {round(1000 * raw / greatest)}
-    (event,) = run.memory.of_kind("protocol.undecided")
-    assert (event.code, event.port, event.raw) == (33, 1, f"{raw}/{greatest}")
+    (event,) = run.memory.of_kind("protocol.anomaly")
+    assert (event.code, event.port, event.severity) == (33, 1, "warning")
     held = {row.setting: row.readback for row in run.memory.settings}
     assert (held["selected_air_flow"], held["maximum_air_flow"]) == (str(raw), str(greatest))
 
@@ -97,8 +97,7 @@ def test_without_a_greatest_flow_the_flow_in_force_is_no_share() -> None:
     assert cells(run, "set_flow_permille") == []
     assert {reasons_in(row).get("set_flow_permille") for row in run.memory.samples} == {None, "no_maximum"}
     assert_account_holds(run)
-    (event,) = run.memory.of_kind("protocol.undecided")
-    assert "cannot be recorded as a share" in event.text
+    assert "raw" in {row.unit for row in run.memory.settings if row.setting == "selected_air_flow"}
 
 
 def test_without_a_status_in_the_recipe_nothing_is_switched_on() -> None:
