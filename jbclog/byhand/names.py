@@ -9,6 +9,7 @@ from typing import NamedTuple
 from jbclog.byhand.values import words_for
 from jbclog.commands.command import Command, Scope
 from jbclog.commands.family import FAMILIES, Family
+from jbclog.commands.omega_values import StoredCondition
 from jbclog.commands.ranges import allowed
 from jbclog.errors import UsageError
 from jbclog.quantities import OFF
@@ -93,10 +94,18 @@ def _entry(command: Command, family: Family, kind: Kind) -> Entry:
 
 
 def values_text(command: Command, family: Family) -> str:
-    """What may be written: ``0 to 9 min, in steps of 1, or off``; the words where there are words; nothing for an order."""
+    """What may be written: ``0 to 9 min, in steps of 1, or off``; the words where there are words.
+
+    Where the station itself knows the ends, by what it tells them.
+    """
     if is_order(command):
         return "no value"
+    if isinstance(command.quantity, StoredCondition):
+        return "a condition, as `jbclog read` shows one"
     words = [word for word, value in words_for(command, family).items() if value is not OFF]
+    if command.within is not None:
+        steps = f"steps of {command.limits.step:g} {command.unit} " if command.limits.step else ""
+        return f"{steps}from {command.within[0]} to {command.within[1]}"
     return ", ".join(words) or allowed(command).replace('"off"', "off")  # no file, where words have quotes
 
 

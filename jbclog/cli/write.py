@@ -134,7 +134,7 @@ class _Writing:
         from jbclog.reach import keep_snapshot
 
         self._kept = keep_snapshot(snapshot, self._change.name, self._snapshot)
-        note(f"note: all {len(snapshot.settings)} settings of {snapshot.station}, as they are now, are kept in {self._kept}")
+        note(f"note: the settings of {snapshot.station} as they are now ({len(snapshot.settings)}) are kept in {self._kept}")
 
     def _tell(self) -> int:
         from jbclog.cli.wording import exit_code, notes, result, written_facts

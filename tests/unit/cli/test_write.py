@@ -297,7 +297,7 @@ def test_all_settings_are_kept_before_anything_is_sent(make: Make, tmp_path: Pat
         0,
         "factory_reset: sent and acknowledged; there is nothing by which it could be read back\n",
     )
-    assert ended.err.startswith(f"note: all 86 settings of dde-1, as they are now, are kept in {kept.name}\n")
+    assert ended.err.startswith(f"note: the settings of dde-1 as they are now (86) are kept in {kept.name}\n")
     told = json.loads(kept.read_text())
     assert (told["station"], told["family"], told["model"], told["before"]) == ("dde-1", "dde", "DDE", "factory_reset")
     values = {(one["setting"], one["port"], one["tool"]): one["value"] for one in told["settings"]}
@@ -548,9 +548,9 @@ def test_a_family_still_to_be_learnt_is_asked_first(make: Make) -> None:
 
 def test_without_a_name_the_names_are_listed_with_what_they_take(make: Make) -> None:
     bench = make(ale())
-    lines = bench.do("write", "ale-1").out.splitlines()
-    assert "restart - station no value; dangerous 002 W-RST; 000 4.7" in [" ".join(line.split()) for line in lines]
-    assert "feeder_mode - station continuous, discontinuous, program, reload 002 R-MOD, W-MOD" in [
-        " ".join(line.split()) for line in lines
-    ]
+    lines = [" ".join(line.split()) for line in bench.do("write", "ale-1").out.splitlines()]
+    assert "restart - station no value; dangerous 002 W-RST; 000 4.7" in lines
+    assert "feeder_mode - station continuous, discontinuous, program, reload 002 R-MOD, W-MOD" in lines
     assert not [line for line in lines if line.startswith("tip_temperature")]
+    limits = "steps of 5 °C from minimum_temperature to maximum_temperature"
+    assert f"selected_temperature °C port {limits} 002 W-STx; 000 4.8.2" in lines
