@@ -97,8 +97,8 @@ def _command(recording: Recording, line: Path, speed: float) -> list[str]:
 def _tell_misses(station: TapeStation) -> None:
     if station.strange:
         note(f"{station.name}: {station.strange} times it was asked what the recording does not have; it was silent")
-    if again := sum(station.used_up.values()):
-        note(f"{station.name}: {again} questions came more often than they were recorded; it was silent")
+    if again := sum(station.repeated.values()):
+        note(f"{station.name}: {again} questions came more often than they were recorded")
 
 
 # -- at once --------------------------------------------------------------------------------------------------------------------

@@ -1,12 +1,14 @@
 """A recorded station, played from its tape without any I/O: to a question that was asked then, what was answered then.
 
-Each question has its own row of answers, in the order in which they were recorded, and each asking takes the next: so a
-client that asks in a slightly other order gets the same values all the same. Where it asks something less often than
-then, answers that lie far behind the place on the tape where it otherwise is are left out. What came is given as it
-came, with its delay: whole, in pieces, corrupt, late, twice, or not at all. Where the link was lost after a question, it
-is lost again, for as long.
+What came is given as it came, with its delay: whole, in pieces, corrupt, late, twice, or not at all. Where the link was
+lost after a question, it is lost again, for as long. The rules of what is next:
 
-A question that was never asked, or not so often, is met with silence: nothing is made up.
+1. Each question has its own row of answers in the order in which they were recorded, and each asking takes the next: so
+   a client that asks in a slightly other order gets the same values all the same.
+2. Answers far behind the place on the tape that the client has otherwise come to are left out, while later ones are there.
+   So is everything before a question that was asked only once, and far ahead of that place: an order at the end.
+3. Asked somewhat more often than then, a question gets its last answer again; then there is silence. A question that was
+   never asked is met with silence at once: nothing is made up.
 """
 
 from __future__ import annotations
@@ -21,7 +23,8 @@ from jbclog.sim.virtual import Reply
 from jbclog.tape import Passed, Row
 
 LATELY = 16  # exchanges whose middle one is the place on the tape: a single one may lie far ahead
-FAR = 32  # exchanges behind that: half a second of a full wire
+FAR = 32  # exchanges from that: half a second of a full wire
+AGAIN = 3  # times that a question gets its last answer once more
 
 
 @dataclass(slots=True)
@@ -71,23 +74,25 @@ class TapeStation:
     Recorded delays hold what it took to hand bytes over; who serves it on a port, where that is taken again, has each
     answer begin `early_s` before its time.
 
-    `strange` counts the questions that were never recorded, `used_up` those that were asked more often than recorded.
+    `strange` counts what was heard and never recorded, `repeated` the questions that came more often than they were recorded.
     """
 
     def __init__(self, name: str, rows: Callable[[], Iterable[Row]], speed: float = 1.0, early_s: float = 0.0) -> None:
         self.name = name
         self.strange = 0
-        self.used_up: Counter[bytes] = Counter()
+        self.repeated: Counter[bytes] = Counter()
         self._speed = speed
         self._early_s = early_s
         self._coming = exchanges(rows())
-        self._waiting: defaultdict[bytes, deque[Exchange]] = defaultdict(deque)
-        self._known = {row.data for row in rows() if isinstance(row, Passed) and row.what == "sent"}
+        self._rows: defaultdict[bytes, deque[Exchange]] = defaultdict(deque)
+        self._last: dict[bytes, Exchange] = {}
+        self._known = Counter(row.data for row in rows() if isinstance(row, Passed) and row.what == "sent")
         self._starts = {question[:length] for question in self._known for length in range(1, len(question))}
         self._lengths = sorted({len(question) for question in self._known}, reverse=True)
         self._heard = b""
         self._outages: list[tuple[float, float]] = []
         self._lately: deque[int] = deque(maxlen=LATELY)
+        self._floor = 0  # what lies before this place is left out
 
     def receive(self, data: bytes, now: float) -> list[Reply]:
         """What comes back to `data` written at `now`: bytes, each with the moment at which they are there."""
@@ -118,30 +123,43 @@ class TapeStation:
         self.strange += dropped
 
     def _replies(self, question: bytes, now: float) -> list[Reply]:
-        one = self._next(question)
-        while one is not None and self._is_left_behind(one):
-            self._lose(one, now)
-            one = self._next(question)
+        one = self._next(question, now)
         if one is None:
-            self.used_up[question] += 1
-            return []
-        self._lately.append(one.place)
-        self._lose(one, now)
+            self.repeated[question] += 1
+            one = self._last[question] if self.repeated[question] <= AGAIN else Exchange(0, question)
+        else:
+            self._go_on(one, now)
         return [Reply(now + max(delay_s / self._speed - self._early_s, 0.0), data) for delay_s, data in one.replies]
 
-    def _is_left_behind(self, one: Exchange) -> bool:
-        return len(self._lately) == LATELY and one.place < median_low(self._lately) - FAR
+    def _next(self, question: bytes, now: float) -> Exchange | None:
+        """The next exchange with that question; earlier ones are left out where they lie behind."""
+        row = self._rows[question]
+        while self._reach(question, 1) and row[0].place < self._floor and self._reach(question, 2):
+            self._lose(row.popleft(), now)
+        return row.popleft() if row else None
+
+    def _reach(self, question: bytes, count: int) -> bool:
+        """Read on until so many exchanges with that question wait; those before them wait for theirs."""
+        row = self._rows[question]
+        while len(row) < count:
+            one = next(self._coming, None)
+            if one is None:
+                return False
+            self._rows[one.question].append(one)
+        return True
+
+    def _go_on(self, one: Exchange, now: float) -> None:
+        """This exchange happens: the place on the tape, and the link, are what they were then."""
+        self._last[one.question] = one
+        place = median_low(self._lately) if self._lately else one.place
+        if self._known[one.question] == 1 and one.place > place + FAR:
+            self._floor = one.place
+        self._lately.append(one.place)
+        if len(self._lately) == LATELY:
+            self._floor = max(self._floor, median_low(self._lately) - FAR)
+        self._lose(one, now)
 
     def _lose(self, one: Exchange, now: float) -> None:
         """Lose the link where it was lost after this exchange."""
         if one.lost_s is not None:
             self._outages.append((now + one.lost_s / self._speed, now + one.back_s / self._speed))
-
-    def _next(self, question: bytes) -> Exchange | None:
-        """The next exchange with that question; those before it wait for theirs."""
-        while not self._waiting[question]:
-            one = next(self._coming, None)
-            if one is None:
-                return None
-            self._waiting[one.question].append(one)
-        return self._waiting[question].popleft()

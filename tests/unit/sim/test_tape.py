@@ -42,8 +42,14 @@ def test_each_asking_gets_the_next_answer_after_the_same_time() -> None:
     assert one.receive(Q1, 100.0) == [(pytest.approx(100.015), A1)]
     assert one.receive(Q2, 100.1) == [(pytest.approx(100.114), A3[:4]), (pytest.approx(100.116), A3[4:])]
     assert one.receive(Q1, 101.0) == [(pytest.approx(101.4), A2)]
-    assert one.receive(Q1, 102.0) == []
-    assert (one.strange, one.used_up) == (0, {Q1: 1})
+    assert (one.strange, one.repeated) == (0, {})
+
+
+def test_asked_somewhat_more_often_it_says_the_same_again_and_then_nothing() -> None:
+    one = station(TWO)
+    answers = [[reply.data for reply in one.receive(Q1, float(second))] for second in range(7)]
+    assert answers == [[A1], *[[A2]] * 4, [], []]
+    assert one.repeated == {Q1: 5}
 
 
 def test_another_order_gets_the_same_answers() -> None:
@@ -61,7 +67,7 @@ def test_silence_for_what_was_never_asked() -> None:
     one = station(TWO)
     assert one.receive(b"\x02RST1\x03c", 1.0) == []
     assert [reply.data for reply in one.receive(b"\xff\x00" + Q1, 2.0)] == [A1]
-    assert (one.strange, one.used_up) == (2, {})
+    assert (one.strange, one.repeated) == (2, {})
 
 
 def test_a_question_in_pieces_and_two_at_once() -> None:
@@ -153,6 +159,24 @@ def test_who_asks_something_more_often_does_not_pull_the_tape_along() -> None:
         answers += one.receive(Q1, float(number))
         one.receive(Q2, float(number))
     assert [int(reply.data) for reply in answers] == list(range(200))
+
+
+def test_who_ends_earlier_finds_the_end_after_the_order_for_it() -> None:
+    """The order is given only once; what is read after it must not be what was read before it."""
+    order, rows = b"\x02WPS100001\x03", many(400)
+    rows += [row(400.0, "sent", order), row(400.1, "heard", b"done"), row(401.0, "sent", Q1), row(401.1, "heard", b"safe")]
+    one = station(rows)
+    for number in range(100):
+        one.receive(Q1, float(number))
+    assert [reply.data for question in (order, Q1) for reply in one.receive(question, 100.0)] == [b"done", b"safe"]
+
+
+def test_an_order_a_little_before_its_time_leaves_nothing_out() -> None:
+    order, rows = b"\x02WPS100001\x03", many(20)
+    one = station([*rows, row(400.0, "sent", order), row(400.1, "heard", b"done")])
+    for number in range(18):
+        one.receive(Q1, float(number))
+    assert [reply.data for question in (order, Q1) for reply in one.receive(question, 100.0)] == [b"done", b"18"]
 
 
 def test_a_loss_among_what_is_left_out_is_not() -> None:
