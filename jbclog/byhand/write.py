@@ -208,6 +208,10 @@ def _send(contact: Contact, command: Command, value: Value, written: Written) ->
     elif command.name == "address" and isinstance(client, Station) and isinstance(value, int):
         yield from after.change_address(client, command, value or None)
         written.outcome = CONFIRMED
+    elif command.name == "factory_reset":
+        yield from client.write(command, value)
+        written.outcome = SENT
+        yield from _look_who_is_there(contact, written)
     elif command.name in SHOWN_BY:
         yield from _send_and_look(contact, command, written)
     elif (mirror := _mirror(contact, command, value, written.place)) is not None:
@@ -215,6 +219,14 @@ def _send(contact: Contact, command: Command, value: Value, written: Written) ->
     else:
         yield from client.write(command, value)
         written.outcome = SENT
+
+
+def _look_who_is_there(contact: Contact, written: Written) -> Steps[None]:
+    """Address, line format and Robot mode are settings too, as far as anybody knows."""
+    try:
+        yield from contact.client.read(after.MODEL)
+    except StationError as error:
+        written.problem = f"now it does not answer as before ({sentence(error)}); `jbclog scan` finds out how it does"
 
 
 def _lost(contact: Contact, command: Command, value: Value, place: Place) -> Steps[StationError | None]:

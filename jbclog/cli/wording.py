@@ -62,7 +62,7 @@ def result(written: Written) -> str:
     if written.seconds is not None:
         return f"{name}: sent; the station answers again after {written.seconds:.1f} s"
     told = "sent" if is_order(command) else f"{_text(written, written.value)} was sent"
-    return f"{name}: {told} and acknowledged; {_left_open(written)}"
+    return f"{name}: {told} and acknowledged; {written.problem or _left_open(written)}"
 
 
 def _done(written: Written) -> str:

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import json
+import re
 
 import pytest
 from by_hand import Make, station_text
+from typer.testing import CliRunner
 
 from jbclog import reach
 from jbclog.byhand.contact import meet
+from jbclog.cli.app import app
 from jbclog.commands.family import FAMILIES
 from jbclog.effects import Steps
 from jbclog.errors import WriteForbidden
@@ -279,3 +282,20 @@ def test_without_a_name_the_names_are_listed(make: Make) -> None:
         "manual": "002 R-TTx; 000 4.8.3",
         "remark": "",
     }
+
+
+@pytest.mark.parametrize("verb", ["read", "write"])
+def test_help_lists_every_name_of_every_family(verb: str) -> None:
+    told = CliRunner().invoke(app, [verb, "--help"]).stdout.partition("Names")[2]
+    words = set(re.findall(r"[a-z_]+", told))
+    names = {
+        name
+        for family in FAMILIES.values()
+        for name, command in family.commands.items()
+        if (command.readable if verb == "read" else command.writable)
+    }
+    assert names <= words
+    assert set(FAMILIES) <= words
+    dangerous = {name for family in FAMILIES.values() for name, command in family.commands.items() if command.dangerous}
+    behind = set(told.partition("Dangerous, and done only with --yes-i-mean STATION:")[2].split())
+    assert behind == (dangerous if verb == "write" else set())

@@ -395,6 +395,15 @@ def test_a_station_that_does_not_come_back_is_said(make: Make) -> None:
     assert writes(bench) == ["WRST00000"]
 
 
+def test_a_station_that_answers_otherwise_after_a_reset_is_said(make: Make) -> None:
+    bench = make(dde(fault("nak", "command = 'model'\nat_s = 5\ncode = 5")))
+    bench.do("read", "dde-1", "model")
+    bench.wires["dde-1"].watch = lambda text: bench.wait(5) if text == "WRSP00000" else None
+    ended = bench.do("write", "dde-1", "factory_reset", *MEANT)
+    assert ended.code == 0  # it was done
+    assert "sent and acknowledged; now it does not answer as before (refused with N 00005, Robot mode is off)" in ended.out
+
+
 @pytest.mark.parametrize(("value", "written"), [("7", "address = 7"), ("0", "address = false")])
 def test_another_address_is_proven_and_the_line_file_s_turn(make: Make, value: str, written: str) -> None:
     bench = make(station_text("ucr-1", "ucr", "address = 1"))
