@@ -48,6 +48,7 @@ UNMEASURED_S = 0.3  # turnaround allowed before any was seen (digest B-13)
 LEAST_S = 0.1  # turnaround allowed at the least: a busy host may well need that long to hand bytes over
 MOST_S = 2.0  # and at the most: a station that answers ever later must not stretch every wait for a lost answer
 QUIET_S = 0.02  # a line that was silent this long after a bad answer is drained
+MOST_DOUBTED = 64  # questions of which an answer may still come; a station does not keep more for later
 UNEXPECTED_LENGTH = 20  # characters allowed for an answer of unprinted length, for its time-out
 
 REFUSALS: dict[int, type[Refusal]] = {
@@ -87,7 +88,7 @@ class Dialogue:
         self.strays: Counter[str] = Counter()
         self.anomalies = Anomalies()
         self._reader = FrameReader()
-        self._doubted: set[str] = set()  # codes to which an answer may be under way
+        self._doubted: list[str] = []  # codes of questions whose answers may be under way, oldest first
         self._is_clear = True  # nothing was in doubt when the pending question left
         self._pending = self._last = ""  # the codes of the question that is out, and of the one before it
         self._is_overdue = False  # the time of the last question was over before its answer came
@@ -143,7 +144,9 @@ class Dialogue:
         self._last = self._pending
         self._pending = question.code
         self._is_clear = not self._doubted
-        self._doubted.add(question.code)  # until that or any other is answered
+        self._doubted.append(question.code)  # until that or any later one is answered
+        if len(self._doubted) > MOST_DOUBTED:
+            del self._doubted[0]
         heard = yield Ask(question.frame, self.patience_s(question))
         self.exchanges += 1
         self.sent = heard.sent
@@ -286,9 +289,15 @@ class Dialogue:
             self.turnaround_s = seen * 0.999 + took * 0.001  # forget a single late answer slowly
 
     def _settled(self) -> None:
-        """The station has answered: answers come in the order of questions, so none to an earlier one is under way."""
-        self._doubted.clear()
-        self._is_overdue = False
+        """The station has answered: answers come in the order of questions, so none to an earlier one is under way.
+
+        Where the code of the pending question is out more than once, it may have been an earlier one that was answered.
+        """
+        if len(self._doubted) > 1:
+            del self._doubted[: self._doubted.index(self._pending) + 1]
+        else:
+            self._doubted.clear()
+        self._is_overdue = bool(self._doubted)
 
     def _drain(self) -> Steps[None]:
         """Listen until the line has been quiet long enough for any late answer to have come."""

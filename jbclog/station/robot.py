@@ -39,6 +39,7 @@ from jbclog.station.question import Question
 from jbclog.wire import LineFormat
 
 PROBES = 2  # questions a silent station gets before it counts as silent
+MOST_ROUNDS = 3  # of these, where it does answer and may be answering what was asked long before
 PROBE_COMMANDS = [command for command in COMMON if command.name in ("model", "station_error", "maximum_temperature")]
 BADLY_FORMED, UNDEFINED = 2, 99999  # communication errors
 EXTRACTOR_ORDER = ("status", "00010")  # which some stations may refuse (digest B-19)
@@ -177,7 +178,8 @@ class Station(Dialogue):
         self._questions.clear()
         self._padded = None
         self._reader.reset()
-        self._settled()
+        self._doubted.clear()
+        self._is_overdue = False
 
     def unasked(self, heard: Heard) -> None:
         """Take note of the moment, and of bytes that came although nothing was asked."""
@@ -227,18 +229,23 @@ class Station(Dialogue):
 
         Raises `StationSilent` where nothing answers, and where something does that cannot be believed, what it met.
         """
-        failure: StationError = AnswerTimeout()
-        for probe in self._probes(doubted.code):
+        failure: StationError = AnswerTimeout(f"{doubted.title()}: answers to earlier questions may still come")
+        unanswered = 0
+        for probe in MOST_ROUNDS * self._probes(doubted.code):
             if self._is_overdue:
                 yield from self._drain()
             try:
                 yield from self._exchange(probe)
-                return
-            except Refusal:  # that, too, proves that the station has done with what was asked before
-                return
+            except Refusal:
+                pass  # that, too, proves that the station has done with what was asked before
             except UNCERTAIN as error:
-                failure = error
-        if isinstance(failure, AnswerTimeout):
+                failure, unanswered = error, unanswered + 1
+                if unanswered == PROBES:
+                    break
+                continue
+            if doubted.code not in self._doubted:
+                return
+        if unanswered == PROBES and isinstance(failure, AnswerTimeout):
             raise StationSilent(f"no answer to {PROBES + 1} questions in a row")
         raise failure
 

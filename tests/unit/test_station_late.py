@@ -119,6 +119,29 @@ def test_nothing_is_asked_before_the_line_is_quiet_again() -> None:
     assert talk.station.strays["late"] == 10
 
 
+def test_a_late_answer_to_an_earlier_probe_proves_nothing() -> None:
+    """The probe that settles a doubt may itself have been asked before: what answers it then may be that one's answer."""
+    asked: Counter[str] = Counter()
+
+    def replies(text: str) -> list[Answer]:
+        asked[text] += 1
+        said = f"ASER{asked[text]:05d}" if text == "RSER" else OTHERS.get(text, "ATT100183")
+        late = {("RSMN", 1): 0.80, ("RSER", 1): 0.60}.get((text, asked[text]), PROMPT_S)
+        echo: list[Answer] = [(0.006, framed(text, 0, 1))] if (text, asked[text]) == ("RSER", 1) else []
+        return [] if (text, asked[text]) == ("RTT1", 1) else [*echo, (late, said)]
+
+    talk = Talk(replies=replies)
+
+    def reads(station: Station) -> Steps[object]:
+        with pytest.raises(StationError):
+            yield from station.read(TIP, 1)
+        return (yield from station.read(DDE["station_error"]))
+
+    value = talk.do(reads)
+    assert asked["RSMN"] > 1
+    assert value == asked["RSER"] > 1
+
+
 def test_a_silent_station_is_given_up_after_three_questions() -> None:
     talk = Talk(replies=lambda text: [])
     with pytest.raises(StationSilent):
