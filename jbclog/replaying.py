@@ -88,7 +88,15 @@ def open_recording(folder: Path) -> Recording:
 def plan_of(recording: Recording) -> Plan:
     """The plan that was run. Raises `Problems` where line file or recipe are none any more."""
     head = recording.first
-    wanted = Wanted(recording.line.path, None, tuple(recording.heads), head.duration_s, head.rate, recording.metadata)
+    wanted = Wanted(
+        recording.line.path,
+        stations=tuple(recording.heads),
+        duration_s=head.duration_s,
+        rate=head.rate,
+        metadata=recording.metadata,
+        guard=False,
+        allow_omega_write=head.allow_omega_write,
+    )
     stations = (station_plan(spec, load_recipe(recording.recipe_path(spec.name)), wanted) for spec in recording.stations)
     return Plan(recording.line, tuple(stations), wanted)
 

@@ -91,7 +91,8 @@ def _command(recording: Recording, line: Path, speed: float) -> list[str]:
     options += [("--duration", None if plan.wanted.duration_s is None else f"{plan.wanted.duration_s / speed:g}s")]
     options += [("--operator", told.operator), ("--order", told.order), ("--product", told.product)]
     options += [("--unit", unit) for unit in told.units] + [("--tag", f"{name}={text}") for name, text in told.tags.items()]
-    return ["jbclog", "run", "--line", str(line), *(word for name, text in options if text for word in (name, text))]
+    words = ["jbclog", "run", "--line", str(line), *(word for name, text in options if text for word in (name, text))]
+    return words + ["--allow-omega-write"] * plan.wanted.allow_omega_write
 
 
 def _tell_misses(station: TapeStation) -> None:

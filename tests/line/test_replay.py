@@ -11,8 +11,8 @@ from virtual_run import RECIPE, Memory, line_text
 
 from jbclog.record.wire import read_rows, wire_path
 from jbclog.rows import COLUMN
-from jbclog.session import identify
 from jbclog.session.order import Order
+from jbclog.station import turnaround
 
 FAULT = "[[station.sim.fault]]\nkind = "
 TROUBLE = {
@@ -102,6 +102,11 @@ def test_each_station_of_a_line(tmp_path: Path) -> None:
 # -- a program that has changed since ----------------------------------------------------------------------------------------
 
 
+def ask_less(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A program that measures the turnaround with two reads less."""
+    monkeypatch.setattr(turnaround, "READS", turnaround.READS - 2)
+
+
 def values(memory: Memory, column: str, port: int = 1) -> list[object]:
     return [value for value in memory.column(column, port) if value is not None]
 
@@ -111,7 +116,7 @@ def test_a_program_that_asks_something_else_goes_on_with_the_tape_as_its_station
 ) -> None:
     """It asks less at the start, so all comes a little earlier; the values of each signal are the same, in the same order."""
     run = recorded(tmp_path / "run", line_text(TROUBLE["corrupt frames"]), duration_s=10)
-    monkeypatch.setattr(identify, "MEASURED_READS", identify.MEASURED_READS - 2)
+    ask_less(monkeypatch)
     again, left = relived(tmp_path / "run")
     assert "it would ask" in str(left["dde-1"])
     for column in ("temperature_c", "power_permille", "status", "set_c", "alarm_high"):
@@ -124,7 +129,7 @@ def test_a_program_that_asks_something_else_goes_on_with_the_tape_as_its_station
 
 def test_a_changed_program_meets_the_outage_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     run = recorded(tmp_path / "run", line_text(TROUBLE["an outage"]), duration_s=12)
-    monkeypatch.setattr(identify, "MEASURED_READS", identify.MEASURED_READS - 2)
+    ask_less(monkeypatch)
     again, _ = relived(tmp_path / "run")
     (before,), (after,) = run.memory.of_kind("link.back"), again.of_kind("link.back")
     assert after.value == pytest.approx(before.value, abs=0.3)
@@ -143,7 +148,7 @@ def test_a_program_that_never_ends_is_ended_with_its_tape(tmp_path: Path, monkey
     recorded(
         tmp_path / "run", line_text(), duration_s=None, arrange=lambda run: run.at(4, lambda: run.driver.end("ended by SIGINT"))
     )
-    monkeypatch.setattr(identify, "MEASURED_READS", identify.MEASURED_READS - 2)
+    ask_less(monkeypatch)
     again, left = relived(tmp_path / "run")
     assert left
     assert (again.stations["dde-1"].outcome, again.stations["dde-1"].reason) == ("completed", "ended by SIGINT")

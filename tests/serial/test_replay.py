@@ -42,7 +42,7 @@ at_s = 0.6
 every = 9
 [[station.sim.fault]]
 kind = "dropout"
-at_s = 1.6
+at_s = 3.2
 for_s = 0.7
 
 [[station]]

@@ -1,0 +1,89 @@
+"""Two records of the same happenings are held against each other row by row, but for the moments of writing."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.parquet as pq
+import pytest
+from make_run import make_run
+
+from jbclog.record.compare import MOST_TOLD, differences
+from jbclog.record.manifest import read_manifest, write_manifest
+from jbclog.record.parts import part_paths
+
+Change = Callable[[pa.Table], pa.Table]
+
+
+@pytest.fixture
+def pair(tmp_path: Path) -> tuple[Path, Path]:
+    return make_run(tmp_path / "first", seconds=6.0), make_run(tmp_path / "second", seconds=6.0)
+
+
+def rewrite(folder: Path, table: str, change: Change) -> None:
+    (path,) = part_paths(folder, table)
+    with pq.ParquetFile(path) as file:
+        changed = change(file.read())
+    pq.write_table(changed, path)
+
+
+def with_value(table: pa.Table, row: int, column: str, value: object) -> pa.Table:
+    values = table[column].to_pylist()
+    values[row] = value
+    place = table.schema.get_field_index(column)
+    return table.set_column(place, table.schema.field(column), pa.array(values, table.schema.field(column).type))
+
+
+def test_the_same_run_twice(pair: tuple[Path, Path]) -> None:
+    assert differences(*pair) == []
+
+
+def test_moments_of_writing_and_events_of_the_run_as_a_whole_are_left_out(pair: tuple[Path, Path]) -> None:
+    def later(table: pa.Table) -> pa.Table:
+        moved = pc.add(table["time"].cast(pa.int64()), 5000).cast(table.schema.field("time").type)
+        return table.set_column(table.schema.get_field_index("time"), table.schema.field("time"), moved)
+
+    for table in ("samples", "events", "settings", "counters"):
+        rewrite(pair[1], table, later)
+    rewrite(pair[1], "events", lambda events: events.filter(pc.is_valid(events["station"])))
+    assert differences(*pair) == []
+
+
+@pytest.mark.parametrize(
+    ("table", "column", "value"),
+    [("samples", "temperature_c", 999), ("samples", "late_us", 7), ("samples", "reasons", "x=y"), ("settings", "readback", "999")],
+)
+def test_one_value_is_found_and_named(pair: tuple[Path, Path], table: str, column: str, value: object) -> None:
+    rewrite(pair[1], table, lambda rows: with_value(rows, 4, column, value))
+    (found,) = differences(*pair)
+    assert found.startswith(f"{table}, ")
+    assert f"{column} {value!r} instead of" in found
+
+
+def test_rows_that_are_missing(pair: tuple[Path, Path]) -> None:
+    rewrite(pair[1], "samples", lambda rows: rows.slice(0, len(rows) - 4))
+    found = differences(*pair)
+    assert any("rows instead of" in text for text in found)
+    assert differences(*pair, prefix=True) == []
+
+
+def test_a_table_that_differs_everywhere_is_said_briefly(pair: tuple[Path, Path]) -> None:
+    rewrite(pair[1], "samples", lambda rows: rows.set_column(rows.schema.get_field_index("late_us"), "late_us", [[1] * len(rows)]))
+    found = [text for text in differences(*pair) if "dde-1" in text]
+    assert len(found) == MOST_TOLD + 1
+    assert "more rows differ" in found[-1]
+
+
+def test_what_is_known_of_the_stations(pair: tuple[Path, Path]) -> None:
+    manifest = read_manifest(pair[1])
+    manifest.stations[0].outages += 1
+    write_manifest(pair[1], manifest)
+    (found,) = differences(*pair)
+    assert "outages 2 instead of 1" in found
+    assert differences(*pair, prefix=True) == []
+    manifest.stations.pop()
+    write_manifest(pair[1], manifest)
+    assert any("stations instead of" in text for text in differences(*pair))
