@@ -1,0 +1,211 @@
+"""`jbclog scan` and `jbclog doctor` on real terminals and TCP, against virtual stations and against what is none."""
+
+from __future__ import annotations
+
+import fcntl
+import json
+import os
+import select
+import struct
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+from command import BENCH, RECIPE, WireLog, is_sampling, jbclog, started, until
+from far_ends import Terminal, terminal
+
+from jbclog.finding.diagnosis import diagnose
+from jbclog.finding.found import PortReport
+from jbclog.finding.trials import ScanPlan, Trial
+from jbclog.recipe.line import load_line
+from jbclog.search import search
+from jbclog.sim.process import SimProcess
+from jbclog.wire import LineFormat
+
+Bench = tuple[Path, WireLog]
+NAMES = ("dde-1", "dde-2", "ucr-1", "ale-1")
+TCGETS2 = 0x802C542A
+SHORT = ScanPlan((Trial(LineFormat()), Trial(LineFormat(250000, "8E1"), listens_s=0.5)), addresses=(1, None))
+
+
+def urls(line: Path) -> list[str]:
+    return [station.url for station in load_line(line).stations]
+
+
+def test_what_a_scan_writes_runs_as_it_is(bench: Bench, tmp_path: Path) -> None:
+    line, wire = bench
+    file = tmp_path / "found.toml"
+    scan = jbclog("scan", *urls(line), "--write", file, "--json")
+    assert scan.returncode == 0, scan.stderr
+    found = json.loads(scan.stdout)
+    assert [port["station"]["model"] for port in found["ports"]] == ["DDE", "DDE", "UCR245", "ALE"]
+    assert all(port["station"]["turnaround_ms"]["median"] > 0.9 for port in found["ports"])
+    assert not any(wire.writes(name) for name in NAMES)
+    assert sum(one["count"] for one in found["sent"]) == sum(len(wire.questions(name)) for name in NAMES)
+    run = jbclog("run", RECIPE, "--line", file, "--out", tmp_path / "runs", "-d", "1s", "--rate", "fit", "-s", "ucr-1", "--json")
+    assert json.loads(run.stdout)["safe_state"]["ucr-1"] == {"1": "verified"}
+
+
+def test_a_file_that_is_there_is_kept_and_nothing_is_sent(bench: Bench, tmp_path: Path) -> None:
+    line, wire = bench
+    file = tmp_path / "line.toml"
+    file.write_text("mine")
+    scan = jbclog("scan", *urls(line), "--write", file)
+    assert (scan.returncode, scan.stdout) == (2, "")
+    assert "is there already" in scan.stderr
+    assert file.read_text() == "mine"
+    assert not any(wire.questions(name) for name in NAMES)
+    assert jbclog("scan", urls(line)[0], "--write", file, "--force").returncode == 0
+    assert load_line(file).stations[0].name == "dde-1"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "why"),
+    [
+        (("/dev/null", "--addresses", "0-5"), "give addresses from 1 to 99"),
+        (("/dev/null", "--write", "no/such/folder/line.toml"), "there is no folder"),
+        (("/dev/null", "--seconds", "0"), "'--seconds'"),
+    ],
+)
+def test_wrong_usage(arguments: tuple[str, ...], why: str) -> None:
+    ended = jbclog("scan", *arguments)
+    assert ended.returncode == 2
+    assert why in ended.stderr
+
+
+def test_a_run_is_not_disturbed_by_either(bench: Bench, tmp_path: Path) -> None:
+    line, wire = bench
+    run = started("run", RECIPE, "--line", line, "--out", tmp_path / "runs", "-s", "ucr-1", "--rate", "5")
+    try:
+        assert until(lambda: is_sampling(tmp_path / "runs"))
+        before = wire.questions("ucr-1").count("RSMN")
+        ucr = load_line(line).station("ucr-1").url
+        scan = jbclog("scan", ucr, "--json")
+        (port,) = json.loads(scan.stdout)["ports"]
+        assert scan.returncode == 1
+        assert (port["findings"][0]["kind"], port["questions"]) == ("port.busy", 0)
+        assert f"process {run.pid}" in port["findings"][0]["what"]
+        doctor = json.loads(jbclog("doctor", "--line", line, "--out", tmp_path, "--json").stdout)
+        looked = {one["where"]: one for one in doctor["looked"]}
+        assert looked["ucr-1"]["kind"] == "port.run"
+        assert looked["ucr-1"]["step"] is None
+        assert looked["dde-1"]["kind"] == "station"
+    finally:
+        run.terminate()
+        run.communicate(timeout=30)
+    assert "RSMN" in wire.questions("dde-1")
+    assert wire.questions("ucr-1").count("RSMN") == before  # the run's own
+
+
+def test_a_station_behind_a_tcp_server(tmp_path: Path) -> None:
+    with SimProcess(BENCH, tmp_path / "bench", tcp="127.0.0.1:0") as sim:
+        url = urls(sim.line_path)[2]
+        scan = jbclog("scan", url, "--write", tmp_path / "line.toml")
+        assert scan.returncode == 0, scan.stdout
+        assert "UCR245, family ucr" in scan.stdout
+        assert load_line(tmp_path / "line.toml").stations[0].url == url
+
+
+def test_no_usb_port_is_said_with_what_to_do(monkeypatch: pytest.MonkeyPatch) -> None:
+    from typer.testing import CliRunner
+
+    from jbclog.cli.app import app
+
+    monkeypatch.setattr("jbclog.transport.usb.list_ports.comports", list)
+    said = CliRunner().invoke(app, ["scan"])
+    assert said.exit_code == 1
+    assert said.stdout.startswith("this computer has no USB serial port: plug the adapter in")
+
+
+# -- what is no station -----------------------------------------------------------------------------------------------------
+
+
+@contextmanager
+def answered(reply: Callable[[bytes, int], bytes], every_s: float = 0.1) -> Iterator[Terminal]:
+    """A far end that says `reply(what it heard, the rate that the client has set)`, also when it heard nothing for a while."""
+    over = threading.Event()
+
+    def serve(far: Terminal) -> None:
+        while not over.is_set():
+            ready, _, _ = select.select([far.far], [], [], every_s)
+            data = b""
+            if ready:
+                try:
+                    data = os.read(far.far, 4096)
+                except OSError:  # no client just now
+                    over.wait(0.01)
+                    continue
+            if said := reply(data, rate_of(far.far)):
+                os.write(far.far, said)
+
+    with terminal() as far:
+        os.set_blocking(far.far, False)
+        thread = threading.Thread(target=serve, args=(far,))
+        thread.start()
+        try:
+            yield far
+        finally:
+            over.set()
+            thread.join()
+
+
+def rate_of(descriptor: int) -> int:
+    rate: int = struct.unpack_from("I", fcntl.ioctl(descriptor, TCGETS2, bytes(44)), 40)[0]
+    return rate
+
+
+def scanned(far: Terminal) -> PortReport:
+    (report,) = search([(far.url, SHORT)])
+    return report
+
+
+def test_a_loop_back() -> None:
+    with answered(lambda data, rate: data) as far:
+        assert [finding.kind for finding in diagnose(scanned(far))] == ["line.echo"]
+
+
+def test_a_station_in_its_binary_protocol() -> None:
+    with answered(lambda data, rate: b"\x15" if rate == 250000 and not data else b"") as far:
+        report = scanned(far)
+    assert [finding.kind for finding in diagnose(report)] == ["robot_mode.binary"]
+    assert report.binary == LineFormat(250000, "8E1")
+
+
+def test_nobody() -> None:
+    with terminal() as far:
+        report = scanned(far)
+        assert [finding.kind for finding in diagnose(report)] == ["line.silent"]
+        assert far.heard().startswith(b"\x020001RSMN\x03\x02\x02RSMN\x03\x03")
+
+
+def test_the_terminal_is_opened_at_each_format() -> None:
+    rates = set()
+
+    def note(data: bytes, rate: int) -> bytes:
+        if data:
+            rates.add(rate)
+        return b""
+
+    with answered(note) as far:
+        scanned(far)
+    assert rates == {19200, 250000}
+
+
+def heard_of(far: Terminal) -> bytes:
+    """What a client has sent; nothing before there is one."""
+    try:
+        return far.heard(0.1)
+    except OSError:
+        return b""
+
+
+def test_ctrl_c_ends_a_scan_soon() -> None:
+    with terminal() as far:
+        scan = started("scan", far.url)
+        assert until(lambda: heard_of(far))
+        scan.send_signal(2)
+        _, said = scan.communicate(timeout=3)
+    assert scan.returncode == 130
+    assert "Traceback" not in said
