@@ -6,6 +6,7 @@ Each run has a number, which decides all of its faults. A default run tries the 
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Sequence
 from random import Random
 
 import pytest
@@ -17,6 +18,18 @@ from jbclog.commands.status import STAND, WORKING
 SECONDS = 25
 SETTINGS = ("HA1", "HA2", "LA1", "LA2", "HD1", "HD2", "LD1", "LD2")
 COMMANDS = ("tip_temperature", "power", "status", "alarm_flags", "selected_temperature", "tool", "work_hours", "model")
+
+OTHERWISE = (
+    "addresses_swapped",
+    "refusal_without_code",
+    "transformer_padded_with_zero",
+    "delay_without_dot",
+    "alarm_not_set_is_zero",
+    "alarm_delay_answers_ald",
+    "status_acknowledged_with_value",
+    "countdown_65535",
+    "model_unpadded",
+)
 
 
 def tape(random: Random) -> str:
@@ -46,10 +59,10 @@ def _fault(random: Random) -> str:
     return "\n[[station.sim.fault]]\n" + "".join(f"{key} = {value!r}\n" for key, value in keys.items())
 
 
-def run_number(number: int, more: str = "") -> VirtualRun:
+def run_number(number: int, more: str = "", quirks: Sequence[str] = ()) -> VirtualRun:
     random = Random(number)
     recipe = RECIPE + f'on_difference = "{random.choice(["stop", "continue"])}"\n'
-    sim = f"noise_c = 3.0\nseed = {number}\n" + tape(random) + more
+    sim = f"noise_c = 3.0\nseed = {number}\nquirks = {list(quirks)}\n" + tape(random) + more
     run = prepare(line_text(sim), recipe, duration_s=SECONDS, rate=random.choice([None, None, 2, "fit", "max"]))
     if random.random() < 0.3:
         run.at(random.uniform(0, SECONDS), lambda: run.driver.end("SIGTERM"))
@@ -93,6 +106,13 @@ def assert_safe_or_told(run: VirtualRun) -> None:
 @pytest.mark.parametrize("number", range(120))
 def test_a_run_under_faults(number: int) -> None:
     run = run_number(number)
+    assert_sane(run)
+    assert wrong_values(run) == []
+
+
+@pytest.mark.parametrize("number", range(2000, 2030))
+def test_a_run_under_faults_on_a_station_that_does_everything_otherwise(number: int) -> None:
+    run = run_number(number, quirks=OTHERWISE)
     assert_sane(run)
     assert wrong_values(run) == []
 

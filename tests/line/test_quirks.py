@@ -176,6 +176,27 @@ def test_a_quirk_is_one_event_that_says_what_was_met_and_how_it_is_read(quirk: s
     assert event.station == "dde-1"
 
 
+def test_all_quirks_at_once_change_nothing_either() -> None:
+    all_that_go_together = [quirk for quirk in IN_A_RUN if quirk != "transformer_padded_with_zero"]  # one padding is enough
+    usual, odd = run_of(ALE, []), run_of(ALE, all_that_go_together)
+    assert odd.facts.outcome == "completed", odd.facts.reason
+    assert samples(odd, ALE) == samples(usual, ALE)
+    assert settings(odd) == settings(usual)
+    assert counters(odd) == counters(usual)
+    assert odd.facts.safe_state == usual.facts.safe_state == {1: "verified"}
+    assert {5, 6, 10, 11, 20, 22, 23, 25, 35, 36, 43, 53} <= set(odd.facts.anomalies)
+
+
+def test_an_extractor_state_that_a_recipe_wants_and_the_station_refuses_stops_the_start() -> None:
+    """As the refusal of any setting does (contract); as the safe state it is followed by stand."""
+    line = line_text('quirks = ["extractor_refused"]').replace('"dde"', '"ucr"')
+    recipe = FAMILIES_IN_RECIPE.sub('families = ["ucr"]', RECIPE).replace('status = "working"', 'status = "extractor"')
+    run = prepare(line.replace("quirks", 'settings = {status = "working"}\nquirks'), recipe, 3).go()
+    assert run.facts.outcome == "refused"
+    assert "the station refused it with N 00003" in run.facts.reason
+    assert 19 in run.facts.anomalies
+
+
 # -- what nobody can decide -------------------------------------------------------------------------------------------------
 
 

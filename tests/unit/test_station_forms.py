@@ -202,6 +202,15 @@ def test_a_late_answer_to_the_question_before_is_no_count_of_dispensed_cycles() 
         assert 36 not in talk.station.anomalies.counts
 
 
+@pytest.mark.parametrize("late_s", [0.018, 0.025, 0.035])
+def test_a_copy_that_comes_behind_another_question_is_not_believed_either(late_s: float) -> None:
+    """It is taken for a first answer, asked again behind a drained line, and contradicted."""
+    tip: tuple[str, Answer, Answer] = ("RTT1", "ATT100350", (late_s, "ACD100777"))
+    talk = Talk(("RCD1", "ACD100777"), tip, ("RDC1", (0.03, "ADC100042")), PROBE, ("RDC1", "ADC100042"))
+    assert talk.each(read_desoldered, lambda station: station.read(TIP, 1), read_dispensed) == [777, 350, 42]
+    assert talk.station.anomalies.counts == {}
+
+
 def test_a_station_that_has_answered_under_its_own_letters_is_not_believed_under_others() -> None:
     talk = Talk(
         ("RDC1", "ADC100042"),
