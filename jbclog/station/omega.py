@@ -64,6 +64,7 @@ class OmegaQuestion:
     digits: int | None  # characters behind the letter; None: any number
     wire_s: float
     tries: int
+    name: str
 
     @property
     def letter(self) -> str:
@@ -71,8 +72,7 @@ class OmegaQuestion:
 
     def title(self) -> str:
         """How messages name it: ``temperature control``, ``condition 101``."""
-        name, number = self.command.name.replace("_", " "), self.answer[1:]
-        return f"{name} {int(number, 16)}" if number else name
+        return self.name
 
 
 class OmegaStation:
@@ -144,8 +144,7 @@ class OmegaStation:
     def unasked(self, heard: Heard) -> None:
         """Take note of the moment, and of what came although nothing was asked."""
         self.now = heard.now
-        if heard.data and not self._sort(None, heard):
-            self.strays["unasked"] += 1
+        self._sort(None, heard)
 
     # -- questions -------------------------------------------------------------------------------------------------
 
@@ -158,11 +157,10 @@ class OmegaStation:
         return known
 
     def _shape(self, command: Command, text: str, answer: str) -> OmegaQuestion:
-        frame, digits = encode(text), command.answer_digits
-        length = AROUND + 1 + (RECORD if digits is None else digits)
-        return OmegaQuestion(
-            command, frame, answer, digits, self.line.seconds(len(frame) + length), 1 if command.asked_once else 1 + REPEATS
-        )
+        frame, digits, number = encode(text), command.answer_digits, text[1:5]
+        wire_s = self.line.seconds(len(frame) + AROUND + 1 + (RECORD if digits is None else digits))
+        name = command.name.replace("_", " ") + (f" {int(number, 16)}" if number else "")
+        return OmegaQuestion(command, frame, answer, digits, wire_s, 1 if command.asked_once else 1 + REPEATS, name)
 
     # -- doubt -----------------------------------------------------------------------------------------------------
 
