@@ -62,6 +62,8 @@ def recorded(
     duration_s: float | None = 10.0,
     rate: float | str | None = None,
     arrange: Callable[[VirtualRun], None] = lambda run: None,
+    *,
+    allow_omega_write: bool = False,
 ) -> VirtualRun:
     """Run to the end, and have the wires in `folder`, with line file and recipe. `arrange` sees the run before it goes."""
     (folder / "recipes").mkdir(parents=True)
@@ -70,7 +72,8 @@ def recorded(
     wires, clock = WireRecorder(folder), VirtualClock()
 
     def pulled(order: Order, session: Steps[StationFacts], cable: Peer) -> tuple[Steps[StationFacts], Peer]:
-        head = Head(order.name, order.url, RECIPE_FILE, order.t0, clock.utc(), order.duration_s, order.rate)
+        given = order.duration_s, order.rate, order.allow_omega_write
+        head = Head(order.name, order.url, RECIPE_FILE, order.t0, clock.utc(), *given)
         taped = TapedCable(cable, wires.begin(head))
         return keeping(session, taped.told, lambda: run.driver.clock.monotonic()), taped
 
@@ -78,7 +81,7 @@ def recorded(
         wires.write()
         run.driver.at(run.driver.clock.monotonic() + WRITE_EVERY_S, write)
 
-    run = prepare(line, recipe, duration_s, rate, pulled=pulled)
+    run = prepare(line, recipe, duration_s, rate, allow_omega_write=allow_omega_write, pulled=pulled)
     write()
     arrange(run)
     run.go()
