@@ -59,7 +59,8 @@ class Change:
 
 @dataclass(slots=True)
 class Written:
-    """One write, as far as it has come. `is_sent` from the moment on at which the station may have heard of it.
+    """One write, as far as it has come. `is_sent` from the moment on at which the station may have heard of it, `is_answered`
+    when it was acknowledged or waited for in vain: what is refused after that is the reading back.
 
     `outcome` is ``confirmed``, ``unchanged`` (it was so already, and nothing was sent), ``sent`` (acknowledged, and there is
     nothing to read back), ``mismatch``, ``refused`` or ``unconfirmed``; `problem` says why. `at_work` is whether the tool is,
@@ -73,6 +74,7 @@ class Written:
     before: Value | None = None
     readback: Value | None = None
     is_sent: bool = False
+    is_answered: bool = False
     outcome: str = ""
     problem: str = ""
     at_work: bool | None = None
@@ -194,10 +196,11 @@ def _write(contact: Contact, command: Command, value: Value, written: Written) -
     written.is_sent, written.outcome = True, UNCONFIRMED
     try:
         yield from _send(contact, command, value, written)
-    except Refusal as error:
-        written.outcome, written.problem = REFUSED, sentence(error)
     except (StationError, LinkError) as error:
-        written.problem = str(error)
+        if isinstance(error, Refusal) and not written.is_answered:
+            written.outcome, written.problem = REFUSED, sentence(error)
+        else:
+            written.outcome, written.problem = UNCONFIRMED, str(error)
 
 
 def _send(contact: Contact, command: Command, value: Value, written: Written) -> Steps[None]:
@@ -210,7 +213,7 @@ def _send(contact: Contact, command: Command, value: Value, written: Written) ->
         written.outcome = CONFIRMED
     elif command.name == "factory_reset":
         yield from client.write(command, value)
-        written.outcome = SENT
+        written.outcome, written.is_answered = SENT, True
         yield from _look_who_is_there(contact, written)
     elif command.name in SHOWN_BY:
         yield from _send_and_look(contact, command, written)
@@ -229,22 +232,22 @@ def _look_who_is_there(contact: Contact, written: Written) -> Steps[None]:
         written.problem = f"now it does not answer as before ({sentence(error)}); `jbclog scan` finds out how it does"
 
 
-def _lost(contact: Contact, command: Command, value: Value, place: Place) -> Steps[StationError | None]:
+def _lost(contact: Contact, command: Command, value: Value, written: Written) -> Steps[StationError | None]:
     """Write once; give what came in place of an acknowledgement, if something did. Raises `Refusal`."""
+    lost = None
     try:
-        yield from contact.client.write(command, value, place.port, place.tool)
+        yield from contact.client.write(command, value, written.place.port, written.place.tool)
     except Refusal:
         raise
     except StationError as error:
-        return error
-    return None
+        lost = error
+    written.is_answered = True
+    return lost
 
 
-def _send_and_read(
-    contact: Contact, command: Command, value: Value, mirror: tuple[Command, Place], written: Written
-) -> Steps[None]:
+def _send_and_read(contact: Contact, command: Command, value: Value, mirror: Mirror, written: Written) -> Steps[None]:
     """A lost acknowledgement is settled by the reading."""
-    yield from _lost(contact, command, value, written.place)
+    yield from _lost(contact, command, value, written)
     found = written.readback = yield from contact.agreed(*mirror, known=value)
     written.outcome = CONFIRMED if _is_same(contact, command, found, value) else MISMATCH
     if written.outcome == MISMATCH:
@@ -260,7 +263,7 @@ def _is_same(contact: Contact, command: Command, found: Value, asked: Value) -> 
 def _send_and_look(contact: Contact, command: Command, written: Written) -> Steps[None]:
     """Feeding may be over before it can be seen: only the order to stop it is held against what is seen."""
     written.at_work = True  # as far as anybody knows
-    lost = yield from _lost(contact, command, 0, written.place)
+    lost = yield from _lost(contact, command, 0, written)
     expected = SHOWN_BY[command.name]
     found = written.readback = yield from contact.agreed(contact.family.commands[FEEDING], NOWHERE, known=expected)
     written.at_work = found != STOPPED
@@ -276,18 +279,25 @@ def _send_and_look(contact: Contact, command: Command, written: Written) -> Step
 
 def _look_at_work(contact: Contact, command: Command, written: Written) -> Steps[None]:
     """Whether a tool is at work after an order to it, or after another temperature was selected for it."""
-    status = contact.family.command_of("status")
-    if status is None or written.outcome == REFUSED:
-        return
-    word = written.readback
-    if command is contact.family.command_of("set_c"):
-        try:
-            word = yield from contact.read(status, Place(written.place.port))
-        except (StationError, LinkError):
+    is_refused = written.outcome == REFUSED
+    if _is_status(contact, command):
+        word = written.before if is_refused else written.readback
+    elif command is contact.family.command_of("set_c") and not is_refused:
+        word = yield from _status_now(contact, written.place.port)
+        if word is None:
             return
-    elif command is not status:
+    else:
         return
-    written.at_work = contact.family.status.is_working(word) if isinstance(word, tuple) else True  # nobody knows
+    written.at_work = contact.family.status.is_working(word) if isinstance(word, tuple) else True  # as far as anybody knows
+
+
+def _status_now(contact: Contact, port: int | None) -> Steps[Value | None]:
+    """The state of the tool in `port`; None where it is not told, or there is none."""
+    status = contact.family.command_of("status")
+    try:
+        return None if status is None else (yield from contact.read(status, Place(port)))
+    except (StationError, LinkError):
+        return None
 
 
 def is_order_to_rest(contact: Contact, written: Written) -> bool:

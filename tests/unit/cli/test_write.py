@@ -149,6 +149,16 @@ def test_what_is_acknowledged_and_not_done_is_a_mismatch(make: Make) -> None:
     assert (told["outcome"], told["readback"], told["exit_code"]) == ("mismatch", 350, 3)
 
 
+def test_a_reading_back_that_is_refused_is_no_refused_write(make: Make) -> None:
+    bench = make(dde(fault("nak", "command = 'selected_temperature'\nonly = 'read'\ncode = 5\nat_s = 5")))
+    bench.do("read", "dde-1", "model")
+    bench.wires["dde-1"].watch = lambda text: bench.wait(5) if text.startswith("WST1") else None
+    ended = refused(bench, "selected_temperature", "360", "--port", "1")
+    assert ended.code == 3
+    assert "360 °C was asked, it was sent and is not confirmed: " in ended.err
+    assert "Robot mode is off (350 °C before)" in ended.err
+
+
 def test_a_cable_that_goes_leaves_it_open(make: Make) -> None:
     bench = make(dde())
     unplugged_at(bench, "dde-1", "WST1")
@@ -226,10 +236,11 @@ def test_a_tool_that_may_be_at_work_is_told_so(make: Make) -> None:
     assert "the tool in port 1 is or may be at work" in ended.err
 
 
-@pytest.mark.parametrize("how", ["gone", "mismatch"])
+@pytest.mark.parametrize("how", ["gone", "mismatch", "refused"])
 def test_a_tool_that_is_not_known_to_rest_is_exit_5(make: Make, how: str) -> None:
-    bench = make(dde(f"{TOOLS}\nsettings = {{ status = 'working' }}"))
-    bench.wires["dde-1"].only_acknowledged = "WPS1"
+    nak = fault("nak", "command = 'status'\nonly = 'write'\ncode = 3") if how == "refused" else ""
+    bench = make(dde(f"{TOOLS}\nsettings = {{ status = 'working' }}\n{nak}"))
+    bench.wires["dde-1"].only_acknowledged = "-" if nak else "WPS1"
     if how == "gone":
         unplugged_at(bench, "dde-1", "WPS1")
     ended = refused(bench, "status", "stand", "--port", "1")
