@@ -160,8 +160,8 @@ def idle_rules(facts: StationFacts, port: int, acceptance: Acceptance, measure: 
 
 
 def coverage_rule(facts: StationFacts, port: int, least: float, ledger: PortLedger, measure: PortMeasure | None) -> Rule:
-    """Readings of the tip temperature that are there, in per cent of those due; ledger and samples must agree."""
-    station, what = facts.name, "the tip" if tells(facts, TEMPERATURE) else "its states"
+    """Readings of the temperature, or of the states, that are there, in per cent of those due; ledger and samples must agree."""
+    station, what = facts.name, _what_is_read(facts)
     counts = [ledger.get(signal, {}) for signal in judged_signals(facts)]
     due, counted = (sum(one.get(word, 0) for one in counts) for word in ("due", "ok"))
     there = 0 if measure is None else measure.readings
@@ -174,6 +174,12 @@ def coverage_rule(facts: StationFacts, port: int, least: float, ledger: PortLedg
     result = Result.PASS if percent >= least else Result.FAIL
     text = f"{there} of {due} readings of {what} are there, {_shown(_floor(percent))} %; {_shown(least)} % are asked."
     return Rule("coverage", station, port, least, percent, "%", result, text)
+
+
+def _what_is_read(facts: StationFacts) -> str:
+    if not tells(facts, TEMPERATURE):
+        return "its states"
+    return "the air" if "external_c" in facts.signals else "the tip"
 
 
 def idle_error_rule(station: str, port: int, most: float, mean: float | None) -> Rule:
@@ -195,7 +201,7 @@ def _at_most(name: str, station: str, port: int, most: float, seen: float | None
 
 
 def _not_idle(name: str, station: str, port: int, most: float) -> Rule:
-    text = "The tip was not seen idle for long enough to say."
+    text = "The tool was not seen idle for long enough to say."
     return Rule(name, station, port, most, None, "°C", Result.MISSING, text)
 
 

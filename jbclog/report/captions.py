@@ -43,7 +43,8 @@ def description(place: str, trace: Trace) -> str:
     seen = f"from {known.min():g} to {known.max():g} °C" if len(known) else "never read"
     alarms = sum(mark.kind == "alarm" for mark in trace.marks)
     length = duration_text(trace.end - trace.start)
-    return f"{place}: tip temperature {seen} over {length}, {alarms} alarms, {len(trace.gaps)} gaps, power below."
+    what = "tip" if trace.air is None else "air"
+    return f"{place}: {what} temperature {seen} over {length}, {alarms} alarms, {len(trace.gaps)} gaps, power below."
 
 
 def _day(trace: Trace) -> str:

@@ -89,6 +89,16 @@ class StatesFacts:
 
 
 @dataclass(slots=True)
+class AirFacts:
+    """Of hot air: the flow last read, as a share of the station's greatest, and the thermocouple on the work. None: never read."""
+
+    flow_permille: float | None
+    external_least_c: float | None
+    external_greatest_c: float | None
+    suctions: int
+
+
+@dataclass(slots=True)
 class PortFacts:
     """One port: what was in it, what was measured, how it was left (`safety.py`); `late_p99_ms` grows with a port's place."""
 
@@ -98,6 +108,7 @@ class PortFacts:
     tip: TipFacts
     power: PowerFacts
     states: StatesFacts | None  # of a station that tells states and no temperature
+    air: AirFacts | None  # of hot air, whose temperatures are in `tip` like those of any tool
     alarms: int
     doubtful_alarms: int
     touched: bool
@@ -178,9 +189,9 @@ class Facts:
 
 NOT_CLAIMED = (
     "That a solder joint is good: this record shows temperatures and powers, not joints.",
-    "The temperature of the tip's surface: it is what the station's own sensor in the cartridge reports; "
-    "no external thermometer is part of this record.",
-    "Energy at the tip: power is in per mille of the station's nominal maximum; "
+    "The temperature of the tip's surface, or of the air at the work: it is what the station's own sensor in the tool reports; "
+    "no calibrated thermometer is part of this record.",
+    "Energy at the tip or in the air: power is in per mille of the station's nominal maximum; "
     "watts appear only where the line file states a rated power.",
     "What happened between two readings: an excursion shorter than the period is seen only if it raised the station's own alarm.",
     "That every byte was right: the stations' check byte cannot see some double errors. "

@@ -98,16 +98,27 @@ def _temperature(axes: Axes, trace: Trace, form: Format) -> None:
         axes.plot(seconds, celsius, color=style.ALARM, lw=1.1, ls=style.DASHES[limit.side], drawstyle="steps-post")
         if not np.isnan(limit.celsius[-1]):
             labels.append((limit.celsius[-1], f"{limit.side} {limit.celsius[-1]:g}", style.ALARM))
+    external = _external(axes, trace, form, labels)
     limits = [np.array(limit.celsius) for limit in trace.limits]
-    low, high = _range([trace.temperature, known, *limits], least=20)
-    knee = _knee(trace.temperature, [known, *limits], low, high)
+    low, high = _range([trace.temperature, external, known, *limits], least=20)
+    knee = _knee(np.concatenate([trace.temperature, external]), [known, *limits], low, high)
     if knee is not None:
         _bend(axes, knee, low, high)
     else:
         axes.yaxis.set_major_locator(MaxNLocator(5, integer=True, steps=ROUND))
     axes.set_ylim(low, high)
-    _headline(axes, "Tip temperature in °C")
+    _headline(axes, f"{'Tip' if trace.air is None else 'Air'} temperature in °C{', and that of the work' * bool(len(external))}")
     _label_right(axes, labels, form)
+
+
+def _external(axes: Axes, trace: Trace, form: Format, labels: list[tuple[float, str, str]]) -> Floats:
+    """The thermocouple on the work of hot air, where there is one; what is drawn of it."""
+    if trace.air is None or np.isnan(trace.air.external).all():
+        return np.empty(0)
+    known = trace.air.external[~np.isnan(trace.air.external)]
+    _curve(axes, _thinned(trace, trace.air.external, form), style.EXTERNAL, style.EXTERNAL_BAND)
+    labels.append((float(known[-1]), "work", style.EXTERNAL))
+    return known
 
 
 def _setting(axes: Axes, trace: Trace, form: Format) -> None:

@@ -12,6 +12,8 @@ from jbclog.analysis import Run
 from jbclog.errors import RecordError
 from jbclog.judge import judged_signals, measure
 from jbclog.record.manifest import Manifest, manifest_sha256
+from jbclog.report.air import COLUMNS as AIR
+from jbclog.report.air import tells_air
 from jbclog.report.facts import NOT_CLAIMED, SCHEMA, Facts, Reason, StationReport
 from jbclog.report.marks import happenings
 from jbclog.report.ports import Context
@@ -80,6 +82,7 @@ def _stations(run: Run, folder: Path) -> Iterator[StationReport]:
     )
     for number, facts in enumerate(manifest.stations, 1):
         columns = COLUMNS if "temperature_c" in judged_signals(facts) else (*COLUMNS, *STATES)
+        columns = (*columns, *AIR) if tells_air(facts) else columns
         yield station_report(facts, number, run.samples(station=facts.name, columns=columns), context)
 
 

@@ -34,7 +34,7 @@ def least_seen_s(trace: Trace, form: Format) -> float:
 def lanes_of(trace: Trace, form: Format) -> list[Lane]:
     """Status or states always; the others where there is something to show. Spans that cannot be told apart are one."""
     least = least_seen_s(trace, form)
-    states = trace.states or {"status": trace.status}
+    states = trace.states or {"status": trace.status} | ({} if trace.air is None else trace.air.lanes)
     lanes = [Lane(name, _seen(spans, least)) for name, spans in states.items()]
     for name, kind in LANES:
         spans = trace.gaps if kind is None else [mark.span for mark in trace.marks if mark.kind == kind]
@@ -45,8 +45,8 @@ def lanes_of(trace: Trace, form: Format) -> list[Lane]:
 
 
 def _seen(spans: list[Span], least: float) -> list[Span]:
-    """A state's spans, and over them, wide enough to be seen, those that somebody should see."""
-    graver = [widened(span, least) for span in spans if span.word in style.GRAVE_STATES]
+    """A state's spans, and over them, wide enough to be seen, those that are short and count."""
+    graver = [widened(span, least) for span in spans if span.word in style.ALWAYS_SEEN]
     return [*merged(spans, least), *graver]
 
 
@@ -65,7 +65,7 @@ def _bar(axes: Axes, row: int, name: str, span: Span, hatched: bool) -> None:
     if span.word in style.GRAVE_STATES:
         place.set_facecolor(style.ERROR)
     elif name not in MARKED:
-        place.set_facecolor(style.STATUS_SHADES.get(span.word, "#ffffff"))
+        place.set_facecolor(style.STATUS_SHADES.get(span.word, style.OTHER_SHADE))
     elif name == "no data":
         hatch = style.hatch(span.word, hatched)
         place.set(facecolor=style.NO_DATA_TINT if hatch else style.NO_DATA, edgecolor=style.NO_DATA, hatch=hatch)

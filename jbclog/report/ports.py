@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 
 from jbclog.judge import PortMeasure, judged_signals
+from jbclog.report.air import air_facts, tells_air
 from jbclog.report.captions import caption, closer_caption, description
 from jbclog.report.closer import closer
 from jbclog.report.facts import Figure, PortFacts, PowerFacts, RecordedFacts, TipFacts
@@ -44,7 +45,7 @@ def port_facts(facts: StationFacts, port: int, file: str, rows: pd.DataFrame, co
     """One port, from its rows of `samples`; its figures' files begin with `file`."""
     signals = judged_signals(facts)
     drawn = replace(
-        trace(rows, Grid(context.t0_utc_us, facts.period_s), of_states="temperature_c" not in signals),
+        trace(rows, Grid(context.t0_utc_us, facts.period_s), of_states="temperature_c" not in signals, of_air=tells_air(facts)),
         limits=limits_of(context.settings, facts.name, port, context.t0_utc_us),
         marks=marks_of(context.happenings, facts.name, port),
     )
@@ -59,6 +60,7 @@ def port_facts(facts: StationFacts, port: int, file: str, rows: pd.DataFrame, co
         tip=_tip(drawn, measure),
         power=_power(drawn, facts.rated_power_w),
         states=states_facts(drawn.states) if drawn.states else None,
+        air=None if drawn.air is None else air_facts(drawn.air),
         alarms=sum(mark.kind == "alarm" for mark in drawn.marks),
         doubtful_alarms=sum(mark.kind == "unconfirmed" for mark in drawn.marks),
         safe_state=facts.safe_state.get(port),

@@ -17,6 +17,8 @@ QUIET: Final = "#5d6b7a"
 GRID: Final = "#e3e8ee"
 TEMPERATURE: Final = "#0b4f8a"
 TEMPERATURE_BAND: Final = "#9cc3e6"
+EXTERNAL: Final = "#00785a"
+EXTERNAL_BAND: Final = "#9fd6c6"
 SETTING: Final = "#1c2733"
 ALARM: Final = "#c8400a"
 ERROR: Final = "#8a3a77"
@@ -35,14 +37,18 @@ STATUS_SHADES: Final = {
     "sleep": "#c3ced8",
     "hibernation": "#e1e7ec",
     "off": "#f1f4f6",
+    "cooling": "#c3ced8",
+    "suction": "#3d5166",
     "ready": "#c3ced8",
     "preparing": "#3d5166",
     "in range": "#c3ced8",
     "out of range": "#3d5166",
     "ok": "#c3ced8",
 }
+OTHER_SHADE: Final = "#e1e7ec"  # of a lane whose words are not ours: a flow
 GRAVE_STATES: Final = frozenset({"shortage", "clogged", "both"})
-DARK_STATUS: Final = frozenset({"working", "on", "preparing", "out of range", *GRAVE_STATES})
+ALWAYS_SEEN: Final = frozenset({"suction", *GRAVE_STATES})
+DARK_STATUS: Final = frozenset({"working", "on", "suction", "preparing", "out of range", *GRAVE_STATES})
 
 HATCHES: Final = {"disconnected": "xxx", "skipped": "---", "no_tool": "...", "robot_off": "+++"}
 HATCH_ELSE: Final = "///"

@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from jbclog.report.air import Air, air_of, status_words
 from jbclog.report.spans import Span, missing_ticks, runs, within
 from jbclog.report.states import is_any_told, state_lanes
 
@@ -63,6 +64,7 @@ class Trace:
     limits: Sequence[Limit] = ()
     marks: Sequence[Mark] = field(default_factory=tuple)
     states: Mapping[str, list[Span]] = field(default_factory=dict)  # lanes of a station that tells no temperature
+    air: Air | None = None  # of hot air
 
     @property
     def start(self) -> float:
@@ -85,11 +87,15 @@ class Trace:
             gaps=within(self.gaps, start, end),
             marks=[mark for mark in self.marks if mark.span.end >= start and mark.span.start <= end],
             states={name: within(spans, start, end) for name, spans in self.states.items()},
+            air=None if self.air is None else self.air.between(rows, start, end),
         )
 
 
-def trace(samples: pd.DataFrame, grid: Grid, *, of_states: bool = False) -> Trace:
-    """The trace of one port from its rows of `samples`, in the order of their ticks; `of_states` where it tells no temperature."""
+def trace(samples: pd.DataFrame, grid: Grid, *, of_states: bool = False, of_air: bool = False) -> Trace:
+    """The trace of one port from its rows of `samples`, in the order of their ticks.
+
+    `of_states` where it tells no temperature, `of_air` where it is hot air.
+    """
     utc = samples["time"].to_numpy(dtype="datetime64[us]").astype(np.int64).astype(np.float64)
     seconds = grid.seconds(_floats(samples["tick"]), utc)
     temperature = _floats(samples["temperature_c"])
@@ -98,7 +104,6 @@ def trace(samples: pd.DataFrame, grid: Grid, *, of_states: bool = False) -> Trac
     told = is_any_told(samples) if of_states else ~np.isnan(temperature)
     why = [None if there else _why(word) for there, word in zip(told, words, strict=True)]
     skipped = missing_ticks(seconds, period_s) if grid.period_s else []
-    status = samples["status"].astype(object)
     return Trace(
         grid,
         period_s,
@@ -106,10 +111,16 @@ def trace(samples: pd.DataFrame, grid: Grid, *, of_states: bool = False) -> Trac
         temperature,
         _floats(samples["power_permille"]),
         _floats(samples["set_c"]),
-        runs(seconds, status.where(status.notna(), None).to_numpy(), period_s),
+        runs(seconds, status_words(samples) if of_air else _status_words(samples), period_s),
         sorted([*runs(seconds, why, period_s), *skipped], key=lambda span: span.start),
         states=state_lanes(samples, seconds, period_s) if of_states else {},
+        air=air_of(samples, seconds, period_s) if of_air else None,
     )
+
+
+def _status_words(samples: pd.DataFrame) -> NDArray[np.object_]:
+    status = samples["status"].astype(object)
+    return np.asarray(status.where(status.notna(), None).to_numpy(), dtype=object)
 
 
 def _why(quality: str) -> str:

@@ -33,7 +33,7 @@ def test_no_tool_was_touched() -> None:
 
 
 def test_equal_reasons_stand_once_the_gravest_first() -> None:
-    unseen = "The tip was not seen idle for long enough to say."
+    unseen = "The tool was not seen idle for long enough to say."
     rules = [
         rule("alarms", ("ucr-1", None), Result.PASS, "0 counted; 0 allowed."),
         *(

@@ -1,0 +1,136 @@
+"""What a report says and shows of hot air: the air, the work below it, the flow, cooling and suction."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from sealed_run import RECIPE, lose, micros, samples, seal, station, table
+
+from jbclog.commands.family import FAMILIES
+from jbclog.judge import Evidence, Limits, judge
+from jbclog.record.ledger import ledger_of
+from jbclog.report import style, verify_report, write_report
+from jbclog.report.figure import draw
+from jbclog.report.lanes import lanes_of
+from jbclog.report.style import WIDE
+from jbclog.report.trace import Grid, Trace, trace
+from jbclog.rows import StationFacts
+
+HEAD = [("Set", "320 °C"), ("Air, least to greatest", "320 to 320 °C"), ("Idle error ± sd", "0.0 ± 0.0 °C")]
+
+
+def jtse(rows: int) -> StationFacts:
+    facts = station("jtse-1", rows=rows)
+    facts.family, facts.model, facts.tools = "jtse", "JTSE", {1: "JT"}
+    facts.signals = [signal.name for signal in FAMILIES["jtse"].signals]
+    return facts
+
+
+def columns(rows: int = 600) -> dict[str, NDArray[np.generic]]:
+    """A minute at 320 °C: two parts are lifted off, and at the end it cools."""
+    made, second = samples(rows, "jtse-1"), np.arange(rows) / 10
+    made["alarm_high"] = np.full(rows, np.nan)
+    cooling = second >= 50
+    status = np.where(cooling, "off", "on").astype(object)
+    due = np.arange(rows) % 50 == 0
+    return made | {
+        "temperature_c": np.full(rows, 320.0),
+        "power_permille": np.full(rows, 210.0),
+        "set_c": np.where(due, 320.0, np.nan),
+        "status": status,
+        "cooling": cooling.astype(np.float64),
+        "desoldering": ((second % 20 > 18) & ~cooling).astype(np.float64),
+        "external_c": np.round(60 + 100 * np.abs(np.sin(second / 20 * np.pi))),
+        "set_flow_permille": np.where(due, np.where(second < 30, 600.0, 400.0), np.nan),
+    }
+
+
+def drawn(made: dict[str, NDArray[np.generic]]) -> Trace:
+    return trace(table(made).to_pandas(), Grid(micros(0), 0.1), of_air=True)
+
+
+def test_cooling_is_a_status_of_its_own_and_flow_and_suction_have_lanes() -> None:
+    one = drawn(columns())
+    lanes = {
+        lane.name: [(span.word, round(span.start, 1), round(span.end, 1)) for span in lane.spans] for lane in lanes_of(one, WIDE)
+    }
+    assert lanes["status"] == [("on", 0.0, 50.0), ("cooling", 50.0, 60.0)]
+    assert lanes["flow"] == [("600 ‰", 0.0, 25.1), ("400 ‰", 30.0, 55.1)], "between two that differ nothing is known"
+    sucked = [(18.1, 20.0), (38.1, 40.0)]
+    assert [span[1:] for span in lanes["suction"]] == [*sucked, *sucked], "and over them, wide enough to be seen in a long run"
+
+
+def test_the_work_is_drawn_and_named_beside_the_air() -> None:
+    axes = draw(drawn(columns()), WIDE).axes[0]
+    assert {text.get_text() for text in axes.texts} == {"Air temperature in °C, and that of the work", "set 320", "work"}
+    green = [line for line in axes.lines if line.get_color() == style.EXTERNAL]
+    assert max(np.nanmax(line.get_ydata()) for line in green if len(line.get_ydata())) == 160
+    bottom, top = axes.get_ylim()
+    assert bottom < 60
+    assert top > 320
+
+
+def test_without_a_thermocouple_nothing_is_drawn_of_the_work() -> None:
+    axes = draw(drawn(columns() | {"external_c": np.full(600, np.nan)}), WIDE).axes[0]
+    assert {text.get_text() for text in axes.texts} == {"Air temperature in °C", "set 320"}
+
+
+def test_a_closer_look_holds_the_same_of_its_part() -> None:
+    part = drawn(columns()).between(10, 25)
+    assert part.air is not None
+    assert len(part.air.external) == len(part.seconds) == 151
+    assert [(span.start, span.end) for span in part.air.lanes["suction"]] == [pytest.approx((18.1, 20.0))]
+
+
+def test_nobody_cools_while_nothing_is_read() -> None:
+    made = columns()
+    lose(made, slice(520, 540))
+    made["cooling"][520:540] = np.nan
+    one = drawn(made)
+    assert [(span.word, span.start) for span in one.status] == [("on", 0.0), ("cooling", 50.0), ("cooling", 54.0)]
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    return seal(tmp_path, [jtse(600)], table(columns()), recipe=RECIPE.replace("dde", "jtse"))
+
+
+def test_the_page_speaks_of_air_and_not_of_tips_and_alarms(folder: Path) -> None:
+    html = write_report(folder).read_text("utf-8")
+    for words in ("Air, least to greatest", "Work, least to greatest", "60 to 160 °C", "400 ‰", "2 times"):
+        assert words in html
+    assert "<dt>Alarms" not in html
+    assert "Tip, least" not in html
+    assert "600 of 600 readings of the air are there" in html
+    assert "It tells no alarm flags; the limit is not about it." in html
+    verify_report(folder)
+
+
+def test_its_twin_holds_the_figures(folder: Path) -> None:
+    write_report(folder)
+    port = json.loads((folder / "report.json").read_text("utf-8"))["stations"][0]["ports"][0]
+    assert port["air"] == {"flow_permille": 400.0, "external_least_c": 60.0, "external_greatest_c": 160.0, "suctions": 2}
+    assert port["tip"]["greatest_c"] == 320.0
+    assert port["states"] is None
+    assert port["figures"][0]["alt"].startswith("jtse-1, port 1: air temperature from 320 to 320 °C over 1 min")
+
+
+def test_without_a_thermocouple_the_page_says_so(tmp_path: Path) -> None:
+    made = columns() | {"external_c": np.full(600, np.nan)}
+    html = write_report(seal(tmp_path, [jtse(600)], table(made))).read_text("utf-8")
+    assert "no thermocouple" in html
+
+
+def test_hot_air_is_judged_by_what_it_tells(folder: Path) -> None:
+    """It has no alarm flags: that is no missing evidence."""
+    limits = Limits(coverage_percent=99.5, longest_gap_s=5, idle_error_c=15, idle_sd_c=5, alarms_max=0)
+    facts = [jtse(600)]
+    judgement = judge(Evidence(folder, facts, ledger_of(folder, facts)), {"jtse-1": limits})
+    assert judgement.verdict == "ACCEPT"
+    results = {one.name: one.result.value for one in judgement.rules}
+    assert results["alarms"] == "not applicable"
+    assert results["idle_error"] == results["idle_sd"] == "pass"
