@@ -17,10 +17,12 @@ from typing import Final
 
 from jbclog.clock import Clock, SystemClock
 from jbclog.drive import blocking
+from jbclog.errors import PortBusy
 from jbclog.finding.found import PortReport
 from jbclog.finding.questions import is_harmless
 from jbclog.finding.scan import Dial, scan
 from jbclog.finding.trials import ScanPlan
+from jbclog.record.holding import run_that_holds
 from jbclog.transport import Port, ReadOnly, open_port
 from jbclog.wire import LineFormat
 
@@ -41,14 +43,15 @@ SYSTEM: Final = Means(open_port, time.sleep, SystemClock())
 Told = Callable[[PortReport], object]
 
 
-def search(wanted: Sequence[tuple[str, ScanPlan]], told: Told = lambda _: None, means: Means = SYSTEM) -> list[PortReport]:
+def search(wanted: Sequence[tuple[str, ScanPlan]], told: Told = lambda _: None, means: Means | None = None) -> list[PortReport]:
     """Scan every url by its plan; `told` is called, in this thread, with each report as it is done. In the order of `wanted`.
 
     Ctrl-C ends all scans within one answer's time.
     """
+    by = means or SYSTEM
     dials = [Dial(plan.trials[0].line) for _, plan in wanted]
     with ThreadPoolExecutor(max_workers=max(1, min(len(wanted), MOST_AT_ONCE)), thread_name_prefix="scan") as pool:
-        scans = [pool.submit(_scan, url, plan, dial, means) for (url, plan), dial in zip(wanted, dials, strict=True)]
+        scans = [pool.submit(_scan, url, plan, dial, by) for (url, plan), dial in zip(wanted, dials, strict=True)]
         try:
             for done in as_completed(scans):
                 told(done.result())
@@ -70,7 +73,13 @@ def _scan(url: str, plan: ScanPlan, dial: Dial, means: Means) -> PortReport:
 
 
 def _open(report: PortReport, dial: Dial, means: Means) -> Port:
-    """The port as a scan may use it: it lets harmless questions through and counts them."""
+    """The port as a scan may use it: it lets harmless questions through and counts them.
+
+    A run holds its stations also while a cable is out, and behind servers that would take a second client.
+    """
+    run = None if report.tried else run_that_holds(report.url)
+    if run is not None:
+        raise PortBusy(f"{report.url} belongs to the run {run}; wait for its end, or end it")
     return _Counted(ReadOnly(means.open_port(report.url, dial.line), is_harmless), report, dial.line)
 
 

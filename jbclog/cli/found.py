@@ -36,11 +36,14 @@ def tell_no_ports(*, as_json: bool) -> None:
         tell(NO_PORTS)
 
 
-def tell_found(reports: list[PortReport], written: Path | None) -> None:
+def tell_found(reports: list[PortReport], wanted: Path | None, written: Path | None) -> None:
     for report in reports:
         tell("\n".join(_lines(report)))
         tell()
     tell("\n".join(_sent_lines(reports)))
+    if wanted and not written:
+        tell()
+        tell(f"not written: {wanted}; there is no station that a run could begin with")
     if written:
         tell()
         tell(f"written: {written}. `jbclog plan RECIPE --line {written}` shows what a run would do.")

@@ -60,7 +60,7 @@ def scan(
     if as_json:
         tell_json(facts_of(reports, written))
     else:
-        tell_found(reports, written)
+        tell_found(reports, write, written)
     if not _all_fine(reports, named=bool(urls)):
         raise typer.Exit(1)
 

@@ -11,11 +11,11 @@ from jbclog.doctor.looked import Fine, Looked
 from jbclog.doctor.ports import NONE_PLUGGED, look_at_usb_port
 from jbclog.doctor.stations import look_at_stations
 from jbclog.recipe.line import Line
-from jbclog.search import SYSTEM, Means, Told
+from jbclog.search import Means, Told
 from jbclog.transport.usb import usb_ports
 
 
-def examine(line: Line | None, out: Path, told: Told = lambda _: None, means: Means = SYSTEM) -> list[Looked]:
+def examine(line: Line | None, out: Path, told: Told = lambda _: None, means: Means | None = None) -> list[Looked]:
     """Look at this machine and, with a line, at each of its stations; without one at the USB ports, which are not opened."""
     looked = [*look_at_folder(out), look_at_clock(time.time(), clock_is_kept())]
     return looked + (_usb() if line is None else look_at_stations(line, told, means))

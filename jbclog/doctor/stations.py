@@ -14,12 +14,12 @@ from jbclog.finding.finding import Finding
 from jbclog.finding.found import PortReport, StationFound
 from jbclog.finding.trials import ADDRESSES, BY_SERVER, USUAL, ScanPlan, Trial
 from jbclog.recipe.line import AUTO, Line, StationSpec
-from jbclog.search import SYSTEM, Means, Told, search
+from jbclog.search import Means, Told, search
 
 NO_TOOL = "none"
 
 
-def look_at_stations(line: Line, told: Told = lambda _: None, means: Means = SYSTEM) -> list[Looked]:
+def look_at_stations(line: Line, told: Told = lambda _: None, means: Means | None = None) -> list[Looked]:
     """Ask every station of the line whose port nobody holds. Questions only, none that clears anything."""
     held = {spec.name: looked for spec in line.stations if (looked := look_at_holder(spec.name, spec.url)) is not None}
     free = [spec for spec in line.stations if spec.name not in held]

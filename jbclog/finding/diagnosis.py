@@ -11,7 +11,8 @@ SHOWN_BYTES = 12
 
 SWITCH_ON = "switch Robot mode on in the station's menu"
 LOOK_AGAIN = (
-    "see that the station is on and that Robot mode is on in its menu; if so, exchange the wires on pins 3 and 4 of the plug"
+    "see that the station is on and that Robot mode is on in its menu; "
+    "if so, exchange transmit and receive in the cable (RJ12: pins 3 and 4)"  # digest B-2
 )
 BREAKS: tuple[tuple[type[LinkError], str], ...] = (
     (PortBusy, "port.busy"),
@@ -24,7 +25,7 @@ PLUG_IN = "pull the adapter out and plug it in again, or start the server behind
 
 def diagnose(report: PortReport) -> list[Finding]:
     """What is wrong with this port, the first cause first; nothing where a station answers that a run could begin with."""
-    if report.broken is not None and not (report.station and report.station.is_drivable):
+    if report.broken is not None:
         return [_broken(report.url, report.broken)]
     if report.station is not None:
         return [] if report.station.is_drivable else [_not_drivable(report.url, report.station)]
@@ -62,7 +63,7 @@ def _nobody(report: PortReport) -> Finding:
         return Finding("robot_mode.binary", url, what, SWITCH_ON)
     if report.echoed:
         what = "each question comes back as it was sent, and no answer: a loop-back, or an adapter for RS-485 with echo"
-        return Finding("line.echo", url, what, "connect the station with an RS-232 adapter, its pins 3 and 4 not joined")
+        return Finding("line.echo", url, what, "take the loop-back off, or take an adapter for RS-232")
     if report.garbage:
         return Finding(
             "line.format", url, f"something speaks, in no line format that was tried: {_heard(report)}", _next_try(report)

@@ -123,7 +123,11 @@ class _Scan:
 
     def _learn(self, found: StationFound) -> Steps[None]:
         self._report.station = found
-        self.ear.now = yield from learn(found, self.ear.now)
+        try:
+            self.ear.now = yield from learn(found, self.ear.now)
+        except LinkError:
+            found.trouble = "the link broke while it was asked"
+            raise
 
     def _keep(self, line: LineFormat, came: Came) -> None:
         """Note what came and was no answer."""

@@ -86,7 +86,8 @@ def test_a_run_is_not_disturbed_by_either(bench: Bench, tmp_path: Path) -> None:
         (port,) = json.loads(scan.stdout)["ports"]
         assert scan.returncode == 1
         assert (port["findings"][0]["kind"], port["questions"]) == ("port.busy", 0)
-        assert f"process {run.pid}" in port["findings"][0]["what"]
+        (folder,) = (tmp_path / "runs").iterdir()
+        assert f"belongs to the run {folder}" in port["findings"][0]["what"]
         doctor = json.loads(jbclog("doctor", "--line", line, "--out", tmp_path, "--json").stdout)
         looked = {one["where"]: one for one in doctor["looked"]}
         assert looked["ucr-1"]["kind"] == "port.run"

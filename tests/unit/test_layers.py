@@ -40,7 +40,7 @@ MAY_USE = {
     # top: what puts the rooms together, below the command line
     "outcome": "rows errors",
     "reach": "byhand commands protocol recipe record drive transport clock effects wire errors",
-    "search": "finding drive transport clock wire",
+    "search": "finding record drive transport clock wire errors",
     "found_line": "finding recipe transport",
     "doctor": "search finding recipe record transport commands",
     "plan": f"{BOTTOM} commands recipe scheduler session",

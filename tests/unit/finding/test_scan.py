@@ -200,7 +200,7 @@ def test_nobody() -> None:
     assert kinds(report) == ["line.silent"]
     assert report.tried == [trial.line for trial in USUAL]
     assert "12 line formats" in diagnose(report)[0].what
-    assert "pins 3 and 4" in diagnose(report)[0].step
+    assert "RJ12: pins 3 and 4" in diagnose(report)[0].step
     assert sum(report.sent.values()) == len(USUAL) * len(ADDRESSES) + 1
     assert report.seconds <= ScanPlan().seconds
 
@@ -220,6 +220,17 @@ def test_a_cable_that_is_pulled_meanwhile() -> None:
     report = scanned(cable, clock=clock)
     assert kinds(report) == ["port.broken"]
     assert report.tried == [trial.line for trial in USUAL[:3]]
+
+
+def test_a_cable_that_is_pulled_while_the_station_is_asked_who_it_is() -> None:
+    clock = VirtualClock()
+    cable = station_cable("dde", clock=clock)
+    cable.breaks_at = clock.monotonic() + 0.05
+    report = scanned(cable, clock=clock)
+    assert kinds(report) == ["port.broken"]
+    assert report.station is not None
+    assert report.station.model == "DDE"
+    assert not report.station.is_drivable
 
 
 def test_a_station_that_falls_silent_is_told_as_that() -> None:

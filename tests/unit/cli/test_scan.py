@@ -1,0 +1,103 @@
+"""What `jbclog scan` is asked for, and how it says what it found."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+from uart_ports import Cable, Echo, Silence, means, station_cable
+
+from jbclog import search
+from jbclog.cli.app import app
+from jbclog.cli.scan import _addresses, _ports
+from jbclog.errors import UsageError
+from jbclog.wire import LineFormat
+
+
+@pytest.mark.parametrize(
+    ("text", "found"),
+    [
+        (None, (1, None, 10)),
+        ("5", (1, None, 10, 5)),
+        ("2,5-7", (1, None, 10, 2, 5, 6, 7)),
+        ("1-99", (1, None, 10, *range(2, 10), *range(11, 100))),
+    ],
+)
+def test_addresses_come_behind_the_usual_ones(text: str | None, found: tuple[int | None, ...]) -> None:
+    assert _addresses(text) == found
+
+
+@pytest.mark.parametrize("text", ["0", "100", "5-3", "a", "1-", "1,,2", "-1", "1-100"])
+def test_addresses_that_there_are_not(text: str) -> None:
+    with pytest.raises(UsageError, match="give addresses from 1 to 99"):
+        _addresses(text)
+
+
+def test_a_port_with_two_names_is_asked_once(tmp_path: Path) -> None:
+    (tmp_path / "by-id").symlink_to(tmp_path / "ttyUSB0")
+    named = [str(tmp_path / "by-id"), str(tmp_path / "ttyUSB0"), "socket://host:1", "socket://host:2"]
+    assert _ports(named) == [named[0], *named[2:]]
+
+
+def said(monkeypatch: pytest.MonkeyPatch, cables: dict[str, Cable], *options: str) -> tuple[int, str]:
+    """Exit code and stdout of a scan of these cables' urls."""
+    monkeypatch.setattr(search, "SYSTEM", means(cables))
+    ended = CliRunner().invoke(app, ["scan", *options, *cables])
+    return ended.exit_code, ended.stdout
+
+
+def test_a_station_is_told_in_a_few_lines_and_everything_that_was_sent(monkeypatch: pytest.MonkeyPatch) -> None:
+    cable = station_cable("ucr", sim="tool = 9\nturnaround_ms = 2.0")
+    code, text = said(monkeypatch, {"/dev/ttyUSB0": cable})
+    assert code == 0
+    assert text.splitlines()[:6] == [
+        "/dev/ttyUSB0  UCR245, family ucr",
+        "  line        19200 8N1, address 01",
+        "  Robot mode  on",
+        "  software    1.00a",
+        "  ports       1 TRA245/TRA470",
+        "  turnaround  2.00 ms median, 2.00 ms at worst",
+    ]
+    assert f"Sent were {len(cable.asked)} questions and nothing else; nothing was written or cleared:" in text
+    assert "     1 × model, to address 01, at 19200 8N1: 02 30 30 30 31 52 53 4d 4e 03 02" in text
+
+
+def test_a_named_port_without_a_station_ends_with_1_and_the_step(monkeypatch: pytest.MonkeyPatch) -> None:
+    code, text = said(monkeypatch, {"/dev/ttyUSB0": Cable(Echo(), None)})
+    assert code == 1
+    assert "  finding     each question comes back as it was sent" in text
+    assert "  step        take the loop-back off" in text
+
+
+def test_what_there_was_no_time_for_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    code, text = said(monkeypatch, {"/dev/ttyUSB0": Cable(Silence(), LineFormat())}, "--seconds", "3")
+    assert code == 1
+    assert "  not tried   " in text
+    assert "115200 8E1" in text.partition("not tried")[2].splitlines()[0]
+
+
+def test_json_tells_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+    cable = station_cable("dde", "address = false", "robot_mode = false")
+    code, text = said(monkeypatch, {"/dev/ttyUSB0": cable}, "--json")
+    told = json.loads(text)
+    assert code == 1
+    assert told["written"] is None
+    assert told["ports"][0]["station"]["robot_mode"] is False
+    assert told["ports"][0]["findings"][0]["kind"] == "robot_mode.off"
+    assert told["ports"][0]["questions"] == sum(one["count"] for one in told["sent"]) == len(cable.asked)
+    assert told["sent"][0] == {
+        "question": "model, to address 01",
+        "hex": "0230303031" + "52534d4e0302",
+        "line": "19200 8N1",
+        "count": 1,
+    }
+
+
+def test_a_line_file_is_not_written_where_there_is_nothing_to_run(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    file = tmp_path / "line.toml"
+    code, text = said(monkeypatch, {"/dev/ttyUSB0": station_cable("dde", sim="robot_mode = false")}, "--write", str(file))
+    assert code == 1
+    assert not file.exists()
+    assert f"not written: {file}; there is no station that a run could begin with" in text
