@@ -59,6 +59,12 @@ class GuardProcess:
         """End it, whatever it does."""
         self._process.kill()
         self._process.wait()
+        self._close()
+
+    def _close(self) -> None:
+        for pipe in (self._process.stdin, self._process.stdout):
+            if pipe is not None:
+                pipe.close()
 
     def lease(self, station: StationLease) -> None:
         """Tell what must be made safe on a station, where that has changed. Raises `GuardLost`."""
@@ -76,6 +82,7 @@ class GuardProcess:
             self._say(END)
         with suppress(subprocess.TimeoutExpired):
             self._process.wait(END_S)
+        self._close()
 
     def _say(self, line: str) -> None:
         data = line.encode() + b"\n"
