@@ -65,12 +65,26 @@ def _set_up(opened: serial.SerialBase, url: str, line: LineFormat, exclusive: bo
 
 def _open(opened: serial.SerialBase, parity: str) -> None:
     """A pseudo-terminal has no parity; where nothing else changes, the C library makes an error of that."""
+    _let_reader_end(opened)
     is_terminal = is_pseudo_terminal(str(opened.port))
     opened.parity = serial.PARITY_NONE if is_terminal else parity
     opened.open()  # type: ignore[attr-defined]  # every port has it, the stubs' base has not
     if is_terminal:
         with contextlib.suppress(*BROKEN):
             opened.parity = parity  # odd leaves its mark there (`sim`)
+
+
+def _let_reader_end(opened: serial.SerialBase) -> None:
+    """pyserial's rfc2217 reads in a thread of its own, which answers a server that has gone with a traceback on stderr."""
+    loop = getattr(opened, "_telnet_read_loop", None)  # so named in every pyserial there has been
+    if loop is None:
+        return
+
+    def read_on() -> None:
+        with contextlib.suppress(*BROKEN):
+            loop()
+
+    opened._telnet_read_loop = read_on  # type: ignore[attr-defined]  # found on the object when it is opened
 
 
 def is_pseudo_terminal(device: str) -> bool:

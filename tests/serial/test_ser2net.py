@@ -1,0 +1,148 @@
+"""Whole runs through ser2net, which other people wrote: its server is killed in the middle and started again.
+
+`ign_set_control` is pyserial's own: a pseudo-terminal has no control lines, so the server does not confirm them.
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+import signal
+import socket
+import subprocess
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pandas as pd
+import pytest
+from command import RECIPE, WireLog, is_sampling, jbclog, started, until
+
+from jbclog.record.check import check
+from jbclog.sim.process import SimProcess
+
+pytestmark = pytest.mark.skipif(shutil.which("ser2net") is None, reason="ser2net is not installed")
+
+ACCEPTERS = {"socket": "tcp,127.0.0.1,{port}", "rfc2217": "telnet(rfc2217),tcp,127.0.0.1,{port}"}
+LISTENING = "0A"  # in /proc/net/tcp
+OUTAGE_S = 1.5
+STATION = """
+[line]
+name = "networked"
+
+[[station]]
+name = "ucr-1"
+url = "{url}"
+family = "ucr"
+
+[station.sim]
+model = "UCR245"
+tool = 9
+"""
+
+
+class Ser2net:
+    """The server, with one port before the device at `device`; killed and started as often as one likes."""
+
+    def __init__(self, folder: Path, scheme: str, device: Path) -> None:
+        with socket.create_server(("127.0.0.1", 0)) as probe:
+            port = probe.getsockname()[1]
+        self.url = f"{scheme}://127.0.0.1:{port}" + ("?ign_set_control" if scheme == "rfc2217" else "")
+        self._configuration = folder / "ser2net.yaml"
+        self._configuration.write_text(
+            f"connection: &con\n  accepter: {ACCEPTERS[scheme].format(port=port)}\n  connector: serialdev,{device},19200n81,local\n"
+        )
+        self.port = port
+        self._running: subprocess.Popen[bytes] | None = None
+
+    def start(self) -> None:
+        command = ["ser2net", "-d", "-u", "-c", self._configuration]
+        self._running = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        assert until(self._listens, 5)
+
+    def kill(self) -> None:
+        if self._running is not None:
+            self._running.send_signal(signal.SIGKILL)
+            self._running.wait()
+            self._running = None
+
+    def _listens(self) -> bool:
+        """Told by the system: a connection made to find out would be the one client that the server takes."""
+        rows = [line.split() for line in Path("/proc/net/tcp").read_text().splitlines()[1:]]
+        return any(int(row[1].split(":")[1], 16) == self.port and row[3] == LISTENING for row in rows)
+
+
+@pytest.fixture(params=ACCEPTERS)
+def networked(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[tuple[Path, Ser2net, WireLog]]:
+    """A virtual station on a pseudo-terminal, ser2net before it, and a line file that goes through the server."""
+    served, log = tmp_path / "served.toml", tmp_path / "wire.jsonl"
+    served.write_text(STATION.format(url="ucr-1"))
+    with SimProcess(served, tmp_path / "bench", log=log):
+        server = Ser2net(tmp_path, request.param, tmp_path / "bench" / "ucr-1")
+        server.start()
+        line = tmp_path / "line.toml"
+        line.write_text(STATION.format(url=server.url))
+        try:
+            yield line, server, WireLog(log)
+        finally:
+            server.kill()
+
+
+def plain_recipe(folder: Path) -> Path:
+    """The recipe without its acceptance, so that an outage is no verdict."""
+    recipe = folder / "plain.toml"
+    recipe.write_text(RECIPE.read_text().split("[acceptance]")[0])
+    return recipe
+
+
+def test_a_run_outlives_its_server(networked: tuple[Path, Ser2net, WireLog], tmp_path: Path) -> None:
+    line, server, wire = networked
+    runs = tmp_path / "runs"
+    run = started("run", plain_recipe(tmp_path), "--line", line, "--out", runs, "-d", "6s", "--rate", "5")
+    try:
+        assert until(lambda: is_sampling(runs))
+        server.kill()
+        time.sleep(OUTAGE_S)
+        server.start()
+        told, notes = run.communicate(timeout=30)
+    finally:
+        run.kill()
+    assert run.returncode == 0, notes
+    assert "Traceback" not in notes
+    folder = Path(told.splitlines()[-1])
+    assert check(folder) == []
+    manifest = json.loads((folder / "manifest.json").read_text())
+    (station,) = manifest["stations"]
+    assert (station["outcome"], station["outages"], station["model"]) == ("completed", 1, "UCR245")
+    assert station["safe_state"] == {"1": "verified"}
+    assert_rows_tell_the_outage(folder)
+    assert wire.writes("ucr-1")[-1] == "WPS100001"
+    assert sum(text == "WPS100000" for text in wire.writes("ucr-1")) == 1, "it was heated again after the outage"
+
+
+def assert_rows_tell_the_outage(folder: Path) -> None:
+    """Rows before it, rows of it without values, rows after it, on one grid without a gap; and its two events."""
+    samples, events = pd.read_parquet(folder / "samples"), pd.read_parquet(folder / "events")
+    assert len(samples) == 30
+    assert (samples["tick"].diff().dropna() == 1).all()
+    away = samples["quality"] == "disconnected"
+    assert away.sum() >= 5 * OUTAGE_S - 1
+    assert samples.loc[away, "temperature_c"].isna().mean() > 0.8  # the tick in which it went may have been read
+    assert not away.iloc[0]
+    assert not away.iloc[-1]
+    assert away.ne(away.shift()).cumsum().max() == 3  # before, away, after
+    kinds = list(events["kind"])
+    assert kinds.index("link.lost") < kinds.index("link.back")
+    assert kinds.count("link.lost") == kinds.count("link.back") == 1
+
+
+def test_a_server_that_serves_somebody_else_is_told_without_a_traceback(
+    networked: tuple[Path, Ser2net, WireLog], tmp_path: Path
+) -> None:
+    line, server, wire = networked
+    with socket.create_connection(("127.0.0.1", server.port), timeout=5):
+        ended = jbclog("run", plain_recipe(tmp_path), "--line", line, "--out", tmp_path / "runs", "-d", "2s")
+    assert ended.returncode == 3
+    assert "ucr-1: " in ended.stderr
+    assert "Traceback" not in ended.stderr
+    assert wire.writes("ucr-1") == []
