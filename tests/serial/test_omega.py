@@ -1,0 +1,69 @@
+"""An OMEGA through real pseudo-terminals, as a person meets it: plan, run, and a joint made by hand."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+
+import pandas as pd
+import pytest
+from command import PROFILES, jbclog
+
+from jbclog.record.check import check
+from jbclog.sim.process import SimProcess
+
+LINE = """
+[line]
+name = "omega"
+[[station]]
+name = "omega-1"
+url = "omega-1"
+family = "omega"
+[station.sim]
+turnaround_ms = 20
+joints_per_minute = 0
+"""
+RECIPE = PROFILES / "recipes" / "omega-point.toml"
+
+
+@pytest.fixture
+def line(tmp_path: Path) -> Iterator[Path]:
+    """A virtual OMEGA, served; the line file for a run. It holds condition 101 as the recipe has it."""
+    (tmp_path / "line.toml").write_text(LINE)
+    with SimProcess(tmp_path / "line.toml", tmp_path / "virtual") as stations:
+        yield stations.line_path
+
+
+def test_a_run_that_proves_a_condition(line: Path, tmp_path: Path) -> None:
+    planned = jbclog("plan", RECIPE, "--line", line)
+    assert "78.4% with 250 ms, the most that its manual prints: there 1.2 Hz is the best rate" in planned.stdout
+    assert "note: omega-1 has no safe state that could be ordered" in planned.stderr
+    ended = jbclog("run", RECIPE, "--line", line, "--out", tmp_path / "runs", "-d", "2s")
+    assert ended.returncode == 0, ended.stderr
+    assert "note: omega-1 has no safe state that could be ordered" in ended.stderr
+    folder = Path(ended.stdout.split()[-1])
+    assert check(folder) == []
+    samples = pd.read_parquet(folder / "samples")
+    assert samples["solder_shortage"].tolist() == [False] * 2
+    assert set(pd.read_parquet(folder / "settings")["outcome"]) == {"unchanged"}
+
+
+def test_another_condition_is_written_with_leave(line: Path, tmp_path: Path) -> None:
+    other = tmp_path / "other.toml"
+    other.write_text(RECIPE.read_text().replace("rise_s = 0.3", "rise_s = 0.9"))
+    written = jbclog("run", other, "--line", line, "--out", tmp_path / "runs", "-d", "1s", "--allow-omega-write", "--json")
+    assert written.returncode == 0, written.stderr
+    settings = pd.read_parquet(Path(json.loads(written.stdout)["run"]) / "settings").set_index("setting")
+    assert settings.loc["condition_101.rise_s", "readback"] == "0.9"
+    assert set(settings["outcome"]) == {"confirmed"}
+
+
+def test_a_joint_made_by_hand_is_waited_for(line: Path, tmp_path: Path) -> None:
+    asked = jbclog("write", "omega-1", "run_condition", "101", "--line", line)
+    assert asked.returncode == 2
+    done = jbclog(
+        *("write", "omega-1", "run_condition", "101", "--yes-i-mean", "omega-1", "--snapshot", tmp_path / "before.json"),
+        *("--line", line),
+    )
+    assert done.returncode == 0, done.stderr
