@@ -6,7 +6,10 @@ import fcntl
 import json
 import os
 import select
+import shutil
+import socket
 import struct
+import subprocess
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -107,6 +110,35 @@ def test_a_station_behind_a_tcp_server(tmp_path: Path) -> None:
         assert scan.returncode == 0, scan.stdout
         assert "UCR245, family ucr" in scan.stdout
         assert load_line(tmp_path / "line.toml").stations[0].url == url
+
+
+@pytest.mark.filterwarnings("ignore:set(Daemon|Name)\\(\\) is deprecated:DeprecationWarning")  # in pyserial, of Python 3.11
+@pytest.mark.skipif(shutil.which("ser2net") is None, reason="ser2net is not installed")
+def test_the_line_format_behind_ser2net_is_found(tmp_path: Path) -> None:
+    """ser2net starts at 19200 8N1; the scan sets the rate over rfc2217, and the station goes by what its terminal is set to."""
+    file = tmp_path / "bench.toml"
+    station = '[[station]]\nname = "ucr-1"\nurl = "ucr-1"\nfamily = "ucr"\nbaudrate = 38400\n[station.sim]\n'
+    file.write_text(f'[line]\nname = "bench"\n{station}')
+    with SimProcess(file, tmp_path / "bench") as sim, ser2net(tmp_path, Path(urls(sim.line_path)[0]).resolve()) as url:
+        plan = ScanPlan((Trial(LineFormat()), Trial(LineFormat(38400))), addresses=(1,))
+        (report,) = search([(url, plan)])
+    assert report.station is not None, report
+    assert (report.station.model, report.station.line) == ("UCR245", LineFormat(38400))
+
+
+@contextmanager
+def ser2net(folder: Path, device: Path) -> Iterator[str]:
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        port = free.getsockname()[1]
+    file = folder / "ser2net.yaml"
+    accepter, connector = f"telnet(rfc2217),tcp,127.0.0.1,{port}", f"serialdev,{device},19200n81,local"
+    file.write_text(f"connection: &con\n  accepter: {accepter}\n  connector: {connector}\n")
+    with subprocess.Popen(["ser2net", "-d", "-u", "-c", file], stderr=subprocess.DEVNULL) as running:
+        try:
+            assert until(lambda: f":{port:04X} 00000000:0000 0A" in Path("/proc/net/tcp").read_text(), 5)
+            yield f"rfc2217://127.0.0.1:{port}?ign_set_control"  # a pseudo-terminal has no control lines
+        finally:
+            running.kill()
 
 
 def test_no_usb_port_is_said_with_what_to_do(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,0 +1,71 @@
+"""What `jbclog doctor` says and ends with."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+from uart_ports import Cable, Silence, means, station_cable
+
+from jbclog import search
+from jbclog.cli.app import app
+from jbclog.doctor import examine
+from jbclog.wire import LineFormat
+
+LINE = '[line]\nname = "x"\n[[station]]\nname = "s-1"\nurl = "/dev/ttyJBC"\nfamily = "dde"\n'
+
+
+@pytest.fixture
+def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder with a line file, on a machine with a good clock and no USB ports."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(examine, "clock_is_kept", lambda: True)
+    monkeypatch.setattr(examine, "usb_ports", list)
+    (tmp_path / "line.toml").write_text(LINE)
+    return tmp_path
+
+
+def said(*options: str) -> tuple[int, list[str]]:
+    ended = CliRunner().invoke(app, ["doctor", *options])
+    return ended.exit_code, ended.stdout.splitlines()
+
+
+def test_a_machine_where_everything_is_fine(place: Path) -> None:
+    code, lines = said()
+    assert code == 0
+    assert [line[:8] for line in lines[:-1]] == ["fine    "] * 3
+    assert lines[2:] == ["fine     USB: no USB serial port is plugged in", "everything is fine"]
+    assert sorted(path.name for path in place.iterdir()) == ["line.toml"]
+
+
+def test_a_line_whose_station_answers(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(search, "SYSTEM", means({"/dev/ttyJBC": station_cable("dde")}))
+    code, lines = said("--line", "line.toml")
+    assert code == 0
+    assert lines[2].startswith("fine     s-1: DDE answers at 19200 8N1, address 01 in 1.0 ms")
+
+
+def test_each_finding_has_its_step(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(search, "SYSTEM", means({"/dev/ttyJBC": Cable(Silence(), LineFormat())}))
+    code, lines = said("--line", "line.toml")
+    assert code == 1
+    assert lines[2].startswith("FINDING  s-1 (/dev/ttyJBC): nothing answers in 12 line formats (19200 8N1")
+    assert lines[3].startswith("  step   see that the station is on")
+    assert lines[-1] == "1 finding"
+
+
+def test_json(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(search, "SYSTEM", means({}))
+    code, lines = said("--line", "line.toml", "--json")
+    told = json.loads("\n".join(lines))
+    assert code == 1
+    assert told["fine"] is False
+    assert [one["kind"] for one in told["looked"]] == ["disk", "clock", "port.missing"]
+    assert [one["step"] is None for one in told["looked"]] == [True, True, False]
+
+
+def test_a_wrong_line_file_is_wrong_usage(place: Path) -> None:
+    (place / "line.toml").write_text("[line]\n")
+    assert said("--line", "line.toml") == (2, [])
