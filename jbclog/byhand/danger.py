@@ -28,6 +28,11 @@ WHAT: Final[Mapping[str, str]] = MappingProxyType(
         "run_condition": "runs a solder condition now: the machine moves and feeds solder",
     }
 )
+RESETS_SETTINGS: Final = (
+    'is listed as "reset station settings" and described nowhere: the station may be silent for some seconds, '
+    "and every setting that it holds may be the factory's afterwards"
+)
+HOT_AIR_MANUAL: Final = "001"
 LIMITS: Final = (("maximum_", "highest"), ("minimum_", "lowest"))
 
 
@@ -37,6 +42,8 @@ def what_it_does(command: Command) -> str:
         if command.name.startswith(beginning):
             what = command.name.removeprefix(beginning).replace("_", " ")
             return f"moves the {which} {what} that can be selected on the whole station"
+    if command.name == "restart" and command.manual.startswith(HOT_AIR_MANUAL):
+        return RESETS_SETTINGS  # digest B-40
     return WHAT.get(command.name, command.effect.value)
 
 

@@ -155,3 +155,9 @@ def test_nothing_dangerous_is_reached_from_a_recipe(family: Family) -> None:
     """Settings by the table of keys, tools by their status, the feeder to be stopped: a recipe and a run write nothing else."""
     reached = {*COMMAND_OF.values(), "status", "stop_feeding"}
     assert [command.name for command in family.commands.values() if command.name in reached and command.dangerous] == []
+
+
+def test_what_is_called_a_restart_resets_the_settings_of_hot_air() -> None:
+    """Seed 001, 4.8: "Write reset station settings" (digest B-40)."""
+    assert "reset station settings" in what_it_does(FAMILIES["jtse"].commands["restart"])
+    assert "reset station settings" not in what_it_does(FAMILIES["dde"].commands["restart"])
