@@ -52,7 +52,7 @@ def _user() -> str:
 def _group(device: Path) -> str:
     try:
         return device.group()
-    except (KeyError, OSError, NotImplementedError):
+    except (KeyError, OSError, RuntimeError):  # Windows has no groups
         return "dialout"
 
 
