@@ -9,7 +9,9 @@ from matplotlib.axes import Axes
 from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
 from matplotlib.figure import Figure
 
+from jbclog.analysis.states_plot import STATES, states_panel
 from jbclog.errors import UsageError
+from jbclog.judge import judged_signals
 
 if TYPE_CHECKING:
     from jbclog.analysis.run import Run
@@ -25,16 +27,21 @@ MOST_DOTS: Final = 200  # readings of the setting that can still be told apart
 def plot(run: Run, station: str | None = None, port: int | None = None) -> Figure:
     """A figure with a panel for each port: °C against the setting, ‰ of power, what was not read shaded.
 
-    Raises `UsageError` where there is nothing to show.
+    A station that tells no temperature has its states instead. Raises `UsageError` where there is nothing to show.
     """
-    samples = run.samples(station, port, columns=COLUMNS)
+    samples = run.samples(station, port, columns=[*COLUMNS, *STATES])
+    of_states = {facts.name for facts in run.manifest.stations if "temperature_c" not in judged_signals(facts)}
     tools = sorted(samples.groupby(["station", "port"]), key=lambda tool: _place(run, str(tool[0][0])))
     if not tools:
         raise UsageError(f"{run.name} has no samples of station {station or 'any'}, port {port or 'any'}")
     figure = Figure(figsize=(PANEL_CM[0] * CM, PANEL_CM[1] * CM * len(tools)), layout="constrained")
     panels = figure.subplots(len(tools), 1, sharex=True, squeeze=False)[:, 0]
     for axes, (key, rows) in zip(panels, tools, strict=True):
-        _panel(axes, rows)
+        if key[0] in of_states:
+            states_panel(axes, rows)
+        else:
+            _panel(axes, rows)
+        _time_axis(axes)
         axes.set_title(f"{key[0]} port {key[1]}", loc="left")
     return figure
 
@@ -60,6 +67,9 @@ def _panel(axes: Axes, rows: pd.DataFrame) -> None:
     power.set_ylim(0, 3000)  # the lower third
     power.set_yticks([0, 500, 1000])
     power.set_ylabel("power ‰", color="tab:blue", loc="bottom")
+
+
+def _time_axis(axes: Axes) -> None:
     locator = AutoDateLocator()  # type: ignore[no-untyped-call]  # matplotlib has no types there
     axes.xaxis.set_major_locator(locator)
     axes.xaxis.set_major_formatter(ConciseDateFormatter(locator))  # type: ignore[no-untyped-call]

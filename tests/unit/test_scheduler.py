@@ -18,6 +18,7 @@ from jbclog.wire import BAUDRATES, LineFormat
 
 DDE = FAMILIES["dde"]
 LINE = LineFormat(19200, "8N1")
+OMEGA = '[recipe]\nname = "x"\nrevision = 1\nfamilies = ["omega"]\n'
 
 
 def recipe_with(alarms_every_s: float = 2, counters_every_s: float = 60) -> Recipe:
@@ -42,6 +43,17 @@ def test_a_read_and_its_answer_are_27_characters() -> None:
     assert read_wire_s(LINE, DDE.commands["tip_temperature"], False) == pytest.approx(19 * 10 / 19200)  # 9.9 ms
     assert read_wire_s(LINE, DDE.commands["transformer_temperature"], True) == pytest.approx(25 * 10 / 19200)
     assert read_wire_s(LineFormat(1200, "8E2"), DDE.commands["power"], True) == pytest.approx(27 * 12 / 1200)
+
+
+def test_the_wire_time_of_an_omega() -> None:
+    """STX A ETX 4 1, and STX a 0 ETX 9 1: five characters and six (003, 11.2)."""
+    line, commands = LineFormat(9600), FAMILIES["omega"].commands
+    assert read_wire_s(line, commands["information"], False) == pytest.approx(11 * 10 / 9600)
+    demand = Demand.of(readings_for(FAMILIES["omega"], (1,), parse_recipe(OMEGA), line, False))
+    assert demand.tick_s(0.25) == pytest.approx(3 * (11 * 10 / 9600 + 0.25))
+    assert demand.best_rate_hz(0.25) == 1.2
+    assert demand.fits(1.0, 0.3)
+    assert not demand.fits(1.3, 0.25)
 
 
 @pytest.mark.parametrize(("turnaround_ms", "slow_reads_per_s"), [(0, 11.1), (2, 2.26), (2.6, 0.06)])

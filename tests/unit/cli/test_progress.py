@@ -48,6 +48,13 @@ def test_what_is_known_and_what_is_not(monkeypatch: pytest.MonkeyPatch) -> None:
     ]
 
 
+def test_an_omega_shows_its_states_in_its_own_words(monkeypatch: pytest.MonkeyPatch) -> None:
+    omega, family = desk(), FAMILIES["omega"]
+    omega.family, omega.facts.alarms = family, 0
+    omega.ports = {1: PortState(1, states={"solder_shortage": ("normal", 1.0), "preparing": ("ready", 1.0)})}
+    assert rows(monkeypatch, omega) == [["dde-1", "1", "", "", "normal, ready", "", "connected"]]
+
+
 @pytest.mark.parametrize("outcome", ["refused", "gone", "stopped", "failed", "completed"])
 def test_a_station_that_has_ended_shows_how(monkeypatch: pytest.MonkeyPatch, outcome: str) -> None:
     assert rows(monkeypatch, desk(outcome=outcome)) == [["dde-1", "1, 2", "", "", "", "2", outcome]]
