@@ -75,7 +75,7 @@ def _no_answer(desk: Desk, error: StationError) -> str:
     addressing = "without addresses" if order.address is None else f"address {order.address:02d}"
     return (
         f"{desk.name}: no usable answer on {order.url} at {order.line.baudrate} {order.line.format}, {addressing} ({error}); "
-        f"check that the station is on, {mode}the cable, and the line format"
+        f"check that the station is on, {mode}the cable, and the line format; `jbclog doctor --line` looks for the reason"
     )
 
 

@@ -57,7 +57,7 @@ KNOWS_NO_IO = ["protocol", "commands", "quantities", "station", "safety", "sched
 NO_IO = ["serial", "socket", "threading", "time", "pandas", "pyarrow", "asyncio", "select", "selectors", "subprocess", "sqlite3"]
 HEAVY = ("pandas", "matplotlib", "jinja2")
 ONLY_IN = {"serial": {"transport"}, "pandas": {"analysis", "report"}, "jinja2": {"report"}, "tomllib": {"recipe", "record"}}
-SIM_IN_CLI = {"cli/sim.py", "cli/demo.py"}
+SIM_IN_CLI = {"cli/sim.py", "cli/demo.py", "cli/replay.py"}
 
 
 def faults(package: Path) -> list[str]:
