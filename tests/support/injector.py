@@ -47,6 +47,7 @@ class Injector:
 
     receive_clean: Receive
     plan: Mapping[int, Deed]
+    is_out: Callable[[float], bool] = lambda now: False
     number: int = -1
     did: Counter[str] = field(default_factory=Counter)
     forged: list[Forged] = field(default_factory=list)
@@ -71,7 +72,7 @@ class Injector:
         return [(at, kept), *done] if kept else done
 
     def hung_up(self, now: float) -> bool:
-        return False
+        return self.is_out(now)
 
     # -- the deeds --------------------------------------------------------------------------------------------------
 
