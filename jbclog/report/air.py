@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 import pandas as pd
@@ -14,6 +15,7 @@ from jbclog.rows import StationFacts
 SIGNAL = "external_c"
 COLUMNS = ("cooling", "desoldering", SIGNAL, "set_flow_permille")
 FLOW, SUCTION, COOLING, OFF = "flow", "suction", "cooling", "off"
+AWAY = ("disconnected", "robot_off")
 FLOW_JOINED_S = 15.0  # it is due each 5 s; two losses are bridged in the drawing, and only there
 
 
@@ -66,11 +68,14 @@ def _word(word: object, cools: bool | None) -> str | None:
 
 
 def _flow(samples: pd.DataFrame, seconds: Floats, period_s: float) -> list[Span]:
-    """Where the flow was read, joined between two equal readings that are near enough."""
+    """Where the flow was read, joined between two equal readings that are near enough; not across an outage."""
     flow = _floats(samples["set_flow_permille"])
     read = ~np.isnan(flow)
-    spans = [Span(float(at), float(at) + period_s, f"{value:.0f} ‰") for at, value in zip(seconds[read], flow[read], strict=True)]
-    return merged(spans, FLOW_JOINED_S)
+    outages = np.cumsum(samples["quality"].astype(object).isin(AWAY).to_numpy(dtype=bool))[read]
+    told = zip(seconds[read], flow[read], strict=True)
+    spans = [Span(float(at), float(at) + period_s, f"{value:.0f} ‰") for at, value in told]
+    edges = [0, *(np.flatnonzero(np.diff(outages)) + 1), len(spans)]
+    return [span for a, b in pairwise(edges) for span in merged(spans[a:b], FLOW_JOINED_S)]
 
 
 def _flags(samples: pd.DataFrame, name: str) -> list[bool | None]:

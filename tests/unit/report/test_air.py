@@ -86,6 +86,17 @@ def test_a_closer_look_holds_the_same_of_its_part() -> None:
     assert [(span.start, span.end) for span in part.air.lanes["suction"]] == [pytest.approx((18.1, 20.0))]
 
 
+def flows(one: Trace) -> list[tuple[str, float, float]]:
+    assert one.air is not None
+    return [(span.word, round(span.start, 1), round(span.end, 1)) for span in one.air.lanes["flow"]]
+
+
+def test_the_flow_is_not_joined_across_an_outage() -> None:
+    made = columns()
+    lose(made, slice(110, 140))
+    assert flows(drawn(made))[:2] == [("600 ‰", 0.0, 10.1), ("600 ‰", 15.0, 25.1)]
+
+
 def test_nobody_cools_while_nothing_is_read() -> None:
     made = columns()
     lose(made, slice(520, 540))
