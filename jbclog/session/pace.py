@@ -10,7 +10,7 @@ from jbclog.errors import StartRefused
 from jbclog.recipe.model import Recipe
 from jbclog.scheduler import KEPT_FOR_REPEATS, Demand, Reading, readings_of, watched_readings
 from jbclog.session.order import AS_FAST_AS_POSSIBLE, AS_FIT, Desk
-from jbclog.session.watch import WATCHED_LIMITS
+from jbclog.session.watch import WATCHED_SETTINGS
 from jbclog.wire import LineFormat
 
 
@@ -28,9 +28,9 @@ def readings_for(family: Family, ports: Sequence[int], recipe: Recipe, line: Lin
     sampling = recipe.sampling
     signals = [(signal, family.commands[signal.command]) for signal in family.signals]
     counters = [(counter, family.commands[counter.command]) for counter in family.counters]
-    limits = [family.commands[name] for name in WATCHED_LIMITS if name in family.commands]
+    watched = [family.commands[name] for name in WATCHED_SETTINGS if name in family.commands]
     found = readings_of(signals, counters, ports, line, addressed, sampling.alarms_every_s, sampling.counters_every_s)
-    return found + watched_readings(limits, ports, line, addressed, sampling.counters_every_s)
+    return found + watched_readings(watched, ports, line, addressed, sampling.counters_every_s)
 
 
 def choose_pace(desk: Desk) -> Pace:

@@ -19,7 +19,7 @@ from jbclog.session.columns import Fill, fill_of, unusable, void
 from jbclog.session.doubt import Doubt, SecondLook
 from jbclog.session.omega_states import differs_from_last
 from jbclog.session.order import Desk, PortState
-from jbclog.session.watch import OBSERVERS, WATCHED_LIMITS, Observe, is_no_tool
+from jbclog.session.watch import OBSERVERS, WATCHED_SETTINGS, Observe, is_no_tool
 from jbclog.station.client import Asking
 
 WIDTH = len(SAMPLE_COLUMNS)
@@ -63,7 +63,7 @@ DOUBTS: dict[str, Doubt] = {
     "solder_shortage": differs_from_last("solder_shortage"),
     "preparing": differs_from_last("preparing"),
     "set_flow_permille": _differs_from_held("selected_air_flow"),
-    **{name: _differs_from_held(name) for name in WATCHED_LIMITS},
+    **{name: _differs_from_held(name) for name in WATCHED_SETTINGS},
 }
 
 

@@ -92,7 +92,7 @@ def stop_on(desk: Desk, changes: list[str]) -> None:
         raise SettingChanged(f"{desk.name}: {'; '.join(changes)}")
 
 
-WATCHED_LIMITS = (
+WATCHED_SETTINGS = (
     "alarm_high_limit",
     "alarm_low_limit",
     "alarm_high_delay",
@@ -178,7 +178,7 @@ OBSERVERS: dict[str, Observe] = {
     "station_error": _station_error,
     "feeding": _feeding,
     **OMEGA_OBSERVERS,
-    **{name: _watched(name) for name in WATCHED_LIMITS},
+    **{name: _watched(name) for name in WATCHED_SETTINGS},
 }
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from account import assert_account_holds, reasons_in, wrong_values
 from hot_air import AIR, hot_air, plant
-from virtual_run import VirtualRun
+from virtual_run import VirtualRun, line_text, prepare
 
 from jbclog.rows import COLUMN
 
@@ -360,3 +360,27 @@ def test_no_write_of_a_run_is_dangerous() -> None:
     """What `run` can send to hot air: settings of the recipe and the status (faults.md, section 9)."""
     run = hot_air("joints_per_minute = 6", duration_s=30).go()
     assert {text[1:4] for text in written(run)} <= {"WM1", "SF1", "SE1", "ST1", "PS1"}
+
+
+# -- which station it is ---------------------------------------------------------------------------------------------
+
+
+def test_auto_finds_hot_air_by_its_model() -> None:
+    line = line_text("tool = 1\nmodel = 'JTSE'").replace('family = "dde"', 'family = "auto"')
+    run = prepare(line, AIR, duration_s=5).go()
+    assert (run.facts.outcome, run.facts.family, run.facts.model) == ("completed", "jtse", "JTSE")
+    assert run.facts.safe_state == {1: "verified"}
+    assert written(run)[-1] == "WPS100010"
+
+
+def test_hot_air_where_a_soldering_station_should_be_is_not_written_to() -> None:
+    """Its 00001, stand elsewhere, would switch the heater on."""
+    run = prepare(line_text("model = 'JTSE'"), duration_s=5).go()
+    assert "the line file says family dde, the station says model JTSE" in run.facts.reason
+    assert written(run) == []
+
+
+def test_a_soldering_station_where_hot_air_should_be_is_not_written_to() -> None:
+    run = hot_air("model = 'DDE'", duration_s=5).go()
+    assert "the line file says family jtse, the station says model DDE" in run.facts.reason
+    assert written(run) == []
