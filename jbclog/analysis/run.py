@@ -20,6 +20,8 @@ from jbclog.record.parts import groups_of, part_paths, parts_through
 from jbclog.record.schema import SCHEMAS
 from jbclog.record.stock import Stock
 from jbclog.record.store import segments
+from jbclog.record.wire import read_head, read_rows, wire_path
+from jbclog.tape import Passed
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -79,6 +81,20 @@ class Run:
     def counters(self, station: str | None = None) -> pd.DataFrame:
         """Readings of the stations' counters; a failed one has no value, and the reason in `raw`."""
         return self._frame("counters", station, None, None, None, None)
+
+    def wire(self, station: str) -> pd.DataFrame:
+        """What passed over a station's wire, in order: `time`, `what`, `data` (bytes), `text`.
+
+        Only of a run with ``--wire``; of others, and where the file is none, `RecordError`.
+        """
+        path = wire_path(self.folder, station)
+        if not path.is_file():
+            raise RecordError(f"{self.folder}: what passed over the wire of {station} was not kept; it takes `run --wire`")
+        head = read_head(path)
+        passed = [row for row in read_rows(path) if isinstance(row, Passed)]
+        table = pd.DataFrame(passed, columns=["time", "what", "data", "text"])
+        micros = (table["time"] + (head.t0_utc - head.t0_mono)).mul(1e6).round()
+        return table.assign(time=micros.astype("int64").astype("datetime64[us]").dt.tz_localize("UTC"))
 
     def plot(self, station: str | None = None, port: int | None = None) -> Figure:
         """Temperature against its setting, power below, what was not read hatched; a panel a port."""

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import os
 import threading
+import time
 import zlib
 from collections import deque
 from collections.abc import Callable
@@ -20,13 +21,13 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Final
 
-from jbclog.record.batches import breathe
 from jbclog.record.durable import sync_folder
 from jbclog.record.wire import HEADER, Head, end_of_file, head_lines, line_of, wire_path
 from jbclog.tape import Row
 
 WRITE_S: Final = 0.5
 MOST_ROWS: Final = 20_000  # waiting for one station: a minute and a half of a full wire at 19200 baud
+BREATH_S: Final = 0.001  # after each wire: a thread that is always ready takes the sessions' turn at each of their reads
 LEAST_FREE: Final = 64 << 20  # bytes of the disk that are left to the record
 LEVEL, WINDOW, MEMORY = 3, 13, 7  # of zlib: as small as 6 and 15 nearly, in half the time and a quarter of the memory
 
@@ -49,26 +50,23 @@ class Wire:
             self._put(HEADER)
             self._pack(head_lines(head))
         except OSError as error:
-            self._fail(error.strerror or str(error))
+            self.give_up(error.strerror or str(error))
 
     @property
     def is_open(self) -> bool:
         return self._descriptor >= 0
 
-    def write(self) -> None:
-        """Write what was kept so far. Does not raise: `trouble` says what went wrong."""
-        if not self.is_open or not self._rows:
-            return
-        if len(self._rows) == MOST_ROWS:
-            self._fail(f"the disk was too slow for it: more than {MOST_ROWS} rows were waiting")
-            return
-        try:
-            if _free(self._descriptor) < LEAST_FREE:
-                self._fail(f"less than {LEAST_FREE >> 20} MB are free on the disk, and the record needs them")
-                return
-            self._pack("".join([line_of(self._rows.popleft()) for _ in range(len(self._rows))]))
-        except OSError as error:
-            self._fail(error.strerror or str(error))
+    def write(self) -> int:
+        """Write what was kept so far; give how many rows it was. Does not raise: `trouble` says what went wrong."""
+        count = len(self._rows) if self.is_open else 0
+        if count == MOST_ROWS:
+            self.give_up(f"the disk was too slow for it: more than {MOST_ROWS} rows were waiting")
+        elif count:
+            try:
+                self._pack("".join([line_of(self._rows.popleft()) for _ in range(count)]))
+            except OSError as error:
+                self.give_up(error.strerror or str(error))
+        return count
 
     def close(self) -> None:
         """Write the rest and the file's end, and make it last."""
@@ -89,8 +87,8 @@ class Wire:
             rest = rest[os.write(self._descriptor, rest) :]
         self._written += len(packed)
 
-    def _fail(self, why: str) -> None:
-        """Give up; what was written as a whole stays, and is closed."""
+    def give_up(self, why: str) -> None:
+        """Write nothing more; what was written as a whole stays, and is closed."""
         self.trouble = f"{self._path} cannot be written any further: {why}. The run goes on without it."
         if self.is_open:
             self._end()
@@ -130,17 +128,19 @@ class WireRecorder:
     def start(self) -> None:
         self._thread.start()
 
-    def write(self) -> None:
+    def write(self, breath_s: float = 0.0) -> None:
         """Write what was kept so far. Does not raise."""
+        self._look_for_room()
         for wire in self._wires:
-            wire.write()
-            breathe()
+            if wire.write():
+                time.sleep(breath_s)
 
     def close(self) -> None:
         """Write the rest and close all files. Does not raise."""
         self._ending.set()
         if self._thread.is_alive():
             self._thread.join()
+        self._look_for_room()
         for wire in self._wires:
             wire.close()
         with suppress(OSError):  # the record proper lies in the same folder, and says so
@@ -156,12 +156,16 @@ class WireRecorder:
         self._told += fresh
         return [wire.trouble for wire in fresh if wire.trouble is not None]
 
+    def _look_for_room(self) -> None:
+        try:
+            disk = os.statvfs(self._folder)
+        except OSError:
+            return  # the record proper lies there, too, and says so
+        if disk.f_bavail * disk.f_frsize < LEAST_FREE:
+            for wire in self._wires:
+                if wire.is_open:
+                    wire.give_up(f"less than {LEAST_FREE >> 20} MB are free on the disk, and the record needs them")
+
     def _write_on(self) -> None:
         while not self._ending.wait(WRITE_S):
-            self.write()
-
-
-def _free(descriptor: int) -> int:
-    """Bytes that are free on the disk of an open file."""
-    state = os.fstatvfs(descriptor)
-    return state.f_bavail * state.f_frsize
+            self.write(BREATH_S)

@@ -14,6 +14,7 @@ from jbclog.conduct import conduct
 from jbclog.dossier import Result
 from jbclog.plan import Wanted, make_plan
 from jbclog.record.live import SEAL_S
+from jbclog.record.wire import read_rows, wire_paths
 from jbclog.rows import EventRow
 from jbclog.session.order import Desk
 
@@ -35,6 +36,8 @@ class Recorded:
     shortest_scan_s: float  # of a port's row, which holds three reads at least
     peak_mb: float  # of memory, before the rows are looked at
     trouble: list[str]  # what the run itself found wrong
+    wire_bytes: int  # that the wires took on the disk
+    wire_exchanges: int  # that they hold
 
 
 class Mark(NamedTuple):
@@ -63,10 +66,17 @@ class Watcher:
 
 
 def record(
-    line: Path, recipe: Path, out: Path, seconds: float, *, rate: str | None = None, seal_every_s: float = SEAL_S
+    line: Path,
+    recipe: Path,
+    out: Path,
+    seconds: float,
+    *,
+    rate: str | None = None,
+    seal_every_s: float = SEAL_S,
+    wire: bool = False,
 ) -> Recorded:
-    """Run the stations of `line` for `seconds`, as ``jbclog run`` does."""
-    plan = make_plan(Wanted(line, recipe, duration_s=seconds, rate=rate))
+    """Run the stations of `line` for `seconds`, as ``jbclog run`` does, with ``--wire`` where `wire` says so."""
+    plan = make_plan(Wanted(line, recipe, duration_s=seconds, rate=rate, wire=wire))
     watcher, before = Watcher(), cpu_s()
     result = conduct(plan, out, watcher, seal_every_s=seal_every_s)
     return _recorded(result, watcher, cpu_s() - before)
@@ -95,6 +105,8 @@ def _recorded(result: Result, watcher: Watcher, cpu_all_s: float) -> Recorded:
         shortest_scan_s=min(us for us in samples["scan_us"].to_pylist() if us is not None) / 1e6,
         peak_mb=peak,
         trouble=[finding.text for finding in result.findings],
+        wire_bytes=sum(path.stat().st_size for path in wire_paths(result.folder)),
+        wire_exchanges=sum(row.what == "sent" for path in wire_paths(result.folder) for row in read_rows(path)),
     )
 
 

@@ -35,7 +35,7 @@ MAY_USE = {
     "record": "rows tape clock errors",
     "sim": "protocol commands quantities wire recipe clock tape errors",
     "judge": "rows errors",
-    "analysis": "record judge rows errors",
+    "analysis": "record judge rows tape errors",
     "report": "analysis judge record recipe commands rows errors",
     # top: what puts the rooms together, below the command line
     "outcome": "rows errors",

@@ -1,0 +1,68 @@
+"""Trouble with the record of the wires is told, and changes nothing of the run."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from jbclog.analysis.run import open_run
+from jbclog.conduct import conduct
+from jbclog.dossier import Result
+from jbclog.outcome import Exit
+from jbclog.plan import Wanted, make_plan
+from jbclog.record import wire_recorder
+from jbclog.record.check import check
+from jbclog.rows import EventRow
+from jbclog.session.order import Desk
+
+LINE = '[line]\nname = "bench"\n[[station]]\nname = "dde-1"\nurl = "nowhere"\nfamily = "dde"\nports = [1]\n'
+RECIPE = '[recipe]\nname = "job"\nrevision = 1\nfamilies = ["dde"]\n'
+
+
+class Onlooker:
+    def begun(self, folder: Path) -> None: ...
+
+    def happened(self, event: EventRow) -> None: ...
+
+    def second(self, desks: list[Desk]) -> None: ...
+
+    def sealing(self) -> None: ...
+
+
+def run(place: Path) -> Result:
+    """A run on a port that is not there."""
+    (place / "line.toml").write_text(LINE)
+    (place / "job.toml").write_text(RECIPE)
+    plan = make_plan(Wanted(place / "line.toml", place / "job.toml", duration_s=1.0, wire=True, guard=False))
+    return conduct(plan, place / "runs", Onlooker())
+
+
+def test_a_port_that_is_not_there_is_in_the_wire_too(tmp_path: Path) -> None:
+    result = run(tmp_path)
+    wire = open_run(result.folder).wire("dde-1")
+    assert wire["what"].to_list() == ["failed"]
+    assert "nowhere" in wire["text"].iloc[0]
+    assert result.manifest.wire == "whole"
+    assert check(result.folder) == []
+
+
+def test_where_it_cannot_be_written_the_run_is_what_it_would_have_been(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(wire_recorder, "LEAST_FREE", 1 << 60)
+    result = run(tmp_path)
+    assert result.exit_code is Exit.STATION
+    assert [finding.code for finding in result.findings] == [Exit.STATION]
+    (event,) = open_run(result.folder).events().query("kind == 'wire.failed'").itertuples()
+    assert event.severity == "warning"
+    assert "The run goes on without it." in event.text
+    assert result.manifest.wire == event.text
+    assert check(result.folder) == []
+
+
+def test_without_the_option_nothing_is_kept(tmp_path: Path) -> None:
+    (tmp_path / "line.toml").write_text(LINE)
+    (tmp_path / "job.toml").write_text(RECIPE)
+    plan = make_plan(Wanted(tmp_path / "line.toml", tmp_path / "job.toml", duration_s=1.0, guard=False))
+    result = conduct(plan, tmp_path / "runs", Onlooker())
+    assert result.manifest.wire is None
+    assert not (result.folder / "wire").exists()
