@@ -9,8 +9,8 @@ import re
 from typing import NamedTuple
 
 import pytest
-from corrupted import flipped, taken, taken_of_two_bits
-from golden import FRAMES, Golden
+from corrupted import flipped, taken, taken_by_omega, taken_of_two_bits
+from golden import FRAMES, Golden, seed_003
 from readme import README
 
 from jbclog.commands.command import Command
@@ -96,6 +96,26 @@ def test_what_passes_hides_from_an_xor_or_is_the_same_value(kind: Kind) -> None:
         assert len(set(changed.values())) == 1, "two different bits would show in the check byte"
         in_data_or_check = all(place >= 5 + 1 + 3 for place in changed)
         assert in_data_or_check or value == command_of(golden).quantity.decode(golden.text[4:])
+
+
+# -- OMEGA: a sum of the text's characters --------------------------------------------------------------------------------------
+
+OMEGA = {"a0": "information", "a3": "information", "b1": "temperature_control", "f0": "set_temperature_state"}
+OMEGA_ANSWERS = [golden for golden in seed_003.BY_HAND if golden.text in OMEGA]
+
+
+@pytest.mark.parametrize("golden", OMEGA_ANSWERS, ids=lambda golden: golden.text)
+def test_of_omega_no_single_flipped_bit_is_taken_and_at_most_one_pair(golden: seed_003.OmegaGolden) -> None:
+    """A pair passes where what one bit takes from the sum, the other gives: a digit of the text, and one of the sum."""
+    command = FAMILIES["omega"].commands[OMEGA[golden.text]]
+    assert taken_by_omega(command, golden.wire) is not None
+    assert [sent for sent in flipped(golden.wire, 1) if taken_by_omega(command, sent) is not None] == []
+    pairs = list(flipped(golden.wire, 2))
+    passed = [sent for sent in pairs if taken_by_omega(command, sent) is not None]
+    sentence = re.search(r"Of the (\d+) in an answer of OMEGA at most (\d+) passes", " ".join(README.split()))
+    assert sentence
+    assert len(pairs) == int(sentence[1])
+    assert len(passed) <= int(sentence[2])
 
 
 @pytest.mark.campaign

@@ -11,6 +11,8 @@ from jbclog.errors import StationError
 from jbclog.protocol.frame import Frame
 from jbclog.protocol.reader import FrameReader
 from jbclog.quantities import Value
+from jbclog.station.client import Asking, Client
+from jbclog.station.omega import OmegaStation
 from jbclog.station.robot import Station
 from jbclog.wire import LineFormat
 
@@ -20,12 +22,22 @@ LINE = LineFormat()
 def taken(command: Command, port: int | None, tool: int | None, wire: bytes, address: int | None = 1) -> Value | None:
     """The value that a client which has just asked takes `wire` for; None where it goes on listening or asks again."""
     station = Station(LINE, address)
-    asking = station.ask(station.question(command, port, tool))
+    return _first_taken(station, station.question(command, port, tool), wire)
+
+
+def taken_by_omega(command: Command, wire: bytes) -> Value | None:
+    """The same on the line of an OMEGA."""
+    station = OmegaStation(LINE)
+    return _first_taken(station, station.question(command), wire)
+
+
+def _first_taken(client: Client, question: Asking, wire: bytes) -> Value | None:
+    asking = client.ask(question)
     next(asking)
     try:
         asking.send(Heard(0.02, wire, 0.0))
     except StopIteration as done:
-        return done.value  # type: ignore[no-any-return]  # what the generator returns
+        return done.value  # type: ignore[no-any-return]  # what a generator returns
     except StationError:
         return None
     asking.close()
