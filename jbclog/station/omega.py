@@ -8,7 +8,8 @@ The rules:
    after a silence something else is asked that has been answered before, A if possible. Answered, the line is good: what was
    silent three times over was refused (`Ignored`). Silent too, nothing is there (`StationSilent`).
 3. The same question also proves that no answer is under way any more, because answers come in the order of questions: no letter
-   is asked again before it, or before `GONE_S` are over.
+   is asked again before it, or before `GONE_S` are over. Right behind itself a letter is asked only once the line was quiet for
+   `QUIET_S`: an answer that came twice would pass for the next.
 4. A read goes out three times at most. D and H move the machine and go out once; whether D took is a matter of reading back.
 5. h and i come when a joint is done, in the middle of anything. They answer nothing and are kept in `by_itself`.
 6. An answer may take its bytes and `ALLOWED_S`; 003, 11.1 prints 0 to 250 ms.
@@ -37,6 +38,7 @@ REPEATS = 2  # a read goes out three times at most
 ALLOWED_S = 0.4  # of turnaround, whatever was seen: the 250 ms that are printed, and a busy host (digest B-47)
 MOST_S = 1.0  # of turnaround, however slow answers were
 GONE_S = 2.0  # an answer that has not come by then never will
+QUIET_S = 0.03
 PROBES = 2  # questions that a silent controller gets before it counts as silent
 COMPLETION_S = 120.0  # for a joint, from H to h or i
 LOOK_S = 1.0  # how often it is looked whether the controller is still there, meanwhile
@@ -90,6 +92,7 @@ class OmegaStation:
         self.by_itself: list[Said] = []
         self._reader = OmegaReader()
         self._doubted: dict[str, float] = {}  # letters of answers that may be under way, and until when
+        self._last = ""  # the letter of the last answer
         self._answered: set[str] = set()  # letters of answers that have come, ever
         self._questions: dict[str, OmegaQuestion] = {}
 
@@ -110,7 +113,10 @@ class OmegaStation:
         failures: list[StationError] = []
         for _ in range(question.tries):
             if self._is_doubted(question.letter):
-                yield from self._settle(question.letter)
+                if not (yield from self._settle(question.letter)):
+                    yield from self._listen_until(self._doubted[question.letter])
+            elif question.letter == self._last:
+                yield from self._listen_until(self.heard + QUIET_S)
             try:
                 self.data = yield from self._exchange(question)
                 return question.command.quantity.decode(self.data)
@@ -186,13 +192,16 @@ class OmegaStation:
 
     def _wait_for_doubts(self) -> Steps[bool]:
         """Nothing else was ever answered here: listen until no answer can come any more."""
-        until = max(self._doubted.values(), default=self.now)
-        while self.now < until:
-            heard = yield Listen(until)
-            self.now = heard.now
-            self._sort(None, heard)
+        yield from self._listen_until(max(self._doubted.values(), default=self.now))
         self._doubted.clear()
         return True
+
+    def _listen_until(self, moment: float) -> Steps[None]:
+        """Nothing is asked before `moment`; what comes until then answers nothing."""
+        while self.now < moment:
+            heard = yield Listen(moment)
+            self.now = heard.now
+            self._sort(None, heard)
 
     # -- one exchange ----------------------------------------------------------------------------------------------
 
@@ -260,6 +269,7 @@ class OmegaStation:
         """It has answered: answers come in the order of questions, so none to an earlier one is under way."""
         self.now = self.heard = now
         self._doubted.clear()
+        self._last = question.letter
         self._answered.add(question.letter)
         took = max(now - self.sent - question.wire_s, 0.0)
         self.turnaround_s = took if took > self.turnaround_s else self.turnaround_s * 0.99 + took * 0.01
