@@ -11,6 +11,7 @@ record is closed.
 from __future__ import annotations
 
 import gc
+import os
 import signal
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
@@ -28,7 +29,9 @@ from jbclog.guard.watch import RENEW_S
 from jbclog.guarding import Guarding
 from jbclog.outcome import Exit
 from jbclog.plan import Plan
+from jbclog.record.guarded import diary
 from jbclog.record.live import SEAL_S
+from jbclog.record.lock import is_held
 from jbclog.record.wire import WHOLE, Head
 from jbclog.record.wire_recorder import WireRecorder
 from jbclog.rows import Severity
@@ -38,6 +41,11 @@ from jbclog.transport import Port, Tee, open_port
 from jbclog.transport.descriptors import allow_ports
 
 GUARDED, NO_GUARD, GUARD_LOST = "on", "none", "lost"  # what the manifest says of it
+FIRST_PROCESS = 1  # of a container, with which the system ends all others of it
+OF_A_CONTAINER = (
+    "This recorder is the first process of its container: whatever kills it ends its guard with it. Start the container with an "
+    "init process (`docker run --init`)."
+)
 LOOK_EVERY_S = 1.0  # at the wall clock, at progress
 CUT_SHORT = {signal.SIGINT: Exit.INTERRUPTED, signal.SIGTERM: Exit.TERMINATED, signal.SIGHUP: Exit.TERMINATED}
 
@@ -55,7 +63,7 @@ class _Run:
         self._clock = SystemClock()
         allow_ports(len(plan.stations))
         self._guarding = Guarding()
-        self._left_over = settle(out, {station.spec.url for station in plan.stations})
+        self._left_over = settle(out, {station.spec.url for station in plan.stations}, is_held)
         self._dossier = Dossier(
             plan, out, observer, self._clock, self._on_record_failure, seal_every_s, on_facts=self._guarding.know
         )
@@ -80,12 +88,14 @@ class _Run:
         manifest.wire = None if self._wires is None else "open"
         manifest.guard = GUARDED if self._plan.wanted.guard else NO_GUARD
         self._dossier.begin()
-        for text in self._left_over:
-            self._note("guard.left_over", text, Severity.ERROR)
-        if self._plan.wanted.guard:
-            self._guarding.start(self._dossier.folder, self._tell_of_guard)
-        else:
+        for left in self._left_over:
+            self._note("guard.left_over", left.text, Severity.ERROR if left.is_safe else Severity.CRITICAL)
+        if not self._plan.wanted.guard:
             self._note("guard.none", "There is no guard: if this recorder dies, the tools stay as they are.", Severity.WARNING)
+            return
+        self._guarding.start(self._dossier.folder, self._tell_of_guard)
+        if os.getpid() == FIRST_PROCESS:
+            self._note("guard.weak", OF_A_CONTAINER, Severity.WARNING)
 
     def _tell_of_guard(self, kind: str, text: str) -> None:
         self._dossier.manifest.guard = GUARD_LOST
@@ -102,15 +112,21 @@ class _Run:
         self._reactor.every(LOOK_EVERY_S, self._look)
         self._reactor.every(RENEW_S, self._guarding.renew)
         try:
-            self._reactor.run()
+            self._reactor.run(self._guarding.end)
         except Exception as error:  # the record of what went before is closed all the same
             text = f"internal error, {type(error).__name__}: {error}"
             self._note("run.failed", text, Severity.CRITICAL)
-            return text  # sessions may not have come to their ends: the guard has the last word, when this process ends
+            self._have_guard_take_over()
+            return text
         finally:
             gc.unfreeze()
-        self._guarding.end()
         return None
+
+    def _have_guard_take_over(self) -> None:
+        """Sessions may not have come to their ends: the guard has the last word, and what it did is in this record."""
+        self._guarding.take_over()
+        for event in diary(self._dossier.folder):
+            self._dossier.journal.event(event)
 
     def _add(self, desk: Desk) -> None:
         """Have a station's session pulled; where wires are kept, with all that passes and all that it is told noted."""

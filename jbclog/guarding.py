@@ -37,6 +37,11 @@ class Guarding:
         if self._keeper is not None:
             self._keeper.end()
 
+    def take_over(self) -> None:
+        """Sessions have not come to their own ends, and all ports are closed. Waits until the guard has done what it can."""
+        if self._keeper is not None:
+            self._keeper.take_over()
+
 
 def lease_of(facts: StationFacts) -> StationLease:
     """What must be made safe on a station if its recorder dies now."""

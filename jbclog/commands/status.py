@@ -39,6 +39,10 @@ class StatusTable:
         """Whether the tool is at work."""
         return word[4] in self.heating and not (self.tens_rests and word[3])
 
+    def is_resting(self, word: StatusWord) -> bool:
+        """Whether the tool is in a state that it is safe in, whoever put it there."""
+        return word[4] in self.resting and not (self.tens_rests and word[3])
+
     def is_safe(self, found: StatusWord, ordered: StatusWord) -> bool:
         """Whether `found`, read back, says that a safe state that was ordered is reached: all resting states alike."""
         return found[4] in self.resting if ordered[4] in self.resting else found[3] == ordered[3]

@@ -60,13 +60,18 @@ class Reactor:
         for wire in list(self._wires):
             wire.end(why)
 
-    def run(self) -> None:
-        """Pull until the last session has ended. Raises what the first session raised that should have raised nothing."""
+    def run(self, at_end: Callable[[], None] = lambda: None) -> None:
+        """Pull until the last session has ended. Raises what the first session raised that should have raised nothing.
+
+        `at_end` is called when all have ended as they should, before ports are waited for whose opening or closing hangs.
+        """
         try:
             for wire in list(self._wires):
                 self.loop.call_soon(wire.start)
             if self._wires:
                 self.loop.run_forever()
+            if self._failure is None:
+                at_end()
         finally:
             self.openers.shutdown()  # which waits until the ports are closed, about a second at the most
             self.readers.close()

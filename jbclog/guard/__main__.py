@@ -1,7 +1,8 @@
 """The guard's own process: ``python -m jbclog.guard RUN --recorder PID``, its lease on stdin. Started by `jbclog run`.
 
 It is in a session of its own, so that neither a terminal that closes nor Ctrl-C nor Ctrl-Z reaches it, and it ignores
-SIGTERM: it ends with its recorder, and not before the tools are safe.
+SIGTERM: it ends with its recorder. What could not be made safe at once is tried again for `GO_ON_S`: a cable may be put
+back, a recorder may be long in dying.
 """
 
 from __future__ import annotations
@@ -11,66 +12,109 @@ import select
 import signal
 import sys
 import time
+from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 
-from jbclog.guard import lease
+from jbclog.errors import RecordError
 from jbclog.guard.diary import Diary
+from jbclog.guard.lease import StationLease
 from jbclog.guard.only_one import only_one
-from jbclog.guard.process import READY
-from jbclog.guard.takeover import CRITICAL, ERROR, take_over
+from jbclog.guard.process import ANSWER, READY
+from jbclog.guard.recorder import Recorder
+from jbclog.guard.shelf import Shelf
+from jbclog.guard.takeover import CRITICAL, ERROR, TakeOver
+from jbclog.guard.voice import STDERR, let_go, say
 from jbclog.guard.watch import HUNG_S, Verdict, Watch
 
 STDIN, STDOUT = 0, 1
 READ_MOST = 65536
+PREDECESSOR_S = 5.0  # that a guard which was killed may take to be gone
+DYING_S = 0.3  # a recorder's pipe is closed a moment before its ports are
 DEATH_S = 1.0  # that a killed recorder is given to let go of its ports
+SHELF_S = 1.0
+AGAIN_S = 5.0
+GO_ON_S = 600.0
 
 
-def main() -> None:
+def main() -> int:
     """Watch until the recorder is done, or take its lines over."""
-    folder, recorder = Path(sys.argv[1]), int(sys.argv[3])
+    folder, recorder = Path(sys.argv[1]), Recorder(int(sys.argv[3]))
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)
-    died = os.pidfd_open(recorder)
-    if os.getppid() != recorder:  # it died before it could be watched; it had touched nothing yet
-        return
-    with only_one(folder):
-        os.write(STDOUT, READY)
-        watch = Watch(time.monotonic())
-        verdict = _watch(watch, folder)
-        if verdict is Verdict.DONE:
-            lease.keep(folder, [])
-            return
-        _take_over(watch, verdict, folder, died)
+    shelf, diary = Shelf(folder), Diary(folder)
+    try:
+        with only_one(folder, PREDECESSOR_S):
+            left = _guard(recorder, shelf, diary)
+            shelf.put(left)
+            shelf.settle(SHELF_S)
+            let_go(STDOUT)  # a recorder that waits for the outcome sees that there is one
+    except RecordError as error:
+        say(str(error))
+        return error.exit_code
+    if left:
+        let_go(STDERR)
+        _go_on(folder, left, shelf, diary)
+    return 0
 
 
-def _watch(watch: Watch, folder: Path) -> Verdict:
+def _guard(recorder: Recorder, shelf: Shelf, diary: Diary) -> Sequence[StationLease]:
+    """Watch, and take over where it comes to that; give what is left that may be hot."""
+    os.set_blocking(STDOUT, False)
+    _answer(READY)
+    watch = Watch(time.monotonic())
+    verdict = _watch(watch, shelf)
+    return () if verdict is Verdict.DONE else _take_over(watch, verdict, recorder, diary)
+
+
+def _watch(watch: Watch, shelf: Shelf) -> Verdict:
     poll = select.poll()
     poll.register(STDIN, select.POLLIN)
     while True:
-        ready = poll.poll(watch.patience_s(time.monotonic()) * 1000) or poll.poll(0)  # whoever was starved looks again
+        began = time.monotonic()
+        patience_s = watch.patience_s(began)
+        ready = poll.poll(patience_s * 1000)
+        watch.overslept(time.monotonic() - began - patience_s, time.monotonic())
+        ready = ready or poll.poll(0)  # whoever was starved looks again
         data = os.read(STDIN, READ_MOST) if ready else b""
         now = time.monotonic()
-        if data and watch.hear(data, now):
-            with suppress(OSError):  # a full disk is no reason to stop watching
-                lease.keep(folder, watch.stations.values())
+        if data:
+            _answer(ANSWER)
+            if watch.hear(data, now):
+                shelf.put(watch.stations.values())
         verdict = watch.verdict(now, closed=bool(ready) and not data)
         if verdict is not Verdict.WATCH and not (data and verdict is Verdict.HUNG):
             return verdict
 
 
-def _take_over(watch: Watch, verdict: Verdict, folder: Path, died: int) -> None:
-    diary = Diary(folder)
-    if verdict is Verdict.HUNG:
-        with suppress(ProcessLookupError):
-            signal.pidfd_send_signal(died, signal.SIGKILL)
-        select.select([died], [], [], DEATH_S)
-    left = take_over(list(watch.stations.values()), diary)
-    why = verdict.value if verdict is Verdict.DEAD else f"{verdict.value} for {HUNG_S:g} s and was ended"
+def _answer(data: bytes) -> None:
+    """So that the recorder sees that its guard lives."""
+    with suppress(OSError):
+        os.write(STDOUT, data)
+
+
+def _take_over(watch: Watch, verdict: Verdict, recorder: Recorder, diary: Diary) -> list[StationLease]:
+    if verdict is not Verdict.FAILED:  # one that failed has closed its ports
+        recorder.end(0.0 if verdict is Verdict.HUNG else DYING_S, DEATH_S)
+    left = TakeOver(list(watch.stations.values()), diary).run()
+    why = f"{verdict.value} for {HUNG_S:g} s and was ended" if verdict is Verdict.HUNG else verdict.value
     outcome = (ERROR, "every tool is in its safe state") if not left else (CRITICAL, "not every tool could be made safe")
     diary.write("guard.took_over", outcome[0], f"The guard took over, because {why}: {outcome[1]}.")
-    lease.keep(folder, left)
+    return left
+
+
+def _go_on(folder: Path, left: Sequence[StationLease], shelf: Shelf, diary: Diary) -> None:
+    """Try again, until all is safe, or somebody else has seen to it, or time is up. Between tries the folder is free."""
+    end = time.monotonic() + GO_ON_S
+    while left and time.monotonic() < end:
+        time.sleep(AGAIN_S)
+        with suppress(RecordError, OSError), only_one(folder):
+            if shelf.was_cleared:
+                return
+            left = TakeOver(left, diary, again=True).run()
+            shelf.put(left)
+            shelf.settle(SHELF_S)
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

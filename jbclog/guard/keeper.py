@@ -6,6 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Final
 
+from jbclog.errors import StartRefused
 from jbclog.guard.lease import StationLease
 from jbclog.guard.process import GuardLost, GuardProcess
 
@@ -50,6 +51,12 @@ class Keeper:
             self._guard.end()
             self._guard = None
 
+    def take_over(self) -> None:
+        """The recorder has failed, and its ports are closed: have the guard make safe what is leased. Waits for it."""
+        if self._guard is not None:
+            self._guard.take_over()
+            self._guard = None
+
     def _say(self, what: Callable[[GuardProcess], None]) -> None:
         if self._guard is None:
             return
@@ -71,6 +78,6 @@ class Keeper:
             self._guard = GuardProcess(self._folder)
             for station in self._leases.values():
                 self._guard.lease(station)
-        except (GuardLost, OSError) as error:
+        except (GuardLost, StartRefused) as error:
             self._guard = None
             self._tell("guard.lost", f"It could not be replaced ({error}); nobody makes the tools safe if this recorder dies.")

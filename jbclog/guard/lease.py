@@ -37,6 +37,10 @@ class StationLease:
         """Whether there is anything to be made safe."""
         return bool(self.ports) or self.feeds
 
+    def is_at(self, url: str) -> bool:
+        """Whether its port is the one at `url`: links to devices are followed."""
+        return self.url == url or (url.startswith("/") and os.path.realpath(url) == os.path.realpath(self.url))
+
     def to_json(self) -> str:
         return json.dumps(asdict(self))
 
@@ -52,7 +56,10 @@ class StationLease:
 
 
 def keep(folder: Path, stations: Iterable[StationLease]) -> None:
-    """Put the lease into the run's folder, so that the next start finds what a dead host left hot; none removes it."""
+    """Put the lease into the run's folder, so that the next start finds what a dead host left hot; none removes it.
+
+    Raises `OSError`.
+    """
     held = [station for station in stations if station.holds]
     if not held:
         with suppress(FileNotFoundError):
@@ -64,12 +71,26 @@ def keep(folder: Path, stations: Iterable[StationLease]) -> None:
         file.flush()
         os.fsync(file.fileno())
     beside.replace(folder / NAME)
+    _sync(folder)
+
+
+def _sync(folder: Path) -> None:
+    """A name that is not synced can be gone after a power cut."""
+    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
 
 
 def kept(folder: Path) -> list[StationLease]:
-    """What stands in the lease in this folder; nothing where there is none, or none that can be read."""
+    """What stands in the lease in this folder, as far as it can be read; nothing where there is none."""
     try:
-        text = (folder / NAME).read_text(encoding="utf-8")
-        return [StationLease.from_json(line) for line in text.splitlines()]
+        lines = (folder / NAME).read_text(encoding="utf-8").splitlines()
     except (OSError, ValueError):
         return []
+    found = []
+    for line in lines:
+        with suppress(ValueError):  # one that cannot be read must not hide the others
+            found.append(StationLease.from_json(line))
+    return found

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import fcntl
 import os
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -12,18 +13,38 @@ from typing import Final
 from jbclog.errors import RecordError
 
 NAME: Final = "guard.lock"
+AGAIN_S: Final = 0.02
 
 
 @contextmanager
-def only_one(folder: Path) -> Iterator[None]:
-    """Hold the guard's lock of `folder`. Raises `RecordError` where another guard has it."""
-    descriptor = os.open(folder / NAME, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o644)
+def only_one(folder: Path, patience_s: float = 0.0) -> Iterator[None]:
+    """Hold the guard's lock of `folder`. Raises `RecordError` where another guard has it for longer than `patience_s`."""
+    descriptor = _taken(folder, time.monotonic() + patience_s)
     try:
-        try:
-            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError as error:
-            raise RecordError(f"{folder} has a guard already") from error
         yield
         (folder / NAME).unlink(missing_ok=True)
     finally:
         os.close(descriptor)
+
+
+def _taken(folder: Path, end: float) -> int:
+    while True:
+        descriptor = _tried(folder)
+        if descriptor is not None:
+            return descriptor
+        if time.monotonic() >= end:
+            raise RecordError(f"{folder} has a guard already")
+        time.sleep(AGAIN_S)
+
+
+def _tried(folder: Path) -> int | None:
+    """The lock, taken; None where another holds it, or took it away with its file while it was being taken."""
+    descriptor = os.open(folder / NAME, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o644)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        if os.path.samestat(os.fstat(descriptor), (folder / NAME).stat()):
+            return descriptor
+    except OSError:
+        pass
+    os.close(descriptor)
+    return None

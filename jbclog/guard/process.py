@@ -2,25 +2,32 @@
 
 from __future__ import annotations
 
+import fcntl
 import os
 import select
 import subprocess
 import sys
+import time
 from contextlib import suppress
 from pathlib import Path
 from typing import Final
 
 from jbclog.errors import StartRefused
 from jbclog.guard.lease import StationLease
-from jbclog.guard.watch import BEAT, END
+from jbclog.guard.watch import BEAT, END, FAILED
 
 READY_S: Final = 10.0
 END_S: Final = 2.0
+KILL_S: Final = 0.2
+TAKEN_OVER_S: Final = 12.0
 READY: Final = b"ready\n"
+ANSWER: Final = b"."
+UNANSWERED_MOST: Final = 10  # renewals; five seconds of a recorder that goes on itself
+PIPE_SIZE: Final = 1 << 20  # what Linux gives anybody: the leases of a line of any size, while the guard is starting
 
 
 class GuardLost(Exception):
-    """The guard does not take what it is told: it has died, or stands still."""
+    """The guard does not take what it is told, or does not answer: it has died, or stands still."""
 
 
 class GuardProcess:
@@ -30,7 +37,8 @@ class GuardProcess:
     """
 
     def __init__(self, folder: Path) -> None:
-        command = [sys.executable, "-m", "jbclog.guard", str(folder), "--recorder", str(os.getpid())]
+        # -P: a file of the user's in the current folder must not pass for a module
+        command = [sys.executable, "-P", "-m", "jbclog.guard", str(folder), "--recorder", str(os.getpid())]
         try:
             self._process = subprocess.Popen(
                 command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True, bufsize=0
@@ -40,9 +48,13 @@ class GuardProcess:
         assert self._process.stdin is not None
         assert self._process.stdout is not None
         self._pipe = self._process.stdin.fileno()
-        os.set_blocking(self._pipe, False)
+        self._answers = self._process.stdout.fileno()
+        self._unanswered = 0
         self._told: dict[str, StationLease] = {}
-        self._ready = self._process.stdout.fileno()
+        for descriptor in (self._pipe, self._answers):
+            os.set_blocking(descriptor, False)
+        with suppress(OSError, AttributeError):
+            fcntl.fcntl(self._pipe, fcntl.F_SETPIPE_SZ, PIPE_SIZE)
 
     @property
     def pid(self) -> int:
@@ -50,21 +62,18 @@ class GuardProcess:
 
     def await_ready(self) -> None:
         """Wait until it watches. Raises `StartRefused`."""
-        ready, _, _ = select.select([self._ready], [], [], READY_S)
-        if not ready or os.read(self._ready, len(READY)) != READY:
+        if not self._can_be_read_within(READY_S) or not os.read(self._answers, len(READY)):
             self.kill()
             raise StartRefused("the guard did not start; its reason stands above. --no-guard runs without one")
 
     def kill(self) -> None:
-        """End it, whatever it does."""
+        """End it, whatever it does; does not wait for one that a hanging disk keeps from ending."""
         self._process.kill()
-        self._process.wait()
-        self._close()
-
-    def _close(self) -> None:
-        for pipe in (self._process.stdin, self._process.stdout):
-            if pipe is not None:
-                pipe.close()
+        with suppress(subprocess.TimeoutExpired):
+            self._process.wait(KILL_S)
+        for stream in (self._process.stdin, self._process.stdout):
+            if stream is not None:
+                stream.close()
 
     def lease(self, station: StationLease) -> None:
         """Tell what must be made safe on a station, where that has changed. Raises `GuardLost`."""
@@ -73,8 +82,13 @@ class GuardProcess:
             self._told[station.name] = station
 
     def renew(self) -> None:
-        """Say that the recorder lives. Raises `GuardLost`."""
+        """Say that the recorder lives, and see that the guard does. Raises `GuardLost`."""
+        if self._has_answered():
+            self._unanswered = 0
+        if self._unanswered >= UNANSWERED_MOST:
+            raise GuardLost("it stands still")
         self._say(BEAT)
+        self._unanswered += 1
 
     def end(self) -> None:
         """All tools are safe, or what is not has been told: there is nothing left to guard."""
@@ -82,7 +96,28 @@ class GuardProcess:
             self._say(END)
         with suppress(subprocess.TimeoutExpired):
             self._process.wait(END_S)
-        self._close()
+
+    def take_over(self) -> None:
+        """Have it take over now: the ports are closed. Waits until it has done what it can."""
+        with suppress(GuardLost):
+            self._say(FAILED)
+            end = time.monotonic() + TAKEN_OVER_S
+            while self._can_be_read_within(end - time.monotonic()) and self._has_answered():
+                pass  # until it lets go of its end, which is no answer
+
+    def _can_be_read_within(self, seconds: float) -> bool:
+        watched = select.poll()  # which knows no highest descriptor
+        watched.register(self._answers, select.POLLIN)
+        return bool(watched.poll(max(seconds, 0.0) * 1000))
+
+    def _has_answered(self) -> bool:
+        """Whether it has read what it was told since this was last asked. Raises `GuardLost` where it is gone."""
+        try:
+            if os.read(self._answers, 4096):
+                return True
+        except BlockingIOError:
+            return False
+        raise GuardLost("it ended")
 
     def _say(self, line: str) -> None:
         data = line.encode() + b"\n"

@@ -6,7 +6,6 @@ the diary and on stderr, tool by tool, as soon as it is known.
 
 from __future__ import annotations
 
-import sys
 import time
 from collections.abc import Sequence
 from contextlib import suppress
@@ -16,54 +15,108 @@ from threading import Thread
 from jbclog.commands.family import FAMILIES
 from jbclog.drive import blocking
 from jbclog.effects import Steps
-from jbclog.errors import Refusal
+from jbclog.errors import Refusal, UsageError
 from jbclog.guard.diary import Diary
 from jbclog.guard.lease import StationLease
+from jbclog.guard.voice import say
 from jbclog.safety.secure import SENT, Task, Tool, secure
 from jbclog.station.client import Client
 from jbclog.station.make import client_for
 from jbclog.transport import Port, open_port
+from jbclog.transport.descriptors import allow_ports
 from jbclog.wire import LineFormat
 
 INFO, ERROR, CRITICAL = "info", "error", "critical"
 HOT = "it may be hot: switch the station off"
+OPENING = 5  # descriptors of a port while it is being opened
+ENDED_S = 8.0  # a port whose driver hangs must not keep what came of the others from being told
 
 
-def take_over(stations: Sequence[StationLease], diary: Diary) -> list[StationLease]:
-    """Make safe what these leases hold; give those of them that still hold something."""
-    left: dict[str, StationLease] = {}
-    threads = [Thread(target=_one, args=(station, diary, left), daemon=True) for station in stations if station.holds]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    return list(left.values())
+class TakeOver:
+    """Makes safe what these leases hold, and tells the diary. `left` are those of them that still hold something.
 
+    `again`: it was tried before, and what could not be done then was told. `spare`: a tool that rests already is left alone.
+    """
 
-def _one(lease: StationLease, diary: Diary, left: dict[str, StationLease]) -> None:
-    left[lease.name] = lease  # until it is known better
-    try:
-        task = _task(lease)
-        blocking.run(secure(task), lambda: _open(lease), sleep=time.sleep)
-    except Exception as error:  # one station that cannot be saved must not keep the others from it
-        _say(diary, lease, "guard.failed", CRITICAL, f"the guard failed, {type(error).__name__}: {error}; {HOT}")
-        return
-    for tool in task.tools:
-        _tell(diary, lease, task, tool)
-    if task.feeds:
-        _say(diary, lease, "safety.not_safe", CRITICAL, "the guard could not stop the feeder; switch the station off")
-    remaining = replace(lease, ports=tuple(tool.port for tool in task.tools if not tool.is_safe), feeds=task.feeds)
-    if remaining.holds:
-        left[lease.name] = remaining
-    else:
-        del left[lease.name]
+    def __init__(self, stations: Sequence[StationLease], diary: Diary, *, again: bool = False, spare: bool = False) -> None:
+        self._left = {station.name: station for station in stations if station.holds}  # until it is known better
+        self._diary = diary
+        self._again = again
+        self._spare = spare
 
+    @property
+    def left(self) -> list[StationLease]:
+        return list(self._left.values())
 
-def _task(lease: StationLease) -> Task:
-    family = FAMILIES[lease.family]
-    client = client_for(family, _format(lease), lease.address)
-    tools = [Tool(port) for port in lease.ports]
-    return Task(client, family, lease.safe_state, tools, lease.feeds, lambda: _is_the_one(client, lease), is_proven=False)
+    def run(self) -> list[StationLease]:
+        """Do it; give what is left."""
+        stations, end = self.left, time.monotonic() + ENDED_S
+        with suppress(UsageError):  # then some will have to be opened again
+            allow_ports(OPENING * len(stations))
+        threads = [thread for station in stations if (thread := self._begun(station)) is not None]
+        for thread in threads:
+            thread.join(max(end - time.monotonic(), 0.0))
+        return self.left
+
+    def _begun(self, station: StationLease) -> Thread | None:
+        """A thread that saves a station; None where the system gives none and it has been done without."""
+        thread = Thread(target=self._one, args=(station,), daemon=True)
+        try:
+            thread.start()
+        except RuntimeError:
+            self._one(station)
+            return None
+        return thread
+
+    def _one(self, lease: StationLease) -> None:
+        try:
+            task = self._task(lease)
+            blocking.run(secure(task), lambda: _open(lease), sleep=time.sleep)
+        except Exception as error:  # one station that cannot be saved must not keep the others from it
+            self._tell(lease, "guard.failed", CRITICAL, f"the guard failed, {type(error).__name__}: {error}; {HOT}")
+            return
+        self._take_note(lease, task)
+        for tool in task.tools:
+            self._tell_tool(lease, task, tool)
+        if task.feeds:
+            self._tell(lease, "safety.not_safe", CRITICAL, "the guard could not stop the feeder; switch the station off")
+
+    def _take_note(self, lease: StationLease, task: Task) -> None:
+        remaining = replace(lease, ports=tuple(tool.port for tool in task.tools if not tool.is_safe), feeds=task.feeds)
+        if remaining.holds:
+            self._left[lease.name] = remaining
+        else:
+            del self._left[lease.name]
+
+    def _task(self, lease: StationLease) -> Task:
+        family = FAMILIES[lease.family]
+        client = client_for(family, _format(lease), lease.address)
+        tools = [Tool(port) for port in lease.ports]
+        return Task(
+            client,
+            family,
+            lease.safe_state,
+            tools,
+            lease.feeds,
+            lambda: _is_the_one(client, lease),
+            is_proven=False,
+            spare=self._spare,
+        )
+
+    def _tell_tool(self, lease: StationLease, task: Task, tool: Tool) -> None:
+        if tool.is_safe and tool.status is not None:
+            state = task.family.status.state(tool.status)
+            text = "was in its safe state already" if tool.was_spared else "was put in its safe state by the guard"
+            self._tell(lease, "safety.safe_state", INFO, f"the tool {text}, as read back: {state}", tool.port)
+            return
+        what = "was told its safe state by the guard and does not confirm it" if tool.reached == SENT else "could not be made safe"
+        self._tell(lease, "safety.not_safe", CRITICAL, f"the tool {what}; {HOT}", tool.port)
+
+    def _tell(self, lease: StationLease, kind: str, severity: str, text: str, port: int | None = None) -> None:
+        if self._again and severity == CRITICAL:
+            return
+        self._diary.write(kind, severity, f"{text[0].upper()}{text[1:]}.", lease.name, port)
+        say(f"{lease.name if port is None else f'{lease.name} port {port}'}: {text}")
 
 
 def _format(lease: StationLease) -> LineFormat:
@@ -85,20 +138,3 @@ def _is_the_one(client: Client, lease: StationLease) -> Steps[bool]:
         return (yield from client.read(commands["software_version"])) == lease.software
     except Refusal:
         return False
-
-
-def _tell(diary: Diary, lease: StationLease, task: Task, tool: Tool) -> None:
-    if tool.is_safe and tool.status is not None:
-        state = task.family.status.state(tool.status)
-        _say(diary, lease, "safety.safe_state", INFO, f"the guard put the tool in its safe state, as read back: {state}", tool.port)
-        return
-    what = "was told its safe state by the guard and does not confirm it" if tool.reached == SENT else "could not be made safe"
-    _say(diary, lease, "safety.not_safe", CRITICAL, f"the tool {what}; {HOT}", tool.port)
-
-
-def _say(diary: Diary, lease: StationLease, kind: str, severity: str, text: str, port: int | None = None) -> None:
-    place = lease.name if port is None else f"{lease.name} port {port}"
-    diary.write(kind, severity, f"{text[0].upper()}{text[1:]}.", lease.name, port)
-    with suppress(OSError, ValueError):
-        sys.stderr.write(f"jbclog guard: {place}: {text}\n")
-        sys.stderr.flush()

@@ -2,7 +2,9 @@
 
 The recorder sends a line each `RENEW_S`: a station's lease where it changed, a beat where nothing did, an end when all
 is done. Its death closes the pipe at once; while it hangs the pipe stays open and silent, and after `HUNG_S` it counts
-as hung. A recorder that holds nothing hot may be as silent as it likes: it is starting, or sealing.
+as hung. A recorder that holds nothing hot may be as silent as it likes: it is starting, or sealing. A silence that the
+guard has slept through itself, because the whole machine stood still, is nobody's fault: then the recorder gets
+`GRACE_S` to say something.
 """
 
 from __future__ import annotations
@@ -14,15 +16,19 @@ from jbclog.guard.lease import StationLease
 
 RENEW_S: Final = 0.5
 HUNG_S: Final = 2.0
+GRACE_S: Final = 1.0
+OVERSLEPT_S: Final = 0.5  # so late no guard wakes on a machine that goes on
 BEAT: Final = "beat"
 END: Final = "end"
+FAILED: Final = "failed"
 
 
 class Verdict(Enum):
     WATCH = "go on watching"
     DONE = "nothing is left to guard"
     DEAD = "the recorder died"
-    HUNG = "the recorder does not renew its lease"
+    FAILED = "the recorder failed"
+    HUNG = "the recorder did not renew its lease"
 
 
 class Watch:
@@ -32,6 +38,7 @@ class Watch:
         self.stations: dict[str, StationLease] = {}
         self.heard_at = now
         self.is_ended = False
+        self.has_failed = False
         self._begun = b""
 
     @property
@@ -48,15 +55,22 @@ class Watch:
         return any(changed)
 
     def _hear_line(self, line: str, now: float) -> bool:
-        if line not in (BEAT, END):
+        is_lease = line not in (BEAT, END, FAILED)
+        if is_lease:
             try:
                 station = StationLease.from_json(line)
             except ValueError:
                 return False
             self.stations[station.name] = station
-        self.is_ended = line == END
+        self.is_ended |= line == END
+        self.has_failed |= line == FAILED
         self.heard_at = now
-        return line != BEAT
+        return is_lease
+
+    def overslept(self, late_s: float, now: float) -> None:
+        """The guard woke `late_s` after it wanted to."""
+        if late_s > OVERSLEPT_S:
+            self.heard_at = max(self.heard_at, now - HUNG_S + GRACE_S)
 
     def verdict(self, now: float, *, closed: bool) -> Verdict:
         """What to do now; `closed`: the pipe has no writer any more."""
@@ -64,6 +78,8 @@ class Watch:
             return Verdict.DONE
         if closed:
             return Verdict.DEAD
+        if self.has_failed:
+            return Verdict.FAILED if self.holds else Verdict.DONE
         return Verdict.HUNG if self.holds and now - self.heard_at > HUNG_S else Verdict.WATCH
 
     def patience_s(self, now: float) -> float:

@@ -6,21 +6,64 @@ The guard writes where it cannot be waited for and without anything of the recor
 
 from __future__ import annotations
 
+import fcntl
 import json
+import os
+import time
 from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
 import pyarrow as pa
 
+from jbclog.errors import RecordError
 from jbclog.record.batches import decode, encode
 from jbclog.record.chain import Chain
 from jbclog.record.parts import row_groups, through, write_part
 from jbclog.rows import EventRow, Severity, StationFacts
 
 DIARY: Final = "guard.jsonl"
+LOCK: Final = "guard.lock"
+LEASE: Final = "lease.json"
+AGAIN_S: Final = 0.05
 REACHED: Final = {"safety.safe_state": "verified", "safety.not_safe": "failed"}
+
+
+def await_guard(folder: Path, patience_s: float) -> None:
+    """Wait until no guard is at work in `folder`: what it does belongs into the record. Raises `RecordError`."""
+    end = time.monotonic() + patience_s
+    while _is_guarded(folder):
+        if time.monotonic() >= end:
+            raise RecordError(f"{folder}: its guard is at work; nothing was changed. Try again when it has ended")
+        time.sleep(AGAIN_S)
+
+
+def _is_guarded(folder: Path) -> bool:
+    """Whether a guard holds its lock; one that was left behind is removed."""
+    try:
+        descriptor = os.open(folder / LOCK, os.O_RDONLY | os.O_CLOEXEC | os.O_NOFOLLOW)
+    except FileNotFoundError:
+        return False
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        (folder / LOCK).unlink(missing_ok=True)
+    except BlockingIOError:
+        return True
+    finally:
+        os.close(descriptor)
+    return False
+
+
+def left_hot(folder: Path) -> list[str]:
+    """The stations whose tools nobody has made safe since the recorder ended, as far as is known."""
+    names = []
+    with suppress(OSError, ValueError):
+        for line in (folder / LEASE).read_text(encoding="utf-8").splitlines():
+            with suppress(ValueError, KeyError, TypeError):
+                names.append(str(json.loads(line)["name"]))
+    return names
 
 
 def diary(folder: Path) -> list[EventRow]:

@@ -81,6 +81,7 @@ def recover(folder: Path, patience_s: float = PATIENCE_S) -> Recovery:
     refuse_newer(folder)
     lock = FolderLock.take(folder, patience_s)
     try:
+        guarded.await_guard(folder, patience_s)
         manifest = _draft(folder)  # the recorder may have finished while we waited
         if manifest.state == "sealed":
             remove_live(folder, lock)
@@ -104,7 +105,13 @@ def _finish(folder: Path, manifest: Manifest, lock: FolderLock) -> Recovery:
     sealed = conclude(folder, manifest, lock)
     rows = sum(file.rows or 0 for file in sealed.files)
     text = f"{folder.name}: recovered, {rows} rows sealed; exit status {sealed.exit_status}, verdict {sealed.verdict}."
-    return Recovery(folder, Outcome.RECOVERED, text + (f" {sealed.lost.text}" if sealed.lost else ""))
+    return Recovery(folder, Outcome.RECOVERED, text + (f" {sealed.lost.text}" if sealed.lost else "") + _left_hot(folder))
+
+
+def _left_hot(folder: Path) -> str:
+    names = ", ".join(guarded.left_hot(folder))
+    warning = f" Tools of {names} may still be hot: nobody has made them safe. `jbclog safe` does, or a new run on their ports."
+    return warning if names else ""
 
 
 def _draft(folder: Path) -> Manifest:

@@ -37,6 +37,7 @@ class Tool:
     port: int
     reached: str = FAILED
     status: StatusWord | None = None
+    was_spared: bool = False  # it rested already, and was not told to
 
     @property
     def is_safe(self) -> bool:
@@ -48,7 +49,8 @@ class Task:
     """The tools of one station that must be made safe, and what is known of the station.
 
     `wanted` is the name of the state in the family's table. `feeds`: the feeder may be running. `is_proven`: the port has
-    not broken since the station said who it is; where it has, nothing is written before `prove` says so again.
+    not broken since the station said who it is; where it has, nothing is written before `prove` says so again. `spare`: a tool
+    that rests already is left alone, because a tool that sleeps would wake to be told to stand.
     """
 
     client: Client
@@ -58,6 +60,7 @@ class Task:
     feeds: bool
     prove: Prove
     is_proven: bool = True
+    spare: bool = False
     end: float = field(init=False, default=0.0)
 
     @property
@@ -89,8 +92,23 @@ def _round(task: Task) -> Steps[None]:
     if task.feeds:
         task.feeds = not (yield from _stop_feeder(task))
     for tool in task.tools:
+        if task.spare and not tool.is_safe:
+            yield from _look(task, tool)
         if not tool.is_safe:
             yield from _put(task, tool)
+
+
+def _look(task: Task, tool: Tool) -> Steps[None]:
+    """Whether the tool rests already, by a state that proves it."""
+    if not (yield from _is_reachable(task)):
+        return
+    try:
+        found = yield from agreed(task.client, task.family.commands["status"], tool.port)
+    except (LinkError, StationError) as error:
+        yield from _reach_again(task, error)
+        return
+    if isinstance(found, tuple) and task.family.status.is_resting(found):
+        tool.reached, tool.status, tool.was_spared = VERIFIED, found, True
 
 
 def _stop_feeder(task: Task) -> Steps[bool]:

@@ -1,0 +1,51 @@
+"""The lease on the disk, written in a thread of its own: a disk that hangs must not keep the guard from watching."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+from threading import Condition, Thread
+
+from jbclog.guard import lease
+from jbclog.guard.lease import StationLease
+
+
+class Shelf:
+    """Keeps the newest lease in `folder`. A disk that takes none is no reason to stop watching."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self._changed = Condition()
+        self._waiting: list[StationLease] | None = None
+        self._is_writing = False
+        self._is_kept = False
+        Thread(target=self._write_on, name="lease", daemon=True).start()
+
+    def put(self, stations: Iterable[StationLease]) -> None:
+        """Have these kept; does not wait."""
+        with self._changed:
+            self._waiting = list(stations)
+            self._changed.notify_all()
+
+    def settle(self, patience_s: float) -> None:
+        """Wait until the newest is kept, or was refused."""
+        with self._changed:
+            self._changed.wait_for(lambda: self._waiting is None and not self._is_writing, patience_s)
+
+    @property
+    def was_cleared(self) -> bool:
+        """Whether somebody else has taken the lease away that was kept here."""
+        return self._is_kept and not (self._folder / lease.NAME).exists()
+
+    def _write_on(self) -> None:
+        while True:
+            with self._changed:
+                self._is_writing = False
+                self._changed.notify_all()
+                self._changed.wait_for(lambda: self._waiting is not None)
+                stations, self._waiting, self._is_writing = self._waiting or [], None, True
+            try:
+                lease.keep(self._folder, stations)
+                self._is_kept = any(station.holds for station in stations)
+            except OSError:
+                self._is_kept = False
