@@ -260,6 +260,7 @@ VALUES = (
         "A dispensed length is not five capital hexadecimal digits, or has no letter that proves it hexadecimal; it is read as "
         "hexadecimal, and its characters are kept.",
         doubtful=True,
+        usual=True,
     ),
     Decision(
         36,

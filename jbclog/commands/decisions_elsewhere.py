@@ -15,6 +15,7 @@ HOT_AIR_ROWS = (
         "No manual decides; a share needs no unit, and the raw numbers can be read anew once somebody knows.",
         met="No manual gives the air flow a unit; its numbers are kept as they came, and sampled as shares of the greatest.",
         doubtful=True,
+        usual=True,
         families=HOT_AIR,
     ),
     Decision(
@@ -100,6 +101,7 @@ OMEGA_ROWS = (
         ("temperature_in_degrees",),
         "A condition sets a temperature, and no document says whether its number is in tenths; it is kept as it came.",
         doubtful=True,
+        usual=True,
         families=OMEGA,
     ),
     Decision(

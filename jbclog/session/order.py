@@ -182,7 +182,7 @@ class Desk:
         """Put into the record what the station was newly seen to do otherwise than recommended; each kind comes once."""
         for one in self.station.anomalies.take():
             decision = DECISIONS[one.number]
-            severity = Severity.WARNING if decision.doubtful else Severity.INFO
+            severity = Severity.WARNING if decision.doubtful and not decision.usual else Severity.INFO
             text = f"{decision.met} First met: {one.place}."
             self.note("protocol.anomaly", severity, text, port=one.port, code=one.number, raw=one.raw)
 
