@@ -23,10 +23,10 @@ from jbclog.plan import Metadata, Plan, Wanted, station_plan
 from jbclog.recipe.line import Line, StationSpec, load_line
 from jbclog.recipe.load import load_recipe
 from jbclog.record.compare import differences
-from jbclog.record.manifest import NAME, Lost, read_manifest
+from jbclog.record.manifest import NAME, Lost, Manifest, read_manifest
 from jbclog.record.wire import Head, read_head, read_rows, wire_path, wire_paths
-from jbclog.rows import NoJournal
-from jbclog.session.order import Desk
+from jbclog.rows import NoJournal, StationFacts
+from jbclog.session.order import AS_FIT, Desk
 from jbclog.session.run import run_station
 from jbclog.sim.serve import Server
 from jbclog.sim.setup import Tcp, set_up
@@ -35,7 +35,7 @@ from jbclog.sim.virtual import Reply
 from jbclog.tape import Row
 from jbclog.wire import BAUDRATES
 
-HANDING_S = 0.0005  # that bytes take from one program to another and back through a pseudo-terminal, beside the wire's time
+HANDING_S = 0.0003  # that bytes take from one program to another and back through a pseudo-terminal, beside the wire's time
 GRACE_S = 5.0  # that a session which left its tape may still take once the tape is over
 REPLAY_OF = "replay_of"  # the tag that names the run which was lived through
 
@@ -67,13 +67,39 @@ class Recording:
         return read_rows(wire_path(self.folder, station), first)
 
     @property
+    def manifest(self) -> Manifest | None:
+        """The run's manifest, where it had come to writing one."""
+        return read_manifest(self.folder) if (self.folder / NAME).exists() else None
+
+    @property
+    def rate(self) -> float | str | None:
+        """The rate that was asked for; for ``fit`` the one that came of it, where that is the same for all stations."""
+        found = {facts.period_s for facts in self.manifest.stations if facts.period_s} if self.manifest else set()
+        return round(1 / found.pop(), 6) if self.first.rate == AS_FIT and len(found) == 1 else self.first.rate
+
+    @property
+    def sampled_s(self) -> float | None:
+        """How long the run sampled on its grid: as long as was asked, or until somebody ended it. None where that is not known."""
+        if self.first.duration_s is not None:
+            return self.first.duration_s
+        facts = self.manifest.stations if self.manifest else []
+        spans = [_sampled_s(one) for one in facts]
+        return max((span for span in spans if span is not None), default=None)
+
+    @property
     def metadata(self) -> Metadata:
         """What was said of the run, with a tag that tells what this is."""
         tags = {REPLAY_OF: self.folder.resolve().name}
-        if not (self.folder / NAME).exists():
+        if self.manifest is None:
             return Metadata(tags=tags)
-        told = read_manifest(self.folder).metadata
+        told = self.manifest.metadata
         return Metadata(told.operator, told.order, told.product, tuple(told.units), told.tags | tags)
+
+
+def _sampled_s(facts: StationFacts) -> float | None:
+    if facts.first_tick is None or facts.last_tick is None or facts.period_s is None:
+        return None
+    return (facts.last_tick - facts.first_tick + 1) * facts.period_s
 
 
 def open_recording(folder: Path) -> Recording:
@@ -126,11 +152,11 @@ def record_again(recording: Recording, out: Path, observer: Observer) -> Again:
 
 def compare(recording: Recording, again: Again) -> list[str] | None:
     """What came out otherwise, as sentences; None where the recorded run is not sealed and so has no tables yet."""
-    original = recording.folder
-    if not (original / NAME).exists() or (manifest := read_manifest(original)).state != "sealed":
+    manifest = recording.manifest
+    if manifest is None or manifest.state != "sealed":
         return None
     cut_off = manifest.lost is not None or any(astray.is_cut_off for astray in again.left.values())
-    return differences(original, again.result.folder, prefix=cut_off)
+    return differences(recording.folder, again.result.folder, prefix=cut_off)
 
 
 def relive(recording: Recording, desks: Iterable[Desk], clock: VirtualClock) -> dict[str, Astray]:

@@ -85,10 +85,11 @@ def _command(recording: Recording, line: Path, speed: float) -> list[str]:
     """The run that asks for the same as then."""
     from jbclog.replaying import plan_of
 
-    plan, told = plan_of(recording), recording.metadata
-    rate = plan.wanted.rate if speed == 1.0 or isinstance(plan.wanted.rate, str) else (plan.stations[0].rate_hz or 1.0) * speed
+    plan, told, rate = plan_of(recording), recording.metadata, recording.rate
+    if speed != 1.0 and not isinstance(rate, str):
+        rate = (rate or plan.stations[0].rate_hz or 1.0) * speed
     options = [("--rate", f"{rate:g}" if isinstance(rate, float) else rate)]
-    options += [("--duration", None if plan.wanted.duration_s is None else f"{plan.wanted.duration_s / speed:g}s")]
+    options += [("--duration", None if recording.sampled_s is None else f"{recording.sampled_s / speed:g}s")]
     options += [("--operator", told.operator), ("--order", told.order), ("--product", told.product)]
     options += [("--unit", unit) for unit in told.units] + [("--tag", f"{name}={text}") for name, text in told.tags.items()]
     words = ["jbclog", "run", "--line", str(line), *(word for name, text in options if text for word in (name, text))]

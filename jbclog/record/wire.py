@@ -134,7 +134,7 @@ def read_head(path: Path) -> Head:
             raise ValueError("it does not say of what run it is")
         head = cast(Head, build(Head, json.loads(data)))
     except (StopIteration, ValueError, Misfit, OSError) as error:
-        raise RecordError(f"{path} is no wire record: {error or 'it is empty'}") from error
+        raise RecordError(f"{path} is no wire record: {str(error) or 'it is empty'}") from error
     if head.format > FORMAT:
         raise RecordError(f"{path}: written in format {head.format}; this jbclog knows {FORMAT}")
     return head
