@@ -11,7 +11,7 @@ from jbclog.commands.omega_values import ConditionRecord, SetTemperature, Stored
 from jbclog.effects import RunEnded, Steps
 from jbclog.errors import Ignored, LinkError, NotSupported, StartRefused, StationError
 from jbclog.recipe.settings import condition_of
-from jbclog.rows import SettingRow
+from jbclog.rows import SettingRow, Severity
 from jbclog.session.order import Desk
 from jbclog.session.watch import tell_change
 
@@ -39,7 +39,12 @@ def check_condition(desk: Desk) -> Steps[None]:
     before = desk.held.get("condition")
     if not isinstance(before, Stored):
         return
-    found = yield from _read(desk, before.condition)
+    try:
+        found = yield from _read(desk, before.condition)
+    except StationError as error:
+        text = f"Condition {before.condition} could not be read at the end: {error}. The settings have it as it was at the start."
+        desk.note("setting.unread", Severity.WARNING, text)
+        return
     if found != before:
         desk.held["condition"] = found
         was, now = (", ".join(f"{one[0]} {one[place]}" for one in differing(before, found)) for place in (1, 2))

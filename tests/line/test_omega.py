@@ -330,6 +330,14 @@ def test_a_condition_that_somebody_changes_is_found_at_the_end() -> None:
     assert run.facts.settings_changed == 1
 
 
+def test_a_condition_that_cannot_be_read_at_the_end_is_said() -> None:
+    sim = "turnaround_ms = 20" + fault("nak", command="condition", at_s=6)
+    run = prepared(sim, asks_for(WANTED), duration_s=10, allow_omega_write=True).go()
+    assert run.facts.outcome == "completed"
+    (event,) = run.memory.of_kind("setting.unread")
+    assert event.text.startswith("Condition 101 could not be read at the end: condition 101: ignored")
+
+
 def test_a_condition_that_came_back_different_from_an_outage_stops_the_run() -> None:
     sim = "turnaround_ms = 20" + fault("dropout", at_s=5, for_s=5)
     run = prepared(sim, asks_for(WANTED), duration_s=30, allow_omega_write=True)
