@@ -52,6 +52,7 @@ def demo(
 
 
 def _record(out: Path, seconds: float, *, quiet: bool) -> Result:
+    from jbclog.cli.aside import Aside
     from jbclog.cli.progress import observer
     from jbclog.conduct import conduct
     from jbclog.plan import Metadata, Wanted, make_plan
@@ -65,7 +66,7 @@ def _record(out: Path, seconds: float, *, quiet: bool) -> Result:
             note("four virtual stations: dde-1 and dde-2 with two tools each, the robot unit ucr-1, ale-1 with its solder feeder")
         with SimProcess(line, Path(folder) / "ports", tcp=tcp) as stations:
             plan = make_plan(Wanted(stations.line_path, recipe, duration_s=seconds, rate="fit", metadata=metadata))
-            shown = observer(seconds, quiet=quiet)
+            shown = Aside(observer(seconds, quiet=quiet))
             try:
                 return conduct(plan, out, shown)
             finally:

@@ -57,6 +57,7 @@ def run(
 
 def record(wanted: Wanted, out: Path, *, as_json: bool) -> int:
     """Run and tell what came of it; give the exit code."""
+    from jbclog.cli.aside import Aside
     from jbclog.cli.progress import observer
     from jbclog.conduct import CUT_SHORT, conduct
     from jbclog.plan import make_plan
@@ -64,7 +65,7 @@ def record(wanted: Wanted, out: Path, *, as_json: bool) -> int:
     plan = make_plan(wanted)
     for text in plan.notes:
         note(f"note: {text}")
-    shown = observer(wanted.duration_s, quiet=as_json)
+    shown = Aside(observer(wanted.duration_s, quiet=as_json))
     for number in CUT_SHORT:
         signal.signal(number, signal.SIG_IGN)  # `conduct` listens to them; after it only this process's last lines are left
     try:
