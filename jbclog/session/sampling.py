@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 
 from jbclog.effects import RunEnded, Steps, Wait
-from jbclog.errors import LinkError, RobotModeOff, StationError, StationSilent
+from jbclog.errors import LinkError, RobotModeOff, StartRefused, StationError, StationSilent
 from jbclog.rows import Severity
 from jbclog.scheduler import Demand, Grid, Reading, SlowReadings
 from jbclog.session.alarms import AlarmWatch
@@ -69,12 +69,17 @@ class Sampler:
         return self.end is not None and moment >= self.end - 1e-9
 
     def run(self, tick: int) -> Steps[int]:
-        """Sample from `tick` on; give the tick after the last. Raises `Lost` once the rows of its tick are written."""
+        """Sample from `tick` on; give the tick after the last.
+
+        Raises `Lost` once the rows of its tick are written, and `StartRefused` where the station has nothing to sample.
+        """
         while not self.is_over(tick):
             if self.paced:
                 self.desk.station.unasked((yield Wait(self.grid.due(tick))))
             self.desk.facts.last_tick = tick
             yield from self._tick(tick)
+            if not any(scan.fast for scan in self._scans.values()):  # a run without pause would spin on nothing
+                raise StartRefused(f"{self.desk.name}: it knows none of the signals that are read on every tick")
             tell_late(self.desk)
             yield from self._meet_new_tools()
             tick = self._following(tick)

@@ -12,7 +12,7 @@ from random import Random
 import pytest
 from account import wrong_values
 from injector import FORGING, KINDS, Deed, Injector
-from sane import assert_sane
+from sane import assert_memory_is_bounded, assert_sane, must_end_within
 from virtual_run import RECIPE, VirtualRun, line_text, prepare
 
 SECONDS = 12
@@ -39,6 +39,7 @@ def disturbed(number: int) -> tuple[VirtualRun, Counter[str]]:
     random = Random(number)
     sim = f"noise_c = 3.0\nseed = {number}\n"
     run = prepare(line_text(sim), TWO_SETTINGS, duration_s=SECONDS, rate=random.choice([None, None, 3, "fit", "max"]))
+    must_end_within(run, 10 * SECONDS)
     (tap,) = run.taps.values()
     injector = Injector(tap.receive, _plan(random))
     tap.receive = injector.receive  # type: ignore[method-assign]
@@ -54,10 +55,10 @@ def test_a_disturbed_run(number: int) -> None:
 
 
 @pytest.mark.campaign
-@pytest.mark.timeout(3600)
-@pytest.mark.parametrize("block", range(20))
+@pytest.mark.parametrize("block", range(40))
 def test_many_disturbed_runs(block: int) -> None:
-    for number in range(1000 + 100 * block, 1100 + 100 * block):
+    for number in range(1000 + 50 * block, 1050 + 50 * block):
         run, _ = disturbed(number)
         assert_sane(run)
         assert wrong_values(run) == [], number
+        assert_memory_is_bounded()

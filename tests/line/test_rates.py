@@ -183,3 +183,22 @@ def test_one_hung_station_of_eight() -> None:
     others = [values for (station, port), values in late.items() if station != "dde-4" and port == 1]  # type: ignore[misc]
     assert len(others) == 7
     assert all(values == others[0] for values in others)
+
+
+@pytest.mark.parametrize("rate", [None, "max"])
+def test_a_station_that_knows_no_signal_ends_the_run(rate: str | None) -> None:
+    """Without pause such a run would spin for ever, and fill the memory with empty rows."""
+    run = prepare(duration_s=5, rate=rate)
+    ask = run.station.device.answer
+
+    def answer(header: str, text: str, now: float) -> tuple[str, str] | None:
+        is_sampling = run.facts.first_tick is not None and run.facts.outcome == "running"
+        is_signal = header == "R" and len(text) == 3 and text[:2] in ("TT", "PP", "PS")
+        return ("N", f"{text}00004") if is_sampling and is_signal else ask(header, text, now)
+
+    run.station.device.answer = answer  # type: ignore[method-assign]
+    run.go()
+    assert run.facts.outcome == "refused"
+    assert "none of the signals" in run.facts.reason
+    assert len(run.memory.samples) == 2  # a row for each port
+    assert set(run.facts.safe_state.values()) == {"verified"}

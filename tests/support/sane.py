@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from pathlib import Path
 
 from account import assert_account_holds
 from virtual_run import Heard, VirtualRun
@@ -10,6 +11,24 @@ from virtual_run import Heard, VirtualRun
 from jbclog.commands.status import STAND, WORKING
 
 SETTINGS = ("HA1", "HA2", "LA1", "LA2", "HD1", "HD2", "LD1", "LD2", "ST2")
+
+MOST_MB = 500  # of this process: a campaign goes through its runs one by one and keeps none
+PAGE_MB = 4096 / 2**20
+
+
+def must_end_within(run: VirtualRun, seconds: float) -> None:
+    """Let a run that does not end fail, before it fills the memory."""
+
+    def fail() -> None:
+        raise AssertionError(f"the run has not ended after {seconds:g} s")
+
+    run.at(seconds, fail)
+
+
+def assert_memory_is_bounded() -> None:
+    """A campaign must not keep what it has been through."""
+    pages = Path("/proc/self/statm")
+    assert not pages.exists() or int(pages.read_text().split()[1]) * PAGE_MB < MOST_MB
 
 
 def assert_sane(run: VirtualRun) -> None:
