@@ -46,7 +46,7 @@ def disturbed(number: int) -> tuple[VirtualRun, Counter[str]]:
     return run.go(), injector.did
 
 
-@pytest.mark.parametrize("number", range(40))
+@pytest.mark.parametrize("number", range(25))
 def test_a_disturbed_run(number: int) -> None:
     run, did = disturbed(number)
     assert_sane(run)
@@ -55,7 +55,7 @@ def test_a_disturbed_run(number: int) -> None:
 
 
 @pytest.mark.campaign
-@pytest.mark.parametrize("block", range(40))
+@pytest.mark.parametrize("block", range(25))
 def test_many_disturbed_runs(block: int) -> None:
     for number in range(1000 + 50 * block, 1050 + 50 * block):
         run, _ = disturbed(number)

@@ -176,7 +176,7 @@ def deeds(kinds: tuple[str, ...]) -> st.SearchStrategy[Deed]:
 
 
 @pytest.mark.parametrize("kinds", [KINDS, IN_THEIR_OWN_TIME], ids=["all", "in their own time"])
-@settings(deadline=None, max_examples=100)
+@settings(deadline=None, max_examples=60)
 @given(data=st.data(), addressed=st.booleans())
 def test_any_deeds(kinds: tuple[str, ...], data: st.DataObject, addressed: bool) -> None:
     plan = data.draw(st.dictionaries(st.integers(0, 45), deeds(kinds), max_size=20))
