@@ -6,8 +6,8 @@
     8123.480001251  run     {"format": 1, "station": "dde-1", ...}       what the session was ordered (`Head`)
     8123.480341902  opened  /dev/ttyUSB0                                  lost, failed and closed say why
     8123.481126017  sent    023030303152534d4e0302                        bytes, two hexadecimal digits each
-    8123.498264515  heard   023031303041534d4e204444450355
-    8123.498271302  told    ask 16 8123.481124960                         the wish that was answered, with how many bytes,
+    8123.498264515  heard   023031303041534d4e204444450374
+    8123.498271302  told    ask 15 8123.481124960                         the wish that was answered, with how many bytes,
     8123.580107466  told    wait 0                                        and when the question left
     9001.220071830  broke   listen the port is gone                       in place of an answer; stopped: the run's end
     9002.118204002  done                                                  the session had ended
