@@ -71,6 +71,9 @@ class GuardProcess:
         self._process.kill()
         with suppress(subprocess.TimeoutExpired):
             self._process.wait(KILL_S)
+        self._close()
+
+    def _close(self) -> None:
         for stream in (self._process.stdin, self._process.stdout):
             if stream is not None:
                 stream.close()
@@ -96,6 +99,7 @@ class GuardProcess:
             self._say(END)
         with suppress(subprocess.TimeoutExpired):
             self._process.wait(END_S)
+        self._close()
 
     def take_over(self) -> None:
         """Have it take over now: the ports are closed. Waits until it has done what it can."""

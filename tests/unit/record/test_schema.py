@@ -54,8 +54,8 @@ def test_units_and_commands_stand_in_the_fields() -> None:
         for signal in family.signals:
             command, metadata = family.commands[signal.command], schema.field(signal.columns[0]).metadata
             assert command.letters in metadata[b"command"].decode().replace("R-", "")
-            if command.unit:
-                assert metadata[b"unit"].decode() == command.unit
+            if command.unit:  # a share of what the station says is its most is told in per mille
+                assert metadata[b"unit"].decode() == ("‰" if command.share_of else command.unit)
     assert schema.field("late_us").metadata[b"unit"].decode() == "µs"
 
 
