@@ -112,8 +112,9 @@ class Dossier:
         )
 
     def note(self, kind: str, text: str, severity: Severity = Severity.INFO, value: float | None = None) -> None:
-        """An event of the run as a whole."""
-        self.journal.event(EventRow(self.utc.micros(self.clock.monotonic()), kind, severity, text, value=value))
+        """An event of the run as a whole; a critical one is kept at once."""
+        event = EventRow(self.utc.micros(self.clock.monotonic()), kind, severity, text, value=value)
+        self.journal.event(event, at_once=severity is Severity.CRITICAL)
 
     @staticmethod
     def show(show: Callable[[], None]) -> None:

@@ -9,6 +9,7 @@ from jbclog.guard.keeper import Keeper
 from jbclog.guard.lease import StationLease
 from jbclog.rows import StationFacts
 
+RUNNING = "running"  # the outcome of a session that has not ended
 NO_MORE = "verified"  # a tool that was read back in its safe state is nobody's to guard any more
 
 
@@ -44,7 +45,8 @@ class Guarding:
 
 
 def lease_of(facts: StationFacts) -> StationLease:
-    """What must be made safe on a station if its recorder dies now."""
+    """What must be made safe on a station if its recorder dies now. While its session goes on, all that was touched."""
+    is_over = facts.outcome != RUNNING
     return StationLease(
         name=facts.name,
         url=facts.url,
@@ -55,6 +57,6 @@ def lease_of(facts: StationFacts) -> StationLease:
         model=facts.model,
         software=facts.software,
         safe_state=facts.asked_safe_state,
-        ports=tuple(port for port in facts.touched if facts.safe_state.get(port) != NO_MORE),
+        ports=tuple(port for port in facts.touched if not (is_over and facts.safe_state.get(port) == NO_MORE)),
         feeds=facts.may_feed,
     )

@@ -207,7 +207,7 @@ class StationFacts:
     outcome: str = "running"
     reason: str = ""
     asked_safe_state: str = ""  # what touched tools are to be put in
-    may_feed: bool = False  # the feeder was set up, or seen running
+    may_feed: bool = False  # a feeder may be running that is this run's to stop
     safe_state: dict[int, str] = field(default_factory=dict)
     unsafe: list[str] = field(default_factory=list)  # a sentence for each tool or feeder that could not be made safe
     last_temperature_c: dict[int, float] = field(default_factory=dict)

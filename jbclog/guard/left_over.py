@@ -69,7 +69,7 @@ def _take_over(folder: Path, urls: Collection[str]) -> LeftOver | None:
     with suppress(OSError):
         lease.keep(folder, [*(station for station in held if station not in ours), *left])
     done = "not every tool could be made safe" if left else "every tool is in its safe state now"
-    names = ", ".join(station.name for station in ours)
+    names = ", ".join(sorted(station.name for station in ours))
     text = f"Run {folder.name} had left tools of {names} as they were: {done}."
     diary.write("guard.left_over", CRITICAL if left else ERROR, text)
     return LeftOver(not left, text)

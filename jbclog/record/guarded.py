@@ -27,6 +27,7 @@ from jbclog.rows import EventRow, Severity, StationFacts
 DIARY: Final = "guard.jsonl"
 LOCK: Final = "guard.lock"
 LEASE: Final = "lease.json"
+LOST: Final = "guard.lost"
 AGAIN_S: Final = 0.05
 REACHED: Final = {"safety.safe_state": "verified", "safety.not_safe": "failed"}
 
@@ -56,6 +57,11 @@ def _is_guarded(folder: Path) -> bool:
     return False
 
 
+def was_lost(folder: Path) -> bool:
+    """Whether the sealed events say that the run was without its guard for a time."""
+    return any(LOST in group["kind"].to_pylist() for group in row_groups(folder, "events", ["kind"]))
+
+
 def left_hot(folder: Path) -> list[str]:
     """The stations whose tools nobody has made safe since the recorder ended, as far as is known."""
     names = []
@@ -63,7 +69,7 @@ def left_hot(folder: Path) -> list[str]:
         for line in (folder / LEASE).read_text(encoding="utf-8").splitlines():
             with suppress(ValueError, KeyError, TypeError):
                 names.append(str(json.loads(line)["name"]))
-    return names
+    return sorted(names)
 
 
 def diary(folder: Path) -> list[EventRow]:

@@ -99,6 +99,7 @@ def _finish(folder: Path, manifest: Manifest, lock: FolderLock) -> Recovery:
     manifest = replace(manifest, wire=_wire(folder, manifest))
     seal_rows(folder)
     guarded.take_in(folder, manifest.run)
+    manifest = replace(manifest, guard="lost" if guarded.was_lost(folder) else manifest.guard)
     with Stock(folder) as stock:
         _note_missing_end(folder, stock.last)
         manifest = _outcome(folder, manifest, stock)

@@ -22,6 +22,7 @@ from jbclog.station.client import Client
 ALLOWED_S = 3.0  # for one station (faults.md, section 9)
 TRIES = 3
 VERIFIED, SENT, FAILED = "verified", "sent", "failed"
+STOPPED = "stopped"  # what the feeder says then
 COOLING_AFTER_S = 1.0  # how long after the order an extractor state has to show in temperature or power
 IDLE_PERMILLE = 20  # a heater that gets less than this is off
 REOPEN_EVERY_S = 0.25
@@ -61,7 +62,11 @@ class Task:
     prove: Prove
     is_proven: bool = True
     spare: bool = False
+    has_fed: bool = field(init=False)
     end: float = field(init=False, default=0.0)
+
+    def __post_init__(self) -> None:
+        self.has_fed = self.feeds
 
     @property
     def is_done(self) -> bool:
@@ -96,6 +101,21 @@ def _round(task: Task) -> Steps[None]:
             yield from _look(task, tool)
         if not tool.is_safe:
             yield from _put(task, tool)
+    if task.has_fed:
+        yield from _look_at_feeder(task)
+
+
+def _look_at_feeder(task: Task) -> Steps[None]:
+    """A robot may have started it again while its tool was still at work."""
+    task.feeds = True  # until it is known to stand
+    if not (yield from _is_reachable(task)):
+        return
+    try:
+        task.feeds = (yield from agreed(task.client, task.family.commands["feeding"])) != STOPPED
+    except (LinkError, StationError) as error:
+        yield from _reach_again(task, error)
+    if task.feeds:
+        task.feeds = not (yield from _stop_feeder(task))
 
 
 def _look(task: Task, tool: Tool) -> Steps[None]:
@@ -121,7 +141,7 @@ def _stop_feeder(task: Task) -> Steps[bool]:
     except (LinkError, StationError) as error:
         yield from _reach_again(task, error)
         return False
-    return feeding == "stopped"
+    return feeding == STOPPED
 
 
 def _put(task: Task, tool: Tool) -> Steps[None]:

@@ -90,7 +90,7 @@ class Desk:
         self.held: dict[str, Value] = {}  # station-wide settings
         self.not_supported: set[str] = set()
         self.feeder_touched = False
-        self.feeding_seen = False
+        self.feeder_stopped = False  # at the end, and seen to stand
         self.after_safe: Callable[[], Steps[None]] | None = None  # what is still read when sampling has ended
         self.connected = False
         self.is_proven = False  # the port has not broken since the station said who it is
@@ -145,6 +145,13 @@ class Desk:
         return self.recipe.safe_state(self.family.name)
 
     @property
+    def may_feed(self) -> bool:
+        """Whether a feeder may run that is this run's to stop: a robot's own switch can start it whenever its tool is at work."""
+        has_feeder = self.family_known and self.family.has_feeder
+        touched = self.feeder_touched or any(port.touched for port in self.ports.values())
+        return has_feeder and touched and not self.feeder_stopped
+
+    @property
     def now(self) -> float:
         """The last moment that the station or the driver told, monotonic seconds."""
         return self.station.now
@@ -193,7 +200,7 @@ class Desk:
         self.facts.signals = [] if self._family is None else [signal.name for signal in self._family.signals]
         self.facts.touched = [port.number for port in self.ports.values() if port.touched]
         self.facts.asked_safe_state = self.safe_state if self.family_known else ""
-        self.facts.may_feed = self.feeder_touched or self.feeding_seen
+        self.facts.may_feed = self.may_feed
         self.facts.not_supported = sorted(self.not_supported)
         self.facts.garbage_bytes = self.station.garbage_bytes
         self.facts.strays = dict(self.station.strays)

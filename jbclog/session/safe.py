@@ -19,7 +19,8 @@ def make_safe(desk: Desk) -> Steps[None]:
     if not touched and not desk.feeder_touched:
         return
     desk.station.unasked((yield Wait(0.0)))
-    may_feed = yield from _put(desk, touched, feeds=desk.feeder_touched or desk.feeding_seen)
+    may_feed = yield from _put(desk, touched, feeds=desk.may_feed)
+    desk.feeder_stopped = not may_feed
     desk.facts.unsafe = [f"{desk.name}: the feeder could not be told to stop"] if may_feed else []
     desk.facts.unsafe += [_unsafe_text(desk, port) for port in touched if not _is_verified(desk, port)]
     if may_feed:

@@ -54,8 +54,6 @@ def _status(desk: Desk, port: PortState, word: Value) -> None:
     before, port.status = port.status, word
     if before == word:
         return
-    if desk.family.has_feeder and word[1] != 0:
-        _feeds(desk)
     ordered, status = desk.recipe.run.status, desk.family.status
     if ordered is None or before is None or status.is_working(before) == status.is_working(word):
         return
@@ -156,17 +154,6 @@ def _station_error(desk: Desk, port: PortState, value: Value) -> None:
         desk.note("station.error", _severity(errors, value), f"Station error: {errors.text(value)}.", code=value)
 
 
-def _feeding(desk: Desk, _port: PortState, value: Value) -> None:
-    if value == "running":
-        _feeds(desk)
-
-
-def _feeds(desk: Desk) -> None:
-    if not desk.feeding_seen:
-        desk.feeding_seen = True
-        desk.publish()  # from now on it has to be stopped, whoever ends this run
-
-
 OBSERVERS: dict[str, Observe] = {
     "temperature_c": _temperature,
     "status": _status,
@@ -176,7 +163,6 @@ OBSERVERS: dict[str, Observe] = {
     "tool": _tool,
     "port_error": _port_error,
     "station_error": _station_error,
-    "feeding": _feeding,
     **OMEGA_OBSERVERS,
     **{name: _watched(name) for name in WATCHED_SETTINGS},
 }

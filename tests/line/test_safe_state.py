@@ -9,6 +9,8 @@ from jbclog.commands.status import STAND, WORKING
 from jbclog.errors import RecordError
 from jbclog.rows import EventRow, SampleRow
 from jbclog.session.scan import Scanner
+from jbclog.sim.port import Port
+from jbclog.sim.state import STAND as STANDING
 
 ALE_RECIPE = RECIPE + "\n[feeder]\nlength_mm = 7.5\n"
 APPLIED_S = 1.2  # by then the recipe is on the station and the tools are at work
@@ -176,12 +178,28 @@ def test_a_run_that_only_looks_writes_nothing() -> None:
 
 
 def test_the_feeder_is_stopped_before_anything_else() -> None:
-    """On ale W-STP comes first, if feeding was set or seen."""
+    """On ale W-STP comes first, whenever its tool may be at work."""
     run = prepare(ale_line(), ALE_RECIPE, duration_s=5)
     run.at(3, lambda: run.station.plant.feeder.start(run.driver.clock.monotonic()))
     run.go()
     assert [one.text for one in run.writes][-2:] == ["WSTP00000", "WPS100001"]
     assert run.station.plant.feeder.motor(run.driver.clock.monotonic()) == 0
+
+
+def test_a_feeder_that_the_robot_starts_again_before_its_tool_rests_is_stopped_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    run = prepare(ale_line(), ALE_RECIPE + 'mode = "continuous"\n', duration_s=5)
+    feeder, order = run.station.plant.feeder, Port.order
+
+    def start_and_order(port: Port, state: int, extractor: bool) -> None:
+        if (state, extractor) == (STANDING, False):
+            feeder.start(run.driver.clock.monotonic())
+        order(port, state, extractor)
+
+    monkeypatch.setattr(Port, "order", start_and_order)
+    run.go()
+    assert [one.text for one in run.writes][-3:] == ["WSTP00000", "WPS100001", "WSTP00000"]
+    assert feeder.motor(run.driver.clock.monotonic()) == 0
+    assert (run.facts.unsafe, run.facts.may_feed) == ([], False)
 
 
 def test_nothing_starts_the_feeder() -> None:

@@ -1,0 +1,278 @@
+"""Recorders that are killed or frozen, for real: the guard puts every tool that they touched in its safe state.
+
+Everything is asserted from what the virtual stations took and from their physics, never from our record; that the record
+then tells the same is asserted beside it. Seeds are printed with each failure.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+import pandas as pd
+import pytest
+import slow_disk
+from command import jbclog, until
+from guarded import Blow, begun, guard_of, guard_that_is_there, only_run, told_after
+from served_line import ServedLine
+
+from jbclog.analysis.run import open_run
+from jbclog.guard.lease import NAME as LEASE
+from jbclog.guard.lease import kept
+from jbclog.guard.left_over import settle
+from jbclog.guard.watch import HUNG_S
+from jbclog.record.check import check
+from jbclog.record.lock import is_held
+from jbclog.record.manifest import Manifest, read_manifest
+from jbclog.record.recover import recover
+
+EARLY_S = 1.2  # after the first question: settings are being written, tools put to work, the first samples taken
+LATE_S = 3.0
+TOOLS = 6
+SEED = random.randrange(1 << 32)
+
+
+@pytest.fixture(scope="module")
+def line(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ServedLine]:
+    """Four stations, the feeder of one of them running whenever its tool works; they live through all tests here."""
+    with ServedLine(tmp_path_factory.mktemp("line")) as served:
+        yield served
+
+
+@contextmanager
+def running(line: ServedLine, out: Path, *more: str) -> Iterator[subprocess.Popen[str]]:
+    """A run that has put all tools to work."""
+    run = begun(line, out, *more)
+    try:
+        assert until(lambda: line.at_work() == TOOLS), run.communicate(timeout=5)
+        yield run
+    finally:
+        run.kill()
+        run.communicate(timeout=20)
+
+
+def ended(run: subprocess.Popen[str]) -> str:
+    """What it and its guard said, when both have ended."""
+    return run.communicate(timeout=20)[1]
+
+
+def events(folder: Path) -> list[str]:
+    return list(pd.read_parquet(folder / "events")["kind"])
+
+
+def recovered(folder: Path) -> Manifest:
+    """The manifest of a run that was cut off, and that `recover` and `check` agree about."""
+    recover(folder)
+    assert check(folder) == []
+    return read_manifest(folder)
+
+
+# -- told in time -----------------------------------------------------------------------------------------------------------
+
+
+def struck(line: ServedLine, out: Path, number: signal.Signals, is_time: Callable[[float], bool]) -> tuple[float, bool]:
+    """Run, strike, look at the stations and at the record: how long telling took, and whether the feeder was running.
+
+    `is_time` is given the seconds since the first question. A recorder that is frozen before it has written anything is left
+    alone, because nothing is hot: so a freeze is counted from the first write on.
+    """
+    questions, began = line.questions(), time.monotonic()
+    run = begun(line, out)
+    try:
+        first = line.questions if number == signal.SIGKILL else lambda: questions + len(line.orders(began))
+        assert until(lambda: first() > questions)
+        asked = time.monotonic()
+        while not is_time(time.monotonic() - asked):
+            time.sleep(0.002)
+        fed, blow = line.motor("ale-1"), Blow.strike(run, number)
+        notes = ended(run)
+    finally:
+        run.kill()
+    assert run.returncode == -signal.SIGKILL, notes
+    seconds = told_after(line, began, blow)
+    assert not line.motor("ale-1")
+    manifest = recovered(only_run(out))
+    assert ("guard.took_over" in events(only_run(out))) == (seconds > 0)
+    assert [facts.unsafe for facts in manifest.stations if facts.unsafe] == []
+    assert {state for facts in manifest.stations for state in facts.safe_state.values()} <= {"verified"}
+    assert not (only_run(out) / LEASE).exists()
+    return seconds, fed
+
+
+def times(line: ServedLine, folder: Path, number: signal.Signals, seed: int, count: int, latest_s: float) -> list[float]:
+    """Strike at random moments; how long telling took each time."""
+    rng, told, fed = random.Random(seed), [], 0
+    for trial in range(count):
+        moment = latest_s * rng.random()
+        print(f"seed {seed}, trial {trial}: {number.name} after {moment:.3f} s")
+        seconds, was_feeding = struck(line, folder / str(trial), number, lambda passed, at=moment: passed >= at)  # type: ignore[misc]
+        told.append(seconds)
+        fed += was_feeding
+    hot = sorted(seconds for seconds in told if seconds) or [0.0]
+    print(f"{count} times {number.name}: hot {len(hot)} times, feeder running {fed} times; told within {hot[-1]:.2f} s, ", end="")
+    print(f"half within {hot[len(hot) // 2]:.2f} s, 99 % within {hot[int(len(hot) * 0.99)]:.2f} s")
+    return told
+
+
+@pytest.mark.parametrize(("number", "count"), [(signal.SIGKILL, 2), (signal.SIGSTOP, 1)], ids=["kill", "stop"])
+def test_every_tool_that_was_touched_is_told_to_stand(line: ServedLine, tmp_path: Path, number: signal.Signals, count: int) -> None:
+    assert len(times(line, tmp_path, number, SEED, count, EARLY_S)) == count
+
+
+def test_a_feeder_that_runs_is_stopped_first(line: ServedLine, tmp_path: Path) -> None:
+    seconds, fed = struck(line, tmp_path, signal.SIGKILL, lambda passed: passed > 10 or line.motor("ale-1"))
+    assert fed
+    assert 0 < seconds < HUNG_S
+
+
+@pytest.mark.campaign
+@pytest.mark.timeout(1800)
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP], ids=["kill", "stop"])
+@pytest.mark.parametrize("part", range(4))
+def test_every_tool_is_told_to_stand_two_hundred_times(line: ServedLine, tmp_path: Path, number: signal.Signals, part: int) -> None:
+    assert len(times(line, tmp_path, number, SEED + part, 50, LATE_S)) == 50
+
+
+# -- not where nothing happened ------------------------------------------------------------------------------------------------
+
+
+def assert_left_alone(line: ServedLine, run: subprocess.Popen[str], out: Path, since: float) -> None:
+    """No take-over so far, and none until the run has been ended in good order."""
+    assert [order for order in line.orders(since) if order.is_safe] == []
+    run.terminate()
+    notes = ended(run)
+    assert run.returncode in (0, 1), notes  # not cut short: no duration was stated
+    folder = only_run(out)
+    assert "guard.took_over" not in events(folder)
+    assert read_manifest(folder).guard == "on"
+    assert check(folder) == []
+
+
+@contextmanager
+def busy() -> Iterator[None]:
+    """Four processes for each processor that want it all the time."""
+    count = 4 * (os.cpu_count() or 1)
+    spinning = [subprocess.Popen([sys.executable, "-S", "-c", "while True: pass"]) for _ in range(count)]
+    try:
+        yield
+    finally:
+        for process in spinning:
+            process.kill()
+            process.wait()
+
+
+@pytest.mark.campaign
+def test_a_machine_with_four_times_the_work_is_no_reason(line: ServedLine, tmp_path: Path) -> None:
+    with running(line, tmp_path) as run:
+        now = time.monotonic()
+        with busy():
+            time.sleep(20.0)
+        assert_left_alone(line, run, tmp_path, now)
+
+
+def test_neither_a_busy_machine_nor_a_terminal_that_is_held_is_a_reason(line: ServedLine, tmp_path: Path) -> None:
+    reading, stderr = full_pipe()
+    command = [sys.executable, "-c", "from jbclog.cli import main; main()", "run", line.recipe, "--line", line.path]
+    run = subprocess.Popen([*map(str, command), "--out", str(tmp_path)], stdout=subprocess.PIPE, stderr=stderr, text=True)
+    os.close(stderr)
+    try:
+        assert until(lambda: line.at_work() == TOOLS)
+        with busy():
+            time.sleep(HUNG_S + 0.5)
+        assert line.at_work() == TOOLS
+        run.terminate()
+        assert until(lambda: read_manifest(only_run(tmp_path)).state == "sealed")
+        with os.fdopen(reading, "rb") as read_again:
+            read_again.read()
+        assert run.wait(10) in (0, 1)
+    finally:
+        run.kill()
+        run.communicate()
+    assert check(only_run(tmp_path)) == []
+
+
+def full_pipe() -> tuple[int, int]:
+    """Both ends of a pipe that takes nothing any more, as a terminal that is held takes nothing."""
+    reading, writing = os.pipe()
+    os.set_blocking(writing, False)
+    with suppress(BlockingIOError):
+        while True:
+            os.write(writing, b"x" * 4096)
+    os.set_blocking(writing, True)
+    return reading, writing
+
+
+def test_a_disk_that_stalls_is_no_reason(line: ServedLine, tmp_path: Path) -> None:
+    command = [sys.executable, slow_disk.__file__, "4", "run", line.recipe, "--line", line.path, "--out", tmp_path]
+    run = subprocess.Popen(list(map(str, command)), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    try:
+        assert until(lambda: line.at_work() == TOOLS)
+        now = time.monotonic()
+        time.sleep(2 * slow_disk.STALL_S)
+        assert_left_alone(line, run, tmp_path, now)
+    finally:
+        run.kill()
+
+
+# -- the guard itself ----------------------------------------------------------------------------------------------------------
+
+
+def test_a_guard_that_is_killed_is_replaced_and_the_next_one_saves_as_well(line: ServedLine, tmp_path: Path) -> None:
+    began = time.monotonic()
+    with running(line, tmp_path) as run:
+        folder, first = only_run(tmp_path), guard_that_is_there(run.pid)
+        os.kill(first, signal.SIGKILL)
+        assert until(lambda: "guard.lost" in list(open_run(folder).events()["kind"]))
+        second = guard_that_is_there(run.pid, not_this=first)
+        os.kill(second, signal.SIGKILL)
+        guard_that_is_there(run.pid, not_this=second)
+        blow = Blow.strike(run, signal.SIGKILL)  # the third may not even have begun to watch
+        ended(run)
+    assert told_after(line, began, blow) > 0
+    assert recovered(folder).guard == "lost"
+    assert {"guard.lost", "guard.took_over"} <= set(events(folder))
+
+
+def test_without_a_guard_the_record_says_so_and_nobody_comes(line: ServedLine, tmp_path: Path) -> None:
+    with running(line, tmp_path, "--no-guard") as run:
+        assert guard_of(run.pid) is None
+        now = time.monotonic()
+        run.terminate()
+        ended(run)
+    assert {order.station for order in line.orders(now) if order.is_stand} == set(line.stations)  # the run itself does it
+    assert read_manifest(only_run(tmp_path)).guard == "none"
+    assert "guard.none" in events(only_run(tmp_path))
+
+
+def test_what_recorder_and_guard_left_hot_is_made_safe_at_the_next_start(line: ServedLine, tmp_path: Path) -> None:
+    with running(line, tmp_path) as run:
+        folder = only_run(tmp_path)
+        assert until(lambda: len(kept(folder)) == 4 and all(lease.ports for lease in kept(folder)))
+        os.kill(run.pid, signal.SIGSTOP)
+        os.kill(guard_that_is_there(run.pid), signal.SIGKILL)
+        run.kill()
+        ended(run)
+    assert line.at_work() == TOOLS, "somebody has saved them already"
+    text = recover(folder).text
+    assert "Tools of ale-1, dde-1, dde-2, ucr-1 may still be hot" in text
+    now = time.monotonic()
+    again = jbclog("run", line.recipe, "--line", line.path, "--out", tmp_path, "-d", "1s", "-s", "dde-1", "-s", "ale-1", "--json")
+    first = {(order.station, order.port): order for order in reversed(line.orders(now))}
+    assert all(order.is_safe for order in first.values())
+    assert first.keys() == {("dde-1", 1), ("dde-1", 2), ("ale-1", 0), ("ale-1", 1)}
+    new = Path(json.loads(again.stdout)["run"])
+    left = pd.read_parquet(new / "events").set_index("kind").loc["guard.left_over"]
+    assert left["text"] == f"Run {folder.name} had left tools of ale-1, dde-1 as they were: every tool is in its safe state now."
+    assert {lease.name for lease in kept(folder)} == {"dde-2", "ucr-1"}  # whose ports this run had nothing to do with
+    assert check(folder) == []  # what was sealed is not touched again
+    assert [left.is_safe for left in settle(tmp_path, {line.url("dde-2"), line.url("ucr-1")}, is_held)] == [True]
+    assert not (folder / LEASE).exists()
+    assert line.at_work() == 0

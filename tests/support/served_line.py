@@ -1,0 +1,169 @@
+"""A line of virtual stations served on real pseudo-terminals by this process: their own log and physics can be looked at."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from threading import Thread
+from types import TracebackType
+from typing import Self
+
+from jbclog.commands.status import STAND
+from jbclog.quantities import Value
+from jbclog.recipe.line import load_line
+from jbclog.sim.port import Port
+from jbclog.sim.serve import Server
+from jbclog.sim.setup import SERVED_LINE, set_up
+from jbclog.sim.state import STAND as STANDING
+from jbclog.sim.state import WORKING
+from jbclog.sim.virtual import VirtualStation
+from jbclog.sim.wire_log import Written
+
+LINE = """
+[line]
+name = "bench"
+
+[[station]]
+name = "dde-1"
+url = "dde-1"
+family = "dde"
+[station.sim]
+joints_per_minute = 30
+
+[[station]]
+name = "dde-2"
+url = "dde-2"
+family = "auto"
+[station.sim]
+model = "DDE"
+joints_per_minute = 20
+
+[[station]]
+name = "ucr-1"
+url = "ucr-1"
+family = "ucr"
+[station.sim]
+tool = 9
+joints_per_minute = 40
+
+[[station]]
+name = "ale-1"
+url = "ale-1"
+family = "ale"
+[station.sim]
+joints_per_minute = 60
+joint_seconds = 0.5
+feed_each_joint = true
+"""
+
+RECIPE = """
+[recipe]
+name = "guarded"
+revision = 1
+families = ["dde", "ucr", "ale"]
+
+[temperature]
+select_c = 350
+
+[sleep]
+delay_min = 5
+
+[hibernation]
+delay_min = 30
+
+[feeder]
+mode = "continuous"  # it runs from the robot's first start until somebody stops it
+
+[sampling]
+rate_hz = 5
+
+[run]
+status = "working"
+require_tool = false
+"""
+
+
+HOT_C = 340.0
+
+
+@dataclass(frozen=True)
+class Order:
+    """A write that a station took."""
+
+    at: float
+    station: str
+    port: int
+    name: str
+    value: Value
+
+    @property
+    def is_stand(self) -> bool:
+        return self.name == "status" and self.value == STAND
+
+    @property
+    def is_safe(self) -> bool:
+        """Whether it belongs to making safe."""
+        return self.is_stand or self.name == "stop_feeding"
+
+
+class ServedLine:
+    """Serves `text` below `folder` while a `with` lasts, all tools hot and in stand at first.
+
+    `path` is the line file for a run, `recipe` one that fits it.
+    """
+
+    def __init__(self, folder: Path, text: str = LINE, recipe: str = RECIPE) -> None:
+        source = folder / "source.toml"
+        source.write_text(text, encoding="utf-8")
+        self.recipe = folder / "recipe.toml"
+        self.recipe.write_text(recipe, encoding="utf-8")
+        self.path = folder / "served" / SERVED_LINE
+        self._line = load_line(source)
+        self.stations: dict[str, VirtualStation] = {}
+        self._server: Server | None = None
+        self._thread: Thread | None = None
+
+    def __enter__(self) -> Self:
+        now = time.monotonic()
+        self.stations = {spec.name: VirtualStation(spec, now=now) for spec in self._line.stations}
+        for port in self.tools():
+            port.order(STANDING, False)
+            port.tip.temperature_c = HOT_C  # a robot waits for a hot tip
+        self._server = set_up(self._line, self.path.parent, stations=list(self.stations.values()))
+        self._thread = Thread(target=self._server.run, name="virtual-stations", daemon=True)
+        self._thread.start()
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        if self._server is not None and self._thread is not None:
+            self._server.stop()
+            self._thread.join(5.0)
+
+    def url(self, name: str) -> str:
+        return str(self.path.parent / name)
+
+    def orders(self, since: float = 0.0) -> list[Order]:
+        """What was written to the stations after `since` (monotonic seconds), in the order of time."""
+        found = [self._order(name, write) for name, one in self.stations.items() for write in one.log.writes if write.at > since]
+        return sorted(found, key=lambda order: order.at)
+
+    @staticmethod
+    def _order(station: str, write: Written) -> Order:
+        return Order(write.at, station, write.port, write.name, write.value)
+
+    def questions(self) -> int:
+        """How many were answered so far, writes among them."""
+        return sum(station.log.reads + len(station.log.writes) for station in self.stations.values())
+
+    def motor(self, name: str) -> bool:
+        """Whether the feeder of this station turns now."""
+        return self.stations[name].plant.feeder.motor(time.monotonic()) != 0
+
+    def tools(self) -> list[Port]:
+        """All tools, with the ports that they are in."""
+        return [port for station in self.stations.values() for port in station.plant.ports.values() if port.tool]
+
+    def at_work(self) -> int:
+        """How many tools are at work now."""
+        return sum(port.doing.state == WORKING and not port.doing.extractor for port in self.tools())
