@@ -100,7 +100,7 @@ def test_a_run_is_not_disturbed_by_either(bench: Bench, tmp_path: Path) -> None:
         run.terminate()
         run.communicate(timeout=30)
     assert "RSMN" in wire.questions("dde-1")
-    assert wire.questions("ucr-1").count("RSMN") == before  # the run's own
+    assert wire.questions("ucr-1").count("RSMN") - before <= 1  # the run asks it itself where an answer was late
 
 
 def test_a_station_behind_a_tcp_server(tmp_path: Path) -> None:
