@@ -15,6 +15,7 @@ from jbclog.cli.recover import recover
 from jbclog.cli.replay import replay
 from jbclog.cli.report import report
 from jbclog.cli.run import run
+from jbclog.cli.safe import safe
 from jbclog.cli.scan import scan
 from jbclog.cli.sim import sim
 from jbclog.cli.streams import make_usable
@@ -45,7 +46,7 @@ def _main(
 ) -> None: ...
 
 
-for verb in (demo, sim, scan, doctor, plan, run, report, check, recover, replay):
+for verb in (demo, sim, scan, doctor, plan, run, safe, report, check, recover, replay):
     app.command()(verb)
 app.command(cls=ReadCommand)(read)
 app.command(cls=WriteCommand)(write)

@@ -12,14 +12,14 @@ import contextlib
 import json
 import os
 import sqlite3
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from contextlib import closing
 from pathlib import Path
 from typing import Final
 
 from jbclog.errors import RecordError
 from jbclog.record.lock import NAME as LOCK
-from jbclog.record.lock import is_held
+from jbclog.record.lock import is_held, recorder
 
 RUNNING: Final = "running"
 
@@ -37,6 +37,22 @@ def runs_in_progress() -> Iterator[Path]:
             if folder not in seen and is_held(folder):
                 seen.add(folder)
                 yield folder
+
+
+def runs_that_hold(urls: Collection[str]) -> list[Path]:
+    """The folders of the runs in progress on this machine to which any of the ports at `urls` belongs now."""
+    return [folder for folder in runs_in_progress() if any(_holds(folder, url) for url in urls)]
+
+
+def holds(folder: Path, urls: Collection[str]) -> bool:
+    """Whether any of the ports at `urls` belongs to the run in `folder`, which is still in progress."""
+    return is_held(folder) and any(_holds(folder, url) for url in urls)
+
+
+def recorder_of(folder: Path) -> int | None:
+    """The process that records the run in `folder`, as its lock says and the system bears out."""
+    process = recorder(folder)
+    return process if process and folder in _folders_of(process) else None
 
 
 def run_of(process: int) -> Path | None:

@@ -87,8 +87,13 @@ def boot_id() -> str:
 
 def holder(folder: Path) -> str:
     """Who holds the folder's lock, in words."""
-    pid = _inside(folder, "pid")
+    pid = recorder(folder)
     return f"process {pid} or its sealing child" if pid else "another process"
+
+
+def recorder(folder: Path) -> int:
+    """The number of the process that took the folder's lock last; 0 where none says so."""
+    return _inside(folder, "pid")
 
 
 def acknowledged(folder: Path) -> int:

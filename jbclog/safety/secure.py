@@ -127,8 +127,17 @@ def _look(task: Task, tool: Tool) -> Steps[None]:
     except (LinkError, StationError) as error:
         yield from _reach_again(task, error)
         return
-    if isinstance(found, tuple) and task.family.status.is_resting(found):
+    if isinstance(found, tuple) and (yield from _rests(task, tool, found)):
         tool.reached, tool.status, tool.was_spared = VERIFIED, found, True
+
+
+def _rests(task: Task, tool: Tool, found: StatusWord) -> Steps[bool]:
+    family, status = task.family, task.family.status
+    if status.is_resting(found):
+        return True
+    proven = [state for state in family.safe_states if state in family.proven_by_cooling]
+    cools = any(status.confirms(found, status.orders[state]) for state in proven)
+    return cools and (yield from _is_cooling(task, tool))
 
 
 def _stop_feeder(task: Task) -> Steps[bool]:

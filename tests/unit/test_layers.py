@@ -26,7 +26,7 @@ MAY_USE = {
     "recipe": "commands quantities errors wire",
     "station": "protocol commands quantities wire errors effects",
     "scheduler": "commands wire errors",
-    "byhand": "station commands quantities wire errors effects",
+    "byhand": "safety station commands quantities wire errors effects",
     "finding": "station protocol commands quantities wire errors effects",
     "safety": "station commands quantities effects errors",
     "session": "safety station scheduler recipe commands rows clock effects errors quantities wire",
@@ -40,6 +40,7 @@ MAY_USE = {
     # top: what puts the rooms together, below the command line
     "outcome": "rows errors",
     "reach": "byhand commands protocol recipe record drive transport clock effects wire errors",
+    "line_safe": "reach byhand commands recipe record drive errors",
     "search": "finding record drive transport clock wire errors",
     "found_line": "finding recipe transport",
     "doctor": "search finding recipe record transport commands",

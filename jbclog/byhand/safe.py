@@ -1,0 +1,151 @@
+"""A whole station made safe by hand: whatever tools are in it, whoever put them to work.
+
+Nobody's recipe is known here, so each family's usual safe state is ordered, and whether a tool that stands will ever cool
+is asked of its own delays. A tool that rests already is left alone: told to stand, one that sleeps would wake.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Final
+
+from jbclog.byhand.contact import NO_TOOL, PORTS, Contact, Place, Target, find_tool, meet
+from jbclog.commands.family import Family, family_of
+from jbclog.effects import Steps
+from jbclog.errors import LinkError, StartRefused, StationError
+from jbclog.quantities import OFF
+from jbclog.safety.secure import SENT, Task, Tool, secure
+
+COOLING_DELAYS: Final = ("sleep_delay", "hibernation_delay")
+SWITCH_OFF: Final = "switch the station off"
+
+
+@dataclass(slots=True)
+class MadeSafe:
+    """One tool: its name (None where it could not be asked), the state read back, and why it is not safe, if it is not.
+
+    `rested`: it was in that state already. `temperature_c` as last read, None where it was not.
+    """
+
+    port: int
+    tool: str | None
+    state: str | None = None
+    rested: bool = False
+    temperature_c: float | None = None
+    problem: str | None = None
+
+    @property
+    def is_safe(self) -> bool:
+        return self.state is not None and self.problem is None
+
+
+@dataclass(slots=True)
+class StationMadeSafe:
+    """What came of one station, as far as it has come. `problem` is what concerns it as a whole; `note` is no trouble.
+
+    `feeder` is ``stopped``, ``running`` (it could not be stopped) or None where there is none. Ports without a tool are in
+    `empty`.
+    """
+
+    target: Target
+    model: str | None = None
+    family: str | None = None
+    tools: list[MadeSafe] = field(default_factory=list)
+    empty: list[int] = field(default_factory=list)
+    feeder: str | None = None
+    problem: str | None = None
+    note: str | None = None
+
+    @property
+    def is_safe(self) -> bool:
+        return self.problem is None and self.feeder != "running" and all(tool.is_safe for tool in self.tools)
+
+
+def make_safe(target: Target, made: StationMadeSafe) -> Steps[None]:
+    """Put every tool of a station in its safe state, its feeder stopped first. Raises `StartRefused` and `LinkError`."""
+    contact = yield from meet(target)
+    family = contact.family = _proven(contact, made)
+    made.model, made.family = contact.model, family.name
+    if not family.safe_states:
+        made.problem = f"an {family.title} takes no order that would make it safe: stop it at its own panel, or {SWITCH_OFF}"
+        return
+    tools = yield from _find_tools(contact, made)
+    task = Task(
+        contact.client,
+        family,
+        family.safe_states[0],
+        [Tool(port) for port in tools],
+        family.has_feeder,
+        lambda: _is_still_there(contact),
+        spare=True,
+    )
+    yield from secure(task)
+    if family.has_feeder:
+        made.feeder = "running" if task.feeds else "stopped"
+    for tool, one in zip(task.tools, made.tools, strict=True):
+        yield from _tell(contact, tool, one, tools[tool.port])
+
+
+def _proven(contact: Contact, made: StationMadeSafe) -> Family:
+    """The family that the station itself proves, whatever the line file says. Raises `StartRefused` for a stranger."""
+    if contact.is_proven:
+        return contact.family
+    found = family_of(contact.model or "")
+    if found is None:
+        raise StartRefused(f"{contact.stranger()}; nothing was written to it. It may be hot: {SWITCH_OFF}")
+    made.note = f"the line file says family {contact.family.name}, the station says model {contact.model} and was spoken to as such"
+    return found
+
+
+def _is_still_there(contact: Contact) -> Steps[bool]:
+    return (yield from contact.client.read(contact.family.commands["model"])) == contact.model
+
+
+def _find_tools(contact: Contact, made: StationMadeSafe) -> Steps[dict[int, int | None]]:
+    """The tools by port, all ports that there are; None is a tool that could not be asked, and counts as one."""
+    tools: dict[int, int | None] = {}
+    for port in contact.family.ports or PORTS:
+        try:
+            code = yield from find_tool(contact, port)
+        except (StationError, LinkError):
+            tools[port] = None
+        else:
+            if code == NO_TOOL:
+                made.empty.append(port)
+            elif code is not None:
+                tools[port] = code
+    made.tools = [MadeSafe(port, None if code is None else contact.family.tool_name(code)) for port, code in tools.items()]
+    return tools
+
+
+def _tell(contact: Contact, tool: Tool, made: MadeSafe, code: int | None) -> Steps[None]:
+    made.rested = tool.was_spared
+    made.temperature_c = yield from _temperature(contact, tool.port)
+    if not tool.is_safe or tool.status is None:
+        what = "was told to rest and does not confirm it" if tool.reached == SENT else "could not be made safe"
+        made.problem = f"it {what}; it may be hot: {SWITCH_OFF}"
+        return
+    made.state = contact.family.status.state(tool.status)
+    made.problem = yield from _stays_hot(contact, tool, code)
+
+
+def _temperature(contact: Contact, port: int) -> Steps[float | None]:
+    command = contact.family.command_of("temperature_c")
+    try:
+        value = None if command is None else (yield from contact.read(command, Place(port)))
+    except (StationError, LinkError):
+        return None
+    return float(value) if isinstance(value, int | float) else None
+
+
+def _stays_hot(contact: Contact, tool: Tool, code: int | None) -> Steps[str | None]:
+    """Why a tool that stands never cools: a delay of its own that is off, or that cannot be read. None where it does."""
+    commands = [contact.family.commands[name] for name in COOLING_DELAYS if name in contact.family.commands]
+    try:
+        off = []
+        for command in commands if code is not None else ():
+            if (yield from contact.agreed(command, Place(tool.port, code))) is OFF:
+                off.append(command.name.replace("_", " "))
+    except (StationError, LinkError):
+        return f"whether it will cool down is not known, because its delays cannot be read: look at it, or {SWITCH_OFF}"
+    return f"its {' and '.join(off)} {'is' if len(off) == 1 else 'are'} off, so it never cools down: {SWITCH_OFF}" if off else None

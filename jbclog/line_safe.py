@@ -1,0 +1,156 @@
+"""Every tool of a line in its safe state, now, by hand: another composition root.
+
+::
+
+    the runs that hold its ports -> asked to end, ended after 3 s -> all stations at once, `byhand.safe` on each
+
+A run that is asked puts its tools in their safe state itself; one that must be ended has a guard that does. What they did
+is looked at all the same: nothing here is taken for safe that was not read back.
+"""
+
+from __future__ import annotations
+
+import os
+import select
+import signal
+import time
+from collections.abc import Callable, Collection
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from threading import Thread
+from typing import Final
+
+from jbclog import reach
+from jbclog.byhand.contact import Target
+from jbclog.byhand.safe import StationMadeSafe, make_safe
+from jbclog.drive import blocking
+from jbclog.errors import JbclogError, RecordError
+from jbclog.recipe.line import Line
+from jbclog.record.guarded import await_guard
+from jbclog.record.holding import holds, recorder_of, runs_that_hold
+
+ASKED_S: Final = 3.0  # that a run has to let go of the line (contract, "safe")
+KILLED_S: Final = 2.0
+GUARD_S: Final = 6.0  # a guard that takes over has done what it can by then
+LOOK_S: Final = 0.1
+REACHED_S: Final = 6.0  # a port may be in somebody's hands for a moment
+AGAIN_S: Final = 0.25
+DONE_S: Final = 20.0  # a port whose driver hangs must not keep the others from being told
+
+ASKED, KILLED, REFUSED = "asked", "killed", "refused"
+Tell = Callable[[str], None]
+
+
+@dataclass(frozen=True, slots=True)
+class EndedRun:
+    """A run that held the line. `how`: it ended because it was ``asked``, was ``killed``, or ``refused`` to end."""
+
+    folder: Path
+    how: str
+
+
+def make_line_safe(line: Line, done: Callable[[StationMadeSafe], None]) -> None:
+    """Put every tool of the line in its safe state, all stations at once; `done` is told each, in the line's order."""
+    found = [StationMadeSafe(reach.target_of(line, station.name)) for station in line.stations]
+    threads = [Thread(target=_one, args=(made,), daemon=True) for made in found]
+    for thread in threads:
+        thread.start()
+    end = time.monotonic() + DONE_S
+    for thread, made in zip(threads, found, strict=True):
+        thread.join(max(end - time.monotonic(), 0.0))
+        if thread.is_alive():
+            made = StationMadeSafe(made.target, problem="its port hangs: switch the station off")
+        done(made)
+
+
+def _one(made: StationMadeSafe) -> None:
+    """Try to reach the station for as long as it makes sense; once it was reached, what came of it stands in `made`."""
+    means = reach.means
+    end = means.clock.monotonic() + REACHED_S
+    while True:
+        try:
+            blocking.run(make_safe(made.target, made), lambda: _open(made.target), sleep=means.sleep, clock=means.clock)
+        except JbclogError as error:
+            made.problem = f"{_reason(error, made.target)}; its tools may be hot: switch the station off"
+        except Exception as error:  # one station's must not be the end of the others'
+            made.problem = f"internal error, {type(error).__name__}: {error}; its tools may be hot: switch the station off"
+        if made.is_safe or made.family is not None or means.clock.monotonic() > end:
+            return
+        means.sleep(AGAIN_S)
+        made.problem = None
+
+
+def _open(target: Target) -> blocking.Port:
+    return reach.means.open_port(target.url, target.line)
+
+
+def _reason(error: JbclogError, target: Target) -> str:
+    return str(error).removeprefix(f"{target.name}: ")
+
+
+# -- runs that hold the line ------------------------------------------------------------------------------------------------
+
+
+def end_runs(line: Line, tell: Tell) -> list[EndedRun]:
+    """Have the runs that hold the line's ports let go of them; `tell` is told what is being done."""
+    urls = [station.url for station in line.stations]
+    recorders = [(folder, _Recorder(folder)) for folder in runs_that_hold(urls)]
+    for folder, recorder in recorders:
+        tell(f"the run {folder} holds this line and is asked to end")
+        recorder.send(signal.SIGTERM)
+    end = time.monotonic() + ASKED_S
+    return [EndedRun(folder, _end(folder, recorder, urls, end, tell)) for folder, recorder in recorders]
+
+
+def _end(folder: Path, recorder: _Recorder, urls: Collection[str], end: float, tell: Tell) -> str:
+    if _lets_go(folder, recorder, urls, end - time.monotonic()):
+        how = ASKED
+    else:
+        tell(f"the run {folder} has not let go of the line after {ASKED_S:g} s and is ended")
+        recorder.send(signal.SIGKILL)
+        how = KILLED if recorder.is_gone_within(KILLED_S) else REFUSED
+    if recorder.is_gone_within(0.0):
+        with suppress(RecordError):  # which is told with each station that it still holds
+            await_guard(folder, GUARD_S)
+    return how
+
+
+def _lets_go(folder: Path, recorder: _Recorder, urls: Collection[str], seconds: float) -> bool:
+    """Whether the run gives up the ports, or ends, within `seconds`; sealing its record may take it longer."""
+    end = time.monotonic() + seconds
+    while not recorder.is_gone_within(LOOK_S):
+        if not holds(folder, urls):
+            return True
+        if time.monotonic() > end:
+            return False
+    return True
+
+
+class _Recorder:
+    """The process that records the run in `folder`, by a descriptor: its number may be given to another."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self._pid = recorder_of(folder)
+        self._descriptor: int | None = None
+        if self._pid is not None:
+            with suppress(AttributeError, OSError):
+                self._descriptor = os.pidfd_open(self._pid)
+            if recorder_of(folder) != self._pid:  # it ended before it was held
+                self._pid = self._descriptor = None
+
+    def send(self, number: signal.Signals) -> None:
+        with suppress(OSError):  # gone already, or not ours: that shows in who holds the ports
+            if self._descriptor is not None:
+                signal.pidfd_send_signal(self._descriptor, number)
+            elif self._pid is not None and recorder_of(self._folder) == self._pid:
+                os.kill(self._pid, number)
+
+    def is_gone_within(self, seconds: float) -> bool:
+        if self._descriptor is None:
+            time.sleep(seconds)
+            return self._pid is None or recorder_of(self._folder) != self._pid
+        watched = select.poll()
+        watched.register(self._descriptor, select.POLLIN)
+        return bool(watched.poll(seconds * 1000))

@@ -1,0 +1,122 @@
+"""`jbclog safe` on real pseudo-terminals: beside no run, a run that listens, a run that hangs, and a port in foreign hands."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+from command import jbclog, until
+from guarded import begun, only_run
+from served_line import Order, ServedLine
+from typer.testing import CliRunner
+
+from jbclog import line_safe
+from jbclog.cli.app import app
+from jbclog.record.check import check
+from jbclog.record.manifest import read_manifest
+from jbclog.sim.state import HIBERNATION, WORKING
+from jbclog.transport import open_port
+from jbclog.wire import LineFormat
+
+TOOLS = 6
+
+
+@pytest.fixture
+def line(tmp_path: Path) -> Iterator[ServedLine]:
+    (tmp_path / "line").mkdir()
+    with ServedLine(tmp_path / "line") as served:
+        for port in served.tools():
+            port.tools[port.tool].sleep_delay, port.tools[port.tool].hibernation_delay = 5, 30
+        yield served
+
+
+def put_to_work(line: ServedLine) -> None:
+    for port in line.tools():
+        port.order(WORKING, False)
+    line.stations["ale-1"].plant.feeder.settings.feeder_mode = "continuous"
+    line.stations["ale-1"].plant.feeder.start(time.monotonic())
+
+
+def told(line: ServedLine, since: float) -> list[Order]:
+    """What the stations were told, all of it safe."""
+    orders = line.orders(since)
+    assert [order for order in orders if not order.is_safe] == []
+    return orders
+
+
+def test_without_a_run_all_stations_at_once(line: ServedLine) -> None:
+    put_to_work(line)
+    asleep = line.stations["dde-2"].plant.ports[1]
+    asleep.order(HIBERNATION, False)
+    now = time.monotonic()
+    ended = jbclog("safe", "--line", line.path)
+    assert (ended.returncode, ended.stderr) == (0, "")
+    assert len(ended.stdout.splitlines()) == TOOLS + 1
+    assert "ale-1: feeder stopped" in ended.stdout
+    places = {(order.station, order.port) for order in told(line, now)}
+    assert places == {("dde-1", 1), ("dde-1", 2), ("dde-2", 2), ("ucr-1", 1), ("ale-1", 0), ("ale-1", 1)}
+    assert (line.at_work(), line.motor("ale-1"), asleep.doing.state) == (0, False, HIBERNATION)
+    assert max(order.at for order in told(line, now)) - min(order.at for order in told(line, now)) < 2.0
+
+
+@contextmanager
+def running(line: ServedLine, out: Path, *more: str) -> Iterator[subprocess.Popen[str]]:
+    run = begun(line, out, *more)
+    try:
+        assert until(lambda: line.at_work() == TOOLS)
+        yield run
+    finally:
+        run.kill()
+        run.communicate(timeout=20)
+
+
+def test_a_run_that_holds_the_line_is_asked_to_end_and_its_record_is_whole(line: ServedLine, tmp_path: Path) -> None:
+    with running(line, tmp_path / "runs") as run:
+        now = time.monotonic()
+        ended = jbclog("safe", "--line", line.path, "--json")
+        run.communicate(timeout=20)
+    facts, folder = json.loads(ended.stdout), only_run(tmp_path / "runs")
+    assert ended.returncode == 0, ended.stderr
+    assert facts["runs"] == [{"run": str(folder), "ended": "asked"}]
+    assert f"the run {folder} holds this line and is asked to end" in ended.stderr
+    assert {tool["rested"] for station in facts["stations"] for tool in station["tools"]} == {True}  # the run had done it
+    assert told(line, now + 0.1)
+    assert line.at_work() == 0
+    assert (read_manifest(folder).exit_status, check(folder)) == ("success", [])
+
+
+@pytest.mark.parametrize("guard", [True, False], ids=["guarded", "alone"])
+def test_a_run_that_hangs_is_ended(line: ServedLine, tmp_path: Path, guard: bool) -> None:
+    with running(line, tmp_path / "runs", *([] if guard else ["--no-guard"])) as run:
+        os.kill(run.pid, signal.SIGSTOP)
+        now = time.monotonic()
+        ended = jbclog("safe", "--line", line.path, "--json")
+        assert run.wait(5) == -signal.SIGKILL
+    facts = json.loads(ended.stdout)
+    assert ended.returncode == 0, ended.stderr
+    assert [run["ended"] for run in facts["runs"]] == ["asked" if guard else "killed"]  # a guard is faster
+    assert {tool["rested"] for station in facts["stations"] for tool in station["tools"]} == {guard}
+    assert {order.at - now < 5.0 for order in told(line, now + 0.1)} == {True}
+    assert (line.at_work(), line.motor("ale-1")) == (0, False)
+
+
+def test_a_port_in_foreign_hands_keeps_nobody_else_from_being_safe(line: ServedLine, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(line_safe, "REACHED_S", 0.5)
+    put_to_work(line)
+    foreign = open_port(line.url("ucr-1"), LineFormat())
+    try:
+        ended = CliRunner().invoke(app, ["safe", "--line", str(line.path)])
+    finally:
+        foreign.close()
+    assert ended.exit_code == 5
+    assert "ucr-1: NOT SAFE" in ended.stdout
+    assert "is in use by" in ended.stderr
+    assert "its tools may be hot: switch the station off" in ended.stderr
+    assert line.at_work() == 1
