@@ -16,6 +16,7 @@ from command import jbclog, until
 from guarded import begun, only_run
 from served_line import Order, ServedLine
 from typer.testing import CliRunner
+from unit_file import command
 
 from jbclog import line_safe
 from jbclog.cli.app import app
@@ -104,6 +105,17 @@ def test_a_run_that_hangs_is_ended(line: ServedLine, tmp_path: Path, guard: bool
     assert [run["ended"] for run in facts["runs"]] == ["asked" if guard else "killed"]  # a guard is faster
     assert {tool["rested"] for station in facts["stations"] for tool in station["tools"]} == {guard}
     assert {order.at - now < 5.0 for order in told(line, now + 0.1)} == {True}
+    assert (line.at_work(), line.motor("ale-1")) == (0, False)
+
+
+def test_the_service_does_it_when_its_run_was_killed_without_a_guard(line: ServedLine, tmp_path: Path) -> None:
+    with running(line, tmp_path / "runs", "--no-guard") as run:
+        run.kill()
+        run.communicate(timeout=20)
+        assert line.at_work() == TOOLS
+        _, *words = command("ExecStopPost")
+        ended = jbclog(*(str(line.path) if "%i" in word else word for word in words))
+    assert ended.returncode == 0, ended.stderr
     assert (line.at_work(), line.motor("ale-1")) == (0, False)
 
 

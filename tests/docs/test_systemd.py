@@ -1,0 +1,55 @@
+"""The systemd unit: its commands exist, and nothing in it works against the guard."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+from unit_file import UNIT, command, unit
+from verbs import wrong
+
+from jbclog.guard.process import TAKEN_OVER_S
+from jbclog.line_safe import ASKED_S, DONE_S, GUARD_S, KILLED_S
+
+
+@pytest.mark.parametrize(("key", "verb"), [("ExecStart", "run"), ("ExecStopPost", "safe")])
+def test_its_commands_exist(key: str, verb: str) -> None:
+    program, *words = command(key)
+    assert Path(program).is_absolute()
+    assert Path(program).name == "jbclog"
+    assert (words[0], wrong(words)) == (verb, None)
+
+
+def test_the_line_that_is_recorded_is_the_one_that_is_made_safe() -> None:
+    lines = {words[words.index("--line") + 1] for words in (command("ExecStart"), command("ExecStopPost"))}
+    assert len(lines) == 1
+    assert "%i" in lines.pop()
+
+
+def test_guard_and_safe_have_time_enough_and_are_not_killed() -> None:
+    service = unit()["Service"]
+    assert service["KillMode"] == "control-group"  # `mixed` kills the guard as soon as the recorder is dead
+    assert "SendSIGKILL" not in service
+    assert float(service["TimeoutStopSec"]) > max(TAKEN_OVER_S, ASKED_S + KILLED_S + GUARD_S + DONE_S)
+
+
+def test_nothing_begins_to_heat_by_itself() -> None:
+    assert unit()["Service"]["Restart"] == "no"
+    assert "Install" not in unit()
+
+
+def test_what_it_says_to_type_is_its_own_name() -> None:
+    assert f"profiles/systemd/{UNIT.name}" in UNIT.read_text(encoding="utf-8").partition("[Unit]")[0]
+
+
+def test_systemd_itself_has_nothing_against_it(tmp_path: Path) -> None:
+    """Where it is installed: this is no test of it."""
+    if (verify := shutil.which("systemd-analyze")) is None:
+        return
+    program = Path("/bin/true").resolve()  # in the place of one that is not installed
+    copy = tmp_path / UNIT.name.replace("@", "@bench")
+    copy.write_text(UNIT.read_text(encoding="utf-8").replace(command("ExecStart")[0], str(program)), encoding="utf-8")
+    done = subprocess.run([verify, "verify", "--man=no", str(copy)], capture_output=True, text=True, check=False, timeout=30)
+    assert [line for line in done.stderr.splitlines() if UNIT.stem in line] == []
