@@ -1,4 +1,7 @@
-"""The lease on the disk, written in a thread of its own: a disk that hangs must not keep the guard from watching."""
+"""What the guard wants of the disk, in a thread of its own: one that hangs must not keep it from watching.
+
+The lease is kept there, and what opening its ports takes is loaded: at the take-over the disk may be gone.
+"""
 
 from __future__ import annotations
 
@@ -8,6 +11,7 @@ from threading import Condition, Thread
 
 from jbclog.guard import lease
 from jbclog.guard.lease import StationLease
+from jbclog.transport.opening import make_ready
 
 
 class Shelf:
@@ -44,8 +48,13 @@ class Shelf:
                 self._changed.notify_all()
                 self._changed.wait_for(lambda: self._waiting is not None)
                 stations, self._waiting, self._is_writing = self._waiting or [], None, True
-            try:
-                lease.keep(self._folder, stations)
-                self._is_kept = any(station.holds for station in stations)
-            except OSError:
-                self._is_kept = False
+            self._keep(stations)
+
+    def _keep(self, stations: list[StationLease]) -> None:
+        try:
+            lease.keep(self._folder, stations)
+            self._is_kept = any(station.holds for station in stations)
+        except OSError:
+            self._is_kept = False
+        for station in stations:
+            make_ready(station.url)

@@ -50,6 +50,13 @@ def open_port(url: str, line: LineFormat, *, exclusive: bool = True) -> Port:
         raise lost(url, "it went while it was opened", error) from error
 
 
+def make_ready(url: str) -> None:
+    """Load what it takes to open such a port, and open nothing: when it must be opened the disk may be gone."""
+    with contextlib.suppress(*BROKEN):
+        serial.serial_for_url(url, do_not_open=True)
+        "host".encode("idna")
+
+
 def _set_up(opened: serial.SerialBase, url: str, line: LineFormat, exclusive: bool) -> None:
     opened.baudrate = line.baudrate
     opened.stopbits = line.stop_bits

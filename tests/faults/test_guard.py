@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import os
 import random
+import shutil
 import signal
 import subprocess
 import sys
@@ -17,6 +18,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+import broken_session
 import pandas as pd
 import pytest
 import slow_disk
@@ -239,6 +241,32 @@ def test_a_guard_that_is_killed_is_replaced_and_the_next_one_saves_as_well(line:
     assert told_after(line, began, blow) > 0
     assert recovered(folder).guard == "lost"
     assert {"guard.lost", "guard.took_over"} <= set(events(folder))
+
+
+def test_a_fault_of_the_program_leaves_nothing_hot_and_its_record_whole(line: ServedLine, tmp_path: Path) -> None:
+    command = [sys.executable, broken_session.__file__, "ale-1", "run", line.recipe, "--line", line.path, "--out", tmp_path]
+    now = time.monotonic()
+    run = subprocess.run(list(map(str, command)), capture_output=True, text=True, timeout=60, check=False)
+    assert (line.at_work(), line.motor("ale-1")) == (0, False)
+    assert [order.name for order in line.orders(now) if order.station == "ale-1"][-2:] == ["stop_feeding", "status"]
+    assert run.returncode == 4, run.stderr
+    folder = only_run(tmp_path)
+    assert check(folder) == []
+    assert [kind for kind in events(folder) if kind in ("run.failed", "guard.took_over")] == ["run.failed", "guard.took_over"]
+    (ale,) = (facts for facts in read_manifest(folder).stations if facts.name == "ale-1")
+    assert ale.safe_state == {1: "verified"}
+    assert not (folder / LEASE).exists()
+
+
+def test_the_first_process_of_a_container_says_that_its_guard_ends_with_it(line: ServedLine, tmp_path: Path) -> None:
+    apart = ["unshare", "--pid", "--fork", "--mount-proc"]
+    if shutil.which("unshare") is None or subprocess.run([*apart, "true"], capture_output=True, check=False).returncode:
+        pytest.skip("unshare (as root) is needed for processes that are numbered anew")
+    command = [*apart, sys.executable, "-c", "from jbclog.cli import main; main()", "run", line.recipe, "--line", line.path]
+    subprocess.run(
+        [*map(str, command), "--out", str(tmp_path), "-d", "1s", "-s", "ucr-1"], capture_output=True, timeout=60, check=False
+    )
+    assert [kind for kind in events(only_run(tmp_path)) if kind.startswith("guard.")] == ["guard.weak"]
 
 
 def test_without_a_guard_the_record_says_so_and_nobody_comes(line: ServedLine, tmp_path: Path) -> None:

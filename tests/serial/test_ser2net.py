@@ -146,3 +146,21 @@ def test_a_server_that_serves_somebody_else_is_told_without_a_traceback(
     assert "ucr-1: " in ended.stderr
     assert "Traceback" not in ended.stderr
     assert wire.writes("ucr-1") == []
+
+
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
+def test_the_guard_gets_through_the_server_too(
+    networked: tuple[Path, Ser2net, WireLog], tmp_path: Path, number: signal.Signals
+) -> None:
+    line, _, wire = networked
+    run = started("run", plain_recipe(tmp_path), "--line", line, "--out", tmp_path / "runs", "--rate", "5")
+    try:
+        assert until(lambda: "WPS100000" in wire.writes("ucr-1"))
+        run.send_signal(number)
+        struck = time.monotonic()
+        assert until(lambda: wire.writes("ucr-1")[-1] == "WPS100001", 5.0)
+        assert time.monotonic() - struck < 5.0
+        _, notes = run.communicate(timeout=20)
+    finally:
+        run.kill()
+    assert "jbclog guard: ucr-1 port 1: the tool was put in its safe state by the guard, as read back: stand" in notes

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import random
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from jbclog.guard.lease import StationLease
-from jbclog.guard.watch import BEAT, END, HUNG_S, RENEW_S, Verdict, Watch
+from jbclog.guard.watch import BEAT, END, FAILED, GRACE_S, HUNG_S, OVERSLEPT_S, RENEW_S, Verdict, Watch
 
 
 def lease(*ports: int, feeds: bool = False) -> StationLease:
@@ -87,3 +89,40 @@ def test_it_looks_again_when_there_is_something_to_decide() -> None:
     moment = 1.5 + watch.patience_s(1.5)
     assert watch.verdict(moment, closed=False) is Verdict.HUNG
     assert moment < 1.0 + HUNG_S + 0.1
+
+
+def test_one_that_failed_and_says_so_is_taken_over_if_it_holds_something() -> None:
+    for watch, verdict in ((leased(1), Verdict.FAILED), (leased(), Verdict.DONE)):
+        watch.hear(line(FAILED), 1.5)
+        assert watch.verdict(1.5, closed=False) is verdict
+
+
+def test_silence_that_the_guard_slept_through_itself_is_nobodys_fault() -> None:
+    watch = leased(1)
+    watch.overslept(OVERSLEPT_S + 10, 13.0)
+    assert watch.verdict(13.0 + GRACE_S, closed=False) is Verdict.WATCH
+    assert watch.verdict(13.1 + GRACE_S, closed=False) is Verdict.HUNG
+    assert watch.patience_s(13.0) > GRACE_S
+
+
+def test_a_guard_that_wakes_a_little_late_gives_no_grace() -> None:
+    watch = leased(1)
+    watch.overslept(OVERSLEPT_S, 1.1 + HUNG_S)
+    assert watch.verdict(1.1 + HUNG_S, closed=False) is Verdict.HUNG
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_a_hundred_hours_of_jitter_are_no_hang(seed: int) -> None:
+    """Renewals up to a second and a half late, a guard that wakes up to a second late, every case looked at as it comes."""
+    rng, watch, now, renewals = random.Random(seed), leased(1, feeds=True), 1.0, 0
+    while now < 100 * 3600:
+        renewal = now + RENEW_S + 1.49 * rng.random() ** 2
+        wakes = now + watch.patience_s(now) + rng.choice((0.0, 0.0, rng.random()))
+        if wakes < renewal:
+            watch.overslept(wakes - now - watch.patience_s(now), wakes)
+            assert watch.verdict(wakes, closed=False) is Verdict.WATCH, (seed, now)
+        now = renewal
+        watch.hear(b"beat\n", now)
+        assert watch.verdict(now, closed=False) is Verdict.WATCH, (seed, now)
+        renewals += 1
+    assert renewals > 250_000

@@ -1,0 +1,252 @@
+"""Taking over on real pseudo-terminals: who is saved, who is left alone, and what is tried again."""
+
+from __future__ import annotations
+
+import json
+import threading
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from served_line import ServedLine
+
+from jbclog.guard import __main__ as guard_itself
+from jbclog.guard.diary import NAME as DIARY
+from jbclog.guard.diary import Diary
+from jbclog.guard.lease import NAME as LEASE
+from jbclog.guard.lease import StationLease, keep
+from jbclog.guard.left_over import settle
+from jbclog.guard.only_one import only_one
+from jbclog.guard.shelf import Shelf
+from jbclog.guard.takeover import TakeOver
+from jbclog.sim.state import SLEEP, STAND, WORKING
+from jbclog.transport import open_port
+from jbclog.wire import LineFormat
+
+SOFTWARE = "8886666"
+BUSY_S = 0.7
+
+
+@pytest.fixture(scope="module")
+def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ServedLine]:
+    with ServedLine(tmp_path_factory.mktemp("line")) as line:
+        yield line
+
+
+@pytest.fixture
+def line(served: ServedLine) -> ServedLine:
+    """All tools at work, the feeder running."""
+    for port in served.tools():
+        port.order(WORKING, False)
+    feeder = served.stations["ale-1"].plant.feeder
+    feeder.settings.feeder_mode = "continuous"
+    feeder.start(time.monotonic())
+    return served
+
+
+@pytest.fixture
+def run(tmp_path: Path) -> Path:
+    """The folder of a run that was cut off."""
+    folder = tmp_path / "run"
+    folder.mkdir()
+    (folder / "live.lock").touch()
+    return folder
+
+
+def lease(line: ServedLine, name: str) -> StationLease:
+    """What a run that put all tools of a station to work has leased."""
+    device = line.stations[name].device
+    ports = tuple(line.stations[name].plant.ports)
+    family, software = device.family.name, device.identity.software if "software_version" in device.family.commands else None
+    return StationLease(
+        name, line.url(name), 19200, "8N1", 1, family, device.identity.model, software, "stand", ports, name == "ale-1"
+    )
+
+
+def all_leases(line: ServedLine) -> list[StationLease]:
+    return [lease(line, name) for name in line.stations]
+
+
+def told(run: Path) -> list[tuple[str, str | None, int | None]]:
+    """What the diary says, without its times."""
+    lines = (run / DIARY).read_text().splitlines() if (run / DIARY).exists() else []
+    return [(row["kind"], row["station"], row["port"]) for row in map(json.loads, lines)]
+
+
+@pytest.fixture
+def quick(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What does not succeed is given up soon."""
+    monkeypatch.setattr(guard_itself, "AGAIN_S", 0.1)
+    monkeypatch.setattr("jbclog.safety.secure.ALLOWED_S", 0.4)
+
+
+def test_every_line_at_once(line: ServedLine, run: Path) -> None:
+    began = time.monotonic()
+    assert TakeOver(all_leases(line), Diary(run)).run() == []
+    assert (line.at_work(), line.motor("ale-1")) == (0, False)
+    orders = line.orders(began)
+    assert {order.station for order in orders} == set(line.stations)
+    assert max(order.at for order in orders) - began < 1.0
+    assert sorted(row[1:] for row in told(run)) == sorted((o.station, o.port) for o in orders if o.is_stand)  # type: ignore[type-var]
+
+
+@pytest.mark.parametrize(
+    "other",
+    [{"model": "NAE"}, {"software": "0000001"}, {"model": None}, {"address": 7}, {"baudrate": 9600}],
+    ids=["model", "software", "nameless", "address", "rate"],
+)
+@pytest.mark.usefixtures("quick")
+def test_another_station_is_not_written_to(line: ServedLine, run: Path, other: dict[str, object]) -> None:
+    began = time.monotonic()
+    stranger = replace(lease(line, "dde-1"), **other)  # type: ignore[arg-type]
+    assert TakeOver([stranger], Diary(run)).run() == [stranger]
+    assert line.orders(began) == []
+    assert told(run) == [("safety.not_safe", "dde-1", 1), ("safety.not_safe", "dde-1", 2)]
+    assert time.monotonic() - began < 5.0
+
+
+def test_one_that_cannot_be_saved_keeps_nobody_else(line: ServedLine, run: Path) -> None:
+    broken = replace(lease(line, "dde-2"), family="of a later version")
+    assert TakeOver([broken, lease(line, "dde-1"), lease(line, "ale-1")], Diary(run)).run() == [broken]
+    assert line.at_work() == 3
+    assert ("guard.failed", "dde-2", None) in told(run)
+
+
+def test_a_port_that_is_let_go_late_is_waited_for(line: ServedLine, run: Path) -> None:
+    """A killed recorder may take its time to be gone."""
+    port = open_port(line.url("ucr-1"), LineFormat())
+    threading.Timer(BUSY_S, port.close).start()
+    began = time.monotonic()
+    assert TakeOver([lease(line, "ucr-1")], Diary(run)).run() == []
+    assert BUSY_S < time.monotonic() - began < 3.0
+
+
+def test_where_the_system_gives_no_threads_it_is_done_one_after_the_other(
+    line: ServedLine, run: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def no_more(self: threading.Thread) -> None:
+        raise RuntimeError("can't start new thread")
+
+    leases = all_leases(line)
+    with monkeypatch.context() as patch:
+        patch.setattr("jbclog.guard.takeover.Thread.start", no_more)
+        taking_over = TakeOver(leases, Diary(run))
+        patch.setattr("jbclog.transport.port.give_back", lambda *steps: [step() for step in steps])
+        assert taking_over.run() == []
+    assert line.at_work() == 0
+
+
+def test_what_rests_is_spared_where_that_is_asked(line: ServedLine, run: Path) -> None:
+    line.stations["dde-1"].plant.ports[1].order(SLEEP, False)
+    began = time.monotonic()
+    assert TakeOver([lease(line, "dde-1")], Diary(run), spare=True).run() == []
+    assert [(order.station, order.port) for order in line.orders(began)] == [("dde-1", 2)]
+    assert line.stations["dde-1"].plant.ports[1].doing.state == SLEEP
+    assert line.stations["dde-1"].plant.ports[2].doing.state == STAND
+
+
+# -- tried again ------------------------------------------------------------------------------------------------------------
+
+
+def unplugged(line: ServedLine, name: str) -> Callable[[], object]:
+    """Take a port's name away, as a pulled adapter's is; give what puts it back."""
+    path = Path(line.url(name))
+    aside = path.rename(path.with_name(f"{name}-away"))
+    return lambda: aside.rename(path)
+
+
+@pytest.mark.usefixtures("quick")
+def test_a_cable_that_is_put_back_is_enough(line: ServedLine, run: Path) -> None:
+    plug_in = unplugged(line, "dde-1")
+    shelf, diary = Shelf(run), Diary(run)
+    left = TakeOver(all_leases(line), diary).run()
+    assert [station.name for station in left] == ["dde-1"]
+    before = told(run)
+    shelf.put(left)
+    shelf.settle(5.0)
+    threading.Timer(0.7, plug_in).start()
+    guard_itself._go_on(run, left, shelf, diary)
+    assert (line.at_work(), (run / LEASE).exists()) == (0, False)
+    assert told(run)[len(before) :] == [("safety.safe_state", "dde-1", 1), ("safety.safe_state", "dde-1", 2)]  # no word of failures
+
+
+@pytest.mark.usefixtures("quick")
+def test_it_ends_when_somebody_else_has_seen_to_it(line: ServedLine, run: Path) -> None:
+    def see_to_it() -> None:
+        with only_one(run, 5.0):
+            keep(run, [])
+
+    plug_in = unplugged(line, "dde-1")
+    try:
+        shelf = Shelf(run)
+        left = [lease(line, "dde-1")]
+        shelf.put(left)
+        shelf.settle(5.0)
+        threading.Timer(0.5, see_to_it).start()
+        began = time.monotonic()
+        guard_itself._go_on(run, left, shelf, Diary(run))
+        assert time.monotonic() - began < 3.0
+    finally:
+        plug_in()
+
+
+@pytest.mark.usefixtures("quick")
+def test_it_ends_when_time_is_up(line: ServedLine, run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(guard_itself, "GO_ON_S", 0.5)
+    stranger = replace(lease(line, "dde-1"), model="NAE")
+    guard_itself._go_on(run, [stranger], Shelf(run), Diary(run))
+    assert line.at_work() == 6
+
+
+# -- what was left at the next start -------------------------------------------------------------------------------------------
+
+
+def test_what_was_left_is_dealt_with_on_the_ports_that_are_asked_for(line: ServedLine, run: Path) -> None:
+    keep(run, all_leases(line))
+    device = str(Path(line.url("ucr-1")).resolve())  # by another name than the lease's
+    (left,) = settle(run.parent, {device, line.url("dde-2")}, lambda folder: False)
+    assert (left.is_safe, left.text) == (
+        True,
+        "Run run had left tools of dde-2, ucr-1 as they were: every tool is in its safe state now.",
+    )
+    assert line.at_work() == 3
+    assert settle(run.parent, {line.url("dde-2")}, lambda folder: False) == []
+
+
+def test_a_run_that_goes_on_is_left_alone_at_once(line: ServedLine, run: Path) -> None:
+    keep(run, all_leases(line))
+    began = time.monotonic()
+    assert settle(run.parent, {line.url("dde-2")}, lambda folder: True) == []
+    assert (line.orders(began), time.monotonic() - began < 1.0) == ([], True)
+
+
+def test_a_guard_that_is_just_taking_over_is_waited_for(line: ServedLine, run: Path) -> None:
+    keep(run, all_leases(line))
+
+    def be_the_guard() -> None:
+        with only_one(run):
+            is_held.set()
+            time.sleep(BUSY_S)
+            keep(run, [])
+
+    is_held = threading.Event()
+    guard = threading.Thread(target=be_the_guard)
+    guard.start()
+    is_held.wait()
+    began = time.monotonic()
+    assert settle(run.parent, {line.url("dde-2")}, lambda folder: False) == []
+    assert (line.orders(began), time.monotonic() - began > BUSY_S / 2) == ([], True)
+    guard.join()
+
+
+@pytest.mark.usefixtures("quick")
+def test_what_could_not_be_made_safe_is_told_and_kept_for_the_next_start(line: ServedLine, run: Path) -> None:
+    stranger = replace(lease(line, "dde-1"), model="NAE")
+    keep(run, [stranger])
+    (left,) = settle(run.parent, {stranger.url}, lambda folder: False)
+    assert not left.is_safe
+    assert "not every tool could be made safe" in left.text
+    assert (run / LEASE).exists()
+    assert told(run)[-1][0] == "guard.left_over"

@@ -1,0 +1,36 @@
+"""jbclog with a fault in it: ``python tests/support/broken_session.py STATION run ...``.
+
+The session of STATION breaks while its tools are at work, as no session may, and as only a fault of the program could make it.
+Nothing of this is in the product: what it calls is patched.
+"""
+
+from __future__ import annotations
+
+import sys
+
+from jbclog import conduct
+from jbclog.cli import main
+from jbclog.effects import Steps
+from jbclog.rows import StationFacts
+from jbclog.session.order import Desk
+from jbclog.session.run import run_station
+
+WISHES = 40  # of sampling, by when it breaks
+
+
+def break_session_of(station: str) -> None:
+    def breaking(desk: Desk) -> Steps[StationFacts]:
+        steps = run_station(desk)
+        wish, left = next(steps), WISHES
+        while left or desk.name != station:
+            heard = yield wish
+            wish = steps.send(heard)
+            left -= desk.facts.first_tick is not None and left > 0
+        raise RuntimeError("a fault of the program")
+
+    conduct.run_station = breaking
+
+
+if __name__ == "__main__":
+    break_session_of(sys.argv.pop(1))
+    main()

@@ -1,0 +1,170 @@
+"""What a guard has on the disk: the lease, its lock, its diary. None of it may hang, none of it may lie."""
+
+from __future__ import annotations
+
+import errno
+import json
+import os
+import threading
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import few_rows
+import pytest
+
+from jbclog.errors import RecordError
+from jbclog.guard import lease as leases
+from jbclog.guard.diary import Diary
+from jbclog.guard.lease import NAME, StationLease, keep, kept
+from jbclog.guard.only_one import NAME as LOCK
+from jbclog.guard.only_one import only_one
+from jbclog.guard.shelf import Shelf
+from jbclog.record import guarded
+from jbclog.record.check import check
+from jbclog.record.recover import recover
+
+
+def lease(name: str = "dde-1", *ports: int) -> StationLease:
+    return StationLease(name, "/dev/ttyX", 19200, "8N1", 1, "dde", "DDE", "1.0", "stand", ports or (1,), False)
+
+
+# -- the lease ---------------------------------------------------------------------------------------------------------
+
+
+def test_what_holds_something_is_kept_and_nothing_else(tmp_path: Path) -> None:
+    keep(tmp_path, [lease("a"), replace(lease("b"), ports=()), replace(lease("c"), ports=(), feeds=True)])
+    assert [one.name for one in kept(tmp_path)] == ["a", "c"]
+    keep(tmp_path, [replace(lease("a"), ports=())])
+    assert list(tmp_path.iterdir()) == []
+    keep(tmp_path, [])  # twice is as good as once
+    assert kept(tmp_path) == []
+
+
+def test_a_line_that_cannot_be_read_does_not_hide_the_others(tmp_path: Path) -> None:
+    keep(tmp_path, [lease("a"), lease("b")])
+    first, second = (tmp_path / NAME).read_text().splitlines()
+    newer = json.dumps(json.loads(first) | {"what a later version has": 1})
+    (tmp_path / NAME).write_text(f"{newer}\n{second[:-5]}\n\n{second}\n")
+    assert [one.name for one in kept(tmp_path)] == ["b"]
+    assert guarded.left_hot(tmp_path) == ["a", "b"]  # people are told of both
+
+
+def test_a_port_is_the_same_by_whatever_link(tmp_path: Path) -> None:
+    device, link = tmp_path / "ttyX", tmp_path / "by-id"
+    device.touch()
+    link.symlink_to(device)
+    assert replace(lease(), url=str(link)).is_at(str(device))
+    assert replace(lease(), url=str(device)).is_at(str(link))
+    assert not replace(lease(), url=str(device)).is_at(str(tmp_path / "ttyY"))
+    assert replace(lease(), url="socket://h:1").is_at("socket://h:1")
+
+
+# -- a disk that hangs or is full -----------------------------------------------------------------------------------------
+
+
+def test_a_disk_that_hangs_keeps_nobody(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    goes_on, written = threading.Event(), []
+
+    def hanging(folder: Path, stations: list[StationLease]) -> None:
+        goes_on.wait(10)
+        written.append([station.name for station in stations])
+
+    monkeypatch.setattr(leases, "keep", hanging)
+    shelf, began = Shelf(tmp_path), time.monotonic()
+    for name in "abcde":
+        shelf.put([lease(name)])
+    shelf.settle(0.05)
+    assert time.monotonic() - began < 1.0
+    goes_on.set()
+    shelf.settle(5.0)
+    assert written[-1] == ["e"]  # the newest, whatever came between
+    assert len(written) <= 2
+
+
+def test_a_disk_that_is_full_is_no_reason_to_stop(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    shelf, really = Shelf(tmp_path), leases.keep
+
+    def full(folder: Path, stations: list[StationLease]) -> None:
+        raise OSError(errno.ENOSPC, "no room")
+
+    monkeypatch.setattr(leases, "keep", full)
+    shelf.put([lease("a")])
+    shelf.settle(5.0)
+    assert not shelf.was_cleared  # it never was there: nobody else has seen to it
+    monkeypatch.setattr(leases, "keep", really)
+    shelf.put([lease("a")])
+    shelf.settle(5.0)
+    assert [one.name for one in kept(tmp_path)] == ["a"]
+    (tmp_path / NAME).unlink()
+    assert shelf.was_cleared
+
+
+def test_a_diary_that_cannot_be_written_is_not_waited_for(tmp_path: Path) -> None:
+    (tmp_path / "live.lock").touch()
+    (tmp_path / guarded.DIARY).mkdir()
+    Diary(tmp_path).write("guard.took_over", "error", "text")
+
+
+def test_a_sealed_run_is_never_written_to_again(tmp_path: Path) -> None:
+    folder = few_rows.abandoned(tmp_path)
+    Diary(folder).write("guard.took_over", "error", "before")
+    recover(folder)
+    Diary(folder).write("guard.took_over", "error", "after")
+    assert check(folder) == []
+    assert [event.text for event in guarded.diary(folder)] == ["before"]
+
+
+# -- one guard ----------------------------------------------------------------------------------------------------------------
+
+
+def test_guard_and_record_mean_the_same_files() -> None:
+    assert (guarded.LOCK, guarded.LEASE) == (LOCK, NAME)
+
+
+def test_there_is_one_and_not_two(tmp_path: Path) -> None:
+    with only_one(tmp_path), pytest.raises(RecordError, match="has a guard already"), only_one(tmp_path, 0.05):
+        pass
+    with only_one(tmp_path):
+        pass
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_many_that_want_to_be_it_are_it_in_turn(tmp_path: Path) -> None:
+    """Each takes the lock's file away at its end; who had it open already must not take that for the lock."""
+    inside, most, done = 0, 0, []
+
+    def be_it() -> None:
+        nonlocal inside, most
+        for _ in range(20):
+            with only_one(tmp_path, 10.0):
+                inside += 1
+                most = max(most, inside)
+                time.sleep(0)
+                inside -= 1
+        done.append(True)
+
+    threads = [threading.Thread(target=be_it) for _ in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert (most, len(done)) == (1, 4)
+
+
+def test_recovery_waits_for_a_guard_that_is_at_work(tmp_path: Path) -> None:
+    folder = few_rows.abandoned(tmp_path)
+    with only_one(folder), pytest.raises(RecordError, match="its guard is at work; nothing was changed"):
+        recover(folder, 0.1)
+    Diary(folder).write("safety.safe_state", "info", "The tool was put in its safe state.", "a", 1)
+    (folder / LOCK).touch()  # as one that was killed leaves it
+    recover(folder, 0.1)
+    assert not (folder / LOCK).exists()
+    assert check(folder) == []
+
+
+def test_a_lock_that_is_a_link_is_not_followed(tmp_path: Path) -> None:
+    (tmp_path / "elsewhere").touch()
+    (tmp_path / LOCK).symlink_to(tmp_path / "elsewhere")
+    with pytest.raises(OSError, match=os.strerror(errno.ELOOP)), only_one(tmp_path):
+        pass

@@ -1,0 +1,233 @@
+"""The guard as a process: light, quick, alone, and missed at once when it is gone."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from command import until
+from guarded import guard_process
+
+from jbclog.errors import StartRefused
+from jbclog.guard.keeper import REPLACED_AT_MOST, Keeper
+from jbclog.guard.lease import NAME as LEASE
+from jbclog.guard.lease import StationLease, kept
+from jbclog.guard.only_one import NAME as LOCK
+from jbclog.guard.process import UNANSWERED_MOST, GuardLost, GuardProcess
+
+READY_S = 0.5
+HEAVY = ("pydantic", "pyarrow", "pandas", "numpy", "asyncio", "typer", "rich", "sqlite3", "tomllib", "multiprocessing", "http")
+ROOMS = ("record", "session", "recipe", "judge", "sim", "cli", "conduct", "plan", "rows", "scheduler")
+
+
+def lease(number: int) -> StationLease:
+    """A station that is not there."""
+    return StationLease(f"dde-{number}", f"/dev/no{number}", 19200, "8N1", 1, "dde", "DDE", "1.0", "stand", (1, 2), False)
+
+
+UNKNOWN = replace(lease(1), family="of a later version")  # which nobody can save, nor takes long to find out
+
+
+@pytest.fixture
+def guard(tmp_path: Path) -> Iterator[GuardProcess]:
+    made = GuardProcess(tmp_path)
+    made.await_ready()
+    yield made
+    made.kill()
+
+
+# -- what it costs -----------------------------------------------------------------------------------------------------
+
+
+def test_it_imports_next_to_nothing() -> None:
+    names = (*HEAVY, *(f"jbclog.{room}" for room in ROOMS))
+    code = f"import sys, jbclog.guard.__main__\nprint(*[name for name in {names!r} if name in sys.modules])"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=60)
+    assert done.stdout.split() == []
+
+
+def test_it_is_there_at_once(tmp_path: Path) -> None:
+    def took(folder: Path) -> float:
+        folder.mkdir()
+        began = time.monotonic()
+        guard = GuardProcess(folder)
+        guard.await_ready()
+        seconds = time.monotonic() - began
+        guard.end()
+        return seconds
+
+    assert min(took(tmp_path / str(trial)) for trial in range(3)) < READY_S
+
+
+def test_a_file_of_the_users_does_not_pass_for_a_module(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("serial", "json", "select"):
+        (tmp_path / f"{name}.py").write_text("raise SystemExit('not me')")
+    monkeypatch.chdir(tmp_path)
+    guard = GuardProcess(tmp_path)
+    guard.await_ready()
+    guard.end()
+
+
+# -- its life ------------------------------------------------------------------------------------------------------------
+
+
+def test_it_leaves_nothing_behind_when_all_is_done(guard: GuardProcess, tmp_path: Path) -> None:
+    guard.lease(lease(1))
+    assert until(lambda: kept(tmp_path) == [lease(1)])
+    assert (tmp_path / LOCK).exists()
+    guard.end()
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_no_signal_that_ends_a_run_ends_it(guard: GuardProcess, number: signal.Signals) -> None:
+    os.kill(guard.pid, number)
+    guard.renew()
+    time.sleep(0.05)
+    guard.renew()
+    assert Path(f"/proc/{guard.pid}/stat").read_text().rpartition(")")[2].split()[0] in "RS"
+    assert os.getsid(guard.pid) == guard.pid != os.getsid(0)  # nor what a terminal does
+
+
+def test_one_that_does_not_start_says_so(tmp_path: Path) -> None:
+    guard = GuardProcess(tmp_path / "not there")
+    with pytest.raises(StartRefused, match="--no-guard"):
+        guard.await_ready()
+
+
+def test_one_that_was_killed_is_missed_at_the_next_renewal(guard: GuardProcess) -> None:
+    guard.renew()
+    os.kill(guard.pid, signal.SIGKILL)
+    assert until(lambda: not _renews(guard), 1.0)
+
+
+def test_one_that_stands_still_is_missed_although_its_pipe_takes_everything(guard: GuardProcess) -> None:
+    guard.renew()
+    assert until(guard._has_answered)
+    os.kill(guard.pid, signal.SIGSTOP)
+    renewed = 0
+    while _renews(guard):
+        renewed += 1
+    assert UNANSWERED_MOST - 1 <= renewed <= UNANSWERED_MOST + 1
+
+
+def _renews(guard: GuardProcess) -> bool:
+    try:
+        guard.renew()
+    except GuardLost:
+        return False
+    return True
+
+
+def test_a_line_of_any_size_fits_while_it_is_starting(tmp_path: Path) -> None:
+    guard = GuardProcess(tmp_path)
+    os.kill(guard.pid, signal.SIGSTOP)
+    for number in range(500):
+        guard.lease(lease(number))
+    os.kill(guard.pid, signal.SIGCONT)
+    assert until(lambda: len(kept(tmp_path)) == 500)
+    guard.end()
+
+
+def test_what_is_told_again_is_not_sent_again(guard: GuardProcess, monkeypatch: pytest.MonkeyPatch) -> None:
+    sent = []
+    monkeypatch.setattr(guard, "_say", sent.append)
+    for _ in range(3):
+        guard.lease(lease(1))
+    assert len(sent) == 1
+
+
+def test_a_recorder_that_failed_waits_until_it_has_been_taken_over(guard: GuardProcess, tmp_path: Path) -> None:
+    (tmp_path / "live.lock").touch()
+    guard.lease(UNKNOWN)
+    guard.take_over()
+    assert "because the recorder failed" in (tmp_path / "guard.jsonl").read_text()
+    assert kept(tmp_path) == [UNKNOWN]  # it goes on trying
+
+
+# -- one after the other ----------------------------------------------------------------------------------------------------
+
+
+def test_a_second_one_waits_for_the_first_and_watches_then(guard: GuardProcess, tmp_path: Path) -> None:
+    second = guard_process(tmp_path)
+    assert second.stdin is not None
+    assert second.stdout is not None
+    os.set_blocking(second.stdout.fileno(), False)
+    time.sleep(0.5)
+    assert second.stdout.read() is None  # not ready: it is not the one
+    guard.kill()
+    assert until(lambda: second.stdout.read(6) == b"ready\n")  # type: ignore[union-attr]
+    second.stdin.write(b"end\n")
+    second.communicate(timeout=5)
+    assert second.returncode == 0
+
+
+@pytest.mark.campaign
+def test_a_second_one_ends_where_the_first_goes_on(guard: GuardProcess, tmp_path: Path) -> None:
+    second = guard_process(tmp_path)
+    _, said = second.communicate(timeout=20)
+    assert second.returncode == 4
+    assert b"has a guard already" in said
+    assert _renews(guard)
+
+
+def test_leases_told_to_one_that_had_not_begun_to_watch_are_kept(tmp_path: Path) -> None:
+    """A guard that replaces another one, and whose recorder dies before it is there: the leases are in its pipe."""
+    code = "import os, sys; sys.path[:0] = sys.argv[2:]; from guarded import guard_process; from pathlib import Path; "
+    code += "guard = guard_process(Path(sys.argv[1])); guard.stdin.write(sys.stdin.buffer.read()); guard.stdin.flush(); os._exit(0)"
+    (tmp_path / "live.lock").touch()
+    support = str(Path(__file__).parents[2] / "support")
+    command = [sys.executable, "-c", code, str(tmp_path), support]
+    subprocess.run(command, input=UNKNOWN.to_json().encode() + b"\n", check=True, timeout=20)
+    assert until(lambda: (tmp_path / "guard.jsonl").exists() and "guard.took_over" in (tmp_path / "guard.jsonl").read_text(), 15)
+    (tmp_path / LEASE).unlink()  # so that it does not go on trying
+
+
+# -- replaced ------------------------------------------------------------------------------------------------------------------
+
+
+def test_the_next_one_is_told_all_leases(tmp_path: Path) -> None:
+    told: list[tuple[str, str]] = []
+    keeper = Keeper(tmp_path, lambda kind, text: told.append((kind, text)))
+    for number in range(3):
+        keeper.lease(lease(number))
+    first = keeper.pid
+    assert first is not None
+    os.kill(first, signal.SIGKILL)
+    assert until(lambda: keeper.renew() or keeper.pid != first)
+    (tmp_path / LEASE).unlink(missing_ok=True)
+    assert until(lambda: {one.name for one in kept(tmp_path)} == {"dde-0", "dde-1", "dde-2"})
+    assert [kind for kind, _ in told] == ["guard.lost"]
+    keeper.end()
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_whatever_kills_guards_is_not_fed_for_ever(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    told: list[str] = []
+    keeper = Keeper(tmp_path, lambda kind, text: told.append(text))
+    keeper.end()
+    monkeypatch.setattr("jbclog.guard.keeper.GuardProcess", _Lost)
+    keeper._guard = _Lost(tmp_path)  # type: ignore[assignment]
+    for _ in range(2 * REPLACED_AT_MOST):
+        keeper.renew()
+    assert not keeper.is_watching
+    assert len(told) == REPLACED_AT_MOST + 1
+    assert "was lost for good" in told[-1]
+
+
+class _Lost:
+    """A guard that is never there."""
+
+    def __init__(self, folder: Path) -> None: ...
+
+    def renew(self) -> None:
+        raise GuardLost("gone")
+
+    def kill(self) -> None: ...
