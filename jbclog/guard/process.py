@@ -108,6 +108,7 @@ class GuardProcess:
             end = time.monotonic() + TAKEN_OVER_S
             while self._can_be_read_within(end - time.monotonic()) and self._has_answered():
                 pass  # until it lets go of its end, which is no answer
+        self._close()
 
     def _can_be_read_within(self, seconds: float) -> bool:
         watched = select.poll()  # which knows no highest descriptor

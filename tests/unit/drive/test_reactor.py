@@ -363,3 +363,34 @@ def test_ticks_of_many_sessions_ring_in_order() -> None:
 
 def test_a_reactor_without_sessions_ends_at_once() -> None:
     Reactor().run()
+
+
+# -- who wants to know of the end ---------------------------------------------------------------------------------------------
+
+
+def test_the_end_is_told_before_ports_that_are_slow_to_close_are_waited_for() -> None:
+    """A guard would take a recorder for hung that waits for them."""
+    port, told = PairPort(close_s=0.5), []
+
+    def session() -> Steps[None]:
+        yield Reopen()
+
+    reactor = Reactor()
+    reactor.add(session(), lambda: port)
+    reactor.run(lambda: told.append(port.is_closed))
+    assert told == [False]
+    assert port.is_closed
+
+
+def test_the_end_is_not_told_where_a_session_broke() -> None:
+    told = []
+
+    def session() -> Steps[None]:
+        yield Reopen()
+        raise ValueError("a fault of the program")
+
+    reactor = Reactor()
+    reactor.add(session(), PairPort)
+    with pytest.raises(ValueError, match="a fault"):
+        reactor.run(lambda: told.append(True))
+    assert told == []

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import fcntl
 import json
 import os
 import threading
@@ -130,26 +131,22 @@ def test_there_is_one_and_not_two(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
-def test_many_that_want_to_be_it_are_it_in_turn(tmp_path: Path) -> None:
-    """Each takes the lock's file away at its end; who had it open already must not take that for the lock."""
-    inside, most, done = 0, 0, []
+def test_a_lock_whose_file_was_taken_away_meanwhile_is_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The first ends and removes its file just when a second has opened it; a third makes a new one, and is it."""
+    flock, first, third = fcntl.flock, only_one(tmp_path), only_one(tmp_path)
+    first.__enter__()
 
-    def be_it() -> None:
-        nonlocal inside, most
-        for _ in range(20):
-            with only_one(tmp_path, 10.0):
-                inside += 1
-                most = max(most, inside)
-                time.sleep(0)
-                inside -= 1
-        done.append(True)
+    def second_comes_late(descriptor: int, operation: int) -> None:
+        monkeypatch.setattr(fcntl, "flock", flock)
+        first.__exit__(None, None, None)
+        third.__enter__()
+        flock(descriptor, operation)  # which it gets: nobody else has this file any more
 
-    threads = [threading.Thread(target=be_it) for _ in range(4)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    assert (most, len(done)) == (1, 4)
+    monkeypatch.setattr(fcntl, "flock", second_comes_late)
+    with pytest.raises(RecordError, match="has a guard already"), only_one(tmp_path):
+        pass
+    third.__exit__(None, None, None)
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_recovery_waits_for_a_guard_that_is_at_work(tmp_path: Path) -> None:
