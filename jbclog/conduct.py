@@ -47,6 +47,7 @@ OF_A_CONTAINER = (
     "init process (`docker run --init`)."
 )
 LOOK_EVERY_S = 1.0  # at the wall clock, at progress
+FREEZING = (signal.SIGTSTP, signal.SIGTTIN, signal.SIGTTOU)
 CUT_SHORT = {signal.SIGINT: Exit.INTERRUPTED, signal.SIGTERM: Exit.TERMINATED, signal.SIGHUP: Exit.TERMINATED}
 
 
@@ -191,8 +192,12 @@ class _Run:
 
     @contextmanager
     def _signals(self) -> Iterator[None]:
-        """SIGINT, SIGTERM and SIGHUP end the run in good order; a second one, or one while sealing, changes nothing."""
+        """SIGINT, SIGTERM and SIGHUP end the run in good order; a second one, or one while sealing, changes nothing.
+
+        Ctrl-Z and a terminal's job control would freeze it, with its tools hot, and have its guard end it: they do nothing.
+        """
         told = {number: signal.signal(number, self._on_signal) for number in CUT_SHORT}
+        told |= {number: signal.signal(number, signal.SIG_IGN) for number in FREEZING}
         try:
             yield
         finally:

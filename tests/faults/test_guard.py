@@ -187,6 +187,8 @@ def test_neither_a_busy_machine_nor_a_terminal_that_is_held_is_a_reason(line: Se
     os.close(stderr)
     try:
         assert until(lambda: line.at_work() == TOOLS)
+        run.send_signal(signal.SIGTSTP)  # Ctrl-Z
+        run.send_signal(signal.SIGTTOU)
         with busy():
             time.sleep(HUNG_S + 0.5)
         assert line.at_work() == TOOLS
