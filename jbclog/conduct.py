@@ -23,12 +23,13 @@ from jbclog.clock import SystemClock
 from jbclog.dossier import Dossier, Observer, Result
 from jbclog.drive.reactor import Reactor
 from jbclog.drive.told import keeping
-from jbclog.errors import RecordError
+from jbclog.errors import RecordError, StartRefused
 from jbclog.guard.left_over import settle
 from jbclog.guard.watch import RENEW_S
 from jbclog.guarding import Guarding
 from jbclog.outcome import Exit
 from jbclog.plan import Plan
+from jbclog.record.guarded import LOCK as GUARD_LOCK
 from jbclog.record.guarded import diary
 from jbclog.record.live import SEAL_S
 from jbclog.record.lock import is_held
@@ -52,7 +53,10 @@ CUT_SHORT = {signal.SIGINT: Exit.INTERRUPTED, signal.SIGTERM: Exit.TERMINATED, s
 
 
 def conduct(plan: Plan, out: Path, observer: Observer, *, seal_every_s: float = SEAL_S) -> Result:
-    """Run `plan` and record it below `out`. Raises `RecordError` where the record cannot even be begun."""
+    """Run `plan` and record it below `out`.
+
+    Raises `RecordError` where the record cannot even be begun, and `StartRefused` where its guard cannot be started.
+    """
     return _Run(plan, out, observer, seal_every_s).conduct()
 
 
@@ -88,15 +92,27 @@ class _Run:
         manifest.stations = [desk.facts for desk in self._desks]  # from here on others can see whose ports this run holds
         manifest.wire = None if self._wires is None else "open"
         manifest.guard = GUARDED if self._plan.wanted.guard else NO_GUARD
+        self._start_guard()
         self._dossier.begin()
         for left in self._left_over:
             self._note("guard.left_over", left.text, Severity.ERROR if left.is_safe else Severity.CRITICAL)
         if not self._plan.wanted.guard:
             self._note("guard.none", "There is no guard: if this recorder dies, the tools stay as they are.", Severity.WARNING)
-            return
-        self._guarding.start(self._dossier.folder, self._tell_of_guard)
-        if os.getpid() == FIRST_PROCESS:
+        elif os.getpid() == FIRST_PROCESS:
             self._note("guard.weak", OF_A_CONTAINER, Severity.WARNING)
+
+    def _start_guard(self) -> None:
+        """Before the record is begun: a run that is refused here leaves none. Raises `StartRefused`."""
+        if not self._plan.wanted.guard:
+            return
+        folder = self._dossier.folder
+        try:
+            self._guarding.start(folder, self._tell_of_guard)
+        except StartRefused:
+            with suppress(OSError):
+                (folder / GUARD_LOCK).unlink(missing_ok=True)
+                folder.rmdir()
+            raise
 
     def _tell_of_guard(self, kind: str, text: str) -> None:
         self._dossier.manifest.guard = GUARD_LOST

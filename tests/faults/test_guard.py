@@ -245,6 +245,15 @@ def test_a_guard_that_is_killed_is_replaced_and_the_next_one_saves_as_well(line:
     assert {"guard.lost", "guard.took_over"} <= set(events(folder))
 
 
+def test_where_no_guard_can_be_started_nothing_is(line: ServedLine, tmp_path: Path) -> None:
+    code = "import shutil, types; from jbclog.cli import main; from jbclog.guard import process; "
+    code += "process.sys = types.SimpleNamespace(executable=shutil.which('false')); main()"
+    command, before = [sys.executable, "-c", code, "run", line.recipe, "--line", line.path, "--out", tmp_path], line.questions()
+    ended = subprocess.run(list(map(str, command)), capture_output=True, text=True, timeout=30, check=False)
+    assert (ended.returncode, list(tmp_path.iterdir()), line.questions()) == (3, [], before)
+    assert "the guard did not start; its reason stands above. --no-guard runs without one" in ended.stderr
+
+
 def test_a_fault_of_the_program_leaves_nothing_hot_and_its_record_whole(line: ServedLine, tmp_path: Path) -> None:
     command = [sys.executable, broken_session.__file__, "ale-1", "run", line.recipe, "--line", line.path, "--out", tmp_path]
     now = time.monotonic()
