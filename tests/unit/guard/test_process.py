@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -15,6 +16,7 @@ import pytest
 from command import until
 from guarded import guard_process
 
+import jbclog
 from jbclog.errors import StartRefused
 from jbclog.guard.keeper import REPLACED_AT_MOST, Keeper
 from jbclog.guard.lease import NAME as LEASE
@@ -231,3 +233,24 @@ class _Lost:
         raise GuardLost("gone")
 
     def kill(self) -> None: ...
+
+
+# -- the pipe ----------------------------------------------------------------------------------------------------------------
+
+
+def test_no_other_child_of_the_recorder_has_the_pipe(guard: GuardProcess) -> None:
+    """While any process has its writing end the recorder's death would not be seen."""
+    assert not os.get_inheritable(guard._pipe)
+    pipe = os.readlink(f"/proc/self/fd/{guard._pipe}")  # noqa: PTH115  # no file
+    child = subprocess.Popen([sys.executable, "-S", "-c", "input()"], stdin=subprocess.PIPE)
+    try:
+        held = [os.readlink(entry.path) for entry in os.scandir(f"/proc/{child.pid}/fd")]  # noqa: PTH115
+        assert pipe not in held
+    finally:
+        child.communicate(b"\n")
+
+
+def test_nothing_in_the_package_forks_or_hands_all_descriptors_over() -> None:
+    forking = re.compile(r"os\.fork|forkpty|multiprocessing|close_fds=False|posix_spawn|os\.exec")
+    files = Path(jbclog.__file__).parent.rglob("*.py")
+    assert [path.name for path in files if forking.search(path.read_text(encoding="utf-8"))] == []
