@@ -16,7 +16,7 @@ from jbclog.record.live import LiveStore
 from jbclog.record.manifest import Manifest, read_manifest, write_manifest
 from jbclog.rows import StationFacts
 
-URL = "socket://127.0.0.1:4001"
+URL = f"socket://host-{os.getpid()}:4001"  # runs of other workers are seen from here too
 
 
 @pytest.fixture
