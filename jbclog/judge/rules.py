@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Iterator, Sequence
 from math import floor
 
@@ -10,7 +9,7 @@ from jbclog.judge.acceptance import LIMIT_NAMES, Acceptance
 from jbclog.judge.evidence import Evidence, PortLedger
 from jbclog.judge.rule import Result, Rule
 from jbclog.judge.samples import TEMPERATURE, PortMeasure, judged_signals
-from jbclog.judge.tables import Event
+from jbclog.judge.tables import Event, Outcomes
 from jbclog.rows import StationFacts
 
 COUNTED_ALARMS = ("alarm.high", "alarm.low")
@@ -43,7 +42,7 @@ def record_rule(evidence: Evidence) -> Rule:
 
 
 def station_rules(
-    facts: StationFacts, acceptance: Acceptance, evidence: Evidence, events: Sequence[Event], outcomes: Counter[str]
+    facts: StationFacts, acceptance: Acceptance, evidence: Evidence, events: Sequence[Event], outcomes: Outcomes
 ) -> Iterator[Rule]:
     """The rules that hold for a station as a whole."""
     result, text = STATION_ENDINGS.get(facts.outcome, (Result.MISSING, "How it ended is not known."))
@@ -59,19 +58,23 @@ def station_rules(
         yield alarms_rule(facts, acceptance.alarms_max, evidence, events)
 
 
-def settings_rule(facts: StationFacts, outcomes: Counter[str]) -> Rule:
-    """Whether every setting of the recipe was read back as asked. What the family does not have is not counted."""
-    station = facts.name
-    asked = sum(count for outcome, count in outcomes.items() if outcome != "unsupported")
-    held = outcomes["confirmed"] + outcomes["unchanged"]
+def settings_rule(facts: StationFacts, outcomes: Outcomes) -> Rule:
+    """Whether every setting of the recipe was read back as asked. What it asks of other families is not counted."""
+    station, counts, lacking = facts.name, outcomes.counts, outcomes.lacking
+    asked = counts.total() + len(lacking)
+    held = counts["confirmed"] + counts["unchanged"]
     observed = f"{held} of {asked}"
-    if outcomes["mismatch"] or outcomes["refused"]:
+    if counts["mismatch"] or counts["refused"]:
         return Rule("settings", station, None, "all read back", observed, "", Result.FAIL, "A setting is not what the recipe asks.")
-    if held < asked:
+    if held + len(lacking) < asked:
         return Rule("settings", station, None, "all read back", observed, "", Result.MISSING, "A setting could not be read back.")
     if not asked and facts.first_tick is None and facts.outcome != "completed":
         text = "The record holds no setting of this station, written or read back."
         return Rule("settings", station, None, "all read back", None, "", Result.MISSING, text)
+    if lacking:
+        names = ", ".join(name.replace("_", " ") for name in dict.fromkeys(lacking))
+        text = f"The recipe asks for what the station does not know: {names}. What it knows was read back as asked."
+        return Rule("settings", station, None, "all read back", observed, "", Result.DEVIATION, text)
     text = "Every setting of the recipe was read back as asked." if asked else "The recipe asks for no setting."
     if facts.outcome == "running":  # the record broke off; more may have been asked
         text = "Every setting in the record was read back as asked."

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import pyarrow.parquet as pq
@@ -29,13 +29,27 @@ def read_events(folder: Path) -> list[Event]:
     ]
 
 
-def read_outcomes(folder: Path) -> dict[str, Counter[str]]:
-    """How often each outcome stands in `settings`, by station; what was only read is left out."""
-    outcomes: dict[str, Counter[str]] = {}
-    for row in _rows(folder / "settings", ["station", "outcome"]):
-        if row["outcome"] != "read":
-            outcomes.setdefault(str(row["station"]), Counter())[str(row["outcome"])] += 1
-    return outcomes
+@dataclass(slots=True)
+class Outcomes:
+    """How often each outcome stands in a station's `settings`, and the settings asked of it that it does not have.
+
+    What was only read, and what the recipe has for other families, is in neither.
+    """
+
+    counts: Counter[str] = field(default_factory=Counter)
+    lacking: list[str] = field(default_factory=list)
+
+
+def read_outcomes(folder: Path) -> dict[str, Outcomes]:
+    """What came of the settings, by station."""
+    found: dict[str, Outcomes] = {}
+    for row in _rows(folder / "settings", ["station", "setting", "requested", "outcome"]):
+        outcomes, outcome = found.setdefault(str(row["station"]), Outcomes()), str(row["outcome"])
+        if outcome not in ("read", "unsupported"):
+            outcomes.counts[outcome] += 1
+        elif outcome == "unsupported" and row["requested"] is not None:  # of other families nothing is requested here
+            outcomes.lacking.append(str(row["setting"]))
+    return found
 
 
 def _rows(table: Path, columns: list[str]) -> Iterator[dict[str, object]]:

@@ -7,7 +7,6 @@ is NOT JUDGED.
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
@@ -18,7 +17,7 @@ from jbclog.judge.evidence import Evidence
 from jbclog.judge.rule import Result, Rule
 from jbclog.judge.rules import no_limit_applies, port_rules, record_rule, station_rules, used_ports
 from jbclog.judge.samples import Measures, measure
-from jbclog.judge.tables import Event, read_events, read_outcomes
+from jbclog.judge.tables import Event, Outcomes, read_events, read_outcomes
 from jbclog.rows import StationFacts
 
 
@@ -69,7 +68,7 @@ def _all_rules(evidence: Evidence, limits: Mapping[str, Acceptance]) -> Iterator
     yield from (_no_facts(name) for name in limits if name not in {facts.name for facts in judged})
     for facts in judged:
         own = [event for event in events if event.station == facts.name]
-        yield from _station(facts, limits[facts.name], evidence, own, outcomes.get(facts.name, Counter()), measures)
+        yield from _station(facts, limits[facts.name], evidence, own, outcomes.get(facts.name, Outcomes()), measures)
     yield from (not_judged(facts) for facts in evidence.stations if facts.name not in limits)
     yield from deviations([event for event in events if event.station is None or event.station in limits])
 
@@ -79,7 +78,7 @@ def _station(
     acceptance: Acceptance,
     evidence: Evidence,
     events: Sequence[Event],
-    outcomes: Counter[str],
+    outcomes: Outcomes,
     measures: Measures,
 ) -> Iterator[Rule]:
     yield from station_rules(facts, acceptance, evidence, events, outcomes)

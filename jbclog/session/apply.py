@@ -22,6 +22,7 @@ from jbclog.session.identify import Absent
 from jbclog.session.order import Desk, PortState
 
 COOLING_DELAYS = ("sleep_delay", "hibernation_delay")
+UNTOLD = "not told by the station"  # and what the recipe asks for it cannot be proven
 
 
 def apply(desk: Desk) -> Steps[None]:
@@ -149,16 +150,21 @@ def _check(desk: Desk, wanted: list[tuple[Setting, PortState | None]]) -> None:
 
 
 def _cooling_problems(desk: Desk, port: PortState, wanted: list[tuple[Setting, PortState | None]]) -> list[str]:
-    """Delays that will be in force and are off, so that a tool in stand stays hot (contract, "Safe state")."""
+    """Delays that are off or not told, so that a tool in stand stays hot or may (contract, "Safe state")."""
     if desk.safe_state != "stand" or not port.has_tool:
         return []
-    in_force = dict(port.held) | {one.command.name: one.value for one, place in wanted if place is port}
+    asked = {one.command.name: one.value for one, place in wanted if place is port}
+    in_force = {name: asked.get(name, port.held[name]) for name in COOLING_DELAYS if name in port.held}
     off = [name.replace("_", " ") for name in COOLING_DELAYS if in_force.get(name) is OFF]
-    if not off:
+    untold = [name.replace("_", " ") for name in COOLING_DELAYS if name in desk.family.commands and name not in in_force]
+    found = [f"{' and '.join(names)} of port {port.number} {what}" for names, what in ((off, "off"), (untold, UNTOLD)) if names]
+    if not found:
         return []
-    text = f"{' and '.join(off)} of port {port.number} off, so a tool told to stand never cools down"
+    text = f"{' and '.join(found)}, so a tool told to stand {'never cools' if off else 'may never cool'} down"
     if not desk.recipe.run.allow_no_cooldown:
-        return [text + "; set the delay in the recipe, or allow_no_cooldown = true"]
+        return [
+            text + ("; set the delay in the recipe, or allow_no_cooldown = true" if off else "; allow_no_cooldown = true allows it")
+        ]
     desk.note("safety.no_cooldown", Severity.WARNING, f"Allowed by the recipe: {text}.", port=port.number)
     return []
 
@@ -201,9 +207,9 @@ def _apply(desk: Desk, wanted: tuple[Setting, PortState | None]) -> Steps[None]:
     command, value = setting.command, setting.value
     held = desk.held if port is None else port.held
     requested = text_of(value)
-    if command.name in desk.not_supported:
+    if command.name not in held:  # it could not be read: `read_all` has tried
         _row(desk, command, port, "unsupported", requested=requested)
-    elif held.get(command.name) == value:
+    elif held[command.name] == value:
         _row(desk, command, port, "unchanged", requested=requested, readback=requested)
     else:
         yield from _write(desk, command, value, port)
@@ -223,13 +229,10 @@ def _write(desk: Desk, command: Command, value: Value, port: PortState | None) -
 
 
 def _write_once(desk: Desk, command: Command, value: Value, port: PortState | None, before: Value | None) -> Steps[None]:
-    """A lost acknowledgement is settled by the reading."""
+    """A lost acknowledgement is settled by the reading. What could be read is refused when it is not taken, whatever the code."""
     requested = text_of(value)
     try:
         yield from desk.station.write(command, value, *_place(command, port))
-    except NotSupported as error:
-        _row(desk, command, port, "unsupported", requested=requested, written=requested, nak=error.code)
-        return
     except Refusal as error:
         _row(desk, command, port, "refused", requested=requested, written=requested, nak=error.code)
         raise StartRefused(
@@ -278,7 +281,10 @@ def _apply_status(desk: Desk, word: StatusWord) -> Steps[None]:
     for port in desk.ports.values():
         if not port.has_tool:
             continue
-        if port.held.get("status") == word:
+        if "status" not in port.held:
+            _touch(desk, port)  # it may be at work already
+            _row(desk, command, port, "unsupported", requested=text_of(word))
+        elif port.held["status"] == word:
             _touch(desk, port)
             _row(desk, command, port, "unchanged", requested=text_of(word), readback=text_of(word))
         else:

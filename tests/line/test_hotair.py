@@ -50,6 +50,12 @@ def test_what_holds_is_not_written() -> None:
     assert {row.outcome for row in run.memory.settings if row.requested} == {"unchanged"}
 
 
+def test_a_tool_that_is_not_switched_on_stops_the_run() -> None:
+    run = hot_air(fault("nak", code=4, command="status", only="write", for_s=2), duration_s=5).go()
+    assert [(row.nak, row.outcome) for row in run.memory.settings if row.setting == "status" and row.requested] == [(4, "refused")]
+    assert (run.facts.outcome, run.memory.samples) == ("refused", [])
+
+
 @pytest.mark.parametrize(("greatest", "raw"), [(1000, 600), (100, 60), (45, 27), (999, 599)])
 def test_the_flow_is_a_share_of_what_the_station_says_is_its_greatest(greatest: int, raw: int) -> None:
     """Digest B-33: per mille, per cent or litres, the share is the same."""

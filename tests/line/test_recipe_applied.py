@@ -133,7 +133,7 @@ def test_a_value_that_did_not_take_stops_the_run() -> None:
     assert rows(run, "alarm_high_limit", 2) == []  # nothing more is tried
 
 
-@pytest.mark.parametrize("code", [1, 2, 3, 5, 6, 99999])
+@pytest.mark.parametrize("code", [1, 2, 3, 4, 5, 6, 99999])
 def test_a_refusal_stops_the_run(code: int) -> None:
     run = prepare(line_text(fault("nak", code=code, command="alarm_high_limit", only="write")), duration_s=5).go()
     (row,) = rows(run, "alarm_high_limit")
@@ -141,6 +141,34 @@ def test_a_refusal_stops_the_run(code: int) -> None:
     assert_stopped_before_sampling(run, "alarm high limit of port 1", "380 °C was asked", f"N {code:05d}", "before it was off")
     sent = 3 if code in (1, 2) else 1  # what was not understood was not done
     assert [one.text for one in run.writes].count("WHA100380") == sent
+
+
+def test_a_setting_that_is_told_and_not_taken_is_refused_and_stops_the_run() -> None:
+    """It answered the question, so it knows the setting: going on would heat at the old value."""
+    sim = "settings = {selected_temperature = 400}" + fault("nak", code=4, command="selected_temperature", only="write")
+    run = prepare(line_text(sim).replace("dde", "hde"), duration_s=5).go()
+    (row,) = rows(run, "selected_temperature")
+    assert (row.requested, row.nak, row.outcome) == ("350", 4, "refused")
+    assert_stopped_before_sampling(run, "selected temperature of port 1", "350 °C was asked", "N 00004", "before it was 400 °C")
+
+
+def test_a_status_that_is_told_and_not_taken_stops_the_run() -> None:
+    run = prepare(line_text(fault("nak", code=4, command="status", only="write", for_s=2)), duration_s=5).go()
+    assert [(row.port, row.nak, row.outcome) for row in rows(run, "status") if row.requested] == [(1, 4, "refused")]
+    assert (run.facts.outcome, run.memory.samples) == ("refused", [])
+    assert "N 00004" in run.facts.reason
+
+
+def test_a_status_that_is_not_told_is_unsupported_and_nobody_puts_the_tool_to_work() -> None:
+    run = prepare(line_text(fault("nak", code=4, command="status", only="read")), duration_s=1).go()
+    assert outcome(run, "status") == "unsupported"
+    assert WORKING not in [write.value for write in run.station.log.written("status")]
+    assert run.facts.touched == [1, 2]  # and told to rest at the end: it may be at work
+
+
+def test_a_setting_that_one_port_alone_does_not_tell_is_written_on_the_other() -> None:
+    run = prepare(line_text(fault("nak", code=4, command="alarm_low_delay", port=2)), duration_s=1).go()
+    assert (outcome(run, "alarm_low_delay", 1), outcome(run, "alarm_low_delay", 2)) == ("confirmed", "unsupported")
 
 
 def test_a_write_whose_acknowledgement_is_lost_is_settled_by_reading() -> None:
@@ -217,6 +245,20 @@ def test_delays_that_are_off_may_be_allowed_and_are_told() -> None:
     assert run.facts.outcome == "completed"
     assert {event.severity for event in run.memory.of_kind("safety.no_cooldown")} == {"warning"}
     assert run.station.plant.ports[1].tools[2].sleep_delay is OFF
+
+
+@pytest.mark.parametrize(("command", "name"), [("sleep_delay", "sleep delay"), ("hibernation_delay", "hibernation delay")])
+@pytest.mark.parametrize("family", ["dde", "soldering"])
+def test_a_delay_that_the_station_does_not_tell_is_not_taken_to_be_on(command: str, name: str, family: str) -> None:
+    """Whatever the recipe asks for it: it is not written where it cannot be read."""
+    line = line_text(fault("nak", code=4, command=command)).replace('"dde"', f'"{family}"')
+    run = prepare(line, duration_s=1).go()
+    assert run.facts.outcome == "refused"
+    assert f"{name} of port 1 not told by the station" in run.facts.reason
+    assert run.writes == []
+    allowed = prepare(line, RECIPE + "allow_no_cooldown = true\n", duration_s=1).go()
+    assert allowed.facts.outcome == "completed"
+    assert [event.port for event in allowed.memory.of_kind("safety.no_cooldown")] == [1, 2]
 
 
 def test_a_delay_that_the_recipe_switches_on_is_enough() -> None:

@@ -100,8 +100,8 @@ class Case:
     ) -> None:
         self.event_rows.append({"kind": kind, "severity": severity, "station": station, "port": port, "text": text})
 
-    def setting(self, station: str, outcome: str) -> None:
-        self.setting_rows.append({"station": station, "outcome": outcome})
+    def setting(self, station: str, outcome: str, setting: str = "adjust", requested: str | None = "0") -> None:
+        self.setting_rows.append({"station": station, "setting": setting, "requested": requested, "outcome": outcome})
 
     def _write(self, name: str, table: pa.Table, part: int = 0) -> None:
         (self.folder / name).mkdir(exist_ok=True)
@@ -111,9 +111,8 @@ class Case:
         """Everything said so far, sealed."""
         texts = {"kind": pa.string(), "severity": pa.string(), "station": pa.string(), "port": pa.int64(), "text": pa.string()}
         self._write("events", pa.Table.from_pylist(self.event_rows, pa.schema(texts)))
-        self._write(
-            "settings", pa.Table.from_pylist(self.setting_rows, pa.schema({"station": pa.string(), "outcome": pa.string()}))
-        )
+        columns = dict.fromkeys(("station", "setting", "requested", "outcome"), pa.string())
+        self._write("settings", pa.Table.from_pylist(self.setting_rows, pa.schema(columns)))
         return Evidence(self.folder, self.stations, self.ledger, self.exit_status)
 
 

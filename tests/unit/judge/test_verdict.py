@@ -140,13 +140,35 @@ def test_a_record_that_lacks_something_is_inconclusive(case: Any, tip: Callable[
 
 @pytest.mark.parametrize(
     ("outcome", "result"),
-    [("mismatch", "fail"), ("refused", "fail"), ("unconfirmed", "missing"), ("unsupported", "pass"), ("read", "pass")],
+    [("mismatch", "fail"), ("refused", "fail"), ("unconfirmed", "missing"), ("unsupported", "deviation"), ("read", "pass")],
 )
 def test_settings_must_be_read_back(case: Any, tip: Callable[..., Any], outcome: str, result: str) -> None:
     case.station("a", tip())
     case.setting("a", "confirmed")
     case.setting("a", outcome)
     assert rule(judge(case.evidence(), {"a": ALL}), "settings", None).result == result
+
+
+def test_what_the_station_does_not_know_is_named_and_is_a_deviation(case: Any, tip: Callable[..., Any]) -> None:
+    case.station("a", tip())
+    case.setting("a", "confirmed")
+    for _port in (1, 2):
+        case.setting("a", "unsupported", "selected_temperature", "300")
+    judgement = judge(case.evidence(), {"a": ALL})
+    settings = rule(judgement, "settings", None)
+    assert judgement.verdict == "ACCEPT WITH DEVIATIONS"
+    assert settings.observed == "1 of 3"
+    assert settings.text.count("selected temperature") == 1
+    assert "Every setting" not in settings.text
+
+
+def test_what_the_recipe_asks_of_other_families_is_no_deviation(case: Any, tip: Callable[..., Any]) -> None:
+    case.station("a", tip())
+    case.setting("a", "confirmed")
+    case.setting("a", "unsupported", "feeder_length", None)
+    judgement = judge(case.evidence(), {"a": ALL})
+    assert judgement.verdict == "ACCEPT"
+    assert rule(judgement, "settings", None).observed == "1 of 1"
 
 
 def test_a_station_that_never_answered_is_inconclusive(case: Any, tip: Callable[..., Any]) -> None:
