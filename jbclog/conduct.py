@@ -23,7 +23,7 @@ from jbclog.clock import SystemClock
 from jbclog.dossier import Dossier, Observer, Result
 from jbclog.drive.reactor import Reactor
 from jbclog.drive.told import keeping
-from jbclog.errors import RecordError, StartRefused
+from jbclog.errors import PortBusy, RecordError, StartRefused
 from jbclog.guard.left_over import settle
 from jbclog.guard.watch import RENEW_S
 from jbclog.guarding import Guarding
@@ -31,6 +31,7 @@ from jbclog.outcome import Exit
 from jbclog.plan import Plan
 from jbclog.record.guarded import LOCK as GUARD_LOCK
 from jbclog.record.guarded import diary
+from jbclog.record.holding import holds, recorder_of, runs_that_hold
 from jbclog.record.live import SEAL_S
 from jbclog.record.lock import is_held
 from jbclog.record.wire import WHOLE, Head
@@ -55,9 +56,20 @@ CUT_SHORT = {signal.SIGINT: Exit.INTERRUPTED, signal.SIGTERM: Exit.TERMINATED, s
 def conduct(plan: Plan, out: Path, observer: Observer, *, seal_every_s: float = SEAL_S) -> Result:
     """Run `plan` and record it below `out`.
 
-    Raises `RecordError` where the record cannot even be begun, and `StartRefused` where its guard cannot be started.
+    Raises `PortBusy` where another run holds a port, `RecordError` where the record cannot even be begun, and `StartRefused`
+    where its guard cannot be started.
     """
+    _expect_unheld(plan)
     return _Run(plan, out, observer, seal_every_s).conduct()
+
+
+def _expect_unheld(plan: Plan) -> None:
+    """A server of serial ports takes a second client, and a run holds its ports also while a cable is out."""
+    for run in runs_that_hold([station.spec.url for station in plan.stations]):
+        names = ", ".join(one.spec.name for one in plan.stations if holds(run, [one.spec.url]))
+        process = recorder_of(run)
+        who = f"the run {run} (process {process}) holds" if process else f"the run {run} holds"
+        raise PortBusy(f"{names}: {who} this port; nothing was sent. End that run, or wait for its end", process)
 
 
 class _Run:

@@ -3,6 +3,6 @@
 Owns: the lease (which tools are hot, and how each is made safe), the watching of its renewal, the end of a recorder that
 hangs, the taking over of the lines, and what is written down of that.
 Never: decides what a safe state is (`safety`), samples, or touches a line while its recorder lives.
-May use: `safety`, `station`, `commands`, `drive`, `transport`, `clock`, `effects`, `wire` and `errors`.
+May use: `safety`, `station`, `commands`, `drive`, `transport`, `clock`, `effects`, `wire`, `errors` and `same_port`.
 Start reading: `watch.py`, then `takeover.py`; `process.py` is the recorder's end of it, `__main__.py` the guard's.
 """

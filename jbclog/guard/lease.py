@@ -10,6 +10,8 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Final
 
+from jbclog.same_port import is_one_port
+
 NAME: Final = "lease.json"
 
 
@@ -38,8 +40,8 @@ class StationLease:
         return bool(self.ports) or self.feeds
 
     def is_at(self, url: str) -> bool:
-        """Whether its port is the one at `url`: links to devices are followed."""
-        return self.url == url or (url.startswith("/") and os.path.realpath(url) == os.path.realpath(self.url))
+        """Whether its port is the one at `url`."""
+        return is_one_port(self.url, url)
 
     def to_json(self) -> str:
         return json.dumps(asdict(self))

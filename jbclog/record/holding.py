@@ -20,13 +20,14 @@ from typing import Final
 from jbclog.errors import RecordError
 from jbclog.record.lock import NAME as LOCK
 from jbclog.record.lock import is_held, recorder
+from jbclog.same_port import PortPlace, place_of
 
 RUNNING: Final = "running"
 
 
 def run_that_holds(url: str) -> Path | None:
     """The folder of the run in progress on this machine to which the port at `url` belongs now."""
-    return next((folder for folder in runs_in_progress() if _holds(folder, url)), None)
+    return next(iter(runs_that_hold([url])), None)
 
 
 def runs_in_progress() -> Iterator[Path]:
@@ -41,12 +42,13 @@ def runs_in_progress() -> Iterator[Path]:
 
 def runs_that_hold(urls: Collection[str]) -> list[Path]:
     """The folders of the runs in progress on this machine to which any of the ports at `urls` belongs now."""
-    return [folder for folder in runs_in_progress() if any(_holds(folder, url) for url in urls)]
+    wanted = [place_of(url) for url in urls]
+    return [folder for folder in runs_in_progress() if _holds(folder, wanted)]
 
 
 def holds(folder: Path, urls: Collection[str]) -> bool:
     """Whether any of the ports at `urls` belongs to the run in `folder`, which is still in progress."""
-    return is_held(folder) and any(_holds(folder, url) for url in urls)
+    return is_held(folder) and _holds(folder, [place_of(url) for url in urls])
 
 
 def recorder_of(folder: Path) -> int | None:
@@ -76,21 +78,18 @@ def _folders_of(process: int) -> Iterator[Path]:
                     yield opened.parent
 
 
-def _holds(folder: Path, url: str) -> bool:
+def _holds(folder: Path, wanted: Collection[PortPlace]) -> bool:
     from jbclog.record.manifest import read_manifest
 
     try:
         manifest = read_manifest(folder)
     except RecordError:
         return False  # it has not begun to ask anything
+    if manifest.state != "open":
+        return False
     ended = _ended(folder)
-    mine = [facts for facts in manifest.stations if _same(facts.url, url)]
-    return manifest.state == "open" and any(facts.outcome == RUNNING and facts.name not in ended for facts in mine)
-
-
-def _same(url: str, other: str) -> bool:
-    """Whether two urls are one port: links to devices are followed."""
-    return url == other or (url.startswith("/") and other.startswith("/") and os.path.realpath(url) == os.path.realpath(other))
+    held = [place_of(facts.url) for facts in manifest.stations if facts.outcome == RUNNING and facts.name not in ended]
+    return any(one.is_at(other) for one in held for other in wanted)
 
 
 def _ended(folder: Path) -> set[str]:

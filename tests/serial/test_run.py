@@ -17,6 +17,7 @@ from command import RECIPE, WireLog, is_sampling, jbclog, started, until
 
 from jbclog.record.check import check
 from jbclog.rows import SAMPLE_COLUMNS
+from jbclog.sim.process import SimProcess
 
 Bench = tuple[Path, WireLog]
 STAND = "WPS100001"
@@ -122,8 +123,26 @@ def test_a_second_recorder_is_told_who_holds_the_port(bench: Bench, tmp_path: Pa
     first.terminate()
     first.communicate(timeout=20)
     assert second.returncode == 3
-    assert "is in use by" in second.stderr
-    assert f"process {first.pid}" in second.stderr
+    (folder,) = (tmp_path / "runs").iterdir()
+    assert f"ucr-1: the run {folder} (process {first.pid}) holds this port; nothing was sent" in second.stderr
+    assert not (tmp_path / "others").exists()
+
+
+def test_a_second_run_through_a_server_s_port_is_refused_too(tmp_path: Path) -> None:
+    source = tmp_path / "source.toml"
+    source.write_text('[line]\nname = "l"\n[[station]]\nname = "ucr-1"\nurl = "ucr-1"\nfamily = "ucr"\n[station.sim]\n')
+    with SimProcess(source, tmp_path / "bench", tcp="127.0.0.1:0") as stations:
+        first = started("run", RECIPE, "--line", stations.line_path, "--out", tmp_path / "runs", "-d", "60s")
+        try:
+            assert until(lambda: is_sampling(tmp_path / "runs"))
+            other = tmp_path / "other.toml"
+            other.write_text(stations.line_path.read_text().replace("127.0.0.1", "localhost"))
+            second = jbclog("run", RECIPE, "--line", other, "--out", tmp_path / "others", "-d", "2s")
+        finally:
+            first.terminate()
+            first.communicate(timeout=20)
+    assert second.returncode == 3
+    assert f"the run {next((tmp_path / 'runs').iterdir())} " in second.stderr
 
 
 def test_what_was_committed_before_a_kill_is_recovered(bench: Bench, tmp_path: Path) -> None:

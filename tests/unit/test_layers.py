@@ -16,7 +16,7 @@ import jbclog
 
 PACKAGE = Path(jbclog.__file__).parent
 
-BOTTOM = "errors clock quantities wire rows effects tape"
+BOTTOM = "errors clock quantities wire rows effects tape same_port"
 MAY_USE = {
     # bottom: of jbclog they import only each other
     **dict.fromkeys(BOTTOM.split(), BOTTOM),
@@ -31,8 +31,8 @@ MAY_USE = {
     "safety": "station commands quantities effects errors",
     "session": "safety station scheduler recipe commands rows clock effects errors quantities wire",
     "drive": "transport clock effects tape errors",
-    "guard": "safety station commands drive transport clock effects wire errors",
-    "record": "rows tape clock errors",
+    "guard": "safety station commands drive transport clock effects wire errors same_port",
+    "record": "rows tape clock errors same_port",
     "sim": "protocol commands quantities wire recipe clock tape errors",
     "judge": "rows errors",
     "analysis": "record judge rows tape errors",

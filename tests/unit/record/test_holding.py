@@ -91,3 +91,18 @@ def test_the_recorder_may_be_another_process(tmp_path: Path) -> None:
         other.wait()
         assert run_that_holds(URL) is None
         assert run_of(other.pid) is None
+
+
+def test_a_server_s_port_is_known_under_all_names_of_its_host(tmp_path: Path) -> None:
+    number = 20000 + os.getpid() % 20000  # runs of other workers are seen from here too
+    folder = create_run(tmp_path, "bench", 1_790_000_000.0)
+    write_manifest(folder, Manifest(folder.name, stations=[StationFacts("tcp-1", f"socket://127.0.0.1:{number}", "dde")]))
+    store = LiveStore(folder)
+    try:
+        store.start()
+        assert run_that_holds(f"socket://localhost:{number}") == folder
+        assert run_that_holds(f"socket://LOCALHOST:{number}?logging=debug") == folder
+        assert run_that_holds(f"socket://localhost:{number + 1}") is None
+    finally:
+        store.close()
+        store.release()
