@@ -129,18 +129,12 @@ class Plan:
     @property
     def notes(self) -> list[str]:
         """What is in order, and may not be what was meant, or what was hoped for."""
-        return [*self._unused(), *self._without_safe_state()]
+        return list(self._without_safe_state())
 
     def _without_safe_state(self) -> Iterator[str]:
         for station in self.stations:
             if station.family is not None and not station.family.safe_states:
                 yield f"{station.spec.name} has no safe state that could be ordered: it is left as it is, whatever happens"
-
-    def _unused(self) -> list[str]:
-        given = self.wanted.recipe
-        if given is None or any(station.spec.recipe is None for station in self.stations):
-            return []
-        return [f"{given} is used by no station: each of them names a recipe of its own in {self.line.path}"]
 
 
 def make_plan(wanted: Wanted) -> Plan:
@@ -153,7 +147,7 @@ def make_plan(wanted: Wanted) -> Plan:
     if line is None or problems:
         raise Problems(problems)
     chosen = _chosen(line, wanted)
-    problems += _without_recipe(line, chosen, recipes)
+    problems += [*_without_recipe(line, chosen, recipes), *_unused(line, chosen, wanted)]
     stations = tuple(station_plan(spec, recipes[spec.name], wanted) for spec in chosen if spec.name in recipes)
     for station in stations:
         problems += _mismatches(line, station)
@@ -260,6 +254,15 @@ def _without_recipe(line: Line, chosen: list[StationSpec], recipes: dict[str, Re
             yield Problem(
                 str(line.path), None, f"station {spec.name}", "has no recipe: name one on the command line or in the file"
             )
+
+
+def _unused(line: Line, chosen: list[StationSpec], wanted: Wanted) -> Iterator[Problem]:
+    """A recipe that was asked for and would not run: heating by another one is not what was meant."""
+    if wanted.recipe is not None and all(spec.recipe is not None for spec in chosen):
+        text = (
+            f"would be used by no station: each that runs names a recipe of its own in {line.path}; leave it out, or choose others"
+        )
+        yield Problem(str(wanted.recipe), None, "", text)
 
 
 def _mismatches(line: Line, station: StationPlan) -> Iterator[Problem]:

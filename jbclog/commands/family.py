@@ -121,6 +121,7 @@ FAMILIES: Mapping[str, Family] = MappingProxyType(
                 robot.TOOLS_004,
                 safe_states=("stand", "extractor"),
                 run_statuses=("working", "stand", "extractor"),
+                counters=(*HOUR_COUNTERS, *FEEDER_COUNTERS),
                 defaults=UCR_DEFAULTS,
                 manual="004, 002",
             ),

@@ -62,6 +62,7 @@ class PortState:
     coolest_c: int | None = None
     has_counted: bool = False  # alarms have counted all the time since the flags were last read
     at_temperature: bool = False  # has been within ±10 °C of its setting while working
+    found_above: tuple[float, int] | None = None  # before that: since when hotter than its setting, and how hot then
     counted: dict[str, Value] = field(default_factory=dict)  # counter -> value that two answers bore out
     states: dict[str, tuple[Value, float]] = field(default_factory=dict)  # OMEGA's, as last read, and when
     touched: bool = False

@@ -11,6 +11,7 @@ from jbclog.rows import Severity
 from jbclog.session.omega_states import OMEGA_OBSERVERS
 from jbclog.session.order import Desk, PortState
 
+COOLS_WITHIN_S = 10.0  # a tip without heating is colder after this long, whatever it is
 BAND_C = 10  # ±10 °C around the setting counts as at temperature (contract, "Exit codes")
 
 
@@ -23,15 +24,35 @@ Observe = Callable[[Desk, PortState, Value], None]
 
 def _temperature(desk: Desk, port: PortState, value: Value) -> None:
     assert isinstance(value, int)
-    port.temperature_c = value
-    if not port.at_temperature and is_at_work(desk, port):
-        setting = desk.set_c(port)
-        port.at_temperature = setting is not None and abs(value - setting) <= BAND_C
+    before, port.temperature_c = port.temperature_c, value
+    setting = desk.set_c(port)
+    if not port.at_temperature and setting is not None and is_at_work(desk, port):
+        port.at_temperature = _enters(before, value, setting) or _stays_above(desk, port, value, setting)
     if counts(desk, port):
         port.hottest_c = value if port.hottest_c is None or value > port.hottest_c else port.hottest_c
         port.coolest_c = value if port.coolest_c is None or value < port.coolest_c else port.coolest_c
     else:
         port.has_counted = False
+
+
+def _enters(before: int | None, value: int, setting: float) -> bool:
+    """Whether the tool is within the band, or passed through it from one reading to the next."""
+    passed = before is not None and (before < setting) != (value < setting)
+    return passed or abs(value - setting) <= BAND_C
+
+
+def _stays_above(desk: Desk, port: PortState, value: int, setting: float) -> bool:
+    """Whether a tip that was found hotter than its setting does not cool: one that runs away never comes into the band."""
+    if value <= setting + BAND_C:
+        port.found_above = None
+        return False
+    if port.found_above is None:
+        port.found_above = desk.now, value
+    since, then = port.found_above
+    if desk.now - since < COOLS_WITHIN_S:
+        return False
+    port.found_above = desk.now, value
+    return value >= then
 
 
 def _external(desk: Desk, port: PortState, value: Value) -> None:
@@ -118,7 +139,7 @@ def _tool(desk: Desk, port: PortState, value: Value) -> None:
     before, port.tool = port.tool, value
     if before == value:
         return
-    port.at_temperature, port.tool_is_new = False, True
+    port.at_temperature, port.found_above, port.tool_is_new = False, None, True
     text = f"Port {port.number}: the tool changed from {desk.tool_text(before)} to {desk.tool_text(value)}."
     desk.note("tool.changed", Severity.WARNING, text, port=port.number, code=value)
 

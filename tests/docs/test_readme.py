@@ -130,7 +130,17 @@ def test_the_families_are_those_that_are_driven() -> None:
 
 def test_the_run_folder_is_as_told(demo: Demo) -> None:
     told = {name.rstrip("/") for cells in rows("The run folder") for name in re.findall(r"`([\w./]+)`", cells[0])}
-    other = {"live.sqlite", LOCK, RESERVE, NOTES, REMAINS, "wire"}  # of a run that is open, and of one that was damaged
+    other = {
+        "live.sqlite",
+        LOCK,
+        RESERVE,
+        NOTES,
+        REMAINS,
+        "wire",
+        "lease.json",
+        "guard.lock",
+        "guard.jsonl",
+    }  # of a run that is open, and of one that was damaged
     assert told >= other
     assert told - other == {path.name for path in demo.run.iterdir()}
 

@@ -249,3 +249,27 @@ def test_nobody_else_reads_the_flags() -> None:
     disconnected = sum(reasons_in(row).get("alarm_high") == "disconnected" for row in run.memory.samples)
     due = run.facts.due["1"]["alarm_high"] + 1
     assert due - disconnected <= times_asked(run) <= due
+
+
+def test_a_tip_that_is_found_hotter_than_its_setting_and_does_not_cool_has_arrived() -> None:
+    """Read once in four seconds, a runaway is never seen near its setting; it is an alarm all the same."""
+    slow = RECIPE + "\n[sampling]\nrate_hz = 0.25\n"
+    run = one_port(fault("overheat", by_c=60.0), slow, duration_s=60).go()
+    assert not [row for row in run.memory.samples if row[COLUMN["temperature_c"]] in range(340, 361)]
+    assert only(run, "alarm.high").value == 440
+    assert run.facts.alarms == 1
+
+
+def test_a_runaway_behind_an_exchange_of_the_tool_is_an_alarm() -> None:
+    pulled = fault("tool", at_s=6.0, for_s=7.0, code=0) + fault("overheat", at_s=10.0, for_s=30.0, by_c=60.0)
+    run = one_port(pulled, duration_s=40).go()
+    assert run.facts.alarms == 1
+
+
+def test_a_tip_that_cools_down_to_its_setting_is_no_alarm() -> None:
+    """It was at 450 °C before; its flag is set until it has passed the limit."""
+    run = one_port("settings = {status = 'working'}", duration_s=40)
+    run.station.plant.ports[1].tip.temperature_c = 450
+    run.go()
+    assert run.memory.samples[0][COLUMN["temperature_c"]] > 380  # type: ignore[operator]
+    assert run.facts.alarms == 0

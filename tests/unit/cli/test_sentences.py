@@ -54,13 +54,16 @@ def test_the_wrong_kind_of_file_is_said_once(place: Path) -> None:
     assert one == "error: job.toml: this is a recipe; a line file has [line] and a [[station]] for each station"
 
 
-def test_a_recipe_that_no_station_uses_is_noted(place: Path) -> None:
+def test_a_recipe_that_no_station_uses_is_refused(place: Path) -> None:
     shutil.copy(place / "job.toml", place / "own.toml")
     (place / "line.toml").write_text(LINE.replace("ports = [1]\n", 'ports = [1]\nrecipe = "own.toml"\n', 1))
     assert planned(code=0) == []
     (place / "line.toml").write_text(LINE.replace("ports = [1]\n", 'ports = [1]\nrecipe = "own.toml"\n'))
-    assert planned(code=0) == ["note: job.toml is used by no station: each of them names a recipe of its own in line.toml"]
-    assert "note: job.toml is used by no station" in planned(verb="run", code=3)[0]
+    for verb in ("plan", "run"):
+        told = planned(verb=verb, code=2)[0]
+        assert told.startswith(
+            "error: job.toml: would be used by no station: each that runs names a recipe of its own in line.toml; leave"
+        )
 
 
 def test_a_port_that_is_not_there_is_named_without_a_question(place: Path) -> None:
