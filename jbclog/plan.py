@@ -258,7 +258,8 @@ def _without_recipe(line: Line, chosen: list[StationSpec], recipes: dict[str, Re
 
 def _unused(line: Line, chosen: list[StationSpec], wanted: Wanted) -> Iterator[Problem]:
     """A recipe that was asked for and would not run: heating by another one is not what was meant."""
-    if wanted.recipe is not None and all(spec.recipe is not None for spec in chosen):
+    own = [spec.recipe.resolve() for spec in chosen if spec.recipe is not None]
+    if wanted.recipe is not None and len(own) == len(chosen) and wanted.recipe.resolve() not in own:
         text = (
             f"would be used by no station: each that runs names a recipe of its own in {line.path}; leave it out, or choose others"
         )

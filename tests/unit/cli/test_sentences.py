@@ -59,6 +59,7 @@ def test_a_recipe_that_no_station_uses_is_refused(place: Path) -> None:
     (place / "line.toml").write_text(LINE.replace("ports = [1]\n", 'ports = [1]\nrecipe = "own.toml"\n', 1))
     assert planned(code=0) == []
     (place / "line.toml").write_text(LINE.replace("ports = [1]\n", 'ports = [1]\nrecipe = "own.toml"\n'))
+    assert planned(code=0, recipe="own.toml") == []
     for verb in ("plan", "run"):
         told = planned(verb=verb, code=2)[0]
         assert told.startswith(
