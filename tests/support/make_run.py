@@ -216,7 +216,7 @@ def settings() -> Iterator[SettingRow]:
     yield SettingRow(at, "dde-1", 1, "T245/T470", "adjust", "°C", None, None, "-3", None, "read")
     yield SettingRow(at, "ale-1", 1, "T245/T470", "selected_temperature", "°C", "350", "350", "350", None, "confirmed")
     yield SettingRow(at, "ale-1", 1, "T245/T470", "feeder_length", "mm", "5.00", "5.00", "5.00", None, "confirmed")
-    yield SettingRow(at, "ale-1", 1, "T245/T470", "clog_detection", "", "on", "on", None, 4, "unsupported")
+    yield SettingRow(at, "ale-1", 1, "T245/T470", "clog_detection", "", "on", None, None, None, "unsupported")
 
 
 def counters(second: float) -> Iterator[CounterRow]:
