@@ -15,7 +15,7 @@ from jbclog.commands.command import Command
 from jbclog.commands.family import Family
 from jbclog.commands.status import StatusWord
 from jbclog.effects import Reopen, Steps, Wait
-from jbclog.errors import LinkError, Refusal, StationError
+from jbclog.errors import AnswerTimeout, LinkError, Refusal, StationError
 from jbclog.station.agreed import agreed
 from jbclog.station.client import Client
 
@@ -62,6 +62,7 @@ class Task:
     prove: Prove
     is_proven: bool = True
     spare: bool = False
+    is_silent: bool = False  # the last that was asked was not answered: acknowledgements are not waited for long
     has_fed: bool = field(init=False)
     end: float = field(init=False, default=0.0)
 
@@ -145,7 +146,7 @@ def _stop_feeder(task: Task) -> Steps[bool]:
     if not (yield from _is_reachable(task)):
         return False
     try:
-        yield from task.client.write(task.family.commands["stop_feeding"], 0)
+        yield from task.client.write(task.family.commands["stop_feeding"], 0, hurry=task.is_silent)
         feeding = yield from agreed(task.client, task.family.commands["feeding"])
     except (LinkError, StationError) as error:
         yield from _reach_again(task, error)
@@ -171,7 +172,7 @@ def _order(task: Task, tool: Tool, word: StatusWord) -> Steps[str]:
     if not (yield from _is_reachable(task)):
         return reached
     try:
-        yield from task.client.write(command, word, tool.port)
+        yield from task.client.write(command, word, tool.port, hurry=task.is_silent)
         reached = SENT
     except LinkError as error:
         yield from _reach_again(task, error)
@@ -183,6 +184,7 @@ def _order(task: Task, tool: Tool, word: StatusWord) -> Steps[str]:
     except (LinkError, StationError) as error:
         yield from _reach_again(task, error)
         return reached
+    task.is_silent = False
     if isinstance(found, tuple) and task.family.status.is_safe(found, word):
         tool.status = found
         return VERIFIED
@@ -228,6 +230,7 @@ def _reach_again(task: Task, error: LinkError | StationError) -> Steps[None]:
     A station that is merely silent may still hear; one behind a cable that was out may be another.
     """
     task.is_proven &= not isinstance(error, LinkError)
+    task.is_silent = isinstance(error, AnswerTimeout)
     if isinstance(error, Refusal):
         return  # it answers
     client = task.client

@@ -71,7 +71,7 @@ def settle_address(station: Station, address: int | None) -> Steps[None]:
     again, or it answers at neither.
     """
     old = station.address
-    for tried in (address, old):
+    for tried in (address, old, address, old):  # it may still be storing the new one
         station.move_to(tried)
         try:
             yield from station.read(MODEL)

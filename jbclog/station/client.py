@@ -55,8 +55,10 @@ class Client(Protocol):
     def ask(self, question: Asking) -> Steps[Value]:
         """The same with a question that this client made before."""
 
-    def write(self, command: Command, value: Value, port: int | None = None, tool: int | None = None) -> Steps[None]:
-        """Write a value once. An acknowledgement is not proof: read back."""
+    def write(
+        self, command: Command, value: Value, port: int | None = None, tool: int | None = None, *, hurry: bool = False
+    ) -> Steps[None]:
+        """Write a value once. An acknowledgement is not proof: read back. In a `hurry` it is waited for as a read's answer is."""
 
     def unasked(self, heard: Heard) -> None:
         """Take note of the moment, and of bytes that came although nothing was asked."""

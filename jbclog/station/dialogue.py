@@ -11,8 +11,9 @@ The rules:
 4. Other forms are taken where the manuals contradict each other, and counted (`commands/decisions.py`). Those that another
    answer could be mistaken for are taken only while nothing is in doubt, and never right behind the question that they
    would answer properly.
-5. How long an answer may take follows from the bytes, the line format and the turnaround seen on this station, which is
-   never stretched beyond `MOST_S`.
+5. How long an answer may take follows from the bytes, the line format and the turnaround of the reads seen on this station,
+   which is never stretched beyond `MOST_S`. A write is given longer, however quick reads are: what it is stored in may be
+   slow, and no manual prints how slow (digest B-13).
 
 Everything here is a generator that does no I/O (`effects`).
 """
@@ -21,7 +22,7 @@ from __future__ import annotations
 
 from collections import Counter
 
-from jbclog.commands.command import Command, Scope
+from jbclog.commands.command import Command, Effect, Scope
 from jbclog.commands.robot import COMMUNICATION_ERRORS
 from jbclog.commands.tolerated import ACKNOWLEDGED_WITH_VALUE, READ_ANSWERED_AS, WRITE_ANSWERED_AS
 from jbclog.effects import Ask, Heard, Listen, Steps
@@ -46,6 +47,8 @@ from jbclog.wire import LineFormat
 REPEATS = 2  # a read goes out three times at most
 UNMEASURED_S = 0.3  # turnaround allowed before any was seen (digest B-13)
 LEAST_S = 0.1  # turnaround allowed at the least: a busy host may well need that long to hand bytes over
+SETTING_S = 1.0  # and for the acknowledgement of a write, whatever reads took: a setting, a tool's state
+STORING_S = 2.0  # one that erases, stores, restarts, moves or changes the address
 MOST_S = 2.0  # and at the most: a station that answers ever later must not stretch every wait for a lost answer
 QUIET_S = 0.02  # a line that was silent this long after a bad answer is drained
 MOST_DOUBTED = 64  # questions of which an answer may still come; a station does not keep more for later
@@ -70,6 +73,12 @@ class AnsweredOtherwise(AnswerFormat):
     def __init__(self, text: str, data: str) -> None:
         super().__init__(text)
         self.data = data
+
+
+def least_s(command: Command) -> float:
+    """The turnaround that a write of `command` is allowed at the least, in seconds."""
+    is_stored = command.effect in (Effect.ERASES, Effect.MOVES) or command.name == "address"
+    return STORING_S if is_stored else SETTING_S
 
 
 class Dialogue:
@@ -121,8 +130,9 @@ class Dialogue:
         answered_as = (WRITE_ANSWERED_AS if is_write else READ_ANSWERED_AS).get(command.name)
         if answered_as is not None:
             question.also_number, question.also = answered_as[0], f"{answered_as[1]}{port}"
-        if is_write and command.name in ACKNOWLEDGED_WITH_VALUE:
-            question.repeated = data
+        if is_write:
+            question.least_s = least_s(command)
+            question.repeated = data if command.name in ACKNOWLEDGED_WITH_VALUE else ""
         return question
 
     def _frame(self, header: str, text: str, *, sending: bool) -> bytes:
@@ -136,7 +146,8 @@ class Dialogue:
     def patience_s(self, question: Question) -> float:
         """How long the answer may take from the moment the question is handed over."""
         seen = self.turnaround_s
-        return question.wire_s + (UNMEASURED_S if seen is None else min(max(LEAST_S, 4 * seen), MOST_S))
+        from_reads = UNMEASURED_S if seen is None else min(max(LEAST_S, 4 * seen), MOST_S)
+        return question.wire_s + max(from_reads, question.least_s)
 
     def _exchange(self, question: Question) -> Steps[str]:
         """Ask once; give the data field of the answer."""
@@ -155,7 +166,7 @@ class Dialogue:
         text = question.text_in(heard.data)
         if text is None:
             return (yield from self._gather(question, heard))
-        self._note_time(heard.now, question.wire_s)
+        self._note_time(heard.now, question, question.wire_s)
         return text
 
     def _gather(self, question: Question, heard: Heard) -> Steps[str]:
@@ -171,7 +182,7 @@ class Dialogue:
                     continue
                 data = self._match(question, found)
                 if data is not None:
-                    self._note_time(heard.now, self.line.seconds(len(question.frame) + len(found.encode())))
+                    self._note_time(heard.now, question, self.line.seconds(len(question.frame) + len(found.encode())))
                     return data
                 if not isinstance(failure, AnswerCorrupt):
                     text = f"{question.title()}: answered by {found.header}{found.text}, which is no answer to it"
@@ -276,11 +287,14 @@ class Dialogue:
 
     # -- the state of the line -------------------------------------------------------------------------------------
 
-    def _note_time(self, now: float, wire_s: float) -> None:
+    def _note_time(self, now: float, question: Question, wire_s: float) -> None:
+        """An answer was whole at `now`. What a write took tells nothing of reads."""
         self.now = self.heard = now
         self._settled()
         if not self._answer_from_station:
             self.anomalies.counts[6] += 1
+        if question.is_write:
+            return
         took = max(now - self.sent - wire_s, 0.0)
         seen = self.turnaround_s
         if seen is None or took > seen:

@@ -130,8 +130,10 @@ class OmegaStation:
             raise _ignored(question)
         raise failures[-1]
 
-    def write(self, command: Command, value: Value, port: int | None = None, tool: int | None = None) -> Steps[None]:
-        """Write a value once. An acknowledgement is not proof: read back.
+    def write(
+        self, command: Command, value: Value, port: int | None = None, tool: int | None = None, *, hurry: bool = False
+    ) -> Steps[None]:
+        """Write a value once. An acknowledgement is not proof: read back. Nothing that is written here can `hurry`.
 
         Of H the end is waited for, `COMPLETION_S` at most. Raises `Ignored` where D was not answered and the next question was,
         and another `StationError` where what was done with it is not known.

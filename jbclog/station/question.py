@@ -24,7 +24,7 @@ class Question:
 
     `digits` are the characters of data that the answer carries; None: any number but none. `is_short` is R-TT, whose code
     has two letters. `also` is another code under which some stations answer it, with its row of section B; empty where
-    there is none. `repeated` is data that an acknowledgement may carry.
+    there is none. `repeated` is data that an acknowledgement may carry. `least_s` is the turnaround that is allowed at the least.
     """
 
     command: Command
@@ -43,6 +43,7 @@ class Question:
     also: str = ""
     also_number: int = 0
     repeated: str = ""
+    least_s: float = 0.0
 
     def text_in(self, data: bytes) -> str | None:
         """The data field where `data` is the whole answer in one piece and nothing else: nearly always so."""
@@ -82,6 +83,11 @@ class Question:
     def odd_row(self, text: str) -> int | None:
         """The row of section B by which a data field that means something is odd; None where it is as recommended."""
         return self.odd.get(text) if len(self.odd) < KNOWN_ANSWERS else odd_form(self.command.name, text)
+
+    @property
+    def is_write(self) -> bool:
+        """Whether it changes something; it is allowed longer then."""
+        return self.least_s > 0
 
     def title(self) -> str:
         """How messages name it: ``tip temperature of port 1``."""

@@ -34,7 +34,7 @@ from jbclog.errors import (
 )
 from jbclog.quantities import Value
 from jbclog.station.client import Asking
-from jbclog.station.dialogue import REPEATS, AnsweredOtherwise, Dialogue, Pair
+from jbclog.station.dialogue import LEAST_S, REPEATS, AnsweredOtherwise, Dialogue, Pair
 from jbclog.station.question import Question
 from jbclog.wire import LineFormat
 
@@ -127,8 +127,10 @@ class Station(Dialogue):
         except ValueError as error:
             raise AnswerFormat(f"{question.title()}: {error}") from error
 
-    def write(self, command: Command, value: Value, port: int | None = None, tool: int | None = None) -> Steps[None]:
-        """Write a value once. An acknowledgement is not proof: read back.
+    def write(
+        self, command: Command, value: Value, port: int | None = None, tool: int | None = None, *, hurry: bool = False
+    ) -> Steps[None]:
+        """Write a value once. An acknowledgement is not proof: read back. In a `hurry` it is waited for as a read's answer is.
 
         Raises `Refusal` where the station says no, `AnswerTimeout` or another `StationError` where what it says is
         not known; then it may or may not have been done. It goes out whatever came before: it may be what stops a tool.
@@ -138,15 +140,18 @@ class Station(Dialogue):
             self.anomalies.counts[WITHOUT_DATA[command.name]] += 1
             data = ""
         self._moving = self._pairs(value) if command.name == "address" else ()
+        question = self._make(command, "W", port, tool, data)
+        if hurry:
+            question.least_s = LEAST_S
         try:
-            yield from self._write(self._make(command, "W", port, tool, data), again=command.effect is Effect.NONE)
+            yield from self._write(question, again=command.effect is Effect.NONE)
         except NotReceived as refusal:
             if refusal.code != BADLY_FORMED or not data or command.name not in WITHOUT_DATA:
                 raise
             yield from self._write_without_data(command)
         except OutOfRange:
             if (command.name, data) == EXTRACTOR_ORDER:
-                self._meet(19, self._make(command, "W", port, tool, data), data)
+                self._meet(19, question, data)
             raise
         finally:
             self._moving = ()

@@ -186,7 +186,7 @@ def test_a_write_that_cannot_be_read_back_is_unconfirmed_and_stops_the_run() -> 
 
 def test_a_link_that_breaks_in_a_write_leaves_it_unconfirmed() -> None:
     at_s = moment_of("WHA100380") + 0.001
-    run = prepare(line_text(fault("dropout", at_s=at_s, for_s=1)), duration_s=5).go()
+    run = prepare(line_text(fault("dropout", at_s=at_s, for_s=3)), duration_s=5).go()
     assert run.facts.outcome == "gone"
     assert outcome(run, "alarm_high_limit") == "unconfirmed"
     assert "alarm high limit of port 1" in run.facts.reason

@@ -250,6 +250,15 @@ def test_an_unreachable_tool_is_named_with_its_last_temperature(sim: str) -> Non
     assert [event.severity for event in run.memory.of_kind("safety.not_safe")] == ["critical", "critical"]
 
 
+@pytest.mark.parametrize("by_s", [0.3, 0.5, 0.9])
+def test_a_station_that_takes_its_time_to_store_is_not_given_up(by_s: float) -> None:
+    """Its reads are quick; nothing prints how long an acknowledgement takes (digest B-13)."""
+    run = prepare(line_text(fault("late", only="write", by_s=by_s)), duration_s=3).go()
+    assert run.facts.outcome == "completed"
+    assert run.facts.safe_state == {1: "verified", 2: "verified"}
+    assert [one.text for one in run.writes].count("WPS100001") == 1
+
+
 def test_three_tries_within_seconds() -> None:
     """Three seconds for a station, and at least one try for each of its tools."""
     run = prepare(line_text(fault("silence", at_s=5)), duration_s=60)

@@ -15,12 +15,12 @@ from talk import PROMPT_S, Answer, Talk, framed
 from jbclog.commands.family import FAMILIES
 from jbclog.effects import Steps
 from jbclog.errors import StationError, StationSilent
-from jbclog.station.dialogue import LEAST_S, QUIET_S, UNMEASURED_S
+from jbclog.station.dialogue import LEAST_S, QUIET_S, UNMEASURED_S, least_s
 from jbclog.station.robot import Station
 from jbclog.wire import LineFormat
 
 DDE = FAMILIES["dde"].commands
-TIP, MODEL = DDE["tip_temperature"], DDE["model"]
+TIP, MODEL, SELECTED = DDE["tip_temperature"], DDE["model"], DDE["selected_temperature"]
 OTHERS = {"RSMN": "ASMN  DDE", "RSER": "ASER00000", "RMAT": "AMAT00500"}
 NOT_ONE_BIT = bytes([0x02, *b"0100ATT100001", 0x03, 0x55])  # framed like the answer, wrong check byte
 BEFORE: dict[str, list[Answer]] = {
@@ -174,6 +174,26 @@ def test_the_time_allowed_follows_from_bytes_line_and_turnaround(baudrate: int) 
     assert waited_s(line, None) == pytest.approx(UNMEASURED_S)
     assert waited_s(line, 0.001) == pytest.approx(LEAST_S)
     assert waited_s(line, 0.2) == pytest.approx(0.8)
+
+
+def test_a_write_is_allowed_longer_and_teaches_nothing_of_reads() -> None:
+    """What it is stored in may be slow (digest B-13)."""
+    talk = Talk(("RTT1", "ATT100183"), ("WST100360", (0.9, "AST1")), ("RTT1", "ATT100184"))
+
+    def steps(station: Station) -> Steps[float | None]:
+        yield from station.read(TIP, 1)
+        seen = station.turnaround_s
+        yield from station.write(SELECTED, 360, 1)
+        yield from station.read(TIP, 1)
+        return seen
+
+    assert talk.do(steps) == pytest.approx(talk.station.turnaround_s, rel=0.01)
+    assert talk.end.heard == ["RTT1", "WST100360", "RTT1"]
+
+
+@pytest.mark.parametrize(("command", "at_least_s"), [("selected_temperature", 1.0), ("status", 1.0), ("restart", 2.0)])
+def test_what_is_stored_for_good_is_waited_for_longest(command: str, at_least_s: float) -> None:
+    assert least_s(FAMILIES["dde"].commands[command]) == at_least_s
 
 
 def test_the_turnaround_is_learnt_from_answers() -> None:

@@ -203,6 +203,13 @@ def test_what_only_the_station_knows_is_asked_before(make: Make, value: str, whi
     assert writes(bench) == []
 
 
+def test_the_temperature_of_sleep_is_held_to_what_the_station_allows(make: Make) -> None:
+    bench = make(dde())
+    ended = refused(bench, "sleep_temperature", "600", "--port", "1")
+    assert (ended.code, "600 °C is above the station's maximum of 500 °C" in ended.err) == (3, True)
+    assert writes(bench) == []
+
+
 # -- nobody watches -------------------------------------------------------------------------------------------------------------
 
 
@@ -415,6 +422,13 @@ def test_a_station_that_answers_otherwise_after_a_reset_is_said(make: Make) -> N
     assert "sent and acknowledged; now it does not answer as before (refused with N 00005, Robot mode is off)" in ended.out
 
 
+@pytest.mark.parametrize("by_s", [0.7, 1.9])
+def test_an_address_that_takes_its_time_is_proven_too(make: Make, by_s: float) -> None:
+    late = fault("late", f"only = 'write'\nby_s = {by_s}")
+    ended = make(station_text("ucr-1", "ucr", sim=late)).do("write", "ucr-1", "address", "9", "--yes-i-mean", "ucr-1")
+    assert (ended.code, ended.out) == (0, "address: 9, confirmed\n")
+
+
 @pytest.mark.parametrize(("value", "written"), [("7", "address = 7"), ("0", "address = false")])
 def test_another_address_is_proven_and_the_line_file_s_turn(make: Make, value: str, written: str) -> None:
     bench = make(station_text("ucr-1", "ucr", "address = 1"))
@@ -537,6 +551,9 @@ def test_a_port_that_is_in_use_names_the_run_of_whoever_has_it(
         (("selected_temperature", "-p", "1"), "selected_temperature needs a value"),
         (("selected_temperature", "350", "-p", "3"), "there is no port 3; this station has 1, 2"),
         (("adjust", "-55", "-p", "1"), "-55 °C is not allowed; -50 to 50 °C, in steps of 1"),
+        (("sleep_temperature", "99995", "-p", "1"), "99995 °C is not allowed; steps of 5 °C"),
+        (("sleep_temperature", "-5", "-p", "1"), "-5 °C is not allowed; steps of 5 °C"),
+        (("alarm_high_limit", "700", "-p", "1"), "700 °C is not allowed; 5 to 600 °C, in steps of 5; no manual prints the ends"),
         (("sleep_delay", "10", "-p", "1"), '10 min is not allowed; 0 to 9 min, in steps of 1, or "off"'),
         (("alarm_high_limit", "off", "-p", "1"), "no manual prints how a limit is taken back; switch its delay off instead"),
         (("alarm_high_delay", "1.605", "-p", "1"), "1.605 s is not allowed"),
@@ -555,6 +572,25 @@ def test_wrong_usage_is_said_before_anything_is_sent(make: Make, words: tuple[st
     assert (ended.code, ended.out) == (2, "")
     assert told in ended.err
     assert bench.wires["dde-1"].opened == 0
+
+
+@pytest.mark.parametrize(
+    ("family", "words", "told"),
+    [
+        ("ale", ("feeder_length", "-1"), "-1 mm is not within 0 to 9999.9 mm, as far as five digits go; no manual prints a range"),
+        ("ale", ("feeder_length", "1000000"), "1000000 mm is not within 0 to 9999.9 mm"),
+        ("ale", ("feeder_diameter", "1000"), "1000 mm is not within 0 to 999.99 mm"),
+        ("ale", ("feeder_length", "7.55"), "7.55 mm is not a multiple of 0.1 mm"),
+        ("omega", ("run_condition", "200"), "200 is no number of a solder condition; 101 to 199, 201 to 299 or 301 to 399"),
+        ("omega", ("run_condition", "400"), "400 is not allowed; 101 to 199, 201 to 299 or 301 to 399"),
+        ("omega", ("store_condition", "condition 0, air_blow_s 500"), "500.0 is not within 0 to 409.5"),
+    ],
+)
+def test_what_is_wrong_is_told_as_it_was_typed_and_once(make: Make, family: str, words: tuple[str, ...], told: str) -> None:
+    ended = make(station_text("x", family)).do("write", "x", "--yes-i-mean", "x", *words)
+    assert (ended.code, ended.out) == (2, "")
+    assert told in ended.err
+    assert ended.err.count("101 to") <= 1
 
 
 def test_a_family_still_to_be_learnt_is_asked_first(make: Make) -> None:
