@@ -69,14 +69,17 @@ def scan(
 
 
 def _ports(urls: list[str] | None) -> list[str]:
-    """The ports that are named, each once; every USB serial port where none is."""
-    from jbclog.recipe.url import is_path
+    """The ports that are named, each once; every USB serial port where none is. Raises `UsageError`."""
+    from jbclog.recipe.url import is_path, url_problem
     from jbclog.transport.usb import usb_ports
 
     if not urls:
         return [port.name for port in usb_ports()]
     known: dict[str, str] = {}
     for url in urls:
+        problem = url_problem(url)
+        if problem:
+            raise UsageError(f"{problem}. A port is a device such as /dev/ttyUSB0, socket://HOST:PORT or rfc2217://HOST:PORT")
         known.setdefault(str(Path(url).resolve()) if is_path(url) else url, url)
     return list(known.values())
 

@@ -25,12 +25,23 @@ def checked_url(value: str) -> str:
         if ".." in path.parts and not path.is_absolute():
             raise said(f"{shown(value)} is not allowed; a relative path stays below the line file's folder")
         return value
-    scheme = value.partition("://")[0].lower()
-    if scheme not in SCHEMES:
-        raise said(f"the kind of port {shown(scheme)} is {unknown(scheme, list(SCHEMES))}")
-    if scheme in ("socket", "rfc2217") and not _has_host_and_port(value):
-        raise said(f"{shown(value)} is not allowed; {scheme}://HOST:PORT")
+    problem = url_problem(value)
+    if problem:
+        raise said(problem)
     return value
+
+
+def url_problem(value: str) -> str | None:
+    """What is wrong with a url that has a scheme; None where it may be opened, or is a path."""
+    scheme, is_url, _ = value.partition("://")
+    scheme = scheme.lower()
+    if not is_url:
+        return None
+    if scheme not in SCHEMES:
+        return f"the kind of port {shown(scheme)} is {unknown(scheme, list(SCHEMES))}"
+    if scheme in ("socket", "rfc2217") and not _has_host_and_port(value):
+        return f"{shown(value)} is not allowed; {scheme}://HOST:PORT"
+    return None
 
 
 def _has_host_and_port(url: str) -> bool:

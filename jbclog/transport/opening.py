@@ -180,6 +180,8 @@ def _refused(url: str, device: str, error: BaseException) -> LinkError:
         return LinkError(f"{url}: it is no serial port; give a device such as /dev/ttyUSB0")
     if number == errno.ECONNREFUSED:
         return LinkError(f"{url}: nobody listens there; see that the server runs")
+    if isinstance(error, ValueError | TypeError):  # pyserial could make nothing of it
+        return LinkError(f"{url}: it is no port; give a device such as /dev/ttyUSB0, or socket://HOST:PORT")
     return LinkError(f"{url}: it cannot be opened: {error}")
 
 

@@ -293,7 +293,7 @@ def _holding(far: Terminal) -> subprocess.Popen[str]:
         ("/dev/ttyNOWHERE", "there is no such port; see that it is plugged in"),
         ("/dev/null", "it is no serial port; give a device such as /dev/ttyUSB0"),
         ("/", "cannot be opened"),
-        ("rfc4711://host:1", "cannot be opened"),
+        ("rfc4711://host:1", "it is no port; give a device"),
         ("socket://nowhere", "cannot be opened"),
         ("hwgrep://no-such-adapter", "cannot be opened"),
         ("", "there is no such port; see that it is plugged in"),

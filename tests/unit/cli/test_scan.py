@@ -41,6 +41,22 @@ def test_a_port_with_two_names_is_asked_once(tmp_path: Path) -> None:
     assert _ports(named) == [named[0], *named[2:]]
 
 
+@pytest.mark.parametrize(
+    ("url", "why"),
+    [
+        ("socket://foo", '"socket://foo" is not allowed; socket://HOST:PORT'),
+        ("socket://foo:99999", '"socket://foo:99999" is not allowed; socket://HOST:PORT'),
+        ("rfc2217://:4001", '"rfc2217://:4001" is not allowed; rfc2217://HOST:PORT'),
+        ("http://x", 'the kind of port "http" is unknown'),
+    ],
+)
+def test_what_is_no_url_of_a_port_is_wrong_usage(url: str, why: str) -> None:
+    ended = CliRunner().invoke(app, ["scan", url])
+    assert ended.exit_code == 2
+    assert why in ended.stderr
+    assert "A port is a device such as /dev/ttyUSB0, socket://HOST:PORT or rfc2217://HOST:PORT" in ended.stderr
+
+
 def said(monkeypatch: pytest.MonkeyPatch, cables: dict[str, Cable], *options: str) -> tuple[int, str]:
     """Exit code and stdout of a scan of these cables' urls."""
     monkeypatch.setattr(search, "SYSTEM", means(cables))
