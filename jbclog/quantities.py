@@ -25,8 +25,8 @@ class Off(Enum):
 
 OFF: Final = Off.OFF
 OFF_ON_WIRE: Final = "99999"
+MOST: Final = 99999  # of five digits
 HIGHEST_C: Final = 600  # no station is made for more than 500 (seed 002, factory settings)
-
 
 
 class Record:
@@ -68,7 +68,7 @@ def _number(value: Value) -> float:
 def _whole(value: Value) -> int:
     if isinstance(value, bool) or not isinstance(value, int):
         raise ValueError(f"{value!r} is not a whole number")
-    if not -9999 <= value <= 99999:
+    if not -9999 <= value <= MOST:
         raise ValueError(f"{value} does not fit in five characters")
     return value
 
@@ -104,7 +104,7 @@ class Unsigned:
 
     def encode(self, value: Value) -> str:
         if _whole(value) < 0:
-            raise ValueError(f"{value} is negative")
+            raise ValueError(f"{value} {self.unit}".rstrip() + " is negative")
         return f"{value:05d}"
 
 
@@ -118,7 +118,12 @@ class Delay:
         return OFF if data == OFF_ON_WIRE else Unsigned(self.unit).decode(data)
 
     def encode(self, value: Value) -> str:
-        return OFF_ON_WIRE if value is OFF else Unsigned(self.unit).encode(value)
+        if value is OFF:
+            return OFF_ON_WIRE
+        digits = Unsigned(self.unit).encode(value)
+        if digits == OFF_ON_WIRE:
+            raise ValueError(f"{value} {self.unit} would be read as off")
+        return digits
 
 
 @dataclass(frozen=True, slots=True)
@@ -164,7 +169,9 @@ class AlarmLimit:
     def encode(self, value: Value) -> str:
         if value is OFF:
             raise ValueError("no manual prints how a limit is taken back; switch its delay off instead")
-        return Unsigned(self.unit).encode(value)
+        if not 0 < _whole(value) <= HIGHEST_C:
+            raise ValueError(f"{value} {self.unit} would not be read as a limit that is set")
+        return f"{value:05d}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -182,7 +189,9 @@ class Scaled:
         raw = round(exact)
         if abs(raw - exact) > 1e-6:
             raise ValueError(f"{value} {self.unit} is not a multiple of {1 / self.per_unit} {self.unit}")
-        return Unsigned(self.unit).encode(raw)
+        if not 0 <= raw <= MOST:
+            raise ValueError(f"{value} {self.unit} is not within 0 to {MOST / self.per_unit} {self.unit}, as far as five digits go")
+        return f"{raw:05d}"
 
 
 @dataclass(frozen=True, slots=True)

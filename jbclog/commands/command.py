@@ -34,13 +34,17 @@ class Effect(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """The values that a manual prints. `printed=False` marks a range that no manual gives."""
+    """The values that a manual prints. `printed=False` marks a range that no manual gives.
+
+    `ours` marks both ends as this program's own, where a manual prints a step alone: beyond them nothing can be meant.
+    """
 
     low: float | None = None
     high: float | None = None
     step: float | None = None
     off: bool = False
     printed: bool = True
+    ours: bool = False
 
     def problem(self, value: Value) -> str | None:
         """Why `value` is not allowed, or None."""
@@ -60,6 +64,7 @@ class Limits:
         else:
             text = f"{'' if self.low is None else f'{self.low:g}'}..{'' if self.high is None else f'{self.high:g}'}"
         text += f" step {self.step:g}" if self.step else ""
+        text += " (ends not printed)" if self.ours else ""
         return text + (" or off" if self.off else "")
 
 

@@ -29,6 +29,7 @@ MODES: Final = (
 SET_TEMPERATURE: Final = 5
 CLEANING: Final = 0
 HUNDREDS: Final = (1, 2, 3)
+CONDITIONS: Final = "101 to 199, 201 to 299 or 301 to 399"
 UNITS: Final = (("_mm_s", "mm/s"), ("_mm", "mm"), ("_s", "s"))
 MOST: Final = 0xFFF
 
@@ -70,7 +71,7 @@ class ConditionNumber:
 
     def encode(self, value: Value) -> str:
         if isinstance(value, bool) or not isinstance(value, int) or not is_condition(value):
-            raise ValueError(f"{value!r} is not allowed; 101 to 199, 201 to 299 or 301 to 399")
+            raise ValueError(f"{value!r} is no number of a solder condition")
         return f"{value:04X}"
 
 
@@ -197,6 +198,8 @@ def _raw(value: float) -> str:
     exact = value * 10
     if abs(exact - round(exact)) > 1e-6:
         raise ValueError(f"{value} is not a step of 0.1")
+    if not 0 <= exact <= MOST:
+        raise ValueError(f"{value} is not within 0 to {MOST / 10}")
     return _field(round(exact))
 
 

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from jbclog.commands.command import Command, Limits
+from jbclog.commands.omega_values import CONDITIONS, ConditionNumber
 from jbclog.quantities import Choice, Off, Value, text_of
 
 
@@ -18,15 +21,20 @@ def range_problem(command: Command, value: Value) -> str | None:
 
 
 def allowed(command: Command) -> str:
-    """What a manual prints as allowed, or that none does."""
-    limits = command.limits
+    """What a manual prints as allowed, what the station itself knows, or that nobody says."""
+    limits, unit = command.limits, f" {command.unit}".rstrip()
     if isinstance(command.quantity, Choice):
         return f"one of {', '.join(command.quantity.names)}"
+    if isinstance(command.quantity, ConditionNumber):
+        return CONDITIONS
     if not limits.printed:
         return "no manual prints a range"
+    if command.within is not None and limits.step:
+        ends = _range(replace(limits, step=None), unit)
+        return f"steps of {limits.step:g}{unit}, within what the station itself allows, and never outside {ends}"
     if limits.low is None and limits.high is None:
-        return f"steps of {limits.step:g} {command.unit}, within what the station itself allows" if limits.step else "anything"
-    return _range(limits, f" {command.unit}".rstrip()) + (', or "off"' if limits.off else "")
+        return "anything"
+    return _range(limits, unit) + ("; no manual prints the ends" if limits.ours else "") + (', or "off"' if limits.off else "")
 
 
 def _range(limits: Limits, unit: str) -> str:

@@ -11,6 +11,7 @@ from types import MappingProxyType
 
 from jbclog.commands.command import Command, Effect, Limits, Scope
 from jbclog.quantities import (
+    HIGHEST_C,
     AlarmDelay,
     AlarmLimit,
     Delay,
@@ -29,6 +30,9 @@ HOURS = Unsigned("h")
 COUNT = Unsigned("count")
 NOTHING = Number()
 UNPRINTED = Limits(printed=False)
+TIP = Limits(0, HIGHEST_C, 5, ours=True)
+TIP_WITHIN = ("minimum_temperature", "maximum_temperature")
+ALARM = Limits(5, HIGHEST_C, 5, ours=True)  # what is below or above is read as "not set"
 STATUS_WORD = Word((0, 2, 1, 1, 3))
 ALARM_FLAGS = Flags((0, 0, 0, 1, 1))
 
@@ -40,9 +44,11 @@ def per_port(
     return Command(name, letters, Scope.PORT, quantity, "r", manual, limits, note=note, **more)  # type: ignore[arg-type]  # table helper
 
 
-def setting(name: str, letters: str, scope: Scope, quantity: Quantity, manual: str, limits: Limits, note: str = "") -> Command:
+def setting(
+    name: str, letters: str, scope: Scope, quantity: Quantity, manual: str, limits: Limits, note: str = "", **more: object
+) -> Command:
     """A command that is written and read back."""
-    return Command(name, letters, scope, quantity, "rw", manual, limits, note=note)
+    return Command(name, letters, scope, quantity, "rw", manual, limits, note=note, **more)  # type: ignore[arg-type]  # table helper
 
 
 READINGS = (
@@ -79,9 +85,9 @@ SETTINGS = (
         CELSIUS,
         "rw",
         "002 W-STx; 000 4.8.2",
-        Limits(step=5),
+        TIP,
         note="B-27: volatile",
-        within=("minimum_temperature", "maximum_temperature"),
+        within=TIP_WITHIN,
     ),
     Command(
         "status",
@@ -93,7 +99,7 @@ SETTINGS = (
         note="B-19: only 00000, 00001 and, not in 000, 00010 are written",
     ),
     setting("adjust", "A", Scope.TOOL, OFFSET, "002 W-Axy; 000 4.8.11", Limits(-50, 50, 1), "B-3: the sign was once a dot"),
-    setting("sleep_temperature", "S", Scope.TOOL, CELSIUS, "002 W-Sxy; 000 4.8.13", Limits(step=5)),
+    setting("sleep_temperature", "S", Scope.TOOL, CELSIUS, "002 W-Sxy; 000 4.8.13", TIP, within=TIP_WITHIN),
     setting("sleep_delay", "D", Scope.TOOL, Delay("min"), "002 W-Dxy; 000 4.8.15", Limits(0, 9, 1, off=True), "B-20: minutes"),
     setting(
         "hibernation_delay", "H", Scope.TOOL, Delay("min"), "002 W-Hxy; 000 4.8.17", Limits(0, 60, 5, off=True), "B-20: minutes"
@@ -104,7 +110,7 @@ SETTINGS = (
         Scope.PORT,
         AlarmLimit(),
         "002 W-HAx; 000 4.8.20",
-        Limits(low=5, step=5),
+        ALARM,
         "B-23: not set is 99999 or 0",
     ),
     setting(
@@ -113,7 +119,7 @@ SETTINGS = (
         Scope.PORT,
         AlarmLimit(),
         "002 W-LAx; 000 4.8.22",
-        Limits(low=5, step=5),
+        ALARM,
         "B-23: not set is 99999 or 0",
     ),
     setting(
@@ -188,6 +194,10 @@ class ErrorTable:
     def text(self, code: int) -> str:
         """What `code` means; an unknown one is kept as a number."""
         return self.texts.get(code, f"unknown {self.kind} error {code}")
+
+    def is_voided(self, signal: str) -> bool:
+        """Whether there is an error in which `signal` means nothing."""
+        return any(name == signal for _, name, _ in self.voids)
 
     def void(self, code: int | None, signal: str) -> str | None:
         """Why `signal` means nothing while the error is `code`, or None."""

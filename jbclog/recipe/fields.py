@@ -11,12 +11,12 @@ from typing import Annotated, Final
 from pydantic import AfterValidator, Field, PlainValidator
 
 from jbclog.commands.family import FAMILIES
+from jbclog.commands.omega_values import CONDITIONS, is_condition
 from jbclog.quantities import OFF, Off
 from jbclog.recipe.schema import FromList, said, shown, unknown
 
 FIVE_DIGITS: Final = "as far as five digits go; no manual prints a range"
 TENTHS: Final = "0 to 409.5 in steps of 0.1"
-CONDITIONS: Final = "101 to 199, 201 to 299 or 301 to 399"
 METADATA: Final = ("operator", "order", "product", "unit")
 
 
@@ -57,7 +57,7 @@ def _tenths(value: float) -> float:
 
 
 def _condition(number: int) -> int:
-    if number // 100 not in (1, 2, 3) or number % 100 == 0:
+    if not is_condition(number):
         raise said(f"{number} is not allowed; {CONDITIONS}")
     return number
 

@@ -8,8 +8,8 @@ from typing import Literal
 from pydantic import Field
 
 from jbclog.commands.family import FAMILIES
+from jbclog.commands.omega_values import CONDITIONS
 from jbclog.recipe.fields import (
-    CONDITIONS,
     FIVE_DIGITS,
     METADATA,
     TENTHS,

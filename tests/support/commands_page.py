@@ -20,8 +20,10 @@ digest of the next five; what a note calls B-nn is a row of [CONTRADICTIONS.md](
 
 A code is what stands on the wire behind R, W or A: `x` is the port, `y` the number of the tool, `nnnn` that of a solder
 condition. *Recorded as* names the columns of `samples` or the counter. *Once* marks what is never sent twice for one intent,
-because sending it does something; *dangerous* what `write` wants `--yes-i-mean` for and no recipe reaches.
-A range that no manual prints is called so and is never guessed.
+because sending it does something; *dangerous* what `write` wants `--yes-i-mean` for and no recipe reaches, but for
+OMEGA's D: a recipe's `[omega]` is sent with it where `run` is given `--allow-omega-write`.
+A range that no manual prints is called so and is never guessed; where ends stand that are not printed, they are jbclog's own,
+and what lies beyond them would be read back as not set.
 """
 
 BY_002 = """

@@ -25,8 +25,8 @@ Sxy r/w °C   step=5                     002 W-Sxy "steps of 5 degrees"
 Dxy r/w min  0..9,step=1,off            002 W-Dxy "steps of 1 minute with a range from 0 to 9", "99999"
 Hxy r/w min  0..60,step=5,off           002 W-Hxy "steps of 5 minutes with a range from 0 to 60", "99999"
 QTx r   °C   -
-HAx r/w °C   5..,step=5                 002 W-HAx "steps of 5 degrees"; 0 would be read as "not set"
-LAx r/w °C   5..,step=5                 002 W-LAx "steps of 5 degrees"; 0 would be read as "not set"
+HAx r/w °C   step=5                     002 W-HAx "steps of 5 degrees"; 0 would be read as "not set"
+LAx r/w °C   step=5                     002 W-LAx "steps of 5 degrees"; 0 would be read as "not set"
 HDx r/w s    0..99.99,step=0.01,off     002 W-HDx 'Format "ss.cc"', R-HDx "99999"
 LDx r/w s    0..99.99,step=0.01,off     002 W-LDx 'Format "ss.cc"', R-LDx "99999"
 TAx r   -    -
@@ -134,7 +134,7 @@ def _limits(command: Command) -> str:
     if not limits.printed:
         return "unprinted" if command.writable else "-"
     parts = []
-    if limits.low is not None or limits.high is not None:
+    if not limits.ours and (limits.low is not None or limits.high is not None):
         parts.append(f"{'' if limits.low is None else f'{limits.low:g}'}..{'' if limits.high is None else f'{limits.high:g}'}")
     if limits.step is not None:
         parts.append(f"step={limits.step:g}")

@@ -8,7 +8,9 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
+from contextlib import suppress
 from functools import cache
+from itertools import chain
 from pathlib import Path
 
 import pytest
@@ -21,6 +23,7 @@ import jbclog.commands
 from jbclog.commands.command import Command, Effect, Limits, Scope
 from jbclog.commands.family import FAMILIES, Family
 from jbclog.commands.omega_values import ConditionNumber, Digit, StoredCondition
+from jbclog.commands.ranges import range_problem
 from jbclog.effects import Steps
 from jbclog.errors import OutOfRange
 from jbclog.quantities import OFF, AlarmDelay, Choice, Delay, Number, Quantity, Text, Value, Word
@@ -168,6 +171,10 @@ def _distinct() -> list[Quantity]:
     return list(dict.fromkeys(command.quantity for _, command in EVERY))
 
 
+def _written() -> list[Quantity]:
+    return list(dict.fromkeys(command.quantity for _, command in EVERY if command.writable))
+
+
 @cache
 def _decoded(quantity: Quantity) -> int:
     """How many texts mean something; each value must be written as the text that it was read from."""
@@ -205,6 +212,32 @@ def test_what_its_limits_allow_can_be_written_and_what_they_forbid_cannot(family
         assert "not a step" in (limits.problem((limits.low or 0) + limits.step / 2) or "")
 
 
+@cache
+def _taken(quantity: Quantity) -> dict[Value, Value]:
+    """Every number, as far as the wire goes and beyond, that can be written, and what is read back of it."""
+    tenths = (number / 10 for number in range(-200, 100_000) if number % 10)
+    hundredths = (number / 100 for number in range(-10, 10_000) if number % 10)
+    found: dict[Value, Value] = {}
+    for value in chain(range(-10_001, 100_010), (1_000_000, 10**12), tenths, hundredths, (OFF,)):
+        with suppress(ValueError):
+            found[value] = quantity.decode(quantity.encode(value))
+    return found
+
+
+@pytest.mark.parametrize("quantity", _written(), ids=repr)
+def test_whatever_number_can_be_written_is_read_as_that_number(quantity: Quantity) -> None:
+    """3800 °C once went out as an alarm limit and was read back as "not set"."""
+    assert [value for value, found in _taken(quantity).items() if found != value] == []
+
+
+@every_command
+def test_what_a_person_may_write_can_be_written(family: Family, command: Command) -> None:
+    """What the ranges let through the wire carries, and nothing raises behind them."""
+    for value in (-99_995, -9_995, -5, 0, 5, 600, 605, 700, 3_800, 9_995, 99_995, 99_999, 100_000, 1_000_000):
+        if command.writable and range_problem(command, value) is None:
+            assert command.quantity.decode(command.quantity.encode(value)) == value
+
+
 @every_command
 def test_off_is_99999_where_the_limits_say_so_and_nowhere_else(family: Family, command: Command) -> None:
     if command.limits.off:
@@ -228,7 +261,11 @@ def test_off_is_99999_where_the_limits_say_so_and_nowhere_else(family: Family, c
         ("hibernation_delay", 12, "not a step of 5"),
         ("selected_temperature", 352, "not a step of 5"),
         ("sleep_temperature", 149, "not a step of 5"),
+        ("sleep_temperature", -5, "outside"),
+        ("sleep_temperature", 99995, "outside"),
         ("alarm_high_limit", 0, "outside"),  # would be read back as "not set"
+        ("alarm_high_limit", 605, "outside"),  # and so would this
+        ("alarm_low_limit", 3800, "outside"),
         ("alarm_low_limit", 301, "not a step of 5"),
         ("alarm_high_delay", 100.0, "outside"),
         ("alarm_low_delay", 1.005, "not a step of 0.01"),

@@ -161,7 +161,8 @@ on = true
         "the first of them a letter, a digit or _",
         'job.toml:3: recipe.families[2]: "dd" is unknown; did you mean dde?',
         "job.toml:4: recipe.colour: unknown; allowed here: name, revision, families",
-        "job.toml:7: temperature.select_c: 352 °C is not allowed; steps of 5 °C, within what the station itself allows",
+        "job.toml:7: temperature.select_c: 352 °C is not allowed; steps of 5 °C, within what the station itself allows, "
+        "and never outside 0 to 600 °C",
         "job.toml:8: temperature.adjust_c: 51 °C is not allowed; -50 to 50 °C, in steps of 1",
         "job.toml:9: temperature.slect_c: unknown; did you mean select_c?",
         "job.toml:12: sleep.temperature_c: 400 °C must not be above temperature.select_c (352 °C)",
@@ -196,6 +197,10 @@ on = true
         ("temperature", "adjust_c", "-51"),
         ("temperature", "adjust_c", "51"),
         ("temperature", "adjust_c", "1.5"),
+        ("temperature", "select_c", "-5"),
+        ("temperature", "select_c", "605"),
+        ("sleep", "temperature_c", "-5"),
+        ("sleep", "temperature_c", "99995"),
         ("sleep", "temperature_c", "151"),
         ("sleep", "delay_min", "10"),
         ("sleep", "delay_min", "-1"),
@@ -207,6 +212,10 @@ on = true
         ("hibernation", "delay_min", "65"),
         ("alarm.high", "limit_c", "381"),
         ("alarm.high", "limit_c", "0"),
+        ("alarm.high", "limit_c", "605"),
+        ("alarm.high", "limit_c", "3800"),
+        ("alarm.low", "limit_c", "-5"),
+        ("port.2.alarm.low", "limit_c", "99995"),
         ("alarm.high", "delay_s", "1.605"),
         ("alarm.high", "delay_s", "100"),
         ("alarm.low", "delay_s", "-0.01"),
@@ -246,6 +255,12 @@ def test_a_value_that_is_not_allowed_is_told_where_it_stands(section: str, key: 
     assert all(one.startswith(f"job.toml:{line}: {section}.{key}") for one in told)
 
 
+def test_an_alarm_limit_that_would_be_read_as_not_set_is_told_with_what_is_allowed() -> None:
+    assert only_problem(HEAD + "[alarm.high]\nlimit_c = 3800\n") == (
+        "job.toml:6: alarm.high.limit_c: 3800 °C is not allowed; 5 to 600 °C, in steps of 5; no manual prints the ends"
+    )
+
+
 @pytest.mark.parametrize(
     ("section", "key", "value"),
     [
@@ -255,6 +270,7 @@ def test_a_value_that_is_not_allowed_is_told_where_it_stands(section: str, key: 
         ("sleep", "delay_min", "9"),
         ("hibernation", "delay_min", "60"),
         ("alarm.high", "limit_c", "5"),
+        ("alarm.high", "limit_c", "600"),
         ("alarm.high", "delay_s", "0"),
         ("alarm.high", "delay_s", "99.99"),
         ("alarm.low", "delay_s", "1.6"),
