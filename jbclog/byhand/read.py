@@ -7,15 +7,15 @@ read only by its name.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TypeVar
 
-from jbclog.byhand.contact import Contact, Place, Target, everywhere, meet, places, sentence
+from jbclog.byhand.contact import Contact, Place, Target, everywhere, find_tool, meet, places, sentence
 from jbclog.byhand.names import find, readable, why_only_by_name
 from jbclog.commands.command import Command
 from jbclog.commands.family import Family
 from jbclog.effects import Steps
-from jbclog.errors import RobotModeOff, StartRefused, StationError, StationSilent, UsageError
+from jbclog.errors import ImplausibleAnswer, Refusal, RobotModeOff, StartRefused, StationError, StationSilent, UsageError
 from jbclog.quantities import Value
 
 T = TypeVar("T")
@@ -25,7 +25,8 @@ T = TypeVar("T")
 class Reading:
     """What a station told, or why it did not: then `value` is None, `reason` the record's word and `problem` the sentence.
 
-    `data` is the data field as it came; `heard` is when it was there, monotonic seconds.
+    `data` is the data field as it came; `heard` is when it was there, monotonic seconds. `is_void`: it was told, or refused, and
+    means nothing as the port is now.
     """
 
     command: Command
@@ -35,6 +36,7 @@ class Reading:
     heard: float
     reason: str = ""
     problem: str = ""
+    is_void: bool = False
 
 
 Tell = Callable[[Contact, Reading], None]
@@ -85,8 +87,33 @@ def _reading(contact: Contact, command: Command, place: Place) -> Steps[Reading]
     except (StationSilent, RobotModeOff) as error:
         raise StartRefused(f"{contact.name}: {error}") from error
     except StationError as error:
-        return Reading(command, place, None, "", client.now, error.reason, sentence(error))
-    return Reading(command, place, value, client.data, client.heard)
+        failed = Reading(command, place, None, "", client.now, error.reason, sentence(error))
+        return (yield from _unless_void(contact, failed)) if isinstance(error, Refusal | ImplausibleAnswer) else failed
+    return (yield from _unless_void(contact, Reading(command, place, value, client.data, client.heard)))
+
+
+def _unless_void(contact: Contact, reading: Reading) -> Steps[Reading]:
+    """The same, without its value where that means nothing without a tool, or because of the port's error (digest B-44)."""
+    family, port = contact.family, reading.place.port
+    signal = family.signal_of(reading.command.name)
+    if port is None or signal is None or not family.may_be_void(signal):
+        return reading
+    tool = (yield from find_tool(contact, port)) if family.tools else None
+    error = yield from _error_of(contact, port)
+    why = family.void(signal, tool, error)
+    if why is None:
+        return reading
+    number = f" (port error {error})" if error else ""
+    return replace(reading, value=None, reason=why, problem=why.replace("_", " ") + number, is_void=True)
+
+
+def _error_of(contact: Contact, port: int) -> Steps[int | None]:
+    """The error of `port`; None where it is not told."""
+    try:
+        error = yield from contact.agreed(contact.family.commands["port_error"], Place(port))
+    except (StationError, KeyError):
+        return None
+    return error if isinstance(error, int) else None
 
 
 def _ask(contact: Contact, command: Command, place: Place) -> Steps[Value]:

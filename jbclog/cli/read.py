@@ -127,7 +127,11 @@ class _Named(_Seen):
         from jbclog.byhand.values import shown
 
         self._places.append(reading.place)
-        if reading.value is None:
+        if reading.is_void:
+            if not self._as_json:
+                told = f"not known: {reading.problem}"
+                tell(told if self._is_only_one(reading.place) else f"{reading.place}: {told}")
+        elif reading.value is None:
             self.failed += 1
             note(f"error: {contact.name}: {title(reading.command, reading.place)}: {reading.problem}")
         elif not self._as_json:
@@ -159,6 +163,8 @@ class _All(_Seen):
         is_absent = reading.reason == "nak4"
         if reading.value is not None:
             text = shown(reading.value, reading.command, contact.family)
+        elif reading.is_void:
+            text = f"not known: {reading.problem}"
         else:
             text = "unknown to this station (N 00004)" if is_absent else f"not read: {reading.problem}"
             self.failed += not is_absent

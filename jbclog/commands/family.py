@@ -16,6 +16,10 @@ from jbclog.commands.status import NO_STATUS, SOLDERING_STATUS, StatusTable
 ROBOT, OMEGA = "robot", "omega"
 """Protocols: JBC's Robot mode, and OMEGA's own."""
 
+NEEDS_A_TOOL = frozenset({"temperature_c", "power_permille", "delay_s"})
+"""Signals that mean nothing while there is no tool."""
+NO_TOOL = "no_tool"
+
 
 def _by_name(commands: Iterable[Command]) -> Mapping[str, Command]:
     return MappingProxyType({command.name: command for command in commands})
@@ -71,6 +75,24 @@ class Family:
     def command_of(self, signal: str) -> Command | None:
         """The command that fills the columns of `signal` (``temperature_c``, ``set_c``); None where it has none."""
         return next((self.commands[one.command] for one in self.signals if one.name == signal), None)
+
+    def is_empty(self, tool: int | None, error: int | None) -> bool:
+        """Whether a port has no tool, by what it last said of its tool and its error; None is what it did not say."""
+        return bool(self.tools) and (tool == 0 or (error is not None and error == self.port_errors.no_tool))
+
+    def void(self, signal: str, tool: int | None, error: int | None) -> str | None:
+        """Why what a port says as `signal` means nothing, as the word in the record; None where it counts (digest B-44)."""
+        if signal in NEEDS_A_TOOL and self.is_empty(tool, error):
+            return NO_TOOL
+        return self.port_errors.void(error, signal)
+
+    def may_be_void(self, signal: str | None) -> bool:
+        """Whether there is anything for which `void` would say that `signal` means nothing."""
+        return signal in NEEDS_A_TOOL or any(name == signal for _, name, _ in self.port_errors.voids)
+
+    def signal_of(self, command: str) -> str | None:
+        """The signal that `command` fills; None where it fills none."""
+        return next((one.name for one in self.signals if one.command == command), None)
 
     @property
     def hours(self) -> str | None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from jbclog.commands.family import NEEDS_A_TOOL
 from jbclog.effects import Steps
 from jbclog.errors import ImplausibleAnswer, LinkError, NotSupported, Refusal, RobotModeOff, StationError, StationSilent
 from jbclog.quantities import Value
@@ -24,7 +25,6 @@ from jbclog.station.client import Asking
 
 WIDTH = len(SAMPLE_COLUMNS)
 SKIPPED = "skipped"
-NEEDS_A_TOOL = frozenset({"temperature_c", "power_permille", "delay_s"})
 EXPECTED = frozenset(  # told by other events, or none
     {"no_tool", "no_thermocouple", "not_counting", SKIPPED, LinkError.reason, "robot_off"}
 )

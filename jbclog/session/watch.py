@@ -191,4 +191,4 @@ OBSERVERS: dict[str, Observe] = {
 
 def is_no_tool(desk: Desk, port: PortState) -> bool:
     """Whether the station last said that nothing is in `port`; its temperature then means nothing."""
-    return port.tool == 0 or (port.error is not None and port.error == desk.family.port_errors.no_tool)
+    return desk.family.is_empty(port.tool, port.error)

@@ -85,6 +85,28 @@ def test_numbers_that_stand_for_something_are_told_in_words(make: Make, name: st
     assert bench.do("read", "dde-1", name, *([] if station_wide else ["--port", "1"])).out == f"{text}\n"
 
 
+def test_what_means_nothing_without_a_thermocouple_is_not_known(make: Make) -> None:
+    bench = make(station_text("jtse-1", "jtse", sim="thermocouple = false"))
+    ended = bench.do("read", "jtse-1", "external_temperature")
+    assert (ended.code, ended.out, ended.err) == (0, "port 1: not known: no thermocouple (port error 4)\n", "")
+    facts = json.loads(bench.do("read", "jtse-1", "external_temperature", "--port", "1", "--json").out)
+    assert (facts["value"], facts["reason"]) == (None, "no_thermocouple")
+    everything = bench.do("read", "jtse-1", "--all")
+    assert everything.code == 0
+    assert re.search(r"^external_temperature of port 1 +not known: no thermocouple", everything.out, re.MULTILINE)
+
+
+@pytest.mark.parametrize("name", ["tip_temperature", "power", "time_to_sleep"])
+def test_what_means_nothing_without_a_tool_is_not_known(make: Make, name: str) -> None:
+    bench = make(dde("tools = { 1 = 2, 2 = 0 }"))
+    ended = bench.do("read", "dde-1", name)
+    assert ended.code == 0
+    assert "port 2: not known: no tool (port error 4)" in ended.out
+    assert "port 1: not known" not in ended.out
+    facts = json.loads(bench.do("read", "dde-1", name, "--port", "2", "--json").out)
+    assert (facts["value"], facts["reason"]) == (None, "no_tool")
+
+
 def test_an_omega_s_condition_is_read_by_its_number(make: Make) -> None:
     bench = make(station_text("omega-1", "omega"))
     assert bench.do("read", "omega-1", "information").out == "normal\n"
