@@ -69,7 +69,7 @@ def lasting_url(url: str) -> str:
 
 
 def _said(report: PortReport, found: StationFound) -> str:
-    parts = [f"{found.model or 'no model told'}"]
+    parts = [found.model or (found.family.title if found.family else "a station that does not say its model")]
     parts += [f"software {found.software}"] if found.software else []
     parts += [f"port {port} {tool or 'not told'}" for port, tool in found.tools.items()]
     said = ", ".join(parts)

@@ -23,7 +23,7 @@ def tell_progress(report: PortReport, *, quiet: bool) -> None:
 
 def _title(report: PortReport) -> str:
     if report.station is None:
-        return "no station"
+        return "no station" if report.tried else "not asked"
     found = report.station
     family = f"family {found.family.name}" if found.family else "of no known family"
     return f"{found.model}, {family}" if found.model else family if found.family else "a station that does not say its model"

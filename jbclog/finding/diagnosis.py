@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+import math
+
 from jbclog.commands.family import FAMILIES
 from jbclog.errors import LinkError, PortBusy, PortForbidden, PortMissing
 from jbclog.finding.finding import Finding
 from jbclog.finding.found import PortReport, StationFound
+from jbclog.finding.trials import ADDRESSES, THOROUGH, plan_for
 
 SHOWN_BYTES = 12
 
 SWITCH_ON = "switch Robot mode on in the station's menu"
-LOOK_AGAIN = (
-    "see that the station is on and that Robot mode is on in its menu; "
-    "if so, exchange transmit and receive in the cable (RJ12: pins 3 and 4)"  # digest B-2
-)
+IS_IT_ON = "see that the station is on and that Robot mode is on in its menu; if so, "
+EXCHANGE = f"{IS_IT_ON}exchange transmit and receive in the cable (RJ12: pins 3 and 4)"  # digest B-2
+ALL = tuple(range(1, 100))
 BREAKS: tuple[tuple[type[LinkError], str], ...] = (
     (PortBusy, "port.busy"),
     (PortForbidden, "port.permission"),
@@ -69,9 +71,48 @@ def _nobody(report: PortReport) -> Finding:
             "line.format", url, f"something speaks, in no line format that was tried: {_heard(report)}", _next_try(report)
         )
     if report.untried:
-        step = f"give it more time: `jbclog scan {url}` without --seconds"
+        step = f"give it more time: `jbclog scan {url}{_options(report)}` without --seconds"
         return Finding("scan.cut", url, f"nothing answers in {_formats(report)}; the time was over before the rest was tried", step)
-    return Finding("line.silent", url, f"nothing answers in {_formats(report)}", LOOK_AGAIN)
+    return Finding("line.silent", url, f"nothing answers in {_formats(report)}", _look_again(report))
+
+
+def _look_again(report: PortReport) -> str:
+    """A format or an address that was not tried is likelier than crossed wires, and costs no iron."""
+    if _is_thorough(report) and set(ALL) <= set(report.asked):
+        return EXCHANGE
+    thorough = "" if _is_by_server(report) else " --thorough"
+    plan = plan_for(report.url, thorough=True, addresses=tuple(dict.fromkeys((*ADDRESSES, *ALL))), limit_s=None)
+    what = "every address" if _is_by_server(report) else "every line format and address"
+    minutes = math.ceil(plan.seconds / 60)
+    return f"{IS_IT_ON}try {what} (at most {minutes} min): `jbclog scan {report.url}{thorough} --addresses 1-99`"
+
+
+def _is_by_server(report: PortReport) -> bool:
+    """Whether somebody else decides on the line format."""
+    return report.url.startswith("socket:")
+
+
+def _is_thorough(report: PortReport) -> bool:
+    """Whether every line format was meant to be tried."""
+    return _is_by_server(report) or len(report.tried) + len(report.untried) >= len(THOROUGH)
+
+
+def _options(report: PortReport) -> str:
+    """How this scan was asked for, beside its port and its time."""
+    numbers = [number for number in report.asked if number is not None and number not in ADDRESSES]
+    thorough = " --thorough" if _is_thorough(report) and not _is_by_server(report) else ""
+    return f"{thorough} --addresses {_ranges(numbers)}" if numbers else thorough
+
+
+def _ranges(numbers: list[int]) -> str:
+    """``2,5-7``: as --addresses takes them."""
+    found: list[list[int]] = []
+    for number in sorted(numbers):
+        if found and number == found[-1][-1] + 1:
+            found[-1][1:] = [number]
+        else:
+            found.append([number])
+    return ",".join("-".join(map(str, ends)) for ends in found)
 
 
 def _heard(report: PortReport) -> str:
@@ -81,13 +122,15 @@ def _heard(report: PortReport) -> str:
 
 
 def _next_try(report: PortReport) -> str:
-    if report.url.startswith("socket:"):
+    if _is_by_server(report):
         return "set the line format of the station's menu in the server behind this port"
+    if _is_thorough(report):
+        return "see what is connected there: no line format that a station can have makes sense of it"
     return f"look up the line format in the station's menu, or try them all: `jbclog scan --thorough {report.url}`"
 
 
 def _formats(report: PortReport) -> str:
     tried = report.tried
     if len(tried) == 1:
-        return "the server's line format" if report.url.startswith("socket:") else f"the line format {tried[0]}"
+        return "the server's line format" if _is_by_server(report) else f"the line format {tried[0]}"
     return f"{len(tried)} line formats ({', '.join(map(str, tried[:3]))}, …)"

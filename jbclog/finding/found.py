@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 from jbclog.commands.family import Family
 from jbclog.errors import LinkError
+from jbclog.finding.trials import ADDRESSES
 from jbclog.wire import LineFormat
 
 
@@ -56,6 +57,7 @@ class PortReport:
     """One port: who answers there, what else came, and what was sent. It fills while the scan goes on.
 
     `echoed`: a question came back as it was sent. `binary` is the line format at which somebody speaks JBC's other protocol.
+    `asked` are the addresses that each line format is tried with.
     `garbage` is what came and was no answer, at most `MOST_KEPT` bytes a line format. `sent` counts each question at each format.
     """
 
@@ -70,3 +72,4 @@ class PortReport:
     sent: Counter[tuple[LineFormat, bytes]] = field(default_factory=Counter)
     seconds: float = 0.0
     stopped: bool = False
+    asked: tuple[int | None, ...] = ADDRESSES

@@ -45,6 +45,7 @@ class Dial:
 def scan(plan: ScanPlan, dial: Dial, report: PortReport) -> Steps[None]:
     """Fill `report`. Never raises for what a port or a station does."""
     began = (yield Wait(0.0)).now
+    report.asked = plan.addresses
     this = _Scan(plan, dial, report, began)
     try:
         yield from this.try_all()

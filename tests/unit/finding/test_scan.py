@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 from talk import framed
 from uart_ports import Cable, Coming, Echo, Silence, means, station_cable
@@ -200,7 +202,10 @@ def test_nobody() -> None:
     assert kinds(report) == ["line.silent"]
     assert report.tried == [trial.line for trial in USUAL]
     assert "12 line formats" in diagnose(report)[0].what
-    assert "RJ12: pins 3 and 4" in diagnose(report)[0].step
+    step = diagnose(report)[0].step
+    assert step.startswith("see that the station is on and that Robot mode is on in its menu")
+    assert step.endswith("try every line format and address (at most 42 min): `jbclog scan port --thorough --addresses 1-99`")
+    assert "RJ12" not in step
     assert sum(report.sent.values()) == len(USUAL) * len(ADDRESSES) + 1
     assert report.seconds <= ScanPlan().seconds
 
@@ -250,6 +255,36 @@ def test_the_time_is_bounded_and_what_was_not_tried_is_said() -> None:
     assert report.tried + report.untried == [trial.line for trial in USUAL]
     assert report.untried
     assert kinds(report) == ["scan.cut"]
+    assert diagnose(report)[0].step == "give it more time: `jbclog scan port` without --seconds"
+
+
+def test_more_time_is_asked_for_with_all_that_was_asked_for() -> None:
+    plan = plan_for("port", thorough=True, addresses=(*ADDRESSES, 2, 5, 6, 7), limit_s=2.0)
+    report = scanned(Cable(Silence(), LineFormat()), plan)
+    assert diagnose(report)[0].step == "give it more time: `jbclog scan port --thorough --addresses 2,5-7` without --seconds"
+
+
+@pytest.mark.parametrize(
+    "keys",
+    ["baudrate = 4800\nformat = '8O2'", "baudrate = 115200\nformat = '8O2'", "baudrate = 19200\nformat = '8E1'\naddress = 7"],
+)
+def test_a_format_or_address_that_was_not_tried_comes_before_the_wires(keys: str) -> None:
+    silent = scanned(station_cable("soldering", f"{keys}\nports = [1]"))
+    assert silent.station is None
+    assert "--thorough --addresses 1-99" in diagnose(silent)[0].step
+
+
+def test_the_wires_are_the_last_step() -> None:
+    silent = PortReport("port", tried=[trial.line for trial in THOROUGH], asked=(*ADDRESSES, *range(1, 100)))
+    assert diagnose(silent)[0].step.endswith("exchange transmit and receive in the cable (RJ12: pins 3 and 4)")
+    assert "--thorough" in diagnose(replace(silent, asked=ADDRESSES))[0].step
+    assert "--thorough" in diagnose(replace(silent, tried=silent.tried[:12]))[0].step
+
+
+def test_behind_a_server_only_the_addresses_are_left_to_try() -> None:
+    silent = PortReport("socket://host:1", tried=[LineFormat()])
+    assert diagnose(silent)[0].step.endswith("`jbclog scan socket://host:1 --addresses 1-99`")
+    assert diagnose(replace(silent, asked=(*ADDRESSES, *range(1, 100))))[0].step.endswith("(RJ12: pins 3 and 4)")
 
 
 def test_a_line_full_of_noise_takes_no_longer() -> None:
