@@ -71,7 +71,7 @@ class ConditionNumber:
 
     def encode(self, value: Value) -> str:
         if isinstance(value, bool) or not isinstance(value, int) or not is_condition(value):
-            raise ValueError(f"{value!r} is no number of a solder condition")
+            raise ValueError(f"{value!r} is no number of a solder condition; {CONDITIONS}")
         return f"{value:04X}"
 
 

@@ -16,7 +16,7 @@ def range_problem(command: Command, value: Value) -> str | None:
     try:
         command.quantity.encode(value)
     except ValueError as error:
-        return f"{error}; {allowed(command)}"
+        return f"{str(error).removesuffix(f'; {allowed(command)}')}; {allowed(command)}"  # once, where it says so itself
     return None
 
 

@@ -583,6 +583,11 @@ def test_wrong_usage_is_said_before_anything_is_sent(make: Make, words: tuple[st
         ("ale", ("feeder_length", "7.55"), "7.55 mm is not a multiple of 0.1 mm"),
         ("omega", ("run_condition", "200"), "200 is no number of a solder condition; 101 to 199, 201 to 299 or 301 to 399"),
         ("omega", ("run_condition", "400"), "400 is not allowed; 101 to 199, 201 to 299 or 301 to 399"),
+        (
+            "omega",
+            ("store_condition", "condition 200, mode 5, set_temperature_raw 1, process_raw 1"),
+            "200 is no number of a solder condition; 101",
+        ),
         ("omega", ("store_condition", "condition 0, air_blow_s 500"), "500.0 is not within 0 to 409.5"),
     ],
 )
