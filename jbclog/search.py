@@ -24,6 +24,7 @@ from jbclog.finding.scan import Dial, scan
 from jbclog.finding.trials import ScanPlan
 from jbclog.record.holding import run_that_holds
 from jbclog.transport import Port, ReadOnly, open_port
+from jbclog.transport.holder import in_words_all, sharers_of
 from jbclog.wire import LineFormat
 
 MOST_AT_ONCE = 64
@@ -75,11 +76,15 @@ def _scan(url: str, plan: ScanPlan, dial: Dial, means: Means) -> PortReport:
 def _open(report: PortReport, dial: Dial, means: Means) -> Port:
     """The port as a scan may use it: it lets harmless questions through and counts them.
 
-    A run holds its stations also while a cable is out, and behind servers that would take a second client.
+    A run holds its stations also while a cable is out, and behind servers that would take a second client. A program that
+    does not keep others out would lose what is answered here.
     """
     run = None if report.tried else run_that_holds(report.url)
     if run is not None:
         raise PortBusy(f"{report.url} belongs to the run {run}; wait for its end, or end it")
+    sharers = [] if report.tried else sharers_of(report.url)
+    if sharers:
+        raise PortBusy(f"{report.url} is open in {in_words_all(sharers)}; end that, or take another port", sharers[0])
     return _Counted(ReadOnly(means.open_port(report.url, dial.line), is_harmless), report, dial.line)
 
 

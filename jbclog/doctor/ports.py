@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import getpass
 import os
+import re
 from pathlib import Path
 
 from jbclog.doctor.looked import Fine, Looked
 from jbclog.finding.finding import Finding
 from jbclog.record.holding import run_of, run_that_holds
-from jbclog.transport import is_pseudo_terminal
-from jbclog.transport.holder import holder_of, in_words
+from jbclog.transport.holder import in_words, in_words_all, locker_of, sharers_of
 from jbclog.transport.usb import UsbPort, latency_timer
 
 NONE_PLUGGED = "no USB serial port is plugged in"
+GROUPS = ("dialout", "uucp", "tty", "plugdev")  # that systems give serial ports to; who is in another may do more than that
+RULES = "/etc/udev/rules.d/60-jbclog.rules"
 QUICK_MS = 2  # a timer of this much or less costs nothing that counts
 
 
@@ -28,18 +30,30 @@ def look_at_usb_port(port: UsbPort) -> Looked:
 def look_at_holder(where: str, url: str) -> Looked | None:
     """Who holds the port: a run, which is as it should be, or somebody else; None where nobody does."""
     run = run_that_holds(url)
-    process = None if is_pseudo_terminal(url) else holder_of(url)  # whose far end is always open: opening it tells
+    process = locker_of(url)
     run = run or (run_of(process) if process is not None else None)
     if run is not None:
         return Fine("port.run", where, f"the run {run} records it; it was not disturbed")
-    if process is None or process == os.getpid():
-        return None
-    return Finding("port.busy", where, f"it is in use by {in_words(process)}", "end that program")
+    if process is not None and process != os.getpid():
+        return Finding("port.busy", where, f"it is in use by {in_words(process)}", "end that program")
+    sharers = sharers_of(url)
+    if sharers:
+        what = f"it is open in {in_words_all(sharers)} too, which keeps nobody out: of what comes, each gets a part"
+        return Finding("port.shared", where, what, "end that program")
+    return None
 
 
 def permission_step(device: Path) -> str:
-    """How this user comes to open `device`: by its group, where it has one that may."""
-    return f"`sudo adduser {_user()} {_group(device)}`, then log in anew"
+    """How this user comes to open `device`: by its group, where that is one of serial ports; else by a rule that gives it one."""
+    group = _group(device)
+    if group in GROUPS:
+        return f"`sudo adduser {_user()} {group}`, then log in anew"
+    name = Path(os.path.realpath(device)).name
+    rule = f'KERNEL=="{re.sub(r"[0-9]+$", "*", name)}", GROUP="{GROUPS[0]}", MODE="0660"'
+    return (
+        f"give it to the group {GROUPS[0]} (`echo '{rule}' | sudo tee {RULES}`, then plug it in anew) "
+        f"and join that (`sudo adduser {_user()} {GROUPS[0]}`, then log in anew)"
+    )
 
 
 def _user() -> str:

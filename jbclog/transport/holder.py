@@ -4,7 +4,13 @@ from __future__ import annotations
 
 import contextlib
 import os
+import stat
+from collections.abc import Iterable, Iterator
 from pathlib import Path
+from typing import Final
+
+PSEUDO_TERMINALS: Final = "/dev/pts"
+MAJORS_OF_PSEUDO_TERMINALS: Final = range(136, 144)
 
 
 def holder_of(device: str) -> int | None:
@@ -13,7 +19,33 @@ def holder_of(device: str) -> int | None:
         wanted = Path(device).stat()
     except (OSError, ValueError):
         return None
-    return _locker(wanted) or _opener(wanted)
+    return _locker(wanted) or next(_openers(wanted), None)
+
+
+def locker_of(device: str) -> int | None:
+    """The number of the process that has `device` locked; None where none has, or the system does not tell."""
+    try:
+        return _locker(Path(device).stat())
+    except (OSError, ValueError):
+        return None
+
+
+def sharers_of(device: str) -> list[int]:
+    """The other processes that have `device` open: those of the same user, all for root. They read what was meant for us.
+
+    The program behind a pseudo-terminal is none of them, even where it holds both ends.
+    """
+    try:
+        wanted = Path(device).stat()
+    except (OSError, ValueError):
+        return []
+    number = _number_of_terminal(device)
+    return [process for process in _openers(wanted) if number is None or not _is_behind(process, number)]
+
+
+def in_words_all(processes: Iterable[int]) -> str:
+    """Who they are: ``process 4711 (minicom), process 4712 (cat)``."""
+    return ", ".join(map(in_words, processes))
 
 
 def in_words(process: int | None) -> str:
@@ -38,12 +70,25 @@ def _locker(wanted: os.stat_result) -> int | None:
     return None
 
 
-def _opener(wanted: os.stat_result) -> int | None:
-    """Another process that has it open: those of the same user, all for root."""
-    for process in _processes():
-        if process != os.getpid() and _has_open(process, wanted):
-            return process
-    return None
+def _openers(wanted: os.stat_result) -> Iterator[int]:
+    """Other processes that have it open: those of the same user, all for root."""
+    return (process for process in _processes() if process != os.getpid() and _has_open(process, wanted))
+
+
+def _number_of_terminal(device: str) -> int | None:
+    """The number of a pseudo-terminal; None of anything else."""
+    folder, name = os.path.split(os.path.realpath(device))
+    return int(name) if folder == PSEUDO_TERMINALS and name.isdigit() else None
+
+
+def _is_behind(process: int, number: int) -> bool:
+    """Whether it holds the other end of that pseudo-terminal."""
+    with contextlib.suppress(OSError):
+        for told in Path(f"/proc/{process}/fdinfo").iterdir():
+            with contextlib.suppress(OSError):
+                if f"tty-index:\t{number}\n" in told.read_text():
+                    return True
+    return False
 
 
 def _processes() -> list[int]:
@@ -56,6 +101,14 @@ def _has_open(process: int, wanted: os.stat_result) -> bool:
     with contextlib.suppress(OSError), os.scandir(f"/proc/{process}/fd") as descriptors:
         for descriptor in descriptors:
             with contextlib.suppress(OSError):
-                if os.path.samestat(descriptor.stat(), wanted):
+                if _is_same(descriptor.stat(), wanted):
                     return True
     return False
+
+
+def _is_same(opened: os.stat_result, wanted: os.stat_result) -> bool:
+    """One file, or two nodes of one device; the numbers of pseudo-terminals are given anew on each mount of theirs."""
+    if os.path.samestat(opened, wanted):
+        return True
+    are_devices = stat.S_ISCHR(opened.st_mode) and stat.S_ISCHR(wanted.st_mode)
+    return are_devices and opened.st_rdev == wanted.st_rdev and os.major(wanted.st_rdev) not in MAJORS_OF_PSEUDO_TERMINALS

@@ -4,17 +4,25 @@ from __future__ import annotations
 
 import errno
 import os
+import subprocess
+import sys
 from collections import namedtuple
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
+from far_ends import terminal
 
 from jbclog.doctor import disk, ports
 from jbclog.doctor.clock import clock_is_kept, look_at_clock
 from jbclog.doctor.disk import look_at_folder
 from jbclog.doctor.looked import Fine, Looked
-from jbclog.doctor.ports import look_at_holder, look_at_timer, look_at_usb_port
+from jbclog.doctor.ports import look_at_holder, look_at_timer, look_at_usb_port, permission_step
+from jbclog.errors import PortBusy
 from jbclog.finding.finding import Finding
+from jbclog.finding.trials import ScanPlan
+from jbclog.search import search
 from jbclog.transport.usb import UsbPort
 
 NOW = 1_795_000_000.0  # November 2026
@@ -108,10 +116,51 @@ def test_a_port_that_this_user_may_not_open(tmp_path: Path, monkeypatch: pytest.
 def test_a_port_that_somebody_else_has_open(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     device = tmp_path / "ttyUSB0"
     device.touch()
-    monkeypatch.setattr(ports, "holder_of", lambda url: os.getppid())
+    monkeypatch.setattr(ports, "locker_of", lambda url: os.getppid())
     looked = finding(look_at_holder("dde-1", str(device)))
     assert looked.kind == "port.busy"
     assert f"process {os.getppid()}" in looked.what
+
+
+OPENS = "import os, sys; os.open(sys.argv[1], os.O_RDWR | os.O_NOCTTY); print('open', flush=True); sys.stdin.read()"
+BOTH_ENDS = "import os, sys; far, near = os.openpty(); print(os.ttyname(near), flush=True); sys.stdin.read()"
+
+
+@contextmanager
+def another_program(script: str, *words: str) -> Iterator[tuple[int, str]]:
+    """A process that runs `script` meanwhile: its number and the first line that it says."""
+    with subprocess.Popen([sys.executable, "-c", script, *words], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as one:
+        assert one.stdout is not None
+        try:
+            yield one.pid, one.stdout.readline().strip()
+        finally:
+            one.kill()
+
+
+def test_a_port_that_another_program_has_open_without_a_lock() -> None:
+    with terminal() as far, another_program(OPENS, far.url) as (process, _):
+        looked = finding(look_at_holder("dde-1", far.url))
+        assert looked.kind == "port.shared"
+        assert f"it is open in process {process} (" in looked.what
+        (report,) = search([(far.url, ScanPlan(limit_s=0.5))])
+        assert isinstance(report.broken, PortBusy)
+        assert f"process {process}" in str(report.broken)
+        assert report.sent.total() == 0
+
+
+def test_the_program_behind_a_pseudo_terminal_does_not_share_it() -> None:
+    with another_program(BOTH_ENDS) as (_, url):
+        assert look_at_holder("dde-1", url) is None
+
+
+@pytest.mark.parametrize("group", ["root", "wheel", "audio"])
+def test_nobody_is_told_to_join_a_group_that_may_do_more(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, group: str) -> None:
+    monkeypatch.setattr(Path, "group", lambda path: group)
+    monkeypatch.setattr(ports.getpass, "getuser", lambda: "rossi")
+    step = permission_step(tmp_path / "ttyUSB0")
+    assert f"adduser rossi {group}" not in step
+    assert 'KERNEL=="ttyUSB*", GROUP="dialout", MODE="0660"' in step
+    assert "`sudo adduser rossi dialout`" in step
 
 
 def test_a_run_that_holds_a_port_is_no_finding(monkeypatch: pytest.MonkeyPatch) -> None:
