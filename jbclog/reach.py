@@ -11,6 +11,7 @@ import difflib
 import json
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -33,6 +34,7 @@ from jbclog.transport.read_only import OnlyReads
 from jbclog.wire import LineFormat
 
 T = TypeVar("T")
+NUMBERS: Final = ("", *(f"-{number}" for number in range(2, 100)))  # behind the names of snapshots of one second
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,13 +89,25 @@ def keep_snapshot(snapshot: Snapshot, before: str, path: Path | None) -> Path:
     """
     time = utc_of(means.clock.monotonic())
     stamp = time.partition(".")[0].replace("-", "").replace(":", "")
-    path = path or Path(f"{snapshot.station}-settings-{stamp}Z.json")
+    name = f"{snapshot.station}-settings-{stamp}Z"
     facts = {"time": time, "before": before, "jbclog": __version__, **asdict(snapshot)}
+    kept = (json.dumps(facts, indent=1, ensure_ascii=False) + "\n").encode()
     try:
-        write_new(path, (json.dumps(facts, indent=1, ensure_ascii=False) + "\n").encode())
+        return _put(kept, [path] if path is not None else [Path(f"{name}{number}.json") for number in NUMBERS])
     except OSError as error:
-        raise RecordError(f"{path}: the snapshot cannot be kept there: {error.strerror or error}; nothing was written") from error
-    return path
+        where = path or f"{name}.json"
+        raise RecordError(f"{where}: the snapshot cannot be kept there: {error.strerror or error}; nothing was written") from error
+
+
+def _put(kept: bytes, free: list[Path]) -> Path:
+    """Put `kept` at the first of these paths where there is nothing yet. Raises OSError."""
+    *others, last = free
+    for path in others:
+        with suppress(FileExistsError):
+            write_new(path, kept)
+            return path
+    write_new(last, kept)
+    return last
 
 
 def only_reads_for(family: Family | None) -> OnlyReads:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Final
 
-from jbclog.byhand.contact import NOWHERE, Contact, Place, Target, expect_proven, meet, places, sentence, title
+from jbclog.byhand.contact import NOWHERE, Contact, Place, Target, expect_proven, find_tool, meet, places, sentence, title
 from jbclog.byhand.danger import ONLY_COLD, expect_cold
 from jbclog.byhand.names import find, is_order, writable
 from jbclog.byhand.read import found_after_all
@@ -24,7 +24,7 @@ from jbclog.effects import Steps
 from jbclog.errors import LinkError, NotSupported, Refusal, StartRefused, StationError, UsageError
 from jbclog.quantities import Value
 from jbclog.station import after
-from jbclog.station.robot import Station
+from jbclog.station.robot import BADLY_FORMED, Station
 
 CONFIRMED, UNCHANGED, SENT = "confirmed", "unchanged", "sent"
 MISMATCH, REFUSED, UNCONFIRMED = "mismatch", "refused", "unconfirmed"
@@ -64,7 +64,8 @@ class Written:
 
     `outcome` is ``confirmed``, ``unchanged`` (it was so already, and nothing was sent), ``sent`` (acknowledged, and there is
     nothing to read back), ``mismatch``, ``refused`` or ``unconfirmed``; `problem` says why. `at_work` is whether the tool is,
-    or may be, at work now; None where that does not follow from the write. `seconds` is how long a restart took.
+    or may be, at work now; None where that does not follow from the write. `is_empty`: there is none in
+    the port, and one that is put in is at work. `seconds` is how long a restart took.
     """
 
     contact: Contact | None = None
@@ -78,6 +79,7 @@ class Written:
     outcome: str = ""
     problem: str = ""
     at_work: bool | None = None
+    is_empty: bool = False
     seconds: float | None = None
 
     @property
@@ -198,9 +200,19 @@ def _write(contact: Contact, command: Command, value: Value, written: Written) -
         yield from _send(contact, command, value, written)
     except (StationError, LinkError) as error:
         if isinstance(error, Refusal) and not written.is_answered:
-            written.outcome, written.problem = REFUSED, sentence(error)
+            written.outcome, written.problem = REFUSED, sentence(error) + _without_a_way(command, error)
         else:
             written.outcome, written.problem = UNCONFIRMED, str(error)
+
+
+def _without_a_way(command: Command, error: Refusal) -> str:
+    """Why an order that was refused for its form is not tried in another (digest B-37)."""
+    if error.code != BADLY_FORMED or not (is_order(command) and command.asked_once):
+        return ""
+    return (
+        "; it was not done. The manuals print no data for it, and what acts or erases is not tried in a second form, so jbclog "
+        "cannot give this station this order: give it at the station"
+    )
 
 
 def _send(contact: Contact, command: Command, value: Value, written: Written) -> Steps[None]:
@@ -289,6 +301,17 @@ def _look_at_work(contact: Contact, command: Command, written: Written) -> Steps
     else:
         return
     written.at_work = contact.family.status.is_working(word) if isinstance(word, tuple) else True  # as far as anybody knows
+    written.is_empty = written.at_work and (yield from _is_empty(contact, written.place.port))
+
+
+def _is_empty(contact: Contact, port: int | None) -> Steps[bool]:
+    """Whether the station says that there is no tool in `port`."""
+    if port is None or contact.family.command_of("tool") is None:
+        return False
+    try:
+        return contact.family.is_empty((yield from find_tool(contact, port)), None)
+    except (StationError, LinkError):
+        return False
 
 
 def _status_now(contact: Contact, port: int | None) -> Steps[Value | None]:

@@ -91,6 +91,8 @@ def notes(written: Written, target: Target, change: Change, line: Path) -> Itera
     command = _command(written)
     if written.at_work:
         yield _nobody_watches(written, target, line)
+    if written.outcome == CONFIRMED and command.name == "status" and written.readback != written.value:
+        yield _went_on(written)
     if written.outcome == UNCONFIRMED and command.readable:
         asked = Change(command.name, None, change.place)
         yield f"it may or may not have been done; `{call('read', target, asked, line)}` tells"
@@ -110,10 +112,23 @@ def _nobody_watches(written: Written, target: Target, line: Path) -> str:
         stop = call("write", target, Change("stop_feeding", None, place), line)
         return f"the feeder is{surely} running, and nobody watches it. To stop it: {stop}"
     rest = Change("status", contact.family.safe_states[0], place)
+    if written.is_empty:
+        return (
+            f"there is no tool in port {place.port}: one that is put in goes to work at once, and nobody watches it. "
+            f"To have it rest: {call('write', target, rest, line)}"
+        )
     return (
         f"the tool in port {place.port} is{surely} at work, and nobody watches it: it stays hot until it is told otherwise. "
         f"To let it rest: {call('write', target, rest, line)}"
     )
+
+
+def _went_on(written: Written) -> str:
+    """Why another state was read back than was ordered, and is right all the same."""
+    asked, found = _text(written, written.value), _text(written, written.readback)
+    has_cooled = not _contact(written).family.status.tens_rests and "cooling" in asked and "cooling" not in found
+    why = "the tool has cooled down already" if has_cooled else "the station goes on from it by itself"
+    return f"{asked} was ordered and {found} was read back: {why}"
 
 
 def written_facts(written: Written, kept: Path | None) -> dict[str, object]:

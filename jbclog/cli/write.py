@@ -119,7 +119,10 @@ class _Writing:
     def do(self) -> int:
         from jbclog.byhand.write import write_value
         from jbclog.reach import ask
+        from jbclog.station.omega import COMPLETION_S
 
+        if self._change.name == "run_condition":
+            note(f"note: the controller answers when the joint is done: this waits for that, up to {COMPLETION_S:g} s")
         steps = write_value(self._target, self._change, self._keep, self._written)
         try:
             ask(self._target, steps, may_write=True)
@@ -134,7 +137,12 @@ class _Writing:
         from jbclog.reach import keep_snapshot
 
         self._kept = keep_snapshot(snapshot, self._change.name, self._snapshot)
-        note(f"note: the settings of {snapshot.station} as they are now ({len(snapshot.settings)}) are kept in {self._kept}")
+        conditions = [str(one.condition) for one in snapshot.settings if one.condition is not None]
+        if conditions and len(conditions) == len(snapshot.settings):
+            what = f"solder condition {', '.join(conditions)} of {snapshot.station} as it is now, and nothing else of it, is kept"
+        else:
+            what = f"the settings of {snapshot.station} as they are now ({len(snapshot.settings)}) are kept"
+        note(f"note: {what} in {self._kept}")
 
     def _tell(self) -> int:
         from jbclog.cli.wording import exit_code, notes, result, written_facts

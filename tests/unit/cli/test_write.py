@@ -329,6 +329,35 @@ def test_all_settings_are_kept_before_anything_is_sent(make: Make, tmp_path: Pat
     assert bench.do("read", "dde-1", "adjust", "--port", "1").out == "0 °C\n"
 
 
+def test_two_snapshots_of_one_second_have_two_names(make: Make, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    bench = make(dde())
+    monkeypatch.setattr(reach, "utc_of", lambda moment: "2026-11-21T01:30:00.000000Z")
+    for _ in range(3):
+        assert bench.do("write", "dde-1", "store", *MEANT).code == 0
+    stem = "dde-1-settings-20261121T013000Z"
+    assert sorted(path.name for path in tmp_path.glob("*.json")) == [f"{stem}-2.json", f"{stem}-3.json", f"{stem}.json"]
+
+
+def test_an_order_that_the_station_wants_in_another_form_is_not_tried_in_it(make: Make) -> None:
+    bench = make(ale("quirks = ['no_data_orders']"))
+    ended = bench.do("write", "ale-1", "start_feeding", "--yes-i-mean", "ale-1")
+    assert ended.code == 3
+    assert "is not tried in a second form, so jbclog cannot give this station this order: give it at the station" in ended.err
+    assert writes(bench, "ale-1") == ["WSTR00000"]
+
+
+def test_where_there_is_no_tool_none_is_said_to_be_at_work(make: Make) -> None:
+    ended = make(dde("tools = { 1 = 2, 2 = 0 }")).do("write", "dde-1", "status", "working", "--port", "2")
+    assert "there is no tool in port 2: one that is put in goes to work at once" in ended.err
+    assert "the tool in port 2 is at work" not in ended.err
+
+
+def test_a_state_that_led_on_to_another_is_explained(make: Make) -> None:
+    ended = make(station_text("air", "jtse")).do("write", "air", "status", "cooling", "--port", "1")
+    assert (ended.code, ended.out.partition(" (")[0]) == (0, "status of port 1: off, confirmed")
+    assert "cooling was ordered and off was read back: the tool has cooled down already" in ended.err
+
+
 def test_a_snapshot_is_put_where_one_wants_it_and_over_nothing(make: Make, tmp_path: Path) -> None:
     bench = make(dde())
     assert bench.do("write", "dde-1", "store", *MEANT, "--snapshot", "kept.json").code == 0
@@ -476,9 +505,15 @@ def test_a_solder_condition_is_kept_written_and_read_back(make: Make) -> None:
     meant = ("--yes-i-mean", "omega-1", "--snapshot", "kept.json")
     ended = bench.do("write", "omega-1", "store_condition", changed, *meant)
     assert (ended.code, ended.out) == (0, f"store_condition: {changed}, confirmed ({shown} before)\n")
+    assert "note: solder condition 101 of omega-1 as it is now, and nothing else of it, is kept in kept.json" in ended.err
     told = json.loads(Path("kept.json").read_text())
     assert [(one["setting"], one["condition"], one["value"]) for one in told["settings"]] == [("condition", 101, shown)]
     assert len(writes(bench, "omega-1")) == 1
+
+
+def test_a_long_wait_is_told_before_it_begins(make: Make) -> None:
+    ended = make(station_text("omega-1", "omega")).do("write", "omega-1", "run_condition", "101", "--yes-i-mean", "omega-1")
+    assert ended.err.startswith("note: the controller answers when the joint is done: this waits for that, up to 120 s\n")
 
 
 # -- interrupted, and held by a run -----------------------------------------------------------------------------------------------
