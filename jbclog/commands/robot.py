@@ -195,10 +195,6 @@ class ErrorTable:
         """What `code` means; an unknown one is kept as a number."""
         return self.texts.get(code, f"unknown {self.kind} error {code}")
 
-    def is_voided(self, signal: str) -> bool:
-        """Whether there is an error in which `signal` means nothing."""
-        return any(name == signal for _, name, _ in self.voids)
-
     def void(self, code: int | None, signal: str) -> str | None:
         """Why `signal` means nothing while the error is `code`, or None."""
         return next((reason for error, name, reason in self.voids if (error, name) == (code, signal)), None)
