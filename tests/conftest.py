@@ -1,14 +1,9 @@
-"""For all tests.
-
-With JBCLOG_NO_SKIP in the environment a skipped test is a failed one, so that CI lets none slip by. Tests that wait for
-real ports, disks and processes run in one worker, one after the other; the others have the second worker to themselves.
-"""
+"""For all tests: with JBCLOG_NO_SKIP in the environment a skipped test is a failed one, so that CI lets none slip by."""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Generator
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -17,24 +12,7 @@ from hypothesis import settings
 settings.register_profile("unhurried", deadline=None)  # a busy machine must not fail a property
 settings.load_profile("unhurried")
 
-REAL_TIME = (
-    "docs/test_readme",
-    "docs/test_notebooks",
-    "docs/test_help",
-    "faults/test_guard",
-    "faults/test_kill",
-    "serial/",
-    "unit/record/test_holding",  # looks through all processes
-)
-TESTS = Path(__file__).parent
 NO_SKIP = bool(os.environ.get("JBCLOG_NO_SKIP"))
-
-
-@pytest.hookimpl(tryfirst=True)  # before xdist looks for groups
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    for item in items:
-        if item.path.relative_to(TESTS).as_posix().startswith(REAL_TIME):
-            item.add_marker(pytest.mark.xdist_group("real time"))
 
 
 @pytest.hookimpl(wrapper=True)
