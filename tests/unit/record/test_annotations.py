@@ -1,0 +1,148 @@
+"""What is said of a run after it was sealed: added to, chained, and never in the way."""
+
+from __future__ import annotations
+
+import json
+import os
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import pytest
+
+from jbclog.errors import RecordError
+from jbclog.record.annotations import LONGEST, NAME, append, read
+from jbclog.record.manifest import Manifest, manifest_sha256, write_manifest
+
+
+@pytest.fixture
+def run(tmp_path: Path) -> Path:
+    write_manifest(tmp_path, Manifest("a-run", state="sealed"))
+    return tmp_path
+
+
+def say(folder: Path, what: str = "SN-12 was scrapped") -> str:
+    return append(folder, who="A. Rossi", what=what, why="cracked joint", utc_s=1_790_000_000.25)
+
+
+def wrong(folder: Path) -> list[str]:
+    return [f"{number}: {text}" for number, text in read(folder).wrong]
+
+
+def lines(folder: Path) -> list[bytes]:
+    return (folder / NAME).read_bytes().splitlines(keepends=True)
+
+
+def test_who_when_what_and_why_are_kept(run: Path) -> None:
+    say(run)
+    append(run, who="jbclog guard", what="dde-1 port 1: stand", why="its recorder was killed", kind="safety.safe_state")
+    first, second = read(run).said
+    assert (first.seq, first.time, first.kind) == (1, "2026-09-21T14:13:20.250000Z", "note")
+    assert (first.who, first.what, first.why) == ("A. Rossi", "SN-12 was scrapped", "cracked joint")
+    assert first.prev_sha256 == manifest_sha256(run)
+    assert (second.seq, second.kind) == (2, "safety.safe_state")
+    assert wrong(run) == []
+
+
+def test_the_head_is_the_manifest_s_hash_and_then_the_last_line_s(run: Path) -> None:
+    assert read(run).head == manifest_sha256(run)
+    heads = [say(run), say(run)]
+    assert read(run).head == heads[1] != heads[0]
+
+
+def test_every_byte_of_every_line_is_vouched_for(run: Path) -> None:
+    for text in ("one", "two – 350 °C", "three"):
+        say(run, text)
+    whole = (run / NAME).read_bytes()
+    for place in range(len(whole)):
+        data = bytearray(whole)
+        data[place] ^= 1
+        (run / NAME).write_bytes(data)
+        assert wrong(run), f"byte {place}: {bytes(data[place - 20 : place + 20])!r}"
+
+
+def test_lines_moved_taken_out_and_put_in_are_found(run: Path) -> None:
+    for text in ("one", "two", "three"):
+        say(run, text)
+    one, two, three = lines(run)
+    broken = "does not carry the hash of the line before it"
+    for changed, number in (([one, three], 2), ([one, three, two], 2), ([one, one, two, three], 2)):
+        (run / NAME).write_bytes(b"".join(changed))
+        assert wrong(run)[0].startswith(f"{number}: {broken}")
+    (run / NAME).write_bytes(two + three)
+    assert wrong(run)[0].startswith("1: does not carry the hash of the manifest")
+
+
+def test_another_manifest_is_found(run: Path) -> None:
+    say(run)
+    write_manifest(run, Manifest("a-run", state="sealed", verdict="ACCEPT"))
+    assert wrong(run) == ["1: does not carry the hash of the manifest: one of the two was changed"]
+
+
+def test_a_line_that_was_cut_off_anywhere_is_told_and_keeps_nobody_from_going_on(run: Path) -> None:
+    say(run, "one")
+    kept = (run / NAME).read_bytes()
+    say(run, "two")
+    whole = (run / NAME).read_bytes()
+    for end in range(len(kept) + 1, len(whole)):
+        (run / NAME).write_bytes(whole[:end])
+        assert len(wrong(run)) == 1
+        say(run, "three")
+        assert wrong(run) == [], "the line behind vouches for what is left"
+        assert [one.what for one in read(run).said if one.what != "two"] == ["one", "three"]
+    assert (run / NAME).read_bytes().startswith(whole[: len(whole) - 1]), "nothing is ever taken away"
+
+
+def test_a_run_that_is_not_sealed_takes_none(tmp_path: Path) -> None:
+    with pytest.raises(RecordError, match="no manifest"):
+        say(tmp_path)
+    write_manifest(tmp_path, Manifest("a-run"))
+    with pytest.raises(RecordError, match="is not sealed"):
+        say(tmp_path)
+
+
+@pytest.mark.parametrize("field", ["who", "what", "why"])
+def test_nothing_is_no_answer(run: Path, field: str) -> None:
+    with pytest.raises(RecordError, match=f"says {field}: nothing"):
+        append(run, **{"who": "a", "what": "b", "why": "c", field: " \n\u202e"})
+
+
+def test_what_does_not_show_is_left_out_and_what_is_long_is_cut(run: Path) -> None:
+    append(run, who="A\x1b]0;x\x07", what="x" * 5000, why="one\ntwo\u202e", kind="note")
+    (said,) = read(run).said
+    assert (said.who, said.why) == ("A ]0;x", "one two")
+    assert len(said.what) == LONGEST
+    assert len(lines(run)) == 1
+
+
+def test_a_link_is_not_followed(run: Path, tmp_path_factory: pytest.TempPathFactory) -> None:
+    elsewhere = tmp_path_factory.mktemp("elsewhere") / "file"
+    elsewhere.write_text("")
+    (run / NAME).symlink_to(elsewhere)
+    for call in (say, read):
+        with pytest.raises(RecordError, match="symbolic links"):
+            call(run)
+    assert elsewhere.read_text() == ""
+
+
+def test_a_pipe_in_its_place_is_not_waited_for(run: Path) -> None:
+    os.mkfifo(run / NAME)
+    with pytest.raises(RecordError):
+        say(run)
+
+
+def test_many_writers_at_once_make_one_chain(run: Path) -> None:
+    with ThreadPoolExecutor(8) as pool:
+        list(pool.map(lambda number: say(run, f"number {number}"), range(40)))
+    assert wrong(run) == []
+    assert sorted(one.what for one in read(run).said) == sorted(f"number {number}" for number in range(40))
+
+
+@pytest.mark.parametrize("line", ["", "{}", "[]", "null", "1", "[" * 5000, '{"sha256": 1}', "\x00", '{"seq": 1, "sha256": "x"}'])
+def test_a_line_that_is_no_annotation_is_a_sentence(run: Path, line: str) -> None:
+    (run / NAME).write_text(line + "\n")
+    assert wrong(run) == ["1: is no annotation, or was changed"]
+
+
+def test_the_lines_are_plain_json_for_whoever_reads_them(run: Path) -> None:
+    say(run)
+    assert set(json.loads(lines(run)[0])) == {"seq", "time", "kind", "who", "what", "why", "prev_sha256", "sha256"}
