@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from bisect import bisect_left, bisect_right
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 
 from virtual_run import Heard, VirtualRun
 
@@ -84,19 +84,29 @@ def wrong_values(run: VirtualRun, *, as_sent: bool = False) -> list[str]:
 
     `as_sent`: or what a fault made of that, where flipped bits can look like a good answer.
     """
+    facts = run.facts
+    if facts.period_s is None:
+        return []
+    return wrong_rows(run.memory.samples, run.heard, run.t0, facts.period_s, as_sent=as_sent, is_air=facts.family == "jtse")
+
+
+def wrong_rows(
+    rows: Iterable[SampleRow], heard: Sequence[Heard], t0: float, period_s: float, *, as_sent: bool = False, is_air: bool = False
+) -> list[str]:
+    """The same of rows of one station, sampled each `period_s` from `t0` on (monotonic seconds); `heard` in the order of time."""
     found: list[str] = []
-    moments = [one.at for one in run.heard]
-    for row in run.memory.samples:
+    moments = [one.at for one in heard]
+    for row in rows:
         late, scan = row[COLUMN["late_us"]], row[COLUMN["scan_us"]]
-        if not isinstance(late, int) or not isinstance(scan, int) or run.facts.period_s is None:
+        if not isinstance(late, int) or not isinstance(scan, int):
             continue
-        begin = run.t0 + int(str(row[COLUMN["tick"]])) * run.facts.period_s + late / 1e6
+        begin = t0 + int(str(row[COLUMN["tick"]])) * period_s + late / 1e6
         first, end = bisect_left(moments, begin - 1e-4), bisect_right(moments, begin + scan / 1e6)
-        found += _wrong_in(row, run.heard[first:end], as_sent, is_air=run.facts.family == "jtse")
+        found += _wrong_in(row, heard[first:end], as_sent, is_air)
     return found
 
 
-def _wrong_in(row: SampleRow, asked: list[Heard], as_sent: bool, is_air: bool) -> Iterator[str]:
+def _wrong_in(row: SampleRow, asked: Sequence[Heard], as_sent: bool, is_air: bool) -> Iterator[str]:
     for column, code in (AIR_CODES if is_air else CODES).items():
         value, wanted = row[COLUMN[column]], code.format(port=row[COLUMN["port"]])
         if value is None:
