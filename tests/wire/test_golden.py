@@ -14,8 +14,8 @@ from jbclog.protocol.reader import FrameReader
 every = pytest.mark.parametrize("golden", FRAMES, ids=lambda golden: f"{golden.where} {golden.text}")
 
 
-@pytest.mark.parametrize(("where", "printed", "wire"), WHOLE)
-def test_the_frames_that_are_printed_whole(where: str, printed: str, wire: bytes) -> None:
+@pytest.mark.parametrize(("where", "page", "printed", "wire"), WHOLE)
+def test_the_frames_that_are_printed_whole(where: str, page: int, printed: str, wire: bytes) -> None:
     assert bytes.fromhex(printed.split(maxsplit=2 if "Sending" in printed else 1)[-1]) == wire
     assert with_check_byte(wire[:-1]) == wire
     addresses = (0, 1) if len(wire) == 16 else (None, None)
@@ -40,8 +40,8 @@ def test_it_is_read(golden: Golden) -> None:
         assert reader.reset() == 0
 
 
-@pytest.mark.parametrize(("where", "printed", "addresses"), seed_004.ADDRESSES)
-def test_printed_addresses_are_read(where: str, printed: str, addresses: tuple[bytes, ...]) -> None:
+@pytest.mark.parametrize(("where", "page", "printed", "addresses"), seed_004.ADDRESSES)
+def test_printed_addresses_are_read(where: str, page: int, printed: str, addresses: tuple[bytes, ...]) -> None:
     for address in addresses:
         assert f'"{address.decode("ascii")}"' in printed
         wire = with_check_byte(b"\x02" + address + b"00ASER00000\x03")
@@ -50,7 +50,7 @@ def test_printed_addresses_are_read(where: str, printed: str, addresses: tuple[b
 
 def test_a_refusal_is_read_with_any_code_or_none() -> None:
     """No N frame is printed, only the numbers that stand in its data (digest B-11)."""
-    for where, printed, data in (one for seed in JBC for one in seed.REFUSALS):
+    for where, _page, printed, data in (one for seed in JBC for one in seed.REFUSALS):
         assert printed.startswith(data.decode("ascii")), where
         for code in ("TT1", "A12", "SMN", "TT", ""):
             text = code + data.decode("ascii")
@@ -110,7 +110,7 @@ def test_the_sum_is_that_of_the_text(golden: seed_003.OmegaGolden) -> None:
     assert golden.wire == b"\x02" + golden.text.encode("ascii") + b"\x03" + b"%02X" % (total % 256)
 
 
-@pytest.mark.parametrize(("where", "printed", "total", "digits"), seed_003.SUMS)
-def test_a_sum_keeps_its_two_last_digits(where: str, printed: str, total: int, digits: bytes) -> None:
+@pytest.mark.parametrize(("where", "page", "printed", "total", "digits"), seed_003.SUMS)
+def test_a_sum_keeps_its_two_last_digits(where: str, page: int, printed: str, total: int, digits: bytes) -> None:
     assert str(total) in printed
     assert b"%02X" % (total % 256) == digits

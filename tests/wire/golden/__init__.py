@@ -9,8 +9,14 @@ descent; a test holds that. Three kinds:
 - `Field`: a control field that is printed as an example while its data is left out ("for example WST3").
 - `Listed`: a row of a printed list, as the data field that it stands for ("00004 No tool").
 
-`where` is the manual's number and its section, or its row where it has no sections; `printed` quotes it (`` ... `` stands
-for words between). The manuals and their pages are named in the modules.
+`where` is the manual's number and its section, or its row where it has no sections; `page` the page on which the example
+stands, counted as the manual's module says; `printed` quotes it (`` ... `` stands for words between).
+
+The manuals were searched for: every control code between quotation marks, with a port (and tool) or without, bare or with data
+behind it; every code in the heading of its section or row; every number of five characters, hexadecimal numbers too, that is
+given as data, as a bound of data or as a row of a list; every line of bytes. Left out are: codes with an x or y for the port
+and tool, and the lists of codes (`letters` has both); ports and rates of the line, which are not data; a word that stands a
+second time in the same section; upper bounds of what a field of five characters holds (99999).
 """
 
 from golden import letters, seed_000, seed_001, seed_002, seed_003, seed_004

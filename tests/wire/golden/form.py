@@ -22,6 +22,7 @@ class Golden(NamedTuple):
     """A frame; behind its bytes what it means: command, port, tool, value."""
 
     where: str
+    page: int
     printed: str
     bare: bytes
     command: str
@@ -50,6 +51,7 @@ class Field(NamedTuple):
     """A control field: header and code."""
 
     where: str
+    page: int
     printed: str
     text: bytes
 
@@ -58,6 +60,7 @@ class Listed(NamedTuple):
     """The data field of a command for one row of a list."""
 
     where: str
+    page: int
     printed: str
     data: bytes
     command: str
