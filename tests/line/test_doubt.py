@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pytest
+from hot_air import hot_air
 from virtual_run import VirtualRun, line_text, prepare
 
 from jbclog.rows import COLUMN, EventRow
@@ -120,3 +122,44 @@ def test_a_counter_that_goes_on_is_recorded_as_it_goes() -> None:
     run.go()
     assert [one.value for one in run.memory.counters if one.counter == "sleep_cycles"] == [7.0, 8.0, 8.0]
     assert marks(run) == []
+
+
+# -- hot air -----------------------------------------------------------------------------------------------------------------
+
+
+def test_an_external_temperature_that_only_one_answer_tells_is_not_recorded() -> None:
+    run = hot_air(duration_s=20)
+    say(run, "ET1", "00400", 10)
+    run.go()
+    (event,) = marks(run)
+    assert (event.port, event.raw) == (1, "400 °C")
+    assert event.text.startswith("The external temperature of port 1 was 400 °C and ")
+    assert run.facts.doubted == {"external_temperature": 1}
+    assert 400 not in run.memory.column("external_c")
+
+
+def test_an_external_temperature_that_two_answers_tell_is_recorded_and_marked() -> None:
+    run = hot_air(duration_s=20)
+    say(run, "ET1", "00400", 10, times=1000)
+    run.go()
+    (event,) = marks(run)
+    assert event.text.endswith("to 400 °C; a second answer bore it out.")
+    assert run.memory.column("external_c")[-1] == 400
+
+
+@pytest.mark.parametrize(
+    ("code", "data", "name", "column", "held"),
+    [
+        ("SF1", "00700", "selected_air_flow", "set_flow_permille", 600),
+        ("ST1", "00300", "selected_air_temperature", "set_c", 320),
+    ],
+)
+def test_a_setting_of_hot_air_is_not_found_changed_by_one_answer(code: str, data: str, name: str, column: str, held: int) -> None:
+    run = hot_air(duration_s=20)
+    say(run, code, data, 10)
+    run.go()
+    assert run.facts.doubted == {name: 1}
+    assert len(marks(run)) == 1
+    assert run.memory.of_kind("setting.changed") == []
+    assert run.facts.outcome == "completed"
+    assert {one for one in run.memory.column(column) if one is not None} == {held}

@@ -1,0 +1,98 @@
+"""Another station of the same model behind the cable that was out: known by its software and by its plugged hours."""
+
+from __future__ import annotations
+
+import pytest
+from hot_air import hot_air, plant
+from virtual_run import VirtualRun, line_text, prepare
+
+AWAY = "\n[[station.sim.fault]]\nkind = 'dropout'\nat_s = 4\nfor_s = 3\n"
+HOURS = 120
+
+
+def bench(hours: float = HOURS, duration_s: float = 20) -> VirtualRun:
+    return prepare(line_text(f"counters = {{ plugged_hours = {hours} }}\n" + AWAY), duration_s=duration_s)
+
+
+def exchange(run: VirtualRun, *, hours: float = 0.0, software: str | None = None, at_s: float = 5) -> None:
+    """Put another station there while the cable is out: so many more plugged hours, other software."""
+
+    def exchanged() -> None:
+        run.station.plant.start_counts["plugged_hours"] += hours
+        if software is not None:
+            run.station.device.identity.software = software
+
+    run.at(at_s, exchanged)
+
+
+def assert_gone(run: VirtualRun, said: str) -> None:
+    """It is told once who is there, nothing is recorded of it, and nothing written to it."""
+    (event,) = run.memory.of_kind("identity.changed")
+    assert said in event.text
+    assert "It is neither read nor written." in event.text
+    assert event.severity == "critical"
+    assert run.facts.outcome == "gone"
+    assert run.memory.of_kind("link.back") == []
+    assert [one.text for one in run.writes if one.at > run.t0 + 5] == []
+    assert run.memory.column("temperature_c")[-1] is None
+
+
+def assert_resumed(run: VirtualRun) -> None:
+    assert run.memory.of_kind("identity.changed") == []
+    assert len(run.memory.of_kind("link.back")) == 1
+    assert run.facts.outcome == "completed"
+
+
+def test_the_same_station_is_known() -> None:
+    run = bench()
+    exchange(run)
+    assert_resumed(run.go())
+
+
+def test_other_software_is_another_station() -> None:
+    run = bench()
+    exchange(run, software="7777777")
+    mine = run.station.device.identity.software
+    assert_gone(run.go(), f"a DDE with software 7777777, not the one with {mine}")
+
+
+@pytest.mark.parametrize("hours", [-1, -100, 2, 1000])
+def test_hours_that_fall_or_outrun_the_clock_are_those_of_another_station(hours: int) -> None:
+    run = bench()
+    exchange(run, hours=hours)
+    assert_gone(run.go(), f"a DDE with {HOURS + hours} plugged hours on port 1, not the one with {HOURS}")
+
+
+def test_an_hour_may_have_become_full_meanwhile() -> None:
+    """The counters count whole hours."""
+    run = bench()
+    exchange(run, hours=1)
+    assert_resumed(run.go())
+
+
+def test_hours_are_looked_at_on_every_port() -> None:
+    run = bench()
+    ask = run.station.device.answer
+
+    def answer(header: str, text: str, now: float) -> tuple[str, str] | None:
+        is_other = text == "CP2" and now > run.t0 + 5
+        return ("A", f"CP2{HOURS + 50:05d}") if is_other else ask(header, text, now)
+
+    run.station.device.answer = answer  # type: ignore[method-assign]
+    assert_gone(run.go(), f"a DDE with {HOURS + 50} plugged hours on port 2, not the one with {HOURS}")
+
+
+def test_hours_go_on_while_it_is_away() -> None:
+    """Two hours away, two hours more: the same station."""
+    away = AWAY.replace("for_s = 3", "for_s = 7300")
+    run = prepare(line_text(f"counters = {{ plugged_hours = {HOURS} }}\n" + away, "ports = [1]"), duration_s=7400, rate=0.5)
+    run.go()
+    assert run.memory.of_kind("identity.changed") == []
+    assert run.memory.column("temperature_c")[-1] is not None
+
+
+def test_hot_air_is_known_by_its_plugged_hours() -> None:
+    """It tells no software (manual 001)."""
+    run = hot_air(f"counters = {{ plugged_hours = {HOURS} }}\n" + AWAY, duration_s=20)
+    run.at(5, lambda: plant(run).start_counts.update(plugged_hours=HOURS - 20.0))
+    assert_gone(run.go(), f"a JTSE with {HOURS - 20} plugged hours on port 1, not the one with {HOURS}")
