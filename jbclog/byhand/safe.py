@@ -1,7 +1,8 @@
 """A whole station made safe by hand: whatever tools are in it, whoever put them to work.
 
 Nobody's recipe is known here, so each family's usual safe state is ordered, and whether a tool that stands will ever cool
-is asked of its own delays. A tool that rests already is left alone: told to stand, one that sleeps would wake.
+is asked of its own delays. A tool that rests already is left alone: told to stand, one that sleeps would wake, and one that is
+cold in its extractor state would be heated.
 """
 
 from __future__ import annotations
@@ -139,7 +140,12 @@ def _temperature(contact: Contact, port: int) -> Steps[float | None]:
 
 
 def _stays_hot(contact: Contact, tool: Tool, code: int | None) -> Steps[str | None]:
-    """Why a tool that stands never cools: a delay of its own that is off, or that cannot be read. None where it does."""
+    """Why a tool that stands never cools: a delay of its own that is off, or that cannot be read. None where it does.
+
+    One that was left in its extractor state was seen to cool.
+    """
+    if tool.was_spared and tool.status is not None and not contact.family.status.is_resting(tool.status):
+        return None
     commands = [contact.family.commands[name] for name in COOLING_DELAYS if name in contact.family.commands]
     try:
         off = []

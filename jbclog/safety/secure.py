@@ -16,6 +16,7 @@ from jbclog.commands.family import Family
 from jbclog.commands.status import StatusWord
 from jbclog.effects import Reopen, Steps, Wait
 from jbclog.errors import AnswerTimeout, LinkError, Refusal, StationError
+from jbclog.safety.in_time import in_time
 from jbclog.station.agreed import agreed
 from jbclog.station.client import Client
 
@@ -25,6 +26,8 @@ VERIFIED, SENT, FAILED = "verified", "sent", "failed"
 STOPPED = "stopped"  # what the feeder says then
 COOLING_AFTER_S = 1.0  # how long after the order an extractor state has to show in temperature or power
 IDLE_PERMILLE = 20  # a heater that gets less than this is off
+COLD_C = 60.0
+ORDER_S = 1.0  # that a tool is left for its order, at the least
 REOPEN_EVERY_S = 0.25
 
 Prove = Callable[[], Steps[bool]]
@@ -39,6 +42,7 @@ class Tool:
     reached: str = FAILED
     status: StatusWord | None = None
     was_spared: bool = False  # it rested already, and was not told to
+    was_told: bool = False  # an order went out, whatever came of it
 
     @property
     def is_safe(self) -> bool:
@@ -70,6 +74,11 @@ class Task:
         self.has_fed = self.feeds
 
     @property
+    def has_untold(self) -> bool:
+        """Whether a tool still waits for its first order: then no other's answers are waited for in vain."""
+        return not all(tool.was_told or tool.is_safe for tool in self.tools)
+
+    @property
     def is_done(self) -> bool:
         return not self.feeds and all(tool.is_safe for tool in self.tools)
 
@@ -79,12 +88,17 @@ def secure(task: Task) -> Steps[None]:
     station does is raised.
     """
     task.client.unasked((yield Wait(0.0)))
-    task.end = task.client.now + ALLOWED_S
+    begun = task.client.now
+    task.end = begun + ALLOWED_S
+    yield from in_time(_in_rounds(task), begun, task.end)
+
+
+def _in_rounds(task: Task) -> Steps[None]:
     for round_ in range(TRIES):
         if round_:
             yield from _spread(task, TRIES - round_)
         yield from _round(task)
-        if task.is_done or task.client.now > task.end:
+        if task.is_done or task.client.now >= task.end:
             return
 
 
@@ -133,12 +147,17 @@ def _look(task: Task, tool: Tool) -> Steps[None]:
 
 
 def _rests(task: Task, tool: Tool, found: StatusWord) -> Steps[bool]:
-    family, status = task.family, task.family.status
+    """A tool in its extractor state is cold, or cools, in whatever family; told to stand it would be heated."""
+    status = task.family.status
     if status.is_resting(found):
         return True
-    proven = [state for state in family.safe_states if state in family.proven_by_cooling]
-    cools = any(status.confirms(found, status.orders[state]) for state in proven)
-    return cools and (yield from _is_cooling(task, tool))
+    proven = [word for state, word in status.orders.items() if state in task.family.proven_by_cooling]
+    if not any(status.confirms(found, word) for word in proven):
+        return False
+    if (yield from _is_cold(task, tool)):
+        return True
+    has_time = task.client.now + COOLING_AFTER_S + ORDER_S < task.end  # for the order, should it not cool
+    return has_time and (yield from _is_cooling(task, tool))
 
 
 def _stop_feeder(task: Task) -> Steps[bool]:
@@ -171,14 +190,16 @@ def _order(task: Task, tool: Tool, word: StatusWord) -> Steps[str]:
     command, reached = task.family.commands["status"], FAILED
     if not (yield from _is_reachable(task)):
         return reached
+    tool.was_told = True
     try:
         yield from task.client.write(command, word, tool.port, hurry=task.is_silent)
         reached = SENT
     except LinkError as error:
         yield from _reach_again(task, error)
         return reached
-    except StationError:
-        pass  # whether it was done is read back
+    except StationError:  # whether it was done is read back
+        if task.is_silent and task.has_untold:
+            return reached
     try:
         found = yield from agreed(task.client, command, tool.port)
     except (LinkError, StationError) as error:
@@ -189,6 +210,19 @@ def _order(task: Task, tool: Tool, word: StatusWord) -> Steps[str]:
         tool.status = found
         return VERIFIED
     return reached
+
+
+def _is_cold(task: Task, tool: Tool) -> Steps[bool]:
+    """Whether nobody could burn himself at the tool and its heater is off, by two answers each."""
+    command = task.family.command_of("temperature_c")
+    if command is None:
+        return False
+    try:
+        degrees = yield from _two_of(task, command, tool)
+        power = yield from _two_of(task, task.family.commands["power"], tool)
+    except (LinkError, StationError):
+        return False
+    return all(one <= COLD_C for one in degrees) and all(permille <= IDLE_PERMILLE for permille in power)
 
 
 def _is_cooling(task: Task, tool: Tool) -> Steps[bool]:

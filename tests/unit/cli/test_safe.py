@@ -87,6 +87,17 @@ def test_an_extractor_state_is_left_alone_where_the_tip_cools(make: Make, cools:
     assert writes(bench, "ucr-1")[before:] == told
 
 
+@pytest.mark.parametrize("delay", ["5", '"off"'])
+def test_a_cold_tool_in_its_extractor_state_is_not_heated(make: Make, delay: str) -> None:
+    """Of no family: told to stand, it would be. Delays that are off keep no tool hot that does not stand."""
+    bench = make(station_text("dde-1", "dde", sim=f"tools = {{1 = 2, 2 = 0}}\nsettings = {{sleep_delay = {delay}}}"))
+    bench.wires["dde-1"].station.plant.ports[1].order(WORKING, True)  # type: ignore[union-attr]
+    bench.wait(3600)
+    ended = bench.do("safe")
+    assert (ended.code, ended.err, writes(bench, "dde-1")) == (0, "", [])
+    assert f"port 1 ({T245}): extractor, as it was already" in ended.out
+
+
 def test_hot_air_is_told_to_cool(make: Make) -> None:
     bench = make(station_text("jtse-1", "jtse", sim="tool = 1"))
     bench.do("write", "jtse-1", "status", "on")

@@ -1,0 +1,119 @@
+"""`secure` against what a test puts at the end of a cable, pulled wish by wish on a clock that jumps."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from jbclog.commands.family import FAMILIES
+from jbclog.drive.virtual import Peer
+from jbclog.effects import Ask, Heard, Listen, Reopen, Steps, Wait, Wish
+from jbclog.errors import LinkError
+from jbclog.recipe.line import parse_line
+from jbclog.safety.secure import Task, Tool
+from jbclog.sim.state import WORKING as AT_WORK
+from jbclog.sim.virtual import VirtualStation
+from jbclog.station.robot import Station
+from jbclog.wire import LineFormat
+
+ASKED_AT = 100.0
+
+
+def station(family: str = "dde", tools: tuple[int, ...] = (1, 2), sim: str = "") -> VirtualStation:
+    """One with these ports' tools at work, switched on long ago."""
+    plugged = ", ".join(f"{port} = {2 if port in tools else 0}" for port in (FAMILIES[family].ports or (1, 2)))
+    text = (
+        f'[line]\nname = "x"\n[[station]]\nname = "s"\nurl = "s"\nfamily = "{family}"\n[station.sim]\ntools = {{{plugged}}}\n{sim}'
+    )
+    made = VirtualStation(parse_line(text, Path("line.toml")).stations[0], now=0.0)
+    for port in made.plant.ports.values():
+        if port.tool:
+            port.order(AT_WORK, False)
+    made.advance_to(ASKED_AT)
+    return made
+
+
+class Silent:
+    """Takes everything and says nothing."""
+
+    def __init__(self) -> None:
+        self.questions: dict[str, float] = {}  # and when each was first heard
+
+    def receive(self, data: bytes, now: float) -> list[tuple[float, bytes]]:
+        self.questions.setdefault(text_of(data), now)
+        return []
+
+    def hung_up(self, now: float) -> bool:
+        return False
+
+
+def text_of(frame: bytes) -> str:
+    """A question without its frame and addresses."""
+    return frame[5:-2].decode()
+
+
+@dataclass
+class Cable:
+    """A cable with `end` at it. `before` is told each question before it goes out, and may pull the cable or change the end."""
+
+    end: Peer
+    before: Callable[[str], object] = lambda text: None
+    is_out: bool = False
+    opens: Callable[[], object] = lambda: None
+    now: float = ASKED_AT
+    coming: list[tuple[float, bytes]] = field(default_factory=list)
+
+    def pull(self, steps: Steps[None]) -> None:
+        """Do as a driver does until they are over."""
+        try:
+            wish = next(steps)
+            while True:
+                try:
+                    heard = self._do(wish)
+                except LinkError as error:
+                    wish = steps.throw(error)
+                else:
+                    wish = steps.send(heard)
+        except StopIteration:
+            return
+
+    def _do(self, wish: Wish) -> Heard:
+        if isinstance(wish, Reopen):
+            self.coming = []
+            self.opens()
+        if isinstance(wish, Ask):
+            self.before(text_of(wish.data))
+        if self.is_out and not isinstance(wish, Wait):
+            raise LinkError("the cable is out")
+        if isinstance(wish, Reopen):
+            return Heard(self.now, b"", self.now)
+        if isinstance(wish, Ask):
+            self.coming = [(reply[0], reply[1]) for reply in self.end.receive(wish.data, self.now)]
+            return self._next(self.now + wish.patience_s)
+        return self._next(wish.until) if isinstance(wish, Listen) else self._waited(wish)
+
+    def _next(self, until: float) -> Heard:
+        sent = self.now
+        if not self.coming or self.coming[0][0] > until:
+            self.now = max(self.now, until)
+            return Heard(self.now, b"", sent)
+        self.now, data = self.coming.pop(0)
+        return Heard(self.now, data, sent)
+
+    def _waited(self, wish: Wait) -> Heard:
+        self.now = max(self.now, wish.until)
+        return Heard(self.now, b"", self.now)
+
+
+def task(*ports: int, family: str = "dde", feeds: bool = False, spare: bool = False, is_proven: bool = True) -> Task:
+    """To put these tools in stand; who is there is proven by the model's name."""
+    client = Station(LineFormat())
+    client.turnaround_s = 0.002  # it has been spoken to before
+    made = FAMILIES[family]
+
+    def prove() -> Steps[bool]:
+        return made.proves(str((yield from client.read(made.commands["model"]))))
+
+    tools = [Tool(port) for port in ports]
+    return Task(client, made, "stand", tools, feeds, prove, is_proven=is_proven, spare=spare)
