@@ -12,7 +12,7 @@ import platform
 import socket
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Protocol
@@ -26,6 +26,7 @@ from jbclog.plan import Plan, orders
 from jbclog.record.conclude import conclude
 from jbclog.record.folder import create_run, keep_text
 from jbclog.record.ledger import ledger_of
+from jbclog.record.lineage import previous_run
 from jbclog.record.live import SEAL_S, LiveStore, OnFailure
 from jbclog.record.manifest import LineFile, Manifest, Metadata, RecipeFile, iso, write_manifest
 from jbclog.record.seal import seal_in_child
@@ -78,11 +79,12 @@ class Dossier:
         self.utc = UtcOffset(clock)
         self.t0 = clock.monotonic()
         self.observer = observer
+        previous = previous_run(out, plan.line.name)
         self.folder = create_run(out, plan.line.name, clock.utc())
         self._plan = plan
         self._store = LiveStore(self.folder, on_failure, seal_every_s=seal_every_s)
         self.journal = _Tap(self._store, observer, on_facts)
-        self.manifest = self._draft()
+        self.manifest = replace(self._draft(), previous=previous)
         self.desks = [Desk(order, self.journal, self.utc) for order in orders(plan, self.t0)]
 
     def begin(self) -> None:

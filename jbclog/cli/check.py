@@ -9,30 +9,46 @@ import typer
 from jbclog.cli import options
 from jbclog.cli.output import ends_with_errors_told, tell, tell_json
 from jbclog.cli.place import expect_run
+from jbclog.errors import UsageError
 
 
 @ends_with_errors_told
 def check(
     run: Path = options.RUN,
+    head: str | None = typer.Option(
+        None,
+        "--head",
+        metavar="HEAD",
+        help="The head on a printed report, to compare: its 16 digits or all 64.",
+        show_default=False,
+    ),
     as_json: bool = options.AS_JSON,
 ) -> None:
     """Derive hashes, row counts and ledger again, and compare.
 
-    The chain of events too. Says what does not agree, and ends with 1 where anything does not.
+    The chains of events and annotations too, the report, and the runs before and behind this one on the same line, where they
+    are in the same folder. Says what does not agree, and ends with 1 where anything does not. The last line has the run's head,
+    a hash of all of it: the one thing to compare with a printed report.
 
     \b
     Example:
       jbclog check runs/20261121T013000Z-bench-3-k7qd
     """
     from jbclog.record.check import check as check_run
+    from jbclog.record.lineage import HEAD, short_head
+    from jbclog.record.manifest import manifest_sha256
 
+    if head is not None and not HEAD.fullmatch(head):
+        raise UsageError(f"--head {head}: give it as the report shows it, such as 3f2a-91bc-77de-0a12")
     expect_run(run)
-    found = check_run(run)
+    found = check_run(run, head)
+    own = manifest_sha256(run)
     if as_json:
-        tell_json({"run": str(run), "agrees": not found, "findings": [str(finding) for finding in found]})
+        tell_json({"run": str(run), "agrees": not found, "findings": [str(finding) for finding in found], "head": own})
     else:
         for finding in found:
             tell(str(finding))
-        tell(f"{run}: {len(found)} finding{'s' if len(found) > 1 else ''}" if found else f"{run}: everything agrees")
+        came = f"{len(found)} finding{'s' if len(found) > 1 else ''}" if found else "everything agrees"
+        tell(f"{run}: {came} (head {short_head(own)})")
     if found:
         raise typer.Exit(1)

@@ -92,11 +92,12 @@ def metadata(operator: str | None, order: str | None, product: str | None, units
     told = [("--operator", operator), ("--order", order), ("--product", product)]
     told += [("--unit", unit) for unit in units] + [("--tag", pair) for pair in pairs]
     for option, text in told:
-        _check_text(option, text or "")
+        check_text(option, text or "")
     return Metadata(operator, order, product, tuple(units), tags(pairs))
 
 
-def _check_text(option: str, text: str) -> None:
+def check_text(option: str, text: str) -> None:
+    """Raise `UsageError` where a text could not be kept, shown or signed as it is."""
     if len(text) > LONGEST_TEXT:
         raise UsageError(f"{option}: {len(text)} characters; at most {LONGEST_TEXT} are kept")
     for sign in text:

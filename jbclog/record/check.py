@@ -1,4 +1,8 @@
-"""Looks at a sealed run as if it did not believe a word of its manifest, and says what does not agree."""
+"""Looks at a sealed run as if it did not believe a word of its manifest, and says what does not agree.
+
+What is inside is held against the manifest, the manifest against its digest, and both against what stands elsewhere:
+the report, the annotations, the runs before and behind it, and the head that somebody types off a printed page.
+"""
 
 from __future__ import annotations
 
@@ -11,11 +15,11 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from jbclog.errors import RecordError
-from jbclog.record import chain, wire
-from jbclog.record.conclude import LATER, files_of, live_files, sealed_file
+from jbclog.record import chain, elsewhere, wire, wire_check
+from jbclog.record.conclude import files_of, is_later, live_files, sealed_file
 from jbclog.record.guarded import plain_events
 from jbclog.record.ledger import disagreements, ledger_of, reasons_of
-from jbclog.record.manifest import NAME, Manifest, SealedFile, read_manifest
+from jbclog.record.manifest import NAME, Manifest, SealedFile, read_manifest, wrong_digest
 from jbclog.record.parts import part_paths, read_through, row_groups
 from jbclog.record.schema import TABLES
 from jbclog.rows import SIGNAL_COLUMNS, quality_of
@@ -32,12 +36,19 @@ class Finding:
         return f"{self.file}: {self.text}"
 
 
-def check(folder: Path) -> list[Finding]:
-    """Everything in the run that does not agree with itself; nothing where all is well. Raises `RecordError` where it is no run."""
+def check(folder: Path, head: str | None = None) -> list[Finding]:
+    """Everything in the run that does not agree with itself; nothing where all is well. Raises `RecordError` where it is no run.
+
+    `head` is what the run's head was once, as a report shows it.
+    """
     manifest = read_manifest(folder)
+    digest = wrong_digest(folder)
+    findings = [Finding(NAME, digest)] if digest else []
     if manifest.state != "sealed":
-        return [Finding(NAME, "the run is not sealed: it is being recorded, or a crash cut it off; then recover it")]
-    findings = [*_files(folder, manifest)]
+        return [*findings, Finding(NAME, "the run is not sealed: it is being recorded, or a crash cut it off; then recover it")]
+    findings += [Finding(file, text) for file, text in elsewhere.disagreements(folder, manifest, head)]
+    findings += _files(folder, manifest)
+    findings += _wires(folder, manifest)
     unreadable = [*_unreadable(folder)]
     if unreadable:
         return findings + unreadable  # what cannot be read cannot be checked further
@@ -49,7 +60,10 @@ def check(folder: Path) -> list[Finding]:
 
 def _files(folder: Path, manifest: Manifest) -> Iterator[Finding]:
     for listed in manifest.files:
-        yield from _one_file(folder, listed)
+        try:
+            yield from _one_file(folder, listed)
+        except (OSError, ValueError) as error:  # not ours to read; a name that no file can have
+            yield Finding(listed.path, f"cannot be read: {error}")
     listed_paths = {file.path for file in manifest.files}
     for file in _there(folder):
         if file not in listed_paths:
@@ -60,7 +74,9 @@ def _files(folder: Path, manifest: Manifest) -> Iterator[Finding]:
 
 def _one_file(folder: Path, listed: SealedFile) -> Iterator[Finding]:
     path = folder / listed.path
-    if not path.resolve().is_relative_to(folder.resolve()):
+    if path.is_symlink():
+        yield Finding(listed.path, "is a link, not a file")
+    elif not path.resolve().is_relative_to(folder.resolve()):
         yield Finding(listed.path, "lies outside the run's folder")
     elif not path.is_file():
         yield Finding(listed.path, "is missing")
@@ -72,16 +88,24 @@ def _one_file(folder: Path, listed: SealedFile) -> Iterator[Finding]:
             yield Finding(listed.path, "was changed: its SHA-256 is not the manifest's")
 
 
-def _there(folder: Path) -> Iterator[str]:
+def _there(folder: Path, below: str = "") -> Iterator[str]:
     """What lies in the folder and ought to be in the manifest."""
-    live = live_files(folder)
-    for path in sorted(folder.iterdir()):
-        if path.name in LATER or path in live:
+    live = [] if below else live_files(folder)
+    for path in _inside(folder):
+        name = f"{below}{path.name}"
+        if path in live or is_later(name):
             continue
-        if path.is_dir() and path.name in (*TABLES, "recipes", wire.FOLDER, "damaged"):
-            yield from (one.relative_to(folder).as_posix() for one in sorted(path.rglob("*")) if one.is_file())
-        elif path.is_file() and path.suffix in (".toml", ".jsonl", ".parquet"):
-            yield path.name
+        if path.is_dir() and not path.is_symlink():
+            yield from _there(path, f"{name}/")
+        else:
+            yield name
+
+
+def _inside(folder: Path) -> list[Path]:
+    try:
+        return sorted(folder.iterdir())
+    except PermissionError:
+        return []  # what is listed below it is told as unreadable
 
 
 def _unreadable(folder: Path) -> Iterator[Finding]:
@@ -93,6 +117,20 @@ def _unreadable(folder: Path) -> Iterator[Finding]:
                 read_through(path)
             except (pa.ArrowException, OSError, RecordError) as error:
                 yield Finding(f"{table}/{path.name}", f"cannot be read: {error}")
+
+
+# -- the wires ----------------------------------------------------------------------------------------------------------
+
+
+def _wires(folder: Path, manifest: Manifest) -> Iterator[Finding]:
+    for path in wire.wire_paths(folder):
+        name = path.relative_to(folder).as_posix()
+        try:
+            yield from (Finding(name, text) for text in wire_check.losses(path))
+            if manifest.wire == wire.WHOLE and wire_check.ends_early(path):
+                yield Finding(name, "ends before its session did, and the manifest says that it is whole")
+        except OSError as error:
+            yield Finding(name, f"cannot be read: {error.strerror or error}")
 
 
 # -- the ledger -------------------------------------------------------------------------------------------------------

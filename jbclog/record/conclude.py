@@ -19,6 +19,7 @@ import pyarrow.parquet as pq
 
 from jbclog.errors import RecordError
 from jbclog.record import damage, guarded, wire
+from jbclog.record.annotations import NAME as ANNOTATIONS
 from jbclog.record.durable import sync_folder
 from jbclog.record.from_json import Misfit, build
 from jbclog.record.ledger import ledger_of
@@ -30,8 +31,9 @@ from jbclog.record.stock import Stock
 from jbclog.record.store import companions, segments
 from jbclog.rows import StationFacts
 
-LATER: Final = (NAME, "annotations.jsonl", "report.html", "report.json", "joints.parquet")
-"""Files of the folder that are not the record: the manifest itself, and what comes after sealing."""
+LATER: Final = (NAME, ANNOTATIONS, "report.html", "report.json", "joints.parquet", guarded.LEASE, guarded.LOCK)
+"""Files of the folder that are not the record: the manifest itself, what comes after sealing, and what says of tools left hot."""
+FIGURES: Final = "figures/"
 
 TAKEN_IN: Final = ("line.toml", "recipes", wire.FOLDER, guarded.DIARY, damage.NOTES, damage.REMAINS)
 
@@ -119,6 +121,11 @@ def sealed_file(folder: Path, path: Path, rows: int | None) -> SealedFile:
     with path.open("rb") as file:
         digest = hashlib.file_digest(file, "sha256").hexdigest()
     return SealedFile(path.relative_to(folder).as_posix(), rows, path.stat().st_size, digest)
+
+
+def is_later(name: str) -> bool:
+    """Whether what lies at `name` in the folder may come, change and go after sealing."""
+    return name in LATER or (name.startswith(FIGURES) and name.count("/") == 1 and name.endswith(".svg"))
 
 
 def live_files(folder: Path) -> list[Path]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 from dataclasses import asdict, dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
@@ -16,6 +17,31 @@ from jbclog.record.schema import SCHEMA_VERSION
 from jbclog.rows import StationFacts
 
 NAME: Final = "manifest.json"
+STATES: Final = ("open", "sealed")
+END: Final = b"\n}\n"
+DIGEST: Final = ',\n "digest": "%s"\n}\n'
+_DIGEST: Final = re.compile(rb',\n "digest": "([0-9a-f]{64})"\n\}\n\Z')
+OF_0_1: Final = frozenset(
+    {
+        *("schema", "run", "state", "exit_status", "exit_code", "verdict", "verdict_rules", "started", "ended", "t0_mono"),
+        *(
+            "t0_utc",
+            "line",
+            "recipes",
+            "metadata",
+            "host",
+            "rate",
+            "guard",
+            "wire",
+            "stations",
+            "ledger",
+            "lost",
+            "files",
+            "previous",
+        ),
+    }
+)
+"""The keys of manifests before there was a digest."""
 
 
 class NoManifest(RecordError):
@@ -77,13 +103,25 @@ class SealedFile:
     sha256: str
 
 
+@dataclass(frozen=True, slots=True)
+class Previous:
+    """The run before this one on the same line, and its head; where there is none, or it is not known, the text says why."""
+
+    run: str | None
+    sha256: str | None
+    text: str
+
+
 @dataclass(slots=True)
 class Manifest:
     """`state` is ``open`` or ``sealed``; `exit_status` ``success``, ``aborted``, ``failed``, ``lost`` or not yet known.
 
     Times are ISO 8601 in UTC; `t0_mono` is the moment of tick 0 on the recorder's monotonic clock in seconds, `t0_utc`
     the same moment in seconds since 1970 UTC. `rate` is in Hz or ``max``. `wire` is None where what passed over the wires
-    was not kept, ``whole`` where it was, or says what of it is missing.
+    was not kept, ``whole`` where it was, or says what of it is missing. `previous` is None where the recorder had not come
+    to looking for it.
+
+    In the file a last key follows, `digest`: the SHA-256 of the file without it.
     """
 
     run: str
@@ -108,7 +146,7 @@ class Manifest:
     ledger: Ledger = field(default_factory=dict)
     lost: Lost | None = None
     files: list[SealedFile] = field(default_factory=list)
-    previous: str | None = None
+    previous: Previous | None = None
 
     def station(self, name: str) -> StationFacts | None:
         """What is known of the station called `name`."""
@@ -129,7 +167,10 @@ def read_manifest(folder: Path) -> Manifest:
         version = data.get("schema")
         if isinstance(version, int) and version > SCHEMA_VERSION:
             raise RecordError(f"{path}: written with schema {version}; this jbclog knows {SCHEMA_VERSION}")
-        return cast(Manifest, build(Manifest, data))
+        manifest = cast(Manifest, build(Manifest, data))
+        if manifest.state not in STATES:
+            raise NoManifest(f"{path} is no manifest: its state is {manifest.state!r:.60}")
+        return manifest
     except FileNotFoundError:
         raise RecordError(f"{folder} has no manifest; it is no run, or one that was cut off at its very start") from None
     except (OSError, ValueError, AttributeError, RecursionError, Misfit) as error:
@@ -145,9 +186,25 @@ def write_manifest(folder: Path, manifest: Manifest) -> None:
 
 
 def manifest_text(manifest: Manifest) -> str:
-    return json.dumps(asdict(manifest), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+    """As it stands in the file, with its digest."""
+    plain = json.dumps(asdict(manifest), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+    return plain.removesuffix(END.decode()) + DIGEST % hashlib.sha256(plain.encode()).hexdigest()
 
 
 def manifest_sha256(folder: Path) -> str:
-    """The hash that annotations, reports and other runs name this run by."""
+    """The head of a run: the hash that annotations, reports and other runs name it by. Raises OSError."""
     return hashlib.sha256((folder / NAME).read_bytes()).hexdigest()
+
+
+def wrong_digest(folder: Path) -> str | None:
+    """What is wrong with the manifest's own digest, None where all is well. Raises OSError.
+
+    It shows a change that was not meant to deceive: whoever changes the manifest can also change the digest.
+    """
+    data = (folder / NAME).read_bytes()
+    found = _DIGEST.search(data)
+    if found is None:
+        is_old = set(json.loads(data)) <= OF_0_1
+        return None if is_old else "has lost its digest: it was changed"
+    plain = data[: found.start()] + END
+    return None if hashlib.sha256(plain).hexdigest().encode() == found[1] else "was changed: its digest is another"

@@ -160,6 +160,8 @@ class Facts:
     schema: int
     run: str
     manifest_sha256: str
+    head: str
+    previous: str
     jbclog: str
     verdict: VerdictFacts
     state: str

@@ -11,6 +11,7 @@ from jbclog import __version__
 from jbclog.analysis import Run
 from jbclog.errors import RecordError
 from jbclog.judge import judged_signals, measure
+from jbclog.record.lineage import short_head
 from jbclog.record.manifest import Manifest, manifest_sha256
 from jbclog.report.air import COLUMNS as AIR
 from jbclog.report.air import tells_air
@@ -32,6 +33,7 @@ def gather(run: Run) -> Facts:
         raise RecordError(f"{folder} is still open: it is being recorded, or a crash left it so; `jbclog recover` finishes it")
     events, settings_left = event_rows(run.events()), setting_rows(run.settings())
     ledger, reasons = ledger_rows(manifest.ledger)
+    head = manifest_sha256(folder)
     stations, names = list(_stations(run, folder)), [facts.name for facts in manifest.stations]
     verdict = verdict_facts(folder, manifest)
     if is_cut_off(manifest):
@@ -39,7 +41,9 @@ def gather(run: Run) -> Facts:
     return Facts(
         schema=SCHEMA,
         run=manifest.run,
-        manifest_sha256=manifest_sha256(folder),
+        manifest_sha256=head,
+        head=short_head(head),
+        previous=_previous(manifest),
         jbclog=__version__,
         verdict=verdict,
         state=manifest.state,
@@ -92,6 +96,14 @@ def _not_made_safe(stations: list[StationReport]) -> Iterator[Reason]:
         for port in station.ports:
             if port.left_warns:
                 yield Reason("fail", f"{station.name} port {port.port}: {port.left}.")
+
+
+def _previous(manifest: Manifest) -> str:
+    """The run that this one carries the head of, or why there is none."""
+    found = manifest.previous
+    if found is None:
+        return "not known"
+    return f"{found.run} (head {short_head(found.sha256)})" if found.run and found.sha256 else found.text
 
 
 def _metadata(manifest: Manifest) -> dict[str, object]:

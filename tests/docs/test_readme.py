@@ -22,7 +22,9 @@ from jbclog.outcome import Exit
 from jbclog.recipe.line import load_line
 from jbclog.record.damage import NOTES, REMAINS
 from jbclog.record.keeping import RESERVE
+from jbclog.record.lineage import short_head
 from jbclog.record.lock import NAME as LOCK
+from jbclog.record.manifest import manifest_sha256
 from jbclog.rows import SAMPLE_COLUMNS
 
 INSTALL = "python3 -m venv --without-pip .venv && python3 -m pip --python .venv install "
@@ -89,7 +91,7 @@ def test_by_hand_with_two_terminals(clone: Path, monkeypatch: pytest.MonkeyPatch
     assert "Line bench: 4 stations. No byte was sent." in done.stdout
     assert done.stdout.splitlines()[-3:] == [
         f"{run}/report.html",
-        f"{run}: everything agrees",
+        f"{run}: everything agrees (head {short_head(manifest_sha256(run))})",
         f"{run.name}: finished already; nothing was changed.",
     ]
     assert "INCONCLUSIVE; exit code 1" in done.stderr  # three seconds show no idle tip; the sixty of the text do

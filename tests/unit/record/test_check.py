@@ -16,9 +16,10 @@ import pytest
 from make_run import make_run
 
 from jbclog.errors import RecordError
+from jbclog.record.annotations import append
 from jbclog.record.check import check
 from jbclog.record.conclude import files_of
-from jbclog.record.manifest import Manifest, read_manifest, write_manifest
+from jbclog.record.manifest import Manifest, manifest_sha256, read_manifest, write_manifest
 from jbclog.record.parts import part_paths
 
 
@@ -36,8 +37,11 @@ def test_a_run_as_it_was_sealed(run: Path) -> None:
 
 
 def test_what_comes_after_sealing_is_no_finding(run: Path) -> None:
-    for name in ("report.html", "report.json", "annotations.jsonl", "joints.parquet", "figure-1.png"):
+    (run / "figures").mkdir()
+    for name in ("report.html", "joints.parquet", "figures/dde-1-1.svg"):
         (run / name).write_text("x")
+    (run / "report.json").write_text(json.dumps({"manifest_sha256": manifest_sha256(run)}))
+    append(run, who="A. Rossi", what="SN-12 was scrapped", why="cracked joint")
     assert texts(run) == []
 
 

@@ -16,6 +16,7 @@ from jbclog.record.manifest import (
     Lost,
     Manifest,
     Metadata,
+    Previous,
     RecipeFile,
     SealedFile,
     iso,
@@ -66,7 +67,7 @@ def test_it_comes_back_as_it_was_written(tmp_path: Path) -> None:
 def test_its_hash_is_that_of_the_file(tmp_path: Path) -> None:
     write_manifest(tmp_path, FULL)
     before = manifest_sha256(tmp_path)
-    FULL.previous = before
+    FULL.previous = Previous("20261120T013000Z-bench-3-aaaa", before, "The run before this one on line bench-3.")
     write_manifest(tmp_path, FULL)
     FULL.previous = None
     assert manifest_sha256(tmp_path) != before

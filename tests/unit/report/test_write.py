@@ -16,6 +16,7 @@ from sealed_run import RECIPE, alarm, limit, lose, micros, samples, seal, statio
 
 from jbclog.errors import RecordError
 from jbclog.record.check import check
+from jbclog.record.lineage import short_head
 from jbclog.record.manifest import LineFile, Lost, Metadata, read_manifest, write_manifest
 from jbclog.report import verify_report, write_report
 from jbclog.report.verdict import without_urls
@@ -93,6 +94,9 @@ def test_both_name_the_manifest_that_they_were_made_from_and_change_nothing(reco
     digest = hashlib.sha256(before).hexdigest()
     assert data["manifest_sha256"] == digest
     assert digest in page.text
+    assert data["head"] == short_head(digest)
+    assert f"jbclog check RUN --head {data['head']}" in page.text
+    assert "The run before on this line: not known" in page.text
     assert (recorded / "manifest.json").read_bytes() == before
     assert check(recorded) == []
     for file in data["files"]:

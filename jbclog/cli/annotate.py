@@ -1,0 +1,79 @@
+"""`jbclog annotate`: what is said of a run after it was sealed."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import typer
+
+from jbclog.cli import options
+from jbclog.cli.output import ends_with_errors_told, note, tell, tell_json
+from jbclog.cli.place import expect_run
+from jbclog.errors import UsageError
+
+
+@ends_with_errors_told
+def annotate(
+    run: Path = options.RUN,
+    text: str | None = typer.Argument(None, metavar="[TEXT]", help="What is to be said of it.", show_default=False),
+    by: str | None = typer.Option(None, "--by", metavar="WHO", help="Who says so.", show_default=False),
+    reason: str | None = typer.Option(None, "--reason", metavar="TEXT", help="Why.", show_default=False),
+    as_json: bool = options.AS_JSON,
+) -> None:
+    """Say something of a sealed run, for good: who, when, what, why.
+
+    The record itself never changes. What is said later is added to annotations.jsonl in the run's folder, each line with the
+    hash of the one before it; `check` finds what was changed there. Nothing can be taken back: say what is right behind it.
+    Prints the new head: a note of it elsewhere proves the last line too. Without TEXT it shows what was said so far.
+
+    \\b
+    Example:
+      jbclog annotate runs/20261121T013000Z-bench-3-k7qd "SN-0012 was scrapped" --by "A. Rossi" --reason "cracked joint"
+    """
+    expect_run(run)
+    if text is None:
+        if by is not None or reason is not None:
+            raise UsageError("annotate: --by and --reason need a TEXT to stand beside")
+        _show(run, as_json=as_json)
+    else:
+        _say(run, text, by, reason, as_json=as_json)
+
+
+def _say(run: Path, text: str, by: str | None, reason: str | None, *, as_json: bool) -> None:
+    from jbclog.record.annotations import append
+    from jbclog.record.lineage import short_head
+
+    who, why = _given("--by", by), _given("--reason", reason)
+    options.check_text("TEXT", text)
+    head = append(run, who=who, what=_given("TEXT", text), why=why)
+    if as_json:
+        tell_json({"run": str(run), "head": head})
+    else:
+        tell(f"{run}: said (head of the annotations {short_head(head)})")
+
+
+def _given(option: str, text: str | None) -> str:
+    """Raises `UsageError` where there is nothing, or what could not be shown as it is."""
+    if text is None or not text.strip():
+        raise UsageError(f"annotate: {option} is needed: who says something, what, and why")
+    options.check_text(option, text)
+    return text
+
+
+def _show(run: Path, *, as_json: bool) -> None:
+    from dataclasses import asdict
+
+    from jbclog.record.annotations import read
+
+    found = read(run)
+    if as_json:
+        tell_json({"run": str(run), "said": [asdict(one) for one in found.said], "head": found.head})
+    else:
+        for one in found.said:
+            tell(f"{one.time[:19].replace('T', ' ')}  {one.who}: {one.what} ({one.why})")
+        if not found.said:
+            tell(f"{run}: nothing was said of it since it was sealed")
+    for number, wrong in found.wrong:
+        note(f"annotations.jsonl: line {number} {wrong}")
+    if found.wrong:
+        raise typer.Exit(1)
