@@ -22,9 +22,10 @@ from jbclog.errors import UsageError
 from jbclog.plan import Metadata, Plan, Wanted, station_plan
 from jbclog.recipe.line import Line, StationSpec, load_line
 from jbclog.recipe.load import load_recipe
+from jbclog.record import wire_check
 from jbclog.record.compare import differences
 from jbclog.record.manifest import NAME, Lost, Manifest, read_manifest
-from jbclog.record.wire import Head, read_head, read_rows, wire_path, wire_paths
+from jbclog.record.wire import Head, read_exchanges, read_to_hole, wire_path, wire_paths
 from jbclog.rows import NoJournal, StationFacts
 from jbclog.session.order import AS_FIT, Desk
 from jbclog.session.run import run_station
@@ -63,8 +64,17 @@ class Recording:
         return self.folder / "recipes" / self.heads[station].recipe
 
     def tape(self, station: str, first: int = 0) -> Iterator[Row]:
-        """The rows of a station's wire from number `first` on."""
-        return read_rows(wire_path(self.folder, station), first)
+        """The rows of a station's wire from number `first` on, up to where something of it is missing."""
+        return read_to_hole(wire_path(self.folder, station), first)
+
+    def exchanges(self, station: str) -> Iterator[Row]:
+        """The rows of a station's wire as far as each question has what came of it."""
+        return read_exchanges(wire_path(self.folder, station))
+
+    @property
+    def doubts(self) -> list[str]:
+        """What of the recording is missing, or was changed since, a sentence each. Raises `RecordError`."""
+        return wire_check.doubts(self.folder, self.manifest)
 
     @property
     def manifest(self) -> Manifest | None:
@@ -103,12 +113,12 @@ def _sampled_s(facts: StationFacts) -> float | None:
 
 
 def open_recording(folder: Path) -> Recording:
-    """The recording in a run's folder. Raises `UsageError` where no wire was kept, `RecordError` where one is none."""
+    """The recording in a run's folder. Raises `UsageError` where no wire was kept, `RecordError` where none is readable."""
     paths = wire_paths(folder)
     if not paths:
         raise UsageError(f"{folder}: what passed over its wires was not kept; only a run with --wire can be replayed")
-    heads = [read_head(path) for path in paths]
-    return Recording(folder, load_line(folder / "line.toml"), {head.station: head for head in heads})
+    heads = {head.station: head for head in wire_check.readable_heads(paths)}
+    return Recording(folder, load_line(folder / "line.toml"), heads)
 
 
 def plan_of(recording: Recording) -> Plan:
@@ -217,7 +227,7 @@ def serve(recording: Recording, folder: Path, tcp: Tcp | None = None, speed: flo
     The line file in `folder` names the recipes that ran. Raises `UsageError` where a link cannot be made.
     """
     specs = tuple(_served(recording, spec, speed) for spec in recording.stations)
-    stations = [TapeStation(spec.name, partial(recording.tape, spec.name), speed, HANDING_S) for spec in specs]
+    stations = [TapeStation(spec.name, partial(recording.exchanges, spec.name), speed, HANDING_S) for spec in specs]
     line = recording.line.model_copy(update={"stations": specs})
     return set_up(line, folder, tcp, stations=stations), stations
 

@@ -20,7 +20,7 @@ from jbclog.record.parts import groups_of, part_paths, parts_through
 from jbclog.record.schema import SCHEMAS
 from jbclog.record.stock import Stock
 from jbclog.record.store import segments
-from jbclog.record.wire import read_head, read_rows, wire_path
+from jbclog.record.wire import Hole, read_head, rows_and_holes, wire_path
 from jbclog.tape import Passed
 
 if TYPE_CHECKING:
@@ -85,13 +85,17 @@ class Run:
     def wire(self, station: str) -> pd.DataFrame:
         """What passed over a station's wire, in order: `time`, `what`, `data` (bytes), `text`.
 
-        Only of a run with ``--wire``; of others, and where the file is none, `RecordError`.
+        Only of a run with ``--wire``; of others, and where the file is none, `RecordError`. What of it was damaged is left
+        out, with a warning that says what.
         """
         path = wire_path(self.folder, station)
         if not path.is_file():
             raise RecordError(f"{self.folder}: what passed over the wire of {station} was not kept; it takes `run --wire`")
         head = read_head(path)
-        passed = [row for row in read_rows(path) if isinstance(row, Passed)]
+        rows = [*rows_and_holes(path)]
+        passed = [row for row in rows if isinstance(row, Passed)]
+        for hole in (row for row in rows if isinstance(row, Hole)):
+            warnings.warn(f"{path}: {hole.told(head)}", stacklevel=2)
         table = pd.DataFrame(passed, columns=["time", "what", "data", "text"])
         micros = (table["time"] + (head.t0_utc - head.t0_mono)).mul(1e6).round()
         return table.assign(time=micros.astype("int64").astype("datetime64[us]").dt.tz_localize("UTC"))

@@ -31,7 +31,8 @@ def recover(
         raise UsageError(f"{folder}: there is no such folder")
     done = recover_all(folder)
     if as_json:
-        tell_json({"runs": [{"run": str(one.folder), "outcome": one.outcome.value, "text": one.text} for one in done]})
+        told = [{"run": str(one.folder), "outcome": one.outcome.value, "text": one.text, "rows": dict(one.rows)} for one in done]
+        tell_json({"runs": told})
     else:
         for one in done:
             tell(one.text)

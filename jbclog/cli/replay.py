@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from jbclog.sim.tape import TapeStation
 
 SERVED_IN = Path("replayed")
+DOUBTFUL = "The recording is not as it was made: what follows rests on those blocks of it alone whose own check sums hold."
 
 
 @ends_with_errors_told
@@ -57,10 +58,15 @@ def replay(
     if out is not None and (folder, tcp, speed) != (None, None, None):
         raise UsageError("--record serves nothing: leave out --dir, --tcp and --speed")
     recording = open_recording(run)
+    doubts = recording.doubts
+    for text in doubts:
+        note(text)
+    if doubts:
+        note(DOUBTFUL)
     if out is None:
         _serve(recording, folder or SERVED_IN, tcp, speed or 1.0)
     else:
-        raise typer.Exit(_record(recording, out, as_json=as_json))
+        raise typer.Exit(_record(recording, out, doubts, as_json=as_json))
 
 
 # -- on ports -------------------------------------------------------------------------------------------------------------------
@@ -118,17 +124,18 @@ class _Nobody:
     def sealing(self) -> None: ...
 
 
-def _record(recording: Recording, out: Path, *, as_json: bool) -> int:
+def _record(recording: Recording, out: Path, doubts: Sequence[str], *, as_json: bool) -> int:
     from jbclog.replaying import compare, record_again
 
     again = record_again(recording, out, _Nobody())
     found = compare(recording, again)
     left = [_told(name, astray, recording) for name, astray in again.left.items()]
     if as_json:
-        tell_json({"run": str(again.result.folder), "same": found == [], "differences": found, "left": left})
+        told = {"same": found == [], "differences": found, "left": left, "doubts": list(doubts)}
+        tell_json({"run": str(again.result.folder), **told})
     else:
         _tell(again, found, left)
-    return 1 if found or any(not astray.is_cut_off for astray in again.left.values()) else 0
+    return 1 if found or doubts or any(not astray.is_cut_off for astray in again.left.values()) else 0
 
 
 def _tell(again: Again, found: Sequence[str] | None, left: Sequence[str]) -> None:

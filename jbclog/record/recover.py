@@ -8,7 +8,9 @@ is said in the manifest.
 from __future__ import annotations
 
 import tomllib
-from dataclasses import dataclass, replace
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from pathlib import Path
 from typing import Final
@@ -16,12 +18,12 @@ from typing import Final
 import pyarrow as pa
 
 from jbclog.errors import RecordError
-from jbclog.record import damage, guarded, wire
+from jbclog.record import damage, guarded, wire, wire_check
 from jbclog.record.conclude import conclude, live_files, remove_live
 from jbclog.record.folder import RUN_NAME
 from jbclog.record.live import AT_RISK_S
 from jbclog.record.lock import FolderLock, acknowledged
-from jbclog.record.manifest import NAME, Lost, Manifest, NoManifest, read_manifest
+from jbclog.record.manifest import NAME, Lost, Manifest, NoManifest, read_manifest, wrong_digest
 from jbclog.record.parts import part_paths, read_through, remove_leavings
 from jbclog.record.schema import TABLES
 from jbclog.record.seal import seal_rows
@@ -42,11 +44,12 @@ class Outcome(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Recovery:
-    """What came of one run; `text` is the sentence for people."""
+    """What came of one run; `text` is the sentence for people, `rows` what is sealed: rows by table, and lines of wires."""
 
     folder: Path
     outcome: Outcome
     text: str
+    rows: Mapping[str, int] = field(default_factory=dict)
 
 
 def is_run(folder: Path) -> bool:
@@ -104,9 +107,28 @@ def _finish(folder: Path, manifest: Manifest, lock: FolderLock) -> Recovery:
         _note_missing_end(folder, stock.last)
         manifest = _outcome(folder, manifest, stock)
     sealed = conclude(folder, manifest, lock)
-    rows = sum(file.rows or 0 for file in sealed.files)
-    text = f"{folder.name}: recovered, {rows} rows sealed; exit status {sealed.exit_status}, verdict {sealed.verdict}."
-    return Recovery(folder, Outcome.RECOVERED, text + (f" {sealed.lost.text}" if sealed.lost else "") + _left_hot(folder))
+    rows = rows_of(sealed)
+    text = f"{folder.name}: recovered, {_told(rows)} sealed; exit status {sealed.exit_status}, verdict {sealed.verdict}."
+    return Recovery(folder, Outcome.RECOVERED, text + (f" {sealed.lost.text}" if sealed.lost else "") + _left_hot(folder), rows)
+
+
+def rows_of(manifest: Manifest) -> dict[str, int]:
+    """How many rows of each table are sealed, and how many lines of wires where those were kept."""
+    found: Counter[str] = Counter(dict.fromkeys(TABLES, 0))
+    for file in manifest.files:
+        found[file.path.partition("/")[0]] += file.rows or 0
+    names = (*TABLES, wire.FOLDER) if manifest.wire is not None else TABLES
+    return {name: found[name] for name in names}
+
+
+def _told(rows: Mapping[str, int]) -> str:
+    counted = [f"{count} {_named(name, count)}" for name, count in rows.items()]
+    return f"{', '.join(counted[:-1])} and {counted[-1]}"
+
+
+def _named(name: str, count: int) -> str:
+    several = "lines of wires" if name == wire.FOLDER else name
+    return several if count != 1 else "line of wires" if name == wire.FOLDER else name.removesuffix("s")
 
 
 def _left_hot(folder: Path) -> str:
@@ -120,7 +142,11 @@ def _draft(folder: Path) -> Manifest:
     if not (folder / NAME).exists():
         return Manifest(run=folder.name)
     try:
-        return read_manifest(folder)
+        manifest = read_manifest(folder)
+        digest = wrong_digest(folder)
+        if digest:
+            raise NoManifest(f"{folder / NAME} {digest}")
+        return manifest
     except NoManifest as error:
         if not live_files(folder):
             raise
@@ -168,13 +194,24 @@ def _was_to_be_judged(folder: Path, manifest: Manifest) -> bool:
 
 
 def _wire(folder: Path, manifest: Manifest) -> str | None:
-    """Close the files of the wires; what of them is missing."""
+    """What is missing of the wires; what a crash left at the end of their files is cut off."""
     paths = wire.wire_paths(folder)
-    if [path for path in paths if wire.mend(path)]:
-        return f"The recorder ended without closing it. At most the last {AT_RISK_S:g} s of it are missing."
-    if not all(wire.is_done(path) for path in paths):
-        return "It was not kept to the run's end; the event wire.failed says why."
-    return None if manifest.wire is None else wire.WHOLE
+    if not paths:
+        return None if manifest.wire is None else "The recorder ended before it had begun."
+    return " ".join(text for path in paths for text in _lacking(path)) or wire.WHOLE
+
+
+def _lacking(path: Path) -> Iterator[str]:
+    name = f"{wire.FOLDER}/{path.name}"
+    try:
+        cut = wire.mend(path)
+        if cut:
+            yield f"{name}: its last {cut} bytes were no whole block, and were cut off."
+        yield from (f"{name}: {text}." for text in wire_check.losses(path))
+        if not wire.is_done(path):
+            yield f"{name} ends before its session did: at most its last {AT_RISK_S:g} s is missing, or what wire.failed says."
+    except OSError as error:
+        yield f"{name} cannot be read: {error.strerror or error}."
 
 
 def _note_missing_end(folder: Path, last: int) -> None:
@@ -192,5 +229,6 @@ def _note_bad_parts(folder: Path) -> None:
             try:
                 read_through(path)
             except (pa.ArrowException, OSError, RecordError) as error:
-                damage.note(folder, [damage.Damage(f"{table}/{path.name}", None, f"cannot be read: {error}")])
+                why = str(error).replace(str(path), path.name)  # the folder may be moved
+                damage.note(folder, [damage.Damage(f"{table}/{path.name}", None, f"cannot be read: {why}")])
                 damage.set_aside(folder, path)

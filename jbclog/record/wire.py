@@ -3,7 +3,7 @@
 ::
 
     at_s            what    data
-    8123.480001251  run     {"format": 1, "station": "dde-1", ...}       what the session was ordered (`Head`)
+    8123.480001251  run     {"format": 2, "station": "dde-1", ...}       what the session was ordered (`Head`)
     8123.480341902  opened  /dev/ttyUSB0                                  lost, failed and closed say why
     8123.481126017  sent    023030303152534d4e0302                        bytes, two hexadecimal digits each
     8123.498264515  heard   023031303041534d4e204444450374
@@ -14,41 +14,38 @@
 
 `at_s` is the recorder's monotonic clock in seconds. Texts have JSON's escapes. ``zcat`` and ``pandas.read_csv`` read it.
 
-The file is written a few times a second, each time up to a point from which it can be read without what follows. A kill
-leaves it without its end; `mend` cuts off what is not whole and closes it.
+The file is written a few times a second, each time a block that is proven by itself (`wire_blocks`); the row ``run`` stands
+in several of them. What was damaged since is a `Hole` between the rows: named, and never filled. A kill may leave a block
+that is not whole at the end; `mend` cuts that off.
 """
 
 from __future__ import annotations
 
 import json
-import mmap
 import os
-import struct
+import re
 import zlib
-from collections import deque
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
+from datetime import UTC, datetime
+from itertools import islice
+from math import isfinite
 from pathlib import Path
-from typing import Final, cast, get_args
+from typing import Final, cast
 
 from jbclog.errors import RecordError
 from jbclog.record.from_json import Misfit, build
-from jbclog.tape import Passed, PassedName, Row, Told, ToldName, WishName
+from jbclog.record.wire_blocks import FIXED, Block, Gap, blocks
+from jbclog.record.wire_rows import row_of
+from jbclog.tape import Row
 
 FOLDER: Final = "wire"
 SUFFIX: Final = ".tsv.gz"
-FORMAT: Final = 1
+FORMAT: Final = 2
 WHOLE: Final = "whole"  # what the manifest says of wires that lack nothing
 COLUMNS: Final = "at_s\twhat\tdata\n"
-GZIP: Final = 16 + zlib.MAX_WBITS
-PIECE: Final = 1 << 16
-BYTES: Final = ("sent", "heard")
-PASSED: Final = get_args(PassedName)
-TOLD: Final = get_args(ToldName)
-WISHES: Final = get_args(WishName)
-HEADER: Final = b"\x1f\x8b\x08\0\0\0\0\0\0\xff"  # gzip, deflate, no name, no time (RFC 1952)
-LAST_BLOCK: Final = b"\x03\0"  # an empty one (RFC 1951)
-FLUSHED: Final = b"\0\0\xff\xff"  # the end of what a sync flush writes
+RUN: Final = "run"
+FIRST_BYTES: Final = 4096  # in which a file says its format, whatever that is
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,47 +74,40 @@ def wire_paths(folder: Path) -> list[Path]:
     return sorted((folder / FOLDER).glob(f"*{SUFFIX}"))
 
 
+@dataclass(frozen=True, slots=True)
+class Hole:
+    """A stretch of a wire that is lost, and the moments of the rows on both sides of it (None: there is none)."""
+
+    gap: Gap
+    after_s: float | None
+    before_s: float | None
+
+    def told(self, head: Head | None) -> str:
+        """What is lost, where in the file, and between which moments."""
+        return f"{self.gap}; nothing is known {_between(self.after_s, self.before_s, head)}"
+
+
+def _between(after_s: float | None, before_s: float | None, head: Head | None) -> str:
+    if after_s is None and before_s is None:
+        return "of it at all"
+    since = "from its beginning" if after_s is None else f"from {_moment(after_s, head)}"
+    return f"{since} {'on' if before_s is None else f'to {_moment(before_s, head)}'}"
+
+
+def _moment(at_s: float, head: Head | None) -> str:
+    if head is None:
+        return f"{at_s:.3f} s (monotonic)"
+    since, utc = at_s - head.t0_mono, at_s - head.t0_mono + head.t0_utc
+    if not 0 <= utc < 1e11:
+        return f"{since:.3f} s of the run"
+    return f"{since:.3f} s of the run ({datetime.fromtimestamp(utc, UTC):%Y-%m-%dT%H:%M:%S}Z)"
+
+
 # -- rows as lines -------------------------------------------------------------------------------------------------------
 
 
-def head_lines(head: Head) -> str:
-    return f"{COLUMNS}{head.t0_mono!r}\trun\t{json.dumps(asdict(head))}\n"
-
-
-def line_of(row: Row) -> str:
-    """A row as it stands in the file; moments with all the digits that tell them apart."""
-    if isinstance(row, Passed):
-        return f"{row.at_s!r}\t{row.what}\t{row.data.hex() or _escaped(row.text)}\n"
-    if row.what != "told":
-        return f"{row.at_s!r}\t{row.what}\t{row.wish} {_escaped(row.text)}\n"
-    if row.wish == "ask":
-        return f"{row.at_s!r}\ttold\task {row.size} {row.sent_s!r}\n"
-    return f"{row.at_s!r}\ttold\t{row.wish} {row.size}\n"
-
-
-def row_of(line: str) -> Row:
-    """The row in a line. Raises `ValueError` where it is none."""
-    at, what, data = line.rstrip("\n").split("\t")
-    moment = float(at)
-    if what in BYTES:
-        return Passed(moment, cast(PassedName, what), bytes.fromhex(data))
-    if what in PASSED:
-        return Passed(moment, cast(PassedName, what), b"", _plain(data))
-    wish, _, rest = data.partition(" ")
-    if what not in TOLD or wish not in WISHES:
-        raise ValueError(f"{what} {wish} is not what a wire record tells")
-    if what == "told":
-        size, _, sent = rest.partition(" ")
-        return Told(moment, "told", cast(WishName, wish), int(size), float(sent or 0.0))
-    return Told(moment, cast(ToldName, what), cast(WishName, wish), text=_plain(rest))
-
-
-def _escaped(text: str) -> str:
-    return json.dumps(text)[1:-1]
-
-
-def _plain(text: str) -> str:
-    return str(json.loads(f'"{text}"'))
+def head_line(head: Head) -> str:
+    return f"{head.t0_mono!r}\t{RUN}\t{json.dumps(asdict(head))}\n"
 
 
 # -- reading -------------------------------------------------------------------------------------------------------------
@@ -125,105 +115,159 @@ def _plain(text: str) -> str:
 
 def read_head(path: Path) -> Head:
     """What the session was ordered. Raises `RecordError` where the file is no wire record, or of a newer jbclog."""
-    lines = lines_of(path)
     try:
-        if next(lines) != COLUMNS:
-            raise ValueError("its columns are others")
-        _, what, data = next(lines).rstrip("\n").split("\t")
-        if what != "run":
-            raise ValueError("it does not say of what run it is")
-        head = cast(Head, build(Head, json.loads(data)))
-    except (StopIteration, ValueError, Misfit, OSError) as error:
-        raise RecordError(f"{path} is no wire record: {str(error) or 'it is empty'}") from error
+        head = _head(path)
+    except (ValueError, Misfit, OSError, RecursionError) as error:
+        raise RecordError(f"{path} is no wire record: {error}") from error
     if head.format > FORMAT:
         raise RecordError(f"{path}: written in format {head.format}; this jbclog knows {FORMAT}")
     return head
 
 
-def read_rows(path: Path, first: int = 0) -> Iterator[Row]:
-    """The rows of a wire record from number `first` on, one at a time. Raises `RecordError` at the first that is none."""
-    for number, line in enumerate(lines_of(path), start=-2):  # before row 0 stand the columns' names and the head
-        if number >= first:
-            try:
-                yield row_of(line)
-            except ValueError as error:
-                raise RecordError(f"{path}, line {number + 3}: {error}") from error
+def _head(path: Path) -> Head:
+    for block in blocks(path):
+        if isinstance(block, Block):
+            if block.first_line == 1 and not block.text.startswith(COLUMNS):
+                raise ValueError("its columns are others")
+            _, what, data = (*block.text.removeprefix(COLUMNS).partition("\n")[0].split("\t"), "", "", "")[:3]
+            if what == RUN:
+                return _believed(cast(Head, build(Head, json.loads(data))), path)
+            if block.first_line == 1:
+                raise ValueError("it does not say of what run it is")
+    raise ValueError(_why_none(path))
+
+
+def _believed(head: Head, path: Path) -> Head:
+    """A head with which one can reckon, and that leads to no other folder. Raises `ValueError`."""
+    if not (isfinite(head.t0_mono) and isfinite(head.t0_utc)):
+        raise ValueError("its run began at no moment")
+    if head.station != path.name.removesuffix(SUFFIX):
+        raise ValueError(f"it is that of {head.station}")
+    if head.recipe != Path(head.recipe).name:
+        raise ValueError(f"{head.recipe} is no recipe of this run")
+    return head
+
+
+def _why_none(path: Path) -> str:
+    """Why a file has no head: a newer one may be packed in another way, and says its format all the same."""
+    with path.open("rb") as file:
+        first = file.read(FIRST_BYTES)
+    try:
+        begun = zlib.decompressobj(16 + zlib.MAX_WBITS).decompress(first, FIRST_BYTES)
+    except zlib.error:
+        begun = b""
+    found = re.search(rb'\trun\t\{[^\n]*"format": ([0-9]{1,9})', begun)
+    if found and int(found[1]) > FORMAT:
+        return f"written in format {int(found[1])}; this jbclog knows {FORMAT}"
+    return "no block that says of what run it is can be proven" if first else "it is empty"
+
+
+def rows_and_holes(path: Path) -> Iterator[Row | Hole]:
+    """All that can be proven of a wire, in order. Raises `RecordError` where a line that is proven is no row."""
+    last: float | None = None
+    open_gap: Gap | None = None
+    for block in _blocks(path):
+        if isinstance(block, Gap):
+            open_gap = block
+            continue
+        for row in _rows(path, block):
+            if open_gap is not None:
+                yield Hole(open_gap, last, row.at_s)
+                open_gap = None
+            last = row.at_s
+            yield row
+    if open_gap is not None:
+        yield Hole(open_gap, last, None)
+
+
+def _rows(path: Path, block: Block) -> Iterator[Row]:
+    for number, line in enumerate(block.text.split("\n")[:-1], start=block.first_line):
+        if (number == 1 and line + "\n" == COLUMNS) or f"\t{RUN}\t" in line:
+            continue
+        try:
+            yield row_of(line)
+        except ValueError as error:
+            raise RecordError(f"{path}, line {number}: {error}") from error
+
+
+def _blocks(path: Path) -> Iterator[Block | Gap]:
+    try:
+        yield from blocks(path)
+    except OSError as error:
+        raise RecordError(f"{path} cannot be read: {error.strerror or error}") from error
+
+
+def read_rows(path: Path) -> Iterator[Row]:
+    """The rows of a wire that can be proven, one at a time; `holes` says what is missing between them."""
+    return (row for row in rows_and_holes(path) if not isinstance(row, Hole))
+
+
+def read_to_hole(path: Path, first: int = 0) -> Iterator[Row]:
+    """The rows from number `first` on, up to where something is missing: what a session was told cannot be told on behind it."""
+    return islice(_to_hole(path), first, None)
+
+
+def _to_hole(path: Path) -> Iterator[Row]:
+    for row in rows_and_holes(path):
+        if isinstance(row, Hole):
+            return
+        yield row
+
+
+def read_exchanges(path: Path) -> Iterator[Row]:
+    """The rows less those around a hole, from the last question before it to the first behind: their answers may lie in it."""
+    held: list[Row] = []
+    is_whole = True
+    for row in rows_and_holes(path):
+        if isinstance(row, Hole):
+            held, is_whole = [], False
+        elif row.what == "sent":
+            yield from held
+            held, is_whole = [row], True
+        elif is_whole:
+            held.append(row)
+    yield from held
+
+
+def holes(path: Path) -> list[Hole]:
+    """What is lost of a wire."""
+    return [hole for hole in rows_and_holes(path) if isinstance(hole, Hole)]
 
 
 def count_rows(path: Path) -> int:
-    """How many rows the file holds, its head included; what is not whole at its end is none."""
-    return max(sum(piece.count(b"\n") for piece, _ in _unpacked(path)) - 1, 0)
+    """How many lines the file holds that can be proven, but for the columns' names."""
+    texts = (block.text for block in blocks(path) if isinstance(block, Block))
+    return sum(text.count("\n") - text.startswith(COLUMNS) for text in texts)
 
 
 def is_done(path: Path) -> bool:
     """Whether the file goes on to the end of its session."""
-    last = deque(lines_of(path), maxlen=1)
-    return any("\tdone\t" in line for line in last)
-
-
-def lines_of(path: Path) -> Iterator[str]:
-    """Every whole line, up to the end or to where the file cannot be read any further."""
-    rest = b""
-    for piece, _ in _unpacked(path):
-        *whole, rest = (rest + piece).split(b"\n")
-        for line in whole:
-            yield line.decode() + "\n"
-
-
-def _unpacked(path: Path) -> Iterator[tuple[bytes, bool]]:
-    """The file's contents piece by piece, as far as they can be read; True once it has ended as it should."""
-    unpacker = zlib.decompressobj(GZIP)
-    with path.open("rb") as file:
-        while packed := file.read(PIECE):
-            try:
-                yield unpacker.decompress(packed), unpacker.eof
-            except zlib.error:
-                return
+    last: Block | Gap | None = None
+    for last in blocks(path):  # noqa: B007  # the last one counts
+        pass
+    return isinstance(last, Block) and "\tdone\t" in last.text[last.text.rfind("\n", 0, -1) + 1 :]
 
 
 # -- a file without its end ------------------------------------------------------------------------------------------------
 
 
-def end_of_file(crc: int, size: int) -> bytes:
-    """What closes a file whose contents have that check sum and size."""
-    return LAST_BLOCK + struct.pack("<II", crc, size & 0xFFFFFFFF)
+def mend(path: Path) -> int:
+    """Cut off what a crash left of a block that was being written; how many bytes that was. Raises OSError.
 
-
-def mend(path: Path) -> bool:
-    """Close a file that a crash left without its end, after the last row that is whole; whether that was needed.
-
-    Raises OSError.
+    Only where nothing sound stands behind it, and never all of a file that may be something else.
     """
-    if any(ended for _, ended in _unpacked(path)):
-        return False
-    end, crc, size = _last_point(path)
+    last: Block | Gap | None = None
+    for last in blocks(path):  # noqa: B007  # the last one counts
+        pass
+    if not isinstance(last, Gap) or not (last.start or _has_begun(path)):
+        return 0
     with path.open("r+b") as file:
-        file.truncate(end)
-        file.seek(0, os.SEEK_END)
-        file.write((b"" if end else HEADER) + end_of_file(crc, size))
-    return True
+        file.truncate(last.start)
+        os.fsync(file.fileno())
+    return last.end - last.start
 
 
-def _last_point(path: Path) -> tuple[int, int, int]:
-    """The last place that the file was written up to as a whole: its offset, and check sum and size of what it holds."""
-    end = path.stat().st_size
-    if end:
-        with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
-            while (found := data.rfind(FLUSHED, len(HEADER), end)) >= 0:
-                end = found + len(FLUSHED)
-                if held := _contents(data, end):
-                    return end, *held
-                end -= 1
-    return 0, 0, 0
-
-
-def _contents(data: mmap.mmap, end: int) -> tuple[int, int] | None:
-    """Check sum and size of what the bytes before `end` hold, if a block and a line end there."""
-    unpacker, crc, size, last = zlib.decompressobj(-zlib.MAX_WBITS), 0, 0, b""
-    try:
-        for place in range(len(HEADER), end, PIECE):
-            piece = unpacker.decompress(data[place : min(place + PIECE, end)])
-            crc, size, last = zlib.crc32(piece, crc), size + len(piece), piece[-1:] or last
-        return (crc, size) if last == b"\n" and not unpacker.decompress(LAST_BLOCK) and unpacker.eof else None
-    except zlib.error:
-        return None
+def _has_begun(path: Path) -> bool:
+    """Whether the file begins as a block does."""
+    with path.open("rb") as file:
+        return FIXED.startswith(file.read(len(FIXED)))

@@ -22,14 +22,15 @@ from pathlib import Path
 from typing import Final
 
 from jbclog.record.durable import sync_folder
-from jbclog.record.wire import HEADER, Head, end_of_file, head_lines, line_of, wire_path
+from jbclog.record.wire import COLUMNS, FOLDER, Head, head_line, wire_path
+from jbclog.record.wire_blocks import has_head, packed
+from jbclog.record.wire_rows import line_of
 from jbclog.tape import Row
 
 WRITE_S: Final = 0.5
 MOST_ROWS: Final = 20_000  # waiting for one station: a minute and a half of a full wire at 19200 baud
 BREATH_S: Final = 0.001  # after each wire: a thread that is always ready takes the sessions' turn at each of their reads
 LEAST_FREE: Final = 64 << 20  # bytes of the disk that are left to the record
-LEVEL, WINDOW, MEMORY = 3, 13, 7  # of zlib: as small as 6 and 15 nearly, in half the time and a quarter of the memory
 
 Keep = Callable[[Row], object]
 
@@ -42,13 +43,13 @@ class Wire:
         self._rows: deque[Row] = deque(maxlen=MOST_ROWS)
         self.keep: Keep = self._rows.append
         self._path = path
-        self._packer = zlib.compressobj(LEVEL, zlib.DEFLATED, -WINDOW, MEMORY)
-        self._crc = self._size = self._written = 0
+        self._head = head_line(head)
+        self._kin = zlib.crc32(self._head.encode())
+        self._blocks = self._lines = self._written = 0
         self._descriptor = -1
         try:
             self._descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o644)
-            self._put(HEADER)
-            self._pack(head_lines(head))
+            self._put("")
         except OSError as error:
             self.give_up(error.strerror or str(error))
 
@@ -63,33 +64,30 @@ class Wire:
             self.give_up(f"the disk was too slow for it: more than {MOST_ROWS} rows were waiting")
         elif count:
             try:
-                self._pack("".join([line_of(self._rows.popleft()) for _ in range(count)]))
+                self._put("".join([line_of(self._rows.popleft()) for _ in range(count)]))
             except OSError as error:
                 self.give_up(error.strerror or str(error))
         return count
 
     def close(self) -> None:
-        """Write the rest and the file's end, and make it last."""
+        """Write the rest, and make it last."""
         self.write()
         if self.is_open:
             self._end()
 
-    def _pack(self, text: str) -> None:
-        data = text.encode()
-        packed = self._packer.compress(data) + self._packer.flush(zlib.Z_SYNC_FLUSH)
-        self._put(packed)
-        self._crc, self._size = zlib.crc32(data, self._crc), self._size + len(data)
-
-    def _put(self, packed: bytes) -> None:
-        """Write all of it. Raises OSError."""
-        rest = memoryview(packed)
+    def _put(self, text: str) -> None:
+        """Write a block of these lines, all of it. Raises OSError."""
+        text = (COLUMNS if self._blocks == 0 else "") + (self._head if has_head(self._blocks) else "") + text
+        block = packed(text, self._blocks, self._lines + 1, self._kin)
+        rest = memoryview(block)
         while rest:
             rest = rest[os.write(self._descriptor, rest) :]
-        self._written += len(packed)
+        self._written += len(block)
+        self._blocks, self._lines = self._blocks + 1, self._lines + text.count("\n")
 
     def give_up(self, why: str) -> None:
-        """Write nothing more; what was written as a whole stays, and is closed."""
-        self.trouble = f"{self._path} cannot be written any further: {why}. The run goes on without it."
+        """Write nothing more; what was written as a whole stays."""
+        self.trouble = f"{FOLDER}/{self._path.name} cannot be written any further: {why}. The run goes on without it."
         if self.is_open:
             self._end()
 
@@ -97,10 +95,9 @@ class Wire:
         descriptor, self._descriptor = self._descriptor, -1
         try:
             os.ftruncate(descriptor, self._written)
-            os.pwrite(descriptor, (b"" if self._written else HEADER) + end_of_file(self._crc, self._size), self._written)
             os.fsync(descriptor)
         except OSError as error:
-            self.trouble = self.trouble or f"{self._path} cannot be closed: {error.strerror or error}"
+            self.trouble = self.trouble or f"{FOLDER}/{self._path.name} cannot be closed: {error.strerror or error}"
         finally:
             os.close(descriptor)
 
