@@ -13,15 +13,15 @@ from __future__ import annotations
 import gc
 import os
 import signal
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
-from types import FrameType
 
 from jbclog import __version__
 from jbclog.clock import SystemClock
 from jbclog.dossier import Dossier, Observer, Result
 from jbclog.drive.reactor import Reactor
+from jbclog.drive.signals import Signals
 from jbclog.drive.told import keeping
 from jbclog.errors import PortBusy, RecordError, StartRefused
 from jbclog.guard.left_over import settle
@@ -34,6 +34,7 @@ from jbclog.record.guarded import diary
 from jbclog.record.holding import holds, recorder_of, runs_that_hold
 from jbclog.record.live import SEAL_S
 from jbclog.record.lock import is_held
+from jbclog.record.manifest import iso
 from jbclog.record.wire import WHOLE, Head
 from jbclog.record.wire_recorder import WireRecorder
 from jbclog.rows import Severity
@@ -53,14 +54,20 @@ FREEZING = (signal.SIGTSTP, signal.SIGTTIN, signal.SIGTTOU)
 CUT_SHORT = {signal.SIGINT: Exit.INTERRUPTED, signal.SIGTERM: Exit.TERMINATED, signal.SIGHUP: Exit.TERMINATED}
 
 
-def conduct(plan: Plan, out: Path, observer: Observer, *, seal_every_s: float = SEAL_S) -> Result:
-    """Run `plan` and record it below `out`.
+def conduct(
+    plan: Plan, out: Path, observer: Observer, *, seal_every_s: float = SEAL_S, missed: Callable[[], int] = lambda: 0
+) -> Result:
+    """Run `plan` and record it below `out`. `missed` gives how much of what `observer` was told nobody could see.
+
+    SIGINT, SIGTERM and SIGHUP end the run in good order, from the first moment on; a second one, or one while sealing, changes
+    nothing. Ctrl-Z and a terminal's job control would freeze it, with its tools hot, and have its guard end it: they do nothing.
 
     Raises `PortBusy` where another run holds a port, `RecordError` where the record cannot even be begun, and `StartRefused`
     where its guard cannot be started.
     """
-    _expect_unheld(plan)
-    return _Run(plan, out, observer, seal_every_s).conduct()
+    with Signals(CUT_SHORT.keys(), FREEZING) as signals:
+        _expect_unheld(plan)
+        return _Run(plan, out, observer, seal_every_s, missed).conduct(signals)
 
 
 def _expect_unheld(plan: Plan) -> None:
@@ -75,8 +82,9 @@ def _expect_unheld(plan: Plan) -> None:
 class _Run:
     """The state of one run while it goes on."""
 
-    def __init__(self, plan: Plan, out: Path, observer: Observer, seal_every_s: float) -> None:
+    def __init__(self, plan: Plan, out: Path, observer: Observer, seal_every_s: float, missed: Callable[[], int]) -> None:
         self._plan = plan
+        self._missed = missed
         self._clock = SystemClock()
         allow_ports(len(plan.stations))
         self._guarding = Guarding()
@@ -91,13 +99,14 @@ class _Run:
         self._cut_short: Exit | None = None
         self._have_all_begun = False
 
-    def conduct(self) -> Result:
-        with self._signals():
-            self._begin()
-            broken = self._pull()
-            self._close_wires()
-            record = self._dossier.close() or broken
-            return self._dossier.conclude(record, self._cut_short)
+    def conduct(self, signals: Signals) -> Result:
+        signals.tell(self._on_signal)
+        self._begin()
+        broken = self._pull()
+        self._close_wires()
+        self._tell_of_missed()
+        record = self._dossier.close() or broken
+        return self._dossier.conclude(record, self._cut_short)
 
     def _begin(self) -> None:
         manifest = self._dossier.manifest
@@ -107,7 +116,8 @@ class _Run:
         self._start_guard()
         self._dossier.begin()
         for left in self._left_over:
-            self._note("guard.left_over", left.text, Severity.ERROR if left.is_safe else Severity.CRITICAL)
+            # of an older run, and made good: an event here, and no deviation of what is made now
+            self._note("guard.left_over", left.text, Severity.WARNING if left.is_safe else Severity.CRITICAL)
         if not self._plan.wanted.guard:
             self._note("guard.none", "There is no guard: if this recorder dies, the tools stay as they are.", Severity.WARNING)
         elif os.getpid() == FIRST_PROCESS:
@@ -187,12 +197,19 @@ class _Run:
     def _look(self) -> None:
         if not self._have_all_begun:
             self._keep_from_collector()
-        step = self._dossier.utc.check()
-        if step:
-            text = f"The host's clock was stepped by {step:+.3f} s; ticks and durations are not affected."
-            self._note("clock.step", text, Severity.WARNING, value=step)
+        self._look_at_clock()
         self._tell_of_wires()
+        self._dossier.look()
         self._dossier.show(lambda: self._dossier.observer.second(self._desks))
+
+    def _look_at_clock(self) -> None:
+        utc, now = self._dossier.utc, self._clock.monotonic()
+        before = iso(utc.micros(now))
+        step = utc.check()
+        if step:
+            text = f"The host's clock was stepped by {step:+.3f} s, from {before} to {iso(utc.micros(now))}; "
+            text += "ticks and durations are not affected."
+            self._note("clock.step", text, Severity.WARNING, value=step)
 
     def _keep_from_collector(self) -> None:
         """What the sessions have built stays to the end; to walk through it for garbage takes 40 ms of 250 stations' ticks."""
@@ -209,6 +226,14 @@ class _Run:
             self._tell_of_wires()
             self._dossier.manifest.wire = " ".join(self._wires.troubles()) or WHOLE
 
+    def _tell_of_missed(self) -> None:
+        missed = self._missed()
+        if missed:
+            text = (
+                f"{missed} notes on this run were not shown: nobody took them from the terminal, pipe or file. They are all here."
+            )
+            self._note("notes.missed", text, value=missed)
+
     def _on_record_failure(self, error: RecordError) -> None:
         """From the store's thread: what can no longer be recorded must not go on heating."""
         self._in_loop(self._reactor.end, f"the record cannot be kept: {error}")
@@ -218,22 +243,8 @@ class _Run:
         with suppress(RuntimeError):
             self._reactor.loop.call_soon_threadsafe(call, what)
 
-    @contextmanager
-    def _signals(self) -> Iterator[None]:
-        """SIGINT, SIGTERM and SIGHUP end the run in good order; a second one, or one while sealing, changes nothing.
-
-        Ctrl-Z and a terminal's job control would freeze it, with its tools hot, and have its guard end it: they do nothing.
-        """
-        told = {number: signal.signal(number, self._on_signal) for number in CUT_SHORT}
-        told |= {number: signal.signal(number, signal.SIG_IGN) for number in FREEZING}
-        try:
-            yield
-        finally:
-            for number, before in told.items():
-                signal.signal(number, before)
-
-    def _on_signal(self, number: int, _frame: FrameType | None) -> None:
-        self._in_loop(self._end_on, signal.Signals(number).name)
+    def _on_signal(self, number: signal.Signals) -> None:
+        self._in_loop(self._end_on, number.name)
 
     def _end_on(self, name: str) -> None:
         if self._plan.wanted.duration_s is not None and self._cut_short is None:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import select
 import threading
+import time
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
@@ -34,6 +35,8 @@ class Aside:
         self._observer = observer
         self._waiting: Queue[Told | None] = Queue(WAITING_MOST)
         self._is_closing = False
+        self._is_held = False
+        self._dropped = 0
         self._thread = threading.Thread(target=self._tell_on, name="observer", daemon=True)
         self._thread.start()
 
@@ -50,25 +53,36 @@ class Aside:
     def sealing(self) -> None:
         self._tell(self._observer.sealing)
 
+    def missed(self) -> int:
+        """How many of the things that it was told it could not show so far."""
+        return self._dropped + (self._waiting.qsize() + 1 if self._is_held else 0)
+
     def close(self) -> None:
         """Let what waits be told, if it can be; then no more."""
-        with suppress(Full):
-            self._waiting.put(self._observer.close, timeout=CLOSE_S)
-            self._waiting.put(None, timeout=CLOSE_S)
-        self._thread.join(CLOSE_S)
+        end = time.monotonic() + CLOSE_S
+        for last in (self._observer.close, None):
+            with suppress(Full):
+                self._waiting.put(last, timeout=max(end - time.monotonic(), 0.0))
+        self._thread.join(max(end - time.monotonic(), 0.0))
         self._is_closing = True
 
     def _tell(self, told: Told) -> None:
-        with suppress(Full):
+        try:
             self._waiting.put_nowait(told)
+        except Full:
+            self._dropped += 1
 
     def _tell_on(self) -> None:
         while (told := self._waiting.get()) is not None:
             while not _takes_text() and not self._is_closing:
-                pass
-            if not self._is_closing:
-                with suppress(Exception):  # a terminal that is gone must not become a fault of the run
-                    told()
+                self._is_held = True
+            self._is_held = False
+            if self._is_closing:
+                continue
+            try:
+                told()
+            except Exception:  # a terminal that is gone must not become a fault of the run
+                self._dropped += 1
 
 
 def _takes_text() -> bool:

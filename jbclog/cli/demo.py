@@ -12,6 +12,7 @@ import typer
 
 from jbclog.cli import options
 from jbclog.cli.output import ends_with_errors_told, note, tell, tell_json
+from jbclog.cli.unheld import never_wait
 
 if TYPE_CHECKING:
     from jbclog.dossier import Result
@@ -38,6 +39,7 @@ def demo(
     """
     from jbclog.report import write_report
 
+    never_wait()
     result = _record(out, seconds, quiet=as_json)
     page = write_report(result.folder)
     shown = _shown(result)
@@ -68,7 +70,7 @@ def _record(out: Path, seconds: float, *, quiet: bool) -> Result:
             plan = make_plan(Wanted(stations.line_path, recipe, duration_s=seconds, rate="fit", metadata=metadata))
             shown = Aside(observer(seconds, quiet=quiet))
             try:
-                return conduct(plan, out, shown)
+                return conduct(plan, out, shown, missed=shown.missed)
             finally:
                 shown.close()
 

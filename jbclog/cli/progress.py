@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 WORTH_TELLING = (Severity.WARNING, Severity.ERROR, Severity.CRITICAL)
 RUNNING = "running"  # the outcome of a station that has none yet
 GOOD_NEWS = ("station.ready", "link.back", "robot.on")
+UNSAFE, SAFE = "safety.not_safe", "safety.safe_state"
 
 
 def event_line(event: EventRow) -> str:
@@ -28,19 +29,33 @@ def event_line(event: EventRow) -> str:
     return f"{moment}Z  {event.severity.value:8}  {event.station or 'run'}: {text}"
 
 
-def is_told(event: EventRow) -> bool:
-    """Whether a person wants to hear of it while the run goes on."""
-    return event.severity in WORTH_TELLING or event.kind in GOOD_NEWS
+class Worth:
+    """Which events a person wants to hear of while a run goes on; of a tool's safe state, where it was told not to be in it."""
+
+    def __init__(self) -> None:
+        self._unsafe: set[tuple[str | None, int | None]] = set()
+
+    def telling(self, event: EventRow) -> bool:
+        place = (event.station, event.port)
+        if event.kind == UNSAFE:
+            self._unsafe.add(place)
+        elif event.kind == SAFE and place in self._unsafe:
+            self._unsafe.remove(place)
+            return True
+        return event.severity in WORTH_TELLING or event.kind in GOOD_NEWS
 
 
 class Lines:
     """For a log or a pipe: a line for each event worth telling."""
 
+    def __init__(self) -> None:
+        self._worth = Worth()
+
     def begun(self, folder: Path) -> None:
         note(f"recording into {folder}")
 
     def happened(self, event: EventRow) -> None:
-        if is_told(event):
+        if self._worth.telling(event):
             note(event_line(event))
 
     def second(self, desks: list[Desk]) -> None:
@@ -60,6 +75,7 @@ class Screen:
         from rich.console import Console
 
         self._console = Console(stderr=True, no_color="NO_COLOR" in os.environ, highlight=False)
+        self._worth = Worth()
         self._duration_s = duration_s
         self._began = time.monotonic()
         self._live: Live | None = None
@@ -68,11 +84,12 @@ class Screen:
         from rich.live import Live
 
         self._print(f"recording into {folder}; Ctrl-C ends the run and makes the tools safe")
-        self._live = Live(console=self._console, auto_refresh=False, transient=True)
+        # stdout is for data: what is told there must not be shown on stderr because a table is
+        self._live = Live(console=self._console, auto_refresh=False, transient=True, redirect_stdout=False, redirect_stderr=False)
         self._live.start()
 
     def happened(self, event: EventRow) -> None:
-        if is_told(event):
+        if self._worth.telling(event):
             self._print(event_line(event))
 
     def second(self, desks: list[Desk]) -> None:

@@ -12,6 +12,7 @@ import typer
 from jbclog.cli import options
 from jbclog.cli.output import ends_with_errors_told, note, tell, tell_json
 from jbclog.cli.told import reasons_told, tools_text
+from jbclog.cli.unheld import never_wait
 from jbclog.outcome import Exit, in_order
 
 if TYPE_CHECKING:
@@ -48,6 +49,7 @@ def run(
     Example:
       jbclog run profiles/recipes/sn100c-tht.toml --line virtual/line.toml --duration 15m --operator "A. Rossi" --order 88123
     """
+    never_wait()
     said = options.metadata(operator, order, product, unit, tag)
     wanted = options.wanted(line, recipe, stations, duration, rate, said, allow_omega_write=allow_omega_write)
     wanted = replace(wanted, wire=wire, guard=not no_guard)
@@ -69,7 +71,7 @@ def record(wanted: Wanted, out: Path, *, as_json: bool) -> int:
     for number in CUT_SHORT:
         signal.signal(number, signal.SIG_IGN)  # `conduct` listens to them; after it only this process's last lines are left
     try:
-        result = conduct(plan, out, shown)
+        result = conduct(plan, out, shown, missed=shown.missed)
     finally:
         shown.close()
     if as_json:

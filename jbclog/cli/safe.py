@@ -9,6 +9,7 @@ import typer
 
 from jbclog.cli import options
 from jbclog.cli.output import ends_with_errors_told, note, tell, tell_json
+from jbclog.cli.unheld import never_wait
 from jbclog.errors import Unsafe
 
 if TYPE_CHECKING:
@@ -28,9 +29,10 @@ def safe(line: Path = options.LINE, as_json: bool = options.AS_JSON) -> None:
     Example:
       jbclog safe --line virtual/line.toml
     """
-    from jbclog.line_safe import end_runs, make_line_safe
+    from jbclog.line_safe import close_leases, end_runs, make_line_safe
     from jbclog.recipe.line import load_line
 
+    never_wait()
     loaded = load_line(line)
     runs = end_runs(loaded, note)
     stations: list[StationMadeSafe] = []
@@ -42,6 +44,8 @@ def safe(line: Path = options.LINE, as_json: bool = options.AS_JSON) -> None:
                 tell(text)
 
     make_line_safe(loaded, done)
+    for folder in close_leases(stations):
+        note(f"the run {folder} had left tools hot and is told so in its record")
     for made in stations:
         if made.note:
             note(f"note: {made.target.name}: {made.note}")

@@ -10,6 +10,7 @@ import typer
 from jbclog.cli import options
 from jbclog.cli.names import complete_setting, complete_station, complete_value
 from jbclog.cli.output import ends_with_errors_told, note, tell, tell_json
+from jbclog.cli.unheld import never_wait
 from jbclog.errors import UsageError
 
 if TYPE_CHECKING:
@@ -77,6 +78,7 @@ def write(
         raise UsageError(f"--snapshot {snapshot} is there already, and nothing is written over; nothing was sent")
     change = Change(setting, value, Place(port, tool))
     _check(target, change, line, is_meant=yes_i_mean is not None)
+    never_wait()
     code = _Writing(target, change, line, snapshot, as_json=as_json).do()
     raise typer.Exit(code)
 

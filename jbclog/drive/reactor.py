@@ -10,12 +10,12 @@ from __future__ import annotations
 
 import asyncio
 import threading
-import time
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from heapq import heappop, heappush
 from itertools import count
 
+from jbclog import clock
 from jbclog.drive.blocking import OpenPort, Port
 from jbclog.drive.waiting import Readers, exact_selector
 from jbclog.effects import Ask, Heard, Listen, RunEnded, Steps, Wait, Wish
@@ -26,14 +26,21 @@ PUMP_S = 0.2  # how often a reading thread looks whether it is still wanted
 NEVER = float("inf")
 
 Session = Steps[object]
-_now = time.monotonic  # the clock that asyncio's loop runs on
+_now = clock.elapsed  # which the loop is made to run on
+
+
+class _Loop(asyncio.SelectorEventLoop):
+    """Counts the time in which the machine was suspended."""
+
+    def time(self) -> float:
+        return _now()
 
 
 class Reactor:
     """Pulls sessions until all have ended."""
 
     def __init__(self) -> None:
-        self.loop = asyncio.SelectorEventLoop(exact_selector())
+        self.loop = _Loop(exact_selector())
         self.readers = Readers(self.loop)
         self.openers = ThreadPoolExecutor(OPENERS, thread_name_prefix="open-port")
         self._wires: set[Wire] = set()
