@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
-from jbclog.commands.omega import LATE, SAYS_YES
+from jbclog.commands.omega import CONTROL, INFORMATION, LATE, SAYS_YES
 from jbclog.quantities import Value
 from jbclog.rows import Severity
 from jbclog.session.order import Desk, PortState
@@ -79,12 +79,16 @@ OMEGA_OBSERVERS = {
 }
 
 
+USUAL = {"solder_shortage": INFORMATION.names[0], "preparing": CONTROL.names[0]}
+"""What a state is taken to have been before the first reading of it."""
+
+
 def differs_from_last(name: str) -> Callable[[Desk, PortState, Value], bool]:
     """Whether a state is another than at the last reading; where that is an error it is asked twice before it is believed."""
 
     def doubt(_desk: Desk, port: PortState, value: Value) -> bool:
         last = port.states.get(name)
-        return last is not None and last[0] != value
+        return value != (USUAL[name] if last is None else last[0])
 
     return doubt
 
