@@ -37,7 +37,10 @@ OnFacts = Callable[[StationFacts], None]
 
 
 class Observer(Protocol):
-    """Who looks on: the command line's progress. Nothing that it does can change the run."""
+    """Who looks on: the command line's progress. Nothing that it does can change the run.
+
+    `happened` is called in a thread of the record, once the record has the event.
+    """
 
     def begun(self, folder: Path) -> None: ...
 
@@ -82,8 +85,8 @@ class Dossier:
         previous = previous_run(out, plan.line.name)
         self.folder = create_run(out, plan.line.name, clock.utc())
         self._plan = plan
-        self._store = LiveStore(self.folder, on_failure, seal_every_s=seal_every_s)
-        self.journal = _Tap(self._store, observer, on_facts)
+        self._store = LiveStore(self.folder, on_failure, seal_every_s=seal_every_s, on_event=observer.happened)
+        self.journal = _Tap(self._store, on_facts)
         self.manifest = replace(self._draft(), previous=previous)
         self.desks = [Desk(order, self.journal, self.utc) for order in orders(plan, self.t0)]
 
@@ -98,6 +101,10 @@ class Dossier:
         count = len(self.desks)
         stations = f"{count} station{'' if count == 1 else 's'}"
         self.note("run.start", f"Run of {stations} on line {self._plan.line.name}, jbclog {__version__}.")
+
+    def look(self) -> None:
+        """To be called each second: whether the disk keeps the record waiting. Returns at once."""
+        self._store.look()
 
     def _draft(self) -> Manifest:
         line, told = self._plan.line, self._plan.wanted.metadata
@@ -163,25 +170,20 @@ class Dossier:
 
 
 class _Tap:
-    """A journal that lets the observer see the events that pass."""
+    """A journal that lets others see the facts that pass."""
 
-    def __init__(self, store: LiveStore, observer: Observer, on_facts: OnFacts | None) -> None:
+    def __init__(self, store: LiveStore, on_facts: OnFacts | None) -> None:
         self.sample: Callable[[SampleRow], None] = store.sample
         self.setting: Callable[[SettingRow], None] = store.setting
         self.counter: Callable[[CounterRow], None] = store.counter
+        self.event = store.event
         self._on_facts = on_facts
         self._store = store
-        self._observer = observer
 
     def facts(self, facts: StationFacts) -> None:
         self._store.facts(facts)
         if self._on_facts is not None:
             self._on_facts(facts)
-
-    def event(self, event: EventRow, *, at_once: bool = False) -> None:
-        self._store.event(event, at_once=at_once)
-        with suppress(Exception):  # a terminal that is gone must not become a fault of a session
-            self._observer.happened(event)
 
 
 def _host() -> dict[str, str]:

@@ -9,6 +9,9 @@ The rules:
    When that fails too, or the disk is full, `failure` is set, `on_failure` is called once, rows are held in memory as
    far as there is room for them, and every second it is tried again. Rows that there was no room for are counted.
 5. Every hour a child process of low priority seals what is there into Parquet (`seal`).
+6. `on_event` is called with each event when its commit was tried, so that what people are shown is in the record. A disk
+   that keeps a commit waiting holds them up for `WAITED_S` at the most, and after `STALLED_S` counts as one that takes
+   nothing (`look`).
 """
 
 from __future__ import annotations
@@ -29,11 +32,14 @@ from jbclog.record.lock import FolderLock
 from jbclog.record.schema import SCHEMA_VERSION
 from jbclog.record.seal import SealChild
 from jbclog.record.store import FACTS, META
+from jbclog.record.untold import OnEvent, Untold
 from jbclog.rows import CounterRow, EventRow, SampleRow, SettingRow, Severity, StationFacts
 
 COMMIT_S: Final = 0.8
 AT_RISK_S: Final = 1.0  # what a kill can take at the most: the pause between two commits, and the commit itself
 SEAL_S: Final = 3600.0
+WAITED_S: Final = 2.0
+STALLED_S: Final = 10.0
 
 OnFailure = Callable[[RecordError], None]
 
@@ -41,11 +47,18 @@ OnFailure = Callable[[RecordError], None]
 class LiveStore:
     """The journal of one run (`rows.Journal`), written to SQLite in `folder`. Callers may be in any thread.
 
-    `on_failure` is called in the writer's thread, once. The folder's lock is held from `start` until `release`, so that
-    sealing after `close` is still the only writer.
+    `on_failure` is called once, in the writer's thread or in that of `look`; `on_event` in either. The folder's lock is held
+    from `start` until `release`, so that sealing after `close` is still the only writer.
     """
 
-    def __init__(self, folder: Path, on_failure: OnFailure | None = None, *, seal_every_s: float | None = SEAL_S) -> None:
+    def __init__(
+        self,
+        folder: Path,
+        on_failure: OnFailure | None = None,
+        *,
+        seal_every_s: float | None = SEAL_S,
+        on_event: OnEvent | None = None,
+    ) -> None:
         self.folder = folder
         self.failure: RecordError | None = None
         self._on_failure = on_failure
@@ -56,7 +69,9 @@ class LiveStore:
         self._child: SealChild | None = None
         self._facts: dict[str, str] = {}
         self._unstored: set[str] = set()  # stations whose facts have changed since they were stored
+        self._untold = Untold(on_event)
         self._committing = threading.Lock()  # held for a whole commit
+        self._commit_began: float | None = None  # monotonic seconds, while one goes on
         self._wake = threading.Event()
         self._ending = False
         self._thread = threading.Thread(target=self._write_on, name="jbclog-writer", daemon=True)
@@ -68,6 +83,7 @@ class LiveStore:
 
     def event(self, event: EventRow, *, at_once: bool = False) -> None:
         self._intake.event(event)
+        self._untold.add(event)
         if at_once:
             self._wake.set()
 
@@ -113,6 +129,15 @@ class LiveStore:
                     self._child = SealChild(self.folder, self.lock, part=True)
                 except OSError as error:
                     self._not_sealed(str(error))
+
+    def look(self) -> None:
+        """To be called each second or so by whoever must know of a disk that keeps a commit waiting; never waits itself."""
+        began = self._commit_began
+        waited = 0.0 if began is None else time.monotonic() - began
+        if waited >= STALLED_S:
+            self._fail(f"the disk has kept a commit waiting for {STALLED_S:g} s")
+        if waited >= WAITED_S:
+            self._untold.show_first(self._untold.count)
 
     @property
     def is_sealing(self) -> bool:
@@ -160,7 +185,16 @@ class LiveStore:
                 self.seal_now()
 
     def _commit(self, *, closing: bool = False) -> bool:
-        """Store everything handed over so far, or keep it for the next time; give whether all is safe."""
+        """Store everything handed over so far, or keep it for the next time; give whether all is safe. Then it is told."""
+        untold = self._untold.count
+        self._commit_began = time.monotonic()
+        try:
+            return self._stored(closing)
+        finally:
+            self._commit_began = None
+            self._untold.show_first(untold)
+
+    def _stored(self, closing: bool) -> bool:
         try:
             changed = self._intake.take()
             self._facts |= changed
@@ -220,4 +254,4 @@ class LiveStore:
                 self._on_failure(self.failure)
 
     def _tell(self, kind: str, severity: Severity, text: str) -> None:
-        self._intake.event(EventRow(time.time_ns() // 1000, kind, severity, text))
+        self.event(EventRow(time.time_ns() // 1000, kind, severity, text))

@@ -14,7 +14,7 @@ import pytest
 from few_rows import begun, hand_over
 
 from jbclog.errors import RecordError
-from jbclog.record import intake
+from jbclog.record import intake, live
 from jbclog.record.batches import Batch
 from jbclog.record.conclude import conclude
 from jbclog.record.folder import create_run
@@ -309,3 +309,72 @@ def test_a_sealing_that_fails_is_told_and_done_later(tmp_path: Path) -> None:
     folder = finished(store)
     assert few_rows.sealed_numbers(folder) == list(range(30))
     assert "record.not_sealed" in few_rows.table(folder, "events")["kind"].to_pylist()
+
+
+# -- what people are shown --------------------------------------------------------------------------------------------------
+
+
+def test_an_event_is_shown_when_it_is_kept_and_not_before(tmp_path: Path) -> None:
+    shown: list[tuple[int, int]] = []
+    store = begun(tmp_path, on_event=lambda event: shown.append((event.code or 0, committed(store.folder))))
+    store._committing.acquire()  # the writer's thread must not come in between
+    store.event(few_rows.event(1))
+    assert shown == []
+    store._committing.release()
+    store.commit_now()
+    assert shown == [(1, 1)]
+    store.event(few_rows.event(2))
+    store.close()
+    assert [code for code, _ in shown] == [1, 2]
+    store.release()
+
+
+def test_an_event_that_cannot_be_kept_is_shown_all_the_same_and_an_observer_that_fails_harms_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shown: list[str] = []
+
+    def show(event: EventRow) -> None:
+        shown.append(event.kind)
+        raise OSError("nobody looks")
+
+    store = begun(tmp_path, on_event=show)
+    monkeypatch.setattr(Segment, "add", failing(sqlite3.SQLITE_FULL))
+    store.event(few_rows.event(1))
+    with pytest.raises(RecordError):
+        store.commit_now()
+    store.close()
+    assert shown == ["test.event", "record.failed"]
+    store.release()
+
+
+def test_a_disk_that_keeps_a_commit_waiting_is_told_of_and_holds_up_nothing_that_is_shown(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shown: list[str] = []
+    told: list[RecordError] = []
+    store = begun(tmp_path, on_failure=told.append, on_event=lambda event: shown.append(event.kind))
+    let_go, real = threading.Event(), Segment.add
+
+    def add(self: Segment, batches: Sequence[Batch], notes: Notes) -> None:
+        let_go.wait(30)
+        real(self, batches, notes)
+
+    monkeypatch.setattr(Segment, "add", add)
+    store.event(few_rows.event(1), at_once=True)
+    until(lambda: store._commit_began is not None)
+    store.look()
+    assert (shown, told) == ([], [])
+    monkeypatch.setattr(live, "WAITED_S", 0.0)
+    store.look()
+    assert (shown, told) == (["test.event"], [])
+    monkeypatch.setattr(live, "STALLED_S", 0.0)
+    store.look()
+    store.look()
+    assert shown == ["test.event", "record.failed"]
+    assert "has kept a commit waiting" in str(told[0])
+    assert len(told) == 1
+    let_go.set()
+    store.close()
+    assert few_rows.sealed_events(finished(store)) == [1]
+    assert len(shown) == 2
