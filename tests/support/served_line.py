@@ -18,6 +18,7 @@ from jbclog.sim.setup import SERVED_LINE, set_up
 from jbclog.sim.state import STAND as STANDING
 from jbclog.sim.state import WORKING
 from jbclog.sim.virtual import VirtualStation
+from jbclog.sim.wire_file import WireFile
 from jbclog.sim.wire_log import Written
 
 LINE = """
@@ -110,10 +111,11 @@ class Order:
 class ServedLine:
     """Serves `text` below `folder` while a `with` lasts, all tools hot and in stand at first.
 
-    `path` is the line file for a run, `recipe` one that fits it.
+    `path` is the line file for a run, `recipe` one that fits it; `log` holds all that passed on the wires, if it was asked for.
     """
 
-    def __init__(self, folder: Path, text: str = LINE, recipe: str = RECIPE) -> None:
+    def __init__(self, folder: Path, text: str = LINE, recipe: str = RECIPE, *, logs: bool = False) -> None:
+        self.log = folder / "wire.jsonl" if logs else None
         source = folder / "source.toml"
         source.write_text(text, encoding="utf-8")
         self.recipe = folder / "recipe.toml"
@@ -121,6 +123,7 @@ class ServedLine:
         self.path = folder / "served" / SERVED_LINE
         self._line = load_line(source)
         self.stations: dict[str, VirtualStation] = {}
+        self._wire_file = WireFile(self.log) if self.log else None
         self._server: Server | None = None
         self._thread: Thread | None = None
 
@@ -130,7 +133,7 @@ class ServedLine:
         for port in self.tools():
             port.order(STANDING, False)
             port.tip.temperature_c = HOT_C  # a robot waits for a hot tip
-        self._server = set_up(self._line, self.path.parent, stations=list(self.stations.values()))
+        self._server = set_up(self._line, self.path.parent, None, self._wire_file, list(self.stations.values()))
         self._thread = Thread(target=self._server.run, name="virtual-stations", daemon=True)
         self._thread.start()
         return self
@@ -139,6 +142,8 @@ class ServedLine:
         if self._server is not None and self._thread is not None:
             self._server.stop()
             self._thread.join(5.0)
+        if self._wire_file is not None:
+            self._wire_file.close()
 
     def url(self, name: str) -> str:
         return str(self.path.parent / name)

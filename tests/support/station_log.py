@@ -58,10 +58,13 @@ def is_answer(text: str, question: str) -> bool:
     return text[:1] in "AN" and (text[1:].startswith(question[1:]) if question[0] == "R" else question[1:].startswith(text[1:4]))
 
 
-def heard_in(path: Path) -> dict[str, list[Heard]]:
-    """By station: every question in the order of time, in monotonic seconds, with the answer that went out, if one did."""
+def heard_in(path: Path, begin: int = 0) -> dict[str, list[Heard]]:
+    """By station: every question in the order of time, in monotonic seconds, with the answer that went out, if one did.
+
+    `begin`: the size that the file had when the run began that is looked at.
+    """
     wires: dict[str, _Wire] = {}
-    for line in path.read_text(encoding="ascii").splitlines():
+    for line in path.read_bytes()[begin:].decode("ascii").splitlines():
         one = json.loads(line)
         wire = wires.setdefault(one["station"], _Wire())
         if one["kind"] == "question":
@@ -69,8 +72,3 @@ def heard_in(path: Path) -> dict[str, list[Heard]]:
         elif one["kind"] == "answer":
             wire.answer(bytes.fromhex(one["hex"]))
     return {station: wire.heard for station, wire in wires.items()}
-
-
-def since(heard: dict[str, list[Heard]], moment: float) -> dict[str, list[Heard]]:
-    """Only what was asked from `moment` on."""
-    return {station: [one for one in questions if one.at >= moment] for station, questions in heard.items()}

@@ -1,0 +1,159 @@
+"""`jbclog run`, killed for real at random moments and at each of its steps, while the stations on the line live on.
+
+After each kill: no row that was committed is gone, at most the admitted second of what the stations told, sealed equals kept row
+for row, every event that was shown is recorded, recovery twice is recovery once, every tool was told to stand within 5 s, and
+I1 to I9 hold (`invariants`). All runs of a series record into one folder, where none may stand in the way of the next. Seeds are
+printed. `test_kill.py` does the same to the store alone, thousands of times.
+"""
+
+from __future__ import annotations
+
+import random
+import shutil
+import sys
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import crash
+import killed_run
+import pytest
+from invariants import Ended, violations
+from killed_run import Death, differences, keepsake, killed, sealed_rows, told_and_not_kept, told_late
+from served_line import ServedLine
+from station_log import heard_in
+
+from jbclog.record.manifest import read_manifest
+from jbclog.record.recover import recover
+
+SEED = random.randrange(1 << 32)
+DURATION_S = 2.0
+LATEST_S = {"start": 1.5, "questions": DURATION_S + 1.5}
+PROGRAM = [sys.executable, "-c", "from jbclog.cli import main; main()"]
+
+
+@pytest.fixture(scope="module")
+def line(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ServedLine]:
+    """Four stations that outlive all runs here."""
+    with ServedLine(tmp_path_factory.mktemp("line"), logs=True) as served:
+        yield served
+
+
+@dataclass
+class Series:
+    """Runs on one line into one folder, each killed and looked at."""
+
+    line: ServedLine
+    home: Path
+    wrong: list[str] = field(default_factory=list)
+    looked: dict[str, int] = field(default_factory=dict)
+
+    @property
+    def out(self) -> Path:
+        return self.home / "runs"
+
+    def command(self, *program: str) -> list[str]:
+        rest = ["run", self.line.recipe, "--line", self.line.path, "--out", self.out, "-d", f"{DURATION_S:g}s"]
+        return [*(program or PROGRAM), *map(str, rest)]
+
+    def kill(self, what: str, command: list[str], is_time: Callable[[float], bool], notes: Path | None = None) -> Death:
+        assert self.line.log is not None
+        begin = self.line.log.stat().st_size
+        death = killed(command, self.out, is_time)
+        if notes is not None and notes.exists():
+            death = Death(death.folder, death.began, float(notes.read_text()), death.code, death.said)
+        found = self._found(death, begin)
+        self.wrong += [f"{what}: {text}" for text in found]
+        print(what, f"after {death.died - death.began:.3f} s:", *(found or ["nothing wrong"]), sep="\n    ")
+        return death
+
+    def _found(self, death: Death, begin: int) -> list[str]:
+        assert self.line.log is not None
+        late = told_late(self.line, death)
+        if death.folder is None:
+            return late if death.was_killed else [*late, f"it ended by itself, without a record: {death.said}"]
+        kept = keepsake(death.folder, self.home / "copies")
+        recover(death.folder)
+        once = crash.contents(death.folder)
+        recover(death.folder)
+        again = [] if crash.contents(death.folder) == once else ["recovered twice is not recovered once"]
+        sealed = sealed_rows(death.folder)
+        state = f"{read_manifest(death.folder).exit_status}{'' if sealed['samples'] else ', no samples'}"
+        self.looked[state] = self.looked.get(state, 0) + 1
+        ended = Ended(death.code, death.said)
+        died_at = death.died if death.was_killed else None
+        lost = violations(death.folder, heard_in(self.line.log, begin), ended=ended, died_at=died_at)
+        shutil.rmtree(death.folder) if not (late or lost) else None
+        return [*late, *differences(kept, sealed), *again, *told_and_not_kept(death.said, sealed), *lost]
+
+
+@pytest.fixture
+def series(line: ServedLine, tmp_path: Path) -> Series:
+    return Series(line, tmp_path)
+
+
+def at_random(series: Series, seed: int, count: int) -> None:
+    rng = random.Random(seed)
+    for trial in range(count):
+        phase = rng.choice(["start", "questions", "questions", "questions"])
+        moment = rng.random() * LATEST_S[phase]
+        command = [*series.command(), *rng.choice([[], ["--wire"]])]
+        series.kill(f"seed {seed}, trial {trial}, {phase} + {moment:.3f} s", command, _Moment(series.line, phase, moment))
+    print(f"{count} kills: {series.looked}")
+    assert series.wrong == []
+
+
+@dataclass
+class _Moment:
+    """So many seconds after the start of the program, or after the first question to a station."""
+
+    line: ServedLine
+    phase: str
+    seconds: float
+    questions: int = -1
+    asked: float | None = None
+
+    def __call__(self, passed: float) -> bool:
+        if self.phase == "start":
+            return passed >= self.seconds
+        if self.questions < 0:
+            self.questions = self.line.questions()
+        if self.asked is None and self.line.questions() > self.questions:
+            self.asked = time.monotonic()
+        return self.asked is not None and time.monotonic() >= self.asked + self.seconds
+
+
+def at_steps(series: Series, first: int, stride: int, last: int = 10_000) -> int:
+    """Kill it before its step FIRST, FIRST + STRIDE ..., until it ends by itself; how often it was killed."""
+    for step in range(first, last, stride):
+        notes = series.home / f"death-{step}"
+        program = [sys.executable, killed_run.__file__, str(step), str(notes)]
+        death = series.kill(f"step {step}", series.command(*program), lambda passed: passed > 60, notes)
+        if not death.was_killed:
+            break
+    print(f"kills at steps: {series.looked}")
+    assert series.wrong == []
+    return (step - first) // stride
+
+
+def test_killed_at_random_moments(series: Series) -> None:
+    at_random(series, SEED, 2)
+
+
+def test_killed_at_some_steps(series: Series) -> None:
+    assert at_steps(series, 4 + SEED % 7, 40, 46) == 1
+
+
+@pytest.mark.campaign
+@pytest.mark.timeout(3600)
+@pytest.mark.parametrize("part", range(6))
+def test_killed_at_three_hundred_random_moments(series: Series, part: int) -> None:
+    at_random(series, SEED + part, 50)
+
+
+@pytest.mark.campaign
+@pytest.mark.timeout(3600)
+@pytest.mark.parametrize("part", range(4))
+def test_killed_at_every_step(series: Series, part: int) -> None:
+    assert at_steps(series, 1 + part, 4) >= 10
