@@ -17,6 +17,7 @@ import time
 from collections.abc import Callable, Collection
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from threading import Thread
 from typing import Final
@@ -26,9 +27,12 @@ from jbclog.byhand.contact import Target
 from jbclog.byhand.safe import StationMadeSafe, make_safe
 from jbclog.drive import blocking
 from jbclog.errors import JbclogError, RecordError
+from jbclog.guard import left_over
+from jbclog.guard.lease import StationLease
 from jbclog.recipe.line import Line
 from jbclog.record.guarded import await_guard
 from jbclog.record.holding import holds, recorder_of, runs_that_hold
+from jbclog.record.lock import is_held
 
 ASKED_S: Final = 3.0  # that a run has to let go of the line (contract, "safe")
 KILLED_S: Final = 2.0
@@ -87,6 +91,20 @@ def _open(target: Target) -> blocking.Port:
 
 def _reason(error: JbclogError, target: Target) -> str:
     return str(error).removeprefix(f"{target.name}: ")
+
+
+def close_leases(stations: Collection[StationMadeSafe]) -> list[Path]:
+    """Tell the runs of this user that had left these stations' tools hot what was read back; give their folders."""
+    by_lease = partial(_seen, stations)
+    return left_over.close([made.target.url for made in stations], by_lease, is_held, "jbclog safe")
+
+
+def _seen(stations: Collection[StationMadeSafe], lease: StationLease) -> left_over.Seen | None:
+    made = next((one for one in stations if lease.is_at(one.target.url)), None)
+    if made is None or made.problem is not None:
+        return None
+    states: dict[int, str | None] = {tool.port: tool.state for tool in made.tools if tool.is_safe}
+    return left_over.Seen(made.model, states | dict.fromkeys(made.empty), made.feeder != "running")
 
 
 # -- runs that hold the line ------------------------------------------------------------------------------------------------

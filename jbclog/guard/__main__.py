@@ -42,12 +42,14 @@ def main() -> int:
     folder, recorder = Path(sys.argv[1]), Recorder(int(sys.argv[3]))
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)
-    shelf, diary = Shelf(folder), Diary(folder)
+    diary = Diary(folder)
+    shelf = Shelf(folder, diary)
     try:
         with only_one(folder, PREDECESSOR_S):
+            with suppress(OSError):  # then it has to do without
+                diary.reserve()
             left = _guard(recorder, shelf, diary)
-            shelf.put(left)
-            shelf.settle(SHELF_S)
+            _keep(left, shelf, diary)
             let_go(STDOUT)  # a recorder that waits for the outcome sees that there is one
     except RecordError as error:
         say(str(error))
@@ -56,6 +58,15 @@ def main() -> int:
         let_go(STDERR)
         _go_on(folder, left, shelf, diary)
     return 0
+
+
+def _keep(left: Sequence[StationLease], shelf: Shelf, diary: Diary) -> None:
+    """Close the lease as far as it is known what came of it: what could not be written down is nobody's to know."""
+    if not diary.is_torn:
+        shelf.put(left)
+        shelf.settle(SHELF_S)
+    if not left:
+        diary.tidy()
 
 
 def _guard(recorder: Recorder, shelf: Shelf, diary: Diary) -> Sequence[StationLease]:
@@ -112,8 +123,9 @@ def _go_on(folder: Path, left: Sequence[StationLease], shelf: Shelf, diary: Diar
             if shelf.was_cleared:
                 return
             left = TakeOver(left, diary, again=True).run()
-            shelf.put(left)
-            shelf.settle(SHELF_S)
+            _keep(left, shelf, diary)
+    with suppress(RecordError, OSError), only_one(folder):
+        diary.tidy()
 
 
 if __name__ == "__main__":

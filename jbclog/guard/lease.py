@@ -10,6 +10,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Final
 
+from jbclog.guard import whereabouts
 from jbclog.same_port import is_one_port
 
 NAME: Final = "lease.json"
@@ -60,12 +61,13 @@ class StationLease:
 def keep(folder: Path, stations: Iterable[StationLease]) -> None:
     """Put the lease into the run's folder, so that the next start finds what a dead host left hot; none removes it.
 
-    Raises `OSError`.
+    The user's other runs, and `jbclog safe`, find the folder. Raises `OSError`.
     """
     held = [station for station in stations if station.holds]
     if not held:
         with suppress(FileNotFoundError):
             (folder / NAME).unlink()
+        whereabouts.forget(folder)
         return
     beside = folder / f"{NAME}.new"
     with beside.open("w", encoding="utf-8") as file:
@@ -74,6 +76,7 @@ def keep(folder: Path, stations: Iterable[StationLease]) -> None:
         os.fsync(file.fileno())
     beside.replace(folder / NAME)
     _sync(folder)
+    whereabouts.note(folder)
 
 
 def _sync(folder: Path) -> None:

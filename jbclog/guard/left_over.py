@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Final, NamedTuple
 
 from jbclog.errors import RecordError
-from jbclog.guard import lease
+from jbclog.guard import lease, whereabouts
 from jbclog.guard.diary import Diary
 from jbclog.guard.lease import StationLease
 from jbclog.guard.only_one import only_one
-from jbclog.guard.takeover import CRITICAL, ERROR, TakeOver
+from jbclog.guard.takeover import CRITICAL, ERROR, INFO, TakeOver
 
 PATIENCE_S: Final = 6.0  # a guard that is just taking over has done by then
 AGAIN_S: Final = 0.1
@@ -30,14 +31,19 @@ class LeftOver(NamedTuple):
 
 
 def settle(out: Path, urls: Collection[str], is_recording: IsRecording) -> list[LeftOver]:
-    """Make safe what runs below `out` left hot on the ports `urls`. A run that goes on holds its ports itself."""
-    return [done for folder in _unclosed(out, urls) if (done := _settle(folder, urls, is_recording)) is not None]
+    """Make safe what runs of this user, and those below `out`, left hot on the ports `urls`.
+
+    A run that goes on holds its ports itself.
+    """
+    return [done for folder in unclosed(out, urls) if (done := _settle(folder, urls, is_recording)) is not None]
 
 
-def _unclosed(out: Path, urls: Collection[str]) -> Iterator[Path]:
-    for path in sorted(out.glob(f"*/{lease.NAME}")) if out.is_dir() else []:
-        if any(_is_wanted(station, urls) for station in lease.kept(path.parent)):
-            yield path.parent
+def unclosed(out: Path | None, urls: Collection[str]) -> Iterator[Path]:
+    """The folders whose leases hold any of these ports: below `out`, and wherever this user has others."""
+    below = [path.parent.resolve() for path in out.glob(f"*/{lease.NAME}")] if out is not None and out.is_dir() else []
+    for folder in sorted({*below, *whereabouts.known()}):
+        if any(_is_wanted(station, urls) for station in lease.kept(folder)):
+            yield folder
 
 
 def _is_wanted(station: StationLease, urls: Collection[str]) -> bool:
@@ -64,12 +70,62 @@ def _take_over(folder: Path, urls: Collection[str]) -> LeftOver | None:
     ours = [station for station in held if _is_wanted(station, urls)]
     if not ours:  # the guard that was there has done it meanwhile
         return None
-    diary = Diary(folder)
+    diary = Diary(folder, "jbclog run")
     left = TakeOver(ours, diary, spare=True).run()
-    with suppress(OSError):
-        lease.keep(folder, [*(station for station in held if station not in ours), *left])
+    if not diary.is_torn:
+        with suppress(OSError):
+            lease.keep(folder, [*(station for station in held if station not in ours), *left])
     done = "not every tool could be made safe" if left else "every tool is in its safe state now"
     names = ", ".join(sorted(station.name for station in ours))
     text = f"Run {folder.name} had left tools of {names} as they were: {done}."
     diary.write("guard.left_over", CRITICAL if left else ERROR, text)
+    diary.tidy()
     return LeftOver(not left, text)
+
+
+# -- made safe by somebody else ----------------------------------------------------------------------------------------
+
+
+class Seen(NamedTuple):
+    """What somebody who made a station safe has read back: its model, its ports' states, whether its feeder stands.
+
+    A port without a tool has the state `None`.
+    """
+
+    model: str | None
+    states: Mapping[int, str | None]
+    feeder_stands: bool
+
+
+def close(urls: Collection[str], look: Callable[[StationLease], Seen | None], is_recording: IsRecording, who: str) -> list[Path]:
+    """Close the leases on these ports as far as `look` gives what was read back; each run is told. Gives their folders."""
+    return [folder for folder in unclosed(None, urls) if not is_recording(folder) and _close(folder, look, who)]
+
+
+def _close(folder: Path, look: Callable[[StationLease], Seen | None], who: str) -> bool:
+    """Whether anything of it was closed; where its guard is there, that is its own to do."""
+    with suppress(RecordError, OSError), only_one(folder):
+        held, diary = lease.kept(folder), Diary(folder, who)
+        left = [_without(station, look(station), diary) for station in held]
+        if left != held:
+            if not diary.is_torn:
+                lease.keep(folder, left)
+            diary.tidy()
+            return True
+    return False
+
+
+def _without(station: StationLease, seen: Seen | None, diary: Diary) -> StationLease:
+    """What the lease still holds."""
+    if seen is None or seen.model != station.model:
+        return station
+    for port in station.ports:
+        if port in seen.states:
+            state = seen.states[port]
+            text = "There is no tool any more" if state is None else f"The tool was found safe, as read back: {state}"
+            diary.write("safety.safe_state", INFO, f"{text}.", station.name, port)
+    return replace(
+        station,
+        ports=tuple(port for port in station.ports if port not in seen.states),
+        feeds=station.feeds and not seen.feeder_stands,
+    )

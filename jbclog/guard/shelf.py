@@ -6,19 +6,27 @@ The lease is kept there, and what opening its ports takes is loaded: at the take
 from __future__ import annotations
 
 from collections.abc import Iterable
+from contextlib import suppress
 from pathlib import Path
 from threading import Condition, Thread
 
 from jbclog.guard import lease
+from jbclog.guard.diary import Diary
 from jbclog.guard.lease import StationLease
 from jbclog.transport.opening import make_ready
 
+LINES_A_STATION = 3  # in the diary, beside one for each tool
+
 
 class Shelf:
-    """Keeps the newest lease in `folder`. A disk that takes none is no reason to stop watching."""
+    """Keeps the newest lease in `folder`, and room in the `diary` for what will have to be said of it.
 
-    def __init__(self, folder: Path) -> None:
+    A disk that takes none is no reason to stop watching.
+    """
+
+    def __init__(self, folder: Path, diary: Diary) -> None:
         self._folder = folder
+        self._diary = diary
         self._changed = Condition()
         self._waiting: list[StationLease] | None = None
         self._is_writing = False
@@ -56,5 +64,7 @@ class Shelf:
             self._is_kept = any(station.holds for station in stations)
         except OSError:
             self._is_kept = False
+        with suppress(OSError):
+            self._diary.reserve(sum(len(station.ports) + LINES_A_STATION for station in stations if station.holds))
         for station in stations:
             make_ready(station.url)

@@ -49,6 +49,12 @@ def line(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ServedLine]:
         yield served
 
 
+@pytest.fixture(autouse=True)
+def _own_state(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What one test left open is no other's."""
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path_factory.mktemp("state")))
+
+
 @contextmanager
 def running(line: ServedLine, out: Path, *more: str) -> Iterator[subprocess.Popen[str]]:
     """A run that has put all tools to work."""

@@ -35,6 +35,12 @@ def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ServedLine]:
         yield line
 
 
+@pytest.fixture(autouse=True)
+def _own_state(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What one test left open is no other's."""
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+
+
 @pytest.fixture
 def line(served: ServedLine) -> ServedLine:
     """All tools at work, the feeder running."""
@@ -160,7 +166,8 @@ def unplugged(line: ServedLine, name: str) -> Callable[[], object]:
 @pytest.mark.usefixtures("quick")
 def test_a_cable_that_is_put_back_is_enough(line: ServedLine, run: Path) -> None:
     plug_in = unplugged(line, "dde-1")
-    shelf, diary = Shelf(run), Diary(run)
+    diary = Diary(run)
+    shelf = Shelf(run, diary)
     left = TakeOver(all_leases(line), diary).run()
     assert [station.name for station in left] == ["dde-1"]
     before = told(run)
@@ -180,7 +187,7 @@ def test_it_ends_when_somebody_else_has_seen_to_it(line: ServedLine, run: Path) 
 
     plug_in = unplugged(line, "dde-1")
     try:
-        shelf = Shelf(run)
+        shelf = Shelf(run, Diary(run))
         left = [lease(line, "dde-1")]
         shelf.put(left)
         shelf.settle(5.0)
@@ -196,7 +203,7 @@ def test_it_ends_when_somebody_else_has_seen_to_it(line: ServedLine, run: Path) 
 def test_it_ends_when_time_is_up(line: ServedLine, run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(guard_itself, "GO_ON_S", 0.5)
     stranger = replace(lease(line, "dde-1"), model="NAE")
-    guard_itself._go_on(run, [stranger], Shelf(run), Diary(run))
+    guard_itself._go_on(run, [stranger], Shelf(run, Diary(run)), Diary(run))
     assert line.at_work() == 6
 
 

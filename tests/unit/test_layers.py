@@ -31,7 +31,7 @@ MAY_USE = {
     "safety": "station commands quantities effects errors",
     "session": "safety station scheduler recipe commands rows clock effects errors quantities wire",
     "drive": "transport clock effects tape errors",
-    "guard": "safety station commands drive transport clock effects wire errors same_port",
+    "guard": "safety station commands drive transport record clock effects wire errors same_port",
     "record": "rows tape clock errors same_port",
     "sim": "protocol commands quantities wire recipe clock tape errors",
     "judge": "rows errors",
@@ -40,7 +40,7 @@ MAY_USE = {
     # top: what puts the rooms together, below the command line
     "outcome": "rows errors",
     "reach": "byhand commands protocol recipe record drive transport clock effects wire errors",
-    "line_safe": "reach byhand commands recipe record drive errors",
+    "line_safe": "reach byhand commands recipe record guard drive errors",
     "search": "finding record drive transport clock wire errors",
     "found_line": "finding recipe transport",
     "doctor": "search finding recipe record transport commands",

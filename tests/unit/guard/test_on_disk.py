@@ -72,7 +72,7 @@ def test_a_disk_that_hangs_keeps_nobody(tmp_path: Path, monkeypatch: pytest.Monk
         written.append([station.name for station in stations])
 
     monkeypatch.setattr(leases, "keep", hanging)
-    shelf, began = Shelf(tmp_path), time.monotonic()
+    shelf, began = Shelf(tmp_path, Diary(tmp_path)), time.monotonic()
     for name in "abcde":
         shelf.put([lease(name)])
     shelf.settle(0.05)
@@ -84,7 +84,7 @@ def test_a_disk_that_hangs_keeps_nobody(tmp_path: Path, monkeypatch: pytest.Monk
 
 
 def test_a_disk_that_is_full_is_no_reason_to_stop(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    shelf, really = Shelf(tmp_path), leases.keep
+    shelf, really = Shelf(tmp_path, Diary(tmp_path)), leases.keep
 
     def full(folder: Path, stations: list[StationLease]) -> None:
         raise OSError(errno.ENOSPC, "no room")

@@ -179,8 +179,8 @@ def test_one_that_is_held_hot_in_it_is_told_to_stand() -> None:
     assert written(device) == [STAND]
 
 
-def test_where_nothing_is_to_be_spared_it_is_told(family: str = "dde") -> None:
-    device, made = in_extractor(family, 3600.0, 1), task(1)
+def test_where_nothing_is_to_be_spared_it_is_told() -> None:
+    device, made = in_extractor("dde", 3600.0, 1), task(1)
     Cable(device, now=ASKED_AT + 3600.0).pull(secure(made))
     assert written(device) == [STAND]
 
