@@ -26,6 +26,7 @@ import os
 import re
 import zlib
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from itertools import islice
@@ -46,6 +47,7 @@ WHOLE: Final = "whole"  # what the manifest says of wires that lack nothing
 COLUMNS: Final = "at_s\twhat\tdata\n"
 RUN: Final = "run"
 FIRST_BYTES: Final = 4096  # in which a file says its format, whatever that is
+SIP: Final = 64
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,14 +154,19 @@ def _why_none(path: Path) -> str:
     """Why a file has no head: a newer one may be packed in another way, and says its format all the same."""
     with path.open("rb") as file:
         first = file.read(FIRST_BYTES)
-    try:
-        begun = zlib.decompressobj(16 + zlib.MAX_WBITS).decompress(first, FIRST_BYTES)
-    except zlib.error:
-        begun = b""
-    found = re.search(rb'\trun\t\{[^\n]*"format": ([0-9]{1,9})', begun)
+    found = re.search(rb'\trun\t\{[^\n]*"format": ([0-9]{1,9})', _begun(first))
     if found and int(found[1]) > FORMAT:
         return f"written in format {int(found[1])}; this jbclog knows {FORMAT}"
     return "no block that says of what run it is can be proven" if first else "it is empty"
+
+
+def _begun(first: bytes) -> bytes:
+    """What can be unpacked of the first bytes of a file, proven or not."""
+    unpacker, begun = zlib.decompressobj(16 + zlib.MAX_WBITS), b""
+    with suppress(zlib.error):
+        for place in range(0, len(first), SIP):
+            begun += unpacker.decompress(first[place : place + SIP], FIRST_BYTES)
+    return begun
 
 
 def rows_and_holes(path: Path) -> Iterator[Row | Hole]:

@@ -27,7 +27,10 @@ def line_of(row: Row) -> str:
 
 def row_of(line: str) -> Row:
     """The row in a line. Raises `ValueError` where it is none."""
-    at, what, data = line.rstrip("\n").split("\t")
+    columns = line.rstrip("\n").split("\t")
+    if len(columns) != 3:
+        raise ValueError("it has not three columns")
+    at, what, data = columns
     moment = _finite(at)
     if what in BYTES:
         return Passed(moment, cast(PassedName, what), bytes.fromhex(data))

@@ -1,0 +1,349 @@
+"""A wire's file with anything in it altered: damage costs the blocks it touches, is named, and no byte of it is taken for right.
+
+faults.md, row 29, for the wires: torn tail, bit rot in the middle, zeros, foreign and newer files.
+"""
+
+from __future__ import annotations
+
+import gzip
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from altered import Altered, Count, bits_flipped, bytes_replaced, cut_off, pieces_moved, sectors_zeroed
+from taped import recorded, relived
+from virtual_run import line_text
+
+from jbclog.errors import RecordError
+from jbclog.record import wire_blocks
+from jbclog.record.wire import (
+    Head,
+    Hole,
+    count_rows,
+    head_line,
+    holes,
+    is_done,
+    mend,
+    read_exchanges,
+    read_head,
+    read_rows,
+    read_to_hole,
+    rows_and_holes,
+    wire_path,
+)
+from jbclog.record.wire_blocks import Block, blocks
+from jbclog.record.wire_check import losses
+from jbclog.record.wire_recorder import WireRecorder
+from jbclog.rows import COLUMN
+from jbclog.tape import Passed, Row, Told
+
+HEAD = Head("dde-1", "/dev/ttyUSB0", "tht.toml", 8123.480001251, 1_790_000_000.25, 90.0, jbclog="0.1.0")
+BLOCKS = 6
+SINGLE_OF_0_1 = gzip.compress  # format 1: the whole file in one member
+
+
+def question(number: int) -> bytes:
+    return b"\x020001RTT%d\x03" % number
+
+
+def answer(number: int) -> bytes:
+    return b"\x020100ATT%d%05d\x03" % (number, 300 + number)
+
+
+def rows_of(exchanges: range) -> Iterator[Row]:
+    """Each question with its answer, both of which tell their number."""
+    for number in exchanges:
+        at_s = 8124.0 + number * 0.0147123
+        yield Passed(at_s, "sent", question(number))
+        yield Passed(at_s + 0.014, "heard", answer(number))
+        yield Told(at_s + 0.0140021, "told", "ask", len(answer(number)), at_s - 1.7e-6)
+
+
+def pieces() -> Iterator[list[Row]]:
+    yield [Passed(8123.51, "opened", text="/dev/ttyUSB0")]
+    for number in range(BLOCKS - 3):
+        yield list(rows_of(range(2 * number, 2 * number + 2)))
+    yield [Told(8200.0, "broke", "listen", text='the "port"\tis\ngone…'), Told(8201.0, "done", "wait")]
+
+
+ROWS = [row for piece in pieces() for row in piece]
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> bytes:
+    """A small file of six blocks."""
+    folder = tmp_path_factory.mktemp("whole")
+    recorder = WireRecorder(folder)
+    keep = recorder.begin(HEAD)
+    for piece in pieces():
+        for row in piece:
+            keep(row)
+        recorder.write()
+    recorder.close()
+    path = wire_path(folder, HEAD.station)
+    assert len(list(blocks(path))) == BLOCKS
+    assert list(read_rows(path)) == ROWS
+    return path.read_bytes()
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    return tmp_path / "dde-1.tsv.gz"
+
+
+# -- what holds, whatever was done -------------------------------------------------------------------------------------------
+
+
+def is_in_order(found: list[Row]) -> bool:
+    """Whether these are rows of the file, each once and in their order."""
+    left = iter(ROWS)
+    return all(row in left for row in found)
+
+
+def pairs(rows: Iterator[Row]) -> Iterator[tuple[bytes, bytes]]:
+    """Each question with what the tape has for it."""
+    asked = b""
+    for row in rows:
+        if isinstance(row, Passed) and row.what == "sent":
+            asked = row.data
+        elif isinstance(row, Passed) and row.what == "heard":
+            yield asked, row.data
+
+
+def assert_holes_say_where(found: list[Row | Hole]) -> None:
+    """What is missing lies between the moments that a hole names."""
+    last: float | None = None
+    for one in found:
+        if isinstance(one, Hole):
+            assert one.after_s == last
+        last = last if isinstance(one, Hole) else one.at_s
+    gaps = [one for one in found if isinstance(one, Hole)]
+    there = [row for row in found if not isinstance(row, Hole)]
+    for row in ROWS:
+        if row not in there and gaps:
+            assert any((one.after_s or 0) <= row.at_s <= (one.before_s or 1e9) for one in gaps) or row.at_s > there[-1].at_s
+
+
+def head_of(path: Path) -> Head | None:
+    try:
+        return read_head(path)
+    except RecordError:
+        return None
+
+
+def look(path: Path, one: Altered, count: Count) -> list[Row]:
+    """The rows that are left; nothing wrong among them, nothing missing without a word, no error but what a record's are."""
+    path.write_bytes(one.data)
+    found = list(rows_and_holes(path))
+    rows = list(read_rows(path))
+    assert rows == [row for row in found if not isinstance(row, Hole)]
+    assert is_in_order(rows), one.how
+    assert_holes_say_where(found)
+    assert all(said == answer(int(asked[8:-1])) for asked, said in pairs(read_exchanges(path))), one.how
+    assert list(read_to_hole(path)) == rows[: len(list(read_to_hole(path)))]
+    told = list(losses(path))
+    if rows != ROWS:
+        assert told or not is_done(path), one.how
+    assert count_rows(path) >= len(rows)
+    assert head_of(path) == HEAD or told or not one.data, one.how
+    count.add(lost=rows != ROWS)
+    return rows
+
+
+def lost_blocks(path: Path) -> int:
+    return BLOCKS - sum(isinstance(one, Block) for one in blocks(path))
+
+
+def flip(path: Path, whole: bytes, stride: int) -> Count:
+    count = Count("one bit of a wire's file flipped")
+    for one in bits_flipped(whole, stride):
+        is_whole = look(path, one, count) == ROWS  # so it is where a bit of deflate's own padding was flipped
+        assert lost_blocks(path) == len(holes(path)) == len(list(losses(path))) <= 1, one.how
+        assert is_whole or lost_blocks(path) == 1
+        assert read_head(path) == HEAD
+    print(count.told())
+    return count
+
+
+def walk(path: Path, whole: bytes, stride: int) -> Count:
+    count = Count("a wire's file altered otherwise")
+    ways = cut_off(whole, stride), bytes_replaced(whole, stride), sectors_zeroed(whole, stride), pieces_moved(whole, stride)
+    for way in ways:
+        for one in way:
+            look(path, one, count)
+            mend(path)
+            assert is_in_order(list(read_rows(path))), one.how
+    print(count.told())
+    return count
+
+
+# -- the campaign, and a slice of it -------------------------------------------------------------------------------------------
+
+
+def test_flipped_bits(path: Path, whole: bytes) -> None:
+    assert flip(path, whole, 13).tried > 500
+
+
+def test_other_alterations(path: Path, whole: bytes) -> None:
+    assert walk(path, whole, 17).tried > 200
+
+
+@pytest.mark.campaign
+@pytest.mark.timeout(3600)
+def test_every_bit_flipped(path: Path, whole: bytes) -> None:
+    assert flip(path, whole, 1).wrong == 0
+
+
+@pytest.mark.campaign
+@pytest.mark.timeout(3600)
+def test_every_byte_altered_and_every_length(path: Path, whole: bytes) -> None:
+    assert walk(path, whole, 1).wrong == 0
+
+
+# -- what a hole says --------------------------------------------------------------------------------------------------------
+
+
+def block_of(whole: bytes, number: int) -> tuple[int, int]:
+    """Where a block of the file begins and ends."""
+    starts = [place for place in range(len(whole)) if whole.startswith(wire_blocks.FIXED, place)] + [len(whole)]
+    return starts[number], starts[number + 1]
+
+
+def test_a_damaged_block_is_named_with_its_bytes_lines_and_times(path: Path, whole: bytes) -> None:
+    start, end = block_of(whole, 3)
+    path.write_bytes(whole[: start + 60] + b"\0\0" + whole[start + 62 :])
+    (told,) = losses(path)
+    assert told == (
+        f"bytes {start} to {end - 1}, lines 12 to 17: damaged; nothing is known from 0.549 s of the run (2026-09-21T14:13:20Z) "
+        "to 0.579 s of the run (2026-09-21T14:13:20Z)"
+    )
+    assert list(read_rows(path)) == ROWS[:7] + ROWS[13:]
+
+
+def test_a_block_of_which_not_a_byte_is_left_is_missed(path: Path, whole: bytes) -> None:
+    start, end = block_of(whole, 3)
+    path.write_bytes(whole[:start] + whole[end:])
+    (told,) = losses(path)
+    assert told.startswith(f"at byte {start}, lines 12 to 17: missing; nothing is known from")
+
+
+def test_a_block_that_stands_there_twice_is_taken_once(path: Path, whole: bytes) -> None:
+    start, end = block_of(whole, 3)
+    path.write_bytes(whole[:end] + whole[start:end] + whole[end:])
+    (told,) = losses(path)
+    assert "no line: stands here a second time" in told
+    assert list(read_rows(path)) == ROWS
+
+
+def test_a_block_of_another_recording_is_known_for_one(path: Path, whole: bytes) -> None:
+    other = wire_blocks.packed("8124.0\tsent\t00\n", 3, 12, wire_blocks.zlib.crc32(b"another head"))
+    start, end = block_of(whole, 3)
+    path.write_bytes(whole[:start] + other + whole[end:])
+    (told,) = losses(path)
+    assert "lines 12 to 17: belongs to another recording" in told
+    assert list(read_rows(path)) == ROWS[:7] + ROWS[13:]
+
+
+def test_the_head_stands_in_more_than_one_place(path: Path, whole: bytes) -> None:
+    start, _ = block_of(whole, 2)
+    path.write_bytes(bytes(start) + whole[start:])
+    assert read_head(path) == HEAD
+    (told,) = losses(path)
+    assert told.startswith(f"bytes 0 to {start - 1}, lines 1 to 4: damaged; nothing is known from its beginning to")
+
+
+def test_what_is_no_text_costs_its_block(path: Path, whole: bytes) -> None:
+    """Check sums hold of bytes that are not the recorder's: a block made by hand."""
+    start, end = block_of(whole, 3)
+    text = "8124.0\topened\tx\n"
+    bad = wire_blocks.packed(text, 3, 12, wire_blocks.zlib.crc32(head_line(HEAD).encode()))
+    assert wire_blocks._text(bad) == text
+    raw = gzip.compress(b"\xff\xfe\n")
+    path.write_bytes(whole[:start] + raw + whole[end:])
+    assert "damaged" in next(losses(path)) or "missing" in next(losses(path))
+
+
+# -- other files ----------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "data",
+    [b"\0" * 5000, b"at_s\twhat\tdata\n", gzip.compress(b"\xff\xfe\n"), gzip.compress(b"\0" * 10**6), b"\x1f\x8b\x08\x08"],
+)
+def test_foreign_files(path: Path, data: bytes) -> None:
+    path.write_bytes(data)
+    with pytest.raises(RecordError, match="is no wire record"):
+        read_head(path)
+    assert list(losses(path))
+    assert list(read_rows(path)) == []
+    assert not mend(path)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        (b'"format": 2', b'"format": 3', "written in format 3; this jbclog knows 2"),
+        (b'"station": "dde-1"', b'"station": "dde-2"', "it is that of dde-2"),
+        (b'"tht.toml"', b'"../../x"', "is no recipe of this run"),
+        (b"1790000000.25", b"Infinity", "began at no moment"),
+        (b"1790000000.25", b'"soon"', "is no wire record"),
+        (b'{"station"', b"[" * 100_000 + b'{"station"', "is no wire record"),
+    ],
+)
+def test_heads_that_are_not_believed(path: Path, whole: bytes, old: bytes, new: bytes, said: str) -> None:
+    path.write_bytes(SINGLE_OF_0_1(gzip.decompress(whole).replace(old, new)))
+    with pytest.raises(RecordError, match=said):
+        read_head(path)
+
+
+def test_a_newer_file_that_is_packed_otherwise_says_its_format(path: Path, whole: bytes) -> None:
+    """What does not hold here may hold there: it is no damage that is told, but the format."""
+    path.write_bytes(SINGLE_OF_0_1(gzip.decompress(whole).replace(b'"format": 2', b'"format": 3'))[:-8] + b"other check sums")
+    with pytest.raises(RecordError, match="written in format 3; this jbclog knows 2"):
+        read_head(path)
+
+
+@pytest.mark.parametrize(
+    "line", ["nan\tsent\t00", "1.0\ttold\task -5 1.0", "1e999\topened\tx", "1.0\tsent\tzz", "\ud800"[:0] + "x"]
+)
+def test_lines_that_are_none_are_named(path: Path, whole: bytes, line: str) -> None:
+    path.write_bytes(SINGLE_OF_0_1(gzip.decompress(whole) + line.encode() + b"\n"))
+    with pytest.raises(RecordError, match=r"dde-1\.tsv\.gz, line 27: "):
+        list(read_rows(path))
+    assert any("line 27" in told for told in losses(path))
+
+
+def test_format_1_is_read_where_its_check_sum_holds_and_not_at_all_otherwise(path: Path, whole: bytes) -> None:
+    old = SINGLE_OF_0_1(gzip.decompress(whole).replace(b'"format": 2', b'"format": 1'))
+    path.write_bytes(old)
+    assert list(read_rows(path)) == ROWS
+    assert list(losses(path)) == []
+    count = Count("one bit of a file of format 1 flipped")
+    for one in bits_flipped(old, 7):
+        path.write_bytes(one.data)
+        rows = list(read_rows(path))
+        assert rows in (ROWS, []), one.how
+        assert rows or list(losses(path))
+        count.add(lost=not rows)
+    print(count.told())
+
+
+# -- lived through again ------------------------------------------------------------------------------------------------------
+
+
+def test_a_run_is_lived_through_up_to_the_hole(tmp_path: Path) -> None:
+    run = recorded(tmp_path / "run", line_text(), duration_s=60)
+    file = wire_path(tmp_path / "run", "dde-1")
+    data = file.read_bytes()
+    seen = set()
+    for place in range(200, len(data), len(data) // 7):
+        file.write_bytes(data[:place] + bytes([data[place] ^ 1]) + data[place + 1 :])
+        again, left = relived(tmp_path / "run")
+        assert again.samples == run.memory.samples[: len(again.samples)]
+        assert again.events == run.memory.events[: len(again.events)]
+        assert left["dde-1"].is_cut_off
+        seen.add(len(again.samples))
+    assert max(seen) > 100
+    assert all(row[COLUMN["quality"]] == "ok" for row in again.samples)
+    shutil.rmtree(tmp_path / "run")
