@@ -23,7 +23,7 @@
     │       ├── RobotModeOff        5: nobody switched Robot mode on
     │       └── ModelUnknown        6
     ├── StartRefused                exit 3: the station, the recipe or the rate does not fit
-    ├── WriteForbidden              a port that is open for reading only was to send something else; it was not sent
+    ├── WriteForbidden              something was to be written that nobody asked for; it was not sent
     ├── RecordError                 exit 4: the record could not be kept whole
     └── Unsafe                      exit 5: a tool could not be put in its safe state
 
@@ -180,7 +180,7 @@ class StartRefused(JbclogError):
 
 
 class WriteForbidden(JbclogError):
-    """Something that is no question was to go out over a port that is open for reading only. A fault of this program."""
+    """What is no question, over a port that is open for reading only; or what is not on a run's list. A fault of this program."""
 
 
 class RecordError(JbclogError):

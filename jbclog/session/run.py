@@ -23,6 +23,7 @@ from jbclog.session.provisos import learn_provisos
 from jbclog.session.safe import make_safe
 from jbclog.session.sampling import Lost, Sampler
 from jbclog.session.watch import SettingChanged, is_at_work
+from jbclog.session.writes import listed
 
 
 def run_station(desk: Desk) -> Steps[StationFacts]:
@@ -31,6 +32,7 @@ def run_station(desk: Desk) -> Steps[StationFacts]:
     Never raises for what a station or a link does; `facts.outcome` and `facts.reason` tell it.
     """
     facts = desk.facts
+    desk.station.permit = listed(desk)
     try:
         yield from _record(desk)
         facts.outcome = "completed"

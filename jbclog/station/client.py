@@ -3,12 +3,20 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Callable
 from typing import Protocol
 
 from jbclog.commands.command import Command
 from jbclog.effects import Heard, Steps
 from jbclog.quantities import Value
 from jbclog.station.anomalies import Anomalies
+
+Permit = Callable[[Command, Value, int | None, int | None], None]
+"""Asked before each write with its command, value, port and tool; raises `WriteForbidden`, and then nothing is sent."""
+
+
+def anything(_command: Command, _value: Value, _port: int | None, _tool: int | None) -> None:
+    """Permits every write: a person who types one has said what is meant."""
 
 
 class Asking(Protocol):
@@ -31,7 +39,10 @@ class Client(Protocol):
     whole; `now` is the last moment that anything was heard of, or not. `first_sent` is the first question sent since
     somebody set it to None. `data` is the data field of the last answer that carried one, as it came. `strays` counts by
     kind what was on the line and answered nothing, `anomalies` what was taken although it is not as recommended.
+    `permit` is asked before each write.
     """
+
+    permit: Permit
 
     now: float
     sent: float
@@ -58,7 +69,10 @@ class Client(Protocol):
     def write(
         self, command: Command, value: Value, port: int | None = None, tool: int | None = None, *, hurry: bool = False
     ) -> Steps[None]:
-        """Write a value once. An acknowledgement is not proof: read back. In a `hurry` it is waited for as a read's answer is."""
+        """Write a value once. An acknowledgement is not proof: read back. In a `hurry` it is waited for as a read's answer is.
+
+        Raises what `permit` raises; then nothing is sent.
+        """
 
     def unasked(self, heard: Heard) -> None:
         """Take note of the moment, and of bytes that came although nothing was asked."""

@@ -31,7 +31,7 @@ from jbclog.protocol.omega import OmegaReader, encode
 from jbclog.protocol.reader import Corrupt
 from jbclog.quantities import Value
 from jbclog.station.anomalies import Anomalies
-from jbclog.station.client import Asking
+from jbclog.station.client import Asking, Permit, anything
 from jbclog.wire import AROUND, LineFormat
 
 REPEATS = 2  # a read goes out three times at most
@@ -86,6 +86,7 @@ class OmegaStation:
         self.first_sent: float | None = None
         self.exchanges = 0
         self.data = ""
+        self.permit: Permit = anything
         self.turnaround_s = 0.0  # the longest seen lately
         self.strays: Counter[str] = Counter()
         self.anomalies = Anomalies()
@@ -138,6 +139,7 @@ class OmegaStation:
         Of H the end is waited for, `COMPLETION_S` at most. Raises `Ignored` where D was not answered and the next question was,
         and another `StationError` where what was done with it is not known.
         """
+        self.permit(command, value, port, tool)
         question = self._shape(command, command.code() + command.quantity.encode(value), command.letters.lower())
         known = len(self.by_itself)
         try:

@@ -33,7 +33,7 @@ from jbclog.errors import (
     StationSilent,
 )
 from jbclog.quantities import Value
-from jbclog.station.client import Asking
+from jbclog.station.client import Asking, Permit, anything
 from jbclog.station.dialogue import LEAST_S, REPEATS, AnsweredOtherwise, Dialogue, Pair
 from jbclog.station.question import Question
 from jbclog.wire import LineFormat
@@ -60,6 +60,7 @@ class Station(Dialogue):
     def __init__(self, line: LineFormat, address: int | None = 1, host_address: int = 0) -> None:
         super().__init__(line, address, host_address)
         self.data = ""
+        self.permit: Permit = anything
         self._padded: Question | None = None  # R-TT with a blank, once the station wanted it
         self._takes_bare = False  # R-TT without one was answered
         self._own_code: set[str] = set()  # codes that were answered under their own letters
@@ -135,6 +136,7 @@ class Station(Dialogue):
         Raises `Refusal` where the station says no, `AnswerTimeout` or another `StationError` where what it says is
         not known; then it may or may not have been done. It goes out whatever came before: it may be what stops a tool.
         """
+        self.permit(command, value, port, tool)
         data = command.quantity.encode(value)
         if command.name in self._without_data:
             self.anomalies.counts[WITHOUT_DATA[command.name]] += 1

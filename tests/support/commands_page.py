@@ -12,6 +12,7 @@ from jbclog.commands.family import FAMILIES, Family
 from jbclog.commands.robot import COMMUNICATION_ERRORS, ErrorTable
 from jbclog.commands.status import StatusTable
 from jbclog.quantities import Choice, Number, Text, Word, text_of
+from jbclog.session.writes import WRITES
 
 INTRODUCTION = """
 What jbclog can ask of each family of stations and tell it, with the manual and section that each row rests on (000 older
@@ -34,9 +35,19 @@ refuses it with N 00004, and it is then counted as not supported.
 """
 
 
+RUN_WRITES = """
+## What a run writes
+
+All of it. Before each write a run's client looks here, and at the value: what is not on the list, or is neither the recipe's
+value nor a safe state, is not sent, ends the run of that station as a fault of jbclog (exit 1), and its tools are made safe. A
+guard and `jbclog safe` send the safe states of `status` and `stop_feeding` alone; what a person types behind `jbclog write` is
+that person's.
+"""
+
+
 def page() -> str:
     """The whole page."""
-    parts = [f"{MADE}\n\n# Commands\n{INTRODUCTION}", _families(), *_commands(), BY_002, *_tables()]
+    parts = [f"{MADE}\n\n# Commands\n{INTRODUCTION}", _families(), *_commands(), BY_002, RUN_WRITES, _run_writes(), *_tables()]
     return "\n".join(part.strip() + "\n" for part in parts)
 
 
@@ -63,6 +74,12 @@ def _families() -> str:
     ]
     notes = [f"{code(one.name)}: {one.note}" for one in FAMILIES.values() if one.note]
     return "\n\n".join(["## Families", table(head, rows), *notes])
+
+
+def _run_writes() -> str:
+    known = {name: command for family in FAMILIES.values() for name, command in family.commands.items()}
+    rows = [(code(name), code(printed_code(known[name]).replace("R/W", "W")), when) for name, when in WRITES.items()]
+    return table(("name", "code", "when, and whose value"), rows)
 
 
 def _those(names: Iterable[str]) -> str:

@@ -74,7 +74,7 @@ def violations(
         return found
     manifest, kept = read_manifest(folder), kept_in(folder)
     found += _common(kept, wires, as_sent)
-    recipes = {facts.name: (folder / facts.recipe).read_text("utf-8") for facts in manifest.stations if facts.recipe}
+    recipes = {one.name: (folder / "recipes" / Path(one.recipe).name).read_text("utf-8") for one in manifest.stations if one.recipe}
     found += _unlisted(kept.facts, wires, recipes)
     found += _ledger(manifest, kept)
     found += _losses(manifest, kept, wires, died_at)
