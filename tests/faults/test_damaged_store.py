@@ -109,12 +109,14 @@ def test_the_first_bytes_of_the_pages(in_the_pages: Path, tmp_path: Path) -> Non
 @pytest.mark.campaign
 @pytest.mark.timeout(3600)
 @pytest.mark.parametrize("remainder", range(4))
-def test_the_log_altered_everywhere(in_the_log: Path, tmp_path: Path, remainder: int) -> None:
-    walk(in_the_log, tmp_path, "live.sqlite-wal", remainder, 44)
+def test_the_log_altered_everywhere(in_the_log: Path, tmp_path: Path, remainder: int, counted: Callable[..., None]) -> None:
+    places = walk(in_the_log, tmp_path, "live.sqlite-wal", remainder, 44)
+    counted(alterations=places * len(ALTERATIONS), wrong_rows=0)
 
 
 @pytest.mark.campaign
 @pytest.mark.timeout(3600)
 @pytest.mark.parametrize("remainder", range(4))
-def test_the_pages_altered_everywhere(in_the_pages: Path, tmp_path: Path, remainder: int) -> None:
-    walk(in_the_pages, tmp_path, "live.sqlite", remainder, 16)
+def test_the_pages_altered_everywhere(in_the_pages: Path, tmp_path: Path, remainder: int, counted: Callable[..., None]) -> None:
+    places = walk(in_the_pages, tmp_path, "live.sqlite", remainder, 16)
+    counted(alterations=places * len(ALTERATIONS), wrong_rows=0)

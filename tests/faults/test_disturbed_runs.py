@@ -7,6 +7,7 @@ yet; what more an unlucky copy can do is in `test_wrong_answers.py`.
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Callable
 from random import Random
 
 import pytest
@@ -56,9 +57,10 @@ def test_a_disturbed_run(number: int) -> None:
 
 @pytest.mark.campaign
 @pytest.mark.parametrize("block", range(25))
-def test_many_disturbed_runs(block: int) -> None:
+def test_many_disturbed_runs(block: int, counted: Callable[..., None]) -> None:
     for number in range(1000 + 50 * block, 1050 + 50 * block):
-        run, _ = disturbed(number)
+        run, did = disturbed(number)
         assert_sane(run)
         assert wrong_values(run) == [], number
         assert_memory_is_bounded()
+        counted(runs=1, questions=len(run.heard), disturbed_answers=did.total(), rows=len(run.memory.samples), wrong_values=0)

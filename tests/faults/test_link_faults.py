@@ -5,7 +5,7 @@ Each run has a number, which decides all of its faults. A default run tries the 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from random import Random
 
 import pytest
@@ -92,9 +92,10 @@ def test_flipped_pairs_of_bits_are_all_that_can_be_wrong(number: int) -> None:
 
 @pytest.mark.campaign
 @pytest.mark.parametrize("block", range(200))
-def test_many_runs_under_faults(block: int) -> None:
+def test_many_runs_under_faults(block: int, counted: Callable[..., None]) -> None:
     for number in range(10_000 + 50 * block, 10_050 + 50 * block):
         run = run_number(number)
         assert_sane(run)
         assert wrong_values(run) == [], number
         assert_memory_is_bounded()
+        counted(runs=1, questions=len(run.heard), rows=len(run.memory.samples), wrong_values=0)

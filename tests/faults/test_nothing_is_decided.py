@@ -4,12 +4,12 @@ Each question that a run asks, on a station of each kind of family, is answered 
 an answer to it; the run must then leave the same settings, counters and writes behind as one on a clean line, and tell
 nothing but that it doubted. The campaign takes every corruption there is::
 
-    pytest -n0 -s -m campaign tests/faults/test_nothing_is_decided.py
+    pytest -m campaign tests/faults/test_nothing_is_decided.py
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import pytest
 from account import assert_account_holds
@@ -78,7 +78,7 @@ def _choices(family: str, question: str) -> int:
 @pytest.mark.campaign
 @pytest.mark.timeout(7200)
 @pytest.mark.parametrize("family", BENCHES)
-def test_no_wrong_answer_decides_anything(family: str) -> None:
+def test_no_wrong_answer_decides_anything(family: str, counted: Callable[..., None]) -> None:
     """Every corruption that passes, at each of the places."""
     runs, faults = 0, []
     for question in asked(family):
@@ -87,5 +87,5 @@ def test_no_wrong_answer_decides_anything(family: str) -> None:
                 count, found = wrong(family, question, place, which)
                 runs += count
                 faults += found
-    print(f"\n{family}: {len(asked(family))} questions, {runs} runs with one answer spoilt, {len(faults)} decisions by it")
+    counted(families=1, questions=len(asked(family)), runs_with_one_answer_spoilt=runs, decisions_by_it=len(faults))
     assert faults[:20] == []

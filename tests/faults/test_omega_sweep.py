@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from random import Random
 
 import pytest
@@ -108,7 +108,9 @@ def test_all_of_them_together(seed: int) -> None:
 
 
 @pytest.mark.campaign
-def test_a_thousand_of_them() -> None:
+@pytest.mark.timeout(3600)
+def test_a_thousand_of_them(counted: Callable[..., None]) -> None:
     for seed in range(1000):
         _, got = disturbed(KINDS, 10_000 + seed)
         assert [pair for pair in got if pair[0] != pair[1]] == [], seed
+        counted(conversations=1, questions=QUESTIONS, values=len(got), wrong_values=0)

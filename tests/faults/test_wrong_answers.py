@@ -9,6 +9,7 @@ and an answer to the same question asked earlier may be taken for the later one;
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import count
 from random import Random
@@ -195,8 +196,10 @@ def _random_deed(random: Random, kinds: tuple[str, ...]) -> Deed:
 
 @pytest.mark.campaign
 @pytest.mark.parametrize("block", range(40))
-def test_many_deeds(block: int) -> None:
+def test_many_deeds(block: int, counted: Callable[..., None]) -> None:
     for number in range(500 * block, 500 * block + 500):
         random = Random(number)
         plan = _random_plan(random, 200)
-        assert wrong(*converse(plan, addressed=random.random() < 0.8, questions=200)) == [], number
+        outcome = converse(plan, addressed=random.random() < 0.8, questions=200)
+        assert wrong(*outcome) == [], number
+        counted(conversations=1, questions=200, disturbed_answers=outcome[2].did.total(), wrong_values=0)

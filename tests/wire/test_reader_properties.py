@@ -158,7 +158,7 @@ def test_after_a_reset_nothing_old_is_left(system: System, data: st.DataObject) 
 
 @both
 @pytest.mark.parametrize("count", [200_000, pytest.param(10_000_000, marks=pytest.mark.campaign)])
-def test_random_bytes_take_no_memory(system: System, count: int) -> None:
+def test_random_bytes_take_no_memory(system: System, count: int, counted: Callable[..., None]) -> None:
     """Noise between frames (faults.md, row 1): the memory stays flat, and every byte is garbage or in a frame."""
     source, one = random.Random(count), system.reader()
     believed = sum(len(_good(one.feed(source.randbytes(500)))) for _ in range(20))
@@ -171,6 +171,8 @@ def test_random_bytes_take_no_memory(system: System, count: int) -> None:
         fed += 500
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
+    if count > 200_000:
+        counted(random_bytes=fed, frames_by_chance=believed)
     assert peak - first < 100_000
     assert one.garbage > count / 2
     assert one.reset() <= system.most_held
