@@ -218,6 +218,8 @@ def _apply(desk: Desk, wanted: tuple[Setting, PortState | None]) -> Steps[None]:
 def _write(desk: Desk, command: Command, value: Value, port: PortState | None) -> Steps[None]:
     """Write once, read back, compare. What is broken off in between may or may not have been done."""
     before, requested = (desk.held if port is None else port.held).get(command.name), text_of(value)
+    if before is not None:
+        _row(desk, command, port, "read", readback=text_of(before))  # what it was is nowhere else, once it is overwritten
     _touch(desk, port)
     try:
         yield from _write_once(desk, command, value, port, before)

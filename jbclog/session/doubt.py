@@ -16,6 +16,7 @@ from jbclog.quantities import Value
 from jbclog.rows import Severity
 from jbclog.scheduler import Reading
 from jbclog.session.order import Desk, PortState
+from jbclog.session.possible import TEMPERATURES, Possible
 from jbclog.station.agreed import borne_out
 from jbclog.station.client import Asking
 
@@ -26,13 +27,6 @@ SERIES_S = 60.0  # what is doubted again within this time is not told again
 
 Doubt = Callable[[Desk, PortState, Value], bool]
 
-TEMPERATURES: dict[str, Callable[[PortState], int | None]] = {
-    "temperature_c": lambda port: port.temperature_c,
-    "external_c": lambda port: port.external_c,
-}
-"""Signals that are temperatures, and what each was last."""
-
-
 @dataclass(slots=True)
 class SecondLook:
     """The doubts about one reading of one port."""
@@ -41,12 +35,19 @@ class SecondLook:
     port: PortState
     question: Asking
     doubt: Doubt | None
+    possible: Possible | None = None
     heard_at: float | None = None  # of the last answer that was believed
     told_at: float | None = None  # of the last one that was doubted
 
     def is_due(self, desk: Desk, value: Value) -> bool:
         """Whether `value` is hard to believe."""
-        return self.doubt is not None and self.doubt(desk, self.port, value)
+        doubtful = self.doubt is not None and self.doubt(desk, self.port, value)
+        if not (doubtful or self._is_impossible(value)):
+            return False
+        return desk.family.void(self.reading.name, self.port.tool, self.port.error) is None  # it means nothing anyhow
+
+    def _is_impossible(self, value: Value) -> bool:
+        return self.possible is not None and not self.possible(value)
 
     def settle(self, desk: Desk, first: Value) -> Steps[Value]:
         """Ask again until an answer leaves no doubt or is borne out by another.
@@ -82,17 +83,19 @@ class SecondLook:
     @property
     def _last_c(self) -> int | None:
         """The temperature that was last believed."""
-        return TEMPERATURES[self.reading.name](self.port) if self._is_temperature else None
+        return self.port.temperatures_c.get(self.reading.name)
 
     @property
     def _grows(self) -> bool:
         return self.reading.counter is not None
 
     def _borne_out(self, desk: Desk, given: Sequence[Value]) -> Value | None:
-        """What two of the answers say. A temperature must be one, and may have moved a little between them."""
+        """What two of the answers say, if it can be. A temperature may have moved a little between them."""
+        if self._is_impossible(given[-1]):
+            return None
         if not self._is_temperature:
             return borne_out(given, grows=self._grows)
-        return given[-1] if self._is_near(given) and given[-1] in desk.family.plausible_c else None
+        return given[-1] if self._is_near(given) else None
 
     def _is_near(self, given: Sequence[Value]) -> bool:
         """Whether the last is a temperature about as high as another of the answers."""

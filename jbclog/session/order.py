@@ -27,7 +27,8 @@ AS_FAST_AS_POSSIBLE = "max"
 class Order:
     """What a run wants of one station. `family` is None for "auto"; `ports` None for those that answer.
 
-    `rate` is in Hz, or ``fit`` (the recipe's, or the best that fits), or ``max`` (ask without pause). `t0` is the
+    `rate` is in Hz, or ``fit`` (the recipe's, or the best that fits), or ``max`` (ask without pause). What the station is of
+    a recorded run (`is_replay`) was sampled at that rate once, and is so again whatever the host makes of it. `t0` is the
     run's zero on the monotonic clock; `duration_s` is None for a run that goes on until it is ended.
     """
 
@@ -45,6 +46,7 @@ class Order:
     rate: float | str | None = None
     rated_power_w: float | None = None
     allow_omega_write: bool = False
+    is_replay: bool = False
 
 
 @dataclass(slots=True)
@@ -56,8 +58,7 @@ class PortState:
     error: int | None = None
     held: dict[str, Value] = field(default_factory=dict)  # command name -> value last read or confirmed
     status: tuple[int, ...] | None = None
-    temperature_c: int | None = None
-    external_c: int | None = None
+    temperatures_c: dict[str, int] = field(default_factory=dict)  # signal -> as last believed
     hottest_c: int | None = None  # since the alarm flags were last read, while alarms counted
     coolest_c: int | None = None
     has_counted: bool = False  # alarms have counted all the time since the flags were last read
@@ -67,6 +68,11 @@ class PortState:
     states: dict[str, tuple[Value, float]] = field(default_factory=dict)  # OMEGA's, as last read, and when
     touched: bool = False
     tool_is_new: bool = False  # connected or changed, and its settings not read yet
+
+    @property
+    def temperature_c(self) -> int | None:
+        """The tip's, or the air's, as last believed."""
+        return self.temperatures_c.get("temperature_c")
 
     @property
     def has_tool(self) -> bool:

@@ -41,8 +41,9 @@ def outage(desk: Desk, sampler: Sampler, tick: int, lost: Lost) -> Steps[int]:
     seek_at = began + pause
     tick += 1
     while not sampler.is_over(tick):
-        heard = yield Wait(min(sampler.grid.due(tick), seek_at))
-        desk.station.unasked(heard)
+        due = min(sampler.grid.due(tick), seek_at)
+        desk.station.unasked((yield Wait(due)))
+        tick = sampler.after_standstill(tick, desk.now - due)
         tick = sampler.miss_until(tick, desk.now, why)
         if desk.now < seek_at:
             continue

@@ -17,9 +17,10 @@ from jbclog.session.newtool import meet_tool
 from jbclog.session.omega_states import tell_late
 from jbclog.session.order import Desk
 from jbclog.session.scan import SKIPPED, Probe, Scan, Scanner
+from jbclog.session.standstill import Standstill
 
 FINISH_S = 0.5  # a tick in which the run is ended may take so much longer; hot tools are waiting
-SUSPENDED_S = 5.0  # a pause that no question explains: the host stood still
+SUSPENDED_S = 5.0  # a standstill of the host that is an event; its ticks have no rows
 
 
 class Lost(Exception):
@@ -40,6 +41,7 @@ class Sampler:
         readings = [one for one in readings if one.name not in desk.not_supported]
         self.slow = self._slow_readings(readings)
         self.end = None if desk.order.duration_s is None else desk.now + desk.order.duration_s
+        self._standstill = Standstill()
         self._ending: RunEnded | None = None
         self._finish_by = math.inf
         self._scanner = Scanner(desk)
@@ -74,16 +76,20 @@ class Sampler:
         Raises `Lost` once the rows of its tick are written, and `StartRefused` where the station has nothing to sample.
         """
         while not self.is_over(tick):
-            if self.paced:
-                self.desk.station.unasked((yield Wait(self.grid.due(tick))))
-            self.desk.facts.last_tick = tick
-            yield from self._tick(tick)
+            self._standstill.seconds = 0.0
+            yield from self._standstill.watch(self._await(tick), self.desk.now)
             if not any(scan.fast for scan in self._scans.values()):  # a run without pause would spin on nothing
                 raise StartRefused(f"{self.desk.name}: it knows none of the signals that are read on every tick")
             tell_late(self.desk)
             yield from self._meet_new_tools()
             tick = self._following(tick)
         return tick
+
+    def _await(self, tick: int) -> Steps[None]:
+        if self.paced:
+            self.desk.station.unasked((yield Wait(self.grid.due(tick))))
+        self.desk.facts.last_tick = tick
+        yield from self._tick(tick)
 
     def _meet_new_tools(self) -> Steps[None]:
         for port in self.desk.ports.values():
@@ -98,12 +104,19 @@ class Sampler:
             return tick + 1
         following = self.grid.next_after(tick, self.desk.now)
         if following > tick + 1:
-            self._skip(tick + 1, following)
+            self._skip(tick + 1, following, self._standstill.seconds)
         return following
 
-    def _skip(self, first: int, end: int) -> None:
-        """Account for ticks that nobody could run: rows of `skipped`, or one event where the host stood still."""
-        seconds = (end - first) * self.grid.period_s
+    def after_standstill(self, tick: int, seconds: float) -> int:
+        """Account for the ticks from `tick` on if the host stood still, so that nobody knows what they were; give the next."""
+        if seconds <= SUSPENDED_S or not self.paced:
+            return tick
+        following = self.grid.next_after(tick - 1, self.desk.now)
+        self._skip(tick, following, seconds)
+        return following
+
+    def _skip(self, first: int, end: int, seconds: float) -> None:
+        """Account for ticks that nobody could run: rows of `skipped`, or one event where the host stood still so long."""
         missed = [tick for tick in range(first, end) if not self.is_over(tick)]
         self.desk.facts.last_tick = first + len(missed) - 1
         if seconds <= SUSPENDED_S:

@@ -20,7 +20,8 @@ from jbclog.session.columns import Fill, fill_of, unusable, void
 from jbclog.session.doubt import Doubt, SecondLook
 from jbclog.session.omega_states import differs_from_last
 from jbclog.session.order import Desk, PortState
-from jbclog.session.watch import OBSERVERS, WATCHED_SETTINGS, Observe, is_no_tool
+from jbclog.session.possible import possible_of
+from jbclog.session.watch import OBSERVERS, WATCHED_SETTINGS, Observe, arrives, is_no_tool
 from jbclog.station.client import Asking
 
 WIDTH = len(SAMPLE_COLUMNS)
@@ -41,24 +42,31 @@ def _differs_from_counted(name: str) -> Doubt:
     return lambda desk, port, value: port.counted.get(name) != value
 
 
-def _jumps(desk: Desk, port: PortState, value: Value) -> bool:
-    """A temperature that cannot be, or that no tool gets to from where it was at the last tick."""
-    return _leaps(desk, port.temperature_c, value)
+def _leaps(name: str) -> Doubt:
+    """A temperature that no tool gets to from where it was when last read. The first has nothing to be held against."""
+
+    def doubt(desk: Desk, port: PortState, value: Value) -> bool:
+        before = port.temperatures_c.get(name)
+        return before is None or not isinstance(value, int) or abs(value - before) > desk.family.jump_c
+
+    return doubt
 
 
-def _leaps(desk: Desk, before: int | None, value: Value) -> bool:
-    if value not in desk.family.plausible_c or not isinstance(value, int):
-        return True
-    return before is not None and abs(value - before) > desk.family.jump_c
+_jumps = _leaps("temperature_c")
+
+
+def _decides(desk: Desk, port: PortState, value: Value) -> bool:
+    """A tip temperature that leaps, or with which alarms begin to count."""
+    return _jumps(desk, port, value) or (isinstance(value, int) and arrives(desk, port, value))
 
 
 DOUBTS: dict[str, Doubt] = {
-    "temperature_c": _jumps,
-    "status": lambda desk, port, value: port.status is not None and isinstance(value, tuple) and port.status[3:] != value[3:],
+    "temperature_c": _decides,
+    **{name: _leaps(name) for name in ("external_c", "transistor_c", "transformer_c")},
+    "status": lambda desk, port, value: port.status != value,
     "tool": lambda desk, port, value: port.tool != value,
     "port_error": lambda desk, port, value: (port.error or 0) != value,
     "station_error": lambda desk, port, value: desk.held.get("station_error", 0) != value,
-    "external_c": lambda desk, port, value: not void("external_c", port, desk) and _leaps(desk, port.external_c, value),
     "set_c": lambda desk, port, value: port.held.get(desk.set_name, value) != value,
     "solder_shortage": differs_from_last("solder_shortage"),
     "preparing": differs_from_last("preparing"),
@@ -91,7 +99,7 @@ class Probe:
         place = COLUMN[reading.columns[0]] if reading.columns else None
         name, port = reading.name, desk.ports[reading.port]
         doubt = DOUBTS.get(name) if reading.counter is None else _differs_from_counted(reading.counter.name)
-        look = SecondLook(reading, port, question, doubt)
+        look = SecondLook(reading, port, question, doubt, possible_of(desk, reading))
         return cls(reading, question, port, fill, OBSERVERS.get(name), look, place)
 
 
@@ -134,12 +142,13 @@ class Scanner:
             self._station.first_sent = None
         try:
             value = yield from self._station.ask(probe.question)
-            if probe.look.doubt is not None and probe.look.is_due(self._desk, value):
+            if probe.look.is_due(self._desk, value):
                 value = yield from probe.look.settle(self._desk, value)
         except NotSupported as error:
             self._lacks(probe, scan, error)
         except (StationError, LinkError) as error:
-            self.unread(probe, scan, self._why_unread(probe, scan, error), sent=not isinstance(error, Refusal))
+            why = self._why_unread(probe, scan, error)
+            self.unread(probe, scan, why, sent=not isinstance(error, Refusal), told=str(error) if why == error.reason else "")
             if isinstance(error, LinkError | StationSilent | RobotModeOff):
                 raise
         except BaseException:  # the run's end in mid-question: it may be asked once more, flags may not
@@ -191,8 +200,11 @@ class Scanner:
         elif probe.reading.counter is not None:
             self._count(probe, value)
 
-    def unread(self, probe: Probe, scan: Scan, why: str, *, sent: bool = False) -> None:
-        """Account for a due reading that gave nothing; `sent` where the station may have given an answer that was lost."""
+    def unread(self, probe: Probe, scan: Scan, why: str, *, sent: bool = False, told: str = "") -> None:
+        """Account for a due reading that gave nothing; `sent` where the station may have given an answer that was lost.
+
+        `told` is what was met, for the event.
+        """
         probe.missed[why] = probe.missed.get(why, 0) + 1
         for column in probe.reading.columns:
             scan.reasons[column] = why
@@ -202,7 +214,7 @@ class Scanner:
             scan.alarms.lost(self._desk.now, why)
         if why not in EXPECTED and not probe.failing:
             probe.failing = True  # one event for a series of failures; each is in the rows
-            self._desk.note(f"read.{why}", Severity.WARNING, _sentence(probe, why), port=probe.port.number)
+            self._desk.note(f"read.{why}", Severity.WARNING, _sentence(probe, why), port=probe.port.number, raw=told or None)
 
     def _count(self, probe: Probe, value: Value) -> None:
         if isinstance(value, int | float) and probe.reading.counter is not None:

@@ -24,15 +24,23 @@ Observe = Callable[[Desk, PortState, Value], None]
 
 def _temperature(desk: Desk, port: PortState, value: Value) -> None:
     assert isinstance(value, int)
-    before, port.temperature_c = port.temperature_c, value
-    setting = desk.set_c(port)
-    if not port.at_temperature and setting is not None and is_at_work(desk, port):
-        port.at_temperature = _enters(before, value, setting) or _stays_above(desk, port, value, setting)
+    if arrives(desk, port, value):
+        port.at_temperature = True
+    _note_above(desk, port, value)
+    port.temperatures_c["temperature_c"] = value
     if counts(desk, port):
         port.hottest_c = value if port.hottest_c is None or value > port.hottest_c else port.hottest_c
         port.coolest_c = value if port.coolest_c is None or value < port.coolest_c else port.coolest_c
     else:
         port.has_counted = False
+
+
+def arrives(desk: Desk, port: PortState, value: int) -> bool:
+    """Whether alarms begin to count with this temperature: the tool is at work and has come to its setting."""
+    setting = desk.set_c(port)
+    if port.at_temperature or setting is None or not is_at_work(desk, port):
+        return False
+    return _enters(port.temperature_c, value, setting) or _stays_above(desk, port, value, setting)
 
 
 def _enters(before: int | None, value: int, setting: float) -> bool:
@@ -43,21 +51,29 @@ def _enters(before: int | None, value: int, setting: float) -> bool:
 
 def _stays_above(desk: Desk, port: PortState, value: int, setting: float) -> bool:
     """Whether a tip that was found hotter than its setting does not cool: one that runs away never comes into the band."""
+    if value <= setting + BAND_C or port.found_above is None:
+        return False
+    since, then = port.found_above
+    return desk.now - since >= COOLS_WITHIN_S and value >= then
+
+
+def _note_above(desk: Desk, port: PortState, value: int) -> None:
+    """Keep since when a tip is hotter than its setting before it was there once, and how hot it was."""
+    setting = desk.set_c(port)
+    if port.at_temperature or setting is None or not is_at_work(desk, port):
+        return
     if value <= setting + BAND_C:
         port.found_above = None
-        return False
-    if port.found_above is None:
+    elif port.found_above is None or desk.now - port.found_above[0] >= COOLS_WITHIN_S:
         port.found_above = desk.now, value
-    since, then = port.found_above
-    if desk.now - since < COOLS_WITHIN_S:
-        return False
-    port.found_above = desk.now, value
-    return value >= then
 
 
-def _external(desk: Desk, port: PortState, value: Value) -> None:
-    assert isinstance(value, int)
-    port.external_c = value
+def _temperature_of(name: str) -> Observe:
+    def observe(desk: Desk, port: PortState, value: Value) -> None:
+        assert isinstance(value, int)
+        port.temperatures_c[name] = value
+
+    return observe
 
 
 def is_at_work(desk: Desk, port: PortState) -> bool:
@@ -178,7 +194,7 @@ def _station_error(desk: Desk, port: PortState, value: Value) -> None:
 OBSERVERS: dict[str, Observe] = {
     "temperature_c": _temperature,
     "status": _status,
-    "external_c": _external,
+    **{name: _temperature_of(name) for name in ("external_c", "transistor_c", "transformer_c")},
     "set_c": _set_temperature,
     "set_flow_permille": _watched("selected_air_flow"),
     "tool": _tool,

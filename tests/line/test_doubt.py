@@ -3,35 +3,11 @@
 from __future__ import annotations
 
 import pytest
+from account import reasons_of
 from hot_air import hot_air
-from virtual_run import VirtualRun, line_text, prepare
+from odd_answers import first_sample_s, marks, one_port, say
 
-from jbclog.rows import COLUMN, EventRow
-
-FAULT = "\n[[station.sim.fault]]\n"
-
-
-def one_port(sim: str = "", duration_s: float = 20, rate: float | None = None) -> VirtualRun:
-    return prepare(line_text("joints_per_minute = 0\n" + sim, "ports = [1]"), duration_s=duration_s, rate=rate)
-
-
-def say(run: VirtualRun, code: str, data: str, *moments: float, times: int = 1) -> None:
-    """Let the station answer a question otherwise, so many times from each of these moments on."""
-    ask, left = run.station.device.answer, dict.fromkeys(moments, times)
-
-    def answer(header: str, text: str, now: float) -> tuple[str, str] | None:
-        found = ask(header, text, now)
-        due = next((one for one in moments if header == "R" and text == code and now >= run.t0 + one and left[one]), None)
-        if due is None:
-            return found
-        left[due] -= 1
-        return "A", code + data
-
-    run.station.device.answer = answer  # type: ignore[method-assign]
-
-
-def marks(run: VirtualRun) -> list[EventRow]:
-    return run.memory.of_kind("read.doubted")
+from jbclog.rows import COLUMN
 
 
 def test_an_answer_that_the_next_one_contradicts_is_marked() -> None:
@@ -163,3 +139,83 @@ def test_a_setting_of_hot_air_is_not_found_changed_by_one_answer(code: str, data
     assert run.memory.of_kind("setting.changed") == []
     assert run.facts.outcome == "completed"
     assert {one for one in run.memory.column(column) if one is not None} == {held}
+
+
+# -- nothing to be held against ------------------------------------------------------------------------------------
+
+
+def test_the_first_temperature_of_a_run_is_asked_again() -> None:
+    """00056 and 00416 differ in two bits and have the same check byte; so may any first reading."""
+    run = one_port()
+    say(run, "TT1", "00416", first_sample_s())
+    run.go()
+    assert 416 not in run.memory.column("temperature_c")
+    assert run.facts.doubted == {"tip_temperature": 1}
+    assert len(marks(run)) == 1
+
+
+@pytest.mark.parametrize("code", ["QT1", "TT"])
+def test_so_is_the_first_of_any_other_temperature(code: str) -> None:
+    column = {"QT1": "transistor_c", "TT": "transformer_c"}[code]
+    run = one_port(duration_s=40)
+    say(run, code, "00433", first_sample_s(), 25)
+    run.go()
+    values = [value for value in run.memory.column(column) if value is not None]
+    assert len(values) >= 3
+    assert 433 not in values
+    assert sum(run.facts.doubted.values()) == 2
+
+
+# -- what cannot be ------------------------------------------------------------------------------------------------
+
+IMPOSSIBLE = {
+    "QT1": ("transistor_c", "04033"),
+    "TT": ("transformer_c", "04035"),
+    "ED1": ("delay_s", "98899"),
+    "PP1": ("power_permille", "89000"),
+    "TT1": ("temperature_c", "04033"),
+}
+
+
+@pytest.mark.parametrize("code", IMPOSSIBLE)
+def test_what_cannot_be_is_not_recorded_from_one_answer(code: str) -> None:
+    column, data = IMPOSSIBLE[code]
+    run = one_port(duration_s=40)
+    say(run, code, data, 12, 25)
+    run.go()
+    assert int(data) not in run.memory.column(column)
+    assert sum(run.facts.doubted.values()) == 2
+    assert set(reasons_of(run, column)) <= {"not_counting"}
+
+
+@pytest.mark.parametrize("code", IMPOSSIBLE)
+def test_nor_is_it_when_it_is_said_again_and_again(code: str) -> None:
+    column, data = IMPOSSIBLE[code]
+    run = one_port(duration_s=40)
+    say(run, code, data, 12, times=1000)
+    run.go()
+    assert int(data) not in run.memory.column(column)
+    assert "implausible" in reasons_of(run, column)
+    (event,) = run.memory.of_kind("read.implausible")
+    assert event.raw is not None
+    assert event.raw.count(str(int(data))) == 2
+
+
+def test_a_status_digit_that_only_one_answer_tells_is_not_recorded() -> None:
+    run = one_port(duration_s=20)
+    say(run, "PS1", "00100", 10)
+    say(run, "PS1", "01000", 12)
+    run.go()
+    assert True not in run.memory.column("desoldering")
+    assert run.facts.doubted == {"status": 2}
+
+
+@pytest.mark.parametrize("times", [1, 1000])
+def test_an_air_flow_beyond_all_is_not_recorded(times: int) -> None:
+    run = hot_air("", duration_s=20)
+    say(run, "SF1", "09600", 10, times=times)
+    run.go()
+    assert ("implausible" in reasons_of(run, "set_flow_permille")) == (times > 1)
+    flows = [value for value in run.memory.column("set_flow_permille") if value is not None]
+    assert flows
+    assert max(flows) <= 1000

@@ -19,7 +19,9 @@ def fault(kind: str, **keys: object) -> str:
 
 
 def rows(run: VirtualRun, setting: str, port: int | None = 1) -> list[SettingRow]:
-    return [row for row in run.memory.settings if (row.setting, row.port) == (setting, port)]
+    """What came of a setting: of one that was written there is a row of what it was before, too."""
+    found = [row for row in run.memory.settings if (row.setting, row.port) == (setting, port)]
+    return found[1:] if len(found) > 1 and found[0].outcome == "read" else found
 
 
 def outcome(run: VirtualRun, setting: str, port: int | None = 1) -> str:
@@ -52,6 +54,8 @@ def test_what_differs_is_written_once_read_back_and_confirmed() -> None:
     assert row[5:] == ("°C", "380", "380", "380", None, "confirmed")
     assert [one.text for one in run.writes].count("WHA100380") == 1
     assert run.station.plant.ports[1].settings.alarm_high_limit == 380
+    before, _ = [row for row in run.memory.settings if (row.setting, row.port) == ("alarm_high_limit", 1)]
+    assert (before.requested, before.written, before.readback, before.outcome) == (None, None, "off", "read")
     written = next(place for place, one in enumerate(run.heard) if one.text == "WHA100380")
     assert run.heard[written + 1].text == "RHA1"
 

@@ -92,7 +92,8 @@ def test_late_is_that_of_the_first_question_and_not_of_its_repetition() -> None:
 def test_late_and_scan_are_told_from_the_questions() -> None:
     """`late_us`: first question sent minus due; `scan_us`: last answer minus first question of the port."""
     run = prepare(line_text("", "ports = [1]"), duration_s=5).go()
-    firsts = [place for place, one in enumerate(run.heard) if one.text == "RTT1"][-len(run.memory.samples) :]
+    asked = [place for place, one in enumerate(run.heard) if one.text == "RTT1" and run.heard[place - 1].text != "RTT1"]
+    firsts = asked[-len(run.memory.samples) :]
     for row, begin, end in zip(run.memory.samples, firsts, firsts[1:], strict=False):
         due_s, first_s, last_s = run.t0 + int(str(row[COLUMN["tick"]])) * 0.1, run.heard[begin].at, run.heard[end - 1].at
         assert int(str(row[COLUMN["late_us"]])) == pytest.approx((first_s - due_s) * 1e6, abs=1)

@@ -43,6 +43,11 @@ def reasons_in(row: SampleRow) -> dict[str, str]:
     return dict(item.split("=") for item in str(text).split(";")) if text else {}
 
 
+def reasons_of(run: VirtualRun, column: str) -> list[str]:
+    """Why the column has no value, for each row that says so."""
+    return [reasons[column] for reasons in map(reasons_in, run.memory.samples) if column in reasons]
+
+
 def counted(run: VirtualRun) -> dict[tuple[str, str], Counter[str]]:
     """For each port and signal: how often it came (``ok``), and how often each reason stands in its place."""
     found: dict[tuple[str, str], Counter[str]] = {}

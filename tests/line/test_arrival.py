@@ -1,0 +1,72 @@
+"""When alarms begin to count: once the tool has come to its setting, and never by one answer alone."""
+
+from __future__ import annotations
+
+from odd_answers import first_sample_s, say
+from virtual_run import RECIPE, VirtualRun, line_text, prepare
+
+NEAR_LIMIT = RECIPE.replace("limit_c = 250", "limit_c = 320")
+
+
+def cold(recipe: str = NEAR_LIMIT, stuck_c: int = 310, duration_s: float = 14) -> VirtualRun:
+    """A tool at work whose tip stays where it is, before it has come to its 350 °C."""
+    run = prepare(line_text("joints_per_minute = 0\n", "ports = [1]"), recipe, duration_s=duration_s)
+    run.station.plant.ports[1].stuck_c = stuck_c
+    return run
+
+
+def has_arrived(run: VirtualRun) -> bool:
+    return run.desks["dde-1"].ports[1].at_temperature
+
+
+def latch_low(run: VirtualRun, at_s: float) -> None:
+    run.at(at_s, lambda: setattr(run.station.plant.ports[1].low, "latched", True))
+
+
+def test_one_answer_near_the_setting_does_not_bring_the_tool_there() -> None:
+    """00310 and 00345 are no jump. If that one answer counted, the flag of the heating up would be an alarm."""
+    run = cold()
+    say(run, "TT1", "00345", 6)
+    latch_low(run, 7)
+    run.go()
+    assert not has_arrived(run)
+    assert run.memory.of_kind("alarm.low") == []
+    assert len(run.memory.of_kind("alarm.low.not_working")) == 1
+    assert 345 not in run.memory.column("temperature_c")
+
+
+def test_two_answers_near_the_setting_do() -> None:
+    run = cold()
+    run.at(6, lambda: setattr(run.station.plant.ports[1], "stuck_c", 345))
+    run.at(7, lambda: setattr(run.station.plant.ports[1], "stuck_c", 310))
+    latch_low(run, 8)
+    run.go()
+    assert has_arrived(run)
+    assert len(run.memory.of_kind("alarm.low")) == 1
+
+
+def test_one_answer_beyond_the_setting_does_not_either() -> None:
+    """A tip that heats up quickly passes its setting between two readings; that, too, is told twice."""
+    run = cold(stuck_c=335)
+    say(run, "TT1", "00365", 6)
+    run.go()
+    assert not has_arrived(run)
+
+
+def test_a_tip_that_passed_its_setting_between_two_readings_was_there() -> None:
+    run = cold(stuck_c=335)
+    run.at(6, lambda: setattr(run.station.plant.ports[1], "stuck_c", 365))
+    assert has_arrived(run.go())
+
+
+def test_a_tip_found_too_hot_is_not_taken_to_run_away_by_one_answer() -> None:
+    run = cold(RECIPE, stuck_c=400, duration_s=16)
+    run.at(8, lambda: setattr(run.station.plant.ports[1], "stuck_c", 380))  # it cools
+    say(run, "TT1", "00402", first_sample_s() + 10)  # when it is looked at whether it has
+    run.go()
+    assert not has_arrived(run)
+
+
+def test_one_that_does_run_away_is() -> None:
+    run = cold(RECIPE, stuck_c=400, duration_s=16).go()
+    assert has_arrived(run)

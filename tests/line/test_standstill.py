@@ -1,0 +1,101 @@
+"""A host that stood still and a station that takes its time make the same ticks late; only the first is told as such."""
+
+from __future__ import annotations
+
+from account import assert_account_holds
+from virtual_run import VirtualRun, line_text, prepare
+
+from jbclog.effects import Ask, Heard, Listen, Reopen, Steps, Wait
+from jbclog.rows import COLUMN
+from jbclog.session.standstill import Standstill
+
+SLOW = 'turnaround_ms = 200.0\n[[station.sim.fault]]\nkind = "silence"\nat_s = 60\nfor_s = 60\nevery = 2\n'
+
+
+def stop_the_host(run: VirtualRun, at_s: float, for_s: float) -> None:
+    run.at(at_s, lambda: run.driver.clock.advance_to(run.driver.clock.monotonic() + for_s))
+
+
+def skipped(run: VirtualRun) -> int:
+    return sum(row[COLUMN["quality"]] == "skipped" for row in run.memory.samples)
+
+
+def test_a_station_that_takes_its_time_is_no_host_that_stood_still() -> None:
+    """Every other question goes unanswered and is asked again: a tick of four ports lasts many seconds."""
+    line = line_text(SLOW).replace("turnaround_ms = 1.0\n", "").replace('family = "dde"', 'family = "dme"')
+    run = prepare(line, duration_s=150, rate="fit").go()
+    assert run.facts.outcome == "completed", run.facts.reason
+    assert run.memory.of_kind("host.suspended") == []
+    assert skipped(run) > 0
+    assert_account_holds(run)
+
+
+def test_a_host_that_stood_still_in_the_middle_of_a_question_is() -> None:
+    for at_s in (10.0, 10.003, 10.013, 10.031, 10.05, 10.09):
+        run = prepare(duration_s=60)
+        stop_the_host(run, at_s, 20)
+        run.go()
+        (event,) = run.memory.of_kind("host.suspended")
+        assert event.value is not None
+        assert 19 < event.value < 21
+        assert run.facts.skipped > 190
+        assert_account_holds(run)
+
+
+def test_a_host_that_stood_still_in_an_outage_leaves_no_rows_of_it() -> None:
+    run = prepare(line_text('[[station.sim.fault]]\nkind = "dropout"\nat_s = 8\nfor_s = 120\n'), duration_s=200)
+    stop_the_host(run, 20, 90)
+    run.go()
+    (event,) = run.memory.of_kind("host.suspended")
+    assert event.value is not None
+    assert 80 < event.value < 91
+    assert 800 < run.facts.skipped < 910
+    assert_account_holds(run)
+
+
+def test_short_pauses_are_rows() -> None:
+    run = prepare(duration_s=60)
+    stop_the_host(run, 10, 4.5)
+    run.go()
+    assert run.memory.of_kind("host.suspended") == []
+    assert skipped(run) > 70  # two ports
+
+
+# -- the measure itself --------------------------------------------------------------------------------------------
+
+
+def steps() -> Steps[str]:
+    first = yield Ask(b"?", 0.5)
+    second = yield Listen(first.now + 1)
+    yield Wait(second.now + 10)
+    yield Reopen()
+    return "done"
+
+
+def seconds(*times: float) -> float:
+    """How long the host stood still where the wishes came back at these moments; they begin at 100 s."""
+    measure = Standstill()
+    watched = measure.watch(steps(), 100.0)
+    next(watched)
+    for time in times[:-1]:
+        watched.send(Heard(time, b"", 100.0))
+    try:
+        watched.send(Heard(times[-1], b"", 100.0))
+    except StopIteration as end:
+        assert end.value == "done"
+    return round(measure.seconds, 3)
+
+
+def test_what_a_wish_allows_is_no_standstill() -> None:
+    assert seconds(100.5, 101.5, 111.5, 140.0) == 0.0  # opening a port may take its time
+
+
+def test_what_is_beyond_it_is() -> None:
+    assert seconds(107.5, 108.5, 118.5, 118.5) == 7.0
+    assert seconds(100.5, 108.5, 118.5, 118.5) == 7.0
+    assert seconds(100.5, 101.5, 118.5, 118.5) == 7.0
+    assert seconds(107.5, 115.5, 132.5, 132.5) == 21.0
+
+
+def test_a_busy_host_is_no_standstill() -> None:
+    assert seconds(101.4, 103.3, 114.2, 114.2) == 0.0

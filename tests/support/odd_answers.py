@@ -1,0 +1,37 @@
+"""A virtual run whose station says something else now and then, and what was told of it."""
+
+from __future__ import annotations
+
+from virtual_run import VirtualRun, line_text, prepare
+
+from jbclog.rows import COLUMN, EventRow
+
+
+def one_port(sim: str = "", duration_s: float = 20, rate: float | None = None) -> VirtualRun:
+    return prepare(line_text("joints_per_minute = 0\n" + sim, "ports = [1]"), duration_s=duration_s, rate=rate)
+
+
+def say(run: VirtualRun, code: str, data: str, *moments: float, times: int = 1) -> None:
+    """Let the station answer a question otherwise, so many times from each of these moments on."""
+    ask, left = run.station.device.answer, dict.fromkeys(moments, times)
+
+    def answer(header: str, text: str, now: float) -> tuple[str, str] | None:
+        found = ask(header, text, now)
+        due = next((one for one in moments if header == "R" and text == code and now >= run.t0 + one and left[one]), None)
+        if due is None:
+            return found
+        left[due] -= 1
+        return "A", code + data
+
+    run.station.device.answer = answer  # type: ignore[method-assign]
+
+
+def marks(run: VirtualRun) -> list[EventRow]:
+    return run.memory.of_kind("read.doubted")
+
+
+def first_sample_s() -> float:
+    """The second of the first tick of a run as `one_port` makes it: until then the tip is read for its turnaround."""
+    tick = one_port(duration_s=3).go().memory.samples[0][COLUMN["tick"]]
+    assert isinstance(tick, int)
+    return tick / 10
