@@ -36,10 +36,14 @@ class Diary:
         self._folder = folder
         self._who = who
         self._lock = Lock()
+        self._lines = 0  # from which on there is no room yet
         self.is_torn = False
 
     def reserve(self, lines: int = 0) -> None:
-        """Have room for so many lines, in blocks that are really written. Raises `OSError`."""
+        """Have room for so many lines, in blocks that are really written; none in a sealed run. Raises `OSError`."""
+        if lines < self._lines or is_sealed(self._folder):
+            return
+        self._lines = lines + 1
         with self._lock, self._opened() as descriptor:
             end, size = len(_content(descriptor)), os.fstat(descriptor).st_size
             missing = end + max(LEAST_BYTES, lines * LINE_BYTES) - size

@@ -18,7 +18,7 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from jbclog.errors import RecordError
-from jbclog.record import damage, guarded, wire
+from jbclog.record import damage, guarded, left_hot, wire
 from jbclog.record.annotations import NAME as ANNOTATIONS
 from jbclog.record.durable import sync_folder
 from jbclog.record.from_json import Misfit, build
@@ -49,12 +49,14 @@ def conclude(folder: Path, manifest: Manifest, lock: FolderLock) -> Manifest:
         with Stock(folder) as stock:
             _refuse_unsealed(stock)
             damage.note(folder, stock.damage)
-            stations = guarded.with_guard(folder, known_stations(stock, manifest.stations))
+            stations = stations_of(folder, stock, manifest)
+            stations = left_hot.with_unknown(stations, left_hot.unknown(folder, stations, manifest.guard))
             dropped = stock.dropped_rows
         lost = manifest.lost or _lost(damage.read(folder), dropped)
         sealed = replace(manifest, state="sealed", stations=stations, lost=lost, ended=manifest.ended or last_time(folder))
         sealed.ledger = ledger_of(folder, stations)
         _keep_damaged(folder)
+        guarded.tidy(folder)
         sealed.files = list(files_of(folder))
     except (OSError, pa.ArrowException) as error:
         raise RecordError(f"{folder} cannot be sealed: {error}") from error
@@ -67,6 +69,11 @@ def _refuse_unsealed(stock: Stock) -> None:
     waiting = sum(len(stock.numbers_of(table, through(stock.folder, table))) for table in TABLES)
     if waiting:
         raise RecordError(f"{stock.folder}: {waiting} batches of the live store are not sealed yet")
+
+
+def stations_of(folder: Path, stock: Stock, manifest: Manifest) -> list[StationFacts]:
+    """The facts, with what a guard reached."""
+    return guarded.with_guard(folder, known_stations(stock, manifest.stations))
 
 
 def known_stations(stock: Stock, known: list[StationFacts]) -> list[StationFacts]:
@@ -97,13 +104,19 @@ def _keep_damaged(folder: Path) -> None:
 
 def last_time(folder: Path) -> str | None:
     """The time of the last row that is sealed, as in the manifest; None where there is no row at all."""
+    latest = last_micros(folder)
+    return None if latest is None else iso(latest)
+
+
+def last_micros(folder: Path) -> int | None:
+    """The same in UTC microseconds."""
     latest = [
         pc.max(group["time"]).cast(pa.int64()).as_py()
         for table in TABLES
         for group in row_groups(folder, table, ["time"])
         if len(group)
     ]
-    return iso(max(latest)) if latest else None
+    return max(latest, default=None)
 
 
 def files_of(folder: Path) -> Iterator[SealedFile]:

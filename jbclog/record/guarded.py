@@ -1,7 +1,8 @@
 """What a guard did when the recorder was gone: its diary becomes events, and what it reached stands in the facts.
 
 The guard writes where it cannot be waited for and without anything of the record's machinery: a JSON line each, in
-`guard.jsonl`. `recover` takes them in, behind the last event that the recorder wrote; doing that twice changes nothing.
+`guard.jsonl`, which is blank until then. `recover` takes them in, behind the last event that the recorder wrote; doing
+that twice changes nothing.
 """
 
 from __future__ import annotations
@@ -10,8 +11,8 @@ import fcntl
 import json
 import os
 import time
-from collections.abc import Iterable, Mapping
-from contextlib import suppress
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Final
@@ -28,33 +29,47 @@ DIARY: Final = "guard.jsonl"
 LOCK: Final = "guard.lock"
 LEASE: Final = "lease.json"
 LOST: Final = "guard.lost"
+BLANK: Final = b"\n"  # the room that a diary has before it is needed
 AGAIN_S: Final = 0.05
 REACHED: Final = {"safety.safe_state": "verified", "safety.not_safe": "failed"}
 
 
-def await_guard(folder: Path, patience_s: float) -> None:
-    """Wait until no guard is at work in `folder`: what it does belongs into the record. Raises `RecordError`."""
+@contextmanager
+def without_guard(folder: Path, patience_s: float) -> Iterator[None]:
+    """Wait until no guard is at work in `folder`, and keep guards out: what they do belongs into the record.
+
+    Raises `RecordError`.
+    """
     end = time.monotonic() + patience_s
-    while _is_guarded(folder):
+    while (descriptor := _lock_of(folder)) is None:
         if time.monotonic() >= end:
             raise RecordError(f"{folder}: its guard is at work; nothing was changed. Try again when it has ended")
         time.sleep(AGAIN_S)
-
-
-def _is_guarded(folder: Path) -> bool:
-    """Whether a guard holds its lock; one that was left behind is removed."""
     try:
-        descriptor = os.open(folder / LOCK, os.O_RDONLY | os.O_CLOEXEC | os.O_NOFOLLOW)
-    except FileNotFoundError:
-        return False
-    try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        yield
         (folder / LOCK).unlink(missing_ok=True)
-    except BlockingIOError:
-        return True
     finally:
         os.close(descriptor)
-    return False
+
+
+def await_guard(folder: Path, patience_s: float) -> None:
+    """Wait until no guard is at work in `folder`. Raises `RecordError`."""
+    if (folder / LOCK).exists():
+        with without_guard(folder, patience_s):
+            pass
+
+
+def _lock_of(folder: Path) -> int | None:
+    """The guard's lock, taken; None where a guard has it, or took it away with its file while it was being taken."""
+    descriptor = os.open(folder / LOCK, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o644)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        if os.path.samestat(os.fstat(descriptor), (folder / LOCK).stat()):
+            return descriptor
+    except OSError:
+        pass
+    os.close(descriptor)
+    return None
 
 
 def was_lost(folder: Path) -> bool:
@@ -62,14 +77,14 @@ def was_lost(folder: Path) -> bool:
     return any(LOST in group["kind"].to_pylist() for group in row_groups(folder, "events", ["kind"]))
 
 
-def left_hot(folder: Path) -> list[str]:
-    """The stations whose tools nobody has made safe since the recorder ended, as far as is known."""
-    names = []
-    with suppress(OSError, ValueError):
-        for line in (folder / LEASE).read_text(encoding="utf-8").splitlines():
-            with suppress(ValueError, KeyError, TypeError):
-                names.append(str(json.loads(line)["name"]))
-    return sorted(names)
+def tidy(folder: Path) -> None:
+    """Give back the room that the diary did not need; where nothing is in it there is none. Raises `OSError`."""
+    with suppress(FileNotFoundError):
+        written = (folder / DIARY).read_bytes().rstrip(BLANK)
+        if not written:
+            (folder / DIARY).unlink()
+        else:
+            os.truncate(folder / DIARY, len(written) + 1)
 
 
 def diary(folder: Path) -> list[EventRow]:
@@ -92,9 +107,8 @@ def _event(line: str) -> EventRow | None:
         return None
 
 
-def take_in(folder: Path, run: str) -> None:
-    """Put the diary behind the events that are sealed. All rows of the live store have to be sealed already."""
-    told = diary(folder)
+def take_in(folder: Path, run: str, told: list[EventRow]) -> None:
+    """Put these behind the events that are sealed, those that are not there yet. The live store's have to be there already."""
     if not told:
         return
     sealed = [row for group in row_groups(folder, "events") for row in plain_events(group).to_pylist()]

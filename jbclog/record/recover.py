@@ -9,17 +9,18 @@ from __future__ import annotations
 
 import tomllib
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from pathlib import Path
+from types import MappingProxyType
 from typing import Final
 
 import pyarrow as pa
 
-from jbclog.errors import RecordError
-from jbclog.record import damage, guarded, wire, wire_check
-from jbclog.record.conclude import conclude, live_files, remove_live
+from jbclog.errors import RecordError, Unsafe
+from jbclog.record import damage, guarded, left_hot, wire, wire_check
+from jbclog.record.conclude import conclude, last_micros, live_files, remove_live, stations_of
 from jbclog.record.folder import RUN_NAME
 from jbclog.record.live import AT_RISK_S
 from jbclog.record.lock import FolderLock, acknowledged
@@ -29,8 +30,10 @@ from jbclog.record.schema import TABLES
 from jbclog.record.seal import seal_rows
 from jbclog.record.stock import Stock
 from jbclog.record.store import refuse_newer, segments
+from jbclog.rows import StationFacts
 
 PATIENCE_S: Final = 10.0  # a sealing child that outlived its recorder is given this long to end
+FINISHED: Final = "finished already; nothing was changed. `jbclog check` says whether it is as it was sealed."
 EXIT_CODE: Final = RecordError.exit_code
 
 
@@ -44,12 +47,16 @@ class Outcome(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Recovery:
-    """What came of one run; `text` is the sentence for people, `rows` what is sealed: rows by table, and lines of wires."""
+    """What came of one run; `text` is the sentence for people, `rows` what is sealed: rows by table, and lines of wires.
+
+    `is_safe`: no tool of it may be hot still, as far as its record knows.
+    """
 
     folder: Path
     outcome: Outcome
     text: str
     rows: Mapping[str, int] = field(default_factory=dict)
+    is_safe: bool = True
 
 
 def is_run(folder: Path) -> bool:
@@ -80,16 +87,16 @@ def recover(folder: Path, patience_s: float = PATIENCE_S) -> Recovery:
         raise RecordError(f"{folder} is no run")
     manifest = _draft(folder)
     if manifest.state == "sealed" and not live_files(folder):
-        return Recovery(folder, Outcome.WHOLE, f"{folder.name}: finished already; nothing was changed.")
+        return _recovery(folder, Outcome.WHOLE, f"{folder.name}: {FINISHED}")
     refuse_newer(folder)
     lock = FolderLock.take(folder, patience_s)
     try:
-        guarded.await_guard(folder, patience_s)
-        manifest = _draft(folder)  # the recorder may have finished while we waited
-        if manifest.state == "sealed":
-            remove_live(folder, lock)
-            return Recovery(folder, Outcome.RECOVERED, f"{folder.name}: was sealed already; its live store is removed now.")
-        return _finish(folder, manifest, lock)
+        with guarded.without_guard(folder, patience_s):
+            manifest = _draft(folder)  # the recorder may have finished while we waited
+            if manifest.state == "sealed":
+                remove_live(folder, lock)
+                return _recovery(folder, Outcome.RECOVERED, f"{folder.name}: was sealed already; its live store is removed now.")
+            return _finish(folder, manifest, lock)
     except OSError as error:
         raise RecordError(f"{folder} cannot be recovered: {error}") from error
     finally:
@@ -101,15 +108,32 @@ def _finish(folder: Path, manifest: Manifest, lock: FolderLock) -> Recovery:
     _note_bad_parts(folder)
     manifest = replace(manifest, wire=_wire(folder, manifest))
     seal_rows(folder)
-    guarded.take_in(folder, manifest.run)
+    guarded.take_in(folder, manifest.run, guarded.diary(folder))
     manifest = replace(manifest, guard="lost" if guarded.was_lost(folder) else manifest.guard)
     with Stock(folder) as stock:
         _note_missing_end(folder, stock.last)
-        manifest = _outcome(folder, manifest, stock)
+        stations = _tell_left_hot(folder, manifest, stock)
+        manifest = _outcome(folder, manifest, stock, is_safe=not any(facts.unsafe for facts in stations))
     sealed = conclude(folder, manifest, lock)
     rows = rows_of(sealed)
     text = f"{folder.name}: recovered, {_told(rows)} sealed; exit status {sealed.exit_status}, verdict {sealed.verdict}."
-    return Recovery(folder, Outcome.RECOVERED, text + (f" {sealed.lost.text}" if sealed.lost else "") + _left_hot(folder), rows)
+    unsafe = [facts.name for facts in sealed.stations if facts.unsafe]
+    return _recovery(folder, Outcome.RECOVERED, text + (f" {sealed.lost.text}" if sealed.lost else ""), rows, unsafe)
+
+
+def _recovery(
+    folder: Path, outcome: Outcome, text: str, rows: Mapping[str, int] = MappingProxyType({}), unsafe: Collection[str] = ()
+) -> Recovery:
+    warning = left_hot.warning(folder, unsafe)
+    return Recovery(folder, outcome, f"{text} {warning}".rstrip(), rows, is_safe=not warning)
+
+
+def _tell_left_hot(folder: Path, manifest: Manifest, stock: Stock) -> list[StationFacts]:
+    """Put into the events what is not known of tools; give the facts with that in them."""
+    stations = stations_of(folder, stock, manifest)
+    unknown = left_hot.unknown(folder, stations, manifest.guard)
+    guarded.take_in(folder, manifest.run, left_hot.events(unknown, last_micros(folder) or 0))
+    return left_hot.with_unknown(stations, unknown)
 
 
 def rows_of(manifest: Manifest) -> dict[str, int]:
@@ -131,12 +155,6 @@ def _named(name: str, count: int) -> str:
     return several if count != 1 else "line of wires" if name == wire.FOLDER else name.removesuffix("s")
 
 
-def _left_hot(folder: Path) -> str:
-    names = ", ".join(guarded.left_hot(folder))
-    warning = f" Tools of {names} may still be hot: nobody has made them safe. `jbclog safe` does, or a new run on their ports."
-    return warning if names else ""
-
-
 def _draft(folder: Path) -> Manifest:
     """The manifest as the recorder left it; an empty one where it had not come to writing it."""
     if not (folder / NAME).exists():
@@ -155,7 +173,7 @@ def _draft(folder: Path) -> Manifest:
         return Manifest(run=folder.name)
 
 
-def _outcome(folder: Path, manifest: Manifest, stock: Stock) -> Manifest:
+def _outcome(folder: Path, manifest: Manifest, stock: Stock, *, is_safe: bool) -> Manifest:
     """What the manifest has to say of the end that the recorder could not write."""
     found = damage.read(folder)
     if stock.was_closed and manifest.exit_status is not None and not found:
@@ -163,7 +181,7 @@ def _outcome(folder: Path, manifest: Manifest, stock: Stock) -> Manifest:
     return replace(
         manifest,
         exit_status="lost",
-        exit_code=EXIT_CODE,
+        exit_code=EXIT_CODE if is_safe else Unsafe.exit_code,
         verdict="INCONCLUSIVE" if _was_to_be_judged(folder, manifest) else "NOT JUDGED",
         lost=_lost(found, stock),
     )

@@ -16,12 +16,12 @@ import pytest
 
 from jbclog.errors import RecordError
 from jbclog.guard import lease as leases
-from jbclog.guard.diary import Diary
+from jbclog.guard.diary import LEAST_BYTES, LINE_BYTES, Diary
 from jbclog.guard.lease import NAME, StationLease, keep, kept
 from jbclog.guard.only_one import NAME as LOCK
 from jbclog.guard.only_one import only_one
 from jbclog.guard.shelf import Shelf
-from jbclog.record import guarded
+from jbclog.record import annotations, guarded, left_hot
 from jbclog.record.check import check
 from jbclog.record.recover import recover
 
@@ -48,7 +48,7 @@ def test_a_line_that_cannot_be_read_does_not_hide_the_others(tmp_path: Path) -> 
     newer = json.dumps(json.loads(first) | {"what a later version has": 1})
     (tmp_path / NAME).write_text(f"{newer}\n{second[:-5]}\n\n{second}\n")
     assert [one.name for one in kept(tmp_path)] == ["b"]
-    assert guarded.left_hot(tmp_path) == ["a", "b"]  # people are told of both
+    assert sorted(left_hot.leases(tmp_path)) == ["a", "b"]  # people are told of both
 
 
 def test_a_port_is_the_same_by_whatever_link(tmp_path: Path) -> None:
@@ -101,19 +101,79 @@ def test_a_disk_that_is_full_is_no_reason_to_stop(tmp_path: Path, monkeypatch: p
     assert shelf.was_cleared
 
 
-def test_a_diary_that_cannot_be_written_is_not_waited_for(tmp_path: Path) -> None:
-    (tmp_path / "live.lock").touch()
+def test_a_diary_that_cannot_be_written_is_not_waited_for_and_says_so(tmp_path: Path) -> None:
     (tmp_path / guarded.DIARY).mkdir()
-    Diary(tmp_path).write("guard.took_over", "error", "text")
+    diary = Diary(tmp_path)
+    diary.write("guard.took_over", "error", "text")
+    diary.tidy()
+    assert diary.is_torn
 
 
-def test_a_sealed_run_is_never_written_to_again(tmp_path: Path) -> None:
+def test_a_sealed_run_is_never_written_to_again_and_told_beside_its_record(tmp_path: Path) -> None:
     folder = few_rows.abandoned(tmp_path)
-    Diary(folder).write("guard.took_over", "error", "before")
+    diary = Diary(folder, "jbclog run")
+    diary.write("guard.took_over", "error", "before")
     recover(folder)
-    Diary(folder).write("guard.took_over", "error", "after")
-    assert check(folder) == []
+    sealed = (folder / guarded.DIARY).read_bytes()
+    diary.reserve()
+    diary.write("safety.safe_state", "info", "The tool is safe.", "a", 2)
+    diary.tidy()
+    assert (check(folder), (folder / guarded.DIARY).read_bytes()) == ([], sealed)
     assert [event.text for event in guarded.diary(folder)] == ["before"]
+    (said,) = annotations.read(folder).said
+    assert (said.who, said.what, said.kind) == ("jbclog run", "a port 2: The tool is safe.", "safety.safe_state")
+
+
+# -- the diary's room ---------------------------------------------------------------------------------------------------------
+
+
+def blocks(folder: Path) -> int:
+    return (folder / guarded.DIARY).stat().st_blocks * 512
+
+
+def test_the_diary_has_its_room_before_it_is_needed_and_gives_it_back(tmp_path: Path) -> None:
+    diary = Diary(tmp_path)
+    diary.reserve()
+    assert blocks(tmp_path) >= LEAST_BYTES  # written, and not a hole
+    diary.reserve(1000)
+    room = blocks(tmp_path)
+    assert room >= 1000 * LINE_BYTES
+    for number in range(1000):
+        diary.write("safety.safe_state", "info", "x" * 300, "a", number)
+    assert blocks(tmp_path) == room
+    assert [event.port for event in guarded.diary(tmp_path)] == list(range(1000))
+    diary.tidy()
+    assert (tmp_path / guarded.DIARY).read_bytes().splitlines()[-1].startswith(b"{")
+    assert blocks(tmp_path) < room
+
+
+def test_a_diary_that_nothing_was_written_into_is_none(tmp_path: Path) -> None:
+    diary = Diary(tmp_path)
+    diary.reserve()
+    assert guarded.diary(tmp_path) == []
+    diary.tidy()
+    diary.tidy()
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_line_behind_one_that_was_torn_off_is_whole(tmp_path: Path) -> None:
+    diary = Diary(tmp_path)
+    diary.reserve()
+    diary.write("guard.took_over", "error", "first")
+    with (tmp_path / guarded.DIARY).open("r+b") as file:
+        data = file.read().rstrip(b"\n")
+        file.seek(len(data) - 10)
+        file.write(b"\n" * 10)
+    Diary(tmp_path).write("guard.took_over", "error", "second")
+    assert [event.text for event in guarded.diary(tmp_path)] == ["second"]
+
+
+def test_a_reserve_does_not_cover_what_stands_there(tmp_path: Path) -> None:
+    Diary(tmp_path).write("guard.took_over", "error", "first")
+    second = Diary(tmp_path)
+    second.reserve()
+    second.write("guard.took_over", "error", "second")
+    assert [event.text for event in guarded.diary(tmp_path)] == ["first", "second"]
 
 
 # -- one guard ----------------------------------------------------------------------------------------------------------------

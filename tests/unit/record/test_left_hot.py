@@ -1,0 +1,160 @@
+"""Tools that a dead recorder may have left hot: told in the record, in its exit status, and to whoever recovers it."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import few_rows
+import pytest
+from typer.testing import CliRunner
+
+from jbclog.cli.app import app
+from jbclog.guard.diary import Diary
+from jbclog.record import conclude as concluding
+from jbclog.record import left_hot
+from jbclog.record.check import check
+from jbclog.record.guarded import LEASE
+from jbclog.record.manifest import Manifest, read_manifest, write_manifest
+from jbclog.record.parts import row_groups
+from jbclog.record.recover import Outcome, recover
+from jbclog.rows import StationFacts
+
+TOUCHED = replace(few_rows.facts(), touched=[1, 2], asked_safe_state="stand")
+FEEDS = replace(TOUCHED, touched=[1], may_feed=True)
+SEEN = "Last read 352 °C at 14:13:34 UTC; it may be hot."
+DIED = "Whether the tool was made safe is not known: recorder and guard ended, or could not write it down."
+
+Left = Callable[..., Path]
+
+
+@pytest.fixture
+def left(tmp_path: Path) -> Left:
+    """A run that was cut off with these facts, and with this lease open."""
+
+    def make(facts: StationFacts, *leases: dict[str, object], guard: str = "on") -> Path:
+        store = few_rows.begun(tmp_path)
+        write_manifest(store.folder, Manifest(run=store.folder.name, guard=guard, stations=[replace(facts, touched=[])]))
+        store.facts(facts)
+        few_rows.hand_over(store, range(150))
+        store.commit_now()
+        few_rows.vanish(store)
+        if leases:
+            (store.folder / LEASE).write_text("".join(json.dumps(lease) + "\n" for lease in leases))
+        return store.folder
+
+    return make
+
+
+def lease(*ports: int, feeds: bool = False) -> dict[str, object]:
+    return {"name": "a", "ports": ports, "feeds": feeds}
+
+
+def told(folder: Path) -> list[tuple[int | None, str, float | None]]:
+    """The events that say so."""
+    rows = [row for group in row_groups(folder, "events") for row in group.to_pylist() if row["kind"] == left_hot.KIND]
+    assert {row["severity"] for row in rows} <= {"critical"}
+    return [(row["port"], row["text"], row["value"]) for row in rows]
+
+
+def test_a_lease_that_nobody_closed_is_told_port_by_port_with_what_was_last_read(left: Left) -> None:
+    folder = left(TOUCHED, lease(1, 2))
+    done = recover(folder)
+    assert told(folder) == [(1, f"{DIED} {SEEN}", 352.0), (2, f"{DIED} It was never read; it may be hot.", None)]
+    assert not done.is_safe
+    assert "Tools of a may still be hot: nobody is known to have made them safe." in done.text
+    manifest = read_manifest(folder)
+    assert (manifest.exit_status, manifest.exit_code) == ("lost", 5)
+    assert manifest.stations[0].unsafe == [f"a port {port}: {text}" for port, text, _ in told(folder)]
+    assert check(folder) == []
+
+
+def test_what_was_touched_is_told_although_no_lease_could_be_kept(left: Left) -> None:
+    assert [port for port, _, _ in told(recover(left(TOUCHED)).folder)] == [1, 2]
+
+
+def test_without_a_guard_that_is_the_reason(left: Left) -> None:
+    folder = recover(left(TOUCHED, guard="none")).folder
+    assert told(folder)[0][1].startswith("Whether the tool was made safe is not known: the recorder ended, and there was no guard.")
+
+
+def test_a_diary_that_was_cut_short_leaves_the_others_unknown(left: Left) -> None:
+    """As on a disk that takes no more: the lease stays open then."""
+    folder = left(TOUCHED, lease(1, 2))
+    Diary(folder).write("safety.safe_state", "info", "The tool was put in its safe state.", "a", 1)
+    assert not recover(folder).is_safe
+    assert [port for port, _, _ in told(folder)] == [2]
+
+
+@pytest.mark.parametrize(
+    ("facts", "leases", "hot"),
+    [
+        (FEEDS, [], [1, None]),
+        (FEEDS, [lease(1)], [1, None]),
+        (replace(FEEDS, may_feed=False), [lease(feeds=True)], [1, None]),
+        (replace(TOUCHED, safe_state={1: "verified", 2: "verified"}), [], []),
+        (replace(TOUCHED, outcome="completed", safe_state={1: "verified", 2: "failed"}, unsafe=["a port 2: hot"]), [], []),
+        (replace(TOUCHED, asked_safe_state=""), [], []),  # an OMEGA has none
+        (few_rows.facts(), [], []),
+    ],
+    ids=["feeder", "held", "feeder held", "made safe", "told", "none", "untouched"],
+)
+def test_what_is_known_is_not_told_again(
+    left: Left, facts: StationFacts, leases: list[dict[str, object]], hot: list[int | None]
+) -> None:
+    folder = left(facts, *leases)
+    recover(folder)
+    assert [port for port, _, _ in told(folder)] == hot
+    assert read_manifest(folder).exit_code == (5 if hot or facts.unsafe else 4)
+
+
+def test_a_take_over_that_did_all_is_a_lost_run_and_no_unsafe_one(left: Left) -> None:
+    folder = left(FEEDS)
+    diary = Diary(folder)
+    diary.reserve()
+    diary.write("safety.safe_state", "info", "The tool was put in its safe state.", "a", 1)
+    diary.write("guard.took_over", "error", "The guard took over.")
+    done = recover(folder)
+    assert (done.is_safe, told(folder), read_manifest(folder).exit_code) == (True, [], 4)
+
+
+def test_a_recovery_that_is_cut_off_and_done_again_tells_it_once(left: Left, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder = left(TOUCHED, lease(1, 2))
+
+    def torn(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(concluding, "write_manifest", torn)
+        with pytest.raises(KeyboardInterrupt):
+            recover(folder)
+    recover(folder)
+    assert [port for port, _, _ in told(folder)] == [1, 2]
+    assert check(folder) == []
+
+
+# -- whoever recovers it -------------------------------------------------------------------------------------------------------
+
+
+def test_recover_ends_with_5_until_the_lease_is_closed(left: Left) -> None:
+    folder = left(TOUCHED, lease(1, 2))
+    codes = [CliRunner().invoke(app, ["recover", str(folder)]) for _ in range(2)]
+    assert [ended.exit_code for ended in codes] == [5, 5]
+    assert "finished already; nothing was changed." in codes[1].stdout
+    assert "Tools of a may still be hot" in codes[1].stdout
+    (folder / LEASE).unlink()
+    ended = CliRunner().invoke(app, ["recover", str(folder), "--json"])
+    assert ended.exit_code == 0
+    (run,) = json.loads(ended.stdout)["runs"]
+    assert (run["outcome"], run["safe"]) == (Outcome.WHOLE, True)
+
+
+def test_recover_ends_with_5_where_the_guard_could_not_make_a_tool_safe(left: Left) -> None:
+    folder = left(TOUCHED, lease(2))
+    diary = Diary(folder)
+    diary.write("safety.safe_state", "info", "The tool was put in its safe state.", "a", 1)
+    diary.write("safety.not_safe", "critical", "The tool could not be made safe.", "a", 2)
+    assert CliRunner().invoke(app, ["recover", str(folder)]).exit_code == 5
+    assert (told(folder), read_manifest(folder).exit_code) == ([], 5)
