@@ -18,7 +18,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from jbclog import __version__
-from jbclog.clock import SystemClock
+from jbclog.clock import Clock, FastClock, SystemClock
 from jbclog.dossier import Dossier, Observer, Result
 from jbclog.drive.reactor import Reactor
 from jbclog.drive.signals import Signals
@@ -79,13 +79,20 @@ def _expect_unheld(plan: Plan) -> None:
         raise PortBusy(f"{names}: {who} this port; nothing was sent. End that run, or wait for its end", process)
 
 
+def _clock(plan: Plan) -> tuple[Clock, FastClock | None]:
+    """The run's clock: the host's, or one that goes as fast as that of a recorded run that is served."""
+    replay = plan.line.replay
+    fast = FastClock(replay.speed) if replay is not None and replay.speed != 1.0 else None
+    return fast or SystemClock(), fast
+
+
 class _Run:
     """The state of one run while it goes on."""
 
     def __init__(self, plan: Plan, out: Path, observer: Observer, seal_every_s: float, missed: Callable[[], int]) -> None:
         self._plan = plan
         self._missed = missed
-        self._clock = SystemClock()
+        self._clock, fast = _clock(plan)
         allow_ports(len(plan.stations))
         self._guarding = Guarding()
         self._left_over = settle(out, {station.spec.url for station in plan.stations}, is_held)
@@ -94,7 +101,7 @@ class _Run:
         )
         self._note = self._dossier.note
         self._desks = self._dossier.desks
-        self._reactor = Reactor()
+        self._reactor = Reactor(fast)
         self._wires = WireRecorder(self._dossier.folder) if plan.wanted.wire else None
         self._cut_short: Exit | None = None
         self._have_all_begun = False

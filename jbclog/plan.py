@@ -13,7 +13,7 @@ from pathlib import Path
 from jbclog.commands.family import FAMILIES, Family
 from jbclog.commands.omega_values import ConditionRecord
 from jbclog.errors import Problem, Problems, UsageError
-from jbclog.recipe.line import IS_A_RECIPE, Line, StationSpec, load_line
+from jbclog.recipe.line import IS_A_RECIPE, Line, Replay, StationSpec, load_line
 from jbclog.recipe.load import IS_A_LINE, load_recipe
 from jbclog.recipe.model import Recipe
 from jbclog.recipe.settings import Setting, condition_of, foreign_keys, settings_for, station_settings_for
@@ -148,7 +148,7 @@ def make_plan(wanted: Wanted) -> Plan:
         raise Problems(problems)
     chosen = _chosen(line, wanted)
     problems += [*_without_recipe(line, chosen, recipes), *_unused(line, chosen, wanted)]
-    stations = tuple(station_plan(spec, recipes[spec.name], wanted) for spec in chosen if spec.name in recipes)
+    stations = tuple(station_plan(spec, recipes[spec.name], wanted, line.replay) for spec in chosen if spec.name in recipes)
     for station in stations:
         problems += _mismatches(line, station)
     problems += _missing_metadata(stations, wanted)
@@ -174,6 +174,7 @@ def orders(plan: Plan, t0: float) -> Iterator[Order]:
             t0=t0,
             duration_s=plan.wanted.duration_s,
             rate=station.rate,
+            is_replay=plan.line.replay is not None,
             rated_power_w=spec.rated_power_w,
             allow_omega_write=plan.wanted.allow_omega_write,
         )
@@ -222,14 +223,15 @@ def _chosen(line: Line, wanted: Wanted) -> list[StationSpec]:
     return [spec for spec in line.stations if not wanted.stations or spec.name in wanted.stations]
 
 
-def station_plan(spec: StationSpec, recipe: Recipe, wanted: Wanted) -> StationPlan:
-    """What `wanted` means for one station with its recipe."""
+def station_plan(spec: StationSpec, recipe: Recipe, wanted: Wanted, replay: Replay | None = None) -> StationPlan:
+    """What `wanted` means for one station with its recipe. A recorded run is sampled at its own rate where none is wanted."""
+    rate = replay.rate_hz.get(spec.name) if replay is not None and wanted.rate is None else wanted.rate
     family = None if spec.family == "auto" else FAMILIES[spec.family]
     ports = spec.ports or (family.ports if family else None) or ANSWERING_PORTS
     demand = None
     if family is not None:
         demand = Demand.of(readings_for(family, ports, recipe, spec.line_format, spec.address is not None))
-    return StationPlan(spec, family, ports, recipe, recipe.path.name, wanted.rate, demand)
+    return StationPlan(spec, family, ports, recipe, recipe.path.name, rate, demand)
 
 
 def _with_file_names(stations: tuple[StationPlan, ...]) -> tuple[StationPlan, ...]:

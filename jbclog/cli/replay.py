@@ -15,13 +15,17 @@ from jbclog.errors import UsageError
 
 if TYPE_CHECKING:
     from jbclog.drive.told import Astray
-    from jbclog.replaying import Again, Recording
+    from jbclog.replaying.again import Again, Held
+    from jbclog.replaying.recording import Recording
     from jbclog.rows import EventRow
     from jbclog.session.order import Desk
     from jbclog.sim.tape import TapeStation
 
 SERVED_IN = Path("replayed")
 DOUBTFUL = "The recording is not as it was made: what follows rests on those blocks of it alone whose own check sums hold."
+
+UNSEALED = "nothing was compared: the run is not sealed; `jbclog recover` finishes it"
+SAME = "the same decoded tables"
 
 
 @ends_with_errors_told
@@ -32,7 +36,7 @@ def replay(
     ),
     tcp: str | None = typer.Option(None, metavar="HOST:PORT", help="Serve on TCP, a port a station from this one on."),
     speed: float | None = typer.Option(
-        None, min=0.1, max=1000.0, metavar="FACTOR", help="Answer so many times as fast as then.  [default: 1]"
+        None, min=0.1, max=1000.0, metavar="FACTOR", help="Let time go so many times as fast as then.  [default: 1]"
     ),
     out: Path | None = typer.Option(
         None, "--record", metavar="DIR", help="Serve nothing: live through the run at once, record that below DIR, and compare."
@@ -42,16 +46,32 @@ def replay(
     """Serve a run that was recorded with --wire as virtual stations.
 
     Each answers as it did then: with the same bytes after the same time, corrupt, late, or not at all; a link that was lost
-    is lost again. DIR/line.toml is the line file for `run`; its path is the first line of stdout.
+    is lost again. No answer from behind a recorded write is given before that write comes; a question that comes once more
+    than then gets the last answer before it, and at the end it is told how often. DIR/line.toml is the line file for `run`;
+    its path is the first line of stdout, and the call that records the run again stands on stderr.
+
+    With --speed time goes faster for the stations and, by DIR/line.toml, for the recorder: patience, periods and durations
+    keep their proportions, and the new run's times go so many times as fast from its start on. A speed that the recording
+    or this host does not allow is refused, with the one that is possible.
+
+    A run recorded from served stations has the same settings, counters and kinds of events, and on each tick the same fast
+    signals. What may differ: times, how late a tick was and how long its scan took; the row of a slow signal's reading, and
+    whether the last one falls behind the end, for a slow signal is read when the wire has room, which is a matter of a
+    millisecond; and with corrupt, late or lost answers, the few ticks at which such a slow reading takes the time of the next.
+    Of a run with --rate max the number of rows may differ.
 
     With --record there are no ports and no waiting. The run is lived through on its own clock, and its tables come out the
-    same; what does not is told, and then the exit code is 1. The last line of stdout is the new run's folder.
+    same to the last row: samples, events, settings and counters of all stations, but for the moments at which rows were
+    written and the events of the recorder itself. It says how many rows were compared. The exit code is 1 where anything
+    differs, where nothing was compared, and where the wires kept less than the run, unless the run itself was cut off. The
+    last line of stdout is the new run's folder.
 
     \b
-    Example:
+    Examples:
+      jbclog replay runs/20261121T013000Z-bench-3-k7qd --speed 3
       jbclog replay runs/20261121T013000Z-bench-3-k7qd --record again
     """
-    from jbclog.replaying import open_recording
+    from jbclog.replaying.recording import open_recording
 
     if not run.is_dir():
         raise UsageError(f"{run}: there is no such folder; runs are in `runs/`, or where --out put them")
@@ -73,7 +93,7 @@ def replay(
 
 
 def _serve(recording: Recording, folder: Path, tcp: str | None, speed: float) -> None:
-    from jbclog.replaying import serve
+    from jbclog.replaying.served import serve
     from jbclog.sim.setup import SERVED_LINE, tcp_of
 
     server, stations = serve(recording, folder, tcp_of(tcp) if tcp else None, speed)
@@ -81,21 +101,20 @@ def _serve(recording: Recording, folder: Path, tcp: str | None, speed: float) ->
     tell(str(folder / SERVED_LINE))
     count = len(stations)
     note(f"{count} recorded station{' is' if count == 1 else 's are'} ready; Ctrl-C ends this. In another terminal:")
-    note(f"  {shlex.join(_command(recording, folder / SERVED_LINE, speed))}")
+    note(f"  {shlex.join(_command(recording, folder / SERVED_LINE))}")
     server.run()
     for station in stations:
         _tell_misses(station)
 
 
-def _command(recording: Recording, line: Path, speed: float) -> list[str]:
-    """The run that asks for the same as then."""
-    from jbclog.replaying import plan_of
+def _command(recording: Recording, line: Path) -> list[str]:
+    """The run that asks for the same as then. The line file has the rates that came of it, as far as they are known."""
+    from jbclog.replaying.recording import plan_of
 
-    plan, told, rate = plan_of(recording), recording.metadata, recording.rate
-    if speed != 1.0 and not isinstance(rate, str):
-        rate = (rate or plan.stations[0].rate_hz or 1.0) * speed
+    plan, told = plan_of(recording), recording.metadata
+    rate = None if recording.rates_hz else recording.first.rate
     options = [("--rate", f"{rate:g}" if isinstance(rate, float) else rate)]
-    options += [("--duration", None if recording.sampled_s is None else f"{recording.sampled_s / speed:g}s")]
+    options += [("--duration", None if recording.sampled_s is None else f"{recording.sampled_s:g}s")]
     options += [("--operator", told.operator), ("--order", told.order), ("--product", told.product)]
     options += [("--unit", unit) for unit in told.units] + [("--tag", f"{name}={text}") for name, text in told.tags.items()]
     words = ["jbclog", "run", "--line", str(line), *(word for name, text in options if text for word in (name, text))]
@@ -106,7 +125,9 @@ def _tell_misses(station: TapeStation) -> None:
     if station.strange:
         note(f"{station.name}: {station.strange} times it was asked what the recording does not have; it was silent")
     if again := sum(station.repeated.values()):
-        note(f"{station.name}: {again} questions came more often than they were recorded")
+        note(f"{station.name}: {again} questions came more often than they were recorded, and got the last answer before them")
+    if station.left_out:
+        note(f"{station.name}: {station.left_out} recorded questions did not come, and their answers were left out")
 
 
 # -- at once --------------------------------------------------------------------------------------------------------------------
@@ -125,29 +146,49 @@ class _Nobody:
 
 
 def _record(recording: Recording, out: Path, doubts: Sequence[str], *, as_json: bool) -> int:
-    from jbclog.replaying import compare, record_again
+    from jbclog.replaying.again import compare, record_again
 
     again = record_again(recording, out, _Nobody())
-    found = compare(recording, again)
+    held = compare(recording, again)
     left = [_told(name, astray, recording) for name, astray in again.left.items()]
     if as_json:
-        told = {"same": found == [], "differences": found, "left": left, "doubts": list(doubts)}
-        tell_json({"run": str(again.result.folder), **told})
+        tell_json({"run": str(again.result.folder), **_held_json(held), "left": left, "doubts": list(doubts)})
     else:
-        _tell(again, found, left)
-    return 1 if found or doubts or any(not astray.is_cut_off for astray in again.left.values()) else 0
+        _tell(again, held, left)
+    return 0 if held is not None and held.is_same and not doubts else 1
 
 
-def _tell(again: Again, found: Sequence[str] | None, left: Sequence[str]) -> None:
+def _held_json(held: Held | None) -> dict[str, object]:
+    if held is None:
+        return {"same": False, "differences": None, "compared": None, "uncompared": [UNSEALED]}
+    compared = {table: {"rows": rows, "recorded": recorded} for table, (rows, recorded) in held.counts.items()}
+    found = {"differences": held.comparison.differences, "compared": compared, "uncompared": held.uncompared}
+    return {"same": held.is_same, **found}
+
+
+def _tell(again: Again, held: Held | None, left: Sequence[str]) -> None:
     for text in left:
         note(text)
-    for text in found or ():
-        tell(text)
-    if found is None:
-        note("nothing to compare it with: the run is not sealed; `jbclog recover` finishes it")
+    if held is None:
+        note(UNSEALED)
     else:
-        note(f"{len(found)} differences" if found else "the same decoded tables")
+        _tell_held(held)
     tell(str(again.result.folder))
+
+
+def _tell_held(held: Held) -> None:
+    differences = held.comparison.differences
+    for text in differences:
+        tell(text)
+    for text in held.uncompared:
+        note(text)
+    note(held.compared)
+    if held.is_same:
+        note("the same decoded tables, as far as the wires of a run that was cut off go" if held.lacking else SAME)
+    elif differences:
+        note(f"{len(differences)} differences")
+    else:
+        note("no proof: the wires kept less than the run" if held.uncompared else "no proof: a session left its recording")
 
 
 def _told(name: str, astray: Astray, recording: Recording) -> str:

@@ -36,10 +36,17 @@ class _Loop(asyncio.SelectorEventLoop):
         return _now()
 
 
+def _as_it_is(moment: float) -> float:
+    return moment
+
+
 class Reactor:
     """Pulls sessions until all have ended."""
 
-    def __init__(self) -> None:
+    def __init__(self, fast: clock.FastClock | None = None) -> None:
+        """The sessions' moments are the host's, or those of a `fast` clock."""
+        self.now = fast.monotonic if fast else _now
+        self._elapsed_at = fast.elapsed_at if fast else _as_it_is
         self.loop = _Loop(exact_selector())
         self.readers = Readers(self.loop)
         self.openers = ThreadPoolExecutor(OPENERS, thread_name_prefix="open-port")
@@ -107,14 +114,15 @@ class Reactor:
 
     def _set_timer(self) -> None:
         first = self._alarms[0][0] if self._alarms else NEVER
+        ring_at = self._elapsed_at(first)
         if self._timer is not None:
-            if self._timer.when() <= first:
+            if self._timer.when() <= ring_at:
                 return
             self._timer.cancel()
-        self._timer = self.loop.call_at(first, self._ring) if self._alarms else None
+        self._timer = self.loop.call_at(ring_at, self._ring) if self._alarms else None
 
     def _ring(self) -> None:
-        now, alarms = _now(), self._alarms
+        now, alarms = self.now(), self._alarms
         try:
             while alarms and alarms[0][0] <= now:
                 moment, _, wire = heappop(alarms)
@@ -139,6 +147,7 @@ class Wire:
         "_is_told_to_end",
         "_listening",
         "_loop",
+        "_now",
         "_open_port",
         "_opening",
         "_port",
@@ -154,6 +163,7 @@ class Wire:
     def __init__(self, reactor: Reactor, session: Session, open_port: OpenPort) -> None:
         self._reactor = reactor
         self._loop = reactor.loop
+        self._now = reactor.now
         self._session = session
         self._send, self._throw = session.send, session.throw
         self._open_port = open_port
@@ -234,7 +244,7 @@ class Wire:
         try:
             if self._port is None:
                 raise self._broken or LinkError("the port is not open")
-            self._sent = sent = _now()  # before writing: after it this thread may have to wait for its turn to go on
+            self._sent = sent = self._now()  # before writing: after it this thread may have to wait for its turn to go on
             self._port.write(wish.data)
         except LinkError as error:
             self._drop_port()
@@ -266,7 +276,7 @@ class Wire:
         if armed != self._armed:
             return  # an earlier one was set since
         self._armed = NEVER
-        now, deadline = _now(), self._deadline
+        now, deadline = self._now(), self._deadline
         if now < deadline:
             self._arm(deadline)
             return
@@ -294,7 +304,7 @@ class Wire:
         if self._listening:
             self._listening = False
             self._deadline = NEVER
-            self._resume(Heard(_now(), data, self._sent))
+            self._resume(Heard(self._now(), data, self._sent))
         else:
             self._unasked += data
 
@@ -333,7 +343,7 @@ class Wire:
         elif error is not None:
             self._fail(LinkError(f"opening the port failed: {error}"))
         else:
-            self._resume(Heard(_now(), b"", self._sent))
+            self._resume(Heard(self._now(), b"", self._sent))
 
     def _take_port(self, port: Port) -> None:
         self._port, self._broken, self._unasked = port, None, b""

@@ -105,8 +105,20 @@ class Head(Table):
     name: Name = Field(description=NAME_ALLOWED)
 
 
+class Replay(Table):
+    """What `jbclog replay` writes into the line file for the run: the stations are a recorded run, and this is its pace.
+
+    `speed` is how many times as fast as then time goes, for the stations and for the recorder; `rate_hz` are the rates
+    that came of the recorded run, by station.
+    """
+
+    speed: float = Field(1.0, ge=0.1, le=1000.0, description="from 0.1 to 1000")
+    rate_hz: dict[str, Annotated[float, Field(gt=0, le=1000)]] = Field({}, description="Hz by the stations' names")
+
+
 class LineTables(Table):
     line: Head = Field(description='a table with the line\'s name: [line] name = "bench-3"')
+    replay: Replay | None = Field(None, description="a table that `jbclog replay` writes")
     station: Annotated[tuple[dict[str, object], ...], FromList] = Field(
         min_length=1, description="at least one table [[station]] with name, url and family"
     )
@@ -118,6 +130,7 @@ class Line(Table):
     name: str
     stations: tuple[StationSpec, ...]
     source: TomlText = Field(repr=False)
+    replay: Replay | None = None
 
     @property
     def path(self) -> Path:
@@ -159,7 +172,7 @@ def parse_line(text: str, path: Path) -> Line:
     if problems or tables is None:
         raise Problems(shortened(problems))
     found = tuple(_placed(station, path) for station in stations if station is not None)
-    return Line(name=tables.line.name, stations=found, source=source)
+    return Line(name=tables.line.name, stations=found, source=source, replay=tables.replay)
 
 
 def _station_tables(source: TomlText) -> Iterator[tuple[int, dict[str, object]]]:

@@ -5,16 +5,23 @@ from __future__ import annotations
 import json
 from collections.abc import Iterable, Iterator
 
-from jbclog.recipe.line import StationTable
+from jbclog.recipe.line import Replay, StationTable
 
 Described = tuple[StationTable, str]
 """A station and what is said of it in a comment above it, or nothing."""
 
 
-def line_text(name: str, stations: Iterable[Described], heading: str) -> str:
+def line_text(name: str, stations: Iterable[Described], heading: str, replay: Replay | None = None) -> str:
     """The text of a line file. `heading` and what is said of stations become comments."""
     parts = ["\n".join(_station(station, said)) for station, said in stations]
-    return f"{_comment(heading)}[line]\nname = {quoted(name)}\n" + "".join(parts)
+    return f"{_comment(heading)}[line]\nname = {quoted(name)}\n{_replay(replay)}" + "".join(parts)
+
+
+def _replay(replay: Replay | None) -> str:
+    if replay is None:
+        return ""
+    rates = ", ".join(f"{quoted(name)} = {float(rate)!r}" for name, rate in replay.rate_hz.items())
+    return f"\n[replay]\nspeed = {float(replay.speed)!r}\nrate_hz = {{ {rates} }}\n"
 
 
 def _comment(text: str) -> str:

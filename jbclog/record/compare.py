@@ -1,12 +1,13 @@
 """Two records of the same happenings held against each other: everything but the moments at which rows were written.
 
 Times of rows follow the wall clock, which drifts; how late a tick was and how long its scan took do not, and are compared.
+How much was compared is part of what comes out: two records that share nothing do not differ either.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import asdict
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass
 from itertools import zip_longest
 from pathlib import Path
 from typing import Final
@@ -22,18 +23,72 @@ Value = object
 Rows = list[tuple[Value, ...]]
 
 
-def differences(first: Path, second: Path, *, prefix: bool = False) -> list[str]:
-    """What the sealed run in `second` has other than the one in `first`, as sentences; none where they say the same.
+@dataclass(frozen=True, slots=True)
+class Compared:
+    """One table of one station: its rows in the first record and in the second, and what differs as far as both go."""
 
-    With `prefix` one of them may have been cut off: tables are compared as far as both go. Events of the run as a whole
-    are left out: they belong to the recorder and its host. Raises `RecordError`.
+    table: str
+    station: str
+    first: int
+    second: int
+    differing: tuple[str, ...]
+
+    @property
+    def rows(self) -> int:
+        """How many rows were held against each other."""
+        return min(self.first, self.second)
+
+
+@dataclass(frozen=True, slots=True)
+class Comparison:
+    """All tables of all stations, and what the manifests say otherwise. `is_cut` names the records that lack their ends."""
+
+    tables: Sequence[Compared]
+    facts: Sequence[str]
+    is_cut: bool
+
+    @property
+    def differences(self) -> list[str]:
+        """What the second record has other than the first, as sentences; where one was cut, as far as both go."""
+        found: list[str] = []
+        for one in self.tables:
+            if one.first != one.second and not self.is_cut:
+                found.append(f"{one.table}, {one.station}: {one.second} rows instead of {one.first}")
+            found += one.differing
+        return [*found, *self.facts]
+
+    @property
+    def rows(self) -> int:
+        """How many rows were held against each other in all."""
+        return sum(one.rows for one in self.tables)
+
+    def share(self, table: str) -> tuple[int, int]:
+        """Of how many rows of a table in the first record how many were held against the second: (compared, recorded)."""
+        ones = [one for one in self.tables if one.table == table]
+        return sum(one.rows for one in ones), sum(one.first for one in ones)
+
+    @property
+    def lacking(self) -> list[str]:
+        """The tables of which the second record has less than the first, as sentences."""
+        short = (one for one in self.tables if one.second < one.first)
+        return [f"{one.table}, {one.station}: only {one.second} of {one.first} rows could be compared" for one in short]
+
+
+def compare_records(first: Path, second: Path, *, is_cut: bool = False) -> Comparison:
+    """Hold the sealed run in `second` against the one in `first`.
+
+    Where `is_cut`, one of them may lack its end: tables are compared as far as both go, and what their manifests know of the
+    whole is not. Events of the run as a whole are left out: they belong to the recorder and its host. Raises `RecordError`.
     """
-    found: list[str] = []
-    for table in TABLES:
-        ours, theirs = _by_station(first, table), _by_station(second, table)
-        for station in sorted(ours.keys() | theirs.keys()):
-            found += _differing(table, station, ours.get(station, []), theirs.get(station, []), prefix)
-    return found if prefix else [*found, *_differing_facts(first, second)]
+    tables = [one for table in TABLES for one in _compared(first, second, table)]
+    return Comparison(tables, [] if is_cut else list(_differing_facts(first, second)), is_cut)
+
+
+def _compared(first: Path, second: Path, table: str) -> Iterator[Compared]:
+    ours, theirs = _by_station(first, table), _by_station(second, table)
+    for station in sorted(ours.keys() | theirs.keys()):
+        mine, others = ours.get(station, []), theirs.get(station, [])
+        yield Compared(table, station, len(mine), len(others), tuple(_differing(table, station, mine, others)))
 
 
 def _by_station(folder: Path, table: str) -> dict[str, Rows]:
@@ -47,10 +102,8 @@ def _by_station(folder: Path, table: str) -> dict[str, Rows]:
     return found
 
 
-def _differing(table: str, station: str, ours: Rows, theirs: Rows, prefix: bool) -> Iterator[str]:
+def _differing(table: str, station: str, ours: Rows, theirs: Rows) -> Iterator[str]:
     columns = [name for name in SCHEMAS[table].names if name not in LEFT_OUT]
-    if len(ours) != len(theirs) and not prefix:
-        yield f"{table}, {station}: {len(theirs)} rows instead of {len(ours)}"
     pairs = [(number, *pair) for number, pair in enumerate(zip(ours, theirs, strict=False)) if pair[0] != pair[1]]
     for number, mine, other in pairs[:MOST_TOLD]:
         named = (f"{name} {b!r} instead of {a!r}" for name, a, b in zip(columns, mine, other, strict=True) if a != b)

@@ -58,7 +58,7 @@ def _rate_hz(desk: Desk, demand: Demand, turnaround_s: float) -> float:
     if asked == AS_FIT:
         return min(wished, best)
     problem = rate_problem(desk.name, wished, demand, turnaround_s)
-    if problem:
+    if problem and not desk.order.is_replay:
         raise StartRefused(problem)
     return wished
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from time import monotonic
 
 from jbclog.errors import UsageError
-from jbclog.recipe.line import Line
+from jbclog.recipe.line import Line, Replay
 from jbclog.recipe.line_text import line_text
 from jbclog.sim.links import Link, PtyLink, TcpLink
 from jbclog.sim.make import virtual_station
@@ -30,10 +30,12 @@ def set_up(
     tcp: Tcp | None = None,
     wire_file: WireFile | None = None,
     stations: Sequence[Servable] | None = None,
+    replay: Replay | None = None,
 ) -> Server:
     """Make the line's ports appear in `folder` (or on TCP) and write `folder/line.toml`; `run` then serves them.
 
-    `stations` are what is served, in the line's order; without them the virtual ones that the line describes.
+    `stations` are what is served, in the line's order; without them the virtual ones that the line describes. `replay` is
+    at which pace, where they are a recorded run.
     Raises `UsageError` where a station cannot be virtual or a link cannot be made.
     """
     allow_descriptors(DESCRIPTORS_EACH * len(line.stations) + DESCRIPTORS_BESIDE)
@@ -47,7 +49,7 @@ def set_up(
     _make(folder)
     try:
         server.open()
-        served_line.write_text(_served_text(line, [link.url for link in links]), encoding="utf-8")
+        served_line.write_text(_served_text(line, [link.url for link in links], replay), encoding="utf-8")
     except BaseException as error:
         server.close()
         if isinstance(error, OSError):
@@ -74,10 +76,11 @@ def tcp_of(text: str) -> Tcp:
     return host.strip("[]") or "127.0.0.1", int(port)
 
 
-def _served_text(line: Line, urls: Sequence[str]) -> str:
+def _served_text(line: Line, urls: Sequence[str], replay: Replay | None) -> str:
     """The text of a line file like `line` with these urls, all paths absolute."""
     stations = [(station.model_copy(update={"url": url}), "") for station, url in zip(line.stations, urls, strict=True)]
-    return line_text(line.name, stations, f"Virtual stations, made by jbclog sim from {line.path}")
+    by = "sim" if replay is None else "replay"
+    return line_text(line.name, stations, f"Virtual stations, made by jbclog {by} from {line.path}", replay)
 
 
 def _tcp_links(line: Line, tcp: Tcp, waiter: Waiter) -> list[Link]:

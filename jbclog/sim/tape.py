@@ -5,94 +5,75 @@ lost after a question, it is lost again, for as long. The rules of what is next:
 
 1. Each question has its own row of answers in the order in which they were recorded, and each asking takes the next: so
    a client that asks in a slightly other order gets the same values all the same.
-2. Answers far behind the place on the tape that the client has otherwise come to are left out, while later ones are there.
-   So is everything before a question that was asked only once, and far ahead of that place: an order at the end.
-3. Asked somewhat more often than then, a question gets its last answer again; then there is silence. A question that was
-   never asked is met with silence at once: nothing is made up.
+2. Nothing from behind a recorded write is given before that write comes, and nothing from before it afterwards (the
+   stretches of `exchanges`). A write that comes is where the client is, whatever it left out.
+3. The client's clock and the tape's go alike. What a host loses in handing bytes over it gets back with the next answer. An
+   answer well behind the client's time is left out where a later one is
+   nearer: who missed a tick gets the values of the tick that he is at.
+4. Asked once more than then, a question gets what stands at this place of the tape: its last answer. `repeated` counts
+   that. Behind the tape's end that happens a few times, then there is silence. So it is where a question was never
+   recorded, which `strange` counts: nothing is made up.
 """
 
 from __future__ import annotations
 
 from collections import Counter, defaultdict, deque
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, field
 from math import inf
 from statistics import median_low
 
+from jbclog.sim.exchanges import Contents, Exchange, Ticks, exchanges, is_write
 from jbclog.sim.virtual import Reply
-from jbclog.tape import Passed, Row
+from jbclog.tape import Row
 
-LATELY = 16  # exchanges whose middle one is the place on the tape: a single one may lie far ahead
-FAR = 32  # exchanges from that: half a second of a full wire
-AGAIN = 3  # times that a question gets its last answer once more
-
-
-@dataclass(slots=True)
-class Exchange:
-    """One question as it was recorded, and what came of it until the next; seconds count from the question.
-
-    `place` is its number on the tape.
-    """
-
-    place: int
-    question: bytes
-    replies: list[tuple[float, bytes]] = field(default_factory=list)
-    lost_s: float | None = None  # when the link was lost after it
-    back_s: float = inf
-
-    def lost(self, after_s: float) -> None:
-        """The link was lost, or was still away."""
-        self.lost_s, self.back_s = after_s if self.lost_s is None else self.lost_s, inf
-
-
-def exchanges(rows: Iterable[Row]) -> Iterator[Exchange]:
-    """The exchanges on a tape, in order. What came before the first question belongs to none."""
-    one, asked_at, down_since = None, 0.0, 0.0
-    for row in rows:
-        if not isinstance(row, Passed):
-            continue
-        if row.what == "sent":
-            if one is not None:
-                yield one
-            one, asked_at = Exchange(0 if one is None else one.place + 1, row.data), row.at_s
-        elif one is None:
-            continue
-        elif row.what == "heard":
-            one.replies.append((row.at_s - asked_at, row.data))
-        elif row.what in ("lost", "failed"):
-            one.lost(row.at_s - asked_at)
-            down_since = row.at_s
-        elif row.what == "opened" and one.lost_s is not None and one.back_s == inf:
-            one.back_s = (down_since + row.at_s) / 2 - asked_at  # it came back between the last try that failed and this one
-    if one is not None:
-        yield one
+LATELY = 16  # exchanges by whose times the two clocks are held against each other
+NEAR = 0.25  # of the time between two answers to one question: within it the nearer one is meant, whatever the order says
+MADE_GOOD_S = 0.02  # that a question may be early or late on the tape's clock and its answer at its moment all the same
+LEFT = 0.5  # of a recorded delay, at least
+AGAIN = 3  # times that a question gets its last answer once more where nothing tells whether the tape is over
 
 
 class TapeStation:
     """A station that plays `rows`. They are read when they are needed; `speed` divides all delays.
 
     Recorded delays hold what it took to hand bytes over; who serves it on a port, where that is taken again, has each
-    answer begin `early_s` before its time.
+    answer begin `early_s` before its time. `ticks` is the grid on which it was sampled, where that is known.
 
-    `strange` counts what was heard and never recorded, `repeated` the questions that came more often than they were recorded.
+    `strange` counts what was heard and never recorded, `repeated` the questions that came more often than they were
+    recorded, `left_out` the recorded ones that the client has passed without asking them.
     """
 
-    def __init__(self, name: str, rows: Callable[[], Iterable[Row]], speed: float = 1.0, early_s: float = 0.0) -> None:
+    def __init__(
+        self,
+        name: str,
+        rows: Callable[[], Iterable[Row]],
+        speed: float = 1.0,
+        early_s: float = 0.0,
+        ticks: Ticks | None = None,
+    ) -> None:
         self.name = name
         self.strange = 0
         self.repeated: Counter[bytes] = Counter()
+        self.left_out = 0
         self._speed = speed
         self._early_s = early_s
-        self._coming = exchanges(rows())
+        self._ticks = ticks
+        first_s = ticks.first_s if ticks else None
+        self._contents = Contents.of(exchanges(rows(), first_s))
+        self._coming = exchanges(rows(), first_s)
+        self._ahead = next(self._coming, None)
         self._rows: defaultdict[bytes, deque[Exchange]] = defaultdict(deque)
         self._last: dict[bytes, Exchange] = {}
-        self._known = Counter(row.data for row in rows() if isinstance(row, Passed) and row.what == "sent")
-        self._starts = {question[:length] for question in self._known for length in range(1, len(question))}
-        self._lengths = sorted({len(question) for question in self._known}, reverse=True)
+        self._answered: dict[bytes, Exchange] = {}
+        self._starts = {question[:length] for question in self._contents.known for length in range(1, len(question))}
+        self._lengths = sorted({len(question) for question in self._contents.known}, reverse=True)
         self._heard = b""
         self._outages: list[tuple[float, float]] = []
-        self._lately: deque[int] = deque(maxlen=LATELY)
-        self._floor = 0  # what lies before this place is left out
+        self._stretch = 0
+        self._again: Counter[bytes] = Counter()  # as `repeated`, in this stretch
+        self._offsets: deque[float] = deque(maxlen=LATELY)  # tape's clock less the client's, of the last exchanges
+        self._tick_offsets: deque[float] = deque(maxlen=LATELY)  # the same, of questions that began a tick at its time
+        self._is_in_time = False  # whether these tell the place on the tape
 
     def receive(self, data: bytes, now: float) -> list[Reply]:
         """What comes back to `data` written at `now`: bytes, each with the moment at which they are there."""
@@ -115,7 +96,7 @@ class TapeStation:
         self._heard += data
         dropped = False
         while self._heard and self._heard not in self._starts:
-            length = next((length for length in self._lengths if self._heard[:length] in self._known), 0)
+            length = next((length for length in self._lengths if self._heard[:length] in self._contents.known), 0)
             if length:
                 yield self._heard[:length]
             dropped |= not length
@@ -123,41 +104,120 @@ class TapeStation:
         self.strange += dropped
 
     def _replies(self, question: bytes, now: float) -> list[Reply]:
+        self._enter(question)
         one = self._next(question, now)
         if one is None:
-            self.repeated[question] += 1
-            one = self._last[question] if self.repeated[question] <= AGAIN else Exchange(0, question)
+            one, behind_s = self._once_more(question, now), 0.0
         else:
             self._go_on(one, now)
-        return [Reply(now + max(delay_s / self._speed - self._early_s, 0.0), data) for delay_s, data in one.replies]
+            behind_s = self._behind_s(one, now)
+        return [Reply(now + self._delay_s(delay_s, behind_s), data) for delay_s, data in one.replies]
+
+    def _behind_s(self, one: Exchange, now: float) -> float:
+        """How much later than then the client asked, as far as only the handing over of bytes explains it."""
+        behind_s = self._time(now) - one.at_s
+        return behind_s if abs(behind_s) <= MADE_GOOD_S else 0.0
+
+    def _delay_s(self, delay_s: float, behind_s: float) -> float:
+        """What is left of a recorded delay: the client is to have the answer at its moment, and not still later."""
+        return max(max(delay_s - behind_s, LEFT * delay_s) / self._speed - self._early_s, 0.0)
+
+    # -- the place on the tape ------------------------------------------------------------------------------------------
+
+    def _time(self, now: float) -> float:
+        """The client's time on the tape's clock."""
+        return now * self._speed + median_low(self._tick_offsets or self._offsets)
+
+    def _enter(self, question: bytes) -> None:
+        """Go on to the stretch that begins with this question, where it begins one and is not waited for in this one."""
+        found = self._written(question) if is_write(question) else self._sampled(question)
+        if found is not None:
+            self._begin(found)
+
+    def _written(self, question: bytes) -> int | None:
+        """The number of the next stretch that begins with this write; None where it belongs to this one, or to none."""
+        firsts = self._contents.firsts
+        if firsts[self._stretch] == question and self._reach(question, 1):
+            return None
+        return next((number for number in range(self._stretch + 1, len(firsts)) if firsts[number] == question), None)
+
+    def _sampled(self, question: bytes) -> int | None:
+        """The number of the next stretch, where it begins with the first tick and the client has come to that."""
+        firsts, number = self._contents.firsts, self._stretch + 1
+        if number >= len(firsts) or is_write(firsts[number]) or self._reach(question, 1):
+            return None
+        return number if firsts[number] == question or self._again[question] >= AGAIN else None
+
+    def _begin(self, stretch: int) -> None:
+        """What lies before this stretch is over."""
+        is_first_tick = not is_write(self._contents.firsts[stretch])
+        self._stretch = stretch
+        self._again.clear()
+        for row in self._rows.values():
+            self.left_out += len(row)
+            row.clear()
+        while self._ahead is not None and self._ahead.stretch < stretch:
+            self.left_out += 1
+            self._ahead = next(self._coming, None)
+        if is_first_tick:
+            self._offsets.clear()
+            self._tick_offsets.clear()
+            self._is_in_time = True
+
+    def _reach(self, question: bytes, count: int, until_s: float = inf) -> bool:
+        """Read on until so many exchanges with that question wait, or to a time; never over the end of this stretch."""
+        row = self._rows[question]
+        while len(row) < count:
+            one = self._ahead
+            if one is None or one.stretch > self._stretch or one.at_s > until_s:
+                return False
+            self._rows[one.question].append(one)
+            self._ahead = next(self._coming, None)
+        return True
 
     def _next(self, question: bytes, now: float) -> Exchange | None:
-        """The next exchange with that question; earlier ones are left out where they lie behind."""
+        """The exchange with that question that is due; None where it is not due yet, or never again in this stretch."""
         row = self._rows[question]
-        while self._reach(question, 1) and row[0].place < self._floor and self._reach(question, 2):
+        if not (self._is_in_time and self._offsets):
+            return row.popleft() if self._reach(question, 1) else None
+        time_s, last = self._time(now), self._last.get(question)
+        if last is not None and last.stretch == self._stretch:
+            far_s = last.at_s + max(time_s - last.at_s, 0.0) / NEAR
+            if not self._reach(question, 1, far_s) or row[0].at_s > far_s:
+                return None
+        while self._reach(question, 2, 2 * time_s - row[0].at_s if row else inf) and self._is_behind(row, time_s):
+            self.left_out += 1
             self._lose(row.popleft(), now)
         return row.popleft() if row else None
 
-    def _reach(self, question: bytes, count: int) -> bool:
-        """Read on until so many exchanges with that question wait; those before them wait for theirs."""
-        row = self._rows[question]
-        while len(row) < count:
-            one = next(self._coming, None)
-            if one is None:
-                return False
-            self._rows[one.question].append(one)
-        return True
+    @staticmethod
+    def _is_behind(row: deque[Exchange], time_s: float) -> bool:
+        """Whether the second of a row is meant, and not the first."""
+        return time_s > row[1].at_s - NEAR * (row[1].at_s - row[0].at_s)
+
+    def _once_more(self, question: bytes, now: float) -> Exchange:
+        """What stands at this place of the tape."""
+        self.repeated[question] += 1
+        self._again[question] += 1
+        is_over = not self._is_in_time or not self._offsets or self._time(now) > self._contents.last_s
+        silence = Exchange(question, 0.0)
+        return silence if is_over and self._again[question] > AGAIN else self._answered.get(question, silence)
 
     def _go_on(self, one: Exchange, now: float) -> None:
         """This exchange happens: the place on the tape, and the link, are what they were then."""
         self._last[one.question] = one
-        place = median_low(self._lately) if self._lately else one.place
-        if self._known[one.question] == 1 and one.place > place + FAR:
-            self._floor = one.place
-        self._lately.append(one.place)
-        if len(self._lately) == LATELY:
-            self._floor = max(self._floor, median_low(self._lately) - FAR)
+        if one.replies:
+            self._answered[one.question] = one
+        self._set_clock(one, one.at_s - now * self._speed)
         self._lose(one, now)
+
+    def _set_clock(self, one: Exchange, offset: float) -> None:
+        """Hold the two clocks against each other: where both are on a grid, by what began ticks at their times."""
+        self._offsets.append(offset)
+        self._is_in_time |= len(self._offsets) == LATELY
+        ticks = self._ticks
+        if ticks is not None and one.question == self._contents.sampled and ticks.is_on_time(one.at_s):
+            self._tick_offsets.append(offset)
 
     def _lose(self, one: Exchange, now: float) -> None:
         """Lose the link where it was lost after this exchange."""

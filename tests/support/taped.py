@@ -4,23 +4,28 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from random import Random
 
 from virtual_run import RECIPE, Memory, VirtualRun, prepare
 
 from jbclog.clock import UtcOffset, VirtualClock
 from jbclog.drive.told import Astray, keeping
-from jbclog.drive.virtual import Peer
+from jbclog.drive.virtual import Peer, VirtualDriver
 from jbclog.effects import Steps
 from jbclog.plan import orders
 from jbclog.record.wire import Head
 from jbclog.record.wire_recorder import Keep, WireRecorder
-from jbclog.replaying import Recording, open_recording, plan_of, relive
+from jbclog.replaying.again import relive
+from jbclog.replaying.recording import Recording, open_recording, plan_of
+from jbclog.replaying.served import station_of
 from jbclog.rows import StationFacts
 from jbclog.session.order import Desk, Order
+from jbclog.session.run import run_station
+from jbclog.sim.tape import TapeStation
 from jbclog.tape import Passed, Told
 
 RECIPE_FILE = "recipe.toml"
-WRITE_EVERY_S = 20.0
+WRITE_EVERY_S = 0.5
 
 
 class TapedCable:
@@ -99,3 +104,41 @@ def relived(folder: Path) -> tuple[Memory, dict[str, Astray]]:
 
 def desks_of(recording: Recording, memory: Memory, clock: VirtualClock) -> list[Desk]:
     return [Desk(order, memory, UtcOffset(clock)) for order in orders(plan_of(recording), clock.monotonic())]
+
+
+class Handing:
+    """A taped station behind a port: each answer comes a little before or after its moment, and some come much later, as on a
+    host that does other things."""
+
+    def __init__(self, station: TapeStation, most_s: float, stalls: Sequence[float] = (), seed: int = 1) -> None:
+        """`stalls`: seconds that every hundredth answer is held up, one after the other, again from the first."""
+        self.station = station
+        self._most_s = most_s
+        self._stalls = stalls
+        self._count = 0
+        self._random = Random(seed)
+
+    def receive(self, data: bytes, now: float) -> Sequence[tuple[float, bytes]]:
+        return [
+            (at + self._random.uniform(-self._most_s, self._most_s) + self._stall(), said)
+            for at, said in self.station.receive(data, now)
+        ]
+
+    def _stall(self) -> float:
+        self._count += 1
+        number, rest = divmod(self._count, 100)
+        return self._stalls[number % len(self._stalls)] if self._stalls and not rest else 0.0
+
+    def hung_up(self, now: float) -> bool:
+        return self.station.hung_up(now)
+
+
+def recorded_again(folder: Path, most_s: float = 0.0, stalls: Sequence[float] = ()) -> tuple[Memory, dict[str, TapeStation]]:
+    """A recorded run, served and recorded again by sessions that know nothing of it; each answer up to `most_s` early or late."""
+    recording, clock = open_recording(folder), VirtualClock(5000.0)
+    memory, driver, stations = Memory(), VirtualDriver(clock), dict[str, TapeStation]()
+    for desk in desks_of(recording, memory, clock):
+        stations[desk.name] = station_of(recording, desk.name)
+        driver.add(run_station(desk), Handing(stations[desk.name], most_s, stalls))
+    driver.run()
+    return memory, stations

@@ -48,7 +48,7 @@ MAY_USE = {
     "dossier": f"{BOTTOM} plan outcome session record judge",
     "guarding": "guard rows",
     "conduct": f"{BOTTOM} dossier guarding guard plan outcome session drive transport record",
-    "replaying": f"{BOTTOM} dossier plan recipe session drive record sim",
+    "replaying": "dossier plan recipe session drive record sim clock rows effects tape errors",
     "jbclog": "analysis errors",  # public names, loaded when they are used
 }
 """Room -> the rooms that it may import. `cli` may import all; a room that is not here must be given a row."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
@@ -10,9 +11,11 @@ from virtual_run import line_text
 
 from jbclog.clock import VirtualClock
 from jbclog.errors import RecordError, UsageError
+from jbclog.plan import Wanted, make_plan, orders
 from jbclog.recipe.line import load_line
 from jbclog.record.manifest import Manifest, Metadata, write_manifest
-from jbclog.replaying import Recording, open_recording, plan_of, serve
+from jbclog.replaying.recording import Recording, open_recording, plan_of
+from jbclog.replaying.served import limits, serve
 from jbclog.rows import StationFacts
 
 
@@ -37,7 +40,7 @@ def with_manifest(folder: Path, *stations: StationFacts) -> Recording:
 
 def test_without_a_manifest_the_wires_say_what_was_ordered(folder: Path) -> None:
     recording = open_recording(folder)
-    assert (recording.rate, recording.sampled_s, recording.manifest) == ("fit", None, None)
+    assert (recording.rates_hz, recording.ticks("dde-1"), recording.sampled_s, recording.manifest) == ({}, None, None, None)
     assert recording.metadata.tags == {"replay_of": "run"}
     plan = plan_of(recording)
     assert (plan.wanted.rate, plan.wanted.duration_s, plan.wanted.guard) == ("fit", None, False)
@@ -45,26 +48,64 @@ def test_without_a_manifest_the_wires_say_what_was_ordered(folder: Path) -> None
 
 
 def test_what_came_of_a_rate_and_of_a_run_that_was_ended(folder: Path) -> None:
-    assert with_manifest(folder, facts("dde-1", 0.1, 25)).rate == 10.0
-    assert with_manifest(folder, facts("dde-1", 0.1, 25)).sampled_s == pytest.approx(2.5)
+    one = with_manifest(folder, facts("dde-1", 0.1, 25))
+    assert (one.rates_hz, one.sampled_s) == ({"dde-1": 10.0}, pytest.approx(2.5))
+    assert one.ticks("dde-1") == (pytest.approx(1001.0), 0.1)
     two = with_manifest(folder, facts("dde-1", 0.1, 25), facts("dde-2", 0.2, 15))
-    assert (two.rate, two.sampled_s) == ("fit", pytest.approx(3.0))
-    assert with_manifest(folder, facts("dde-1", None, 25)).sampled_s is None
+    assert (two.rates_hz, two.sampled_s) == ({"dde-1": 10.0, "dde-2": 5.0}, pytest.approx(3.0))
+    without = with_manifest(folder, facts("dde-1", None, 25))
+    assert (without.sampled_s, without.rates_hz, without.ticks("dde-1")) == (None, {}, None)
     told = two.metadata
     assert (told.operator, told.units, told.tags) == ("A. Rossi", ("1", "2"), {"shift": "3", "replay_of": "run"})
 
 
-@pytest.mark.parametrize(("speed", "baudrate"), [(1.0, 19200), (2.0, 38400), (10.0, 230400), (100.0, 500000), (0.5, 9600)])
-def test_the_line_file_names_the_recipe_that_ran_and_a_line_that_is_fast_enough(
-    folder: Path, tmp_path: Path, speed: float, baudrate: int
+@pytest.mark.parametrize("speed", [1.0, 2.0, 10.0, 0.5])
+def test_the_line_file_has_the_recipe_that_ran_the_rate_that_came_of_it_and_the_speed(
+    folder: Path, tmp_path: Path, speed: float
 ) -> None:
-    server, (station,) = serve(open_recording(folder), tmp_path / "served", speed=speed)
+    """The recorder's clock goes as fast as the stations', so the line, whose rates it reckons with, is the same."""
+    recording = with_manifest(folder, facts("dde-1", 0.1, 25))
+    server, (station,) = serve(recording, tmp_path / "served", speed=speed)
     server.close()
-    (spec,) = load_line(tmp_path / "served" / "line.toml").stations
+    line = load_line(tmp_path / "served" / "line.toml")
+    (spec,) = line.stations
     assert spec.recipe == folder / "recipes" / "recipe.toml"
-    assert (spec.name, spec.baudrate, spec.url) == ("dde-1", baudrate, str(tmp_path / "served" / "dde-1"))
+    assert (spec.name, spec.baudrate, spec.url) == ("dde-1", 19200, str(tmp_path / "served" / "dde-1"))
+    assert line.replay is not None
+    assert (line.replay.speed, line.replay.rate_hz) == (speed, {"dde-1": 10.0})
+    (plan,) = make_plan(Wanted(line.path)).stations
+    assert plan.rate == 10.0
+    (order,) = orders(make_plan(Wanted(line.path)), 0.0)
+    assert order.is_replay
     (reply, *_) = station.receive(b"\x020001RSMN\x03\x02", VirtualClock().monotonic())
     assert reply.data.startswith(b"\x020100ASMN")
+
+
+def test_a_speed_that_cannot_be_kept_is_refused_with_the_one_that_can(folder: Path, tmp_path: Path) -> None:
+    recording = with_manifest(folder, facts("dde-1", 0.1, 25))
+    with pytest.raises(UsageError) as refused:
+        serve(recording, tmp_path / "served", speed=500.0)
+    found = re.search(r"--speed 500 cannot be kept.* --speed ([\d.]+) is possible", str(refused.value))
+    assert found
+    assert not (tmp_path / "served").exists()
+    assert 10 < float(found[1]) < 500
+    server, _ = serve(recording, tmp_path / "served", speed=float(found[1]))
+    server.close()
+
+
+def test_what_limits_a_speed(folder: Path) -> None:
+    """The shortest answers, and all questions of all stations together: a hundred a second and more on one of this wire."""
+    shortest, most = limits(open_recording(folder))
+    assert "dde-1 answered after" in shortest.why
+    assert re.search(r"the stations were asked \d+ times a second", most.why)
+    assert shortest.speed > most.speed > 10
+
+
+def test_a_run_without_a_grid_has_its_own_pace_only(tmp_path: Path) -> None:
+    recorded(tmp_path / "run", line_text(), duration_s=1.0, rate="max")
+    with pytest.raises(UsageError, match="recorded with --rate max"):
+        serve(open_recording(tmp_path / "run"), tmp_path / "served", speed=2.0)
+    serve(open_recording(tmp_path / "run"), tmp_path / "served")[0].close()
 
 
 def test_folders_that_are_no_recording(tmp_path: Path) -> None:

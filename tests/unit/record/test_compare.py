@@ -11,7 +11,7 @@ import pyarrow.parquet as pq
 import pytest
 from make_run import make_run
 
-from jbclog.record.compare import MOST_TOLD, differences
+from jbclog.record.compare import MOST_TOLD, compare_records
 from jbclog.record.manifest import read_manifest, write_manifest
 from jbclog.record.parts import part_paths
 
@@ -38,7 +38,7 @@ def with_value(table: pa.Table, row: int, column: str, value: object) -> pa.Tabl
 
 
 def test_the_same_run_twice(pair: tuple[Path, Path]) -> None:
-    assert differences(*pair) == []
+    assert compare_records(*pair).differences == []
 
 
 def test_moments_of_writing_and_events_of_the_run_as_a_whole_are_left_out(pair: tuple[Path, Path]) -> None:
@@ -49,7 +49,7 @@ def test_moments_of_writing_and_events_of_the_run_as_a_whole_are_left_out(pair: 
     for table in ("samples", "events", "settings", "counters"):
         rewrite(pair[1], table, later)
     rewrite(pair[1], "events", lambda events: events.filter(pc.is_valid(events["station"])))
-    assert differences(*pair) == []
+    assert compare_records(*pair).differences == []
 
 
 @pytest.mark.parametrize(
@@ -58,21 +58,21 @@ def test_moments_of_writing_and_events_of_the_run_as_a_whole_are_left_out(pair: 
 )
 def test_one_value_is_found_and_named(pair: tuple[Path, Path], table: str, column: str, value: object) -> None:
     rewrite(pair[1], table, lambda rows: with_value(rows, 4, column, value))
-    (found,) = differences(*pair)
+    (found,) = compare_records(*pair).differences
     assert found.startswith(f"{table}, ")
     assert f"{column} {value!r} instead of" in found
 
 
 def test_rows_that_are_missing(pair: tuple[Path, Path]) -> None:
     rewrite(pair[1], "samples", lambda rows: rows.slice(0, len(rows) - 4))
-    found = differences(*pair)
+    found = compare_records(*pair).differences
     assert any("rows instead of" in text for text in found)
-    assert differences(*pair, prefix=True) == []
+    assert compare_records(*pair, is_cut=True).differences == []
 
 
 def test_a_table_that_differs_everywhere_is_said_briefly(pair: tuple[Path, Path]) -> None:
     rewrite(pair[1], "samples", lambda rows: rows.set_column(rows.schema.get_field_index("late_us"), "late_us", [[1] * len(rows)]))
-    found = [text for text in differences(*pair) if "dde-1" in text]
+    found = [text for text in compare_records(*pair).differences if "dde-1" in text]
     assert len(found) == MOST_TOLD + 1
     assert "more rows differ" in found[-1]
 
@@ -81,9 +81,9 @@ def test_what_is_known_of_the_stations(pair: tuple[Path, Path]) -> None:
     manifest = read_manifest(pair[1])
     manifest.stations[0].outages += 1
     write_manifest(pair[1], manifest)
-    (found,) = differences(*pair)
+    (found,) = compare_records(*pair).differences
     assert "outages 2 instead of 1" in found
-    assert differences(*pair, prefix=True) == []
+    assert compare_records(*pair, is_cut=True).differences == []
     manifest.stations.pop()
     write_manifest(pair[1], manifest)
-    assert any("stations instead of" in text for text in differences(*pair))
+    assert any("stations instead of" in text for text in compare_records(*pair).differences)
