@@ -33,13 +33,12 @@ def run_station(desk: Desk) -> Steps[StationFacts]:
     """
     facts = desk.facts
     desk.station.permit = listed(desk)
+    desk.station.now = desk.order.t0  # until it is told a later one: an end can come before anything else
     try:
         yield from _record(desk)
         facts.outcome = "completed"
     except RunEnded as end:
-        facts.outcome, facts.reason = (
-            ("completed", str(end)) if desk.connected else ("gone", f"{desk.name}: away when the run was ended")
-        )
+        facts.outcome, facts.reason = _ended(desk, str(end))
     except (Absent, Gone) as error:
         facts.outcome, facts.reason = "gone", str(error)
     except StartRefused as error:
@@ -55,6 +54,15 @@ def run_station(desk: Desk) -> Steps[StationFacts]:
     except Exception as error:
         _fail(desk, error)
     return facts
+
+
+def _ended(desk: Desk, why: str) -> tuple[str, str]:
+    """Outcome and reason of a station whose run was ended. One that had no time to answer is not away."""
+    if desk.connected:
+        return "completed", why
+    if desk.facts.first_tick is None:
+        return "completed", f"{desk.name}: {why} before it had answered"
+    return "gone", f"{desk.name}: away when the run was ended"
 
 
 def _record(desk: Desk) -> Steps[None]:
