@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import json
+import os
+import subprocess
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -10,17 +13,20 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from command import until
 from served_line import ServedLine
 
 from jbclog.guard import __main__ as guard_itself
+from jbclog.guard import whereabouts
 from jbclog.guard.diary import NAME as DIARY
 from jbclog.guard.diary import Diary
 from jbclog.guard.lease import NAME as LEASE
 from jbclog.guard.lease import StationLease, keep
-from jbclog.guard.left_over import settle
+from jbclog.guard.left_over import LeftOver, settle
 from jbclog.guard.only_one import only_one
 from jbclog.guard.shelf import Shelf
 from jbclog.guard.takeover import TakeOver
+from jbclog.guard.watch import FAILED
 from jbclog.sim.state import SLEEP, STAND, WORKING
 from jbclog.transport import open_port
 from jbclog.wire import LineFormat
@@ -78,7 +84,7 @@ def all_leases(line: ServedLine) -> list[StationLease]:
 def told(run: Path) -> list[tuple[str, str | None, int | None]]:
     """What the diary says, without its times."""
     lines = (run / DIARY).read_text().splitlines() if (run / DIARY).exists() else []
-    return [(row["kind"], row["station"], row["port"]) for row in map(json.loads, lines)]
+    return [(row["kind"], row["station"], row["port"]) for row in map(json.loads, filter(None, lines))]
 
 
 @pytest.fixture
@@ -179,6 +185,34 @@ def test_a_cable_that_is_put_back_is_enough(line: ServedLine, run: Path) -> None
     assert told(run)[len(before) :] == [("safety.safe_state", "dde-1", 1), ("safety.safe_state", "dde-1", 2)]  # no word of failures
 
 
+IMPATIENT = """
+import sys
+from jbclog.guard import __main__ as guard
+from jbclog.safety import secure
+guard.AGAIN_S, secure.ALLOWED_S = 0.1, 0.4
+sys.exit(guard.main())
+"""
+
+
+def test_a_guards_process_goes_on_until_the_cable_is_back(line: ServedLine, run: Path) -> None:
+    plug_in = unplugged(line, "dde-1")
+    command = [sys.executable, "-c", IMPATIENT, str(run), "--recorder", str(os.getpid())]
+    guard = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    try:
+        assert guard.stdin is not None
+        guard.stdin.write(f"{lease(line, 'dde-1').to_json()}\n{FAILED}\n".encode())
+        guard.stdin.flush()
+        assert until(lambda: ("guard.took_over", None, None) in told(run))
+        assert line.at_work() == 6
+        plug_in()
+        guard.communicate(timeout=20)
+    finally:
+        guard.kill()
+    assert (guard.returncode, line.at_work(), (run / LEASE).exists()) == (0, 4, False)
+    assert told(run)[-2:] == [("safety.safe_state", "dde-1", 1), ("safety.safe_state", "dde-1", 2)]
+    assert not (run / DIARY).read_bytes().endswith(b"\n\n")  # its room is given back
+
+
 @pytest.mark.usefixtures("quick")
 def test_it_ends_when_somebody_else_has_seen_to_it(line: ServedLine, run: Path) -> None:
     def see_to_it() -> None:
@@ -212,6 +246,8 @@ def test_it_ends_when_time_is_up(line: ServedLine, run: Path, monkeypatch: pytes
 
 def test_what_was_left_is_dealt_with_on_the_ports_that_are_asked_for(line: ServedLine, run: Path) -> None:
     keep(run, all_leases(line))
+    asleep = line.stations["dde-2"].plant.ports[1]
+    asleep.order(SLEEP, False)
     device = str(Path(line.url("ucr-1")).resolve())  # by another name than the lease's
     (left,) = settle(run.parent, {device, line.url("dde-2")}, lambda folder: False)
     assert (left.is_safe, left.text) == (
@@ -219,7 +255,59 @@ def test_what_was_left_is_dealt_with_on_the_ports_that_are_asked_for(line: Serve
         "Run run had left tools of dde-2, ucr-1 as they were: every tool is in its safe state now.",
     )
     assert line.at_work() == 3
+    assert asleep.doing.state == SLEEP, "one that rests would wake to be told to stand"
+    assert ("safety.safe_state", "dde-2", 1) in told(run)
     assert settle(run.parent, {line.url("dde-2")}, lambda folder: False) == []
+
+
+def test_what_another_out_left_is_found_and_one_that_cannot_be_written_down_stays_open(
+    line: ServedLine, run: Path, tmp_path: Path
+) -> None:
+    keep(run, [lease(line, "dde-2")])
+    (run / DIARY).mkdir()  # nothing can be written there
+    for _ in range(2):
+        (left,) = settle(tmp_path / "another out", {line.url("dde-2")}, lambda folder: False)
+        assert left.is_safe
+    (run / DIARY).rmdir()
+    assert len(settle(tmp_path / "another out", {line.url("dde-2")}, lambda folder: False)) == 1
+    assert not (run / LEASE).exists()
+    assert whereabouts.known() == []
+
+
+def test_of_many_that_come_at_once_one_makes_safe_what_was_left(line: ServedLine, run: Path) -> None:
+    """Two guards never both write: whoever comes second finds nothing to do."""
+    assert at_once(line, run, 8) == 1
+
+
+@pytest.mark.campaign
+@pytest.mark.timeout(900)
+def test_of_many_that_come_at_once_one_makes_safe_what_was_left_a_hundred_times(line: ServedLine, tmp_path: Path) -> None:
+    one = 0
+    for trial in range(100):
+        for port in line.tools():
+            port.order(WORKING, False)
+        (folder := tmp_path / f"run-{trial}").mkdir()
+        one += at_once(line, folder, 8)
+    print(f"100 times 8 at once: one of them wrote {one} times, two never")
+    assert one == 100
+
+
+def at_once(line: ServedLine, folder: Path, count: int) -> int:
+    """How many of them did it; asserted from the stations' own log: none was told twice."""
+    keep(folder, all_leases(line))
+    began, urls = time.monotonic(), {line.url(name) for name in line.stations}
+    done: list[LeftOver] = []
+    threads = [
+        threading.Thread(target=lambda: done.extend(settle(folder.parent, urls, lambda folder: False))) for _ in range(count)
+    ]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    places = [(order.station, order.port) for order in line.orders(began) if order.is_stand]
+    assert len(places) == len(set(places)) == len(line.tools())
+    assert line.at_work() == 0
+    return len(done)
 
 
 def test_a_run_that_goes_on_is_left_alone_at_once(line: ServedLine, run: Path) -> None:

@@ -147,6 +147,27 @@ def test_the_diary_has_its_room_before_it_is_needed_and_gives_it_back(tmp_path: 
     assert blocks(tmp_path) < room
 
 
+def test_a_disk_that_is_full_takes_what_there_is_room_for_and_it_is_seen_where_there_is_none(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    diary, really = Diary(tmp_path), os.pwrite
+    diary.reserve()
+
+    def full(descriptor: int, data: bytes, at: int) -> int:
+        room = os.fstat(descriptor).st_size - at
+        if room <= 0:
+            raise OSError(errno.ENOSPC, "no room")
+        return really(descriptor, data[:room], at)
+
+    monkeypatch.setattr(os, "pwrite", full)
+    lines = 0
+    while not diary.is_torn:
+        diary.write("safety.safe_state", "info", "x" * 300, "a", lines)
+        lines += 1
+    assert lines > LEAST_BYTES / LINE_BYTES
+    assert [event.port for event in guarded.diary(tmp_path)] == list(range(lines - 1))
+
+
 def test_a_diary_that_nothing_was_written_into_is_none(tmp_path: Path) -> None:
     diary = Diary(tmp_path)
     diary.reserve()
