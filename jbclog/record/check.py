@@ -13,6 +13,7 @@ from pathlib import Path
 
 import pyarrow as pa
 import pyarrow.compute as pc
+import pyarrow.parquet as pq
 
 from jbclog.errors import RecordError
 from jbclog.record import chain, elsewhere, wire, wire_check
@@ -21,7 +22,7 @@ from jbclog.record.guarded import plain_events
 from jbclog.record.ledger import disagreements, ledger_of, reasons_of
 from jbclog.record.manifest import NAME, Manifest, SealedFile, read_manifest, wrong_digest
 from jbclog.record.parts import part_paths, read_through, row_groups
-from jbclog.record.schema import TABLES
+from jbclog.record.schema import SCHEMAS, TABLES
 from jbclog.rows import SIGNAL_COLUMNS, quality_of
 
 
@@ -52,7 +53,10 @@ def check(folder: Path, head: str | None = None) -> list[Finding]:
     unreadable = [*_unreadable(folder)]
     if unreadable:
         return findings + unreadable  # what cannot be read cannot be checked further
-    return [*findings, *_ledger(folder, manifest), *_events(folder, manifest), *_samples(folder)]
+    try:
+        return [*findings, *_ledger(folder, manifest), *_events(folder, manifest), *_samples(folder)]
+    except Exception as error:  # rows that no recorder wrote; what was found so far must not be lost over them
+        return [*findings, Finding("", f"cannot be checked further: {type(error).__name__}: {error}")]
 
 
 # -- files -----------------------------------------------------------------------------------------------------------
@@ -115,6 +119,8 @@ def _unreadable(folder: Path) -> Iterator[Finding]:
         for path in part_paths(folder, table):
             try:
                 read_through(path)
+                if not pq.read_schema(path).equals(SCHEMAS[table]):
+                    yield Finding(f"{table}/{path.name}", f"has not the columns of {table}")
             except (pa.ArrowException, OSError, RecordError) as error:
                 yield Finding(f"{table}/{path.name}", f"cannot be read: {error}")
 

@@ -39,7 +39,7 @@ RUN_WRITES = """
 ## What a run writes
 
 All of it. Before each write a run's client looks here, and at the value: what is not on the list, or is neither the recipe's
-value nor a safe state, is not sent, ends the run of that station as a fault of jbclog (exit 1), and its tools are made safe. A
+value nor a safe state, is not sent, ends the run of that station as a fault of jbclog (exit 3), and its tools are made safe. A
 guard and `jbclog safe` send the safe states of `status` and `stop_feeding` alone; what a person types behind `jbclog write` is
 that person's.
 """

@@ -1,0 +1,274 @@
+"""A sealed run that somebody changes: `check` finds it and names the file. A whole forgery is found from outside.
+
+Each change is made to a whole run with annotations, then undone. The campaign turns over every byte of every file and takes
+some minutes; the default run turns over some of them in each file.
+"""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.parquet as pq
+import pytest
+from make_run import make_run
+
+from jbclog.errors import RecordError
+from jbclog.record.annotations import append
+from jbclog.record.chain import breaks, digest, first_link
+from jbclog.record.check import check
+from jbclog.record.conclude import files_of
+from jbclog.record.guarded import plain_events
+from jbclog.record.ledger import ledger_of
+from jbclog.record.lineage import previous_run, short_head
+from jbclog.record.manifest import manifest_sha256, read_manifest, write_manifest
+from jbclog.record.parts import part_paths
+from jbclog.report import write_report
+
+STRIDE = 499
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A run of two seconds that was annotated twice."""
+    run = make_run(tmp_path_factory.mktemp("runs"), seconds=2.0)
+    for text in ("SN-0012 was scrapped", "SN-0013 too"):
+        append(run, who="A. Rossi", what=text, why="cracked joint", utc_s=1_790_000_100.0)
+    assert check(run) == []
+    return run
+
+
+@pytest.fixture
+def run(whole: Path, tmp_path: Path) -> Path:
+    """A copy of its own."""
+    return Path(shutil.copytree(whole, tmp_path / whole.name))
+
+
+def files(folder: Path) -> list[Path]:
+    return sorted(path for path in folder.rglob("*") if path.is_file())
+
+
+def named(folder: Path) -> set[str]:
+    """The files that `check` names; of a manifest that cannot be read as one, the manifest."""
+    try:
+        return {finding.file for finding in check(folder)}
+    except RecordError as error:
+        return {"manifest.json"} if "manifest" in str(error) else set()
+
+
+def name_of(path: Path, folder: Path) -> str:
+    return path.relative_to(folder).as_posix()
+
+
+# -- bytes ------------------------------------------------------------------------------------------------------------------
+
+
+def turned_over(folder: Path, places: Callable[[int], Iterator[int]]) -> Iterator[str]:
+    """Each byte that was changed and not found, as file and place."""
+    for path in files(folder):
+        data = path.read_bytes()
+        for place in places(len(data)):
+            path.write_bytes(data[:place] + bytes([data[place] ^ (1 << place % 8)]) + data[place + 1 :])
+            if name_of(path, folder) not in named(folder):
+                yield f"{name_of(path, folder)}, byte {place}"
+        path.write_bytes(data)
+
+
+def test_bytes_that_are_turned_over_are_found_and_their_file_is_named(run: Path) -> None:
+    def some(size: int) -> Iterator[int]:
+        return iter(sorted({*range(7, size, STRIDE), 0, size - 1, size - 2}))
+
+    assert list(turned_over(run, some)) == []
+    assert check(run) == []
+
+
+@pytest.mark.campaign
+@pytest.mark.timeout(3600)
+def test_every_byte_of_every_file(run: Path) -> None:
+    count = sum(path.stat().st_size for path in files(run))
+    print(f"{count} bytes in {len(files(run))} files")
+    assert list(turned_over(run, lambda size: iter(range(size)))) == []
+
+
+def test_each_file_cut_short_emptied_and_lengthened(run: Path) -> None:
+    for path in files(run):
+        data = path.read_bytes()
+        for changed in (b"", data[:-1], data[: len(data) // 2], data + b"\n", data + data[-64:]):
+            path.write_bytes(changed)
+            if path.name == "annotations.jsonl" and changed == b"":
+                continue  # nothing inside shows that: see the last tests
+            assert name_of(path, run) in named(run), f"{name_of(path, run)} of {len(changed)} bytes"
+        path.write_bytes(data)
+
+
+def test_each_file_taken_away(run: Path) -> None:
+    for path in files(run):
+        if path.name == "annotations.jsonl":
+            continue
+        data = path.read_bytes()
+        path.unlink()
+        assert name_of(path, run) in named(run)
+        path.write_bytes(data)
+
+
+def test_each_file_replaced_by_a_link_to_a_copy_of_it(run: Path, tmp_path: Path) -> None:
+    for path in files(run):
+        if path.name == "manifest.json":
+            continue
+        copy = shutil.copy(path, tmp_path / path.name)
+        data = path.read_bytes()
+        path.unlink()
+        path.symlink_to(copy)
+        assert name_of(path, run) in named(run)
+        path.unlink()
+        path.write_bytes(data)
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        *("samples/part-0001.parquet", "samples/.hidden", "samples/more/part-0000.parquet", "recipes/other.toml", "note.txt"),
+        *("damaged/x", "guard.jsonl", "events.csv", "wire/dde-1.tsv", "figures/x/y.svg", "figures/run.exe", "lease.json.tmp"),
+    ],
+)
+def test_a_file_that_was_added(run: Path, name: str) -> None:
+    (run / name).parent.mkdir(parents=True, exist_ok=True)
+    shutil.copy(run / "samples" / "part-0000.parquet", run / name)
+    assert name in named(run)
+
+
+def test_two_files_that_changed_places(run: Path) -> None:
+    one, two = run / "counters" / "part-0000.parquet", run / "settings" / "part-0000.parquet"
+    one.rename(run / "aside")
+    two.rename(one)
+    (run / "aside").rename(two)
+    assert {name_of(one, run), name_of(two, run)} <= named(run)
+
+
+# -- rows, in files whose hashes the manifest no longer has -----------------------------------------------------------------------
+
+
+def rewritten(folder: Path, table: str, change: Callable[[pa.Table], pa.Table]) -> None:
+    (path,) = part_paths(folder, table)
+    metadata = pq.read_metadata(path).metadata
+    with pq.ParquetFile(path) as file:
+        changed = change(file.read())
+    pq.write_table(changed.replace_schema_metadata({**(changed.schema.metadata or {}), **metadata}), path)
+
+
+def taken(*rows: int) -> Callable[[pa.Table], pa.Table]:
+    """Only these rows, in this order, and all that follow the last."""
+    return lambda table: pa.concat_tables([table.take(list(rows)), table.slice(max(rows) + 1)])
+
+
+ROWS = {
+    "two rows changed places": taken(1, 0),
+    "a row is gone": taken(1),
+    "a row is there twice": taken(0, 0),
+}
+
+
+@pytest.mark.parametrize("table", ["samples", "events", "settings", "counters"])
+@pytest.mark.parametrize("change", ROWS)
+def test_rows(run: Path, table: str, change: str) -> None:
+    rewritten(run, table, ROWS[change])
+    assert f"{table}/part-0000.parquet" in named(run)
+
+
+@pytest.mark.parametrize("change", ROWS)
+def test_events_whose_file_the_manifest_was_made_to_agree_with(run: Path, change: str) -> None:
+    rewritten(run, "events", ROWS[change])
+    write_manifest(run, replace(read_manifest(run), files=list(files_of(run))))
+    assert "events/" in named(run)
+
+
+# -- written anew as a whole, hashes and digest included: nothing inside can show it ----------------------------------------------
+
+
+def forged(folder: Path) -> None:
+    """Hotter tips, no alarm, the chain of events anew, ledger, hashes and digest made to agree, the verdict too."""
+
+    def cooler(rows: pa.Table) -> pa.Table:
+        place = rows.schema.get_field_index("temperature_c")
+        return rows.set_column(place, rows.schema.field(place), pc.min_element_wise(rows["temperature_c"], 350))
+
+    def without_errors(rows: pa.Table) -> pa.Table:
+        kept = plain_events(rows.filter(pc.not_equal(rows["severity"], "critical"))).to_pylist()
+        previous = first_link(folder.name)
+        for seq, row in enumerate(kept, 1):
+            row["seq"], row["prev_sha256"] = seq, previous
+            previous = digest(row)
+        assert list(breaks(folder.name, kept)) == []
+        times = ("time", "earliest")
+        return pa.Table.from_pylist(
+            [{name: _stamp(value) if name in times else value for name, value in row.items()} for row in kept], rows.schema
+        )
+
+    rewritten(folder, "samples", cooler)
+    rewritten(folder, "events", without_errors)
+    manifest = read_manifest(folder)
+    write_manifest(
+        folder,
+        replace(manifest, verdict="ACCEPT", ledger=ledger_of(folder, manifest.stations), files=list(files_of(folder))),
+    )
+
+
+def _stamp(micros: object) -> object:
+    return None if micros is None else pa.scalar(micros, pa.int64()).cast(pa.timestamp("us", tz="UTC")).as_py()
+
+
+@pytest.fixture
+def bare(run: Path) -> Path:
+    """The run without what was said of it."""
+    (run / "annotations.jsonl").unlink()
+    return run
+
+
+def test_a_whole_forgery_agrees_with_itself(bare: Path) -> None:
+    """What the README says cannot be found without something outside of the folder."""
+    forged(bare)
+    assert check(bare) == []
+
+
+def test_the_head_on_paper_finds_it(bare: Path) -> None:
+    printed = short_head(manifest_sha256(bare))
+    forged(bare)
+    (finding,) = check(bare, printed)
+    assert "is not the one that was told" in str(finding)
+
+
+def test_the_report_beside_it_finds_it(bare: Path) -> None:
+    write_report(bare)
+    assert check(bare) == []
+    forged(bare)
+    (finding,) = check(bare)
+    assert "report.json: was made from another manifest" in str(finding)
+
+
+def test_an_annotation_finds_it(run: Path) -> None:
+    forged(run)
+    (finding,) = check(run)
+    assert str(finding).startswith("annotations.jsonl: line 1 does not carry the hash of the manifest")
+
+
+def test_the_next_run_finds_it_and_is_found_itself(bare: Path) -> None:
+    behind = bare.parent / bare.name.replace(bare.name[:8], "20991231")
+    shutil.copytree(bare, behind)
+    manifest = replace(read_manifest(behind), run=behind.name, previous=previous_run(bare.parent, "bench"))
+    assert manifest.previous is not None
+    manifest.previous = replace(manifest.previous, run=bare.name, sha256=manifest_sha256(bare))
+    write_manifest(behind, manifest)
+    forged(bare)
+    assert any(f"was changed after {behind.name} began" in str(finding) for finding in check(bare))
+    assert any(f"previous: {bare.name} is not what it was" in str(finding) for finding in check(behind))
+
+
+def test_what_was_said_last_can_be_taken_away_unless_its_head_was_noted(run: Path) -> None:
+    """The README says so, too: `annotate` prints the head."""
+    path = run / "annotations.jsonl"
+    path.write_bytes(path.read_bytes().splitlines(keepends=True)[0])
+    assert check(run) == []
