@@ -9,6 +9,7 @@ import json
 import os
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import few_rows
@@ -89,7 +90,7 @@ def mounted(place: Path, size: str) -> bool:
 
 @pytest.mark.campaign
 @pytest.mark.parametrize("give_up", [True, False], ids=["ends", "goes-on"])
-def test_a_full_disk(tmp_path: Path, give_up: bool) -> None:
+def test_a_full_disk(tmp_path: Path, give_up: bool, counted: Callable[..., None]) -> None:
     """A real one of 3 MB, of which the reserve holds half: acknowledged rows are there, and there is room to seal them."""
     disk = tmp_path / "disk"
     if not mounted(disk, "3m"):
@@ -104,5 +105,6 @@ def test_a_full_disk(tmp_path: Path, give_up: bool) -> None:
         assert numbers[:acknowledged] == list(range(acknowledged))
         lost = read_manifest(folder).lost
         assert lost is not None
+        counted(full_disks=1, acknowledged_rows=acknowledged, acknowledged_rows_lost=0)
     finally:
         subprocess.run(["umount", str(disk)], check=True)

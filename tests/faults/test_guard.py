@@ -145,8 +145,12 @@ def test_a_feeder_that_runs_is_stopped_first(line: ServedLine, tmp_path: Path) -
 @pytest.mark.timeout(1800)
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP], ids=["kill", "stop"])
 @pytest.mark.parametrize("part", range(4))
-def test_every_tool_is_told_to_stand_two_hundred_times(line: ServedLine, tmp_path: Path, number: signal.Signals, part: int) -> None:
-    assert len(times(line, tmp_path, number, SEED + part, 50, LATE_S)) == 50
+def test_every_tool_is_told_to_stand_two_hundred_times(
+    line: ServedLine, tmp_path: Path, number: signal.Signals, part: int, counted: Callable[..., None]
+) -> None:
+    told = times(line, tmp_path, number, SEED + part, 50, LATE_S)
+    assert len(told) == 50
+    counted(blows=len(told), while_hot=sum(seconds > 0 for seconds in told), tools_left_hot=0)
 
 
 # -- not where nothing happened ------------------------------------------------------------------------------------------------

@@ -8,6 +8,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import crash
@@ -68,15 +69,17 @@ def test_a_recorder_killed_at_random_moments(tmp_path: Path) -> None:
 @pytest.mark.timeout(600)
 @pytest.mark.parametrize("power", [False, True], ids=["kill", "power"])
 @pytest.mark.parametrize("scenario", SCENARIOS)
-def test_killed_at_every_step(tmp_path: Path, scenario: str, power: bool) -> None:
+def test_killed_at_every_step(tmp_path: Path, scenario: str, power: bool, counted: Callable[..., None]) -> None:
     outcomes = killed(tmp_path, scenario, "1", "1", *(["--power"] if power else []))
     assert len(outcomes) >= 30
     assert_scenario(scenario, outcomes)
+    counted(kills=len(outcomes), acknowledged_rows_lost=0)
 
 
 @pytest.mark.campaign
 @pytest.mark.timeout(900)
 @pytest.mark.parametrize("seed", range(10))
-def test_a_recorder_killed_at_a_thousand_random_moments(tmp_path: Path, seed: int) -> None:
+def test_a_recorder_killed_at_a_thousand_random_moments(tmp_path: Path, seed: int, counted: Callable[..., None]) -> None:
     for left in killed(tmp_path, "random", str(seed), "100"):
         assert_whole(left, None)
+        counted(kills=1, acknowledged_rows_lost=0)

@@ -148,12 +148,15 @@ def test_killed_at_some_steps(series: Series) -> None:
 @pytest.mark.campaign
 @pytest.mark.timeout(3600)
 @pytest.mark.parametrize("part", range(6))
-def test_killed_at_three_hundred_random_moments(series: Series, part: int) -> None:
+def test_killed_at_three_hundred_random_moments(series: Series, part: int, counted: Callable[..., None]) -> None:
     at_random(series, SEED + part, 50)
+    counted(kills=50, violations=len(series.wrong))
 
 
 @pytest.mark.campaign
 @pytest.mark.timeout(3600)
 @pytest.mark.parametrize("part", range(4))
-def test_killed_at_every_step(series: Series, part: int) -> None:
-    assert at_steps(series, 1 + part, 4) >= 10
+def test_killed_at_every_step(series: Series, part: int, counted: Callable[..., None]) -> None:
+    kills = at_steps(series, 1 + part, 4)
+    assert kills >= 10
+    counted(kills=kills, violations=len(series.wrong))

@@ -7,7 +7,7 @@ from talk import Answer, Talk, framed
 
 from jbclog.commands.family import FAMILIES
 from jbclog.effects import Steps
-from jbclog.errors import AnswerFormat, NotReceived, NotSupported, Refusal, StationError
+from jbclog.errors import AnswerFormat, NotReceived, NotSupported, Refusal, StationError, StationSilent
 from jbclog.quantities import OFF, Value
 from jbclog.station.dialogue import LEAST_S, MOST_S, QUIET_S
 from jbclog.station.robot import Station
@@ -284,6 +284,14 @@ def test_a_status_may_be_acknowledged_with_its_own_value(answer: str, taken: boo
     found = outcome(talk, lambda station: station.write(ALE["status"], (0, 0, 0, 0, 1), 1))
     assert found is (None if taken else AnswerFormat)
     assert talk.station.anomalies.counts == ({43: 1} if answer == "APS100001" else {})
+
+
+def test_a_reading_that_comes_late_does_not_acknowledge_the_status_that_is_written() -> None:
+    """The attack: a reading of the same state is under way when the state is ordered, and looks like the order's answer."""
+    talk = Talk(replies=lambda text: ["APS100001"] if text[0] == "W" else [])
+    assert outcome(talk, read("status")) is StationSilent
+    assert outcome(talk, lambda station: station.write(ALE["status"], (0, 0, 0, 0, 1), 1)) is AnswerFormat
+    assert talk.station.anomalies.counts == {}
 
 
 # -- what is sent again ----------------------------------------------------------------------------------------------------
