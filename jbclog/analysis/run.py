@@ -20,6 +20,7 @@ from jbclog.record.parts import groups_of, part_paths, parts_through
 from jbclog.record.schema import SCHEMAS
 from jbclog.record.stock import Stock
 from jbclog.record.store import segments
+from jbclog.record.unchanged import expect_manifest_unchanged, expect_unchanged
 from jbclog.record.wire import Hole, read_head, rows_and_holes, wire_path
 from jbclog.tape import Passed
 
@@ -50,7 +51,9 @@ class Run:
     def manifest(self) -> Manifest:
         """The manifest as it is now; for a run that was cut off before it had one, an empty one."""
         try:
-            return read_manifest(self.folder)
+            manifest = read_manifest(self.folder)
+            expect_manifest_unchanged(self.folder)
+            return manifest
         except RecordError:
             if segments(self.folder):
                 return Manifest(self.folder.name)
@@ -137,8 +140,11 @@ class Run:
 
     def _read(self, table: str, columns: list[str], cut: Cut) -> tuple[list[pa.Table], list[Damage]]:
         """The order matters: a snapshot of the store first, then the parts, then what the parts do not have."""
+        manifest = self.manifest
         with Stock(self.folder) as stock:
             parts = part_paths(self.folder, table)
+            if manifest.state == "sealed":
+                expect_unchanged(self.folder, manifest, table, parts)
             numbers = stock.numbers_of(table, parts_through(parts))
             live = [cut(piece.select(columns)) for piece in stock.tables(numbers)]
             return [*map(cut, groups_of(parts, columns)), *live], stock.damage

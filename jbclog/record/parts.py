@@ -11,6 +11,7 @@ differences, noisy whole numbers with their bytes split, everything else by dict
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Final
 
@@ -137,9 +138,25 @@ def row_groups(folder: Path, table: str, columns: list[str] | None = None) -> It
 def groups_of(parts: Iterable[Path], columns: list[str] | None = None) -> Iterator[pa.Table]:
     """The rows of these parts, a row group at a time."""
     for path in parts:
-        with pq.ParquetFile(path, page_checksum_verification=True) as file:
+        with _opened(path) as file:
             for index in range(file.num_row_groups):
-                yield file.read_row_group(index, columns=columns)
+                try:
+                    yield file.read_row_group(index, columns=columns)
+                except (pa.ArrowException, OSError) as error:
+                    raise RecordError(f"{path}, row group {index}: {error}") from error
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[pq.ParquetFile]:
+    """A part, its pages' check sums looked at; its footer, which has none, by what it must say. Raises `RecordError`."""
+    try:
+        file = pq.ParquetFile(path, page_checksum_verification=True)
+    except (pa.ArrowException, OSError) as error:
+        raise RecordError(f"{path} is no readable part: {error}") from error
+    with file:
+        if not file.schema_arrow.equals(SCHEMAS[path.parent.name]):
+            raise RecordError(f"{path} is no part of {path.parent.name}: its columns are others")
+        yield file
 
 
 def remove_leavings(folder: Path) -> None:
@@ -150,8 +167,8 @@ def remove_leavings(folder: Path) -> None:
 
 
 def read_through(path: Path) -> None:
-    """Read a part to its end, with the check sums of its pages. Raises what pyarrow raises, or `RecordError`."""
+    """Read a part to its end, with the check sums of its pages. Raises `RecordError`."""
     part_through(path)
-    with pq.ParquetFile(path, page_checksum_verification=True) as file:
-        for index in range(file.num_row_groups):
-            file.read_row_group(index)
+    rows = sum(len(group) for group in groups_of([path]))
+    if rows != pq.read_metadata(path).num_rows:
+        raise RecordError(f"{path} holds {rows} rows, its footer says {pq.read_metadata(path).num_rows}")

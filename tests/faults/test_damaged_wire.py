@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 from altered import Altered, Count, bits_flipped, bytes_replaced, cut_off, pieces_moved, sectors_zeroed
+from small_wire import BLOCKS, HEAD, ROWS, answer, write_wire
 from taped import recorded, relived
 from virtual_run import line_text
 
@@ -34,54 +35,17 @@ from jbclog.record.wire import (
 )
 from jbclog.record.wire_blocks import Block, blocks
 from jbclog.record.wire_check import losses
-from jbclog.record.wire_recorder import WireRecorder
 from jbclog.rows import COLUMN
-from jbclog.tape import Passed, Row, Told
+from jbclog.tape import Passed, Row
 
-HEAD = Head("dde-1", "/dev/ttyUSB0", "tht.toml", 8123.480001251, 1_790_000_000.25, 90.0, jbclog="0.1.0")
-BLOCKS = 6
 SINGLE_OF_0_1 = gzip.compress  # format 1: the whole file in one member
-
-
-def question(number: int) -> bytes:
-    return b"\x020001RTT%d\x03" % number
-
-
-def answer(number: int) -> bytes:
-    return b"\x020100ATT%d%05d\x03" % (number, 300 + number)
-
-
-def rows_of(exchanges: range) -> Iterator[Row]:
-    """Each question with its answer, both of which tell their number."""
-    for number in exchanges:
-        at_s = 8124.0 + number * 0.0147123
-        yield Passed(at_s, "sent", question(number))
-        yield Passed(at_s + 0.014, "heard", answer(number))
-        yield Told(at_s + 0.0140021, "told", "ask", len(answer(number)), at_s - 1.7e-6)
-
-
-def pieces() -> Iterator[list[Row]]:
-    yield [Passed(8123.51, "opened", text="/dev/ttyUSB0")]
-    for number in range(BLOCKS - 3):
-        yield list(rows_of(range(2 * number, 2 * number + 2)))
-    yield [Told(8200.0, "broke", "listen", text='the "port"\tis\ngone…'), Told(8201.0, "done", "wait")]
-
-
-ROWS = [row for piece in pieces() for row in piece]
 
 
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory: pytest.TempPathFactory) -> bytes:
     """A small file of six blocks."""
     folder = tmp_path_factory.mktemp("whole")
-    recorder = WireRecorder(folder)
-    keep = recorder.begin(HEAD)
-    for piece in pieces():
-        for row in piece:
-            keep(row)
-        recorder.write()
-    recorder.close()
-    path = wire_path(folder, HEAD.station)
+    path = write_wire(folder)
     assert len(list(blocks(path))) == BLOCKS
     assert list(read_rows(path)) == ROWS
     return path.read_bytes()

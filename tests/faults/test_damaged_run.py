@@ -1,0 +1,263 @@
+"""Any file of a run altered: `check` names it, nothing shows a wrong value, and the next run in the same place begins.
+
+faults.md, rows 29, 30 and 44. Sealed runs and runs that a crash left open, file by file; what is printed is the table's line.
+"""
+
+from __future__ import annotations
+
+import gc
+import shutil
+import warnings
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import few_rows
+import pandas as pd
+import pytest
+from altered import Altered, Count, bits_flipped, bytes_replaced, percents_cut_off, pieces_moved, sectors_zeroed
+from make_run import make_run
+from small_wire import HEAD, write_wire
+
+from jbclog.analysis.run import open_run
+from jbclog.errors import RecordError
+from jbclog.guard.left_over import settle
+from jbclog.record.check import check
+from jbclog.record.conclude import files_of
+from jbclog.record.folder import create_run
+from jbclog.record.lineage import previous_run
+from jbclog.record.lock import is_held
+from jbclog.record.manifest import NAME, read_manifest, write_manifest
+from jbclog.record.recover import Outcome, recover, recover_all
+from jbclog.record.schema import TABLES
+from jbclog.record.seal import seal_rows
+from jbclog.record.wire import WHOLE
+from jbclog.report.write import report_files
+
+Shown = dict[str, pd.DataFrame | str]
+STATION = HEAD.station
+
+
+@pytest.fixture(scope="module")
+def sealed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A small sealed run with a wire."""
+    folder = make_run(tmp_path_factory.mktemp("runs"), seconds=5.0)
+    write_wire(folder)
+    manifest = read_manifest(folder)
+    manifest.files, manifest.wire = list(files_of(folder)), WHOLE
+    write_manifest(folder, manifest)
+    assert check(folder) == []
+    return folder
+
+
+# -- what is shown ------------------------------------------------------------------------------------------------------------
+
+
+def shown(folder: Path) -> Shown:
+    """All that `open_run` gives, table by table; what says that it cannot be shown is left out."""
+    found: Shown = {}
+    try:
+        run = open_run(folder)
+        found["manifest"] = str(run.manifest)
+    except RecordError:
+        return found
+    tables: dict[str, Callable[[], pd.DataFrame]] = {
+        "samples": run.samples,
+        "events": run.events,
+        "settings": run.settings,
+        "counters": run.counters,
+        "wire": lambda: run.wire(STATION),
+    }
+    for name, table in tables.items():
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")  # a warning says that something is missing
+            try:
+                found[name] = table()
+            except (RecordError, UserWarning):
+                continue
+    return found
+
+
+def is_wrong(found: Shown, whole: Shown) -> bool:
+    """Whether anything is shown that is not what was recorded."""
+    return any(not _same(found[name], whole[name]) for name in found)
+
+
+def _same(one: pd.DataFrame | str, other: pd.DataFrame | str) -> bool:
+    return one.equals(other) if isinstance(one, pd.DataFrame) and isinstance(other, pd.DataFrame) else one == other
+
+
+def named(folder: Path, name: str) -> bool:
+    """Whether `check` names the file."""
+    try:
+        return any(finding.file == name for finding in check(folder))
+    except RecordError as error:
+        return name in str(error)
+
+
+def assert_next_run_begins(out: Path) -> None:
+    """What a start does with the runs that lie there already."""
+    settle(out, {"dde-1.pty"}, is_held)
+    previous_run(out, "bench")
+    assert create_run(out, "bench", 1_790_000_500.0).is_dir()
+
+
+def report_is_wrong(folder: Path, whole: dict[str, bytes]) -> bool:
+    try:
+        return report_files(folder) != whole
+    except RecordError:
+        return False
+
+
+# -- a sealed run --------------------------------------------------------------------------------------------------------------
+
+
+def alterations(data: bytes, long: bool) -> Iterator[Altered]:
+    """Each percent, bits and bytes in places, sectors of zeros, pieces lost and doubled."""
+    stride = max(len(data) // (400 if long else 5), 1)
+    yield from percents_cut_off(data, 1 if long else 30)
+    yield from bits_flipped(data, 8 * stride + 3)
+    yield from bytes_replaced(data, 2 * stride + 1)
+    yield from sectors_zeroed(data, 512 if long else max(len(data) // 2, 512))
+    yield from pieces_moved(data, 16 * stride if long else len(data) - 2)
+
+
+def walk(sealed: Path, home: Path, name: str, long: bool) -> Count:
+    """Alter one file of a sealed run in every way, and look at everything."""
+    trial = home / "runs" / sealed.name
+    shutil.copytree(sealed, trial)
+    path, whole, report = trial / name, shown(sealed), report_files(sealed)
+    data, count = path.read_bytes(), Count(f"sealed run, {name} altered")
+    for number, one in enumerate(alterations(data, long)):
+        if one.data == data:
+            continue
+        path.write_bytes(one.data)
+        found = shown(trial)
+        wrong = is_wrong(found, whole) or (number % 40 == 7 and report_is_wrong(trial, report))
+        assert named(trial, name), one.how
+        assert not wrong, one.how
+        count.add(lost=len(found) < len(whole), wrong=wrong)
+    path.write_bytes(data)
+    assert_next_run_begins(home / "runs")
+    print(count.told())
+    gc.collect()
+    return count
+
+
+FILES = (*(f"{table}/part-0000.parquet" for table in TABLES), NAME, "wire/dde-1.tsv.gz", "line.toml", "recipes/tht.toml")
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_a_file_of_a_sealed_run_altered_in_places(sealed: Path, tmp_path: Path, name: str) -> None:
+    assert walk(sealed, tmp_path, name, long=False).wrong == 0
+
+
+@pytest.mark.campaign
+@pytest.mark.timeout(3600)
+@pytest.mark.parametrize("name", FILES)
+def test_a_file_of_a_sealed_run_altered_everywhere(sealed: Path, tmp_path: Path, name: str) -> None:
+    assert walk(sealed, tmp_path, name, long=True).wrong == 0
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_a_file_of_a_sealed_run_that_is_gone(sealed: Path, tmp_path: Path, name: str) -> None:
+    trial = tmp_path / sealed.name
+    shutil.copytree(sealed, trial)
+    (trial / name).unlink()
+    assert not is_wrong(shown(trial), shown(sealed))
+    assert named(trial, name) or name == NAME
+    assert_next_run_begins(tmp_path)
+
+
+def test_recover_says_of_a_sealed_run_that_it_does_not_look_inside(sealed: Path, tmp_path: Path) -> None:
+    trial = tmp_path / sealed.name
+    shutil.copytree(sealed, trial)
+    (trial / "samples" / "part-0000.parquet").write_bytes(b"")
+    done = recover(trial)
+    assert done.outcome is Outcome.WHOLE
+    assert "`jbclog check` says whether it is as it was sealed" in done.text
+
+
+@pytest.mark.parametrize("data", [b"", b"{", b"[" * 100_000, b"null", b'{"run": 5}', b"\xff\xfe", b'{"schema": 2}', b"\0" * 4096])
+def test_a_manifest_that_is_none_stops_nothing(sealed: Path, tmp_path: Path, data: bytes) -> None:
+    trial = tmp_path / sealed.name
+    shutil.copytree(sealed, trial)
+    (trial / NAME).write_bytes(data)
+    assert shown(trial) == {}
+    assert named(trial, NAME)
+    (done,) = recover_all(trial)
+    assert done.outcome is Outcome.REFUSED
+    assert NAME in done.text
+    assert_next_run_begins(tmp_path)
+
+
+def test_a_ledger_that_was_altered_is_named(sealed: Path, tmp_path: Path) -> None:
+    """Every number of it, with a digest that was made to fit: the tables say something else."""
+    trial = tmp_path / sealed.name
+    shutil.copytree(sealed, trial)
+    count = Count("sealed run, a number of the ledger altered")
+    manifest = read_manifest(trial)
+    for ports in manifest.ledger.values():
+        for signals in ports.values():
+            for readings in signals.values():
+                for name in list(readings):
+                    readings[name] += 1
+                    write_manifest(trial, manifest)
+                    assert any("ledger" in finding.text for finding in check(trial)), name
+                    count.add()
+                    readings[name] -= 1
+    print(count.told())
+
+
+# -- a run that a crash left open ------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def half_sealed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A crash in the middle of sealing: all rows are in parts, and in the live store still."""
+    folder = few_rows.abandoned(tmp_path_factory.mktemp("runs"), commits=3, rows=10)
+    seal_rows(folder)
+    return folder
+
+
+def open_trial(half_sealed: Path, home: Path, name: str, one: Altered) -> Path:
+    trial = home / half_sealed.name
+    shutil.rmtree(trial, ignore_errors=True)
+    shutil.copytree(half_sealed, trial)
+    (trial / name).write_bytes(one.data)
+    return trial
+
+
+def rebuilt(half_sealed: Path, home: Path, name: str, long: bool) -> Count:
+    """A part altered, then recovered: the rows come from the live store, exactly as they were."""
+    data, count = (half_sealed / name).read_bytes(), Count(f"half sealed run, {name} altered, then recovered")
+    stride = max(len(data) // (60 if long else 4), 1)
+    ways = (
+        percents_cut_off(data, 1 if long else 24),
+        bits_flipped(data, 8 * stride + 5),
+        sectors_zeroed(data, 512 if long else 2048),
+    )
+    for one in (one for way in ways for one in way):
+        trial = open_trial(half_sealed, home, name, one)
+        recover(trial)
+        numbers = few_rows.sealed_numbers(trial)  # each row is exactly what was handed over
+        events = few_rows.sealed_events(trial)
+        assert (numbers, events) == (list(range(30)), list(range(0, 30, 7))), one.how
+        assert check(trial) == [], one.how
+        count.add()
+    print(count.told())
+    return count
+
+
+PARTS = [f"{table}/part-0000.parquet" for table in ("samples", "events")]
+
+
+@pytest.mark.parametrize("name", PARTS)
+def test_a_damaged_part_is_rebuilt_from_the_live_store(half_sealed: Path, tmp_path: Path, name: str) -> None:
+    assert rebuilt(half_sealed, tmp_path, name, long=False).lost == 0
+
+
+@pytest.mark.campaign
+@pytest.mark.timeout(3600)
+@pytest.mark.parametrize("name", PARTS)
+def test_a_part_damaged_everywhere_is_rebuilt_from_the_live_store(half_sealed: Path, tmp_path: Path, name: str) -> None:
+    assert rebuilt(half_sealed, tmp_path, name, long=True).lost == 0

@@ -1,0 +1,52 @@
+"""A small wire of a few blocks whose questions and answers tell their numbers: what belongs together can be told by looking."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+from jbclog.record.wire import Head, wire_path
+from jbclog.record.wire_recorder import WireRecorder
+from jbclog.tape import Passed, Row, Told
+
+HEAD = Head("dde-1", "/dev/ttyUSB0", "tht.toml", 8123.480001251, 1_790_000_000.25, 90.0, jbclog="0.1.0")
+BLOCKS = 6
+
+
+def question(number: int) -> bytes:
+    return b"\x020001RTT%d\x03" % number
+
+
+def answer(number: int) -> bytes:
+    return b"\x020100ATT%d%05d\x03" % (number, 300 + number)
+
+
+def rows_of(exchanges: range) -> Iterator[Row]:
+    """Each question with its answer, both of which tell their number."""
+    for number in exchanges:
+        at_s = 8124.0 + number * 0.0147123
+        yield Passed(at_s, "sent", question(number))
+        yield Passed(at_s + 0.014, "heard", answer(number))
+        yield Told(at_s + 0.0140021, "told", "ask", len(answer(number)), at_s - 1.7e-6)
+
+
+def pieces() -> Iterator[list[Row]]:
+    yield [Passed(8123.51, "opened", text="/dev/ttyUSB0")]
+    for number in range(BLOCKS - 3):
+        yield list(rows_of(range(2 * number, 2 * number + 2)))
+    yield [Told(8200.0, "broke", "listen", text='the "port"\tis\ngone…'), Told(8201.0, "done", "wait")]
+
+
+ROWS = [row for piece in pieces() for row in piece]
+
+
+def write_wire(folder: Path) -> Path:
+    """The file of that wire, in the folder of a run."""
+    recorder = WireRecorder(folder)
+    keep = recorder.begin(HEAD)
+    for piece in pieces():
+        for row in piece:
+            keep(row)
+        recorder.write()
+    recorder.close()
+    return wire_path(folder, HEAD.station)
