@@ -9,6 +9,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
@@ -194,21 +195,37 @@ sys.exit(guard.main())
 """
 
 
-def test_a_guards_process_goes_on_until_the_cable_is_back(line: ServedLine, run: Path) -> None:
-    plug_in = unplugged(line, "dde-1")
+@contextmanager
+def failed_recorders_guard(line: ServedLine, run: Path) -> Iterator[subprocess.Popen[bytes]]:
+    """A guard in a process of its own that is told to take dde-1 over."""
     command = [sys.executable, "-c", IMPATIENT, str(run), "--recorder", str(os.getpid())]
     guard = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
     try:
         assert guard.stdin is not None
         guard.stdin.write(f"{lease(line, 'dde-1').to_json()}\n{FAILED}\n".encode())
         guard.stdin.flush()
+        yield guard
+    finally:
+        guard.kill()
+        guard.communicate()
+
+
+def test_a_lease_stays_open_where_what_was_done_could_not_be_written_down(line: ServedLine, run: Path) -> None:
+    (run / DIARY).mkdir()
+    with failed_recorders_guard(line, run) as guard:
+        assert guard.wait(20) == 0
+    assert line.at_work() == 4
+    assert (run / LEASE).exists()
+
+
+def test_a_guards_process_goes_on_until_the_cable_is_back(line: ServedLine, run: Path) -> None:
+    plug_in = unplugged(line, "dde-1")
+    with failed_recorders_guard(line, run) as guard:
         assert until(lambda: ("guard.took_over", None, None) in told(run))
         assert line.at_work() == 6
         plug_in()
-        guard.communicate(timeout=20)
-    finally:
-        guard.kill()
-    assert (guard.returncode, line.at_work(), (run / LEASE).exists()) == (0, 4, False)
+        assert guard.wait(20) == 0
+    assert (line.at_work(), (run / LEASE).exists()) == (4, False)
     assert told(run)[-2:] == [("safety.safe_state", "dde-1", 1), ("safety.safe_state", "dde-1", 2)]
     assert not (run / DIARY).read_bytes().endswith(b"\n\n")  # its room is given back
 
@@ -248,6 +265,7 @@ def test_what_was_left_is_dealt_with_on_the_ports_that_are_asked_for(line: Serve
     keep(run, all_leases(line))
     asleep = line.stations["dde-2"].plant.ports[1]
     asleep.order(SLEEP, False)
+    began = time.monotonic()
     device = str(Path(line.url("ucr-1")).resolve())  # by another name than the lease's
     (left,) = settle(run.parent, {device, line.url("dde-2")}, lambda folder: False)
     assert (left.is_safe, left.text) == (
@@ -255,7 +273,7 @@ def test_what_was_left_is_dealt_with_on_the_ports_that_are_asked_for(line: Serve
         "Run run had left tools of dde-2, ucr-1 as they were: every tool is in its safe state now.",
     )
     assert line.at_work() == 3
-    assert asleep.doing.state == SLEEP, "one that rests would wake to be told to stand"
+    assert ("dde-2", 1) not in {(order.station, order.port) for order in line.orders(began)}, "it would wake to be told to stand"
     assert ("safety.safe_state", "dde-2", 1) in told(run)
     assert settle(run.parent, {line.url("dde-2")}, lambda folder: False) == []
 

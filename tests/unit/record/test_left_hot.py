@@ -16,7 +16,7 @@ from jbclog.guard.diary import Diary
 from jbclog.record import conclude as concluding
 from jbclog.record import left_hot
 from jbclog.record.check import check
-from jbclog.record.guarded import LEASE
+from jbclog.record.guarded import DIARY, LEASE
 from jbclog.record.manifest import Manifest, read_manifest, write_manifest
 from jbclog.record.parts import row_groups
 from jbclog.record.recover import Outcome, recover
@@ -118,6 +118,15 @@ def test_a_take_over_that_did_all_is_a_lost_run_and_no_unsafe_one(left: Left) ->
     diary.write("guard.took_over", "error", "The guard took over.")
     done = recover(folder)
     assert (done.is_safe, told(folder), read_manifest(folder).exit_code) == (True, [], 4)
+    assert len((folder / DIARY).read_bytes().splitlines()) == 2  # its room is given back
+    assert check(folder) == []
+
+
+def test_a_diary_that_was_never_needed_is_no_part_of_the_record(left: Left) -> None:
+    folder = left(few_rows.facts())
+    Diary(folder).reserve()
+    recover(folder)
+    assert not (folder / DIARY).exists()
 
 
 def test_a_recovery_that_is_cut_off_and_done_again_tells_it_once(left: Left, monkeypatch: pytest.MonkeyPatch) -> None:
