@@ -8,7 +8,7 @@
 from __future__ import annotations
 
 from jbclog.effects import RunEnded, Steps
-from jbclog.errors import JbclogError, LinkError, StartRefused, StationError, Unsafe
+from jbclog.errors import JbclogError, LinkError, StartRefused, StationError
 from jbclog.rows import NoJournal, Severity, StationFacts
 from jbclog.scheduler import Grid
 from jbclog.session.anomalies import compare_countdowns
@@ -115,8 +115,6 @@ def _surely_make_safe(desk: Desk) -> Steps[None]:
             yield from make_safe(desk)
         except RunEnded:
             continue
-        except Unsafe:
-            pass  # `facts.unsafe` has it, and an event for each tool
         except Exception as error:
             _fail(desk, error)
             if not isinstance(desk.journal, NoJournal):

@@ -193,8 +193,7 @@ class Station(Dialogue):
         self.now = heard.now
         if heard.data:
             self.strays["unasked"] += 1
-            self._reader.feed(heard.data)
-            self._reader.reset()
+            self._reader.feed(heard.data)  # and forgotten with the next question
 
     # -- R-TT, which has two letters where there should be three (digest B-10) ---------------------------------------
 

@@ -102,6 +102,19 @@ def test_a_low_alarm() -> None:
     assert run.facts.alarms == 1
 
 
+@pytest.mark.parametrize(
+    ("side", "seen", "kind"),
+    [("high", 380, "alarm.unconfirmed"), ("high", 381, "alarm.high"), ("low", 250, "alarm.unconfirmed"), ("low", 249, "alarm.low")],
+)
+def test_only_a_temperature_beyond_the_limit_bears_a_flag_out(side: str, seen: int, kind: str) -> None:
+    run = one_port()
+    run.at(12, lambda: setattr(run.station.plant.ports[1], "stuck_c", seen))
+    latch(run, side, 13)
+    run.go()
+    assert only(run, kind).raw == side
+    assert (run.facts.alarms, run.facts.unconfirmed_alarms) == ((0, 1) if kind == "alarm.unconfirmed" else (1, 0))
+
+
 def test_an_alarm_of_the_last_seconds_is_not_lost() -> None:
     """Raised after the last reading of the flags; they are read once more when the tool is safe."""
     run = one_port(fault("overheat", at_s=12.4, by_c=20), duration_s=13).go()

@@ -6,7 +6,7 @@ import pytest
 from talk import Answer, Talk, framed
 
 from jbclog.commands.family import FAMILIES
-from jbclog.effects import Steps
+from jbclog.effects import Heard, Steps
 from jbclog.errors import (
     AnswerCorrupt,
     AnswerFormat,
@@ -276,3 +276,15 @@ def test_a_refused_write_names_command_and_port() -> None:
     talk = Talk(("WST100350", "NST100003"))
     with pytest.raises(OutOfRange, match="selected temperature of port 1: refused with N 00003, value out of range"):
         talk.do(lambda station: station.write(SELECT, 350, 1))
+
+
+# -- what comes although nothing was asked ---------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("said", [framed("ATT100350"), framed("ATT100350")[:9]], ids=["whole", "begun"])
+def test_what_comes_unasked_is_counted_and_answers_nothing(said: bytes) -> None:
+    talk = Talk(GOOD)
+    talk.station.unasked(Heard(0.0, said, 0.0))
+    talk.station.unasked(Heard(0.0, b"", 0.0))
+    assert talk.do(read_tip) == 183
+    assert talk.station.strays == {"unasked": 1}
