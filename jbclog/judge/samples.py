@@ -3,14 +3,15 @@
 Definitions. *Due*: the ticks at which the port's tip temperature was to be read, those that a stopped host
 skipped included (`ledger`). *Coverage*: readings that are there, in per cent of those due. *Longest gap*: the
 longest time without a temperature on the monotonic grid, missing ticks × period, beginning and end of the run
-included. With ``--rate max`` there is no grid: then it is the longest time between two temperatures, in UTC.
+included. With ``--rate max`` there is no grid: then it is the longest time between two temperatures, in UTC less the
+steps of the wall clock (`stepped`).
 Of a station that tells no temperature the same holds of all that it tells (`judged_signals`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +21,7 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from jbclog.judge.idle import BLOCK_S, Block, Floats, IdleError, idle_errors
+from jbclog.judge.stepped import Step, Unstepped, steps_of
 from jbclog.rows import StationFacts
 
 TEMPERATURE = "temperature_c"
@@ -48,9 +50,12 @@ class PortMeasure:
     _last_s: float | None = None
     _block: int = 0
     _held: list[Block] = field(default_factory=list)
+    unstepped: Unstepped = field(default_factory=lambda: Unstepped([]))
 
     def feed(self, rows: Block, read: Counts) -> None:
         """Take the next rows of this port, in the order of their ticks, and how many readings each has."""
+        if self.period_s is None:
+            rows = replace(rows, seconds=self.unstepped.of(rows.seconds))
         if self.start_s is None:
             self.start_s = float(rows.seconds[0]) - (self.period_s or 0.0)
         self.end_s = float(rows.seconds[-1])
@@ -110,12 +115,13 @@ Measures = dict[tuple[str, int], PortMeasure]
 def measure(folder: Path, stations: dict[str, StationFacts]) -> Measures:
     """Measure every port of `stations` from ``folder/samples``. A port without any row is not in the answer."""
     measures: Measures = {}
+    steps = [] if all(facts.period_s for facts in stations.values()) else steps_of(folder)
     signals = {name: judged_signals(facts) for name, facts in stations.items()}
     columns = [*COLUMNS, *sorted({name for names in signals.values() for name in names} - set(COLUMNS))]
     for batch in _batches(folder, columns):
         for station, port, rows, read in _ports(batch, stations, signals):
             if (station, port) not in measures:
-                measures[station, port] = _new(stations[station])
+                measures[station, port] = _new(stations[station], steps)
             measures[station, port].feed(rows, read)
     for (station, _), port_measure in measures.items():
         facts = stations[station]
@@ -124,9 +130,9 @@ def measure(folder: Path, stations: dict[str, StationFacts]) -> Measures:
     return measures
 
 
-def _new(facts: StationFacts) -> PortMeasure:
+def _new(facts: StationFacts, steps: Sequence[Step]) -> PortMeasure:
     if not facts.period_s:
-        return PortMeasure(None)
+        return PortMeasure(None, unstepped=Unstepped(steps))
     start = None if facts.first_tick is None else (facts.first_tick - 1) * facts.period_s
     return PortMeasure(facts.period_s, start)
 

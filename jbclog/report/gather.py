@@ -11,6 +11,7 @@ from jbclog import __version__
 from jbclog.analysis import Run
 from jbclog.errors import RecordError
 from jbclog.judge import judged_signals, measure
+from jbclog.judge.stepped import steps_of
 from jbclog.record.lineage import short_head
 from jbclog.record.manifest import Manifest, manifest_sha256
 from jbclog.report.air import COLUMNS as AIR
@@ -83,6 +84,7 @@ def _stations(run: Run, folder: Path) -> Iterator[StationReport]:
         measure(folder, {facts.name: facts for facts in manifest.stations}),
         manifest.ledger,
         is_cut_off(manifest),
+        tuple(steps_of(folder)),
     )
     for number, facts in enumerate(manifest.stations, 1):
         columns = COLUMNS if "temperature_c" in judged_signals(facts) else (*COLUMNS, *STATES)

@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 
 from jbclog.judge import PortMeasure, judged_signals
+from jbclog.judge.stepped import Step
 from jbclog.report.air import air_facts, tells_air
 from jbclog.report.captions import caption, closer_caption, description
 from jbclog.report.closer import closer
@@ -39,13 +40,14 @@ class Context:
     measures: Mapping[tuple[str, int], PortMeasure]
     ledger: Mapping[str, Mapping[str, PortLedger]]
     cut_off: bool = False
+    steps: tuple[Step, ...] = ()
 
 
 def port_facts(facts: StationFacts, port: int, file: str, rows: pd.DataFrame, context: Context) -> PortFacts:
     """One port, from its rows of `samples`; its figures' files begin with `file`."""
-    signals = judged_signals(facts)
+    signals, grid = judged_signals(facts), Grid(context.t0_utc_us, facts.period_s, context.steps)
     drawn = replace(
-        trace(rows, Grid(context.t0_utc_us, facts.period_s), of_states="temperature_c" not in signals, of_air=tells_air(facts)),
+        trace(rows, grid, of_states="temperature_c" not in signals, of_air=tells_air(facts)),
         limits=limits_of(context.settings, facts.name, port, context.t0_utc_us),
         marks=marks_of(context.happenings, facts.name, port),
     )

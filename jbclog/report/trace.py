@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from jbclog.judge.stepped import Step, Unstepped
 from jbclog.report.air import Air, air_of, status_words
 from jbclog.report.spans import Span, missing_ticks, runs, within
 from jbclog.report.states import is_any_told, state_lanes
@@ -20,15 +21,18 @@ SETTING_JOINED_S = 15.0  # the setting is due each 5 s; two losses are bridged i
 
 @dataclass(frozen=True, slots=True)
 class Grid:
-    """The run's time axis. `period_s` is None with ``--rate max``: then the rows' UTC stands for it."""
+    """The run's time axis. `period_s` is None with ``--rate max``: then the rows' UTC stands for it, less its steps."""
 
     t0_utc_us: int
     period_s: float | None
+    steps: tuple[Step, ...] = ()
 
     def seconds(self, ticks: Floats, utc_us: Floats) -> Floats:
         """Seconds since the run's zero of rows with these ticks and times."""
         if self.period_s:
             return ticks * self.period_s
+        if self.steps:
+            return Unstepped(self.steps).of(utc_us / 1e6) - self.t0_utc_us / 1e6
         return (utc_us - self.t0_utc_us) / 1e6
 
 

@@ -96,9 +96,16 @@ class Case:
         self.parts += 1
 
     def event(
-        self, kind: str, severity: str, station: str | None = None, port: int | None = None, text: str = "It happened."
+        self,
+        kind: str,
+        severity: str,
+        station: str | None = None,
+        port: int | None = None,
+        text: str = "It happened.",
+        **more: object,
     ) -> None:
-        self.event_rows.append({"kind": kind, "severity": severity, "station": station, "port": port, "text": text})
+        place = {"kind": kind, "severity": severity, "station": station, "port": port, "text": text}
+        self.event_rows.append({**place, **more})
 
     def setting(self, station: str, outcome: str, setting: str = "adjust", requested: str | None = "0") -> None:
         self.setting_rows.append({"station": station, "setting": setting, "requested": requested, "outcome": outcome})
@@ -110,6 +117,7 @@ class Case:
     def evidence(self) -> Evidence:
         """Everything said so far, sealed."""
         texts = {"kind": pa.string(), "severity": pa.string(), "station": pa.string(), "port": pa.int64(), "text": pa.string()}
+        texts |= {"time": STAMP, "value": pa.float64()}
         self._write("events", pa.Table.from_pylist(self.event_rows, pa.schema(texts)))
         columns = dict.fromkeys(("station", "setting", "requested", "outcome"), pa.string())
         self._write("settings", pa.Table.from_pylist(self.setting_rows, pa.schema(columns)))

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 
 from jbclog.judge import Limits, judge
@@ -80,3 +82,27 @@ def test_coverage_is_never_rounded_up_to_its_limit(case: Any, tip: Callable[...,
     coverage = next(rule for rule in judge(case.evidence(), {"a": Limits(coverage_percent=99.5)}).rules if rule.name == "coverage")
     assert coverage.result == result
     assert shown in coverage.text
+
+
+@pytest.mark.parametrize("batch", [16_384, 97])
+@pytest.mark.parametrize("sizes", [(3600.0,), (-3600.0,), (3600.0, -7200.0), (-0.8, 30.0), (2.0,)])
+def test_without_a_grid_a_stepped_clock_is_no_gap(
+    case: Any, tip: Callable[..., Any], monkeypatch: pytest.MonkeyPatch, sizes: tuple[float, ...], batch: int
+) -> None:
+    """Steps at 20 s and 40 s; at 30 s half a second is lost, which is a gap of 0.6 s between two readings."""
+    monkeypatch.setattr("jbclog.judge.samples.BATCH_ROWS", batch)
+    facts = case.station("a", tip().lose(30, 0.5), tip().lose(30, 0.5))
+    facts.period_s = None
+    path = case.folder / "samples" / "part-0000.parquet"
+    table = pq.read_table(path)
+    times, sum_us = table["time"].cast("int64").to_numpy().copy(), 0
+    zero = int(times[0])
+    for second, size in zip((20, 40), sizes, strict=False):
+        place = 2 * 10 * second  # two ports
+        sum_us += round(size * 1e6)
+        times[place:] += round(size * 1e6)
+        told = zero + round((second + 0.03) * 1e6) + sum_us
+        case.event("clock.step", "warning", time=told, value=size)
+    pq.write_table(table.set_column(0, "time", pa.array(times, pa.timestamp("us", tz="UTC"))), path)
+    assert gap(case) == pytest.approx(0.6)
+    assert gap(case, 2) == pytest.approx(0.6)
