@@ -16,16 +16,14 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Final
 
-import pyarrow as pa
-
 from jbclog.errors import RecordError, Unsafe
-from jbclog.record import damage, guarded, left_hot, wire, wire_check
+from jbclog.record import bad_parts, damage, guarded, left_hot, wire, wire_check
 from jbclog.record.conclude import conclude, last_micros, live_files, remove_live, stations_of
 from jbclog.record.folder import RUN_NAME
 from jbclog.record.live import AT_RISK_S
 from jbclog.record.lock import FolderLock, acknowledged
 from jbclog.record.manifest import NAME, Lost, Manifest, NoManifest, read_manifest, wrong_digest
-from jbclog.record.parts import part_paths, read_through, remove_leavings
+from jbclog.record.parts import remove_leavings
 from jbclog.record.schema import TABLES
 from jbclog.record.seal import seal_rows
 from jbclog.record.stock import Stock
@@ -93,7 +91,7 @@ def recover(folder: Path, patience_s: float = PATIENCE_S) -> Recovery:
     try:
         with guarded.without_guard(folder, patience_s):
             manifest = _draft(folder)  # the recorder may have finished while we waited
-            if manifest.state == "sealed":
+            if manifest.state == "sealed" and not bad_parts.changed(folder, manifest):
                 remove_live(folder, lock)
                 return _recovery(folder, Outcome.RECOVERED, f"{folder.name}: was sealed already; its live store is removed now.")
             return _finish(folder, manifest, lock)
@@ -105,8 +103,8 @@ def recover(folder: Path, patience_s: float = PATIENCE_S) -> Recovery:
 
 def _finish(folder: Path, manifest: Manifest, lock: FolderLock) -> Recovery:
     remove_leavings(folder)
-    _note_bad_parts(folder)
-    manifest = replace(manifest, wire=_wire(folder, manifest))
+    bad_parts.set_aside(folder, manifest)
+    manifest = replace(manifest, state="open", files=[], wire=_wire(folder, manifest))
     seal_rows(folder)
     guarded.take_in(folder, manifest.run, guarded.diary(folder))
     manifest = replace(manifest, guard="lost" if guarded.was_lost(folder) else manifest.guard)
@@ -238,15 +236,3 @@ def _note_missing_end(folder: Path, last: int) -> None:
     if missing > 0:
         which = f"batches {last + 1} to {last + missing}"
         damage.note(folder, [damage.Damage(which, None, "acknowledged, and missing from the live store", missing * AT_RISK_S)])
-
-
-def _note_bad_parts(folder: Path) -> None:
-    """Set parts aside that cannot be read; rows of theirs that the live store still has are sealed again."""
-    for table in TABLES:
-        for path in part_paths(folder, table):
-            try:
-                read_through(path)
-            except (pa.ArrowException, OSError, RecordError) as error:
-                why = str(error).replace(str(path), path.name)  # the folder may be moved
-                damage.note(folder, [damage.Damage(f"{table}/{path.name}", None, f"cannot be read: {why}")])
-                damage.set_aside(folder, path)
