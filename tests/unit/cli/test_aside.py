@@ -65,6 +65,7 @@ def test_all_is_told_in_order_whatever_fails(pipe: tuple[int, int]) -> None:
     shown.sealing()
     shown.close()
     assert noted.told == ["begun x", "station.error", "sealing", "close"]
+    assert shown.missed() == 1  # the one that failed
 
 
 def test_nobody_waits_for_a_stderr_that_takes_nothing(pipe: tuple[int, int], monkeypatch: pytest.MonkeyPatch) -> None:
@@ -75,6 +76,8 @@ def test_nobody_waits_for_a_stderr_that_takes_nothing(pipe: tuple[int, int], mon
     shown = Aside(noted)
     for _ in range(2 * aside.WAITING_MOST):
         shown.happened(EVENT)
+    time.sleep(0.05)
+    assert shown.missed() == 2 * aside.WAITING_MOST
     shown.close()
     assert time.monotonic() - began < 1.0
     assert noted.told == []

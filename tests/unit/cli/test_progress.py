@@ -24,7 +24,7 @@ def desk(name: str = "dde-1", outcome: str = "running") -> Desk:
     order = Order(name, "nowhere", FAMILIES["dde"], LineFormat(), 1, None, RECIPE, "job.toml", FAMILIES, 0.0)
     found = Desk(order, NoJournal(), UtcOffset(SystemClock()))
     found.ports = {number: PortState(number) for number in (1, 2)}
-    found.ports[1].temperature_c, found.ports[1].status = 349, (0, 0, 0, 0, 0)
+    found.ports[1].temperatures_c, found.ports[1].status = {"temperature_c": 349}, (0, 0, 0, 0, 0)
     found.ports[1].held["selected_temperature"] = 350
     found.connected, found.facts.outcome, found.facts.alarms = True, outcome, 2
     return found
@@ -81,3 +81,17 @@ def test_lines_for_a_log_are_left_whole(capsys: pytest.CaptureFixture[str]) -> N
     shown.begun(Path("runs/x"))
     shown.happened(EventRow(0, "station.error", Severity.ERROR, "long " * 60, "dde-1"))
     assert len(capsys.readouterr().err.splitlines()) == 2
+
+
+def test_a_tool_that_could_not_be_made_safe_is_told_when_it_is_safe_at_last(capsys: pytest.CaptureFixture[str]) -> None:
+    shown = progress.observer(None, quiet=True)
+    for kind, severity, port in (
+        ("safety.safe_state", Severity.INFO, 1),  # as a thousand times before
+        ("safety.not_safe", Severity.CRITICAL, 1),
+        ("safety.safe_state", Severity.INFO, 2),
+        ("safety.safe_state", Severity.INFO, 1),
+        ("safety.safe_state", Severity.INFO, 1),
+    ):
+        shown.happened(EventRow(0, kind, severity, f"{kind} of port {port}", "dde-1", port))
+    told = capsys.readouterr().err.splitlines()
+    assert [line.partition("dde-1: ")[2] for line in told] == ["safety.not_safe of port 1", "safety.safe_state of port 1"]

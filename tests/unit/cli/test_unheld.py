@@ -1,0 +1,79 @@
+"""What is printed is taken at once, and lost only where nobody took it in time."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Iterator
+
+import pytest
+
+from jbclog.cli import unheld
+from jbclog.cli.unheld import Unheld
+
+
+@pytest.fixture
+def pipe() -> Iterator[tuple[int, int]]:
+    reading, writing = os.pipe()
+    yield reading, writing
+    os.close(writing)
+
+
+def fill(writing: int) -> int:
+    """Write until nothing more is taken; how much that was."""
+    size = 0
+    os.set_blocking(writing, False)
+    try:
+        while True:
+            size += os.write(writing, b"x" * 4096)
+    except BlockingIOError:
+        os.set_blocking(writing, True)
+    return size
+
+
+def test_all_comes_in_order(pipe: tuple[int, int]) -> None:
+    stream = Unheld(pipe[1])
+    for number in range(1000):
+        stream.write(b"%d\n" % number)
+    assert stream.settle()
+    assert os.read(pipe[0], 1 << 16) == b"".join(b"%d\n" % number for number in range(1000))
+    assert stream.lost == 0
+    os.close(pipe[0])
+
+
+def test_who_does_not_read_is_not_waited_for(pipe: tuple[int, int], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(unheld, "END_S", 0.1)
+    before = fill(pipe[1])
+    stream, began = Unheld(pipe[1]), time.monotonic()
+    stream.write(b"the end")
+    assert not stream.settle()
+    assert not stream.settle()  # its patience is spent
+    assert time.monotonic() - began < 2.0
+    while before > 0:  # somebody reads after all
+        before -= len(os.read(pipe[0], before))
+    assert os.read(pipe[0], 100) == b"the end"
+    os.close(pipe[0])
+
+
+def test_what_waits_is_bounded(pipe: tuple[int, int], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(unheld, "END_S", 0.1)
+    fill(pipe[1])
+    stream = Unheld(pipe[1])
+    for _ in range(3 * unheld.WAITING_MOST // 65_536):
+        stream.write(b"x" * 65_536)
+    assert stream.lost >= unheld.WAITING_MOST
+    os.close(pipe[0])
+
+
+def test_a_reader_that_goes_is_no_error(pipe: tuple[int, int]) -> None:
+    os.close(pipe[0])
+    stream = Unheld(pipe[1])
+    assert stream.write(b"nobody reads this") == 17
+    assert stream.settle()
+    assert stream.lost == 17
+
+
+def test_a_stream_that_is_no_descriptor_stays_as_it_is(capsys: pytest.CaptureFixture[str]) -> None:
+    unheld.never_wait()
+    print("seen")
+    assert capsys.readouterr().out == "seen\n"
