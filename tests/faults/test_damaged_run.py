@@ -154,8 +154,10 @@ def test_a_file_of_a_sealed_run_altered_in_places(sealed: Path, tmp_path: Path, 
 @pytest.mark.campaign
 @pytest.mark.timeout(3600)
 @pytest.mark.parametrize("name", FILES)
-def test_a_file_of_a_sealed_run_altered_everywhere(sealed: Path, tmp_path: Path, name: str) -> None:
-    assert walk(sealed, tmp_path, name, long=True).wrong == 0
+def test_a_file_of_a_sealed_run_altered_everywhere(sealed: Path, tmp_path: Path, name: str, counted: Callable[..., None]) -> None:
+    count = walk(sealed, tmp_path, name, long=True)
+    assert count.wrong == 0
+    counted(alterations=count.tried, wrong=count.wrong)
 
 
 @pytest.mark.parametrize("name", FILES)
@@ -282,5 +284,9 @@ def test_a_damaged_part_is_rebuilt_from_the_live_store(half_sealed: Path, tmp_pa
 @pytest.mark.campaign
 @pytest.mark.timeout(3600)
 @pytest.mark.parametrize("name", PARTS)
-def test_a_part_damaged_everywhere_is_rebuilt_from_the_live_store(half_sealed: Path, tmp_path: Path, name: str) -> None:
-    assert rebuilt(half_sealed, tmp_path, name, long=True).lost == 0
+def test_a_part_damaged_everywhere_is_rebuilt_from_the_live_store(
+    half_sealed: Path, tmp_path: Path, name: str, counted: Callable[..., None]
+) -> None:
+    count = rebuilt(half_sealed, tmp_path, name, long=True)
+    assert count.lost == 0
+    counted(alterations=count.tried, rows_lost=count.lost, wrong=count.wrong)

@@ -309,8 +309,9 @@ def test_a_signal_ends_a_run_in_good_order(start: Start, state: str) -> None:
 @pytest.mark.campaign
 @pytest.mark.timeout(1800)
 @pytest.mark.parametrize("state", STATES)
-def test_signals_in_each_state_twenty_five_times(start: Start, state: str) -> None:
+def test_signals_in_each_state_twenty_five_times(start: Start, state: str, counted: Callable[..., None]) -> None:
     strike(start, SEED, [state] * 25)
+    counted(runs_ended_by_signals=25, lost=0, wrong=0, left_hot=0)
 
 
 def test_a_signal_while_what_an_older_run_left_is_dealt_with_is_not_forgotten(start: Start, tmp_path: Path) -> None:
@@ -348,10 +349,11 @@ def test_a_signal_while_recovering_loses_nothing(tmp_path: Path) -> None:
 
 @pytest.mark.campaign
 @pytest.mark.timeout(900)
-def test_signals_while_recovering_a_hundred_times(tmp_path: Path) -> None:
+def test_signals_while_recovering_a_hundred_times(tmp_path: Path, counted: Callable[..., None]) -> None:
     rng = random.Random(SEED)
     codes = Counter(recovered_under(tmp_path / str(i), [rng.choice(ENDING)], [1.5 * rng.random()]) for i in range(100))
     print(f"seed {SEED}: 100 times recover was ended by a signal: exit codes {dict(codes)}; lost 0, wrong 0")
+    counted(recoveries_ended_by_signals=100, lost=0, wrong=0)
 
 
 # -- who does not read (row 46) -------------------------------------------------------------------------------------------------
@@ -503,10 +505,11 @@ def test_of_two_recorders_that_start_together_one_says_who_has_the_port(start: S
 
 @pytest.mark.campaign
 @pytest.mark.timeout(900)
-def test_two_recorders_fifty_times(start: Start) -> None:
+def test_two_recorders_fifty_times(start: Start, counted: Callable[..., None]) -> None:
     rng = random.Random(SEED)
     won = Counter(race(start, rng.random()) for _ in range(50))
     print(f"seed {SEED}: 50 pairs of recorders on one port; who recorded: {dict(won)}; lost 0, wrong 0, both 0, none 0")
+    counted(pairs_of_recorders=50, lost=0, wrong=0)
 
 
 # -- who looks on (row 47) ------------------------------------------------------------------------------------------------------

@@ -299,7 +299,9 @@ def test_of_many_that_come_at_once_one_makes_safe_what_was_left(line: ServedLine
 
 @pytest.mark.campaign
 @pytest.mark.timeout(900)
-def test_of_many_that_come_at_once_one_makes_safe_what_was_left_a_hundred_times(line: ServedLine, tmp_path: Path) -> None:
+def test_of_many_that_come_at_once_one_makes_safe_what_was_left_a_hundred_times(
+    line: ServedLine, tmp_path: Path, counted: Callable[..., None]
+) -> None:
     one = 0
     for trial in range(100):
         for port in line.tools():
@@ -308,6 +310,7 @@ def test_of_many_that_come_at_once_one_makes_safe_what_was_left_a_hundred_times(
         one += at_once(line, folder, 8)
     print(f"100 times 8 at once: one of them wrote {one} times, two never")
     assert one == 100
+    counted(times_eight_at_once=100, by_two=0, by_none=0)
 
 
 def at_once(line: ServedLine, folder: Path, count: int) -> int:
