@@ -53,7 +53,8 @@ class Tool:
 class Task:
     """The tools of one station that must be made safe, and what is known of the station.
 
-    `wanted` is the name of the state in the family's table. `feeds`: the feeder may be running. `is_proven`: the port has
+    `wanted` is the name of one of the family's safe states; another, which a lease from elsewhere may name, is not ordered, but
+    the usual one. `feeds`: the feeder may be running. `is_proven`: the port has
     not broken since the station said who it is; where it has, nothing is written before `prove` says so again. `spare`: a tool
     that rests already is left alone, because a tool that sleeps would wake to be told to stand.
     """
@@ -72,6 +73,8 @@ class Task:
 
     def __post_init__(self) -> None:
         self.has_fed = self.feeds
+        if self.wanted not in self.family.safe_states:
+            self.wanted = next(iter(self.family.safe_states), self.wanted)
 
     @property
     def has_untold(self) -> bool:

@@ -9,7 +9,7 @@ from jbclog.commands.status import EXTRACTOR, STAND, StatusWord
 from jbclog.effects import Ask, Heard, Listen, Steps, Wait
 from jbclog.errors import AnswerTimeout, LinkError
 from jbclog.safety.in_time import in_time
-from jbclog.safety.secure import ALLOWED_S, FAILED, SENT, VERIFIED, secure
+from jbclog.safety.secure import ALLOWED_S, FAILED, SENT, VERIFIED, Task, secure
 from jbclog.sim.state import WORKING
 from jbclog.sim.virtual import VirtualStation
 
@@ -187,3 +187,23 @@ def test_where_nothing_is_to_be_spared_it_is_told() -> None:
 
 def is_extractor(status: StatusWord | None) -> bool:
     return status is not None and status[3] == EXTRACTOR[3]
+
+
+# -- what a file from elsewhere asks for -----------------------------------------------------------------------------------
+
+
+def test_hot_air_is_not_switched_on_by_one_either() -> None:
+    made = task(1, family="jtse")
+    assert Task(made.client, made.family, "on", made.tools, made.feeds, made.prove).wanted == "cooling"
+
+
+@pytest.mark.parametrize("family", ["dde", "ucr"])
+@pytest.mark.parametrize("wanted", ["working", "on", "", "../x"])
+def test_a_state_that_is_not_safe_is_never_ordered(family: str, wanted: str) -> None:
+    """A lease is a file in a folder of runs: whoever puts one there must not heat a tool with it."""
+    device, made = station(family, tools=(1,)), task(1, family=family)
+    given = Task(made.client, made.family, wanted, made.tools, made.feeds, made.prove)
+    Cable(device).pull(secure(given))
+    safe = {made.family.status.orders[name] for name in (*made.family.safe_states, *made.family.status.last_resorts)}
+    assert written(device)
+    assert set(written(device)) <= safe
