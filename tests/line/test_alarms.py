@@ -229,6 +229,16 @@ def test_an_alarm_whose_answer_was_lost_is_never_reported_as_none() -> None:
     assert all(row[COLUMN["alarm_high"]] is None for row in lost)
 
 
+def test_what_was_hot_before_an_answer_was_lost_bears_out_no_flag_behind_it() -> None:
+    """The flag that it raised went with the answer; the next one was raised after it."""
+    run = one_port(fault("overheat", at_s=11, for_s=1.5, by_c=20) + fault("silence", command="alarm_flags", at_s=12.9, for_s=2.5))
+    latch(run, "high", 15.5)
+    run.go()
+    lost, unconfirmed = run.memory.of_kind("alarm.unknown"), only(run, "alarm.unconfirmed")
+    assert unconfirmed.earliest == pytest.approx(lost[-1].time, abs=2e5)
+    assert run.facts.alarms == 0
+
+
 @pytest.mark.parametrize("word", ["00200", "20001", "00100", "11111"])
 def test_digits_that_no_manual_describes_are_a_format_error(word: str) -> None:
     run = one_port()
