@@ -35,6 +35,7 @@ MAY_USE = {
     "record": "rows tape clock errors same_port",
     "sim": "protocol commands quantities wire recipe clock tape errors",
     "judge": "rows errors",
+    "spc": "errors",
     "analysis": "record judge rows tape errors",
     "report": "analysis judge record recipe commands rows errors",
     # top: what puts the rooms together, below the command line

@@ -1,0 +1,36 @@
+"""STATISTICAL PROCESS CONTROL. Control charts, capability and gauge studies of features, never of raw samples.
+
+Owns: the arithmetic of the charts and indices with their constants, and the reasons for which it refuses to give them.
+Never: reads a run, knows what a joint or a tip is, gives an index that would mislead. Arrays in, figures out.
+May use: `errors`; numpy and scipy.
+Start reading: `study.py`, what is asked for; `refusal.py`, when it is refused; `charts.py` and `capability.py`, the figures.
+
+Sources: NIST/SEMATECH e-Handbook of Statistical Methods, chapter 6; D. C. Montgomery, Introduction to Statistical Quality
+Control; L. S. Nelson, The Shewhart Control Chart: Tests for Special Causes, J. Quality Technology 16 (1984); A. F. Bissell,
+How Reliable is Your Capability Index?, Applied Statistics 39 (1990); AIAG, Measurement Systems Analysis, 4th edition.
+"""
+
+from jbclog.spc.capability import Capability, Index
+from jbclog.spc.charts import Chart, ewma, individuals, means, moving_ranges, ranges
+from jbclog.spc.gauge import GaugeStudy, gauge_study
+from jbclog.spc.nelson import Signal
+from jbclog.spc.refusal import Refused
+from jbclog.spc.study import capability, control_chart, subgroup_charts
+
+__all__ = [
+    "Capability",
+    "Chart",
+    "GaugeStudy",
+    "Index",
+    "Refused",
+    "Signal",
+    "capability",
+    "control_chart",
+    "ewma",
+    "gauge_study",
+    "individuals",
+    "means",
+    "moving_ranges",
+    "ranges",
+    "subgroup_charts",
+]

@@ -1,0 +1,98 @@
+"""The eight tests for special causes (Nelson 1984), on points counted in standard deviations from the centre line.
+
+A signal stands at the point that completes a pattern. Points on a line belong to neither side of it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import NDArray
+
+Zones = NDArray[np.float64]
+"""Points as distances from the centre line in standard deviations."""
+Windows = NDArray[np.float64]
+"""As many neighbouring points as a test looks at, one row for each place."""
+
+
+@dataclass(frozen=True, slots=True)
+class Signal:
+    """Test number `test` is met by the points from `first` to `last` (counted from 0)."""
+
+    test: int
+    first: int
+    last: int
+
+    @property
+    def text(self) -> str:
+        return TESTS[self.test - 1].text
+
+
+@dataclass(frozen=True, slots=True)
+class Test:
+    """One of the tests: how many neighbouring points it looks at, and whether they are out of the ordinary.
+
+    `rate` is how often a point of a stable normal process completes it, where that is known in closed form.
+    """
+
+    points: int
+    text: str
+    meets: Callable[[Windows], NDArray[np.bool_]]
+    rate: float | None = None
+
+
+def _beyond(sigmas: float, enough: int) -> Callable[[Windows], NDArray[np.bool_]]:
+    """Whether enough of the points, the last among them, are beyond so many sigmas on the same side."""
+
+    def meets(windows: Windows) -> NDArray[np.bool_]:
+        above, below = windows > sigmas, windows < -sigmas
+        high = (above.sum(axis=1) >= enough) & above[:, -1]
+        low = (below.sum(axis=1) >= enough) & below[:, -1]
+        return np.asarray(high | low, dtype=np.bool_)
+
+    return meets
+
+
+def _trend(windows: Windows) -> NDArray[np.bool_]:
+    steps = np.diff(windows, axis=1)
+    return np.asarray((steps > 0).all(axis=1) | (steps < 0).all(axis=1), dtype=np.bool_)
+
+
+def _alternating(windows: Windows) -> NDArray[np.bool_]:
+    steps = np.diff(windows, axis=1)
+    return np.asarray((steps[:, 1:] * steps[:, :-1] < 0).all(axis=1), dtype=np.bool_)
+
+
+def _hugging(windows: Windows) -> NDArray[np.bool_]:
+    return np.asarray((np.abs(windows) < 1).all(axis=1), dtype=np.bool_)
+
+
+def _avoiding(windows: Windows) -> NDArray[np.bool_]:
+    both = (windows > 1).any(axis=1) & (windows < -1).any(axis=1)
+    return np.asarray(both & (np.abs(windows) > 1).all(axis=1), dtype=np.bool_)
+
+
+TESTS = (
+    Test(1, "one point beyond three sigma", _beyond(3, 1), rate=0.0026998),
+    Test(9, "nine points in a row on one side of the centre", _beyond(0, 9), rate=1 / 511),
+    Test(6, "six points in a row steadily rising or falling", _trend),
+    Test(14, "fourteen points in a row alternating up and down", _alternating),
+    Test(3, "two of three points beyond two sigma on one side", _beyond(2, 2)),
+    Test(5, "four of five points beyond one sigma on one side", _beyond(1, 4)),
+    Test(15, "fifteen points in a row within one sigma", _hugging),
+    Test(8, "eight points in a row beyond one sigma, on both sides", _avoiding),
+)
+
+
+def signals(zones: Zones, tests: tuple[int, ...] = tuple(range(1, 9))) -> tuple[Signal, ...]:
+    """All signals of the named tests, in the order of the points that complete them."""
+    found: list[Signal] = []
+    for number in tests:
+        test = TESTS[number - 1]
+        if len(zones) >= test.points:
+            places = np.flatnonzero(test.meets(sliding_window_view(zones, test.points)))
+            found += [Signal(number, int(place), int(place) + test.points - 1) for place in places]
+    return tuple(sorted(found, key=lambda one: (one.last, one.test)))
