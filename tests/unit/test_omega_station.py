@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import pytest
-from omega_talk import PROMPT_S, OmegaTalk, framed
+from omega_talk import PROMPT_S, OmegaTalk, Turn, framed
 
 from jbclog.commands.family import FAMILIES
 from jbclog.commands.omega_values import ConditionRecord
 from jbclog.effects import Steps, Wait
-from jbclog.errors import AnswerFormat, AnswerTimeout, Ignored, NotSupported, StationError, StationSilent
+from jbclog.errors import AnswerCorrupt, AnswerFormat, AnswerTimeout, Ignored, NotSupported, StationError, StationSilent
 from jbclog.quantities import Value
 from jbclog.station.make import client_for
 from jbclog.station.omega import ALLOWED_S, COMPLETION_S, GONE_S, OmegaStation
@@ -168,6 +168,17 @@ def test_a_wrong_sum_is_counted_and_asked_for_again() -> None:
 def test_a_good_answer_behind_a_damaged_one_is_taken() -> None:
     talk = OmegaTalk(("A", b"\x02a0\x0390" + framed("a3")))
     assert talk.do(ask_a) == "solder shortage and clogged"
+
+
+@pytest.mark.parametrize("place", range(3))
+def test_what_was_answered_once_although_badly_was_not_refused(place: int) -> None:
+    """Only silence three times over means that: a frame with a wrong sum was an answer."""
+    answers: list[Turn] = [("C0065",)] * 3
+    answers[place] = ("C0065", b"\x02c0065\x0300")
+    talk = OmegaTalk(*(turn for one in answers for turn in (one, ("A", "a0"))))
+    error = failure(talk, lambda station: station.read(C101))
+    assert isinstance(error, AnswerCorrupt if place == 2 else AnswerTimeout)
+    assert not isinstance(error, Ignored)
 
 
 # -- what is written ---------------------------------------------------------------------------------------------------
