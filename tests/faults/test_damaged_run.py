@@ -49,6 +49,11 @@ def sealed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.fixture(scope="module")
+def report(sealed: Path) -> dict[str, bytes]:
+    return report_files(sealed)
+
+
 # -- what is shown ------------------------------------------------------------------------------------------------------------
 
 
@@ -113,7 +118,7 @@ def report_is_wrong(folder: Path, whole: dict[str, bytes]) -> bool:
 
 def alterations(data: bytes, long: bool) -> Iterator[Altered]:
     """Each percent, bits and bytes in places, sectors of zeros, pieces lost and doubled."""
-    stride = max(len(data) // (400 if long else 2), 1)
+    stride = max(len(data) // (150 if long else 2), 1)
     yield from percents_cut_off(data, 1 if long else 45)
     yield from bits_flipped(data, 8 * stride + 3)
     yield from bytes_replaced(data, 2 * stride + 1)
@@ -121,18 +126,18 @@ def alterations(data: bytes, long: bool) -> Iterator[Altered]:
     yield from pieces_moved(data, 16 * stride if long else len(data) - 2)
 
 
-def walk(sealed: Path, home: Path, name: str, long: bool) -> Count:
+def walk(sealed: Path, report: dict[str, bytes], home: Path, name: str, long: bool) -> Count:
     """Alter one file of a sealed run in every way, and look at everything."""
     trial = home / "runs" / sealed.name
     shutil.copytree(sealed, trial)
-    path, whole, report = trial / name, shown(sealed), report_files(sealed)
+    path, whole = trial / name, shown(sealed)
     data, count = path.read_bytes(), Count(f"sealed run, {name} altered")
     for number, one in enumerate(alterations(data, long)):
         if one.data == data:
             continue
         path.write_bytes(one.data)
         found = shown(trial)
-        wrong = is_wrong(found, whole) or (number % 40 == 7 and report_is_wrong(trial, report))
+        wrong = is_wrong(found, whole) or (number % 40 == 7 and (long or name not in UNSHOWN) and report_is_wrong(trial, report))
         assert named(trial, name), one.how
         assert not wrong, one.how
         count.add(lost=len(found) < len(whole), wrong=wrong)
@@ -143,19 +148,20 @@ def walk(sealed: Path, home: Path, name: str, long: bool) -> Count:
     return count
 
 
+UNSHOWN = ("line.toml", "recipes/tht.toml", "wire/dde-1.tsv.gz")  # not in a report
 FILES = (*(f"{table}/part-0000.parquet" for table in TABLES), NAME, "wire/dde-1.tsv.gz", "line.toml", "recipes/tht.toml")
 
 
 @pytest.mark.parametrize("name", FILES)
-def test_a_file_of_a_sealed_run_altered_in_places(sealed: Path, tmp_path: Path, name: str) -> None:
-    assert walk(sealed, tmp_path, name, long=False).wrong == 0
+def test_a_file_of_a_sealed_run_altered_in_places(sealed: Path, report: dict[str, bytes], tmp_path: Path, name: str) -> None:
+    assert walk(sealed, report, tmp_path, name, long=False).wrong == 0
 
 
 @pytest.mark.campaign
 @pytest.mark.timeout(3600)
 @pytest.mark.parametrize("name", FILES)
 def test_a_file_of_a_sealed_run_altered_everywhere(sealed: Path, tmp_path: Path, name: str, counted: Callable[..., None]) -> None:
-    count = walk(sealed, tmp_path, name, long=True)
+    count = walk(sealed, report, tmp_path, name, long=True)
     assert count.wrong == 0
     counted(alterations=count.tried, wrong=count.wrong)
 
