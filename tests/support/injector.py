@@ -68,13 +68,17 @@ class Injector:
         if deed is None:
             return [(at, kept + answer)]
         self.did[deed.kind] += 1
-        done: list[tuple[float, bytes]] = getattr(self, f"_{deed.kind}")(deed, data, at, answer, before)
+        done = self._do(deed, data, at, answer, before)
         return [(at, kept), *done] if kept else done
 
     def hung_up(self, now: float) -> bool:
         return self.is_out(now)
 
     # -- the deeds --------------------------------------------------------------------------------------------------
+
+    def _do(self, deed: Deed, data: bytes, at: float, answer: bytes, before: bytes) -> list[tuple[float, bytes]]:
+        done: list[tuple[float, bytes]] = getattr(self, f"_{deed.kind}")(deed, data, at, answer, before)
+        return done
 
     def _lost(self, deed: Deed, data: bytes, at: float, answer: bytes, before: bytes) -> list[tuple[float, bytes]]:
         return []
