@@ -134,7 +134,7 @@ def _compare(desk: Desk, before: dict[int | None, dict[str, Value]]) -> None:
 
 def _is_watched(desk: Desk, port: PortState | None, name: str) -> bool:
     """Whether a difference in it is one: a new tool has settings of its own, and a recipe may leave the tools' state alone."""
-    if name == "station_error" or (name == "status" and desk.recipe.run.status is None):
+    if name == "status" and desk.recipe.run.status is None:
         return False
     return not (port is not None and port.tool_is_new and desk.command(name).scope is Scope.TOOL)
 

@@ -100,6 +100,11 @@ def test_a_counter_that_goes_on_is_recorded_as_it_goes() -> None:
     assert marks(run) == []
 
 
+def test_at_the_end_one_answer_bears_out_what_two_said_before() -> None:
+    run = one_port("counters = { work_hours = 120 }\n", duration_s=5).go()
+    assert [one.text for one in run.heard].count("RCW1") == 3  # two at the start, one at the end
+
+
 # -- hot air -----------------------------------------------------------------------------------------------------------------
 
 

@@ -121,6 +121,13 @@ def test_a_lost_answer_is_asked_for_again_behind_another_question() -> None:
     assert talk.each(ask_b, ask_a) == ["ready", "solder shortage"]
 
 
+def test_an_answer_that_is_torn_by_the_time_out_is_none() -> None:
+    """Its begin came in time and its end does not: the two are not put together."""
+    talk = OmegaTalk(("A", b"\x02a", (0.5, b"0\x0391")), ("B", "b0"), ("A", "a1"))
+    assert talk.do(ask_a) == "solder shortage"
+    assert (talk.station.strays, talk.station.garbage_bytes) == ({}, 6)
+
+
 def test_what_is_ignored_while_the_next_question_is_answered_was_refused() -> None:
     """Digest A.13: an unknown number is ignored; A tells that from a line that is dead."""
     turn = [("C0065",), ("A", "a0")]
