@@ -109,11 +109,19 @@ class Replay(Table):
     """What `jbclog replay` writes into the line file for the run: the stations are a recorded run, and this is its pace.
 
     `speed` is how many times as fast as then time goes, for the stations and for the recorder; `rate_hz` are the rates
-    that came of the recorded run, by station.
+    that came of the recorded run, by station, `first_tick` the number of the first tick and `first_in_s` how long after the
+    last question before it that was due.
     """
 
     speed: float = Field(1.0, ge=0.1, le=1000.0, description="from 0.1 to 1000")
     rate_hz: dict[str, Annotated[float, Field(gt=0, le=1000)]] = Field({}, description="Hz by the stations' names")
+    first_tick: dict[str, Annotated[int, Field(ge=0)]] = Field({}, description="numbers by the stations' names")
+    first_in_s: dict[str, Annotated[float, Field(ge=0, le=3600)]] = Field({}, description="seconds by the stations' names")
+
+    def begin(self, station: str) -> tuple[int, float] | None:
+        """The number of a station's first tick, and in how many seconds it was due when all before it was done."""
+        tick, in_s = self.first_tick.get(station), self.first_in_s.get(station)
+        return None if tick is None or in_s is None else (tick, in_s)
 
 
 class LineTables(Table):

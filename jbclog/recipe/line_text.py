@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 
 from jbclog.recipe.line import Replay, StationTable
 
@@ -20,8 +20,17 @@ def line_text(name: str, stations: Iterable[Described], heading: str, replay: Re
 def _replay(replay: Replay | None) -> str:
     if replay is None:
         return ""
-    rates = ", ".join(f"{quoted(name)} = {float(rate)!r}" for name, rate in replay.rate_hz.items())
-    return f"\n[replay]\nspeed = {float(replay.speed)!r}\nrate_hz = {{ {rates} }}\n"
+    tables: dict[str, Mapping[str, float]] = {
+        "rate_hz": replay.rate_hz,
+        "first_tick": replay.first_tick,
+        "first_in_s": replay.first_in_s,
+    }
+    lines = (f"{key} = {{ {_by_name(values)} }}\n" for key, values in tables.items())
+    return f"\n[replay]\nspeed = {replay.speed!r}\n{''.join(lines)}"
+
+
+def _by_name(values: Mapping[str, float]) -> str:
+    return ", ".join(f"{quoted(name)} = {value!r}" for name, value in values.items())
 
 
 def _comment(text: str) -> str:

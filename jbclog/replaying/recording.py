@@ -8,7 +8,7 @@ from pathlib import Path
 
 from jbclog.errors import UsageError
 from jbclog.plan import Metadata, Plan, StationPlan, Wanted, station_plan
-from jbclog.recipe.line import Line, StationSpec, load_line
+from jbclog.recipe.line import Line, Replay, StationSpec, load_line
 from jbclog.recipe.load import load_recipe
 from jbclog.record import wire_check
 from jbclog.record.manifest import NAME, Manifest, read_manifest
@@ -16,7 +16,7 @@ from jbclog.record.wire import Head, read_exchanges, read_to_hole, wire_path, wi
 from jbclog.rows import StationFacts
 from jbclog.session.order import AS_FAST_AS_POSSIBLE
 from jbclog.sim.exchanges import Ticks
-from jbclog.tape import Row
+from jbclog.tape import Row, Told
 
 REPLAY_OF = "replay_of"  # the tag that names the run which was lived through
 
@@ -46,7 +46,7 @@ class Recording:
     def ticks(self, station: str) -> Ticks | None:
         """The grid on which a station was sampled, on the recorder's clock. None where that is not known, or there was none."""
         facts = self.facts.get(station)
-        if facts is None or facts.first_tick is None or facts.period_s is None:
+        if facts is None or facts.first_tick is None or facts.period_s is None or self.line.replay is not None:
             return None
         return Ticks(self.heads[station].t0_mono + facts.first_tick * facts.period_s, facts.period_s)
 
@@ -54,6 +54,23 @@ class Recording:
     def facts(self) -> Mapping[str, StationFacts]:
         """What the manifest knows of the stations, by name."""
         return {one.name: one for one in self.manifest.stations} if self.manifest else {}
+
+    @property
+    def replay(self) -> Replay:
+        """How the run is recorded again: at the rates that came of it, on grids that lie as they did."""
+        known = [name for name in self.heads if self.ticks(name) is not None]
+        first_tick = {name: self.facts[name].first_tick or 0 for name in known}
+        return Replay(rate_hz=self.rates_hz, first_tick=first_tick, first_in_s={name: self._first_in_s(name) for name in known})
+
+    def _first_in_s(self, station: str) -> float:
+        """How long after the last that its session was told before its first tick that was due."""
+        ticks, last_s = self.ticks(station), 0.0
+        assert ticks is not None
+        for row in self.tape(station):
+            if row.at_s >= ticks.first_s:
+                break
+            last_s = row.at_s if isinstance(row, Told) and row.what == "told" else last_s
+        return ticks.first_s - last_s
 
     def tape(self, station: str, first: int = 0) -> Iterator[Row]:
         """The rows of a station's wire from number `first` on, up to where something of it is missing."""

@@ -16,7 +16,7 @@ from pathlib import Path
 from statistics import median
 
 from jbclog.errors import UsageError
-from jbclog.recipe.line import Replay, StationSpec
+from jbclog.recipe.line import StationSpec
 from jbclog.replaying.recording import Recording
 from jbclog.sim.exchanges import Exchange, exchanges
 from jbclog.sim.serve import Server
@@ -39,7 +39,7 @@ def serve(recording: Recording, folder: Path, tcp: Tcp | None = None, speed: flo
     specs = tuple(_served(recording, spec) for spec in recording.stations)
     stations = [station_of(recording, spec.name, speed, HANDING_S) for spec in specs]
     line = recording.line.model_copy(update={"stations": specs})
-    return set_up(line, folder, tcp, stations=stations, replay=Replay(speed=speed, rate_hz=recording.rates_hz)), stations
+    return set_up(line, folder, tcp, stations=stations, replay=recording.replay.model_copy(update={"speed": speed})), stations
 
 
 def station_of(recording: Recording, name: str, speed: float = 1.0, early_s: float = 0.0) -> TapeStation:

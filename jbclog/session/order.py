@@ -47,6 +47,7 @@ class Order:
     rated_power_w: float | None = None
     allow_omega_write: bool = False
     is_replay: bool = False
+    begin: tuple[int, float] | None = None  # the first tick's number, and in how many seconds it is due once all is read
 
 
 @dataclass(slots=True)

@@ -18,7 +18,7 @@ from jbclog.session.counters import read_counters
 from jbclog.session.identify import Absent, identify
 from jbclog.session.order import Desk
 from jbclog.session.outage import Gone, outage
-from jbclog.session.pace import choose_pace
+from jbclog.session.pace import Pace, choose_pace
 from jbclog.session.provisos import learn_provisos
 from jbclog.session.safe import make_safe
 from jbclog.session.sampling import Lost, Sampler
@@ -75,12 +75,22 @@ def _record(desk: Desk) -> Steps[None]:
     yield from apply(desk)
     yield from learn_provisos(desk)
     yield from read_counters(desk)
-    sampler = Sampler(desk, pace.readings, Grid(desk.order.t0 if pace.paced else desk.now, pace.period_s), paced=pace.paced)
+    sampler = Sampler(desk, pace.readings, _grid(desk, pace), paced=pace.paced)
     try:
         yield from _sample(desk, sampler)
     finally:
         sampler.account()
         desk.after_safe = sampler.read_flags_once_more
+
+
+def _grid(desk: Desk, pace: Pace) -> Grid:
+    """The grid of due times, from the run's zero on. That of a recorded run lies as it did to what came before it."""
+    if not pace.paced:
+        return Grid(desk.now, pace.period_s)
+    if desk.order.begin is None:
+        return Grid(desk.order.t0, pace.period_s)
+    tick, in_s = desk.order.begin
+    return Grid(desk.now + in_s - tick * pace.period_s, pace.period_s)
 
 
 def _sample(desk: Desk, sampler: Sampler) -> Steps[None]:

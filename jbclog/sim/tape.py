@@ -7,12 +7,12 @@ lost after a question, it is lost again, for as long. The rules of what is next:
    a client that asks in a slightly other order gets the same values all the same.
 2. Nothing from behind a recorded write is given before that write comes, and nothing from before it afterwards (the
    stretches of `exchanges`). A write that comes is where the client is, whatever it left out.
-3. The client's clock and the tape's go alike. What a host loses in handing bytes over it gets back with the next answer. An
-   answer well behind the client's time is left out where a later one is
-   nearer: who missed a tick gets the values of the tick that he is at.
+3. The client's clock and the tape's go alike. What a host loses in handing bytes over it gets back with the next answer.
+   An answer well behind the client's time is left out where a later one is nearer, which `left_out` counts: who missed a
+   tick gets the values of the tick that he is at.
 4. Asked once more than then, a question gets what stands at this place of the tape: its last answer. `repeated` counts
-   that. Behind the tape's end that happens a few times, then there is silence. So it is where a question was never
-   recorded, which `strange` counts: nothing is made up.
+   that. Some time behind the tape's end there is silence, and so it is where a question was never recorded, which
+   `strange` counts: nothing is made up.
 """
 
 from __future__ import annotations
@@ -30,6 +30,7 @@ LATELY = 16  # exchanges by whose times the two clocks are held against each oth
 NEAR = 0.25  # of the time between two answers to one question: within it the nearer one is meant, whatever the order says
 MADE_GOOD_S = 0.02  # that a question may be early or late on the tape's clock and its answer at its moment all the same
 LEFT = 0.5  # of a recorded delay, at least
+OVER_S = 5.0  # after the last recorded question, in which the last answers still stand for a client that goes on a little longer
 AGAIN = 3  # times that a question gets its last answer once more where nothing tells whether the tape is over
 
 
@@ -109,13 +110,13 @@ class TapeStation:
         if one is None:
             one, behind_s = self._once_more(question, now), 0.0
         else:
-            self._go_on(one, now)
             behind_s = self._behind_s(one, now)
+            self._go_on(one, now)
         return [Reply(now + self._delay_s(delay_s, behind_s), data) for delay_s, data in one.replies]
 
     def _behind_s(self, one: Exchange, now: float) -> float:
         """How much later than then the client asked, as far as only the handing over of bytes explains it."""
-        behind_s = self._time(now) - one.at_s
+        behind_s = self._time(now) - one.at_s if self._offsets else 0.0
         return behind_s if abs(behind_s) <= MADE_GOOD_S else 0.0
 
     def _delay_s(self, delay_s: float, behind_s: float) -> float:
@@ -150,7 +151,6 @@ class TapeStation:
 
     def _begin(self, stretch: int) -> None:
         """What lies before this stretch is over."""
-        is_first_tick = not is_write(self._contents.firsts[stretch])
         self._stretch = stretch
         self._again.clear()
         for row in self._rows.values():
@@ -159,10 +159,9 @@ class TapeStation:
         while self._ahead is not None and self._ahead.stretch < stretch:
             self.left_out += 1
             self._ahead = next(self._coming, None)
-        if is_first_tick:
-            self._offsets.clear()
-            self._tick_offsets.clear()
-            self._is_in_time = True
+        self._offsets.clear()
+        self._tick_offsets.clear()
+        self._is_in_time = False  # what is not on a grid takes as long as the host lets it: there only the order counts
 
     def _reach(self, question: bytes, count: int, until_s: float = inf) -> bool:
         """Read on until so many exchanges with that question wait, or to a time; never over the end of this stretch."""
@@ -199,7 +198,7 @@ class TapeStation:
         """What stands at this place of the tape."""
         self.repeated[question] += 1
         self._again[question] += 1
-        is_over = not self._is_in_time or not self._offsets or self._time(now) > self._contents.last_s
+        is_over = not self._is_in_time or not self._offsets or self._time(now) > self._contents.last_s + OVER_S
         silence = Exchange(question, 0.0)
         return silence if is_over and self._again[question] > AGAIN else self._answered.get(question, silence)
 
@@ -214,10 +213,12 @@ class TapeStation:
     def _set_clock(self, one: Exchange, offset: float) -> None:
         """Hold the two clocks against each other: where both are on a grid, by what began ticks at their times."""
         self._offsets.append(offset)
-        self._is_in_time |= len(self._offsets) == LATELY
         ticks = self._ticks
-        if ticks is not None and one.question == self._contents.sampled and ticks.is_on_time(one.at_s):
+        if ticks is None:
+            self._is_in_time |= len(self._offsets) == LATELY
+        elif one.question == self._contents.sampled and ticks.is_on_time(one.at_s):
             self._tick_offsets.append(offset)
+            self._is_in_time = True
 
     def _lose(self, one: Exchange, now: float) -> None:
         """Lose the link where it was lost after this exchange."""

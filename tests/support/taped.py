@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from random import Random
 
@@ -133,12 +134,22 @@ class Handing:
         return self.station.hung_up(now)
 
 
-def recorded_again(folder: Path, most_s: float = 0.0, stalls: Sequence[float] = ()) -> tuple[Memory, dict[str, TapeStation]]:
-    """A recorded run, served and recorded again by sessions that know nothing of it; each answer up to `most_s` early or late."""
+def recorded_again(
+    folder: Path, most_s: float = 0.0, stalls: Sequence[float] = (), longer_s: float = 0.0
+) -> tuple[Memory, dict[str, TapeStation]]:
+    """A recorded run, served and recorded again by sessions that know nothing of it; each answer up to `most_s` early or late.
+
+    The new run has the rates that came of the recorded one, and goes on `longer_s` longer.
+    """
     recording, clock = open_recording(folder), VirtualClock(5000.0)
+    replay = recording.replay
     memory, driver, stations = Memory(), VirtualDriver(clock), dict[str, TapeStation]()
-    for desk in desks_of(recording, memory, clock):
-        stations[desk.name] = station_of(recording, desk.name)
-        driver.add(run_station(desk), Handing(stations[desk.name], most_s, stalls))
+    for order in orders(plan_of(recording), clock.monotonic()):
+        rate, name = replay.rate_hz.get(order.name, order.rate), order.name
+        longer = None if order.duration_s is None else order.duration_s + longer_s
+        order = replace(order, rate=rate, duration_s=longer, is_replay=True, begin=replay.begin(name))
+        desk = Desk(order, memory, UtcOffset(clock))
+        stations[name] = station_of(recording, name)
+        driver.add(run_station(desk), Handing(stations[name], most_s, stalls))
     driver.run()
     return memory, stations

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from pathlib import Path
 
@@ -87,3 +88,22 @@ def test_what_is_known_of_the_stations(pair: tuple[Path, Path]) -> None:
     manifest.stations.pop()
     write_manifest(pair[1], manifest)
     assert any("stations instead of" in text for text in compare_records(*pair).differences)
+
+
+def test_how_much_was_compared(pair: tuple[Path, Path]) -> None:
+    whole = compare_records(*pair)
+    recorded = whole.share("samples")[1]
+    assert whole.share("samples") == (recorded, recorded)
+    assert whole.lacking == []
+    assert whole.rows == sum(whole.share(table)[1] for table in ("samples", "events", "settings", "counters"))
+    rewrite(pair[1], "samples", lambda rows: rows.slice(0, 4))
+    short = compare_records(*pair, is_cut=True)
+    assert short.share("samples") == (4, recorded)
+    assert any(re.fullmatch(r"samples, dde-\d: only \d+ of \d+ rows could be compared", text) for text in short.lacking)
+
+
+def test_two_that_share_nothing_do_not_differ_and_it_is_seen(pair: tuple[Path, Path]) -> None:
+    for table in ("samples", "events", "settings", "counters"):
+        rewrite(pair[1], table, lambda rows: rows.slice(0, 0))
+    nothing = compare_records(*pair, is_cut=True)
+    assert (nothing.differences, nothing.rows) == ([], 0)

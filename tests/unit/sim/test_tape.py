@@ -7,7 +7,7 @@ from math import inf
 
 import pytest
 
-from jbclog.sim.exchanges import exchanges
+from jbclog.sim.exchanges import Ticks, exchanges
 from jbclog.sim.tape import TapeStation
 from jbclog.tape import Passed, PassedName, Row, Told
 
@@ -22,8 +22,8 @@ def tape(*rows: Row) -> list[Row]:
     return [Told(0.5, "told", "wait"), row(1.0, "opened"), *rows]
 
 
-def station(rows: Sequence[Row], **keys: float) -> TapeStation:
-    return TapeStation("dde-1", lambda: rows, **keys)
+def station(rows: Sequence[Row], speed: float = 1.0, early_s: float = 0.0, ticks: Ticks | None = None) -> TapeStation:
+    return TapeStation("dde-1", lambda: rows, speed, early_s, ticks)
 
 
 TWO = tape(
@@ -191,3 +191,75 @@ def test_a_loss_among_what_is_left_out_is_not() -> None:
     assert not one.hung_up(200.2)
     one.receive(Q2, 200.0)
     assert one.hung_up(200.2)
+
+
+# -- writes, and what is behind them ---------------------------------------------------------------------------------------------
+
+ASKED, ASLEEP = b"\x020001RPS1\x03\x60", b"\x020001WPS100100\x03\x05"
+
+
+def checked(question: bytes) -> bytes:
+    """The question with its check byte, as the wire has it."""
+    covered, check = question[:-1], 0
+    for byte in covered:
+        check ^= byte
+    return covered + bytes([check])
+
+
+STATE, SLEEP = checked(ASKED), checked(ASLEEP)
+ORDERED = tape(
+    row(1.0, "sent", STATE),
+    row(1.01, "heard", b"working"),
+    row(2.0, "sent", SLEEP),
+    row(2.01, "heard", b"done"),
+    row(2.02, "sent", STATE),
+    row(2.03, "heard", b"asleep"),
+)
+
+
+def said(one: TapeStation, *questions: bytes) -> list[bytes]:
+    return [reply.data for number, question in enumerate(questions) for reply in one.receive(question, 10.0 + number)]
+
+
+def test_nothing_from_behind_a_recorded_write_comes_before_that_write() -> None:
+    one = station(ORDERED)
+    assert said(one, STATE, STATE, STATE) == [b"working"] * 3
+    assert one.repeated == {STATE: 2}
+    assert said(one, SLEEP, STATE) == [b"done", b"asleep"]
+
+
+def test_nothing_from_before_a_write_comes_after_it() -> None:
+    one = station(ORDERED)
+    assert said(one, SLEEP, STATE, STATE) == [b"done", b"asleep", b"asleep"]
+    assert (one.left_out, one.repeated) == (1, {STATE: 1})
+
+
+def test_a_write_that_was_repeated_because_its_answer_was_lost_divides_nothing() -> None:
+    """A client that hears the first answer does not write again, and has come as far all the same."""
+    one = station(tape(row(1.0, "sent", SLEEP), row(1.5, "sent", SLEEP), row(1.51, "heard", b"done"), *ORDERED[-2:]))
+    assert said(one, SLEEP, STATE) == [b"asleep"]
+    two = station(tape(row(1.0, "sent", SLEEP), row(1.5, "sent", SLEEP), row(1.51, "heard", b"done"), *ORDERED[-2:]))
+    assert said(two, SLEEP, SLEEP, STATE) == [b"done", b"asleep"]
+
+
+def test_the_client_that_missed_a_tick_gets_the_values_of_the_one_it_is_at() -> None:
+    question = checked(b"\x020001RTT1\x03\x00")
+    rows = [
+        one
+        for number in range(60)
+        for one in (row(5.0 + 0.1 * number, "sent", question), row(5.01 + 0.1 * number, "heard", b"%d" % number))
+    ]
+    one = station(tape(*rows), ticks=Ticks(5.0, 0.1))
+    moments = [number for number in range(50) if number not in (20, 21, 35)]
+    found = [int(reply.data) for number in moments for reply in one.receive(question, 70.0 + 0.1 * number)]
+    assert found == moments
+    (again,) = one.receive(question, 70.0 + 4.91)  # once more within one tick: what stands there, and not the next
+    assert again.data == b"49"
+    assert (one.left_out, sum(one.repeated.values())) == (3, 1)
+
+
+def test_what_a_host_loses_in_handing_over_it_gets_back_with_the_next_answer() -> None:
+    one = station([*TWO[:5], *TWO[5:]])
+    one.receive(Q1, 100.0)
+    (first, *_) = one.receive(Q2, 100.025)  # 5 ms later than then
+    assert first.at == pytest.approx(100.034)

@@ -1,0 +1,232 @@
+"""A recorded run served as virtual stations and recorded again: the same decoded tables, by sessions that know nothing of it.
+
+On a virtual clock, where a host's haste is a number: each answer comes up to so much before or after its moment. On a real
+host that is some tenths of a millisecond, and a replay so many times as fast has so many times that.
+
+What is compared, and what may differ:
+
+- settings, counters, kinds of events and the tools' safe state: all the same; faster than then without the events of single slow
+  readings (alarm flags, readings that failed), of which the last may fall behind the end;
+- samples: as many rows; of fast signals and qualities each row the same, but for the share `MAY_DIFFER` where answers came
+  corrupt, late or not at all, for a slow reading that is lost takes the time of the fast ones after it;
+- slow signals: the same readings in the same order, in whichever rows; the last may fall behind the end;
+- moments, lateness and scan times: not compared.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import pytest
+from taped import recorded, recorded_again
+from virtual_run import RECIPE, Memory, VirtualRun, line_text
+
+from jbclog.record.manifest import Manifest, write_manifest
+from jbclog.rows import COLUMN
+from jbclog.sim.virtual import Reply, VirtualStation
+from jbclog.sim.wire_log import WireLog
+
+FAST = ("temperature_c", "power_permille", "status", "cooling", "desoldering", "quality")
+SLOW = ("set_c", "tool", "port_error", "station_error", "alarm_high", "alarm_low", "transformer_c", "transistor_c")
+HOST_S = 0.0003
+MAY_DIFFER = {1: 0.02, 3: 0.1, 10: 0.1}
+SPEEDS = (1, 3, 10)
+FAULT = "[[station.sim.fault]]\nkind = "
+SECONDS = 12.0
+
+
+def kept(folder: Path, line: str, **keys: object) -> Memory:
+    """A run with its wires and its manifest in `folder`; what it told."""
+    run = recorded(folder, line, **keys)  # type: ignore[arg-type]
+    write_manifest(folder, Manifest(folder.name, state="sealed", stations=[desk.facts for desk in run.desks.values()]))
+    return run.memory
+
+
+def cells(memory: Memory, station: str, column: str) -> list[object]:
+    return [row[COLUMN[column]] for row in memory.samples if row[COLUMN["station"]] == station]
+
+
+def assert_same(first: Memory, again: Memory, speed: int, may_differ: float = 0.0) -> None:
+    """The tables are the same, as far as the head of this file says."""
+    assert again.stations.keys() == first.stations.keys()
+    for name, facts in first.stations.items():
+        assert (again.stations[name].outcome, again.stations[name].safe_state) == (facts.outcome, facts.safe_state)
+        assert again.stations[name].period_s == pytest.approx(facts.period_s)
+        assert settings(again, name) == settings(first, name)
+        assert counters(again, name) == counters(first, name)
+        assert kinds(again, name, speed) == kinds(first, name, speed)
+        for column in FAST:
+            assert share_of_others(cells(first, name, column), cells(again, name, column)) <= may_differ, (name, column)
+        for column in SLOW:
+            assert_same_order(cells(first, name, column), cells(again, name, column))
+
+
+def settings(memory: Memory, name: str) -> list[tuple[object, ...]]:
+    return [row[1:] for row in memory.settings if row.station == name]
+
+
+def counters(memory: Memory, name: str) -> list[tuple[object, ...]]:
+    return [row[1:] for row in memory.counters if row.station == name]
+
+
+def kinds(memory: Memory, name: str, speed: int) -> list[str]:
+    left_out = () if speed == 1 else ("alarm.", "read.")
+    return sorted(event.kind for event in memory.events if event.station == name and not event.kind.startswith(left_out))
+
+
+def share_of_others(ours: Sequence[object], theirs: Sequence[object]) -> float:
+    assert len(ours) == len(theirs)
+    return sum(mine != other for mine, other in zip(ours, theirs, strict=True)) / len(ours)
+
+
+def assert_same_order(ours: Sequence[object], theirs: Sequence[object]) -> None:
+    """The same changes from one value to the next, but for the last."""
+    mine, others = changes(ours), changes(theirs)
+    assert abs(len(mine) - len(others)) <= 1
+    assert mine[: len(others)] == others[: len(mine)]
+
+
+def changes(values: Sequence[object]) -> list[object]:
+    found: list[object] = []
+    for value in values:
+        if value is not None and found[-1:] != [value]:
+            found.append(value)
+    return found
+
+
+# -- several stations, each with a period of its own --------------------------------------------------------------------------
+
+SECOND = """
+[[station]]
+name = "dde-2"
+url = "dde-2"
+family = "dde"
+baudrate = 9600
+ports = [1, 2]
+[station.sim]
+noise_c = 0.5
+turnaround_ms = 3.0
+[[station]]
+name = "hde-1"
+url = "hde-1"
+family = "hde"
+ports = [1]
+[station.sim]
+noise_c = 0.5
+turnaround_ms = 20.0
+"""
+
+
+@pytest.mark.parametrize("speed", SPEEDS)
+def test_stations_with_periods_of_their_own(tmp_path: Path, speed: int) -> None:
+    first = kept(tmp_path / "run", line_text("noise_c = 0.5") + SECOND, rate="fit", duration_s=SECONDS)
+    assert len({facts.period_s for facts in first.stations.values()}) == 3
+    again, stations = recorded_again(tmp_path / "run", HOST_S * speed)
+    assert_same(first, again, speed)
+    assert all(station.strange == 0 for station in stations.values())
+
+
+# -- trouble ------------------------------------------------------------------------------------------------------------------
+
+TROUBLE = {
+    "late": FAULT + '"late"\nby_s = 0.3\nat_s = 3\nevery = 31',
+    "lost": FAULT + '"silence"\nat_s = 3\nevery = 23',
+    "corrupt": FAULT + '"flip"\nbits = 1\nat_s = 3\nevery = 11',
+    "an outage": FAULT + '"dropout"\nat_s = 6\nfor_s = 2.5',
+    "all at once": "\n".join(
+        (
+            FAULT + '"late"\nby_s = 0.2\nat_s = 3\nevery = 41',
+            FAULT + '"silence"\nat_s = 3\nevery = 37',
+            FAULT + '"flip"\nbits = 1\nat_s = 3\nevery = 17',
+        )
+    ),
+}
+
+
+@pytest.mark.parametrize("speed", SPEEDS)
+@pytest.mark.parametrize("trouble", TROUBLE)
+def test_trouble(tmp_path: Path, trouble: str, speed: int) -> None:
+    first = kept(tmp_path / "run", line_text("noise_c = 0.5\n" + TROUBLE[trouble]), duration_s=SECONDS)
+    again, _ = recorded_again(tmp_path / "run", HOST_S * speed)
+    assert_same(first, again, speed, MAY_DIFFER[speed])
+
+
+class Twice:
+    """A station that says every seventh answer twice."""
+
+    def __init__(self, station: VirtualStation) -> None:
+        self._station = station
+        self._count = 0
+
+    @property
+    def log(self) -> WireLog:
+        return self._station.log
+
+    def receive(self, data: bytes, now: float) -> list[Reply]:
+        said = self._station.receive(data, now)
+        self._count += 1
+        return said + [Reply(reply.at + 0.004, reply.data) for reply in said if self._count % 7 == 0]
+
+    def hung_up(self, now: float) -> bool:
+        return self._station.hung_up(now)
+
+
+def say_twice(run: VirtualRun) -> None:
+    run.taps["dde-1"]._station = Twice(run.station)  # type: ignore[assignment]
+
+
+@pytest.mark.parametrize("speed", SPEEDS)
+def test_answers_that_came_twice(tmp_path: Path, speed: int) -> None:
+    first = kept(tmp_path / "run", line_text("noise_c = 0.5"), duration_s=SECONDS, arrange=say_twice)
+    assert sum(first.stations["dde-1"].strays.values()) > 10
+    again, _ = recorded_again(tmp_path / "run", HOST_S * speed)
+    assert_same(first, again, speed, MAY_DIFFER[speed])
+
+
+# -- nothing is made up ---------------------------------------------------------------------------------------------------------
+
+
+GOES_ON = f'{RECIPE}on_difference = "continue"\n'
+
+
+def turn_down(run: VirtualRun) -> None:
+    """The operator chooses another temperature at the station's panel."""
+    run.at(6.0, lambda: setattr(run.station.plant.ports[1].settings, "selected_temperature", 300))
+
+
+@pytest.mark.parametrize("speed", SPEEDS)
+def test_a_change_at_the_panel_is_found_once_and_no_other(tmp_path: Path, speed: int) -> None:
+    first = kept(tmp_path / "run", line_text("noise_c = 0.5"), duration_s=SECONDS, arrange=turn_down, recipe=GOES_ON)
+    (change,) = first.of_kind("setting.changed")
+    again, _ = recorded_again(tmp_path / "run", HOST_S * speed)
+    assert_same(first, again, speed)
+    (found,) = again.of_kind("setting.changed")
+    assert (found.raw, found.text) == (change.raw, change.text)
+
+
+@pytest.mark.parametrize("longer_s", [0.5, 2.0])
+def test_who_asks_longer_is_not_answered_from_behind_the_order_that_ended_the_run(tmp_path: Path, longer_s: float) -> None:
+    """The tool's state was read, then came the order to sleep: read once more it is what it was before that order."""
+    first = kept(tmp_path / "run", line_text("noise_c = 0.5"), duration_s=5.0)
+    again, stations = recorded_again(tmp_path / "run", longer_s=longer_s)
+    assert first.of_kind("setting.changed") == again.of_kind("setting.changed") == []
+    assert again.stations["dde-1"].outcome == "completed"
+    assert sum(stations["dde-1"].repeated.values()) > 0
+    states = cells(again, "dde-1", "status")
+    assert set(states) == {"working"}
+    assert len(states) > len(cells(first, "dde-1", "status"))
+
+
+def test_a_host_that_stands_still_costs_the_ticks_at_that_moment_and_none_after_them(tmp_path: Path) -> None:
+    """A tick that comes late gets the value of the time that it comes at."""
+    first = kept(tmp_path / "run", line_text("noise_c = 0.5", "ports = [1]"), duration_s=SECONDS, rate=10.0)
+    again, stations = recorded_again(tmp_path / "run", HOST_S, stalls=(0.25, 0.13))
+    ours, theirs = cells(first, "dde-1", "temperature_c"), cells(again, "dde-1", "temperature_c")
+    late = [late_us > 20_000 for late_us in cells(again, "dde-1", "late_us") if isinstance(late_us, int)]
+    assert len(ours) == len(theirs) == len(late)
+    others = [place for place, pair in enumerate(zip(ours, theirs, strict=True)) if pair[0] != pair[1]]
+    assert others
+    assert all(late[place] for place in others)
+    assert stations["dde-1"].left_out > 0
+    assert sum(stations["dde-1"].repeated.values()) > 0
