@@ -9,7 +9,7 @@ import pyarrow as pa
 from jbclog.errors import RecordError
 from jbclog.record import damage
 from jbclog.record.conclude import sealed_file
-from jbclog.record.manifest import Manifest
+from jbclog.record.manifest import Manifest, SealedFile
 from jbclog.record.parts import part_paths, read_through
 from jbclog.record.schema import TABLES
 
@@ -19,12 +19,20 @@ def changed(folder: Path, manifest: Manifest) -> dict[str, str]:
     found = {}
     for listed in manifest.files:
         if listed.path.partition("/")[0] in TABLES:
-            path = folder / listed.path
-            if not path.is_file():
-                found[listed.path] = "is missing"
-            elif sealed_file(folder, path, None).sha256 != listed.sha256:
-                found[listed.path] = "was changed after it was sealed"
+            why = _difference(folder, listed)
+            if why:
+                found[listed.path] = why
     return found
+
+
+def _difference(folder: Path, listed: SealedFile) -> str | None:
+    path = folder / listed.path
+    try:
+        if not path.is_file():
+            return "is missing"
+        return None if sealed_file(folder, path, None).sha256 == listed.sha256 else "was changed after it was sealed"
+    except (OSError, ValueError) as error:  # not ours to read; a name that no file can have
+        return f"cannot be read: {getattr(error, 'strerror', None) or error}"
 
 
 def set_aside(folder: Path, manifest: Manifest) -> None:

@@ -31,7 +31,8 @@ from jbclog.record.store import refuse_newer, segments
 from jbclog.rows import StationFacts
 
 PATIENCE_S: Final = 10.0  # a sealing child that outlived its recorder is given this long to end
-FINISHED: Final = "finished already; nothing was changed. `jbclog check` says whether it is as it was sealed."
+FINISHED: Final = "finished already; nothing was changed."
+NOT_REBUILT: Final = "No live store is left to rebuild it from; `jbclog check` says what else is wrong."
 EXIT_CODE: Final = RecordError.exit_code
 
 
@@ -85,7 +86,7 @@ def recover(folder: Path, patience_s: float = PATIENCE_S) -> Recovery:
         raise RecordError(f"{folder} is no run")
     manifest = _draft(folder)
     if manifest.state == "sealed" and not live_files(folder):
-        return _recovery(folder, Outcome.WHOLE, f"{folder.name}: {FINISHED}")
+        return _recovery(folder, Outcome.WHOLE, f"{folder.name}: {FINISHED}{_not_rebuilt(folder, manifest)}")
     refuse_newer(folder)
     lock = FolderLock.take(folder, patience_s)
     try:
@@ -99,6 +100,12 @@ def recover(folder: Path, patience_s: float = PATIENCE_S) -> Recovery:
         raise RecordError(f"{folder} cannot be recovered: {error}") from error
     finally:
         lock.release()
+
+
+def _not_rebuilt(folder: Path, manifest: Manifest) -> str:
+    """What of a sealed run's rows is damaged and has nothing that it could be rebuilt from; nothing where all is well."""
+    found = [f"{name} {why}" for name, why in bad_parts.changed(folder, manifest).items()]
+    return f" But {'; '.join(found)}. {NOT_REBUILT}" if found else ""
 
 
 def _finish(folder: Path, manifest: Manifest, lock: FolderLock) -> Recovery:

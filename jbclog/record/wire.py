@@ -248,11 +248,11 @@ def count_rows(path: Path) -> int:
 
 
 def is_done(path: Path) -> bool:
-    """Whether the file goes on to the end of its session."""
-    last: Block | Gap | None = None
-    for last in blocks(path):  # noqa: B007  # the last one counts
-        pass
-    return isinstance(last, Block) and "\tdone\t" in last.text[last.text.rfind("\n", 0, -1) + 1 :]
+    """Whether the file goes on to the end of its session; its port may be closed behind that."""
+    is_done = False
+    for block in blocks(path):
+        is_done = isinstance(block, Block) and (is_done or "\tdone\t" in block.text)
+    return is_done
 
 
 # -- a file without its end ------------------------------------------------------------------------------------------------

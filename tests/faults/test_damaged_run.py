@@ -176,13 +176,14 @@ def test_a_file_of_a_sealed_run_that_is_gone(sealed: Path, tmp_path: Path, name:
     assert_next_run_begins(tmp_path)
 
 
-def test_recover_says_of_a_sealed_run_that_it_does_not_look_inside(sealed: Path, tmp_path: Path) -> None:
+def test_recover_says_of_a_sealed_run_that_it_cannot_rebuild_it(sealed: Path, tmp_path: Path) -> None:
     trial = tmp_path / sealed.name
     shutil.copytree(sealed, trial)
     (trial / "samples" / "part-0000.parquet").write_bytes(b"")
     done = recover(trial)
     assert done.outcome is Outcome.WHOLE
-    assert "`jbclog check` says whether it is as it was sealed" in done.text
+    assert "But samples/part-0000.parquet was changed after it was sealed. No live store is left to rebuild it from" in done.text
+    assert recover(sealed).text == f"{sealed.name}: finished already; nothing was changed."
 
 
 @pytest.mark.parametrize("data", [b"", b"{", b"[" * 100_000, b"null", b'{"run": 5}', b"\xff\xfe", b'{"schema": 2}', b"\0" * 4096])

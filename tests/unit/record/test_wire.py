@@ -127,6 +127,13 @@ def test_what_was_kept_is_read_again(tmp_path: Path) -> None:
     assert path.stat().st_size < 40 * 300
 
 
+def test_a_port_is_closed_behind_the_end_of_its_session(tmp_path: Path) -> None:
+    path = written(tmp_path, [*ROWS, Passed(8201.1, "closed")])
+    assert is_done(path)
+    path.write_bytes(path.read_bytes()[:-1])
+    assert not is_done(path)
+
+
 def test_a_file_that_is_none(tmp_path: Path) -> None:
     path = tmp_path / "x.tsv.gz"
     packed = [gzip.compress(text) for text in (b"one\ttwo\n1\t2\n", b"at_s\twhat\tdata\n1.0\tsent\t00\n")]
