@@ -75,12 +75,16 @@ def _take_over(folder: Path, urls: Collection[str]) -> LeftOver | None:
     if not diary.is_torn:
         with suppress(OSError):
             lease.keep(folder, [*(station for station in held if station not in ours), *left])
-    done = "not every tool could be made safe" if left else "every tool is in its safe state now"
-    names = ", ".join(sorted(station.name for station in ours))
-    text = f"Run {folder.name} had left tools of {names} as they were: {done}."
-    diary.write("guard.left_over", CRITICAL if left else ERROR, text)
+    text = _tell(diary, folder, ours, is_safe=not left)
     diary.tidy()
     return LeftOver(not left, text)
+
+
+def _tell(diary: Diary, folder: Path, stations: Collection[StationLease], *, is_safe: bool) -> str:
+    done = "every tool is in its safe state now" if is_safe else "not every tool could be made safe"
+    text = f"Run {folder.name} had left tools of {', '.join(sorted(one.name for one in stations))} as they were: {done}."
+    diary.write("guard.left_over", ERROR if is_safe else CRITICAL, text)
+    return text
 
 
 # -- made safe by somebody else ----------------------------------------------------------------------------------------
@@ -107,7 +111,9 @@ def _close(folder: Path, look: Callable[[StationLease], Seen | None], who: str) 
     with suppress(RecordError, OSError), only_one(folder):
         held, diary = lease.kept(folder), Diary(folder, who)
         left = [_without(station, look(station), diary) for station in held]
-        if left != held:
+        closed = {before: after for before, after in zip(held, left, strict=True) if after != before}
+        if closed:
+            _tell(diary, folder, closed, is_safe=not any(after.holds for after in closed.values()))
             if not diary.is_torn:
                 lease.keep(folder, left)
             diary.tidy()

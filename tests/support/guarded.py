@@ -7,12 +7,16 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
+import pandas as pd
 from command import started, until
 from served_line import ServedLine
 
+TOOLS = 6  # of a served line
 TOLD_S = 5.0  # by then every tool has been told (faults.md, section 9)
 ON_THE_WIRE_S = 0.05  # what was written just before may still be under way
 GUARD = b"jbclog.guard"
@@ -21,6 +25,28 @@ GUARD = b"jbclog.guard"
 def begun(line: ServedLine, out: Path, *more: str) -> subprocess.Popen[str]:
     """A run of the whole line, without an end of its own."""
     return started("run", line.recipe, "--line", line.path, "--out", out, *more)
+
+
+@contextmanager
+def running(line: ServedLine, out: Path, *more: str) -> Iterator[subprocess.Popen[str]]:
+    """A run that has put all tools to work."""
+    run = begun(line, out, *more)
+    try:
+        assert until(lambda: line.at_work() == TOOLS), run.communicate(timeout=5)
+        yield run
+    finally:
+        run.kill()
+        run.communicate(timeout=20)
+
+
+def ended(run: subprocess.Popen[str]) -> str:
+    """What it and its guard said, when both have ended."""
+    return run.communicate(timeout=20)[1]
+
+
+def events(folder: Path) -> list[str]:
+    """The kinds of all events that are sealed."""
+    return list(pd.read_parquet(folder / "events")["kind"])
 
 
 def guard_of(recorder: int) -> int | None:

@@ -1,0 +1,159 @@
+"""Recorder and guard both gone, or a disk that is full: what was left hot is told, found again, and told when it is safe at last.
+
+Everything is asserted from what the virtual stations took, and from the records of all runs concerned.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import time
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from pathlib import Path
+
+import pandas as pd
+import pytest
+from command import jbclog, until
+from guarded import TOOLS, Blow, ended, events, guard_that_is_there, only_run, running, told_after
+from served_line import ServedLine
+
+from jbclog.guard import whereabouts
+from jbclog.guard.lease import NAME as LEASE
+from jbclog.guard.lease import kept
+from jbclog.record.annotations import read
+from jbclog.record.check import check
+from jbclog.record.guarded import DIARY
+from jbclog.record.manifest import read_manifest
+
+
+@pytest.fixture(autouse=True)
+def _own_state(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What one test left open is no other's."""
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+
+
+@pytest.fixture
+def line(tmp_path: Path) -> Iterator[ServedLine]:
+    (tmp_path / "line").mkdir()
+    with ServedLine(tmp_path / "line") as served:
+        for port in served.tools():
+            port.tools[port.tool].sleep_delay, port.tools[port.tool].hibernation_delay = 5, 30
+        yield served
+
+
+@pytest.fixture
+def left_hot(line: ServedLine, tmp_path: Path) -> Path:
+    """The folder of a run whose recorder and guard were both killed: all tools are at work."""
+    with running(line, tmp_path / "runs") as run:
+        folder = only_run(tmp_path / "runs")
+        assert until(lambda: len(kept(folder)) == 4 and all(lease.ports for lease in kept(folder)))
+        time.sleep(1.0)  # so that every tool was read
+        os.kill(run.pid, signal.SIGSTOP)
+        os.kill(guard_that_is_there(run.pid), signal.SIGKILL)
+        run.kill()
+        ended(run)
+    assert line.at_work() == TOOLS, "somebody has saved them already"
+    return folder
+
+
+def annotated(folder: Path) -> list[tuple[str, str]]:
+    """Who said what kind of thing of a sealed run."""
+    return sorted({(said.who, said.kind) for said in read(folder).said})
+
+
+def test_it_is_in_its_own_record_and_made_safe_at_the_next_start_whatever_its_folder(
+    line: ServedLine, left_hot: Path, tmp_path: Path
+) -> None:
+    assert jbclog("recover", left_hot.parent).returncode == 5
+    told = pd.read_parquet(left_hot / "events").set_index("kind").loc["safety.not_known"]
+    assert len(told) == TOOLS + 1  # and the feeder
+    tools = told["text"][told["port"].notna()]
+    assert all("it may be hot" in text for text in tools)
+    assert any("Last read 3" in text and "°C, working at" in text for text in tools)
+    assert read_manifest(left_hot).exit_code == 5
+    assert check(left_hot) == []
+    now, out = time.monotonic(), tmp_path / "another"
+    again = jbclog("run", line.recipe, "--line", line.path, "--out", out, "-d", "1s", "-s", "dde-1", "-s", "ale-1", "--json")
+    first = {(order.station, order.port): order for order in reversed(line.orders(now))}
+    assert all(order.is_safe for order in first.values())
+    assert first.keys() == {("dde-1", 1), ("dde-1", 2), ("ale-1", 0), ("ale-1", 1)}
+    new = Path(json.loads(again.stdout)["run"])
+    left = pd.read_parquet(new / "events").set_index("kind").loc["guard.left_over"]
+    assert left["text"] == f"Run {left_hot.name} had left tools of ale-1, dde-1 as they were: every tool is in its safe state now."
+    assert {lease.name for lease in kept(left_hot)} == {"dde-2", "ucr-1"}  # whose ports this run had nothing to do with
+    assert annotated(left_hot) == [("jbclog run", "guard.left_over"), ("jbclog run", "safety.safe_state")]
+    assert check(left_hot) == []  # what was sealed is not touched again
+
+
+def test_safe_closes_what_was_left_and_tells_it(line: ServedLine, left_hot: Path) -> None:
+    assert jbclog("recover", left_hot).returncode == 5
+    done = jbclog("safe", "--line", line.path)
+    assert done.returncode == 0, done.stderr
+    assert line.at_work() == 0
+    assert f"the run {left_hot} had left tools hot and is told so in its record" in done.stderr
+    assert not (left_hot / LEASE).exists()
+    assert whereabouts.known() == []
+    assert annotated(left_hot) == [("jbclog safe", "guard.left_over"), ("jbclog safe", "safety.safe_state")]
+    assert len(read(left_hot).said) == TOOLS + 1
+    assert check(left_hot) == []
+    assert jbclog("recover", left_hot).returncode == 0
+
+
+def test_what_was_made_safe_before_the_record_was_recovered_is_in_its_events(line: ServedLine, left_hot: Path) -> None:
+    assert jbclog("safe", "--line", line.path).returncode == 0
+    assert jbclog("recover", left_hot).returncode == 0
+    assert events(left_hot).count("safety.safe_state") == TOOLS
+    assert "safety.not_known" not in events(left_hot)
+    assert {state for facts in read_manifest(left_hot).stations for state in facts.safe_state.values()} == {"verified"}
+
+
+# -- a disk that is full -----------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def disk(tmp_path: Path) -> Iterator[Path]:
+    """A small file system of its own; only root may mount one."""
+    place = tmp_path / "disk"
+    place.mkdir()
+    command = ["mount", "-t", "tmpfs", "-o", "size=48m", "jbclog-test", str(place)]
+    if os.geteuid() != 0 or subprocess.run(command, capture_output=True, check=False).returncode != 0:
+        pytest.skip("needs root, to mount a small file system")
+    yield place
+    subprocess.run(["umount", str(place)], check=True)
+
+
+def filled(disk: Path) -> Path:
+    """A file that leaves no byte free."""
+    ballast = disk / "ballast"
+    with ballast.open("wb", buffering=0) as file:
+        for size in (1 << 20, 4096):
+            with suppress(OSError):  # there is no room for another one
+                while True:
+                    file.write(b"x" * size)
+    return ballast
+
+
+@pytest.mark.campaign
+@pytest.mark.timeout(900)
+@pytest.mark.parametrize("trials", [10])
+def test_what_was_done_is_written_down_although_the_disk_is_full(
+    line: ServedLine, disk: Path, trials: int, counted: Callable[..., None]
+) -> None:
+    for trial in range(trials):
+        out, began = disk / str(trial), time.monotonic()
+        with running(line, out) as run:
+            folder = only_run(out)
+            ballast = filled(disk)
+            blow = Blow.strike(run, signal.SIGKILL)
+            ended(run)
+        assert told_after(line, began, blow) > 0
+        assert (folder / DIARY).read_text().count("safety.safe_state") == TOOLS
+        ballast.unlink()
+        assert jbclog("recover", folder).returncode == 0
+        assert events(folder).count("safety.safe_state") == TOOLS
+        assert "guard.took_over" in events(folder)
+        assert check(folder) == []
+    counted(deaths_on_a_full_disk=trials, take_overs_untold=0, tools_left_hot=0)
