@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from itertools import pairwise
 
 import pytest
@@ -256,3 +257,19 @@ def test_the_tool_s_state_is_nobody_s_business_where_the_recipe_has_none() -> No
     run.at(5, lambda: run.station.plant.ports[2].order(1, False))
     run.go()
     assert run.facts.outcome == "completed", run.facts.reason
+
+
+def test_a_station_that_falls_silent_at_its_last_counters_is_not_asked_for_each_of_them() -> None:
+    run = prepare(line_text("", "ports = [1]"), duration_s=3)
+    (tap,) = run.taps.values()
+    receive = tap.receive
+
+    def silent_at_the_end(data: bytes, now: float) -> Sequence[tuple[float, bytes]]:
+        replies, asked = receive(data, now), [one.text for one in tap.heard]
+        return [] if asked.count("WPS100001") and asked.count("RCP1") > asked[: asked.index("WPS100001")].count("RCP1") else replies
+
+    tap.receive = silent_at_the_end  # type: ignore[method-assign]
+    run.go()
+    assert run.facts.outcome == "completed"
+    assert run.memory.kinds().count("counters.missed") == 1
+    assert [one.raw for one in run.memory.counters if one.value is None] == ["<timeout>"]
