@@ -97,6 +97,8 @@ def times(line: ServedLine, folder: Path, number: signal.Signals, seed: int, cou
         moment = latest_s * rng.random()
         print(f"seed {seed}, trial {trial}: {number.name} after {moment:.3f} s")
         seconds, was_feeding = struck(line, folder / str(trial), number, lambda passed, at=moment: passed >= at)  # type: ignore[misc]
+        came = f"all told after {seconds:.3f} s" if seconds else "nothing was hot yet"
+        print(f"    {came}, feeder running: {was_feeding}", flush=True)
         told.append(seconds)
         fed += was_feeding
     print(f"{count} times {number.name}: feeder running {fed} times")
