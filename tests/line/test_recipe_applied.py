@@ -310,6 +310,20 @@ def test_a_new_tool_that_would_not_cool_goes_to_the_safe_state() -> None:
     assert orders[:2] == [(True, WORKING), (True, STAND)]
 
 
+def test_a_new_tool_whose_delay_is_not_known_goes_to_the_safe_state() -> None:
+    """The delay of the tool before it is not its own."""
+    sim = fault("tool", port=1, code=3, at_s=4)
+    run = prepare(line_text(sim), RECIPE + 'on_difference = "continue"\n', duration_s=20)
+    ask = run.station.device.answer
+    run.station.device.answer = lambda header, text, now: (  # type: ignore[method-assign]
+        ("A", "D13xx.xx") if text == "D13" else ask(header, text, now)
+    )
+    run.go()
+    assert len(run.memory.of_kind("tool.unknown")) == 1
+    orders = [(write.at < run.t0 + 15, write.value) for write in run.station.log.written("status") if write.port == 1]
+    assert orders[:2] == [(True, WORKING), (True, STAND)]
+
+
 # -- the list of what a run may write ------------------------------------------------------------------------------------------
 
 
