@@ -14,11 +14,17 @@ import pytest
 from altered import Altered, Count, bits_flipped, bytes_replaced, cut_off, pieces_moved, sectors_zeroed
 from small_wire import BLOCKS, HEAD, ROWS, answer, write_wire
 from taped import recorded, relived
+from typer.testing import CliRunner
 from virtual_run import line_text
 
+from jbclog.cli.app import app
+from jbclog.cli.replay import DOUBTFUL
 from jbclog.errors import RecordError
 from jbclog.record import wire_blocks
+from jbclog.record.conclude import sealed_file
+from jbclog.record.manifest import Manifest, write_manifest
 from jbclog.record.wire import (
+    WHOLE,
     Head,
     Hole,
     count_rows,
@@ -35,6 +41,7 @@ from jbclog.record.wire import (
 )
 from jbclog.record.wire_blocks import Block, blocks
 from jbclog.record.wire_check import losses
+from jbclog.replaying.recording import open_recording
 from jbclog.rows import COLUMN
 from jbclog.tape import Passed, Row
 
@@ -311,3 +318,49 @@ def test_a_run_is_lived_through_up_to_the_hole(tmp_path: Path) -> None:
     assert max(seen) > 100
     assert all(row[COLUMN["quality"]] == "ok" for row in again.samples)
     shutil.rmtree(tmp_path / "run")
+
+
+# -- replay says so before it starts -----------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def run(tmp_path: Path) -> Path:
+    """A sealed run with its wire, as far as a replay looks at it."""
+    folder = tmp_path / "run"
+    recorded(folder, line_text(), duration_s=5)
+    files = [sealed_file(folder, file, None) for file in sorted(folder.rglob("*")) if file.is_file()]
+    write_manifest(folder, Manifest(folder.name, state="sealed", wire=WHOLE, files=files))
+    return folder
+
+
+def test_a_recording_as_it_was_made_raises_no_doubt(run: Path) -> None:
+    assert open_recording(run).doubts == []
+
+
+@pytest.mark.parametrize("name", ["wire/dde-1.tsv.gz", "line.toml", "recipes/recipe.toml"])
+def test_what_was_changed_since_is_named(run: Path, name: str) -> None:
+    """Also where all of its own check sums hold."""
+    data = (run / name).read_bytes()
+    (run / name).write_bytes(gzip.compress(gzip.decompress(data)) if name.endswith(".gz") else data + b"\n")
+    assert open_recording(run).doubts == [f"{name}: was changed: its SHA-256 is not the manifest's"]
+
+
+def test_a_wire_that_is_gone_is_named(run: Path) -> None:
+    shutil.copy(wire_path(run, "dde-1"), run / "kept")
+    recording = open_recording(run)
+    wire_path(run, "dde-1").unlink()
+    assert recording.doubts == ["wire/dde-1.tsv.gz: is missing"]
+
+
+def test_replay_tells_of_a_hole_and_does_not_call_it_the_same(run: Path, tmp_path: Path) -> None:
+    file = wire_path(run, "dde-1")
+    data = bytearray(file.read_bytes())
+    data[len(data) // 2] ^= 1
+    file.write_bytes(data)
+    (run / "manifest.json").unlink()
+    told = CliRunner().invoke(app, ["replay", str(run), "--record", str(tmp_path / "again")])
+    assert told.exit_code == 1, told.stderr
+    first, second, *_ = told.stderr.splitlines()
+    assert first.startswith("wire/dde-1.tsv.gz: bytes ")
+    assert ": damaged; nothing is known from " in first
+    assert second == DOUBTFUL

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import few_rows
 import pytest
+from small_wire import write_wire
 
 from jbclog.errors import RecordError
 from jbclog.record.check import check
@@ -53,6 +54,14 @@ def test_what_was_committed_is_sealed_and_the_manifest_says_lost(abandoned: Path
     assert manifest.ledger["a"]["1"]["temperature_c"] == {"due": 150, "ok": 150}
     assert check(abandoned) == []
     assert sorted(path.name for path in abandoned.iterdir()) == [*sorted(["manifest.json", *TABLES])]
+
+
+def test_it_tells_samples_events_settings_counters_and_lines_of_wires_apart(abandoned: Path) -> None:
+    write_wire(abandoned)
+    done = recover(abandoned)
+    assert done.rows == {"samples": 150, "events": 22, "settings": 1, "counters": 2, "wire": 25}
+    assert "recovered, 150 samples, 22 events, 1 setting, 2 counters and 25 lines of wires sealed; exit status lost" in done.text
+    assert read_manifest(abandoned).wire == "whole"
 
 
 def test_twice_changes_not_a_byte(abandoned: Path) -> None:
