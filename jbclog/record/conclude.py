@@ -23,7 +23,7 @@ from jbclog.record.annotations import NAME as ANNOTATIONS
 from jbclog.record.durable import sync_folder
 from jbclog.record.from_json import Misfit, build
 from jbclog.record.ledger import ledger_of
-from jbclog.record.lock import FolderLock
+from jbclog.record.lock import FolderLock, witness
 from jbclog.record.manifest import NAME, Lost, Manifest, SealedFile, iso, write_manifest
 from jbclog.record.parts import complete, part_paths, row_groups, through
 from jbclog.record.schema import TABLES
@@ -31,6 +31,8 @@ from jbclog.record.stock import Stock
 from jbclog.record.store import companions, segments
 from jbclog.rows import StationFacts
 
+RUNNING: Final = "running"
+NOT_KEPT: Final = "could not be kept while the disk did not take them"
 LATER: Final = (NAME, ANNOTATIONS, "report.html", "report.json", "joints.parquet", guarded.LEASE, guarded.LOCK)
 """Files of the folder that are not the record: the manifest itself, what comes after sealing, and what says of tools left hot."""
 FIGURES: Final = "figures/"
@@ -44,6 +46,7 @@ def conclude(folder: Path, manifest: Manifest, lock: FolderLock) -> Manifest:
     `manifest` brings what only the recorder knows: outcome, verdict, times. Stations, ledger, losses and files are put
     in here. The lock is given up and removed. Raises `RecordError`, and then nothing was removed.
     """
+    lock.expect_ours()
     try:
         complete(folder)
         with Stock(folder) as stock:
@@ -51,7 +54,7 @@ def conclude(folder: Path, manifest: Manifest, lock: FolderLock) -> Manifest:
             damage.note(folder, stock.damage)
             stations = stations_of(folder, stock, manifest)
             stations = left_hot.with_unknown(stations, left_hot.unknown(folder, stations, manifest.guard))
-            dropped = stock.dropped_rows
+            dropped = unkept_rows(stock)
         lost = manifest.lost or _lost(damage.read(folder), dropped)
         sealed = replace(manifest, state="sealed", stations=stations, lost=lost, ended=manifest.ended or last_time(folder))
         sealed.ledger = ledger_of(folder, stations)
@@ -76,10 +79,20 @@ def stations_of(folder: Path, stock: Stock, manifest: Manifest) -> list[StationF
     return guarded.with_guard(folder, known_stations(stock, manifest.stations))
 
 
+def unkept_rows(stock: Stock) -> int:
+    """How many rows the disk never took: as the store has it, or the recorder's last word where that did not come into it."""
+    return max(stock.dropped_rows, witness(stock.folder).unkept)
+
+
 def known_stations(stock: Stock, known: list[StationFacts]) -> list[StationFacts]:
-    """The facts in the live store, in the order in which the manifest has the stations already."""
+    """The facts in the live store, in the order in which the manifest has the stations already.
+
+    What the recorder itself says of a session that has ended is the last word: its store may not have taken that any more.
+    """
     facts = {station.name: station for station in known}
     for name, text in stock.facts().items():
+        if name in facts and facts[name].outcome != RUNNING:
+            continue
         try:
             facts[name] = cast(StationFacts, build(StationFacts, json.loads(text)))
         except (ValueError, Misfit) as error:
@@ -90,7 +103,7 @@ def known_stations(stock: Stock, known: list[StationFacts]) -> list[StationFacts
 def _lost(found: list[damage.Damage], dropped: int) -> Lost | None:
     parts = [str(one) for one in found]
     if dropped:
-        parts.append(f"{dropped} rows could not be kept while the disk did not take them")
+        parts.append(f"{dropped} rows {NOT_KEPT}")
     return Lost(None, "; ".join(parts)) if parts else None
 
 

@@ -39,6 +39,7 @@ class Keeping:
         self.folder = folder
         self._segment: Segment | None = None
         self._index = 0
+        self._home = folder.lstat()  # a link, or another folder, in its place is not where a run may write
 
     def begin(self, notes: Notes) -> None:
         """Take the reserve and make the first file. Raises OSError or sqlite3.Error; then nothing is left open."""
@@ -56,7 +57,7 @@ class Keeping:
         """Store `batches` and the `fresh` notes in one transaction; a new file gets `everything` that is to be noted."""
         if self._segment is None:
             return Kept(False, "the store is not open")
-        if not self._segment.path.exists():  # SQLite would go on writing to a file that nobody can open any more
+        if not self._is_there(self._segment.path):  # SQLite would go on writing to a file that nobody can open any more
             return Kept(False, f"{self._segment.path} was removed while the run went on")
         try:
             self._segment.add(batches, fresh)
@@ -64,13 +65,25 @@ class Keeping:
             return self._again(error, batches, everything)
         return Kept(True)
 
+    def _is_there(self, path: Path) -> bool:
+        try:
+            return os.path.samestat(self.folder.lstat(), self._home) and path.exists()
+        except OSError:
+            return False
+
+    def give_for_the_end(self) -> None:
+        """Give the rows that are still waiting half of what of the reserve is left; the rest is for sealing."""
+        with contextlib.suppress(OSError):
+            self._shrink(RESERVE_BYTES // 4)
+
     def close(self) -> None:
         """Close the file and give the reserve up: its room belongs to the sealing."""
         if self._segment is not None:
             with contextlib.suppress(sqlite3.Error):
                 self._segment.close()
             self._segment = None
-        (self.folder / RESERVE).unlink(missing_ok=True)
+        with contextlib.suppress(OSError):  # a disk that fails has been told of; `conclude` removes it, or `recover`
+            (self.folder / RESERVE).unlink(missing_ok=True)
 
     # -- when it fails -------------------------------------------------------------------------------------------------
 
@@ -114,10 +127,13 @@ class Keeping:
 
     def _give_half(self) -> bool:
         """Give half of it back; False where that was done before."""
+        return self._shrink(RESERVE_BYTES // 2)
+
+    def _shrink(self, size: int) -> bool:
         reserve = self.folder / RESERVE
-        if not reserve.exists() or reserve.stat().st_size <= RESERVE_BYTES // 2:
+        if not reserve.exists() or reserve.stat().st_size <= size:
             return False
-        os.truncate(reserve, RESERVE_BYTES // 2)
+        os.truncate(reserve, size)
         return True
 
 

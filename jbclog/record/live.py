@@ -21,6 +21,7 @@ import sqlite3
 import threading
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
@@ -28,7 +29,7 @@ from jbclog.errors import RecordError
 from jbclog.record.batches import keep_pandas_out
 from jbclog.record.intake import Intake
 from jbclog.record.keeping import Keeping
-from jbclog.record.lock import FolderLock
+from jbclog.record.lock import FolderLock, Witness
 from jbclog.record.schema import SCHEMA_VERSION
 from jbclog.record.seal import SealChild
 from jbclog.record.store import FACTS, META
@@ -72,6 +73,8 @@ class LiveStore:
         self._untold = Untold(on_event)
         self._committing = threading.Lock()  # held for a whole commit
         self._commit_began: float | None = None  # monotonic seconds, while one goes on
+        self._witness = Witness()
+        self._safe_until = time.monotonic()  # all that was handed over before is safe
         self._wake = threading.Event()
         self._ending = False
         self._thread = threading.Thread(target=self._write_on, name="jbclog-writer", daemon=True)
@@ -101,6 +104,11 @@ class LiveStore:
         """Rows that could not be kept: no room for them, or no rows at all."""
         return self._intake.dropped_rows
 
+    @property
+    def unkept_rows(self) -> int:
+        """Rows that are in no commit so far; after `close` they never will be."""
+        return self.dropped_rows + sum(batch.rows for batch in self._intake.backlog)
+
     # -- its life ------------------------------------------------------------------------------------------------------
 
     def start(self) -> None:
@@ -113,6 +121,7 @@ class LiveStore:
             self._keeping.close()
             self.release()
             raise RecordError(f"{self.folder}: no record can be written there: {error}. No station was touched.") from error
+        self._safe_until = time.monotonic()
         self._thread.start()
 
     def commit_now(self) -> None:
@@ -152,7 +161,9 @@ class LiveStore:
             self._thread.join()
         with self._committing:
             self._commit()
-            self._commit(closing=True)  # what the first one had to tell
+            if not self._commit(closing=True):  # with what the first one had to tell
+                self._keeping.give_for_the_end()
+                self._commit(closing=True)
             if self._child is not None:
                 self._child.wait()
                 self._child = None
@@ -187,12 +198,28 @@ class LiveStore:
     def _commit(self, *, closing: bool = False) -> bool:
         """Store everything handed over so far, or keep it for the next time; give whether all is safe. Then it is told."""
         untold = self._untold.count
-        self._commit_began = time.monotonic()
+        self._commit_began = began = time.monotonic()
         try:
-            return self._stored(closing)
+            is_safe = self._stored(closing)
+            self._testify(began if is_safe else None)
+            return is_safe
         finally:
             self._commit_began = None
             self._untold.show_first(untold)
+
+    def _testify(self, began: float | None) -> None:
+        """Leave word of how far all is safe, for who finds this run without its recorder. `began`: of a good commit."""
+        now, before = time.monotonic(), self._witness
+        waited = now - self._safe_until
+        if began is None:
+            self._witness = replace(before, unkept=self.unkept_rows)
+        else:
+            self._safe_until = began
+            self._witness = Witness(
+                self._intake.number, round(time.time() - (now - began), 3), max(before.risk_s, round(waited, 3)), self.dropped_rows
+            )
+        if self._lock is not None:
+            self._lock.testify(self._witness)
 
     def _stored(self, closing: bool) -> bool:
         try:
@@ -212,7 +239,6 @@ class LiveStore:
         everything = meta | {(FACTS, station): text for station, text in self._facts.items()}
         kept = self._keeping.add(self._intake.backlog, fresh, everything)
         if kept.safe:
-            self.lock.acknowledge(self._intake.number)
             self._intake.backlog.clear()
             self._unstored.clear()
         else:

@@ -1,9 +1,9 @@
 """One writer to a run's folder: the recorder, the child that seals for it, or who recovers it.
 
 A lock of the system (flock) on `live.lock` in the folder: it ends with its holder, however that ends, and is handed to
-a child by handing over the open file. Who holds it stands inside, for the message that the next one gets, and the
-number of the last batch that was committed. This is a witness apart from the store: SQLite takes a damaged end of its
-log for one that was never written, and would lose acknowledged rows without a word.
+a child by handing over the open file. Who holds it stands inside, for the message that the next one gets, and what the
+recorder says of its commits (`Witness`). This is a witness apart from the store: SQLite takes a damaged end of its log for
+one that was never written, and would lose acknowledged rows without a word.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ import fcntl
 import json
 import os
 import time
+from dataclasses import asdict, dataclass
 from functools import cache
 from pathlib import Path
 
@@ -20,7 +21,22 @@ from jbclog.errors import RecordError
 
 NAME = "live.lock"
 BOOT_ID = Path("/proc/sys/kernel/random/boot_id")
-WIDTH = 120  # what is written over is always written over as a whole
+WIDTH = 200  # what is written over is always written over as a whole, and so needs no room on a full disk
+
+
+@dataclass(frozen=True, slots=True)
+class Witness:
+    """What a recorder says of its commits.
+
+    `last` is the number of the last batch committed; `since` when the last good commit began (seconds since 1970 UTC): what was
+    handed over before is safe; `risk_s` the longest that anything has had to wait to be safe; `unkept` how many rows are in no
+    commit, because the disk did not take them.
+    """
+
+    last: int = 0
+    since: float | None = None
+    risk_s: float = 0.0
+    unkept: int = 0
 
 
 class FolderLock:
@@ -32,10 +48,13 @@ class FolderLock:
 
     @classmethod
     def take(cls, folder: Path, patience_s: float = 0.5) -> FolderLock:
-        """Take the lock. Raises `RecordError` naming the holder where it is held for longer than `patience_s`."""
+        """Take the lock.
+
+        Raises `RecordError` naming the holder where it is held for longer than `patience_s`, or where the disk has none to give.
+        """
         end = time.monotonic() + patience_s
         while True:
-            descriptor = os.open(folder / NAME, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o644)
+            descriptor = _opened(folder / NAME)
             try:
                 fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except OSError:
@@ -51,18 +70,23 @@ class FolderLock:
     @classmethod
     def _signed(cls, folder: Path, descriptor: int) -> FolderLock:
         lock = cls(folder, descriptor)
-        lock.acknowledge(acknowledged(folder))
+        lock.testify(witness(folder))
         return lock
 
     @property
     def name(self) -> str:
         return NAME
 
-    def acknowledge(self, number: int) -> None:
-        """Note that the batches up to `number` are committed. Not synced: it outlives a kill, and may lag after a power cut."""
-        text = json.dumps({"pid": os.getpid(), "boot": boot_id(), "last": number})
-        with contextlib.suppress(OSError):  # a full disk has been told of already
+    def testify(self, said: Witness) -> None:
+        """Note it. Not synced: it outlives a kill, and may lag after a power cut."""
+        text = json.dumps({"pid": os.getpid(), "boot": boot_id(), **asdict(said)})
+        with contextlib.suppress(OSError):  # a disk that fails has been told of already
             os.pwrite(self.descriptor, text.ljust(WIDTH).encode(), 0)
+
+    def expect_ours(self) -> None:
+        """Raise `RecordError` where the folder's path leads elsewhere by now: through a link, or to another folder."""
+        if self.folder.is_symlink() or not _is_same_file(self.descriptor, self.folder / NAME):
+            raise RecordError(f"{self.folder} was replaced while the run went on; nothing is written where it leads now")
 
     def remove(self) -> None:
         """Give the lock up for good: the run is finished, its folder needs none any more."""
@@ -74,6 +98,13 @@ class FolderLock:
         if self.descriptor >= 0:
             os.close(self.descriptor)
             self.descriptor = -1
+
+
+def _opened(path: Path) -> int:
+    try:
+        return os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o644)
+    except OSError as error:
+        raise RecordError(f"{path} cannot be opened: {error.strerror or error}; nothing was changed") from error
 
 
 @cache
@@ -93,18 +124,19 @@ def holder(folder: Path) -> str:
 
 def recorder(folder: Path) -> int:
     """The number of the process that took the folder's lock last; 0 where none says so."""
-    return _inside(folder, "pid")
+    return int(_inside(folder, "pid"))
 
 
-def acknowledged(folder: Path) -> int:
-    """The number of the last batch that a recorder said was committed; 0 where none did."""
-    return _inside(folder, "last")
+def witness(folder: Path) -> Witness:
+    """What the last recorder said of its commits; nothing where none did, or where it cannot be read."""
+    since, risk_s = _inside(folder, "since"), _inside(folder, "risk_s")
+    return Witness(int(_inside(folder, "last")), since or None, risk_s, int(_inside(folder, "unkept")))
 
 
-def _inside(folder: Path, key: str) -> int:
+def _inside(folder: Path, key: str) -> float:
     with contextlib.suppress(OSError, ValueError, AttributeError):
         value = json.loads((folder / NAME).read_bytes()).get(key)
-        return value if isinstance(value, int) else 0
+        return value if isinstance(value, int | float) else 0
     return 0
 
 

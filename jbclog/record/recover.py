@@ -7,6 +7,7 @@ is said in the manifest.
 
 from __future__ import annotations
 
+import math
 import tomllib
 from collections import Counter
 from collections.abc import Collection, Iterator, Mapping
@@ -18,10 +19,10 @@ from typing import Final
 
 from jbclog.errors import RecordError, Unsafe
 from jbclog.record import bad_parts, damage, guarded, left_hot, wire, wire_check
-from jbclog.record.conclude import conclude, last_micros, live_files, remove_live, stations_of
+from jbclog.record.conclude import NOT_KEPT, conclude, last_micros, live_files, remove_live, stations_of, unkept_rows
 from jbclog.record.folder import RUN_NAME
 from jbclog.record.live import AT_RISK_S
-from jbclog.record.lock import FolderLock, acknowledged
+from jbclog.record.lock import FolderLock, witness
 from jbclog.record.manifest import NAME, Lost, Manifest, NoManifest, read_manifest, wrong_digest
 from jbclog.record.parts import remove_leavings
 from jbclog.record.schema import TABLES
@@ -193,17 +194,27 @@ def _outcome(folder: Path, manifest: Manifest, stock: Stock, *, is_safe: bool) -
 
 
 def _lost(found: list[damage.Damage], stock: Stock) -> Lost:
-    if stock.was_closed and not found:
+    unkept = unkept_rows(stock)
+    if stock.was_closed and not found and not unkept:
         return Lost(0.0, "The recorder ended before it could write what came of the run; all of its rows are there.")
     ends = [one.seconds for one in found if one.seconds is not None]
-    text = "The recorder ended without closing the record."
-    if len(ends) == len(found) and not stock.dropped_rows:
-        seconds = AT_RISK_S + sum(ends)
+    text, at_risk_s = "The recorder ended without closing the record.", _at_risk_s(stock.folder)
+    if len(ends) == len(found) and not unkept:
+        seconds = at_risk_s + sum(ends)
         return Lost(seconds, f"{text} At most the last {seconds:g} s of it are missing.")
-    pieces = [str(one) for one in found]
-    if stock.dropped_rows:
-        pieces.append(f"{stock.dropped_rows} rows could not be kept while the disk did not take them")
-    return Lost(None, f"{text} The last {AT_RISK_S:g} s of it may be missing, and: {'; '.join(pieces)}.")
+    pieces = [str(one) for one in found] + ([f"{unkept} rows {NOT_KEPT}"] if unkept else [])
+    return Lost(None, f"{text} The last {at_risk_s:g} s of it may be missing, and: {'; '.join(pieces)}.")
+
+
+def _at_risk_s(folder: Path) -> float:
+    """The longest that rows can have waited for their commit: as always, or longer where disk or machine kept it waiting.
+
+    A guard saw when the recorder ended, so with one it is known how long the last wait was.
+    """
+    said = witness(folder)
+    ended = [event.time / 1e6 for event in guarded.diary(folder) if event.kind == left_hot.TOOK_OVER[0]]
+    last = ended[0] - said.since if ended and said.since is not None else 0.0
+    return math.ceil(max(AT_RISK_S, said.risk_s, last) * 10) / 10
 
 
 def _was_to_be_judged(folder: Path, manifest: Manifest) -> bool:
@@ -239,7 +250,7 @@ def _lacking(path: Path) -> Iterator[str]:
 
 def _note_missing_end(folder: Path, last: int) -> None:
     """What the recorder said was committed, and is not in the store: the end of its log is gone."""
-    missing = acknowledged(folder) - last
+    missing = witness(folder).last - last
     if missing > 0:
         which = f"batches {last + 1} to {last + missing}"
         damage.note(folder, [damage.Damage(which, None, "acknowledged, and missing from the live store", missing * AT_RISK_S)])

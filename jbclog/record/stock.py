@@ -11,6 +11,7 @@ from typing import Final
 
 import pyarrow as pa
 
+from jbclog.errors import RecordError
 from jbclog.record.batches import Damaged, decode
 from jbclog.record.damage import Damage
 from jbclog.record.parts import through
@@ -20,10 +21,26 @@ from jbclog.record.store import FACTS, META, Segment, segments
 LEAST_BYTES: Final = 1024  # no batch is smaller, so no file holds more batches than this says
 
 
+IN_THE_WAY: Final = (
+    *(sqlite3.SQLITE_IOERR, sqlite3.SQLITE_FULL, sqlite3.SQLITE_CANTOPEN, sqlite3.SQLITE_NOMEM),
+    *(sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED, sqlite3.SQLITE_READONLY, sqlite3.SQLITE_PERM),
+)
+UNREADABLE: Final = (sqlite3.SQLITE_IOERR_READ, sqlite3.SQLITE_IOERR_SHORT_READ, sqlite3.SQLITE_IOERR_CORRUPTFS)
+"""A place of the disk that cannot be read any more is damage, and the rest of the file is still there."""
+
+
+def expect_damage(path: Path, error: Exception) -> None:
+    """Raise `RecordError` where `error` tells of what is in the way now, and not of what stands in the file."""
+    code = getattr(error, "sqlite_errorcode", sqlite3.SQLITE_CORRUPT)
+    if code & 0xFF in IN_THE_WAY and code not in UNREADABLE:
+        raise RecordError(f"{path} cannot be read now: {error}; nothing of it was changed") from error
+
+
 class Stock:
     """All segments of a run's live store, as they were at one moment; nothing is written. `damage` grows while it is read.
 
-    Numbers that two segments have are taken from the first in which they are sound.
+    Numbers that two segments have are taken from the first in which they are sound. What only keeps it from being read now
+    (no room for SQLite's index, no right to make it, a disk that fails to write) is no damage: `RecordError`, from any call.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -32,25 +49,30 @@ class Stock:
         self.segments: list[Segment] = []
         self._where: dict[int, list[Segment]] = {}
         self._tables: dict[int, str] = {}
-        self._snapshots = contextlib.ExitStack()
-        for path in segments(folder):
-            try:
-                segment = Segment.look(path)
-                self._snapshots.callback(segment.close)
-                self._snapshots.enter_context(segment.snapshot())
-                begun = segment.is_begun()
-            except sqlite3.DatabaseError as error:
-                self._note(path.name, None, f"nothing in it can be read: {error}")
-            else:
-                self.segments += [segment] * begun
-        self.notes = self._all_notes(META)
-        self._index()
+        with contextlib.ExitStack() as opened:
+            for path in segments(folder):
+                self._open(path, opened)
+            self.notes = self._all_notes(META)
+            self._index()
+            self._snapshots = opened.pop_all()
 
     def __enter__(self) -> Stock:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
         self._snapshots.close()
+
+    def _open(self, path: Path, opened: contextlib.ExitStack) -> None:
+        try:
+            segment = Segment.look(path)
+            opened.callback(segment.close)
+            opened.enter_context(segment.snapshot())
+            begun = segment.is_begun()
+        except sqlite3.DatabaseError as error:
+            expect_damage(path, error)
+            self._note(path.name, None, f"nothing in it can be read: {error}")
+        else:
+            self.segments += [segment] * begun
 
     # -- what is there -----------------------------------------------------------------------------------------------
 
@@ -91,6 +113,7 @@ class Stock:
             try:
                 notes.update(segment.notes(kind))
             except sqlite3.DatabaseError as error:
+                expect_damage(segment.path, error)
                 self._note(segment.path.name, 0, f"its notes ({kind}) cannot be read: {error}")
         return notes
 
@@ -105,6 +128,7 @@ class Stock:
             try:
                 found = segment.index()
             except sqlite3.DatabaseError as error:
+                expect_damage(segment.path, error)
                 self._note(segment.path.name, None, f"it is damaged ({error}); what follows was found piece by piece")
                 found = dict(self._probe(segment))
             for number, table in found.items():
@@ -144,6 +168,7 @@ class Stock:
                     rows = stored.batch.rows
                     return decode(stored.batch, stored.crc)
             except (Damaged, sqlite3.DatabaseError) as error:
+                expect_damage(segment.path, error)
                 why = str(error)
         self._note(f"batch {number} ({self._tables[number]})", rows, why)
         return None

@@ -13,14 +13,15 @@ from pathlib import Path
 import pytest
 
 from jbclog.errors import RecordError
-from jbclog.record.lock import NAME, FolderLock, acknowledged, boot_id, is_held
+from jbclog.record.lock import NAME, FolderLock, Witness, boot_id, is_held, witness
 
 
 def test_the_second_is_refused_with_the_holders_number(tmp_path: Path) -> None:
     lock = FolderLock.take(tmp_path)
     with pytest.raises(RecordError, match=f"process {os.getpid()}"):
         FolderLock.take(tmp_path, 0.0)
-    assert json.loads((tmp_path / NAME).read_text()) == {"pid": os.getpid(), "boot": boot_id(), "last": 0}
+    said = json.loads((tmp_path / NAME).read_text())
+    assert (said["pid"], said["boot"], said["last"]) == (os.getpid(), boot_id(), 0)
     assert is_held(tmp_path)
     lock.release()
     assert not is_held(tmp_path)
@@ -71,12 +72,18 @@ def test_a_lock_whose_file_was_removed_meanwhile_is_not_taken_for_one(tmp_path: 
 
 def test_the_last_committed_number_outlives_its_holder(tmp_path: Path) -> None:
     lock = FolderLock.take(tmp_path)
-    lock.acknowledge(1234567)
-    lock.acknowledge(99)
+    said = Witness(99, 1.79e9, 0.9, 12)
+    lock.testify(Witness(1234567, 1.79e9 + 0.001, 1234.5, 123_456_789))
+    lock.testify(said)
     lock.release()
-    assert acknowledged(tmp_path) == 99
+    assert witness(tmp_path) == said
     FolderLock.take(tmp_path).release()  # whoever comes next keeps it
-    assert acknowledged(tmp_path) == 99
+    assert witness(tmp_path) == said
+
+
+def test_a_disk_that_gives_no_lock_is_told_of(tmp_path: Path) -> None:
+    with pytest.raises(RecordError, match="cannot be opened"):
+        FolderLock.take(tmp_path / "not there")
 
 
 def test_nonsense_in_the_file_is_no_obstacle(tmp_path: Path) -> None:
