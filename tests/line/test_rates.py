@@ -8,8 +8,11 @@ import pytest
 from account import assert_account_holds, wrong_values
 from virtual_run import RECIPE, VirtualRun, line_text, prepare
 
+from jbclog.errors import StartRefused
 from jbclog.rows import COLUMN
 from jbclog.scheduler import CEILING
+from jbclog.session.order import PortState
+from jbclog.session.pace import choose_pace
 
 PERIOD_S = {"alarm_high": 2, "port_error": 2, "set_c": 5, "tool": 5, "station_error": 5, "transistor_c": 10, "transformer_c": 10}
 STATION_WIDE = ("station_error", "transformer_c")
@@ -202,3 +205,20 @@ def test_a_station_that_knows_no_signal_ends_the_run(rate: str | None) -> None:
     assert "none of the signals" in run.facts.reason
     assert len(run.memory.samples) == 2  # a row for each port
     assert set(run.facts.safe_state.values()) == {"verified"}
+
+
+@pytest.mark.parametrize(
+    ("family", "fits"), [("omega", False), ("dde", True)], ids=["the manual prints that it varies", "it does not"]
+)
+def test_a_rate_is_held_against_the_longest_answer_where_answers_vary(family: str, fits: bool) -> None:
+    """003, 11.1: 0 to 250 ms. What one answer in twelve takes, one in twelve of a run takes, too."""
+    recipe = RECIPE if family == "dde" else '[recipe]\nname = "test"\nrevision = 1\nfamilies = ["omega"]\n'
+    line = line_text("", "ports = [1]" if family == "dde" else "").replace("dde", family)
+    (desk,) = prepare(line, recipe, rate=3).desks.values()
+    desk.ports[1] = PortState(1, 2)
+    desk.facts.turnaround_us = {"median": 5_000.0, "p99": 250_000.0, "n": 12}
+    if fits:
+        assert choose_pace(desk).period_s == pytest.approx(1 / 3)
+        return
+    with pytest.raises(StartRefused, match=r"250\.00 ms of turnaround"):
+        choose_pace(desk)
