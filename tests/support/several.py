@@ -1,0 +1,16 @@
+"""Lines of several virtual DDEs, and faults in words of Python."""
+
+from __future__ import annotations
+
+from virtual_run import line_text
+
+
+def line(*sims: str) -> str:
+    """A line of DDEs, each with its own sim table."""
+    stations = [line_text(f"seed = {number}\n{sim}").split("[[station]]")[1] for number, sim in enumerate(sims, 1)]
+    named = [text.replace("dde-1", f"dde-{number}") for number, text in enumerate(stations, 1)]
+    return line_text().split("[[station]]")[0] + "".join(f"[[station]]{text}\n" for text in named)
+
+
+def fault(kind: str, **keys: object) -> str:
+    return "\n[[station.sim.fault]]\n" + "".join(f"{key} = {value!r}\n" for key, value in {"kind": kind, **keys}.items())
