@@ -42,14 +42,17 @@ from jbclog.session.order import Desk
 from jbclog.session.run import run_station
 from jbclog.transport import Port, Tee, open_port
 from jbclog.transport.descriptors import allow_ports
+from jbclog.transport.sharers import Sharers
 
 GUARDED, NO_GUARD, GUARD_LOST = "on", "none", "lost"  # what the manifest says of it
+RUNNING = "running"  # the outcome of a session that has not ended
 FIRST_PROCESS = 1  # of a container, with which the system ends all others of it
 OF_A_CONTAINER = (
     "This recorder is the first process of its container: whatever kills it ends its guard with it. Start the container with an "
     "init process (`docker run --init`)."
 )
 LOOK_EVERY_S = 1.0  # at the wall clock, at progress
+LOOK_AT_PORTS_EVERY_S = 10.0  # who else has them open
 FREEZING = (signal.SIGTSTP, signal.SIGTTIN, signal.SIGTTOU)
 CUT_SHORT = {signal.SIGINT: Exit.INTERRUPTED, signal.SIGTERM: Exit.TERMINATED, signal.SIGHUP: Exit.TERMINATED}
 
@@ -102,6 +105,7 @@ class _Run:
         self._note = self._dossier.note
         self._desks = self._dossier.desks
         self._reactor = Reactor(fast)
+        self._sharers = Sharers(desk.order.url for desk in self._desks)
         self._wires = WireRecorder(self._dossier.folder) if plan.wanted.wire else None
         self._cut_short: Exit | None = None
         self._have_all_begun = False
@@ -156,6 +160,7 @@ class _Run:
         if self._wires is not None:
             self._wires.start()
         self._reactor.every(LOOK_EVERY_S, self._look)
+        self._reactor.every(LOOK_AT_PORTS_EVERY_S, self._sharers.look)
         self._reactor.every(RENEW_S, self._guarding.renew)
         try:
             self._reactor.run(self._guarding.end)
@@ -206,8 +211,16 @@ class _Run:
             self._keep_from_collector()
         self._look_at_clock()
         self._tell_of_wires()
+        self._tell_of_sharers()
         self._dossier.look()
         self._dossier.show(lambda: self._dossier.observer.second(self._desks))
+
+    def _tell_of_sharers(self) -> None:
+        for url, who in self._sharers.news():
+            for desk in self._desks:
+                if desk.order.url == url and desk.facts.outcome == RUNNING:
+                    text = f"{url} is open in {who}, too, which may take answers that were meant for this run; end that program."
+                    desk.note("link.contention", Severity.ERROR, text)
 
     def _look_at_clock(self) -> None:
         utc, now = self._dossier.utc, self._clock.monotonic()
@@ -221,7 +234,7 @@ class _Run:
     def _keep_from_collector(self) -> None:
         """What the sessions have built stays to the end; to walk through it for garbage takes 40 ms of 250 stations' ticks."""
         gc.freeze()
-        self._have_all_begun = all(desk.facts.first_tick is not None or desk.facts.outcome != "running" for desk in self._desks)
+        self._have_all_begun = all(desk.facts.first_tick is not None or desk.facts.outcome != RUNNING for desk in self._desks)
 
     def _tell_of_wires(self) -> None:
         for text in self._wires.news() if self._wires is not None else ():

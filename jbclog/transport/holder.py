@@ -43,6 +43,32 @@ def sharers_of(device: str) -> list[int]:
     return [process for process in _openers(wanted) if number is None or not _is_behind(process, number)]
 
 
+def openers_of(devices: Iterable[str]) -> set[tuple[str, int]]:
+    """Which of `devices` which other process has open, whatever it is: one walk through the system for all of them."""
+    wanted: dict[tuple[int, int], str] = {}
+    for device in devices:
+        with contextlib.suppress(OSError, ValueError):
+            found = Path(device).stat()
+            wanted[found.st_rdev, found.st_ino] = device
+    processes = [process for process in _processes() if process != os.getpid()] if wanted else []
+    return {(wanted[number], process) for process in processes for number in _open_in(process) if number in wanted}
+
+
+def is_behind(device: str, process: int) -> bool:
+    """Whether `device` is a pseudo-terminal and this process the program behind it."""
+    number = _number_of_terminal(device)
+    return number is not None and _is_behind(process, number)
+
+
+def _open_in(process: int) -> Iterator[tuple[int, int]]:
+    """Device number and inode of all that a process has open."""
+    with contextlib.suppress(OSError), os.scandir(f"/proc/{process}/fd") as descriptors:
+        for descriptor in descriptors:
+            with contextlib.suppress(OSError):
+                found = descriptor.stat()
+                yield found.st_rdev, found.st_ino
+
+
 def in_words_all(processes: Iterable[int]) -> str:
     """Who they are: ``process 4711 (minicom), process 4712 (cat)``."""
     return ", ".join(map(in_words, processes))

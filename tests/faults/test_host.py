@@ -26,7 +26,7 @@ import pandas as pd
 import pytest
 from command import is_sampling, jbclog, until
 from invariants import Ended, violations
-from served_line import Order, ServedLine
+from served_line import RECIPE, Order, ServedLine
 from station_log import heard_in
 
 from jbclog.analysis.run import open_run
@@ -36,6 +36,7 @@ from jbclog.sim.state import WORKING
 
 PROGRAM = [sys.executable, "-c", "from jbclog.cli import main; main()"]
 ODD = [sys.executable, odd_host.__file__]
+RATE_HZ = 2  # which fits however late this machine lets answers be
 SOON_S = 60.0  # other tests have the processors, too
 ENDS_S = 30.0
 HOUR = 3600.0
@@ -47,7 +48,8 @@ SEED = random.randrange(1 << 32)
 @pytest.fixture(scope="module")
 def line(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ServedLine]:
     """Four stations, the feeder of one of them running whenever its tool works; they live through all tests here."""
-    with ServedLine(tmp_path_factory.mktemp("line"), logs=True) as served:
+    slow = RECIPE.replace("rate_hz = 5", f"rate_hz = {RATE_HZ}")
+    with ServedLine(tmp_path_factory.mktemp("line"), recipe=slow, logs=True) as served:
         yield served
 
 
@@ -223,7 +225,7 @@ def test_a_machine_that_slept_is_one_event_no_step_of_the_clock_and_no_rows(cloc
     assert slept == pytest.approx(NIGHT, abs=5)
     assert len(clocks.slept.events("clock.step")) == 0
     (facts,) = clocks.slept.manifest.stations
-    assert facts.skipped == pytest.approx(NIGHT * 5, abs=25)
+    assert facts.skipped == pytest.approx(NIGHT * RATE_HZ, abs=25)
     assert len(_far_from_grid(clocks.slept)) <= 2, "more than the two ports of the tick that was under way"
     assert [text for text in clocks.slept.wrong() if not text.startswith("I4")] == []  # the station's clock knew of no night
 
@@ -239,7 +241,7 @@ def test_a_recorder_without_a_guard_that_stood_still_says_so_and_goes_on(clocks:
     (stood,) = clocks.stopped.events("host.suspended")["value"]
     assert 5.0 < stood < SOON_S
     (facts,) = clocks.stopped.manifest.stations
-    assert facts.skipped == pytest.approx(stood * 5, abs=10)
+    assert facts.skipped == pytest.approx(stood * RATE_HZ, abs=10)
     assert clocks.stopped.manifest.guard == "none"
     assert clocks.stopped.wrong() == []
 
@@ -510,6 +512,28 @@ def test_two_recorders_fifty_times(start: Start, counted: Callable[..., None]) -
     won = Counter(race(start, rng.random()) for _ in range(50))
     print(f"seed {SEED}: 50 pairs of recorders on one port; who recorded: {dict(won)}; lost 0, wrong 0, both 0, none 0")
     counted(pairs_of_recorders=50, lost=0, wrong=0)
+
+
+def test_a_program_that_has_the_port_open_without_asking_is_named_and_gets_nothing_into_the_record(start: Start) -> None:
+    """It reads what was meant for the run: answers are lost, none is made up."""
+    soon = "import jbclog.conduct as c; c.LOOK_AT_PORTS_EVERY_S = 0.5; from jbclog.cli import main; main()"
+    run = start("ucr-1", program=[sys.executable, "-c", soon])
+    assert until(run.samples, SOON_S)
+    device = os.open(run.line.url("ucr-1"), os.O_RDONLY | os.O_NOCTTY | os.O_NONBLOCK)
+    thief = subprocess.Popen(
+        [sys.executable, "-c", "import os, time\nwhile True:\n try: os.read(0, 3)\n except OSError: time.sleep(0.01)"], stdin=device
+    )
+    os.close(device)
+    try:
+        assert until(lambda: run.has("link.contention"), SOON_S)
+        time.sleep(1.0)
+    finally:
+        thief.kill()
+        thief.wait()
+    assert run.end() in (143, 3), run.said
+    (text,) = run.events("link.contention")["text"]
+    assert f"process {thief.pid} " in text
+    assert run.wrong() == []
 
 
 # -- who looks on (row 47) ------------------------------------------------------------------------------------------------------
