@@ -6,6 +6,7 @@ import json
 import os
 import re
 import shlex
+import shutil
 import signal
 import subprocess
 from collections.abc import Iterator
@@ -118,7 +119,10 @@ def test_lived_through_again_the_tables_are_the_same(original: Path, tmp_path: P
     ended = jbclog("replay", original, "--record", tmp_path / "again")
     again = only_run(tmp_path / "again")
     assert (ended.returncode, ended.stdout) == (0, f"{again}\n"), ended.stderr
-    assert ended.stderr == "the same decoded tables\n"
+    counted, same = ended.stderr.splitlines()
+    samples = len(open_run(original).samples())
+    assert counted.startswith(f"compared: {samples} of {samples} rows of samples, ")
+    assert same == "the same decoded tables"
     assert check(again) == []
     before, after = open_run(original).samples(), open_run(again).samples()
     pd.testing.assert_frame_equal(before.drop(columns="time"), after.drop(columns="time"))
@@ -136,7 +140,7 @@ def test_recorded_again_at_its_own_pace(original: Path, tmp_path: Path) -> None:
         replaying.stderr.readline()
         typed = shlex.split(replaying.stderr.readline())
         assert typed[:2] == ["jbclog", "run"]
-        assert {"--rate", "--duration", "--order", "A 7"} < set(typed)
+        assert {"--duration", "--order", "A 7"} < set(typed)
         ended = jbclog(*typed[1:], "--out", tmp_path / "runs")
         assert ended.returncode in (0, 1), ended.stderr
     again = only_run(tmp_path / "runs")
@@ -145,7 +149,7 @@ def test_recorded_again_at_its_own_pace(original: Path, tmp_path: Path) -> None:
         ours, theirs = rows(original, station), rows(again, station)
         assert len(theirs) == len(ours) == HZ * SECONDS
         for column in FAST:
-            assert readings(theirs, column) == readings(ours, column)
+            assert share_of_same(ours[column], theirs[column]) > 0.8  # a busy host finds an outage a tick later
         for column in SLOW:  # when the wire has room for them is a matter of fractions of a millisecond
             mine, other = readings(ours, column), readings(theirs, column)
             assert mine[: len(other)] == other[: len(mine)]
@@ -156,22 +160,102 @@ def test_recorded_again_at_its_own_pace(original: Path, tmp_path: Path) -> None:
         assert kinds(second, station) == kinds(first, station)
 
 
+def share_of_same(ours: pd.Series, theirs: pd.Series) -> float:
+    """Of the values that both have, those that are the same; 1.0 where there are none."""
+    both = ours.notna() & theirs.notna()
+    return float((ours[both] == theirs[both]).mean()) if both.any() else 1.0
+
+
 def kinds(run: Run, station: str) -> list[str]:
     """What happened; that a slow signal was not read may fall behind the end."""
     return [kind for kind in run.events(station)["kind"] if not kind.startswith(("read.", "alarm."))]
 
 
-def test_recorded_again_three_times_as_fast(original: Path, tmp_path: Path) -> None:
-    with served(original, tmp_path / "served", "--speed", "3"):
-        options = ("--line", tmp_path / "served" / "line.toml", "--out", tmp_path / "runs", "--rate", str(3 * HZ))
-        ended = jbclog("run", *options, "-d", "0.8s", "-s", "ucr-1", "--order", "x")
+CALM = re.sub(r"\[\[station.sim.fault\]\].*?(?=\n\n|\Z)", "", LINE, flags=re.DOTALL)
+
+
+@pytest.fixture(scope="module")
+def calm(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two stations of which nothing is wrong, at periods of their own."""
+    place = tmp_path_factory.mktemp("calm")
+    (place / "line.toml").write_text(CALM.replace("noise_c = 0.5", "noise_c = 0.5\nturnaround_ms = 60.0", 1))
+    with SimProcess(place / "line.toml", place / "bench") as stations:
+        ended = jbclog("run", RECIPE, "--line", stations.line_path, "--out", place / "runs", "-d", "6s", "--rate", "fit", "--wire")
     assert ended.returncode in (0, 1), ended.stderr
-    ours, theirs = rows(original, "ucr-1"), rows(only_run(tmp_path / "runs"), "ucr-1")
-    assert len(theirs) == 12
-    for column in FAST:  # a silence is as long as the client's patience, and may well cost it a tick
-        values = theirs[column].dropna().to_list()
-        assert len(values) > 6
-        assert values == ours[column].dropna().to_list()[: len(values)]
+    return only_run(place / "runs")
+
+
+@pytest.mark.parametrize("speed", [3, 10])
+def test_recorded_again_faster_it_has_the_same_rows(calm: Path, tmp_path: Path, speed: int) -> None:
+    """Each station as many rows as then, at its own rate, and where the host lost no tick the same values in them."""
+    with served(calm, tmp_path / "served", "--speed", str(speed)) as replaying:
+        assert replaying.stderr is not None
+        replaying.stderr.readline()
+        typed = shlex.split(replaying.stderr.readline())
+        ended = jbclog(*typed[1:], "--out", tmp_path / "runs")
+    assert ended.returncode in (0, 1), ended.stderr
+    again = only_run(tmp_path / "runs")
+    first, second = read_manifest(calm), read_manifest(again)
+    assert [one.period_s for one in second.stations] == pytest.approx([one.period_s for one in first.stations])
+    assert len({one.period_s for one in first.stations}) == 2
+    for station in ("dde-1", "ucr-1"):
+        ours, theirs = rows(calm, station), rows(again, station)
+        assert len(ours) == len(theirs)
+        on_time = (ours["late_us"] < 10_000) & (theirs["late_us"] < 10_000)
+        for column in FAST:
+            assert share_of_same(ours[on_time][column], theirs[on_time][column]) > 0.9
+        assert kinds(open_run(again), station) == kinds(open_run(calm), station)
+        assert open_run(again).counters(station)["raw"].to_list() == open_run(calm).counters(station)["raw"].to_list()
+
+
+# -- nothing compared is no success ---------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def copied(calm: Path, tmp_path: Path) -> Path:
+    return Path(shutil.copytree(calm, tmp_path / calm.name))
+
+
+def held(run: Path, out: Path) -> tuple[int, dict[str, object]]:
+    ended = CliRunner().invoke(app, ["replay", str(run), "--record", str(out), "--json"])
+    return ended.exit_code, json.loads(ended.stdout)
+
+
+def test_a_station_whose_wire_is_gone_is_told_and_no_success(copied: Path, tmp_path: Path) -> None:
+    wire_path(copied, "ucr-1").unlink()
+    code, told = held(copied, tmp_path / "again")
+    assert (code, told["same"]) == (1, False)
+    recorded = len(rows(copied, "ucr-1"))
+    assert f"samples, ucr-1: only 0 of {recorded} rows could be compared" in str(told["uncompared"])
+
+
+@pytest.mark.parametrize("size", [2500, 6000])
+def test_a_wire_that_was_cut_is_told_with_its_share_and_no_success(copied: Path, tmp_path: Path, size: int) -> None:
+    for station in ("dde-1", "ucr-1"):
+        os.truncate(wire_path(copied, station), size)
+    code, told = held(copied, tmp_path / "again")
+    assert (code, told["same"], told["differences"]) == (1, False, [])
+    compared = told["compared"]
+    assert isinstance(compared, dict)
+    assert compared["samples"]["rows"] < compared["samples"]["recorded"]
+    assert told["uncompared"]
+
+
+def test_a_row_too_many_is_a_difference(copied: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is compared as far as both go finds no row that came on top: only a recording that was cut is compared so."""
+    from jbclog.dossier import Dossier
+    from jbclog.rows import EventRow, Severity
+
+    close = Dossier.close
+
+    def with_another(dossier: Dossier) -> str | None:
+        dossier.journal.event(EventRow(dossier.utc.micros(dossier.clock.monotonic()), "x.more", Severity.INFO, "More.", "dde-1"))
+        return close(dossier)
+
+    monkeypatch.setattr(Dossier, "close", with_another)
+    code, told = held(copied, tmp_path / "again")
+    assert code == 1
+    assert re.search(r"events, dde-1: \d+ rows instead of \d+", str(told["differences"]))
 
 
 def test_a_recorder_that_was_killed_leaves_all_but_the_last_second(tmp_path: Path) -> None:
@@ -187,7 +271,7 @@ def test_a_recorder_that_was_killed_leaves_all_but_the_last_second(tmp_path: Pat
         recorder.communicate()
     assert jbclog("recover", run).returncode == 0
     assert check(run) == []
-    assert "At most the last 1 s" in (read_manifest(run).wire or "")
+    assert "at most its last 1 s is missing" in (read_manifest(run).wire or "")
     last, samples = max(row.at_s for row in read_rows(wire)), open_run(run).samples(station="dde-1")
     t0 = read_manifest(run).t0_mono or 0.0
     assert samples["tick"].max() / HZ < last - t0 + 1.0
