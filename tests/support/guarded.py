@@ -18,7 +18,7 @@ from served_line import ServedLine
 
 TOOLS = 6  # of a served line
 TOLD_S = 5.0  # by then every tool has been told (faults.md, section 9)
-ON_THE_WIRE_S = 0.05  # what was written just before may still be under way
+ON_THE_WIRE_S = 0.5  # what was written just before may still be under way to a station on a busy machine
 GUARD = b"jbclog.guard"
 
 
