@@ -71,7 +71,8 @@ def struck(line: ServedLine, out: Path, number: signal.Signals, is_time: Callabl
     run = begun(line, out)
     try:
         first = line.questions if number == signal.SIGKILL else lambda: questions + len(line.orders(began))
-        assert until(lambda: first() > questions or run.poll() is not None, 60.0) and run.poll() is None, run.communicate(timeout=5)
+        assert until(lambda: first() > questions or run.poll() is not None, 60.0)
+        assert run.poll() is None, run.communicate(timeout=5)
         asked = time.monotonic()
         while not is_time(time.monotonic() - asked):
             time.sleep(0.002)
