@@ -1,0 +1,140 @@
+"""Row 45: a run of thirty days. It holds no more memory and no more open files at its end than after its first day.
+
+``pytest -n0 -s -m campaign tests/faults/test_thirty_days.py`` lives through thirty days on the virtual clock in a few minutes, on a
+real disk, sealed each day, with a cable that goes out now and then; a default run through a quarter of a day.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import pytest
+from recorded_run import Nobody, _sealed_here
+from several import fault
+from virtual_run import RECIPE, line_text
+
+from jbclog.clock import VirtualClock
+from jbclog.dossier import Dossier
+from jbclog.drive.virtual import VirtualDriver
+from jbclog.plan import Plan, Wanted, make_plan
+from jbclog.record.check import check
+from jbclog.record.manifest import read_manifest
+from jbclog.session.run import run_station
+from jbclog.sim.make import virtual_station
+
+DAY_S, HOUR_S = 86400.0, 3600.0
+PAGE_MB = 4096 / 2**20
+MOST_MB_A_DAY = 0.3  # half a day's rows would be as much
+PERIOD_S = 15.0  # the slowest that a recipe may ask
+SPARSE = f"""{RECIPE}on_difference = "continue"
+
+[sampling]
+rate_hz = {1 / PERIOD_S:.9f}
+alarms_every_s = 15
+counters_every_s = 3600
+"""
+
+
+@dataclass
+class Lived:
+    """What a long run left: each hour the resident memory in MB and the open files; how long it took."""
+
+    folder: Path
+    memory_mb: list[float] = field(default_factory=list)
+    files: list[int] = field(default_factory=list)
+    parts: int = 0
+    seconds: float = 0.0
+
+
+def plan_for(folder: Path, days: float) -> Plan:
+    outs = "".join(fault("dropout", at_s=HOUR_S * 5 * number + 100.5, for_s=60.0) for number in range(1, int(days * 24 / 5) + 1))
+    (folder / "line.toml").write_text(line_text("noise_c = 2.0\njoints_per_minute = 2\n" + outs, "ports = [1]"))
+    (folder / "recipe.toml").write_text(SPARSE)
+    return make_plan(Wanted(folder / "line.toml", folder / "recipe.toml", duration_s=days * DAY_S))
+
+
+def live(folder: Path, days: float, seal_s: float = DAY_S) -> Lived:
+    """Run for so many days and seal what there is each `seal_s`."""
+    plan, clock, began = plan_for(folder, days), VirtualClock(), time.monotonic()
+    papers, driver = Dossier(plan, folder / "runs", Nobody(), clock, seal_every_s=None), VirtualDriver(clock)
+    lived = Lived(papers.folder)
+    papers.begin()
+    for station, desk in zip(plan.stations, papers.desks, strict=True):
+        driver.add(run_station(desk), virtual_station(station.spec, now=clock.monotonic()))
+    _each(driver, HOUR_S, lambda: _look(lived))
+    _each(driver, seal_s, lambda: _seal(papers, lived))
+    driver.run()
+    papers.conclude(_sealed_here(papers))
+    lived.seconds = time.monotonic() - began
+    return lived
+
+
+def _each(driver: VirtualDriver, period_s: float, do: Callable[[], object]) -> None:
+    def again() -> None:
+        do()
+        driver.at(driver.clock.monotonic() + period_s, again)
+
+    driver.at(driver.clock.monotonic() + period_s, again)
+
+
+def _look(lived: Lived) -> None:
+    lived.memory_mb.append(int(Path("/proc/self/statm").read_text().split()[1]) * PAGE_MB)
+    lived.files.append(len(list(Path("/proc/self/fd").iterdir())))
+
+
+def _seal(papers: Dossier, lived: Lived) -> None:
+    """Have it sealed, as the hourly child does, and wait for that: real time is short here."""
+    store = papers._store
+    store.commit_now()
+    store.seal_now()
+    until = time.monotonic() + 60
+    while store.is_sealing and time.monotonic() < until:
+        time.sleep(0.05)
+    lived.parts += 1
+
+
+def slope(values: list[float]) -> float:
+    """What a value gains from one to the next, by least squares."""
+    middle, mean = (len(values) - 1) / 2, sum(values) / len(values)
+    return sum((n - middle) * (value - mean) for n, value in enumerate(values)) / sum((n - middle) ** 2 for n in range(len(values)))
+
+
+def assert_whole(lived: Lived, days: float) -> None:
+    assert check(lived.folder) == []
+    (facts,) = read_manifest(lived.folder).stations
+    assert facts.outcome == "completed", facts.reason
+    assert facts.outages == int(days * 24 / 5)
+    rows = sum(file.rows or 0 for file in read_manifest(lived.folder).files if file.path.startswith("samples/"))
+    assert rows == pytest.approx(days * DAY_S / PERIOD_S, abs=2)
+
+
+def test_a_quarter_of_a_day(tmp_path: Path) -> None:
+    lived = live(tmp_path, 0.25, seal_s=2 * HOUR_S)
+    assert_whole(lived, 0.25)
+    assert lived.parts >= 2
+    assert max(lived.files) - min(lived.files) <= 3  # a part that is being written, its child's pipe
+
+
+def test_a_slope_is_seen() -> None:
+    assert slope([1.0, 2.0, 3.0]) == pytest.approx(1.0)
+    assert slope([5.0] * 10) == 0
+
+
+@pytest.mark.campaign
+@pytest.mark.timeout(3600)
+def test_thirty_days(tmp_path: Path, capsys: pytest.CaptureFixture[str], counted: Callable[..., None]) -> None:
+    lived = live(tmp_path, 30)
+    gained = 24 * slope(lived.memory_mb[24:])
+    first, last = lived.memory_mb[24], lived.memory_mb[-1]
+    with capsys.disabled():
+        print(
+            f"\n30 days in {lived.seconds / 60:.1f} min, {lived.parts} parts; {min(lived.files)} to {max(lived.files)} open files;"
+        )
+        print(f"{first:.0f} MB after the first day, {last:.0f} MB at the end, {1000 * gained:+.0f} kB a day")
+    assert_whole(lived, 30)
+    assert gained < MOST_MB_A_DAY
+    assert max(lived.files) - min(lived.files) <= 3
+    counted(virtual_days=30, rows_lost=0, kB_a_day=round(1000 * gained), files_more=max(lived.files) - min(lived.files))

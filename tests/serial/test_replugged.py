@@ -1,0 +1,133 @@
+"""Adapters that come back under another name, or under each other's, on real pseudo-terminals with links as udev makes them.
+
+The default run has one adapter that gets another number; ``pytest -n0 -m campaign tests/serial/test_replugged.py`` swaps two, ten
+times, and sets one right again.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+import pandas as pd
+import pytest
+from asked_writes import may_be_written
+from command import started, until
+from served_line import RECIPE, ServedLine
+
+from jbclog.record.check import check
+
+OUT_S, FOR_S, RUN_S = 2.5, 1.5, 7
+STATION = """
+[[station]]
+name = "{name}"
+url = "{name}"
+family = "dde"
+ports = [1]
+[station.sim]
+counters = {{plugged_hours = {hours}}}
+[[station.sim.fault]]
+kind = "dropout"
+at_s = {out_s}
+for_s = {for_s}
+"""
+
+
+def line(**hours: int) -> str:
+    stations = (STATION.format(name=name, hours=hours[name], out_s=OUT_S, for_s=FOR_S) for name in hours)
+    return '[line]\nname = "udev"\n' + "".join(stations)
+
+
+class Udev:
+    """Links by which the recorder knows the adapters."""
+
+    def __init__(self, folder: Path, served: ServedLine) -> None:
+        self.folder, self.line, self._served = folder, folder / "line.toml", served
+        folder.mkdir()
+        text = served.path.read_text()
+        for name in served.stations:
+            text = text.replace(f'"{served.url(name)}"', f'"{folder / name}"')
+            self.name(name, name)
+        self.line.write_text(text)
+
+    def name(self, name: str, end: str) -> None:
+        """From now on `name` leads to the adapter that `end` is at."""
+        link = self.folder / name
+        link.unlink(missing_ok=True)
+        link.symlink_to(self._served.url(end))
+
+    def device(self, name: str) -> str:
+        """Where the link leads in the end; empty while the adapter is out."""
+        path = self.folder / name
+        return os.path.realpath(path) if path.exists() else ""
+
+
+def run(udev: Udev, served: ServedLine, out: Path, meanwhile: Callable[[], object]) -> tuple[int, Path]:
+    """`jbclog run`; what happens while the adapters are out. Its exit code and folder."""
+    recorder = started("run", served.recipe, "--line", udev.line, "--out", out, "-d", f"{RUN_S}s", "--rate", "5")
+    assert until(lambda: all(not udev.device(name) for name in served.stations))
+    meanwhile()
+    said, errors = recorder.communicate(timeout=60)
+    assert "Traceback" not in errors
+    return recorder.returncode, Path(said.splitlines()[-1])
+
+
+def kinds(folder: Path, station: str) -> list[str]:
+    events = pd.read_parquet(folder / "events")
+    return list(events.loc[events["station"] == station, "kind"])
+
+
+def assert_only_asked_writes(served: ServedLine) -> None:
+    """What the stations took is on the recipe's list; nothing else is a matter of the wire here."""
+    may = may_be_written(RECIPE, "dde")
+    assert may.fullmatch("WST100350")
+    names = {write.name for station in served.stations.values() for write in station.log.writes}
+    assert names <= {"selected_temperature", "sleep_delay", "hibernation_delay", "status"}
+
+
+def test_an_adapter_comes_back_under_another_name(tmp_path: Path) -> None:
+    with ServedLine(tmp_path, line(one=100)) as served:
+        udev = Udev(tmp_path / "dev", served)
+        before, held = udev.device("one"), []
+        code, folder = run(udev, served, tmp_path / "runs", lambda: held.extend(os.openpty()))  # takes its number
+        after = udev.device("one")
+        for descriptor in held:
+            os.close(descriptor)
+        assert before != after
+        assert code == 0
+        told = kinds(folder, "one")
+        assert (told.count("link.lost"), told.count("link.back"), told.count("identity.changed")) == (1, 1, 0)
+        assert check(folder) == []
+        assert_only_asked_writes(served)
+        assert served.at_work() == 0
+
+
+def swapped(tmp_path: Path, trial: int) -> None:
+    folder = tmp_path / str(trial)
+    folder.mkdir()
+    with ServedLine(folder, line(one=100, two=5000)) as served:
+        udev = Udev(folder / "dev", served)
+
+        def swap() -> None:
+            udev.name("one", "two")
+            udev.name("two", "one")
+
+        code, run_folder = run(udev, served, folder / "runs", swap)
+        assert code == 5  # neither can be told to stand, which is said
+        for name, hours in (("one", 100), ("two", 5000)):
+            assert "identity.changed" in kinds(run_folder, name)
+            assert "link.back" not in kinds(run_folder, name)
+            counters = pd.read_parquet(run_folder / "counters")
+            own = counters[(counters["station"] == name) & (counters["counter"] == "plugged_h")]
+            assert set(own["value"].dropna()) == {hours}
+        assert check(run_folder) == []
+        assert_only_asked_writes(served)
+
+
+@pytest.mark.campaign
+@pytest.mark.timeout(900)
+def test_two_adapters_swap_their_names(tmp_path: Path, counted: Callable[..., None]) -> None:
+    for trial in range(10):
+        swapped(tmp_path, trial)
+    counted(pairs_swapped=10, resumed_as_the_wrong_one=0, values_of_the_other=0)
