@@ -100,6 +100,20 @@ def test_a_counter_that_goes_on_is_recorded_as_it_goes() -> None:
     assert marks(run) == []
 
 
+def test_a_counter_that_goes_on_while_it_is_asked_is_kept_with_the_characters_of_its_own_answer() -> None:
+    """Of three that grow the middle one is right; what the station said last was another."""
+    run = one_port(duration_s=5)
+    ask, told = run.station.device.answer, iter(range(7, 1000))
+
+    def answer(header: str, text: str, now: float) -> tuple[str, str] | None:
+        return ("A", f"CC1{next(told):05d}") if (header, text) == ("R", "CC1") else ask(header, text, now)
+
+    run.station.device.answer = answer  # type: ignore[method-assign]
+    run.go()
+    first = next(one for one in run.memory.counters if one.counter == "sleep_cycles")
+    assert (first.value, first.raw) == (8.0, "00008")
+
+
 def test_at_the_end_one_answer_bears_out_what_two_said_before() -> None:
     run = one_port("counters = { work_hours = 120 }\n", duration_s=5).go()
     assert [one.text for one in run.heard].count("RCW1") == 3  # two at the start, one at the end
