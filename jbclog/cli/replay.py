@@ -67,8 +67,7 @@ def replay(
     last line of stdout is the new run's folder.
 
     \b
-    Examples:
-      jbclog replay runs/20261121T013000Z-bench-3-k7qd --speed 3
+    Example:
       jbclog replay runs/20261121T013000Z-bench-3-k7qd --record again
     """
     from jbclog.replaying.recording import open_recording
