@@ -222,3 +222,13 @@ def test_a_rate_is_held_against_the_longest_answer_where_answers_vary(family: st
         return
     with pytest.raises(StartRefused, match=r"250\.00 ms of turnaround"):
         choose_pace(desk)
+
+
+def test_a_line_on_which_most_questions_are_lost_is_not_run_on() -> None:
+    lost = "".join(
+        f'\n[[station.sim.fault]]\nkind = "silence"\ncommand = "{name}"\n' for name in ("station_error", "tip_temperature")
+    )
+    run = prepare(line_text(lost, "ports = [1]"), duration_s=5).go()
+    assert run.facts.outcome == "refused"
+    assert "only 0 of 12 questions were answered; the link is too bad to run on" in run.facts.reason
+    assert run.writes == []
