@@ -23,8 +23,8 @@ GUARD = b"jbclog.guard"
 
 
 def begun(line: ServedLine, out: Path, *more: str) -> subprocess.Popen[str]:
-    """A run of the whole line, without an end of its own."""
-    return started("run", line.recipe, "--line", line.path, "--out", out, *more)
+    """A run of the whole line, without an end of its own, as quick as a busy machine allows."""
+    return started("run", line.recipe, "--line", line.path, "--out", out, "--rate", "fit", *more)
 
 
 @contextmanager
