@@ -23,7 +23,7 @@ LEAST_BYTES: Final = 1024  # no batch is smaller, so no file holds more batches 
 
 IN_THE_WAY: Final = (
     *(sqlite3.SQLITE_IOERR, sqlite3.SQLITE_FULL, sqlite3.SQLITE_CANTOPEN, sqlite3.SQLITE_NOMEM),
-    *(sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED, sqlite3.SQLITE_READONLY, sqlite3.SQLITE_PERM),
+    *(sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED, sqlite3.SQLITE_PERM),
 )
 UNREADABLE: Final = (sqlite3.SQLITE_IOERR_READ, sqlite3.SQLITE_IOERR_SHORT_READ, sqlite3.SQLITE_IOERR_CORRUPTFS)
 """A place of the disk that cannot be read any more is damage, and the rest of the file is still there."""
@@ -69,6 +69,8 @@ class Stock:
             opened.enter_context(segment.snapshot())
             begun = segment.is_begun()
         except sqlite3.DatabaseError as error:
+            if getattr(error, "sqlite_errorcode", 0) == sqlite3.SQLITE_READONLY_ROLLBACK:
+                return  # cut off while it was made, before its log: nothing was ever committed to it
             expect_damage(path, error)
             self._note(path.name, None, f"nothing in it can be read: {error}")
         else:

@@ -63,8 +63,8 @@ def segments(folder: Path) -> list[Path]:
 
 
 def companions(segment: Path) -> list[Path]:
-    """A segment's log and index, where they are there."""
-    return [path for path in (segment.with_name(segment.name + end) for end in ("-wal", "-shm")) if path.exists()]
+    """A segment's log and index, and what is left of its making, where they are there."""
+    return [path for path in (segment.with_name(segment.name + end) for end in ("-wal", "-shm", "-journal")) if path.exists()]
 
 
 class Segment:

@@ -14,6 +14,7 @@ from pathlib import Path
 
 import few_rows
 import pytest
+from small_disk import small_disk
 
 from jbclog.record.check import check
 from jbclog.record.manifest import read_manifest
@@ -81,21 +82,11 @@ def test_where_not_even_a_new_file_can_be_made_the_recorder_is_told_and_what_was
     assert read_manifest(folder).exit_status == "lost"
 
 
-def mounted(place: Path, size: str) -> bool:
-    """Whether a small file system could be put there; only root may."""
-    place.mkdir()
-    command = ["mount", "-t", "tmpfs", "-o", f"size={size}", "jbclog-test", str(place)]
-    return os.geteuid() == 0 and subprocess.run(command, capture_output=True, check=False).returncode == 0
-
-
 @pytest.mark.campaign
 @pytest.mark.parametrize("give_up", [True, False], ids=["ends", "goes-on"])
 def test_a_full_disk(tmp_path: Path, give_up: bool, counted: Callable[..., None]) -> None:
     """A real one of 3 MB, of which the reserve holds half: acknowledged rows are there, and there is room to seal them."""
-    disk = tmp_path / "disk"
-    if not mounted(disk, "3m"):
-        pytest.skip("needs root, to mount a small file system")
-    try:
+    with small_disk(tmp_path / "disk", "3m") as disk:
         folder, acknowledged, told = recorded(disk, rows=200_000, reserve=1_500_000, give_up=give_up)
         assert len(told) == 1
         assert "full" in told[0]
@@ -106,5 +97,3 @@ def test_a_full_disk(tmp_path: Path, give_up: bool, counted: Callable[..., None]
         lost = read_manifest(folder).lost
         assert lost is not None
         counted(full_disks=1, acknowledged_rows=acknowledged, acknowledged_rows_lost=0)
-    finally:
-        subprocess.run(["umount", str(disk)], check=True)

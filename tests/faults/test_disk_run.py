@@ -1,0 +1,120 @@
+"""Real disks under real runs: full, read-only, taken away. The tools go to their safe state, and what is kept is whole.
+
+faults.md, rows 23 and 24. The stations live on, and it is their word that counts for what was sent to them.
+"""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+from command import is_sampling, until
+from guarded import begun, only_run
+from invariants import Ended, violations
+from served_line import ServedLine
+from small_disk import small_disk
+from station_log import heard_in
+
+from jbclog.record.manifest import read_manifest
+from jbclog.record.recover import recover
+
+TOOLS = 6
+SAFE_S = 5.0  # from the first commit that failed, which comes within a second
+
+
+@pytest.fixture(scope="module")
+def line(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ServedLine]:
+    with ServedLine(tmp_path_factory.mktemp("line"), logs=True) as served:
+        yield served
+
+
+@contextmanager
+def sampling(line: ServedLine, out: Path) -> Iterator[subprocess.Popen[str]]:
+    """A run with all tools at work and rows in its record."""
+    run = begun(line, out)
+    try:
+        assert until(lambda: line.at_work() == TOOLS and is_sampling(out)), run.communicate(timeout=5)
+        yield run
+    finally:
+        run.kill()
+        run.communicate()
+
+
+def begin_of(line: ServedLine) -> int:
+    assert line.log is not None
+    return line.log.stat().st_size
+
+
+def assert_made_safe(line: ServedLine) -> None:
+    began = time.monotonic()
+    assert until(lambda: line.at_work() == 0, SAFE_S + 1.0), "tools were left at work"
+    print(f"all tools in their safe state {time.monotonic() - began:.2f} s later")
+
+
+def fill(disk: Path) -> Path:
+    """Take all room that there is; give what holds it."""
+    filler = disk / "filler"
+    with filler.open("wb", buffering=0) as file:
+        try:
+            while True:
+                file.write(bytes(1 << 16))
+        except OSError:
+            pass
+        try:
+            while True:
+                file.write(bytes(512))
+        except OSError:
+            return filler
+
+
+def test_a_disk_that_is_filled_while_the_run_goes_on(line: ServedLine, tmp_path: Path) -> None:
+    with small_disk(tmp_path / "disk", "24m") as disk:
+        out, begin = disk / "runs", begin_of(line)
+        with sampling(line, out) as run:
+            filler = fill(disk)
+            assert_made_safe(line)
+            _, said = run.communicate(timeout=30)
+        assert run.returncode == 4, said
+        assert "full" in said
+        folder = only_run(out)
+        filler.unlink()
+        recover(folder)
+        assert line.log is not None
+        assert violations(folder, heard_in(line.log, begin), ended=Ended(run.returncode, said)) == []
+        manifest = read_manifest(folder)
+        assert manifest.exit_status in ("failed", "lost")
+        assert "record.failed" in said_in(folder) or manifest.lost is not None
+        with sampling(line, disk / "again"):  # nothing stands in the way of the next
+            pass
+
+
+def said_in(folder: Path) -> list[str]:
+    import pyarrow.parquet as pq
+
+    return [kind for path in (folder / "events").glob("part-*") for kind in pq.read_table(path)["kind"].to_pylist()]
+
+
+def test_a_folder_that_is_removed_while_the_run_goes_on(line: ServedLine, tmp_path: Path) -> None:
+    out = tmp_path / "runs"
+    with sampling(line, out) as run:
+        shutil.rmtree(only_run(out))
+        assert_made_safe(line)
+        _, said = run.communicate(timeout=30)
+    assert run.returncode == 4, said
+    assert "was removed while the run went on" in said
+    assert "Traceback" not in said
+
+
+def test_on_a_disk_that_is_read_only_no_station_is_asked(line: ServedLine, tmp_path: Path) -> None:
+    with small_disk(tmp_path / "disk", "8m") as disk:
+        subprocess.run(["mount", "-o", "remount,ro", str(disk)], check=True)
+        before = line.questions()
+        run = begun(line, disk / "runs")
+        _, said = run.communicate(timeout=30)
+        assert (run.returncode, line.questions()) == (4, before), said
+        assert "Read-only file system. No station was touched." in said

@@ -1,0 +1,75 @@
+"""A disk that fails at any one thing that the record asks of it, once or for good: nothing wrong, nothing lost without a word.
+
+faults.md, rows 23 to 25. The failing is done below the program, where SQLite and Arrow ask the system (`failing_disk.c`), under
+runs on a virtual clock and under recoveries (`failing_run.py`). After each: the tools were told to stand, rows are as they were
+handed over, acknowledged ones are all there, missing ones are admitted, the folder recovers once and for all, I1 to I9 hold, and
+the next run beside it starts. Real disks that are full, read-only or gone are in `test_disk_run.py`.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import random
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import failing_run
+import pytest
+
+SEED = random.randrange(1 << 32)
+SOURCE = Path(failing_run.__file__).with_name("failing_disk.c")
+COMPILER = shutil.which("cc") or shutil.which("gcc")
+FAULTS = [("EIO", 0), ("EIO", 1), ("ENOSPC", 0), ("ENOSPC", 1)]
+NAMES = ["one-error", "errors-from-then-on", "no-room-once", "no-room-from-then-on"]
+
+
+@pytest.fixture(scope="module")
+def library(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    if COMPILER is None:
+        pytest.skip("needs a C compiler, for a disk that fails")
+    made = tmp_path_factory.mktemp("disk") / "failing_disk.so"
+    subprocess.run([COMPILER, "-O1", "-shared", "-fPIC", "-o", made, SOURCE, "-ldl"], check=True)
+    return made
+
+
+def outcomes(library: Path, home: Path, scenario: str, fault: tuple[str, int], first: int, stride: int) -> list[dict[str, object]]:
+    """What came of operations FIRST, FIRST + STRIDE ... that failed."""
+    places = os.pathsep.join([*(path for path in sys.path if path), os.environ.get("PYTHONPATH", "")])
+    command = [sys.executable, failing_run.__file__, scenario, home, *fault, first, stride]
+    environment = {**os.environ, "LD_PRELOAD": str(library), "PYTHONPATH": places}
+    done = subprocess.run(list(map(str, command)), capture_output=True, text=True, check=False, env=environment)
+    assert done.returncode == 0, done.stderr
+    return [json.loads(line) for line in done.stdout.splitlines()]
+
+
+def assert_nothing_is_wrong(found: list[dict[str, object]]) -> int:
+    """How often something failed; the last one is where nothing was left to fail."""
+    assert [one for one in found if one["wrong"]] == []
+    assert found[-1]["fired"] == 0
+    return sum(bool(one["fired"]) for one in found)
+
+
+@pytest.mark.parametrize(
+    ("scenario", "fault", "stride"), [("run", FAULTS[1], 90), ("recover", FAULTS[0], 60)], ids=["run", "recover"]
+)
+def test_some_things_fail(library: Path, tmp_path: Path, scenario: str, fault: tuple[str, int], stride: int) -> None:
+    first = 1 + SEED % stride
+    print(f"from operation {first} on each {stride}th")
+    assert assert_nothing_is_wrong(outcomes(library, tmp_path, scenario, fault, first, stride)) >= 2
+
+
+@pytest.mark.campaign
+@pytest.mark.timeout(3600)
+@pytest.mark.parametrize("part", range(4))
+@pytest.mark.parametrize("fault", FAULTS, ids=NAMES)
+@pytest.mark.parametrize("scenario", sorted(failing_run.SCENARIOS))
+def test_each_thing_fails(
+    library: Path, tmp_path: Path, scenario: str, fault: tuple[str, int], part: int, counted: Callable[..., None]
+) -> None:
+    failures = assert_nothing_is_wrong(outcomes(library, tmp_path, scenario, fault, 1 + part, 4))
+    assert failures >= 20
+    counted(**{f"{scenario} {fault[0]} {'for good' if fault[1] else 'once'}": failures})
