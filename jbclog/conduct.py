@@ -58,17 +58,24 @@ CUT_SHORT = {signal.SIGINT: Exit.INTERRUPTED, signal.SIGTERM: Exit.TERMINATED, s
 
 
 def conduct(
-    plan: Plan, out: Path, observer: Observer, *, seal_every_s: float = SEAL_S, missed: Callable[[], int] = lambda: 0
+    plan: Plan,
+    out: Path,
+    observer: Observer,
+    *,
+    seal_every_s: float = SEAL_S,
+    missed: Callable[[], int] = lambda: 0,
+    is_last: bool = False,
 ) -> Result:
     """Run `plan` and record it below `out`. `missed` gives how much of what `observer` was told nobody could see.
 
     SIGINT, SIGTERM and SIGHUP end the run in good order, from the first moment on; a second one, or one while sealing, changes
     nothing. Ctrl-Z and a terminal's job control would freeze it, with its tools hot, and have its guard end it: they do nothing.
+    With `is_last` all that this process does afterwards is to say what came of it, and no signal ends that early.
 
     Raises `PortBusy` where another run holds a port, `RecordError` where the record cannot even be begun, and `StartRefused`
     where its guard cannot be started.
     """
-    with Signals(CUT_SHORT.keys(), FREEZING) as signals:
+    with Signals(CUT_SHORT.keys(), FREEZING, for_good=is_last) as signals:
         _expect_unheld(plan)
         return _Run(plan, out, observer, seal_every_s, missed).conduct(signals)
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import signal
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -61,17 +60,15 @@ def record(wanted: Wanted, out: Path, *, as_json: bool) -> int:
     """Run and tell what came of it; give the exit code."""
     from jbclog.cli.aside import Aside
     from jbclog.cli.progress import observer
-    from jbclog.conduct import CUT_SHORT, conduct
+    from jbclog.conduct import conduct
     from jbclog.plan import make_plan
 
     plan = make_plan(wanted)
     for text in plan.notes:
         note(f"note: {text}")
     shown = Aside(observer(wanted.duration_s, quiet=as_json))
-    for number in CUT_SHORT:
-        signal.signal(number, signal.SIG_IGN)  # `conduct` listens to them; after it only this process's last lines are left
     try:
-        result = conduct(plan, out, shown, missed=shown.missed)
+        result = conduct(plan, out, shown, missed=shown.missed, is_last=True)
     finally:
         shown.close()
     if as_json:

@@ -11,9 +11,15 @@ Tell = Callable[[signal.Signals], None]
 
 
 class Signals:
-    """Hears the signals `heard` and lets nothing come of those `ignored`, while a ``with`` lasts. In the main thread only."""
+    """Hears the signals `heard` and lets nothing come of those `ignored`, while a ``with`` lasts. In the main thread only.
 
-    def __init__(self, heard: Collection[signal.Signals], ignored: Collection[signal.Signals] = ()) -> None:
+    With `for_good` nothing comes of any of them afterwards either: what is left of the program is its last words.
+    """
+
+    def __init__(
+        self, heard: Collection[signal.Signals], ignored: Collection[signal.Signals] = (), *, for_good: bool = False
+    ) -> None:
+        self._for_good = for_good
         self._heard = heard
         self._ignored = ignored
         self._before: dict[signal.Signals, object] = {}
@@ -29,7 +35,7 @@ class Signals:
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
         for number, before in self._before.items():
-            signal.signal(number, before)  # type: ignore[arg-type]  # it was there before
+            signal.signal(number, signal.SIG_IGN if self._for_good else before)  # type: ignore[arg-type]  # it was there before
 
     def tell(self, tell: Tell) -> None:
         """Call `tell` for each that came so far and each that comes, between two instructions of the main thread."""

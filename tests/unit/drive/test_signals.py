@@ -22,3 +22,13 @@ def test_what_comes_before_there_is_anybody_to_tell_is_told_later() -> None:
         os.kill(os.getpid(), HEARD)
         assert told == [signal.SIGALRM, HEARD, HEARD]
     assert (signal.getsignal(HEARD), signal.getsignal(IGNORED)) == before
+
+
+def test_for_good_nothing_comes_of_them_afterwards() -> None:
+    before = signal.getsignal(HEARD)
+    try:
+        with Signals([HEARD], for_good=True):
+            pass
+        assert signal.getsignal(HEARD) == signal.SIG_IGN
+    finally:
+        signal.signal(HEARD, before)
