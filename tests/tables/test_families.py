@@ -101,3 +101,18 @@ def test_words_of_status_and_errors() -> None:
     assert SOLDERING_STATUS.orders == {"working": (0, 0, 0, 0, 0), "stand": (0, 0, 0, 0, 1), "extractor": (0, 0, 0, 1, 0)}
     assert AIR_STATUS.orders == {"on": (0, 0, 0, 0, 1), "off": (0, 0, 0, 0, 0), "cooling": (0, 0, 0, 1, 0)}  # seed 001, 4.6
     assert sorted(COMMUNICATION_ERRORS) == [1, 2, 3, 4, 5, 6, 99999]
+
+
+@pytest.mark.parametrize(
+    ("word", "works", "rests"),
+    [
+        ((0, 0, 0, 0, 0), True, False),
+        ((0, 0, 0, 0, 1), False, True),
+        ((0, 0, 0, 0, 2), False, True),
+        ((0, 0, 0, 0, 3), False, True),
+        ((0, 0, 0, 1, 0), False, False),  # in the extractor: neither at work nor in a state that proves that it cools
+        ((0, 0, 0, 1, 1), False, False),
+    ],
+)
+def test_a_tool_in_the_extractor_state_neither_works_nor_rests(word: tuple[int, ...], works: bool, rests: bool) -> None:
+    assert (SOLDERING_STATUS.is_working(word), SOLDERING_STATUS.is_resting(word)) == (works, rests)
