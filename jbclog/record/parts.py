@@ -26,6 +26,7 @@ ROWS_A_GROUP: Final = 32_768  # some 8 MB while it is in memory
 SPLIT: Final = ("late_us", "scan_us", "temperature_c", "power_permille")
 DIFFERENCES: Final = ("time", "tick", "seq")
 THROUGH: Final = b"jbclog.through"
+PROBE: Final = "probe"  # with which a new folder is tried
 PREPARING: Final = "."  # readers of Parquet folders leave out what begins with a dot
 
 Groups = Callable[[], Iterable[pa.Table]]
@@ -164,6 +165,12 @@ def remove_leavings(folder: Path) -> None:
     for table in TABLES:
         for path in (folder / table).glob(f"{PREPARING}part-*.parquet"):
             path.unlink()
+
+
+def remove_unfinished(folder: Path) -> None:
+    """Remove the small files that a crash left aside (`durable`), and the first one that any run writes (`folder`)."""
+    for path in [*folder.glob(".*.tmp"), *folder.glob("recipes/.*.tmp"), folder / PROBE]:
+        path.unlink(missing_ok=True)
 
 
 def read_through(path: Path) -> None:

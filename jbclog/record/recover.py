@@ -24,7 +24,7 @@ from jbclog.record.folder import RUN_NAME
 from jbclog.record.live import AT_RISK_S
 from jbclog.record.lock import FolderLock, witness
 from jbclog.record.manifest import NAME, Lost, Manifest, NoManifest, read_manifest, wrong_digest
-from jbclog.record.parts import remove_leavings
+from jbclog.record.parts import remove_leavings, remove_unfinished
 from jbclog.record.schema import TABLES
 from jbclog.record.seal import seal_rows
 from jbclog.record.stock import Stock
@@ -111,6 +111,7 @@ def _not_rebuilt(folder: Path, manifest: Manifest) -> str:
 
 def _finish(folder: Path, manifest: Manifest, lock: FolderLock) -> Recovery:
     remove_leavings(folder)
+    remove_unfinished(folder)
     bad_parts.set_aside(folder, manifest)
     manifest = replace(manifest, state="open", files=[], wire=_wire(folder, manifest))
     seal_rows(folder)
