@@ -6,6 +6,7 @@ import errno
 import fcntl
 import json
 import os
+import shutil
 import threading
 import time
 from dataclasses import replace
@@ -16,6 +17,7 @@ import pytest
 
 from jbclog.errors import RecordError
 from jbclog.guard import lease as leases
+from jbclog.guard import whereabouts
 from jbclog.guard.diary import LEAST_BYTES, LINE_BYTES, Diary
 from jbclog.guard.lease import NAME, StationLease, keep, kept
 from jbclog.guard.only_one import NAME as LOCK
@@ -59,6 +61,35 @@ def test_a_port_is_the_same_by_whatever_link(tmp_path: Path) -> None:
     assert replace(lease(), url=str(device)).is_at(str(link))
     assert not replace(lease(), url=str(device)).is_at(str(tmp_path / "ttyY"))
     assert replace(lease(), url="socket://h:1").is_at("socket://h:1")
+
+
+# -- where leases are open -----------------------------------------------------------------------------------------------
+
+
+def test_open_leases_are_found_wherever_their_runs_lie(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+    folders = [tmp_path / one / "run" for one in "ab"]  # of one name
+    for folder in folders:
+        folder.mkdir(parents=True)
+        keep(folder, [lease("a")])
+        keep(folder, [lease("a"), lease("b")])
+    assert whereabouts.known() == folders
+    keep(folders[0], [])
+    assert whereabouts.known() == folders[1:]
+    shutil.rmtree(folders[1])
+    assert whereabouts.known() == []
+    assert list((tmp_path / "state" / "jbclog" / "open-leases").iterdir()) == []
+
+
+@pytest.mark.parametrize("state", ["", "no absolute path", "file"])
+def test_without_a_place_for_that_a_lease_is_kept_all_the_same(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, state: str) -> None:
+    (tmp_path / "file").touch()
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / state) if state == "file" else state)
+    monkeypatch.setenv("HOME", str(tmp_path / "file"))
+    keep(tmp_path, [lease("a")])
+    assert [one.name for one in kept(tmp_path)] == ["a"]
+    assert whereabouts.known() == []
+    keep(tmp_path, [])
 
 
 # -- a disk that hangs or is full -----------------------------------------------------------------------------------------
