@@ -116,3 +116,17 @@ def test_words_of_status_and_errors() -> None:
 )
 def test_a_tool_in_the_extractor_state_neither_works_nor_rests(word: tuple[int, ...], works: bool, rests: bool) -> None:
     assert (SOLDERING_STATUS.is_working(word), SOLDERING_STATUS.is_resting(word)) == (works, rests)
+
+
+@pytest.mark.parametrize(
+    ("ordered", "found", "safe"),
+    [
+        ("stand", (0, 0, 0, 0, 2), True),  # asleep by now
+        ("stand", (0, 0, 0, 0, 0), False),
+        ("extractor", (0, 0, 0, 1, 0), True),
+        ("extractor", (0, 0, 0, 0, 0), False),
+        ("extractor", (0, 0, 0, 0, 1), False),
+    ],
+)
+def test_a_safe_state_is_reached_where_the_station_says_so(ordered: str, found: tuple[int, ...], safe: bool) -> None:
+    assert SOLDERING_STATUS.is_safe(found, SOLDERING_STATUS.orders[ordered]) == safe
