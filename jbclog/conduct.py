@@ -68,16 +68,23 @@ def conduct(
 ) -> Result:
     """Run `plan` and record it below `out`. `missed` gives how much of what `observer` was told nobody could see.
 
-    SIGINT, SIGTERM and SIGHUP end the run in good order, from the first moment on; a second one, or one while sealing, changes
-    nothing. Ctrl-Z and a terminal's job control would freeze it, with its tools hot, and have its guard end it: they do nothing.
+    SIGINT, SIGTERM and SIGHUP (not under `nohup`) end the run in good order, from the first moment on; a second one, or one while
+    sealing, changes nothing. Ctrl-Z and a terminal's job control would freeze it, with its tools hot, and have its guard end it:
+    they do nothing.
     With `is_last` all that this process does afterwards is to say what came of it, and no signal ends that early.
 
     Raises `PortBusy` where another run holds a port, `RecordError` where the record cannot even be begun, and `StartRefused`
     where its guard cannot be started.
     """
-    with Signals(CUT_SHORT.keys(), FREEZING, for_good=is_last) as signals:
+    with Signals(_heard(), FREEZING, for_good=is_last) as signals:
         _expect_unheld(plan)
         return _Run(plan, out, observer, seal_every_s, missed).conduct(signals)
+
+
+def _heard() -> list[signal.Signals]:
+    """Who starts a run with `nohup` wants it to outlive the terminal."""
+    has_nohup = signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
+    return [number for number in CUT_SHORT if not (has_nohup and number is signal.SIGHUP)]
 
 
 def _expect_unheld(plan: Plan) -> None:

@@ -44,6 +44,7 @@ HOUR = 3600.0
 NIGHT = 7200.0
 FALL_BACK = 1792889999.0  # 2026-10-25 00:59:59 UTC; in Madrid the clock goes from 3 back to 2 o'clock at 01:00 UTC
 SEED = random.randrange(1 << 32)
+ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
 @pytest.fixture(scope="module")
@@ -129,6 +130,12 @@ def _is_at_work(line: ServedLine, name: str) -> bool:
     return any(port.tool and port.doing.state == WORKING and not port.doing.extractor for port in ports)
 
 
+def _as_from_a_terminal() -> None:
+    """However the tests themselves were started."""
+    for number in ENDING:
+        signal.signal(number, signal.SIG_DFL)
+
+
 class Start:
     """Starts runs of the line, each below a folder of its own; ends all that are left."""
 
@@ -143,6 +150,7 @@ class Start:
         out = self.folder / f"run-{len(self.runs)}"
         chosen = [word for name in stations for word in ("-s", name)]
         command = [*program, "run", self._line.recipe, "--line", self._line.path, "--out", out, "-d", duration, *chosen, *more]
+        popen.setdefault("preexec_fn", _as_from_a_terminal)
         streams: dict[str, object] = {"stdout": subprocess.DEVNULL, "stderr": subprocess.PIPE, "stdin": subprocess.DEVNULL}
         begin = self._line.log.stat().st_size if self._line.log else 0
         process = subprocess.Popen(list(map(str, command)), text=True, **(streams | popen))  # type: ignore[call-overload]  # of Popen
@@ -152,7 +160,7 @@ class Start:
     def end_all(self) -> None:
         for run in self.runs:
             run.process.kill()
-            run.process.wait()
+            run.process.communicate()
 
 
 @pytest.fixture
@@ -260,7 +268,6 @@ def test_an_hour_that_comes_twice_in_madrid_comes_once_in_the_record(clocks: Clo
 
 # -- signals (row 28) -----------------------------------------------------------------------------------------------------------
 
-ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 CODES = {signal.SIGINT: 130, signal.SIGTERM: 143, signal.SIGHUP: 143}
 KILLED = tuple(-number for number in ENDING)
 
@@ -328,6 +335,21 @@ def test_a_signal_while_what_an_older_run_left_is_dealt_with_is_not_forgotten(st
     assert run.end(signal.SIGTERM) == 143, run.said
     assert run.orders() == []
     assert run.wrong() == []
+
+
+@pytest.mark.campaign
+def test_a_run_that_was_started_with_nohup_outlives_its_terminal(start: Start) -> None:
+    def as_nohup_does() -> None:
+        signal.signal(signal.SIGHUP, signal.SIG_IGN)
+
+    run = start("ucr-1", preexec_fn=as_nohup_does)
+    assert until(run.samples, SOON_S)
+    run.process.send_signal(signal.SIGHUP)
+    time.sleep(0.5)
+    assert not run.is_at_its_end()
+    assert run.end(signal.SIGTERM) == 143, run.said
+    assert run.wrong() == []
+    assert len(run.events("run.signal")) == 1
 
 
 def recovered_under(folder: Path, numbers: list[signal.Signals], moments: list[float]) -> int:
