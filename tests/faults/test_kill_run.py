@@ -1,4 +1,4 @@
-"""`jbclog run`, killed for real at random moments and at each of its steps, while the stations on the line live on.
+"""`jbclog run` and `jbclog recover`, killed for real at random moments and at each step, while the stations live on.
 
 After each kill: no row that was committed is gone, at most the admitted second of what the stations told, sealed equals kept row
 for row, every event that was shown is recorded, recovery twice is recovery once, every tool was told to stand within 5 s, and
@@ -8,22 +8,28 @@ printed. `test_kill.py` does the same to the store alone, thousands of times.
 
 from __future__ import annotations
 
+import os
 import random
 import shutil
+import signal
+import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import crash
 import killed_run
 import pytest
+from command import until
 from invariants import Ended, violations
 from killed_run import Death, differences, keepsake, killed, sealed_rows, told_and_not_kept, told_late
 from served_line import ServedLine
 from station_log import heard_in
 
+from jbclog.record.check import check
 from jbclog.record.manifest import read_manifest
 from jbclog.record.recover import recover
 
@@ -93,10 +99,10 @@ def series(line: ServedLine, tmp_path: Path) -> Series:
     return Series(line, tmp_path)
 
 
-def at_random(series: Series, seed: int, count: int) -> None:
+def at_random(series: Series, seed: int, count: int, phases: Sequence[str] = ("start", *3 * ["questions"])) -> None:
     rng = random.Random(seed)
     for trial in range(count):
-        phase = rng.choice(["start", "questions", "questions", "questions"])
+        phase = rng.choice(phases)
         moment = rng.random() * LATEST_S[phase]
         command = [*series.command(), *rng.choice([[], ["--wire"]])]
         series.kill(f"seed {seed}, trial {trial}, {phase} + {moment:.3f} s", command, _Moment(series.line, phase, moment))
@@ -140,12 +146,91 @@ def at_steps(series: Series, first: int, stride: int, last: int = 10_000) -> int
 
 
 def test_killed_at_random_moments(series: Series) -> None:
-    at_random(series, SEED, 1)
+    at_random(series, SEED, 1, ["questions"])
 
 
 def test_killed_at_a_step(series: Series) -> None:
     step = 4 + SEED % 60
     assert at_steps(series, step, 1, step + 1) == 1
+
+
+def test_a_sealing_child_that_is_killed_loses_nothing(series: Series) -> None:
+    """The recorder says so and leaves the record as it is; a recovery seals all of it."""
+    assert series.line.log is not None
+    begin = series.line.log.stat().st_size
+    run = subprocess.Popen(series.command(), stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+    try:
+        assert until(lambda: _kill_child(run.pid, b"jbclog.record.seal"), 30, 0.002)
+    finally:
+        _, said = run.communicate(timeout=30)
+    (folder,) = killed_run.folders(series.out)
+    assert run.returncode == 4, said
+    assert "the sealing child ended with -9" in said
+    kept = keepsake(folder, series.home / "copies")
+    recover(folder)
+    assert differences(kept, sealed_rows(folder)) == []
+    found = violations(folder, heard_in(series.line.log, begin), ended=Ended(run.returncode, said))
+    assert found == []
+
+
+def _kill_child(parent: int, name: bytes) -> bool:
+    """Kill the child of `parent` in whose command line `name` stands; whether there was one."""
+    with suppress(OSError):
+        for child in Path(f"/proc/{parent}/task/{parent}/children").read_text().split():
+            if name in Path(f"/proc/{child}/cmdline").read_bytes():
+                os.kill(int(child), signal.SIGKILL)
+                return True
+    return False
+
+
+@pytest.fixture(scope="module")
+def cut_off(line: ServedLine, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, killed_run.Rows]:
+    """The folder of a run that was killed while it sampled, and the rows that a recovery makes of it."""
+    home = tmp_path_factory.mktemp("cut-off")
+    series = Series(line, home)
+    death = killed([*series.command(), "--wire"], series.out, _Moment(line, "questions", 2.5))
+    assert death.folder is not None
+    copy = Path(shutil.copytree(death.folder, home / "copy" / death.folder.name))
+    recover(copy)
+    return death.folder, sealed_rows(copy)
+
+
+def recover_killed(cut_off: tuple[Path, killed_run.Rows], home: Path, first: int, stride: int, last: int = 10_000) -> int:
+    """Kill `jbclog recover` before its step FIRST, FIRST + STRIDE ..., and recover again; how often it was killed."""
+    base, expected = cut_off
+    kills = 0
+    for step in range(first, last, stride):
+        folder = Path(shutil.copytree(base, home / str(step) / base.name))
+        notes = home / f"death-{step}"
+        command = [sys.executable, killed_run.__file__, str(step), str(notes), "recover", str(folder)]
+        done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=60)
+        killed_it = done.returncode == -signal.SIGKILL
+        assert killed_it or done.returncode in (0, 4, 5), done.stderr
+        recover(folder)
+        once = crash.contents(folder)
+        recover(folder)
+        assert (sealed_rows(folder), check(folder), crash.contents(folder)) == (expected, [], once), step
+        shutil.rmtree(folder.parent)
+        if not killed_it:
+            break
+        kills += 1
+    return kills
+
+
+def test_a_recovery_killed_at_a_step(cut_off: tuple[Path, killed_run.Rows], tmp_path: Path) -> None:
+    step = 3 + SEED % 50
+    assert recover_killed(cut_off, tmp_path, step, 1, step + 1) == 1
+
+
+@pytest.mark.campaign
+@pytest.mark.timeout(3600)
+@pytest.mark.parametrize("part", range(2))
+def test_a_recovery_killed_at_every_step(
+    cut_off: tuple[Path, killed_run.Rows], tmp_path: Path, part: int, counted: Callable[..., None]
+) -> None:
+    kills = recover_killed(cut_off, tmp_path, 1 + part, 2)
+    assert kills >= 20
+    counted(kills_of_recovery=kills, violations=0)
 
 
 @pytest.mark.campaign

@@ -49,13 +49,13 @@ class WireLog:
         return [text for text in self.questions(station) if text.startswith("W")]
 
 
-def until(true: Callable[[], bool], seconds: float = 20.0) -> bool:
+def until(true: Callable[[], bool], seconds: float = 20.0, every_s: float = 0.05) -> bool:
     """Wait until `true`; give whether it came to that."""
     end = time.monotonic() + seconds
     while time.monotonic() < end:
         if true():
             return True
-        time.sleep(0.05)
+        time.sleep(every_s)
     return true()
 
 

@@ -140,11 +140,11 @@ def _is_safe(station: VirtualStation) -> bool:
     return all(value == STAND for value in last.values())
 
 
-def trial(home: Path, name: str = "runs") -> Trial:
+def trial(home: Path, duration_s: float = DURATION_S) -> Trial:
     (home / "line.toml").write_text(line_text(SIM), encoding="utf-8")
     (home / "recipe.toml").write_text(RECIPE, encoding="utf-8")
-    plan = make_plan(Wanted(home / "line.toml", home / "recipe.toml", duration_s=DURATION_S))
-    return Trial(plan, home / name, {}, Memory())
+    plan = make_plan(Wanted(home / "line.toml", home / "recipe.toml", duration_s=duration_s))
+    return Trial(plan, home / "runs", {}, Memory())
 
 
 # -- the scenarios ---------------------------------------------------------------------------------------------------------------
@@ -223,7 +223,7 @@ def _account(one: Trial, code: int | None, *, was_sealed: bool) -> list[str]:
 def _next(home: Path) -> list[str]:
     """Another run beside it, on a disk that is well."""
     try:
-        after = trial(home)
+        after = trial(home, duration_s=0.5)
         after.go()
     except Exception as failure:
         return [f"the next run does not start: {type(failure).__name__}: {failure}"]
