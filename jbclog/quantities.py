@@ -257,14 +257,17 @@ class Choice:
 class Number:
     """A code whose meaning a table of the family gives: an error, a tool. Unknown codes are kept.
 
-    `printed_for` are pairs of a number that a manual misprints and the one that is meant.
+    `printed_for` are pairs of a number that a manual misprints and the one that is meant. Above `most` there can be none.
     """
 
     unit: str = ""
     printed_for: tuple[tuple[int, int], ...] = ()
+    most: int = 99999
 
     def decode(self, data: str) -> int:
         number = Unsigned("").decode(data)
+        if number > self.most:
+            raise ValueError(f"{data!r} is above {self.most}")
         return dict(self.printed_for).get(number, number) if self.printed_for else number
 
     def encode(self, value: Value) -> str:

@@ -10,7 +10,7 @@ from __future__ import annotations
 from types import MappingProxyType
 
 from jbclog.commands.command import Command, Effect, Limits, Scope
-from jbclog.commands.robot import CELSIUS, COUNT, HOURS, NOTHING, OFFSET, UNPRINTED, ErrorTable, per_port, setting
+from jbclog.commands.robot import CELSIUS, COUNT, HOURS, NOTHING, OFFSET, TOOL_CODE, UNPRINTED, ErrorTable, per_port, setting
 from jbclog.commands.signals import STATUS, Counter, Pace, Signal
 from jbclog.commands.status import StatusTable
 from jbclog.quantities import Choice, Number, Quantity, Text, Unsigned, Word
@@ -40,7 +40,7 @@ READINGS = (
     ),
     per_port("power", "PP", Unsigned("‰"), "001 4, 4.9.11", limits=Limits(0, 1000), note="B-32: per mille, printed here"),
     per_port("port_error", "PE", Number(), "001 4.3, 4.9.12", note="B-30: other meanings than on soldering stations"),
-    per_port("tool", "CT", Number(), "001 4.1, 4.9.15"),
+    per_port("tool", "CT", TOOL_CODE, "001 4.1, 4.9.15"),
     Command(
         "model", "SMN", Scope.STATION, Text(), "r", "001 4.9.18", answer_digits=None, note="B-34: filled with blanks on the left"
     ),

@@ -29,6 +29,7 @@ OFFSET = Whole("°C", minus="-.")  # seed 000, 3.1 prints "." for the sign, and 
 HOURS = Unsigned("h")
 COUNT = Unsigned("count")
 NOTHING = Number()
+TOOL_CODE = Number(most=9)  # what speaks to a tool has one character for it: A12 (002, W-Axy)
 UNPRINTED = Limits(printed=False)
 TIP = Limits(0, HIGHEST_C, 5, ours=True)
 TIP_WITHIN = ("minimum_temperature", "maximum_temperature")
@@ -57,7 +58,7 @@ READINGS = (
     per_port(
         "port_error", "PE", Number(printed_for=((80000, 8),)), "002 R-PEx, Port Errors; 000 4.8.5", note="B-28: 80000 is read as 8"
     ),
-    per_port("tool", "CT", Number(), "002 R-CTx, Tools; 000 4.8.8"),
+    per_port("tool", "CT", TOOL_CODE, "002 R-CTx, Tools; 000 4.8.8"),
     per_port("time_to_sleep", "ED", Unsigned("s"), "002 R-EDx; 000 4.8.9", note="B-25: value when not counting unprinted"),
     per_port("transistor_temperature", "QT", CELSIUS, "002 R-QTx; 000 4.8.18"),
     per_port(

@@ -16,6 +16,7 @@ import pytest
 from account import reasons_in
 from asked_writes import may_be_written
 from invariants import violations_of
+from odd_answers import say
 from sane import assert_memory_is_bounded, must_end_within
 from several import fault, line
 from virtual_run import RECIPE, VirtualRun, prepare
@@ -278,6 +279,14 @@ TABLE = [
         line("joints_per_minute = 0\n"),
         ("read.implausible",),
         acts=((10, lambda run: setattr(station(run).plant.ports[1], "stuck_c", 99_999)),),
+    ),
+    Row(
+        "a tool of which nothing can be asked",
+        37,
+        line(""),
+        ("read.format",),
+        ("tool.changed",),
+        acts=((9, lambda run: say(run, "CT1", "00020", 10, times=1000)),),
     ),
     Row("one hangs", 18, line(fault("silence", at_s=10), ""), ("link.lost",), ("identity.changed",), outcome="gone", unsafe=2),
 ]

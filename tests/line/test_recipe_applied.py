@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pytest
+from odd_answers import say
 from virtual_run import RECIPE, VirtualRun, line_text, prepare
 
 from jbclog.commands.family import FAMILIES
@@ -342,3 +343,13 @@ def test_no_other_command_is_ever_written() -> None:
         *("feeder_mode", "feeder_length", "feeder_speed", "feeder_diameter", "feeder_backward"),
     }
     assert run.facts.outcome == "completed"
+
+
+def test_a_tool_for_which_the_protocol_has_no_place_is_none_that_a_run_begins_with() -> None:
+    """Whoever speaks to a tool has one character for its number (002, W-Axy)."""
+    run = prepare(duration_s=5)
+    say(run, "CT1", "00020", 0, times=1000)
+    run.go()
+    assert run.facts.outcome == "refused"
+    assert "tool of port 1" in run.facts.reason
+    assert run.writes == []

@@ -18,7 +18,7 @@ from served_line import RECIPE, ServedLine
 
 from jbclog.record.check import check
 
-OUT_S, FOR_S, RUN_S = 2.5, 1.5, 7
+OUT_S, FOR_S, RUN_S = 2.5, 2.5, 8
 STATION = """
 [[station]]
 name = "{name}"
@@ -90,7 +90,12 @@ def test_an_adapter_comes_back_under_another_name(tmp_path: Path) -> None:
     with ServedLine(tmp_path, line(one=100)) as served:
         udev = Udev(tmp_path / "dev", served)
         before, held = udev.device("one"), []
-        code, folder = run(udev, served, tmp_path / "runs", lambda: held.extend(os.openpty()))  # takes its number
+
+        def take_its_number() -> None:
+            assert until(lambda: not Path(before).exists(), 2)
+            held.extend(os.openpty())
+
+        code, folder = run(udev, served, tmp_path / "runs", take_its_number)
         after = udev.device("one")
         for descriptor in held:
             os.close(descriptor)
