@@ -5,10 +5,14 @@ faults.md, rows 23 and 24. The stations live on, and it is their word that count
 
 from __future__ import annotations
 
+import errno
+import os
+import random
 import shutil
 import subprocess
+import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -16,6 +20,7 @@ import pytest
 from command import is_sampling, until
 from guarded import begun, only_run
 from invariants import Ended, violations
+from killed_run import folders
 from served_line import ServedLine
 from small_disk import small_disk
 from station_log import heard_in
@@ -23,6 +28,7 @@ from station_log import heard_in
 from jbclog.record.manifest import read_manifest
 from jbclog.record.recover import recover
 
+SEED = random.randrange(1 << 32)
 TOOLS = 6
 SAFE_S = 5.0  # from the first commit that failed, which comes within a second
 
@@ -91,6 +97,47 @@ def test_a_disk_that_is_filled_while_the_run_goes_on(line: ServedLine, tmp_path:
         assert "record.failed" in said_in(folder) or manifest.lost is not None
         with sampling(line, disk / "again"):  # nothing stands in the way of the next
             pass
+
+
+MOST_OPERATIONS = 150  # of each process of a short run: the recorder, its guard, the child that seals
+
+
+def failing(line: ServedLine, out: Path, library: Path, nth: int, error: int, again: int) -> list[str]:
+    """Record on a disk whose operation `nth` fails, in each process of the run; what does not hold afterwards."""
+    assert line.log is not None
+    begin, began, before = begin_of(line), time.monotonic(), folders(out)
+    settings = {"LD_PRELOAD": library, "FAILING_FOLDER": out, "FAILING_NTH": nth, "FAILING_ERROR": error, "FAILING_AGAIN": again}
+    command = [sys.executable, "-c", "from jbclog.cli import main; main()", "run", line.recipe, "--line", line.path]
+    command += ["--out", out, "-d", "2s", "--wire"]
+    environment = os.environ | {name: str(value) for name, value in settings.items()}
+    run = subprocess.run(list(map(str, command)), capture_output=True, text=True, check=False, env=environment, timeout=60)
+    wrong = [] if line.at_work() == 0 else [f"unsafe: {line.at_work()} tools were left at work"]
+    for folder in folders(out) - before:
+        recover(folder)
+        wrong += violations(folder, heard_in(line.log, begin), ended=Ended(run.returncode, run.stderr))
+    if run.returncode not in (0, 1, 3, 4) or (run.returncode == 3 and line.orders(began)):
+        wrong.append(f"exit code {run.returncode}: {run.stderr}")
+    return wrong
+
+
+@pytest.mark.campaign
+@pytest.mark.timeout(3600)
+@pytest.mark.parametrize("part", range(4))
+def test_anything_fails_under_a_real_run(
+    line: ServedLine, tmp_path: Path, failing_library: Path, part: int, counted: Callable[..., None]
+) -> None:
+    rng, found, out = random.Random(SEED + part), [], tmp_path / "runs"
+    out.mkdir()
+    for trial in range(25):
+        nth, error, again = rng.randint(1, MOST_OPERATIONS), rng.choice([errno.EIO, errno.ENOSPC]), rng.randint(0, 1)
+        wrong = failing(line, out, failing_library, nth, error, again)
+        print(
+            f"seed {SEED + part}, trial {trial}: operation {nth}, {errno.errorcode[error]}, again {again}:",
+            *(wrong or ["nothing wrong"]),
+        )
+        found += wrong
+    assert found == []
+    counted(real_runs_on_failing_disks=25, violations=0)
 
 
 def said_in(folder: Path) -> list[str]:

@@ -11,7 +11,6 @@ from __future__ import annotations
 import json
 import os
 import random
-import shutil
 import subprocess
 import sys
 from collections.abc import Callable
@@ -21,19 +20,8 @@ import failing_run
 import pytest
 
 SEED = random.randrange(1 << 32)
-SOURCE = Path(failing_run.__file__).with_name("failing_disk.c")
-COMPILER = shutil.which("cc") or shutil.which("gcc")
 FAULTS = [("EIO", 0), ("EIO", 1), ("ENOSPC", 0), ("ENOSPC", 1)]
 NAMES = ["one-error", "errors-from-then-on", "no-room-once", "no-room-from-then-on"]
-
-
-@pytest.fixture(scope="module")
-def library(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    if COMPILER is None:
-        pytest.skip("needs a C compiler, for a disk that fails")
-    made = tmp_path_factory.mktemp("disk") / "failing_disk.so"
-    subprocess.run([COMPILER, "-O1", "-shared", "-fPIC", "-o", made, SOURCE, "-ldl"], check=True)
-    return made
 
 
 def outcomes(library: Path, home: Path, scenario: str, fault: tuple[str, int], first: int, stride: int) -> list[dict[str, object]]:
@@ -56,10 +44,10 @@ def assert_nothing_is_wrong(found: list[dict[str, object]]) -> int:
 @pytest.mark.parametrize(
     ("scenario", "fault", "stride"), [("run", FAULTS[1], 90), ("recover", FAULTS[0], 60)], ids=["run", "recover"]
 )
-def test_some_things_fail(library: Path, tmp_path: Path, scenario: str, fault: tuple[str, int], stride: int) -> None:
+def test_some_things_fail(failing_library: Path, tmp_path: Path, scenario: str, fault: tuple[str, int], stride: int) -> None:
     first = 1 + SEED % stride
     print(f"from operation {first} on each {stride}th")
-    assert assert_nothing_is_wrong(outcomes(library, tmp_path, scenario, fault, first, stride)) >= 2
+    assert assert_nothing_is_wrong(outcomes(failing_library, tmp_path, scenario, fault, first, stride)) >= 2
 
 
 @pytest.mark.campaign
@@ -68,8 +56,8 @@ def test_some_things_fail(library: Path, tmp_path: Path, scenario: str, fault: t
 @pytest.mark.parametrize("fault", FAULTS, ids=NAMES)
 @pytest.mark.parametrize("scenario", sorted(failing_run.SCENARIOS))
 def test_each_thing_fails(
-    library: Path, tmp_path: Path, scenario: str, fault: tuple[str, int], part: int, counted: Callable[..., None]
+    failing_library: Path, tmp_path: Path, scenario: str, fault: tuple[str, int], part: int, counted: Callable[..., None]
 ) -> None:
-    failures = assert_nothing_is_wrong(outcomes(library, tmp_path, scenario, fault, 1 + part, 4))
+    failures = assert_nothing_is_wrong(outcomes(failing_library, tmp_path, scenario, fault, 1 + part, 4))
     assert failures >= 20
     counted(**{f"{scenario} {fault[0]} {'for good' if fault[1] else 'once'}": failures})
