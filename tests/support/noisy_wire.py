@@ -90,7 +90,7 @@ class NoisyWire(Injector):
     """The wire. `is_omega` decides which frames are whole; put `kept` around the session."""
 
     def __init__(self, tap: Tap, tape: Tape, random: Random, *, is_omega: bool = False) -> None:
-        super().__init__(tap.receive, {}, tap.hung_up)
+        super().__init__(self._heard_by, {}, tap.hung_up)
         self.books: list[Exchange] = []
         self.forgeries: list[Forgery] = []
         self.misled: list[str] = []
@@ -127,8 +127,15 @@ class NoisyWire(Injector):
         if deed is not None and deed.kind in ON_QUESTIONS:
             return self._ask_otherwise(deed, data, now)
         self.plan = {} if deed is None else {self.number + 1: deed}
-        came = super().receive(data, now)
-        self.books[-1].truth = self._tap.heard[-1].clean
+        return super().receive(data, now)
+
+    def _heard_by(self, data: bytes, now: float) -> Sequence[tuple[float, bytes]]:
+        """What the station says to these bytes. It may be two things: a refusal of what was left of an earlier question, too."""
+        before = len(self._tap.heard)
+        came = self._tap.receive(data, now)
+        said = [self.text_of(answer) for _, answer in came if self._holds(answer)]
+        clean = self._tap.heard[-1].clean if len(self._tap.heard) > before and len(came) < 2 else None
+        self.books[-1].truth = clean or next((text for text in said if text[:1] != "N"), next(iter(said), None))
         return came
 
     def _ask_otherwise(self, deed: Deed, data: bytes, now: float) -> Sequence[tuple[float, bytes]]:
@@ -140,11 +147,9 @@ class NoisyWire(Injector):
         came = list(self.receive_clean(heard, now)) if heard else []
         if heard != data and self._holds(heard):
             self.misled.append(self.text_of(heard))
+            self.books[-1].truth = None  # whatever it says, it was not asked that
             for at, answer in came:
                 self._forge(at, answer)
-        else:  # noise around it hurts nothing, nor that it begins with what was left of the one before
-            said = [self.text_of(answer) for _, answer in came if self._holds(answer)]
-            self.books[-1].truth = next((text for text in said if text[:1] != "N"), next(iter(said), None))
         return came
 
     def _do(self, deed: Deed, data: bytes, at: float, answer: bytes, before: bytes) -> list[tuple[float, bytes]]:

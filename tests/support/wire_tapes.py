@@ -10,7 +10,7 @@ import argparse
 import sys
 import time
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from random import Random
 
@@ -38,6 +38,7 @@ PACES = {  # rate in Hz, alarms_every_s, counters_every_s, hours
     "sparse": (1 / 15, 30, 600, 24.0),
 }
 SETTLED_S = 10.0  # until the answer to a question is there, or known to be lost
+EACH = 10  # tapes between two lines of progress
 MOST_S = 3600.0  # from the end of its time to the end of a run
 PHYSICS = ("restart", "stuck", "overheat", "tool", "dropout", "nak", "silence")
 OF_OMEGA = ("restart", "dropout", "silence", "nak", "solder_shortage", "clog", "not_ready", "out_of_range")
@@ -266,16 +267,20 @@ def _is_told(run: VirtualRun, port: int, side: str, at: float) -> bool:
     return any(not kind.endswith("ended") for kind in (*before[-1:], *after))
 
 
-def campaign(numbers: Iterable[int], hours: float = float("inf"), say: bool = False) -> Tally:
-    """Play tapes in turn until `hours` are over on the virtual clock."""
+def campaign(numbers: Iterable[int], hours: float = float("inf"), say: Callable[[Tally], object] = lambda tally: None) -> Tally:
+    """Play tapes in turn until `hours` are over on the virtual clock; `say` is told after each."""
     tally = Tally()
     for number in numbers:
         judge(number, play(number), tally)
-        if say and tally.broken:
-            print("\n".join(tally.broken[-5:]), file=sys.stderr)
+        say(tally)
         if tally.hours >= hours:
             break
     return tally
+
+
+def _progress(tally: Tally) -> None:
+    if tally.tapes % EACH == 0 or tally.broken:
+        print(tally.text(), *tally.broken, sep="\n", file=sys.stderr, flush=True)
 
 
 def main() -> int:
@@ -284,7 +289,7 @@ def main() -> int:
     parser.add_argument("--hours", type=float, default=0.0, help="virtual hours to play; 0: this tape alone")
     told = parser.parse_args()
     began = time.monotonic()
-    tally = campaign(range(told.number, told.number + 10**6), told.hours)
+    tally = campaign(range(told.number, told.number + 10**6), told.hours, _progress)
     print(f"tapes {told.number} to {told.number + tally.tapes - 1}: {tally.text()}")
     print(f"{(time.monotonic() - began) / 60:.1f} minutes")
     print("\n".join(tally.broken))
