@@ -15,7 +15,7 @@ from jbclog.errors import UsageError
 @ends_with_errors_told
 def annotate(
     run: Path = options.RUN,
-    text: str | None = typer.Argument(None, metavar="[TEXT]", help="What is to be said of it.", show_default=False),
+    text: str | None = typer.Argument(None, metavar="TEXT", help="What is to be said of it.", show_default=False),
     by: str | None = typer.Option(None, "--by", metavar="WHO", help="Who says so.", show_default=False),
     reason: str | None = typer.Option(None, "--reason", metavar="TEXT", help="Why.", show_default=False),
     as_json: bool = options.AS_JSON,
@@ -26,7 +26,7 @@ def annotate(
     hash of the one before it; `check` finds what was changed there. Nothing can be taken back: say what is right behind it.
     Prints the new head: a note of it elsewhere proves the last line too. Without TEXT it shows what was said so far.
 
-    \\b
+    \b
     Example:
       jbclog annotate runs/20261121T013000Z-bench-3-k7qd "SN-0012 was scrapped" --by "A. Rossi" --reason "cracked joint"
     """

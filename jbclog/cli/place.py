@@ -7,12 +7,20 @@ from pathlib import Path
 from jbclog.errors import RecordError, UsageError
 
 
+def is_folder(path: Path) -> bool:
+    """Whether there is a folder; a name that no file can have is none."""
+    try:
+        return path.is_dir()
+    except OSError:
+        return False
+
+
 def expect_run(folder: Path) -> None:
     """Raise `UsageError` where `folder` is no run's, `RecordError` where a run was cut off before it had a manifest."""
     from jbclog.record.manifest import NAME
     from jbclog.record.recover import is_run
 
-    if not folder.is_dir():
+    if not is_folder(folder):
         raise UsageError(f"{folder}: there is no such folder; runs are in `runs/`, or where --out put them")
     if not is_run(folder.resolve()):
         raise UsageError(f"{folder} is no run's folder; runs are in `runs/`, or where --out put them")

@@ -9,6 +9,7 @@ import typer
 
 from jbclog.cli import options
 from jbclog.cli.output import ends_with_errors_told, tell, tell_json
+from jbclog.cli.place import is_folder
 from jbclog.errors import RecordError, Unsafe, UsageError
 
 if TYPE_CHECKING:
@@ -31,7 +32,7 @@ def recover(
     """
     from jbclog.record.recover import Outcome, recover_all
 
-    if not folder.is_dir():
+    if not is_folder(folder):
         raise UsageError(f"{folder}: there is no such folder")
     done = recover_all(folder)
     if as_json:

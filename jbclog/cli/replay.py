@@ -11,6 +11,7 @@ import typer
 
 from jbclog.cli import options
 from jbclog.cli.output import ends_with_errors_told, note, tell, tell_json
+from jbclog.cli.place import is_folder
 from jbclog.errors import UsageError
 
 if TYPE_CHECKING:
@@ -72,7 +73,7 @@ def replay(
     """
     from jbclog.replaying.recording import open_recording
 
-    if not run.is_dir():
+    if not is_folder(run):
         raise UsageError(f"{run}: there is no such folder; runs are in `runs/`, or where --out put them")
     if out is not None and (folder, tcp, speed) != (None, None, None):
         raise UsageError("--record serves nothing: leave out --dir, --tcp and --speed")

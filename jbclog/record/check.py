@@ -56,7 +56,7 @@ def check(folder: Path, head: str | None = None) -> list[Finding]:
     try:
         return [*findings, *_ledger(folder, manifest), *_events(folder, manifest), *_samples(folder)]
     except Exception as error:  # rows that no recorder wrote; what was found so far must not be lost over them
-        return [*findings, Finding("", f"cannot be checked further: {type(error).__name__}: {error}")]
+        return [*findings, Finding("tables", f"cannot be checked further: {type(error).__name__}: {error}")]
 
 
 # -- files -----------------------------------------------------------------------------------------------------------

@@ -28,7 +28,9 @@ def write_whole(path: Path, data: bytes) -> None:
     """Put `data` at `path`: whoever looks finds the old file or the new one. Raises OSError."""
     aside = path.with_name(f".{path.name}.tmp")
     try:
-        aside.write_bytes(data)
+        aside.unlink(missing_ok=True)
+        with aside.open("xb") as file:  # never through a link that somebody has put there
+            file.write(data)
         sync_file(aside)
         aside.replace(path)
     except OSError:

@@ -67,3 +67,10 @@ def keep_text(folder: Path, name: str, text: str) -> None:
         write_whole(path, text.encode())
     except OSError as error:
         raise RecordError(f"{path} cannot be written: {error.strerror or error}") from error
+
+
+def expect_no_links(folder: Path) -> None:
+    """Raise `RecordError` where the folder holds a link: no recorder makes one, and what is written through it lands elsewhere."""
+    for path in sorted(folder.rglob("*")):
+        if path.is_symlink():
+            raise RecordError(f"{path} is a link; a run's folder holds none. Nothing was changed")

@@ -20,7 +20,7 @@ from typing import Final
 from jbclog.errors import RecordError, Unsafe
 from jbclog.record import bad_parts, damage, guarded, left_hot, wire, wire_check
 from jbclog.record.conclude import NOT_KEPT, conclude, last_micros, live_files, remove_live, stations_of, unkept_rows
-from jbclog.record.folder import RUN_NAME
+from jbclog.record.folder import RUN_NAME, expect_no_links
 from jbclog.record.live import AT_RISK_S
 from jbclog.record.lock import FolderLock, witness
 from jbclog.record.manifest import NAME, Lost, Manifest, NoManifest, read_manifest, wrong_digest
@@ -85,6 +85,7 @@ def recover(folder: Path, patience_s: float = PATIENCE_S) -> Recovery:
     """
     if not is_run(folder):
         raise RecordError(f"{folder} is no run")
+    expect_no_links(folder)
     manifest = _draft(folder)
     if manifest.state == "sealed" and not live_files(folder):
         return _recovery(folder, Outcome.WHOLE, f"{folder.name}: {FINISHED}{_not_rebuilt(folder, manifest)}")

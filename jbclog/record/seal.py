@@ -122,6 +122,7 @@ def main(arguments: list[str] | None = None) -> int:
     pa.set_memory_pool(pa.system_memory_pool())  # which gives back what is freed
     try:
         lock = FolderLock(given.run, given.lock) if given.lock is not None else FolderLock.take(given.run)
+        lock.expect_ours()
         seal_rows(given.run, part=given.part)
         lock.release()
     except RecordError as error:

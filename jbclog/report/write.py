@@ -14,6 +14,7 @@ from pathlib import Path
 from jbclog.analysis import open_run
 from jbclog.errors import RecordError
 from jbclog.record.durable import write_whole
+from jbclog.record.folder import expect_no_links
 from jbclog.report.facts import Facts
 from jbclog.report.gather import gather
 from jbclog.report.page import render
@@ -25,6 +26,7 @@ PAGE, DATA = "report.html", "report.json"
 def write_report(folder: Path | str) -> Path:
     """Write the report of the sealed run in `folder`; give the page's path. Raises `RecordError`."""
     folder = Path(folder)
+    expect_no_links(folder)
     for name, content in report_files(folder).items():
         _write(folder / name, content)
     return folder / PAGE

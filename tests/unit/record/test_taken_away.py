@@ -9,10 +9,12 @@ import pytest
 
 from jbclog.errors import RecordError
 from jbclog.record.check import check
+from jbclog.record.conclude import conclude
 from jbclog.record.folder import create_run
 from jbclog.record.live import LiveStore
 from jbclog.record.manifest import Manifest, read_manifest, write_manifest
 from jbclog.record.recover import recover
+from jbclog.record.seal import seal_in_child
 from jbclog.rows import EventRow, Severity
 
 EVENT = EventRow(1_790_000_000_000_000, "run.start", Severity.INFO, "It begins.")
@@ -44,3 +46,30 @@ def test_a_spoilt_manifest_is_written_anew_from_the_live_store(tmp_path: Path) -
     assert "cannot be read and was written anew" in recover(folder).text
     assert read_manifest(folder).state == "sealed"
     assert check(folder) == []
+
+
+@pytest.mark.parametrize("what", ["a link", "another folder"])
+def test_what_is_put_in_the_folder_s_place_is_never_written_to(tmp_path: Path, what: str) -> None:
+    folder, told = create_run(tmp_path, "bench", 1.79e9), list[RecordError]()
+    write_manifest(folder, Manifest(run=folder.name))
+    elsewhere = tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    store = LiveStore(folder, told.append)
+    store.start()
+    store.event(EVENT)
+    store.commit_now()
+    moved = folder.rename(tmp_path / "20260921T141320Z-bench-aaaa")
+    folder.symlink_to(elsewhere) if what == "a link" else folder.mkdir()
+    for name in ("live.sqlite", "live.lock"):
+        (folder / name).touch()  # as if it were ours
+    store.event(EVENT)
+    store.close()
+    with pytest.raises(RecordError, match="was replaced while the run went on"):
+        seal_in_child(folder, store.lock)
+    with pytest.raises(RecordError, match="was replaced while the run went on"):
+        conclude(folder, Manifest(run=folder.name), store.lock)
+    store.release()
+    assert told
+    assert sorted(path.name for path in folder.iterdir()) == ["live.lock", "live.sqlite"]
+    assert all(path.stat().st_size == 0 for path in folder.iterdir())
+    assert "1 event," in recover(moved).text

@@ -1,0 +1,376 @@
+"""Names and texts from files, people, stations and other people's runs (catalogue, row 34): shown as text, or refused.
+
+Nothing is written outside of the run's folder, nothing on a page can act, nothing that is printed steers a terminal.
+"""
+
+from __future__ import annotations
+
+import ast
+import json
+import shutil
+from collections.abc import Callable, Iterator, Sequence
+from itertools import cycle, islice, product
+from pathlib import Path
+
+import pytest
+import recorded_run
+from hostile_names import ALLOWED_NAME, HOSTILE, Acting, steers
+from make_run import make_run
+from recorded_run import RecordedRun
+from typer.testing import CliRunner
+
+import jbclog
+from jbclog.cli.app import app
+from jbclog.errors import Problems, RecordError
+from jbclog.plan import Metadata, Wanted, make_plan
+from jbclog.protocol.frame import Frame
+from jbclog.recipe.line import parse_line
+from jbclog.recipe.load import parse_recipe
+from jbclog.record.annotations import append
+from jbclog.record.check import check
+from jbclog.record.folder import create_run
+from jbclog.record.manifest import NAME
+from jbclog.sim.make import virtual_station
+from jbclog.sim.virtual import VirtualStation
+
+PACKAGE = Path(jbclog.__file__).parent
+every_text = pytest.mark.parametrize("text", HOSTILE.values(), ids=HOSTILE)
+JOINED = " ".join(HOSTILE.values())
+
+LINE = """[line]
+name = {line}
+[[station]]
+name = {station}
+url = {url}
+family = "dde"
+ports = [1]
+"""
+RECIPE = """[recipe]
+name = {name}
+revision = 1
+families = ["dde"]
+[sleep]
+delay_min = 5
+[hibernation]
+delay_min = 30
+[metadata]
+required = [{required}]
+"""
+
+
+def quoted(text: str) -> str:
+    """As a TOML string."""
+    return json.dumps(text)
+
+
+def tree(folder: Path) -> dict[str, bytes | None]:
+    """Every file below a folder, so that one more or one changed shows."""
+    paths = sorted(folder.rglob("*"))
+    return {str(path): path.read_bytes() if path.is_file() and not path.is_symlink() else None for path in paths}
+
+
+# -- files: a name is in the list of allowed characters, or refused with a sentence that can be printed ----------------------
+
+
+def told(read: Callable[[str, Path], object], text: str) -> str | None:
+    """What is wrong with a file, or None."""
+    try:
+        read(text, Path("x.toml"))
+    except Problems as problems:
+        return str(problems)
+    return None
+
+
+@every_text
+@pytest.mark.parametrize("place", ["line", "station"])
+def test_names_in_a_line_file(place: str, text: str) -> None:
+    names = {"line": "bench", "station": "dde-1", "url": "/dev/x"} | {place: text}
+    wrong = told(parse_line, LINE.format(**{name: quoted(value) for name, value in names.items()}))
+    assert (wrong is None) == bool(ALLOWED_NAME.fullmatch(text))
+    assert steers(wrong or "") == []
+
+
+@every_text
+@pytest.mark.parametrize("place", ["name", "required", "key", "family"])
+def test_names_in_a_recipe(place: str, text: str) -> None:
+    recipe = RECIPE.format(
+        name=quoted(text if place == "name" else "job"), required=quoted(f"tag.{text}") if place == "required" else ""
+    )
+    recipe = recipe.replace('"dde"', quoted(text)) if place == "family" else recipe
+    recipe = f"{recipe}\n[{quoted(text)}]\nx = 1" if place == "key" else recipe
+    wrong = told(parse_recipe, recipe)
+    assert steers(wrong or "") == []
+    if place != "required":
+        assert (wrong is None) == (place == "name" and bool(ALLOWED_NAME.fullmatch(text)))
+
+
+@every_text
+def test_urls_of_ports(tmp_path: Path, text: str) -> None:
+    """One that is taken is shown, not obeyed: `plan` sends nothing, and makes nothing."""
+    (tmp_path / "line.toml").write_text(LINE.format(line='"bench"', station='"dde-1"', url=quoted(text)))
+    (tmp_path / "job.toml").write_text(RECIPE.format(name='"job"', required=""))
+    before = tree(tmp_path)
+    ended = CliRunner().invoke(app, ["plan", str(tmp_path / "job.toml"), "--line", str(tmp_path / "line.toml")])
+    assert ended.exit_code in (0, 2), ended.output
+    assert steers(ended.output) == []
+    assert tree(tmp_path) == before
+
+
+@every_text
+def test_a_line_s_name_that_no_file_gave_makes_no_folder_elsewhere(tmp_path: Path, text: str) -> None:
+    home = tmp_path / "a" / "b" / "runs"
+    if ALLOWED_NAME.fullmatch(text):
+        assert create_run(home, text, 1.79e9).parent == home
+    else:
+        with pytest.raises(RecordError):
+            create_run(home, text, 1.79e9)
+        assert not (tmp_path / "a").exists()
+
+
+# -- people ------------------------------------------------------------------------------------------------------------------
+
+
+OPTIONS = ("--operator", "--order", "--product", "--unit", "--tag", "--duration", "--rate", "--station")
+VERBS = ("check", "report", "recover", "annotate", "replay", "sim", "scan", "safe")
+
+
+def pairs(places: Sequence[str], *, whole: bool) -> Iterator[tuple[str, str]]:
+    """Every text in every place, or each text in one of them, in turn."""
+    return product(places, HOSTILE.values()) if whole else zip(cycle(places), HOSTILE.values(), strict=False)
+
+
+long_too = pytest.mark.parametrize("whole", [False, pytest.param(True, marks=[pytest.mark.campaign, pytest.mark.timeout(600)])])
+
+
+@long_too
+def test_what_is_typed_behind_an_option(tmp_path: Path, whole: bool) -> None:
+    (tmp_path / "job.toml").write_text(RECIPE.format(name='"job"', required=""))
+    given = [str(tmp_path / "job.toml"), "--line", str(tmp_path / "no-such-line.toml"), "--out", str(tmp_path / "runs")]
+    for option, text in pairs(OPTIONS, whole=whole):
+        ended = CliRunner().invoke(app, ["run", *given, f"{option}={text}"])
+        assert ended.exit_code == 2, (option, text)
+        assert steers(ended.output) == [], (option, text)
+    assert not (tmp_path / "runs").exists()
+
+
+@long_too
+def test_names_of_files_on_the_command_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, whole: bool) -> None:
+    monkeypatch.chdir(tmp_path)
+    for verb, text in pairs(VERBS, whole=whole):
+        if "\0" in text or text in ("", ".", ".."):
+            continue  # no system gives a program such an argument, or the folder is a real one
+        ended = CliRunner().invoke(app, [verb, "--line", text] if verb == "safe" else [verb, "--", text])
+        assert ended.exit_code in (1, 2, 3, 4), (verb, text)
+        assert "Traceback" not in ended.output
+        assert "internal error" not in ended.output, (verb, text)
+        assert steers(ended.output) == [], (verb, text)
+        assert list(tmp_path.iterdir()) == []
+
+
+def test_what_is_said_of_a_run_later(sealed: Path, tmp_path: Path) -> None:
+    run = copied(sealed, tmp_path)
+    for number, text in enumerate(HOSTILE.values()):
+        said = ["--by", "x", "--reason", "x", "--", "x"]
+        said[(1, 3, 5)[number % 3]] = text
+        ended = CliRunner().invoke(app, ["annotate", str(run), *said])
+        assert ended.exit_code in (0, 2), ended.output
+        assert steers(ended.output) == []
+        append(run, who=f"a{text}", what=f"a{text}", why=f"a{text}")
+    told = CliRunner().invoke(app, ["annotate", str(run)])
+    assert told.exit_code == 0
+    assert steers(told.output) == []
+    assert check(run) == []
+
+
+# -- a whole run in which everything that can be is hostile ------------------------------------------------------------------
+
+
+class Liar:
+    """A virtual station whose model, software and refusals are what the test wants; check bytes are right."""
+
+    def __init__(self, station: VirtualStation, model: str | None, software: str) -> None:
+        self._station, self._model, self._software = station, model, software
+
+    def receive(self, data: bytes, now: float) -> Sequence[tuple[float, bytes]]:
+        return [(at, self._bent(answer)) for at, answer in self._station.receive(data, now)]
+
+    def hung_up(self, now: float) -> bool:
+        return self._station.hung_up(now)
+
+    def _bent(self, answer: bytes) -> bytes:
+        if b"ASMN" in answer and self._model is not None:
+            return Frame("A", f"SMN{self._model}", 1, 0).encode()
+        return Frame("A", f"SVR{self._software}", 1, 0).encode() if b"ASVR" in answer or b"NSVR" in answer else answer
+
+
+ON_THE_WIRE = [text for text in HOSTILE.values() if text and text.isascii() and text.isprintable() and len(text) < 60]
+"""What a frame can carry (Frame refuses the rest)."""
+
+
+def hostile_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, model: str | None, software: str) -> Path:
+    def bent(*given: object, **named: object) -> Liar:
+        station = virtual_station(*given, **named)  # type: ignore[arg-type]  # handed on as it came
+        assert isinstance(station, VirtualStation)
+        return Liar(station, model, software)
+
+    monkeypatch.setattr(recorded_run, "virtual_station", bent)
+    home = tmp_path / "home"
+    home.mkdir()
+    line = LINE.format(line='"bench"', station='"dde-1"', url='"/dev/=cmd|x<b>"')
+    (home / "line.toml").write_text(line)
+    recipe = home / "=<b onload=x>'\"{{7}}&-$(touch owned).toml"
+    recipe.write_text(RECIPE.format(name='"job"', required=""))
+    said = Metadata(JOINED, JOINED, JOINED, tuple(HOSTILE.values()), {text: text for text in HOSTILE.values()})
+    plan = make_plan(Wanted(home / "line.toml", recipe, duration_s=3.0, metadata=said))
+    return RecordedRun(plan, tmp_path / "runs").result.folder
+
+
+def shown(run: Path, *verbs: str) -> list[str]:
+    """What verbs that look at runs print of this one, for people and as JSON."""
+    told = []
+    for verb in verbs or ("report", "check", "check --json", "annotate", "annotate --json", "recover"):
+        name, *more = verb.split()
+        ended = CliRunner().invoke(app, [name, str(run), *more])
+        assert "internal error" not in ended.output, ended.output
+        assert steers(ended.output) == [], f"{verb}: {ended.output}"
+        told.append(ended.output)
+    return told
+
+
+@pytest.mark.parametrize("model", [None, ON_THE_WIRE[0]])
+def test_a_run_full_of_them(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, model: str | None) -> None:
+    software = ON_THE_WIRE[0 if model is None else ON_THE_WIRE.index(model)]
+    run = hostile_run(tmp_path, monkeypatch, model, software)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["home", "runs"]
+    assert list((tmp_path / "runs").iterdir()) == [run]
+    assert check(run) == []
+    assert all(shown(run))
+    page = (run / "report.html").read_text("utf-8")
+    assert Acting(page).found == []
+    assert steers(page) == steers((run / "report.json").read_text("utf-8")) == []
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["home", "runs"]
+
+
+def test_there_are_texts_that_a_frame_can_carry() -> None:
+    assert len(ON_THE_WIRE) > 15
+
+
+# -- somebody else's run: every text of its manifest, of its lines of JSON, of its names -------------------------------------
+
+
+@pytest.fixture(scope="module")
+def sealed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return make_run(tmp_path_factory.mktemp("sealed"), seconds=2.0)
+
+
+def copied(run: Path, tmp_path: Path) -> Path:
+    return Path(shutil.copytree(run, tmp_path / "deep" / "runs" / run.name))
+
+
+def replaced(value: object, texts: Iterator[str], keep: frozenset[str] = frozenset({"state", "schema"})) -> object:
+    """Every text of a document, names of keys that are not the schema's apart."""
+    if isinstance(value, dict):
+        return {key: one if key in keep else replaced(one, texts) for key, one in value.items()}
+    if isinstance(value, list):
+        return [replaced(one, texts) for one in value]
+    return next(texts) if isinstance(value, str) else value
+
+
+def foreign_manifest(run: Path, first: int) -> dict[str, object]:
+    """The run's, with another hostile text in each place, beginning with one of them."""
+    texts = islice(cycle(HOSTILE.values()), first, None)
+    document = replaced(json.loads((run / NAME).read_text()), texts)
+    assert isinstance(document, dict)
+    name = next(texts)
+    return document | {"previous": {"run": name, "sha256": name, "text": name}}
+
+
+@pytest.mark.parametrize("first", [7, pytest.param(None, marks=pytest.mark.campaign)])
+def test_every_text_of_a_foreign_manifest(sealed: Path, tmp_path: Path, first: int | None) -> None:
+    for number in range(len(HOSTILE)) if first is None else [first]:
+        run = copied(sealed, tmp_path / str(number))
+        (run / NAME).write_text(json.dumps(foreign_manifest(run, number)))
+        outside = tree(tmp_path)
+        assert all(shown(run))
+        now = tree(tmp_path)
+        assert {name for name in now.keys() - outside.keys() if not Path(name).is_relative_to(run)} == set()
+        assert {name: data for name, data in now.items() if name in outside} == outside
+        if (run / "report.html").exists():
+            assert Acting((run / "report.html").read_text("utf-8")).found == []
+
+
+@pytest.mark.parametrize("name", ["damage.jsonl", "guard.jsonl", "annotations.jsonl", "lease.json", "report.json"])
+def test_lines_of_a_foreign_run_s_other_files(sealed: Path, tmp_path: Path, name: str) -> None:
+    run = copied(sealed, tmp_path)
+    keys = ("place", "why", "kind", "severity", "text", "station", "name", "url", "manifest_sha256", "who", "what")
+    lines = [json.dumps(dict.fromkeys(keys, text)) for text in HOSTILE.values()]
+    (run / name).write_text("\n".join([*lines, *HOSTILE.values()]))
+    assert all(shown(run, "check", "annotate", "recover"))
+
+
+@every_text
+def test_a_foreign_run_that_is_not_finished(sealed: Path, tmp_path: Path, text: str) -> None:
+    """`recover` writes, and only into the folder that it was given."""
+    run = copied(sealed, tmp_path)
+    document = foreign_manifest(run, [*HOSTILE.values()].index(text)) | {"state": "open", "files": []}
+    document.pop("digest")
+    (run / NAME).write_text(json.dumps(document))
+    (run / "guard.jsonl").write_text(
+        json.dumps({"time": 1, "kind": text, "severity": "info", "text": text, "station": text, "port": 1})
+    )
+    outside = {name: data for name, data in tree(tmp_path).items() if not Path(name).is_relative_to(run)}
+    ended = CliRunner().invoke(app, ["recover", str(run)])
+    assert "internal error" not in ended.output, ended.output
+    assert steers(ended.output) == []
+    assert {name: data for name, data in tree(tmp_path).items() if not Path(name).is_relative_to(run)} == outside
+
+
+# -- links -------------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "name", ["annotations.jsonl", "report.html", "report.json", "figures", "manifest.json", "damage.jsonl", "damaged"]
+)
+def test_a_link_in_a_run_s_folder_is_not_written_through(sealed: Path, tmp_path: Path, name: str) -> None:
+    """A run that was copied from elsewhere may hold a link; whatever works on the run leaves its target as it is."""
+    run, target = copied(sealed, tmp_path), tmp_path / "target"
+    if name in ("figures", "damaged"):
+        target.mkdir()
+    else:
+        target.write_bytes((run / name).read_bytes() if (run / name).exists() else b"precious")
+    (run / name).unlink(missing_ok=True)
+    (run / name).symlink_to(target)
+    before = tree(target) if target.is_dir() else target.read_bytes()
+    assert all(shown(run))
+    CliRunner().invoke(app, ["annotate", str(run), "x", "--by", "x", "--reason", "x"])
+    assert (tree(target) if target.is_dir() else target.read_bytes()) == before
+
+
+def test_a_folder_for_runs_may_be_a_link_that_the_user_made(tmp_path: Path) -> None:
+    (tmp_path / "disk").mkdir()
+    (tmp_path / "runs").symlink_to(tmp_path / "disk")
+    assert create_run(tmp_path / "runs", "bench", 1.79e9).parent == tmp_path / "runs"
+
+
+# -- structure: nothing is printed that did not go through the one place that cleans -----------------------------------------
+
+PRINTS = {
+    "cli/output.py": "cleans",
+    "cli/app.py": "the version",
+    "record/seal.py": "a child's, told to its parent through a pipe and printed by it",
+    "sim/__main__.py": "a child's, whose sentences are cleaned where they are made",
+}
+
+
+def prints(path: Path) -> bool:
+    for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+        if isinstance(node, ast.Call):
+            called = ast.unparse(node.func)
+            if called in ("print", "typer.echo", "typer.secho", "click.echo") or called.endswith(("stdout.write", "stderr.write")):
+                return True
+    return False
+
+
+def test_only_one_place_prints() -> None:
+    found = {path.relative_to(PACKAGE).as_posix() for path in PACKAGE.rglob("*.py") if prints(path)}
+    assert found == set(PRINTS)
