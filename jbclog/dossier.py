@@ -19,6 +19,7 @@ from typing import Protocol
 
 from jbclog import __version__
 from jbclog.clock import Clock, UtcOffset
+from jbclog.episodes import LiveAlarms
 from jbclog.errors import RecordError
 from jbclog.judge import Evidence, judge
 from jbclog.outcome import Exit, Finding, exit_code, findings, status
@@ -30,7 +31,7 @@ from jbclog.record.lineage import previous_run
 from jbclog.record.live import SEAL_S, LiveStore, OnFailure
 from jbclog.record.manifest import LineFile, Manifest, Metadata, RecipeFile, iso, write_manifest
 from jbclog.record.seal import seal_in_child
-from jbclog.rows import CounterRow, EventRow, SampleRow, SettingRow, Severity, StationFacts
+from jbclog.rows import COLUMN, CounterRow, EventRow, SampleRow, SettingRow, Severity, StationFacts
 from jbclog.session.order import Desk
 
 OnFacts = Callable[[StationFacts], None]
@@ -170,20 +171,46 @@ class Dossier:
 
 
 class _Tap:
-    """A journal that lets others see the facts that pass."""
+    """A journal that lets others see what passes: the alarm episodes, which add events of their own, and who wants the facts."""
 
     def __init__(self, store: LiveStore, on_facts: OnFacts | None) -> None:
-        self.sample: Callable[[SampleRow], None] = store.sample
-        self.setting: Callable[[SettingRow], None] = store.setting
         self.counter: Callable[[CounterRow], None] = store.counter
-        self.event = store.event
+        self._alarms: LiveAlarms | None = LiveAlarms(store.event)
         self._on_facts = on_facts
         self._store = store
+        self._keep_sample = store.sample
+
+    def sample(self, row: SampleRow) -> None:
+        self._keep_sample(row)
+        if self._alarms is not None:
+            try:
+                self._alarms.sample(row)
+            except Exception as error:  # of this program; what is derived must not end what is recorded
+                self._without_alarms(row, error)
+
+    def setting(self, setting: SettingRow) -> None:
+        self._store.setting(setting)
+        if self._alarms is not None:
+            self._alarms.setting(setting)
+
+    def event(self, event: EventRow, *, at_once: bool = False) -> None:
+        self._store.event(event, at_once=at_once)
+        if self._alarms is not None:
+            self._alarms.event(event)
 
     def facts(self, facts: StationFacts) -> None:
         self._store.facts(facts)
+        if self._alarms is not None:
+            self._alarms.facts(facts)
         if self._on_facts is not None:
             self._on_facts(facts)
+
+    def _without_alarms(self, row: SampleRow, error: Exception) -> None:
+        self._alarms = None
+        text = f"Alarms on samples are no longer evaluated while this run goes on: internal error, {type(error).__name__}: {error}."
+        time = row[COLUMN["time"]]
+        assert isinstance(time, int)
+        self._store.event(EventRow(time, "alarm.episode.failed", Severity.WARNING, text))
 
 
 def _host() -> dict[str, str]:

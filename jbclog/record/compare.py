@@ -17,6 +17,8 @@ from jbclog.record.parts import row_groups
 from jbclog.record.schema import SCHEMAS, TABLES
 
 LEFT_OUT: Final = frozenset({"time", "earliest", "seq", "prev_sha256"})
+DERIVED: Final = "alarm.episode."
+"""Kinds of events that follow from samples, which are compared themselves; older records have none."""
 MOST_TOLD: Final = 3  # for one table of one station: what follows the first differences mostly follows from them
 
 Value = object
@@ -95,9 +97,11 @@ def _by_station(folder: Path, table: str) -> dict[str, Rows]:
     """The rows of each station in their order."""
     columns = [name for name in SCHEMAS[table].names if name not in LEFT_OUT]
     place, found = columns.index("station"), dict[str, Rows]()
+    kind = columns.index("kind") if "kind" in columns else None
     for group in row_groups(folder, table, columns):
         for row in zip(*(group[name].to_pylist() for name in columns), strict=True):
-            if row[place] is not None:
+            is_derived = kind is not None and str(row[kind]).startswith(DERIVED)
+            if row[place] is not None and not is_derived:
                 found.setdefault(row[place], []).append(row)
     return found
 

@@ -36,7 +36,8 @@ MAY_USE = {
     "sim": "protocol commands quantities wire recipe clock tape errors",
     "judge": "rows errors",
     "spc": "errors",
-    "analysis": "record judge rows tape errors",
+    "episodes": "rows errors",
+    "analysis": "record judge episodes rows tape errors",
     "report": "analysis judge record recipe commands rows errors",
     # top: what puts the rooms together, below the command line
     "outcome": "rows errors",
@@ -46,7 +47,7 @@ MAY_USE = {
     "found_line": "finding recipe transport",
     "doctor": "search finding recipe record transport commands",
     "plan": f"{BOTTOM} commands recipe scheduler session",
-    "dossier": f"{BOTTOM} plan outcome session record judge",
+    "dossier": f"{BOTTOM} plan outcome session record judge episodes",
     "guarding": "guard rows",
     "conduct": f"{BOTTOM} dossier guarding guard plan outcome session drive transport record",
     "replaying": "dossier plan recipe session drive record sim clock rows effects tape errors",
