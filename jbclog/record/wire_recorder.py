@@ -100,6 +100,9 @@ class Wire:
             self.trouble = self.trouble or f"{FOLDER}/{self._path.name} cannot be closed: {error.strerror or error}"
         finally:
             os.close(descriptor)
+            if not self._written:
+                with suppress(OSError):
+                    self._path.unlink()  # a file in which nothing stands is no wire record
 
 
 class WireRecorder:
