@@ -170,11 +170,19 @@ def read_manifest(folder: Path) -> Manifest:
         manifest = cast(Manifest, build(Manifest, data))
         if manifest.state not in STATES:
             raise NoManifest(f"{path} is no manifest: its state is {manifest.state!r:.60}")
+        for time in (manifest.started, manifest.ended):
+            _expect_time(time)
         return manifest
     except FileNotFoundError:
         raise RecordError(f"{folder} has no manifest; it is no run, or one that was cut off at its very start") from None
     except (OSError, ValueError, AttributeError, RecursionError, Misfit) as error:
         raise NoManifest(f"{path} is no manifest: {error}") from error
+
+
+def _expect_time(text: str | None) -> None:
+    """Raises ValueError where it is none, or has no zone."""
+    if text is not None and datetime.fromisoformat(text).tzinfo is None:
+        raise ValueError(f"{text!r:.60} does not say which zone it is of")
 
 
 def write_manifest(folder: Path, manifest: Manifest) -> None:

@@ -9,6 +9,7 @@ import ast
 import json
 import shutil
 from collections.abc import Callable, Iterator, Sequence
+from hashlib import sha256
 from itertools import cycle, islice, product
 from pathlib import Path
 
@@ -29,7 +30,7 @@ from jbclog.recipe.load import parse_recipe
 from jbclog.record.annotations import append
 from jbclog.record.check import check
 from jbclog.record.folder import create_run
-from jbclog.record.manifest import NAME
+from jbclog.record.manifest import DIGEST, END, NAME
 from jbclog.sim.make import virtual_station
 from jbclog.sim.virtual import VirtualStation
 
@@ -267,36 +268,41 @@ def copied(run: Path, tmp_path: Path) -> Path:
     return Path(shutil.copytree(run, tmp_path / "deep" / "runs" / run.name))
 
 
-def replaced(value: object, texts: Iterator[str], keep: frozenset[str] = frozenset({"state", "schema"})) -> object:
-    """Every text of a document, names of keys that are not the schema's apart."""
+def replaced(value: object, texts: Iterator[str], keep: Sequence[str]) -> object:
+    """Every text of a document, names of keys and what stands below those of `keep` apart."""
     if isinstance(value, dict):
-        return {key: one if key in keep else replaced(one, texts) for key, one in value.items()}
+        return {key: one if key in keep else replaced(one, texts, keep) for key, one in value.items()}
     if isinstance(value, list):
-        return [replaced(one, texts) for one in value]
+        return [replaced(one, texts, keep) for one in value]
     return next(texts) if isinstance(value, str) else value
 
 
-def foreign_manifest(run: Path, first: int) -> dict[str, object]:
-    """The run's, with another hostile text in each place, beginning with one of them."""
+def foreign_manifest(run: Path, first: int, *, keep: Sequence[str] = (), **more: object) -> str:
+    """The run's, with another hostile text in each place, beginning with one of them; its digest is right."""
     texts = islice(cycle(HOSTILE.values()), first, None)
-    document = replaced(json.loads((run / NAME).read_text()), texts)
+    document = replaced(json.loads((run / NAME).read_text()), texts, ("state", "schema", "digest", *keep))
     assert isinstance(document, dict)
     name = next(texts)
-    return document | {"previous": {"run": name, "sha256": name, "text": name}}
+    document |= {"previous": {"run": name, "sha256": name, "text": name}, **more}
+    del document["digest"]
+    text = json.dumps(document, indent=1, ensure_ascii=False) + "\n"
+    return text.removesuffix(END.decode()) + DIGEST % sha256(text.encode()).hexdigest()
 
 
 @pytest.mark.parametrize("first", [7, pytest.param(None, marks=pytest.mark.campaign)])
 def test_every_text_of_a_foreign_manifest(sealed: Path, tmp_path: Path, first: int | None) -> None:
     for number in range(len(HOSTILE)) if first is None else [first]:
         run = copied(sealed, tmp_path / str(number))
-        (run / NAME).write_text(json.dumps(foreign_manifest(run, number)))
+        (run / NAME).write_text(foreign_manifest(run, number))
         outside = tree(tmp_path)
+        assert all(shown(run, "check", "annotate", "recover"))
+        (run / NAME).write_text(foreign_manifest(sealed, number, keep=["files", "started", "ended"]))
+        outside |= {str(run / NAME): (run / NAME).read_bytes()}
         assert all(shown(run))
         now = tree(tmp_path)
         assert {name for name in now.keys() - outside.keys() if not Path(name).is_relative_to(run)} == set()
         assert {name: data for name, data in now.items() if name in outside} == outside
-        if (run / "report.html").exists():
-            assert Acting((run / "report.html").read_text("utf-8")).found == []
+        assert Acting((run / "report.html").read_text("utf-8")).found == []
 
 
 @pytest.mark.parametrize("name", ["damage.jsonl", "guard.jsonl", "annotations.jsonl", "lease.json", "report.json"])
@@ -312,9 +318,7 @@ def test_lines_of_a_foreign_run_s_other_files(sealed: Path, tmp_path: Path, name
 def test_a_foreign_run_that_is_not_finished(sealed: Path, tmp_path: Path, text: str) -> None:
     """`recover` writes, and only into the folder that it was given."""
     run = copied(sealed, tmp_path)
-    document = foreign_manifest(run, [*HOSTILE.values()].index(text)) | {"state": "open", "files": []}
-    document.pop("digest")
-    (run / NAME).write_text(json.dumps(document))
+    (run / NAME).write_text(foreign_manifest(run, [*HOSTILE.values()].index(text), state="open", files=[]))
     (run / "guard.jsonl").write_text(
         json.dumps({"time": 1, "kind": text, "severity": "info", "text": text, "station": text, "port": 1})
     )

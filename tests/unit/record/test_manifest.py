@@ -122,3 +122,10 @@ def test_a_flag_is_not_a_number() -> None:
 
 def test_times_are_exact() -> None:
     assert iso(1_795_224_600_000_001) == "2026-11-21T01:30:00.000001Z"
+
+
+@pytest.mark.parametrize("time", ["yesterday", "", "2026-11-21T01:30:00", "<b>", "9" * 5000])
+def test_a_time_that_is_none_is_no_manifest_s(tmp_path: Path, time: str) -> None:
+    write_manifest(tmp_path, Manifest("run", started=time))
+    with pytest.raises(RecordError, match="is no manifest"):
+        read_manifest(tmp_path)
