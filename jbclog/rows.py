@@ -198,6 +198,7 @@ class StationFacts:
     strays: dict[str, int] = field(default_factory=dict)  # frames that answered nothing: echo, address, code, late, unasked
     anomalies: dict[int, int] = field(default_factory=dict)  # forms not as recommended, by row of section B
     doubted: dict[str, int] = field(default_factory=dict)  # answers that were not believed at once, by command
+    alarm_rules: dict[str, float] = field(default_factory=dict)  # by which samples are evaluated; empty in records without
     alarms: int = 0  # that count (contract, "Exit codes")
     unconfirmed_alarms: int = 0
     settings_changed: int = 0

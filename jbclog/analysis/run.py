@@ -27,6 +27,8 @@ from jbclog.tape import Passed
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from jbclog.analysis.alarms import Alarms
+
 Moment = str | datetime | pd.Timestamp
 """A time: a string such as ``2026-11-21T01:30``, a datetime or a Timestamp; UTC where it names no zone."""
 
@@ -103,11 +105,32 @@ class Run:
         micros = (table["time"] + (head.t0_utc - head.t0_mono)).mul(1e6).round()
         return table.assign(time=micros.astype("int64").astype("datetime64[us]").dt.tz_localize("UTC"))
 
+    def alarms(self) -> pd.DataFrame:
+        """Alarm episodes: a row for each, as each detector (`detector`) saw it; rows of one `incident` belong together.
+
+        Detectors: A the station's flags, B our samples with the alarm's delays and a dead band, C every sampled excursion.
+        It began after `onset_earliest` and at `onset` at the latest, and ended between `end_earliest` and `end`; `raised` is
+        when it was known. `state`: active, cleared, or uncertain (not read for too long). `seconds`: from `onset` to `end`.
+        `confirmed`: a flag that a temperature bears out. `uncertain`: in between nothing was read for too long. `finding`: on
+        what the detectors do not agree. `acknowledged_*`: by whom, when and why (`jbclog alarms ack`).
+        """
+        return self.alarm_findings().frame()
+
+    def alarm_findings(self) -> Alarms:
+        """The same as objects: incidents side by side, figures of floods and chatter, findings."""
+        from jbclog.analysis.alarms import alarms_of
+
+        return alarms_of(self)
+
     def plot(self, station: str | None = None, port: int | None = None) -> Figure:
         """Temperature against its setting, power below, what was not read hatched; a panel a port."""
         from jbclog.analysis.plot import plot
 
         return plot(self, station, port)
+
+    def pieces(self, table: str, columns: list[str]) -> list[pa.Table]:
+        """The rows of a table piece by piece as Arrow tables, in order."""
+        return self._pieces(table, columns, lambda piece: piece.select(columns))
 
     def _frame(
         self,

@@ -10,26 +10,33 @@ Start reading: `definition.py`, what counts as beyond; `machine.py`, the transit
 Source: ISA-18.2 / IEC 62682 as OPC UA Part 9 has it (on and off delay, dead band, acknowledging beside the state).
 """
 
-from jbclog.episodes.after import Rows, flag_episodes, sampled_episodes
-from jbclog.episodes.definition import Rules, Side
+from jbclog.episodes.after import FlagRead, Rows, SampledEpisodes, flag_episodes
+from jbclog.episodes.definition import WATCHED, Rules, Side
 from jbclog.episodes.episode import Detector, Episode, State
 from jbclog.episodes.kpi import Figures, figures
-from jbclog.episodes.live import LiveAlarms
+from jbclog.episodes.live import KIND, LiveAlarms, change_of, rules_of
 from jbclog.episodes.match import Incident, Unknown, incidents
+from jbclog.episodes.port import Change
 
 __all__ = [
+    "KIND",
+    "WATCHED",
+    "Change",
     "Detector",
     "Episode",
     "Figures",
+    "FlagRead",
     "Incident",
     "LiveAlarms",
     "Rows",
     "Rules",
+    "SampledEpisodes",
     "Side",
     "State",
     "Unknown",
+    "change_of",
     "figures",
     "flag_episodes",
     "incidents",
-    "sampled_episodes",
+    "rules_of",
 ]

@@ -49,37 +49,37 @@ class FlagRead(NamedTuple):
         return self.high if side is Side.HIGH else self.low
 
 
-def sampled_episodes(
-    station: str,
-    port: int,
-    period_s: float | None,
-    pieces: Iterable[Rows],
-    changes: Iterable[Change],
-    rules: Rules | None = None,
-    detectors: Sequence[Detector] = SAMPLED,
-) -> list[Episode]:
-    """The episodes of one port by its samples, given in pieces, in the order in which they were raised.
+class SampledEpisodes:
+    """The episodes of one port by its samples; `found` has them in the order in which they were raised.
 
-    `changes` of settings and tools in their order, their times less the steps of the wall clock.
+    `changes` of settings and tools in their order, their times less the steps of the wall clock before them. `rules` None:
+    those that hold where nothing else is said.
     """
-    watch = PortWatch(station, port, period_s, rules or Rules(), detectors)
-    for change in changes:
-        watch.change(change)
-    found: list[Episode] = []
-    for rows in pieces:
-        _replay(watch, rows, found)
-    return found
 
+    def __init__(
+        self,
+        station: str,
+        port: int,
+        period_s: float | None,
+        changes: Iterable[Change],
+        rules: Rules | None = None,
+        detectors: Sequence[Detector] = SAMPLED,
+    ) -> None:
+        self._watch = PortWatch(station, port, period_s, rules or Rules(), detectors)
+        for change in changes:
+            self._watch.change(change)
+        self.found: list[Episode] = []
 
-def _replay(watch: PortWatch, rows: Rows, found: list[Episode]) -> None:
-    take, steps = watch.row, rows.steps_us
-    columns = zip(rows.time_us, rows.tick, rows.temperature_c, rows.status, rows.set_c, strict=True)
-    for place, (time_us, tick, temperature, status, set_c) in enumerate(columns):
-        if steps and place in steps:
-            watch.step(steps[place])
-        news = take(time_us, tick, temperature, status, set_c)
-        if news:
-            found += [episode for what, episode in news if what is News.RAISED]
+    def feed(self, rows: Rows) -> None:
+        """Take the next rows."""
+        take, steps, found = self._watch.row, rows.steps_us, self.found
+        columns = zip(rows.time_us, rows.tick, rows.temperature_c, rows.status, rows.set_c, strict=True)
+        for place, (time_us, tick, temperature, status, set_c) in enumerate(columns):
+            if steps and place in steps:
+                self._watch.step(steps[place])
+            news = take(time_us, tick, temperature, status, set_c)
+            if news:
+                found += [episode for what, episode in news if what is News.RAISED]
 
 
 def flag_episodes(events: Iterable[EventRow], reads: Sequence[FlagRead] = ()) -> list[Episode]:

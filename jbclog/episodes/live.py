@@ -7,6 +7,7 @@ look-up and two comparisons.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import fields
 from typing import Final
 
 from jbclog.episodes.definition import WATCHED, Rules, Side
@@ -20,6 +21,8 @@ _TEMPERATURE, _STATUS, _SET = (COLUMN[name] for name in ("temperature_c", "statu
 
 KIND: Final = "alarm.episode"
 _SEVERITY: Final = {News.RAISED: Severity.WARNING, News.CLEARED: Severity.INFO, News.UNCERTAIN: Severity.WARNING}
+
+RULES: Final = tuple(field.name for field in fields(Rules))
 
 Place = tuple[str, int]
 """Station and port."""
@@ -64,7 +67,7 @@ class LiveAlarms:
 
     def _begin(self, station: str, port: int) -> PortWatch:
         facts = self._facts.get(station)
-        watch = PortWatch(station, port, facts.period_s if facts else None, Rules(), [Detector.SAMPLES])
+        watch = PortWatch(station, port, facts.period_s if facts else None, rules_of(facts), [Detector.SAMPLES])
         watch.step(self._stepped_us)
         for change in self._waiting.pop((station, port), []):
             watch.change(change)
@@ -86,6 +89,12 @@ class LiveAlarms:
     def _tell_all(self, news: Sequence[Told], time_us: int) -> None:
         for what, episode in news:
             self._tell(told(what, episode, time_us))
+
+
+def rules_of(facts: StationFacts | None) -> Rules:
+    """The rules by which a station's samples are evaluated: those of its recipe, as its facts have them."""
+    told = {} if facts is None else {name: facts.alarm_rules[name] for name in RULES if name in facts.alarm_rules}
+    return Rules(**told)
 
 
 def change_of(kind: str, at_us: int, raw: str | None) -> Change | None:

@@ -6,7 +6,7 @@ reading without again. A disagreement is a finding with a sentence: it says what
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -39,7 +39,7 @@ class Incident:
 
 
 def incidents(
-    episodes: Iterable[Episode], unknown: dict[tuple[str, int], Sequence[Unknown]], flags_told: Iterable[str]
+    episodes: Iterable[Episode], unknown: Mapping[tuple[str, int], Sequence[Unknown]], flags_told: Iterable[str]
 ) -> list[Incident]:
     """All incidents in the order in which they began, numbered from 1, with the findings.
 

@@ -128,6 +128,18 @@ class Run(Table):
     allow_no_cooldown: bool = Field(False, description="true or false")
 
 
+class Episodes(Table):
+    """What the evaluation of samples adds to a station's alarm limits and delays. `off_delay_s` None: as long as the delay."""
+
+    dead_band_c: float = Field(2.0, ge=0, le=100, description="°C from 0 to 100")
+    off_delay_s: float | None = Field(None, ge=0, le=3600, description="seconds from 0 to 3600")
+    stale_s: float = Field(60.0, gt=0, le=86400, description="seconds, more than 0 and up to 86400")
+
+    def rules(self) -> dict[str, float]:
+        """By name, without what is not given."""
+        return {name: float(value) for name, value in self if value is not None}
+
+
 class Metadata(Table):
     required: Required = Field((), description=f"a list of some of {', '.join(METADATA)}, tag.NAME")
 
@@ -155,5 +167,6 @@ class RecipeTables(PortSettings):
     omega: Omega | None = None
     sampling: Sampling = Sampling()
     run: Run = Run()
+    episodes: Episodes = Episodes()
     metadata: Metadata = Metadata()
     acceptance: Acceptance | None = None

@@ -115,6 +115,7 @@ class Desk:
             format=order.line.format,
             recipe=order.recipe_file,
             rated_power_w=order.rated_power_w,
+            alarm_rules=order.recipe.episodes.rules(),
         )
 
     @property
