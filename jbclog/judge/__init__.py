@@ -4,10 +4,11 @@ Owns: the definitions of coverage, longest gap, idle error and counted alarms; t
 Never: measures what was not recorded, takes missing evidence for good, imports pandas or matplotlib (the
 recorder calls it when a run has ended), writes a file.
 May use: `rows` and `errors`; pyarrow and numpy.
-Start reading: `verdict.py`, then `rules.py`; `samples.py` and `idle.py` say how each figure is measured.
+Start reading: `verdict.py`, then `rules.py`; `samples.py`, `idle.py` and `bound.py` say how each figure is measured.
 """
 
 from jbclog.judge.acceptance import Acceptance, Limits
+from jbclog.judge.bound import Bound
 from jbclog.judge.evidence import Evidence
 from jbclog.judge.rule import Result, Rule
 from jbclog.judge.samples import PortMeasure, judged_signals, measure
@@ -15,6 +16,7 @@ from jbclog.judge.verdict import Judgement, Verdict, judge
 
 __all__ = [
     "Acceptance",
+    "Bound",
     "Evidence",
     "Judgement",
     "Limits",

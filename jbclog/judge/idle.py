@@ -16,11 +16,13 @@ than `ENOUGH_ROWS` idle readings or `ENOUGH_S` of them the figures are unknown, 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from math import sqrt
 
 import numpy as np
 from numpy.typing import NDArray
+
+from jbclog.judge.bound import Cells, Known, known
 
 BLOCK_S = 600.0
 SETTING_HOLDS_S = 15.0  # the setting is due each 5 s; two losses are bridged
@@ -56,8 +58,13 @@ class IdleError:
     seconds: float = 0.0
     total: float = 0.0
     squares: float = 0.0
+    cells: Cells = field(default_factory=Cells)
 
-    def add(self, errors: Floats, period_s: float) -> None:
+    def add(self, seconds: Floats, errors: Floats, period_s: float) -> None:
+        """Take idle readings with their times on the run's axis, `period_s` apart."""
+        if not len(errors):
+            return
+        self.cells.add(seconds, errors)
         self.rows += len(errors)
         self.seconds += len(errors) * period_s
         self.total += float(errors.sum())
@@ -80,17 +87,30 @@ class IdleError:
         spread = self.squares - self.total * self.total / self.rows
         return sqrt(max(spread, 0.0) / (self.rows - 1))
 
+    @property
+    def bounds(self) -> Known | None:
+        """The 95 % bounds of both (`judge/bound.py`), or None."""
+        mean, spread = self.mean_c, self.sd_c
+        if mean is None or spread is None:
+            return None
+        return known(self.rows, mean, spread, self.cells.batch_means(self.seconds / self.rows))
+
 
 def idle_errors(block: Block, period_s: float) -> Floats:
     """Temperature minus setting in °C of each idle reading of the block."""
+    return idle_readings(block, period_s)[1]
+
+
+def idle_readings(block: Block, period_s: float) -> tuple[Floats, Floats]:
+    """The seconds of each idle reading of the block, and its temperature minus setting in °C."""
     setting = setting_in_force(block.seconds, block.setting)
     known = block.working & ~np.isnan(block.temperature) & ~np.isnan(block.power) & ~np.isnan(setting)
     rows, in_force = block.take(known), setting[known]
     calm = settled(rows.seconds, rows.temperature, _stretch_starts(rows.seconds, in_force, period_s))
     if not calm.any():
-        return np.empty(0)
+        return np.empty(0), np.empty(0)
     idle = calm & outside_joints(rows.seconds, rows.power, calm)
-    return np.asarray(rows.temperature[idle] - in_force[idle], dtype=np.float64)
+    return rows.seconds[idle], np.asarray(rows.temperature[idle] - in_force[idle], dtype=np.float64)
 
 
 def setting_in_force(seconds: Floats, setting: Floats) -> Floats:

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 from enum import StrEnum
 
+from jbclog.judge.bound import Bound
+
 
 class Result(StrEnum):
     PASS = "pass"
@@ -19,7 +21,11 @@ Figure = float | int | str
 
 @dataclass(frozen=True, slots=True)
 class Rule:
-    """`limit` and `observed` are numbers in `unit` where they can be, else words; None: not known."""
+    """`limit` and `observed` are numbers in `unit` where they can be, else words; None: not known.
+
+    `bound` is there where the figure is an estimate; what was counted in full needs none. A limit is kept by the bound, too,
+    or it is not known to be kept.
+    """
 
     name: str
     station: str | None
@@ -29,6 +35,7 @@ class Rule:
     unit: str
     result: Result
     text: str
+    bound: Bound | None = None
 
     def as_dict(self) -> dict[str, object]:
         """For `manifest.verdict_rules` and `report.json`."""

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from math import floor
 
 from jbclog.judge.acceptance import LIMIT_NAMES, Acceptance
+from jbclog.judge.bound import Bound
 from jbclog.judge.evidence import Evidence, PortLedger
 from jbclog.judge.rule import Result, Rule
 from jbclog.judge.samples import TEMPERATURE, PortMeasure, judged_signals
@@ -148,7 +150,7 @@ def port_rules(
 
 def idle_rules(facts: StationFacts, port: int, acceptance: Acceptance, measure: PortMeasure | None) -> Iterator[Rule]:
     """How well the idle tip holds its setting."""
-    station = facts.name
+    station, bounds = facts.name, None if measure is None else measure.idle.bounds
     if not tells(facts, TEMPERATURE):
         for name, limit in (("idle_error", acceptance.idle_error_c), ("idle_sd", acceptance.idle_sd_c)):
             if limit is not None:
@@ -156,10 +158,26 @@ def idle_rules(facts: StationFacts, port: int, acceptance: Acceptance, measure: 
         return
     if acceptance.idle_error_c is not None:
         mean = None if measure is None else measure.idle.mean_c
-        yield idle_error_rule(station, port, acceptance.idle_error_c, mean)
+        yield bounded(idle_error_rule(station, port, acceptance.idle_error_c, mean), None if bounds is None else bounds.mean)
     if acceptance.idle_sd_c is not None:
         spread = None if measure is None else measure.idle.sd_c
-        yield _at_most("idle_sd", station, port, acceptance.idle_sd_c, spread, "°C", "of standard deviation while idle")
+        rule = _at_most("idle_sd", station, port, acceptance.idle_sd_c, spread, "°C", "of standard deviation while idle")
+        yield bounded(rule, None if bounds is None else bounds.sd)
+
+
+def bounded(rule: Rule, bound: Bound | None) -> Rule:
+    """The rule with the bound of its figure; one whose bound breaks the limit that its figure keeps is not known to be kept."""
+    if bound is None or rule.result is Result.MISSING:
+        return rule
+    assert isinstance(rule.limit, int | float)
+    if rule.result is Result.FAIL or bound.keeps(rule.limit):
+        return replace(rule, bound=bound)
+    text = f"{rule.text} The 95 % bound reaches {_shown(_furthest(bound))} {rule.unit}: too little was seen to be sure."
+    return replace(rule, bound=bound, result=Result.MISSING, text=text)
+
+
+def _furthest(bound: Bound) -> float:
+    return bound.high if bound.low is None else max(bound.low, bound.high, key=abs)
 
 
 def coverage_rule(facts: StationFacts, port: int, least: float, ledger: PortLedger, measure: PortMeasure | None) -> Rule:

@@ -20,7 +20,7 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from jbclog.judge.idle import BLOCK_S, Block, Floats, IdleError, idle_errors
+from jbclog.judge.idle import BLOCK_S, Block, Floats, IdleError, idle_readings
 from jbclog.judge.stepped import Step, Unstepped, steps_of
 from jbclog.rows import StationFacts
 
@@ -91,7 +91,7 @@ class PortMeasure:
         if self._held:
             block = _joined(self._held)
             step = self.period_s or _typical_step(block.seconds)
-            self.idle.add(idle_errors(block, step), step)
+            self.idle.add(*idle_readings(block, step), step)
             self._held.clear()
 
 

@@ -3,6 +3,9 @@
 One broken limit is REJECT. Without one, missing evidence is INCONCLUSIVE, which is never accepted. Without
 either, anything that was not as planned makes it ACCEPT WITH DEVIATIONS. A run whose recipes state no limit
 is NOT JUDGED.
+
+A limit is broken by the observed figure; it is kept by the figure and its 95 % bound, where there is one (`bound.py`). A figure
+that keeps it and a bound that does not are missing evidence.
 """
 
 from __future__ import annotations

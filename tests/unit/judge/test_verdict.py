@@ -42,6 +42,7 @@ def test_a_clean_run_is_accepted_and_every_rule_is_written_down(case: Any, tip: 
         "unit": "%",
         "result": "pass",
         "text": "600 of 600 readings of the tip are there, 100 %; 99.5 % are asked.",
+        "bound": None,
     }
 
 
