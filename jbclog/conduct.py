@@ -23,7 +23,8 @@ from jbclog.dossier import Dossier, Observer, Result
 from jbclog.drive.reactor import Reactor
 from jbclog.drive.signals import Signals
 from jbclog.drive.told import keeping
-from jbclog.errors import PortBusy, RecordError, StartRefused
+from jbclog.drive.typed import Source
+from jbclog.errors import RecordError, StartRefused
 from jbclog.guard.left_over import settle
 from jbclog.guard.watch import RENEW_S
 from jbclog.guarding import Guarding
@@ -37,12 +38,14 @@ from jbclog.record.lock import is_held
 from jbclog.record.manifest import iso
 from jbclog.record.wire import WHOLE, Head
 from jbclog.record.wire_recorder import WireRecorder
-from jbclog.rows import Severity
+from jbclog.rows import EventRow, Severity
 from jbclog.session.order import Desk
 from jbclog.session.run import run_station
 from jbclog.transport import Port, Tee, open_port
 from jbclog.transport.descriptors import allow_ports
 from jbclog.transport.sharers import Sharers
+from jbclog.unit_feed import LOOK_EVERY_S as LOOK_FOR_UNITS_S
+from jbclog.unit_feed import UnitFeed
 
 GUARDED, NO_GUARD, GUARD_LOST = "on", "none", "lost"  # what the manifest says of it
 RUNNING = "running"  # the outcome of a session that has not ended
@@ -65,6 +68,7 @@ def conduct(
     seal_every_s: float = SEAL_S,
     missed: Callable[[], int] = lambda: 0,
     is_last: bool = False,
+    units: Source | None = None,
 ) -> Result:
     """Run `plan` and record it below `out`. `missed` gives how much of what `observer` was told nobody could see.
 
@@ -73,12 +77,16 @@ def conduct(
     they do nothing.
     With `is_last` all that this process does afterwards is to say what came of it, and no signal ends that early.
 
-    Raises `PortBusy` where another run holds a port, `RecordError` where the record cannot even be begun, and `StartRefused`
-    where its guard cannot be started.
+    Serials of units are read from `units` while it goes on.
+
+    A run that cannot be started, because another one holds a port or there is no process for its guard, is recorded as such.
+    Raises `RecordError` where the record cannot even be begun.
     """
     with Signals(_heard(), FREEZING, for_good=is_last) as signals:
-        _expect_unheld(plan)
-        return _Run(plan, out, observer, seal_every_s, missed).conduct(signals)
+        held = _held_by_others(plan)
+        if held:
+            return Dossier(plan, out, observer, SystemClock()).refuse(held)
+        return _Run(plan, out, observer, seal_every_s, missed, units).conduct(signals)
 
 
 def _heard() -> list[signal.Signals]:
@@ -87,13 +95,15 @@ def _heard() -> list[signal.Signals]:
     return [number for number in CUT_SHORT if not (has_nohup and number is signal.SIGHUP)]
 
 
-def _expect_unheld(plan: Plan) -> None:
-    """A server of serial ports takes a second client, and a run holds its ports also while a cable is out."""
+def _held_by_others(plan: Plan) -> dict[str, str]:
+    """Why stations cannot be had: a server of ports takes a second client; a run holds its ports while a cable is out, too."""
+    found = {}
     for run in runs_that_hold([station.spec.url for station in plan.stations]):
-        names = ", ".join(one.spec.name for one in plan.stations if holds(run, [one.spec.url]))
         process = recorder_of(run)
         who = f"the run {run} (process {process}) holds" if process else f"the run {run} holds"
-        raise PortBusy(f"{names}: {who} this port; nothing was sent. End that run, or wait for its end", process)
+        for name in (one.spec.name for one in plan.stations if holds(run, [one.spec.url])):
+            found[name] = f"{name}: {who} this port; nothing was sent. End that run, or wait for its end"
+    return found
 
 
 def _clock(plan: Plan) -> tuple[Clock, FastClock | None]:
@@ -106,7 +116,15 @@ def _clock(plan: Plan) -> tuple[Clock, FastClock | None]:
 class _Run:
     """The state of one run while it goes on."""
 
-    def __init__(self, plan: Plan, out: Path, observer: Observer, seal_every_s: float, missed: Callable[[], int]) -> None:
+    def __init__(
+        self,
+        plan: Plan,
+        out: Path,
+        observer: Observer,
+        seal_every_s: float,
+        missed: Callable[[], int],
+        units: Source | None,
+    ) -> None:
         self._plan = plan
         self._missed = missed
         self._clock, fast = _clock(plan)
@@ -121,13 +139,19 @@ class _Run:
         self._reactor = Reactor(fast)
         self._sharers = Sharers(desk.order.url for desk in self._desks)
         self._wires = WireRecorder(self._dossier.folder) if plan.wanted.wire else None
+        self._units = None if units is None else UnitFeed(units, self._keep_at_once, self._micros)
         self._cut_short: Exit | None = None
         self._have_all_begun = False
 
     def conduct(self, signals: Signals) -> Result:
         signals.tell(self._on_signal)
+        try:
+            self._start_guard()
+        except StartRefused as refusal:
+            return self._refuse(str(refusal))
         self._begin()
         broken = self._pull()
+        self._end_units()
         self._close_wires()
         self._tell_of_missed()
         record = self._dossier.close() or broken
@@ -138,7 +162,6 @@ class _Run:
         manifest.stations = [desk.facts for desk in self._desks]  # from here on others can see whose ports this run holds
         manifest.wire = None if self._wires is None else "open"
         manifest.guard = GUARDED if self._plan.wanted.guard else NO_GUARD
-        self._start_guard()
         self._dossier.begin()
         for left in self._left_over:
             # of an older run, and made good: an event here, and no deviation of what is made now
@@ -149,17 +172,15 @@ class _Run:
             self._note("guard.weak", OF_A_CONTAINER, Severity.WARNING)
 
     def _start_guard(self) -> None:
-        """Before the record is begun: a run that is refused here leaves none. Raises `StartRefused`."""
-        if not self._plan.wanted.guard:
-            return
-        folder = self._dossier.folder
-        try:
-            self._guarding.start(folder, self._tell_of_guard)
-        except StartRefused:
-            with suppress(OSError):
-                (folder / GUARD_LOCK).unlink(missing_ok=True)
-                folder.rmdir()
-            raise
+        """Before the record is begun, and long before anything is heated. Raises `StartRefused`."""
+        if self._plan.wanted.guard:
+            self._guarding.start(self._dossier.folder, self._tell_of_guard)
+
+    def _refuse(self, why: str) -> Result:
+        self._reactor.run()  # of nothing, which gives back what it has
+        with suppress(OSError):
+            (self._dossier.folder / GUARD_LOCK).unlink(missing_ok=True)
+        return self._dossier.refuse({desk.name: f"{desk.name}: {why}" for desk in self._desks})
 
     def _tell_of_guard(self, kind: str, text: str) -> None:
         self._dossier.manifest.guard = GUARD_LOST
@@ -176,6 +197,8 @@ class _Run:
         self._reactor.every(LOOK_EVERY_S, self._look)
         self._reactor.every(LOOK_AT_PORTS_EVERY_S, self._sharers.look)
         self._reactor.every(RENEW_S, self._guarding.renew)
+        if self._units is not None:
+            self._reactor.every(LOOK_FOR_UNITS_S, self._look_for_units)
         try:
             self._reactor.run(self._guarding.end)
         except Exception as error:  # the record of what went before is closed all the same
@@ -259,6 +282,25 @@ class _Run:
             self._wires.close()
             self._tell_of_wires()
             self._dossier.manifest.wire = " ".join(self._wires.troubles()) or WHOLE
+
+    def _look_for_units(self) -> None:
+        if self._units is not None:
+            self._units.look()
+
+    def _keep_at_once(self, event: EventRow) -> None:
+        self._dossier.journal.event(event, at_once=True)
+
+    def _micros(self) -> int:
+        return self._dossier.utc.micros(self._clock.monotonic())
+
+    def _end_units(self) -> None:
+        """A recipe may ask for units, and then none comes."""
+        if self._units is None:
+            return
+        self._units.finish()
+        told = self._plan.wanted.metadata.units
+        if not (self._units.has_had_any or told) and any("unit" in one.recipe.metadata.required for one in self._plan.stations):
+            self._note("unit.missing", "The recipe requires a unit, and no serial came while the run went on.", Severity.ERROR)
 
     def _tell_of_missed(self) -> None:
         missed = self._missed()

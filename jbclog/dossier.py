@@ -10,7 +10,7 @@ from __future__ import annotations
 import getpass
 import platform
 import socket
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from importlib.metadata import PackageNotFoundError, version
@@ -23,6 +23,7 @@ from jbclog.episodes import LiveAlarms
 from jbclog.errors import RecordError
 from jbclog.judge import Evidence, judge
 from jbclog.outcome import Exit, Finding, exit_code, findings, status
+from jbclog.plan import Metadata as Told
 from jbclog.plan import Plan, orders
 from jbclog.record.conclude import conclude
 from jbclog.record.folder import create_run, keep_text
@@ -108,7 +109,7 @@ class Dossier:
         self._store.look()
 
     def _draft(self) -> Manifest:
-        line, told = self._plan.line, self._plan.wanted.metadata
+        line = self._plan.line
         return Manifest(
             run=self.folder.name,
             started=iso(self.utc.micros(self.t0)),
@@ -116,7 +117,7 @@ class Dossier:
             t0_utc=self.t0 + self.utc.offset,
             line=LineFile(line.name, "line.toml", line.sha256),
             recipes=[RecipeFile(f"recipes/{name}", one.sha256, one.name, one.revision) for name, one in self._plan.recipes.items()],
-            metadata=Metadata(told.operator, told.order, told.product, list(told.units), dict(told.tags)),
+            metadata=_metadata(self._plan.wanted.metadata),
             host=_host(),
             rate=self._plan.wanted.rate,
         )
@@ -131,6 +132,18 @@ class Dossier:
         """A terminal that is gone must not become a fault of the run."""
         with suppress(Exception):
             show()
+
+    def refuse(self, why: Mapping[str, str]) -> Result:
+        """A run that is not started, with what was to run and why it does not, by station; the others were not asked."""
+        for desk in self.desks:
+            desk.facts.outcome = "refused"
+            desk.facts.reason = why.get(desk.name, f"{desk.name}: not asked, for the run was not started")
+        self.manifest.stations = [desk.facts for desk in self.desks]
+        self.begin()
+        for desk in self.desks:
+            desk.note("station.refused", Severity.ERROR, desk.facts.reason.removeprefix(f"{desk.name}: "))
+            desk.publish()
+        return self.conclude(self.close())
 
     # -- after the last session has ended -------------------------------------------------------------------------------------
 
@@ -211,6 +224,11 @@ class _Tap:
         time = row[COLUMN["time"]]
         assert isinstance(time, int)
         self._store.event(EventRow(time, "alarm.episode.failed", Severity.WARNING, text))
+
+
+def _metadata(told: Told) -> Metadata:
+    lots = list(told.wire_lots), list(told.flux_lots)
+    return Metadata(told.operator, told.order, told.product, list(told.units), dict(told.tags), *lots, list(told.tips))
 
 
 def _host() -> dict[str, str]:

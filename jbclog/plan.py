@@ -21,6 +21,7 @@ from jbclog.scheduler import Demand
 from jbclog.session.order import AS_FAST_AS_POSSIBLE, AS_FIT, Order
 from jbclog.session.pace import rate_problem, readings_for
 
+PORTS = (1, 2, 3, 4)  # that any station can have
 ANSWERING_PORTS = (1,)  # what is reckoned with where only the station knows its ports
 
 
@@ -33,16 +34,22 @@ class Metadata:
     product: str | None = None
     units: tuple[str, ...] = ()
     tags: dict[str, str] = field(default_factory=dict)
+    wire_lots: tuple[str, ...] = ()
+    flux_lots: tuple[str, ...] = ()
+    tips: tuple[str, ...] = ()
+    reads_units: bool = False  # serials of units are read while the run goes on
 
     def missing(self, required: Sequence[str]) -> list[str]:
         """Which of the recipe's required names were not given, as options of the command line."""
-        given = {"operator": self.operator, "order": self.order, "product": self.product, "unit": self.units}
+        given: dict[str, object] = {"operator": self.operator, "order": self.order, "product": self.product}
+        given |= {"unit": self.units or self.reads_units, "tip": self.tips}
+        given |= {"wire_lot": self.wire_lots, "flux_lot": self.flux_lots}
         told = {**given, **{f"tag.{name}": value for name, value in self.tags.items()}}
         return [_option(name) for name in required if not told.get(name)]
 
 
 def _option(name: str) -> str:
-    return f"--tag {name.removeprefix('tag.')}=…" if name.startswith("tag.") else f"--{name} …"
+    return f"--tag {name.removeprefix('tag.')}=…" if name.startswith("tag.") else f"--{name.replace('_', '-')} …"
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,6 +159,7 @@ def make_plan(wanted: Wanted) -> Plan:
     for station in stations:
         problems += _mismatches(line, station)
     problems += _missing_metadata(stations, wanted)
+    _expect_places(chosen, wanted.metadata.tips)
     if problems:
         raise Problems(problems)
     return Plan(line, _with_file_names(stations), wanted)
@@ -288,3 +296,13 @@ def _missing_metadata(stations: Sequence[StationPlan], wanted: Wanted) -> Iterat
         missing = wanted.metadata.missing(recipe.metadata.required)
         if missing:
             yield recipe.problem(("metadata", "required"), f"give {' '.join(missing)}")
+
+
+def _expect_places(chosen: Sequence[StationSpec], tips: Sequence[str]) -> None:
+    """A tip for a place that this run does not have is none that it runs with. Raises `UsageError`."""
+    places = {spec.name for spec in chosen} | {f"{spec.name}:{port}" for spec in chosen for port in spec.ports or PORTS}
+    for text in tips:
+        place, equals, name = text.partition("=")
+        if equals and (place not in places or not name):
+            names = ", ".join(spec.name for spec in chosen)
+            raise UsageError(f"--tip {text}: give ID, STATION=ID or STATION:PORT=ID, with a station of this run: {names}")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import unicodedata
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -46,6 +47,7 @@ AS_JSON = typer.Option(False, "--json", help="One JSON object on stdout.")
 _PARTS = re.compile(r"(?:(\d+(?:\.\d+)?)h)?(?:(\d+(?:\.\d+)?)m)?(?:(\d+(?:\.\d+)?)s?)?", re.ASCII)
 LONGEST_S = 366 * 86400.0
 LONGEST_TEXT = 200
+SEVERAL = ("--unit", "--wire-lot", "--flux-lot", "--tip")  # may be repeated
 HIDDEN = ("Cc", "Cf", "Co", "Cn", "Zl", "Zp")  # categories of characters that do not show
 
 
@@ -74,26 +76,37 @@ def rate(text: str | None) -> float | str | None:
     return hertz
 
 
-def tags(pairs: list[str]) -> dict[str, str]:
+def tags(pairs: Sequence[str]) -> dict[str, str]:
     """``K=V`` pairs. Raises `UsageError`."""
-    found = {}
+    found: dict[str, str] = {}
     for pair in pairs:
         key, equals, value = pair.partition("=")
         if not equals or not key:
             raise UsageError(f"--tag {pair}: give it as NAME=VALUE")
+        if key in found:
+            raise UsageError(f"--tag {pair}: {key} is given twice")
         found[key] = value
     return found
 
 
-def metadata(operator: str | None, order: str | None, product: str | None, units: list[str], pairs: list[str]) -> Metadata:
-    """What people say of a run. Raises `UsageError` where a text could not be kept, shown or signed as it is."""
+def metadata(
+    operator: str | None,
+    order: str | None,
+    product: str | None,
+    several: Mapping[str, Sequence[str]],
+) -> Metadata:
+    """What people say of a run; `several` by the options that may be repeated.
+
+    Raises `UsageError` where a text could not be kept, shown or signed as it is.
+    """
     from jbclog.plan import Metadata
 
     told = [("--operator", operator), ("--order", order), ("--product", product)]
-    told += [("--unit", unit) for unit in units] + [("--tag", pair) for pair in pairs]
+    told += [(option, text) for option, texts in several.items() for text in texts]
     for option, text in told:
         check_text(option, text or "")
-    return Metadata(operator, order, product, tuple(units), tags(pairs))
+    units, wire_lots, flux_lots, tips = (tuple(several.get(option, ())) for option in SEVERAL)
+    return Metadata(operator, order, product, units, tags(several.get("--tag", ())), wire_lots, flux_lots, tips)
 
 
 def check_text(option: str, text: str) -> None:

@@ -117,6 +117,8 @@ def _command(recording: Recording, line: Path) -> list[str]:
     options += [("--duration", None if recording.sampled_s is None else f"{recording.sampled_s:g}s")]
     options += [("--operator", told.operator), ("--order", told.order), ("--product", told.product)]
     options += [("--unit", unit) for unit in told.units] + [("--tag", f"{name}={text}") for name, text in told.tags.items()]
+    options += [("--wire-lot", lot) for lot in told.wire_lots] + [("--flux-lot", lot) for lot in told.flux_lots]
+    options += [("--tip", tip) for tip in told.tips]
     words = ["jbclog", "run", "--line", str(line), *(word for name, text in options if text for word in (name, text))]
     return words + ["--allow-omega-write"] * plan.wanted.allow_omega_write
 

@@ -12,10 +12,12 @@ from jbclog.cli import options
 from jbclog.cli.output import ends_with_errors_told, note, tell, tell_json
 from jbclog.cli.told import reasons_told, tools_text
 from jbclog.cli.unheld import never_wait
+from jbclog.cli.unit_lines import listed, source_of, unshown
 from jbclog.outcome import Exit, in_order
 
 if TYPE_CHECKING:
     from jbclog.dossier import Result
+    from jbclog.drive.typed import Source
     from jbclog.plan import Wanted
 
 MOST_REASONS = 12  # told on the terminal; all of them are in the manifest and the report
@@ -33,6 +35,18 @@ def run(
     order: str | None = typer.Option(None, metavar="NUMBER", help="The work order."),
     product: str | None = typer.Option(None, metavar="NAME", help="What is made."),
     unit: list[str] = typer.Option([], metavar="SERIAL", help="A unit that is made; may be repeated."),
+    units: str | None = typer.Option(
+        None,
+        metavar="-|FILE",
+        help="Serials of units, a line each, read while the run goes on: what a barcode reader types (-), a pipe or a device. "
+        "Of a plain file all lines are units from the start.",
+        show_default=False,
+    ),
+    wire_lot: list[str] = typer.Option([], metavar="LOT", help="The solder wire's lot; may be repeated."),
+    flux_lot: list[str] = typer.Option([], metavar="LOT", help="The flux's lot; may be repeated."),
+    tip: list[str] = typer.Option(
+        [], metavar="[STATION[:PORT]=]ID", help="Which tip is in the tools, or in one station's, or in one; may be repeated."
+    ),
     tag: list[str] = typer.Option([], metavar="NAME=VALUE", help="Anything else to keep with the run; may be repeated."),
     wire: bool = typer.Option(False, "--wire", help="Keep every byte with its time in the run's folder, for `jbclog replay`."),
     no_guard: bool = typer.Option(False, "--no-guard", help="Run without the process that makes tools safe if this one dies."),
@@ -49,14 +63,17 @@ def run(
       jbclog run profiles/recipes/sn100c-tht.toml --line virtual/line.toml --duration 15m --operator "A. Rossi" --order 88123
     """
     never_wait()
-    said = options.metadata(operator, order, product, unit, tag)
+    several = {"--unit": [*unit, *listed(units)], "--tag": tag, "--wire-lot": wire_lot, "--flux-lot": flux_lot, "--tip": tip}
+    said = options.metadata(operator, order, product, several)
+    source = source_of(units)
+    said = replace(said, reads_units=source is not None)
     wanted = options.wanted(line, recipe, stations, duration, rate, said, allow_omega_write=allow_omega_write)
     wanted = replace(wanted, wire=wire, guard=not no_guard)
-    code = record(wanted, out, as_json=as_json)
+    code = record(wanted, out, source, as_json=as_json)
     raise typer.Exit(code)
 
 
-def record(wanted: Wanted, out: Path, *, as_json: bool) -> int:
+def record(wanted: Wanted, out: Path, units: Source | None = None, *, as_json: bool) -> int:
     """Run and tell what came of it; give the exit code."""
     from jbclog.cli.aside import Aside
     from jbclog.cli.progress import observer
@@ -68,7 +85,8 @@ def record(wanted: Wanted, out: Path, *, as_json: bool) -> int:
         note(f"note: {text}")
     shown = Aside(observer(wanted.duration_s, quiet=as_json))
     try:
-        result = conduct(plan, out, shown, missed=shown.missed, is_last=True)
+        with unshown(units):
+            result = conduct(plan, out, shown, missed=shown.missed, is_last=True, units=units)
     finally:
         shown.close()
     if as_json:

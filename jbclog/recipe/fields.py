@@ -17,7 +17,7 @@ from jbclog.recipe.schema import FromList, said, shown, unknown
 
 FIVE_DIGITS: Final = "as far as five digits go; no manual prints a range"
 TENTHS: Final = "0 to 409.5 in steps of 0.1"
-METADATA: Final = ("operator", "order", "product", "unit")
+METADATA: Final = ("operator", "order", "product", "unit", "wire_lot", "flux_lot", "tip")
 
 
 def _minutes(value: object) -> int | Off:

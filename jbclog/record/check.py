@@ -23,6 +23,7 @@ from jbclog.record.ledger import disagreements, ledger_of, reasons_of
 from jbclog.record.manifest import NAME, Manifest, SealedFile, read_manifest, wrong_digest
 from jbclog.record.parts import part_paths, read_through, row_groups
 from jbclog.record.schema import SCHEMAS, TABLES
+from jbclog.record.units import units_of
 from jbclog.rows import SIGNAL_COLUMNS, quality_of
 
 
@@ -54,7 +55,7 @@ def check(folder: Path, head: str | None = None) -> list[Finding]:
     if unreadable:
         return findings + unreadable  # what cannot be read cannot be checked further
     try:
-        return [*findings, *_ledger(folder, manifest), *_events(folder, manifest), *_samples(folder)]
+        return [*findings, *_ledger(folder, manifest), *_units(folder, manifest), *_events(folder, manifest), *_samples(folder)]
     except Exception as error:  # rows that no recorder wrote; what was found so far must not be lost over them
         return [*findings, Finding("tables", f"cannot be checked further: {type(error).__name__}: {error}")]
 
@@ -159,6 +160,11 @@ def _ledger(folder: Path, manifest: Manifest) -> Iterator[Finding]:
     if manifest.exit_status != "lost" and manifest.lost is None:
         for facts in manifest.stations:
             yield from (Finding("samples/", text) for text in disagreements(derived, facts))
+
+
+def _units(folder: Path, manifest: Manifest) -> Iterator[Finding]:
+    if units_of(folder) != manifest.units:
+        yield Finding(NAME, "units: not those that the events tell of")
 
 
 # -- events -----------------------------------------------------------------------------------------------------------

@@ -29,6 +29,7 @@ from jbclog.record.parts import complete, part_paths, row_groups, through
 from jbclog.record.schema import TABLES
 from jbclog.record.stock import Stock
 from jbclog.record.store import companions, segments
+from jbclog.record.units import units_of
 from jbclog.rows import StationFacts
 
 RUNNING: Final = "running"
@@ -58,6 +59,7 @@ def conclude(folder: Path, manifest: Manifest, lock: FolderLock) -> Manifest:
         lost = manifest.lost or _lost(damage.read(folder), dropped)
         sealed = replace(manifest, state="sealed", stations=stations, lost=lost, ended=manifest.ended or last_time(folder))
         sealed.ledger = ledger_of(folder, stations)
+        sealed.units = units_of(folder)
         _keep_damaged(folder)
         guarded.tidy(folder)
         sealed.files = list(files_of(folder))

@@ -76,13 +76,45 @@ class RecipeFile:
 
 @dataclass(frozen=True, slots=True)
 class Metadata:
-    """What people said of the run when they started it."""
+    """What people said of the run when they started it.
+
+    A tip is ``ID``, ``STATION=ID`` or ``STATION:PORT=ID``: of every tool, of a station's, of one.
+    """
 
     operator: str | None = None
     order: str | None = None
     product: str | None = None
     units: list[str] = field(default_factory=list)
     tags: dict[str, str] = field(default_factory=dict)
+    wire_lots: list[str] = field(default_factory=list)
+    flux_lots: list[str] = field(default_factory=list)
+    tips: list[str] = field(default_factory=list)
+
+    def said(self) -> dict[str, str]:
+        """Everything that was said, by its name, tags behind the rest; several of one kind behind each other."""
+        plain = {"operator": self.operator, "order": self.order, "product": self.product}
+        several = {"units": self.units, "wire lots": self.wire_lots, "flux lots": self.flux_lots, "tips": self.tips}
+        told = plain | {name: ", ".join(texts) for name, texts in several.items()}
+        tags = {f"tag {name}" if name in told else name: text for name, text in self.tags.items()}
+        return {name: text for name, text in told.items() if text} | tags
+
+    def tip(self, station: str, port: int) -> str | None:
+        """Which tip was said to be in a port: that of the port, of its station, of the run. None: nobody said so, or not one."""
+        of: dict[str, set[str]] = {}
+        for text in self.tips:
+            place, equals, name = text.partition("=")
+            of.setdefault(place if equals else "", set()).add(name if equals else place)
+        found = of.get(f"{station}:{port}") or of.get(station) or of.get("") or set()
+        return found.pop() if len(found) == 1 else None
+
+
+@dataclass(frozen=True, slots=True)
+class Unit:
+    """A unit that was on the bench while the run went on; times as in the manifest, `end` None where no event tells it."""
+
+    serial: str
+    begin: str
+    end: str | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,7 +151,8 @@ class Manifest:
     Times are ISO 8601 in UTC; `t0_mono` is the moment of tick 0 on the recorder's monotonic clock in seconds, `t0_utc`
     the same moment in seconds since 1970 UTC. `rate` is in Hz or ``max``. `wire` is None where what passed over the wires
     was not kept, ``whole`` where it was, or says what of it is missing. `previous` is None where the recorder had not come
-    to looking for it.
+    to looking for it. `units` are those whose serials were read while the run went on, as its events have them; those that
+    were named when it was started are in `metadata`.
 
     In the file a last key follows, `digest`: the SHA-256 of the file without it.
     """
@@ -138,6 +171,7 @@ class Manifest:
     line: LineFile | None = None
     recipes: list[RecipeFile] = field(default_factory=list)
     metadata: Metadata = field(default_factory=Metadata)
+    units: list[Unit] = field(default_factory=list)
     host: dict[str, str] = field(default_factory=dict)
     rate: float | str | None = None
     guard: str = "none"
@@ -147,6 +181,10 @@ class Manifest:
     lost: Lost | None = None
     files: list[SealedFile] = field(default_factory=list)
     previous: Previous | None = None
+
+    def serials(self) -> list[str]:
+        """Every unit that is known of, each once: those named at the start, then those read while the run went on."""
+        return list(dict.fromkeys([*self.metadata.units, *(unit.serial for unit in self.units)]))
 
     def station(self, name: str) -> StationFacts | None:
         """What is known of the station called `name`."""

@@ -121,7 +121,8 @@ class Recording:
         if self.manifest is None:
             return Metadata(tags=tags)
         told = self.manifest.metadata
-        return Metadata(told.operator, told.order, told.product, tuple(told.units), told.tags | tags)
+        lots = tuple(told.wire_lots), tuple(told.flux_lots)
+        return Metadata(told.operator, told.order, told.product, tuple(told.units), told.tags | tags, *lots, tuple(told.tips))
 
 
 def _sampled_s(facts: StationFacts) -> float | None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from datetime import datetime
 from pathlib import Path
 
@@ -110,10 +110,7 @@ def _previous(manifest: Manifest) -> str:
 
 def _metadata(manifest: Manifest) -> dict[str, object]:
     """What people said of the run, without what they did not say."""
-    said = manifest.metadata
-    units = {"units": ", ".join(said.units)} if said.units else {}
-    named = {name: getattr(said, name) for name in ("operator", "order", "product") if getattr(said, name)}
-    return {**named, **units, **said.tags}
+    return {**replace(manifest.metadata, units=manifest.serials()).said()}
 
 
 def _duration_s(manifest: Manifest) -> float | None:

@@ -49,7 +49,8 @@ MAY_USE = {
     "plan": f"{BOTTOM} commands recipe scheduler session",
     "dossier": f"{BOTTOM} plan outcome session record judge episodes",
     "guarding": "guard rows",
-    "conduct": f"{BOTTOM} dossier guarding guard plan outcome session drive transport record",
+    "unit_feed": "drive rows",
+    "conduct": f"{BOTTOM} dossier guarding unit_feed guard plan outcome session drive transport record",
     "replaying": "dossier plan recipe session drive record sim clock rows effects tape errors",
     "jbclog": "analysis errors",  # public names, loaded when they are used
 }

@@ -1,0 +1,118 @@
+"""Units whose serials are read while a run goes on: from lines to events of the run.
+
+A serial begins its unit and ends the one before it; what a station does from then on belongs to it. The same serial again
+changes nothing. A line that is too long to be trusted ends the unit as well: whose joints follow is not known then, and not
+those of the last one. So does a reader that is gone. Where a pipe was closed in good order the last unit goes on, and that is
+said.
+
+Kinds of events: `unit.begin` and `unit.end` (`raw` is the serial), `unit.again`, `unit.refused`, `unit.closed`, `unit.lost`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Final
+
+from jbclog.drive.typed import Gone, Line, Source, Splitter
+from jbclog.rows import EventRow, Severity
+
+LOOK_EVERY_S: Final = 0.1
+LOOKS_AT_END: Final = 64  # at what had come and was not read yet
+
+Keep = Callable[[EventRow], None]
+
+
+class UnitFeed:
+    """Reads `source` and has `keep` keep what came of it. `micros` gives the time now, UTC microseconds."""
+
+    def __init__(self, source: Source, keep: Keep, micros: Callable[[], int]) -> None:
+        self.unit: str | None = None
+        self.has_had_any = False
+        self._source: Source | None = source
+        self._keep = keep
+        self._micros = micros
+        self._splitter = Splitter()
+        self._now = self._looked = micros()
+
+    def look(self) -> bool:
+        """Take in what has come since the last look; give whether there was anything. Returns at once."""
+        if self._source is None:
+            return False
+        self._looked, self._now = self._now, self._micros()
+        try:
+            data = self._source.read()
+        except Gone as why:
+            self._lose(self._source, str(why))
+            return False
+        if data is None:
+            self._close_source(self._source)
+        else:
+            self._take(*self._splitter.feed(data))
+        return bool(data)
+
+    def finish(self) -> None:
+        """At the run's end: take in what is there, end the unit, give the source up."""
+        for _ in range(LOOKS_AT_END):
+            if not self.look():
+                break
+        self._now = self._micros()
+        for line in self._splitter.finish():
+            self._tell(
+                "unit.refused", f"{line.text} came without the end of its line; it began no unit.", line.text, Severity.WARNING
+            )
+        self._end_unit()
+        if self._source is not None:
+            self._source.close()
+            self._source = None
+
+    def _take(self, *lines: Line) -> None:
+        again = 0
+        for line in lines:
+            if line.is_whole and line.text == self.unit:
+                again += 1
+                continue
+            self._tell_again(again)
+            again = 0
+            self._change(line)
+        self._tell_again(again)
+
+    def _change(self, line: Line) -> None:
+        if not line.is_whole:
+            text = f"A line of more than {len(line.text)} characters is no serial; whose joints follow is not known."
+            self._tell("unit.refused", text, line.text, Severity.WARNING)
+            self._end_unit()
+            return
+        self._end_unit()
+        self.unit, self.has_had_any = line.text, True
+        if line.is_clear:
+            self._tell("unit.begin", f"Unit {line.text} begins.", line.text)
+        else:
+            text = f"Unit {line.text} begins; its serial held what does not show, which stands here as an escape."
+            self._tell("unit.begin", text, line.text, Severity.WARNING)
+
+    def _tell_again(self, times: int) -> None:
+        if times:
+            self._tell("unit.again", f"The serial of unit {self.unit} came again; nothing changes.", self.unit, value=times)
+
+    def _end_unit(self) -> None:
+        if self.unit is not None:
+            self._tell("unit.end", f"Unit {self.unit} ends.", self.unit)
+            self.unit = None
+
+    def _close_source(self, source: Source) -> None:
+        self._take(*self._splitter.finish())
+        going_on = f"unit {self.unit} goes on to the end of the run" if self.unit else "there is no unit from here on"
+        self._tell("unit.closed", f"No more serials come from {source.name}, which was closed: {going_on}.", None, Severity.WARNING)
+        source.close()
+        self._source = None
+
+    def _lose(self, source: Source, why: str) -> None:
+        text = f"No more serials can be read from {source.name}: {why}. Whose joints follow is not known."
+        self._tell("unit.lost", text, None, Severity.WARNING)
+        self._end_unit()
+        source.close()
+        self._source = None
+
+    def _tell(self, kind: str, text: str, raw: str | None, severity: Severity = Severity.INFO, value: float | None = None) -> None:
+        earliest = self._looked if self._looked < self._now else None
+        self._keep(EventRow(self._now, kind, severity, text, earliest=earliest, value=value, raw=raw))

@@ -1,0 +1,119 @@
+"""From lines to units: what begins one, what ends one, and when nobody knows whose joints follow."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+import pytest
+
+from jbclog.drive.typed import Source
+from jbclog.rows import EventRow
+from jbclog.unit_feed import UnitFeed
+
+
+@dataclass
+class Desk:
+    """A feed that a test types into; each look is a second after the one before."""
+
+    writing: int
+    events: list[EventRow] = field(default_factory=list)
+    now: int = 0
+
+    def micros(self) -> int:
+        self.now += 1_000_000
+        return self.now
+
+    def told(self) -> list[tuple[str, str | None]]:
+        return [(event.kind.removeprefix("unit."), event.raw) for event in self.events]
+
+
+@dataclass
+class Feeding:
+    desk: Desk
+    feed: UnitFeed
+
+    def types(self, *lines: bytes) -> list[tuple[str, str | None]]:
+        """What is told when these lines have come, each before a look of its own."""
+        before = len(self.desk.events)
+        for line in lines:
+            os.write(self.desk.writing, line)
+            self.feed.look()
+        return self.desk.told()[before:]
+
+    def hangs_up(self) -> None:
+        os.close(self.desk.writing)
+        self.desk.writing = -1
+
+
+@pytest.fixture
+def feeding() -> Iterator[Feeding]:
+    reading, writing = os.pipe()
+    desk = Desk(writing)
+    yield Feeding(desk, UnitFeed(Source(reading, "stdin"), desk.events.append, desk.micros))
+    if desk.writing >= 0:
+        os.close(desk.writing)
+
+
+def test_a_serial_begins_its_unit_and_ends_the_one_before(feeding: Feeding) -> None:
+    assert feeding.types(b"SN-1\n", b"SN-2\n") == [("begin", "SN-1"), ("end", "SN-1"), ("begin", "SN-2")]
+    end, begin = feeding.desk.events[-2:]
+    assert end.time == begin.time
+
+
+def test_a_unit_begins_somewhere_between_two_looks(feeding: Feeding) -> None:
+    feeding.types(b"SN-1\n")
+    (event,) = feeding.desk.events
+    assert (event.earliest, event.time) == (1_000_000, 2_000_000)
+
+
+def test_the_same_serial_again_changes_nothing_and_is_told_once(feeding: Feeding) -> None:
+    assert feeding.types(b"SN-1\n", b"SN-1\nSN-1\n\n") == [("begin", "SN-1"), ("again", "SN-1")]
+    assert feeding.desk.events[-1].value == 2
+
+
+def test_a_unit_that_comes_back_begins_again(feeding: Feeding) -> None:
+    told = feeding.types(b"SN-1\nSN-2\nSN-1\n")
+    assert [raw for kind, raw in told if kind == "begin"] == ["SN-1", "SN-2", "SN-1"]
+
+
+def test_a_line_that_is_no_serial_ends_the_unit_for_nobody_knows_whose_joints_follow(feeding: Feeding) -> None:
+    feeding.types(b"SN-1\n")
+    assert feeding.types(b"X" * 250, b"\n") == [("refused", "X" * 200), ("end", "SN-1")]
+    assert feeding.feed.unit is None
+
+
+def test_what_does_not_show_is_a_warning_and_the_unit_begins(feeding: Feeding) -> None:
+    assert feeding.types(b"A\x1dB\n") == [("begin", "A\\x1dB")]
+    assert feeding.desk.events[0].severity == "warning"
+
+
+def test_a_pipe_that_was_closed_leaves_the_last_unit_and_says_so(feeding: Feeding) -> None:
+    feeding.types(b"SN-1\nSN-2")
+    feeding.hangs_up()
+    feeding.feed.look()
+    assert feeding.desk.told()[-3:] == [("end", "SN-1"), ("begin", "SN-2"), ("closed", None)]
+    assert "unit SN-2 goes on to the end of the run" in feeding.desk.events[-1].text
+    assert not feeding.feed.look()
+    feeding.feed.finish()
+    assert feeding.desk.told()[-1] == ("end", "SN-2")
+
+
+def test_a_reader_that_is_gone_leaves_no_unit() -> None:
+    reading, writing = os.pipe()
+    desk = Desk(writing)
+    feed = UnitFeed(Source(reading, "/dev/ttyACM0", ends=False), desk.events.append, desk.micros)
+    Feeding(desk, feed).types(b"SN-1\n")
+    os.close(writing)
+    feed.look()
+    assert desk.told()[-2:] == [("lost", None), ("end", "SN-1")]
+    feed.finish()
+    assert len(desk.told()) == 3
+
+
+def test_the_end_of_the_run_takes_in_what_has_come(feeding: Feeding) -> None:
+    os.write(feeding.desk.writing, b"SN-1\nSN-2\nSN")
+    feeding.feed.finish()
+    assert feeding.desk.told()[-4:] == [("end", "SN-1"), ("begin", "SN-2"), ("refused", "SN"), ("end", "SN-2")]
+    assert "without the end of its line" in feeding.desk.events[-2].text
