@@ -92,6 +92,11 @@ class Alarms:
         given = (self.acknowledged.get(episode.id) for episode in incident.episodes)
         return min((one for one in given if one is not None), key=lambda one: one.time, default=None)
 
+    def is_waiting(self, incident: Incident) -> bool:
+        """Whether it is an alarm, by the station or by our samples, and nobody has acknowledged it."""
+        is_alarm = any(one.detector is not Detector.AFTERWARDS for one in incident.episodes)
+        return is_alarm and self.acknowledgement(incident) is None
+
     def incident_of(self, episode_id: str) -> Incident | None:
         """The incident that an episode belongs to."""
         return next((one for one in self.incidents for each in one.episodes if each.id == episode_id), None)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import typer
 
 from jbclog import __version__
+from jbclog.cli.alarms import alarms
 from jbclog.cli.annotate import annotate
 from jbclog.cli.check import check
 from jbclog.cli.demo import demo
@@ -47,7 +48,7 @@ def _main(
 ) -> None: ...
 
 
-for verb in (demo, sim, scan, doctor, plan, run, safe, report, check, annotate, recover, replay):
+for verb in (demo, sim, scan, doctor, plan, run, safe, report, check, alarms, annotate, recover, replay):
     app.command()(verb)
 app.command(cls=ReadCommand)(read)
 app.command(cls=WriteCommand)(write)

@@ -34,6 +34,12 @@ class Incident:
     by: dict[Detector, list[Episode]] = field(default_factory=dict)
 
     @property
+    def name(self) -> str:
+        """The episode that stands for it: our samples' before the station's, which are told later."""
+        ranks = (Detector.SAMPLES, Detector.STATION, Detector.AFTERWARDS)
+        return min(self.episodes, key=lambda one: (ranks.index(one.detector), one.onset_us)).id
+
+    @property
     def begin_us(self) -> int:
         return min(one.onset_earliest_us for one in self.episodes)
 
