@@ -69,14 +69,24 @@ def keep(folder: Path, stations: Iterable[StationLease]) -> None:
             (folder / NAME).unlink()
         whereabouts.forget(folder)
         return
-    beside = folder / f"{NAME}.new"
-    with beside.open("w", encoding="utf-8") as file:
-        file.writelines(f"{station.to_json()}\n" for station in held)
-        file.flush()
-        os.fsync(file.fileno())
-    beside.replace(folder / NAME)
+    _put(folder / NAME, "".join(f"{station.to_json()}\n" for station in held))
     _sync(folder)
     whereabouts.note(folder)
+
+
+def _put(path: Path, text: str) -> None:
+    """The old lease or the new one, never half of one, and nothing beside it. Raises `OSError`."""
+    beside = path.with_name(f"{NAME}.new")
+    try:
+        with beside.open("w", encoding="utf-8") as file:
+            file.write(text)
+            file.flush()
+            os.fsync(file.fileno())
+        beside.replace(path)
+    except OSError:
+        with suppress(OSError):
+            beside.unlink()
+        raise
 
 
 def _sync(folder: Path) -> None:

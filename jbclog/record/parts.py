@@ -27,6 +27,7 @@ SPLIT: Final = ("late_us", "scan_us", "temperature_c", "power_permille")
 DIFFERENCES: Final = ("time", "tick", "seq")
 THROUGH: Final = b"jbclog.through"
 PROBE: Final = "probe"  # with which a new folder is tried
+HALF_A_LEASE: Final = "lease.json.new"
 PREPARING: Final = "."  # readers of Parquet folders leave out what begins with a dot
 
 Groups = Callable[[], Iterable[pa.Table]]
@@ -168,8 +169,8 @@ def remove_leavings(folder: Path) -> None:
 
 
 def remove_unfinished(folder: Path) -> None:
-    """Remove the small files that a crash left aside (`durable`), and the first one that any run writes (`folder`)."""
-    for path in [*folder.glob(".*.tmp"), *folder.glob("recipes/.*.tmp"), folder / PROBE]:
+    """Remove the small files that a crash left aside (`durable`, the guard's lease), and the first that any run writes (`folder`)."""
+    for path in [*folder.glob(".*.tmp"), *folder.glob("recipes/.*.tmp"), folder / PROBE, folder / HALF_A_LEASE]:
         path.unlink(missing_ok=True)
 
 

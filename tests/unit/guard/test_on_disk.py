@@ -44,6 +44,21 @@ def test_what_holds_something_is_kept_and_nothing_else(tmp_path: Path) -> None:
     assert kept(tmp_path) == []
 
 
+def test_a_disk_that_does_not_take_a_lease_keeps_the_old_one_and_nothing_of_the_new(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    keep(tmp_path, [lease("a")])
+
+    def fails(descriptor: int) -> None:
+        raise OSError(errno.EIO, os.strerror(errno.EIO))
+
+    monkeypatch.setattr(os, "fsync", fails)
+    with pytest.raises(OSError, match="Input/output"):
+        keep(tmp_path, [lease("b")])
+    assert [one.name for one in kept(tmp_path)] == ["a"]
+    assert [path.name for path in tmp_path.iterdir()] == [NAME]
+
+
 def test_a_line_that_cannot_be_read_does_not_hide_the_others(tmp_path: Path) -> None:
     keep(tmp_path, [lease("a"), lease("b")])
     first, second = (tmp_path / NAME).read_text().splitlines()

@@ -189,8 +189,8 @@ def test_a_commit_that_waited_long_before_is_reckoned_with(tmp_path: Path) -> No
 def test_what_a_kill_left_aside_at_the_start_is_removed(tmp_path: Path) -> None:
     folder = few_rows.abandoned(tmp_path)
     (folder / "recipes").mkdir()
-    for name in ("probe", ".probe.tmp", ".line.toml.tmp", ".manifest.json.tmp", "recipes/.job.toml.tmp"):
+    for name in ("probe", ".probe.tmp", ".line.toml.tmp", ".manifest.json.tmp", "lease.json.new", "recipes/.job.toml.tmp"):
         (folder / name).write_text("half")
     recover(folder)
     assert check(folder) == []
-    assert [path.name for path in folder.rglob("*") if path.name.endswith(".tmp") or path.name == "probe"] == []
+    assert [path.name for path in folder.rglob("*") if path.name.endswith((".tmp", ".new", "probe"))] == []
