@@ -169,7 +169,7 @@ def remove_leavings(folder: Path) -> None:
 
 
 def remove_unfinished(folder: Path) -> None:
-    """Remove the small files that a crash left aside (`durable`, the guard's lease), and the first that any run writes (`folder`)."""
+    """Remove what a crash left aside: small files (`durable`), the guard's lease, the first that any run writes (`folder`)."""
     for path in [*folder.glob(".*.tmp"), *folder.glob("recipes/.*.tmp"), folder / PROBE, folder / HALF_A_LEASE]:
         path.unlink(missing_ok=True)
 
