@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from jbclog.analysis.alarms import Alarms
+    from jbclog.analysis.units import Times
 
 Moment = str | datetime | pd.Timestamp
 """A time: a string such as ``2026-11-21T01:30``, a datetime or a Timestamp; UTC where it names no zone."""
@@ -121,6 +122,12 @@ class Run:
         from jbclog.analysis.alarms import alarms_of
 
         return alarms_of(self)
+
+    def unit_at(self, times: Times) -> pd.Series:
+        """The serial of the unit on the bench at each of these UTC moments, in their order; missing where none is known."""
+        from jbclog.analysis.units import unit_at
+
+        return unit_at(self, times)
 
     def plot(self, station: str | None = None, port: int | None = None) -> Figure:
         """Temperature against its setting, power below, what was not read hatched; a panel a port."""

@@ -17,6 +17,7 @@ from jbclog.cli.recover import recover
 from jbclog.cli.replay import replay
 from jbclog.cli.report import report
 from jbclog.cli.run import run
+from jbclog.cli.runs import runs
 from jbclog.cli.safe import safe
 from jbclog.cli.scan import scan
 from jbclog.cli.sim import sim
@@ -48,7 +49,7 @@ def _main(
 ) -> None: ...
 
 
-for verb in (demo, sim, scan, doctor, plan, run, safe, report, check, alarms, annotate, recover, replay):
+for verb in (demo, sim, scan, doctor, plan, run, safe, runs, report, check, alarms, annotate, recover, replay):
     app.command()(verb)
 app.command(cls=ReadCommand)(read)
 app.command(cls=WriteCommand)(write)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import types
 from collections.abc import Callable
 from dataclasses import MISSING, fields, is_dataclass
+from functools import cache
 from typing import Union, cast, get_args, get_origin, get_type_hints
 
 
@@ -36,13 +37,19 @@ def build(hint: object, data: object, key: str = "") -> object:
 def _dataclass(hint: type, data: object, key: str) -> object:
     if not isinstance(data, dict):
         raise Misfit(f"{key or hint.__name__}: not an object")
-    hints, made = get_type_hints(hint), {}
+    hints, made = _hints(hint), {}
     for one in fields(hint):
         if one.name in data:
             made[one.name] = build(hints[one.name], data[one.name], f"{key}.{one.name}".lstrip("."))
         elif one.default is MISSING and one.default_factory is MISSING:
             raise Misfit(f"{key or hint.__name__}: {one.name} is missing")
     return cast(Callable[..., object], hint)(**made)
+
+
+@cache
+def _hints(hint: type) -> dict[str, object]:
+    """Which take longer to find out than all the rest."""
+    return get_type_hints(hint)
 
 
 def _first_that_fits(hints: tuple[object, ...], data: object, key: str) -> object:

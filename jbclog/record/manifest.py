@@ -247,7 +247,11 @@ def wrong_digest(folder: Path) -> str | None:
 
     It shows a change that was not meant to deceive: whoever changes the manifest can also change the digest.
     """
-    data = (folder / NAME).read_bytes()
+    return why_changed((folder / NAME).read_bytes())
+
+
+def why_changed(data: bytes) -> str | None:
+    """The same of a manifest that was read already."""
     found = _DIGEST.search(data)
     if found is None:
         is_old = set(json.loads(data)) <= OF_0_1

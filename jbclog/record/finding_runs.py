@@ -1,0 +1,239 @@
+"""Finding runs by what was said of them and by what came of them, from their manifests alone.
+
+    for one in find(Path("runs"), Filter(order="88123", since=datetime(2026, 11, 1, tzinfo=UTC))):
+        ...  # a `Found`, or an `Unreadable` of which nobody can say whether it fits
+
+A text that is sought fits whole and letter by letter; ``*`` in it stands for any characters. Runs come in the order of their
+folders' names, which begin with their start. Serials that were read while a run goes on, or before it crashed, are in its
+manifest once it is sealed (`recover`).
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from typing import Final, cast
+
+from jbclog.errors import RecordError
+from jbclog.record.folder import RUN_NAME
+from jbclog.record.from_json import Misfit, build
+from jbclog.record.lock import is_held
+from jbclog.record.manifest import NAME, STATES, LineFile, Lost, Metadata, RecipeFile, Unit, why_changed
+from jbclog.record.schema import SCHEMA_VERSION
+from jbclog.record.units import late_serials
+
+RUNNING, CRASHED, SEALED = "running", "crashed", "sealed"
+STARTED: Final = "%Y%m%dT%H%M%SZ"  # as a folder's name begins
+STARTED_LENGTH: Final = 16
+ROUNDED: Final = timedelta(seconds=1)  # a name has whole seconds
+
+
+@dataclass(frozen=True, slots=True)
+class _Station:
+    name: str
+
+
+@dataclass(frozen=True, slots=True)
+class _Summary:
+    """What of a manifest is needed to find its run."""
+
+    run: str
+    state: str
+    schema: int = SCHEMA_VERSION
+    exit_status: str | None = None
+    exit_code: int | None = None
+    verdict: str | None = None
+    started: str | None = None
+    ended: str | None = None
+    line: LineFile | None = None
+    recipes: list[RecipeFile] = field(default_factory=list)
+    metadata: Metadata = field(default_factory=Metadata)
+    units: list[Unit] = field(default_factory=list)
+    stations: list[_Station] = field(default_factory=list)
+    lost: Lost | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Found:
+    """A run. `state` is ``running``, ``crashed`` (`recover` finishes it) or ``sealed``.
+
+    `units` are all serials: named at the start, read meanwhile, told later. `recipes` are ``NAME@REVISION``.
+    `changed` says what is wrong with the manifest: somebody, or a disk, changed it.
+    """
+
+    folder: Path
+    state: str
+    started: str | None
+    ended: str | None
+    line: str | None
+    stations: tuple[str, ...]
+    recipes: tuple[str, ...]
+    operator: str | None
+    order: str | None
+    product: str | None
+    units: tuple[str, ...]
+    wire_lots: tuple[str, ...]
+    flux_lots: tuple[str, ...]
+    tips: tuple[str, ...]
+    tags: Mapping[str, str]
+    verdict: str | None
+    exit_status: str | None
+    exit_code: int | None
+    lost: str | None
+    changed: str | None
+
+
+@dataclass(frozen=True, slots=True)
+class Unreadable:
+    """A run's folder of which nothing can be told, and why."""
+
+    folder: Path
+    why: str
+
+
+@dataclass(frozen=True, slots=True)
+class Filter:
+    """What is sought; None fits all. Times are those of a run's start, `since` included, `until` not, both with a zone.
+
+    A recipe is ``NAME`` or ``NAME@REVISION``, a tip its ID, with or without its place.
+    """
+
+    operator: str | None = None
+    order: str | None = None
+    product: str | None = None
+    unit: str | None = None
+    wire_lot: str | None = None
+    flux_lot: str | None = None
+    tip: str | None = None
+    tags: Mapping[str, str] = field(default_factory=dict)
+    line: str | None = None
+    station: str | None = None
+    recipe: str | None = None
+    verdict: str | None = None
+    state: str | None = None
+    since: datetime | None = None
+    until: datetime | None = None
+
+    def fits(self, run: Found) -> bool:
+        """Whether `run` is one of those that are sought."""
+        sought: list[tuple[str | None, Iterable[str | None]]] = [
+            (self.operator, [run.operator]),
+            (self.order, [run.order]),
+            (self.product, [run.product]),
+            (self.unit, run.units),
+            (self.wire_lot, run.wire_lots),
+            (self.flux_lot, run.flux_lots),
+            (self.tip, [*run.tips, *(tip.partition("=")[2] for tip in run.tips)]),
+            (self.line, [run.line]),
+            (self.station, run.stations),
+            (self.recipe, [*run.recipes, *(recipe.rpartition("@")[0] for recipe in run.recipes)]),
+            (self.verdict and self.verdict.upper(), [run.verdict]),
+            (self.state, [run.state, run.exit_status]),
+            *((text, [run.tags.get(name)]) for name, text in self.tags.items()),
+        ]
+        return all(text is None or _fits(text, those) for text, those in sought) and self._is_within(run.started)
+
+    def may_have(self, folder: Path) -> bool:
+        """Whether the run in a folder with this name can have begun when it is to have begun."""
+        if not RUN_NAME.fullmatch(folder.name):
+            return True
+        began = _moment(folder.name[:STARTED_LENGTH])
+        return began is None or self._may_begin(began, ROUNDED)
+
+    def _is_within(self, started: str | None) -> bool:
+        if self.since is None and self.until is None:
+            return True
+        return started is not None and self._may_begin(datetime.fromisoformat(started), timedelta())
+
+    def _may_begin(self, began: datetime, margin: timedelta) -> bool:
+        is_early = self.since is not None and began + margin < self.since
+        return not is_early and (self.until is None or began < self.until)
+
+
+ALL: Final = Filter()
+
+
+def find(folder: Path, wanted: Filter = ALL) -> Iterator[Found | Unreadable]:
+    """The runs directly below `folder`, or the one that it is, that fit. Raises `RecordError` where it cannot be read."""
+    for path in _runs_in(folder):
+        if wanted.may_have(path):
+            run = summary_of(path)
+            if isinstance(run, Unreadable) or wanted.fits(run):
+                yield run
+
+
+def summary_of(folder: Path) -> Found | Unreadable:
+    """What the manifest in a run's folder says of it."""
+    path = folder / NAME
+    try:
+        data = path.read_bytes()
+        told = cast(_Summary, build(_Summary, json.loads(data)))
+        if told.state not in STATES or told.schema > SCHEMA_VERSION:
+            return Unreadable(folder, "its manifest is of a newer jbclog, or none")
+        if told.started is not None:
+            datetime.fromisoformat(told.started)
+        return _found(folder, told, why_changed(data))
+    except FileNotFoundError:
+        return Unreadable(folder, "it has no manifest: cut off at its very start, or no run; `jbclog recover` finishes it")
+    except (OSError, ValueError, AttributeError, RecursionError, Misfit, RecordError) as error:
+        return Unreadable(folder, f"its manifest cannot be read: {error}")
+
+
+def _found(folder: Path, told: _Summary, changed: str | None) -> Found:
+    state = told.state if told.state == SEALED else RUNNING if is_held(folder) else CRASHED
+    said = told.metadata
+    serials = [*said.units, *(unit.serial for unit in told.units), *(late_serials(folder) if state == SEALED else ())]
+    return Found(
+        folder=folder,
+        state=state,
+        started=told.started,
+        ended=told.ended,
+        line=None if told.line is None else told.line.name,
+        stations=tuple(station.name for station in told.stations),
+        recipes=tuple(f"{recipe.name}@{recipe.revision}" for recipe in told.recipes),
+        operator=said.operator,
+        order=said.order,
+        product=said.product,
+        units=tuple(dict.fromkeys(serials)),
+        wire_lots=tuple(said.wire_lots),
+        flux_lots=tuple(said.flux_lots),
+        tips=tuple(said.tips),
+        tags=said.tags,
+        verdict=told.verdict,
+        exit_status=told.exit_status,
+        exit_code=told.exit_code,
+        lost=None if told.lost is None else told.lost.text,
+        changed=changed,
+    )
+
+
+def _runs_in(folder: Path) -> list[Path]:
+    try:
+        if RUN_NAME.fullmatch(folder.resolve().name) or (folder / NAME).exists():
+            return [folder]
+        return sorted(path for path in folder.iterdir() if _is_run(path))
+    except OSError as error:
+        raise RecordError(f"{folder} cannot be read: {error.strerror or error}") from error
+
+
+def _is_run(path: Path) -> bool:
+    """By its name, or by what is in it where somebody gave it another one."""
+    return bool(RUN_NAME.fullmatch(path.name)) or (path / NAME).exists()
+
+
+def _moment(text: str) -> datetime | None:
+    try:
+        return datetime.strptime(text, STARTED).replace(tzinfo=UTC)
+    except ValueError:
+        return None
+
+
+def _fits(sought: str, texts: Iterable[str | None]) -> bool:
+    if "*" not in sought:
+        return sought in texts
+    pattern = re.compile(".*".join(map(re.escape, sought.split("*"))), re.DOTALL)
+    return any(text is not None and pattern.fullmatch(text) for text in texts)
