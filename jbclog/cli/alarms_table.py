@@ -25,8 +25,9 @@ def lines(found: Alarms) -> list[str]:
 def _incident(found: Alarms, one: Incident) -> Iterator[str]:
     first, limit = one.episodes[0], next((each.limit_c for each in one.episodes if each.limit_c is not None), None)
     beyond = "" if limit is None else f", limit {limit:g} °C"
-    where, day = f"{one.number}  {first.station} port {first.port}", f"{datetime.fromtimestamp(one.begin_us / 1e6, UTC):%Y-%m-%d} UTC"
-    yield f"{where}, {day}: {first.side} temperature{beyond}; {_witnesses(one)}; {_state(one)}"
+    day = datetime.fromtimestamp(one.begin_us / 1e6, UTC).date()
+    where = f"{one.number}  {first.station} port {first.port}, {day} UTC"
+    yield f"{where}: {first.side} temperature{beyond}; {_witnesses(one)}; {_state(one)}"
     for episode in one.episodes:
         yield f"   {episode.id}  {WITNESS[episode.detector]}: {_span(episode)}"
     if one.finding:
