@@ -59,6 +59,7 @@ OMEGA: dict[str, tuple[str, Meaning]] = {
     "preparing": ("B", lambda data: data == "1"),
     "in_range": ("F", lambda data: data == "0"),
 }
+PROBE = "SER"  # of what stands in a row, what a client asks for no row's sake; on OMEGA everything
 SHARED = {"cooling": "status", "desoldering": "status", "motor": "status", "alarm_low": "alarm_high", "clogged": "solder_shortage"}
 
 
@@ -133,7 +134,8 @@ class _Judge:
             self._lies(place, f"{column} = {value!r} was not even told; the station said {truths}")
         elif value not in means and not any(self._is_forged(data, code, now) for data, now in told):
             self._lies(place, f"{column} = {value!r}, the station said {truths}, and nothing was forged")
-        if words and meaning(words[-1][0][0]) not in means:  # the first answer to the last question
+        is_probe = (self.is_omega or code == PROBE) and value in means  # asked later, to see whether anybody is there
+        if words and meaning(words[-1][0][0]) not in means and not is_probe:  # the first answer to the last question
             self.verdict.due_to_be.add(place)
 
     def _lies(self, place: Reading, text: str) -> None:
