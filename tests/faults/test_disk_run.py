@@ -17,7 +17,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-from command import is_sampling, until
+from command import is_sampling, jbclog, until
 from guarded import begun, only_run
 from invariants import Ended, violations
 from killed_run import folders
@@ -25,6 +25,7 @@ from served_line import ServedLine
 from small_disk import small_disk
 from station_log import heard_in
 
+from jbclog.record.check import check
 from jbclog.record.manifest import read_manifest
 from jbclog.record.recover import recover
 
@@ -95,8 +96,9 @@ def test_a_disk_that_is_filled_while_the_run_goes_on(line: ServedLine, tmp_path:
         manifest = read_manifest(folder)
         assert manifest.exit_status in ("failed", "lost")
         assert "record.failed" in said_in(folder) or manifest.lost is not None
-        with sampling(line, disk / "again"):  # nothing stands in the way of the next
-            pass
+        jbclog("run", line.recipe, "--line", line.path, "--out", out, "-d", "1s", "-s", "dde-1")
+        (again,) = folders(out) - {folder}  # nothing stands in the way of the next
+        assert (read_manifest(again).state, check(again)) == ("sealed", [])
 
 
 MOST_OPERATIONS = 150  # of each process of a short run: the recorder, its guard, the child that seals
