@@ -65,7 +65,7 @@ class Udev:
 def run(udev: Udev, served: ServedLine, out: Path, meanwhile: Callable[[], object]) -> tuple[int, Path]:
     """`jbclog run`; what happens while the adapters are out. Its exit code and folder."""
     recorder = started("run", served.recipe, "--line", udev.line, "--out", out, "-d", f"{RUN_S}s", "--rate", "fit")
-    assert until(lambda: all(not udev.device(name) for name in served.stations))
+    assert until(lambda: all(not udev.device(name) for name in served.stations), 60)
     meanwhile()
     said, errors = recorder.communicate(timeout=60)
     assert "Traceback" not in errors
