@@ -18,6 +18,9 @@ def annotate(
     text: str | None = typer.Argument(None, metavar="TEXT", help="What is to be said of it.", show_default=False),
     by: str | None = typer.Option(None, "--by", metavar="WHO", help="Who says so.", show_default=False),
     reason: str | None = typer.Option(None, "--reason", metavar="TEXT", help="Why.", show_default=False),
+    unit: str | None = typer.Option(
+        None, "--unit", metavar="SERIAL", help="In place of TEXT: a unit of this run, told late.", show_default=False
+    ),
     as_json: bool = options.AS_JSON,
 ) -> None:
     """Say something of a sealed run, for good: who, when, what, why.
@@ -25,27 +28,34 @@ def annotate(
     The record itself never changes. What is said later is added to annotations.jsonl in the run's folder, each line with the
     hash of the one before it; `check` finds what was changed there. Nothing can be taken back: say what is right behind it.
     Prints the new head: a note of it elsewhere proves the last line too. Without TEXT it shows what was said so far.
+    With --unit the run is found by that serial, and its joints are that unit's where no other is known.
 
     \b
     Example:
       jbclog annotate runs/20261121T013000Z-bench-3-k7qd "SN-0012 was scrapped" --by "A. Rossi" --reason "cracked joint"
     """
     expect_run(run)
-    if text is None:
+    if text is not None and unit is not None:
+        raise UsageError("annotate: a TEXT or a --unit, not both in one line")
+    if unit is not None:
+        from jbclog.record.units import LATE
+
+        _say(run, "--unit", unit, by, reason, as_json=as_json, kind=LATE)
+    elif text is None:
         if by is not None or reason is not None:
             raise UsageError("annotate: --by and --reason need a TEXT to stand beside")
         _show(run, as_json=as_json)
     else:
-        _say(run, text, by, reason, as_json=as_json)
+        _say(run, "TEXT", text, by, reason, as_json=as_json)
 
 
-def _say(run: Path, text: str, by: str | None, reason: str | None, *, as_json: bool) -> None:
+def _say(run: Path, option: str, text: str, by: str | None, reason: str | None, *, as_json: bool, kind: str = "note") -> None:
     from jbclog.record.annotations import append
     from jbclog.record.lineage import short_head
 
     who, why = _given("--by", by), _given("--reason", reason)
-    options.check_text("TEXT", text)
-    head = append(run, who=who, what=_given("TEXT", text), why=why)
+    options.check_text(option, text)
+    head = append(run, who=who, what=_given(option, text).strip(), why=why, kind=kind)
     if as_json:
         tell_json({"run": str(run), "head": head})
     else:
@@ -70,7 +80,8 @@ def _show(run: Path, *, as_json: bool) -> None:
         tell_json({"run": str(run), "said": [asdict(one) for one in found.said], "head": found.head})
     else:
         for one in found.said:
-            tell(f"{one.time[:19].replace('T', ' ')}  {one.who}: {one.what} ({one.why})")
+            what = f"unit {one.what}" if one.kind == "unit.late" else one.what
+            tell(f"{one.time[:19].replace('T', ' ')}  {one.who}: {what} ({one.why})")
         if not found.said:
             tell(f"{run}: nothing was said of it since it was sealed")
     for number, wrong in found.wrong:

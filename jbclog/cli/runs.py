@@ -74,7 +74,7 @@ def runs(
         since=moment("--since", since),
         until=moment("--until", until, is_end=True),
     )
-    _tell(find(folder, wanted), folder, is_sought=wanted != Filter(), as_json=as_json)
+    _tell(find(folder, wanted), folder, unit=unit, is_sought=wanted != Filter(), as_json=as_json)
 
 
 def moment(option: str, text: str | None, *, is_end: bool = False) -> datetime | None:
@@ -89,7 +89,7 @@ def moment(option: str, text: str | None, *, is_end: bool = False) -> datetime |
         raise UsageError(f"{option} {text}: give a day such as 2026-11-21, or a time such as 2026-11-21T08:00") from None
 
 
-def _tell(those: Iterable[Found | Unreadable], folder: Path, *, is_sought: bool, as_json: bool) -> None:
+def _tell(those: Iterable[Found | Unreadable], folder: Path, *, unit: str | None, is_sought: bool, as_json: bool) -> None:
     from jbclog.record.finding_runs import Found
 
     found: list[Found] = []
@@ -103,7 +103,7 @@ def _tell(those: Iterable[Found | Unreadable], folder: Path, *, is_sought: bool,
         if as_json:
             tell_json(facts(one))
     if not as_json and found:
-        for line in table([cells(one) for one in found]):
+        for line in table([cells(one, unit) for one in found]):
             tell(line)
     if not found:
         note(f"{folder}: no run fits" if is_sought else f"{folder}: no runs")
@@ -116,17 +116,18 @@ def facts(run: Found) -> dict[str, object]:
     return {"run": str(run.folder), **told}
 
 
-def cells(run: Found) -> tuple[str, ...]:
-    """A run as a row of the table."""
+def cells(run: Found, unit: str | None = None) -> tuple[str, ...]:
+    """A run as a row of the table; of its units the one that was sought."""
     started = (run.started or NOTHING)[:16].replace("T", " ")
-    texts = (run.line, ", ".join(run.recipes), run.operator, run.order, run.product, several(run.units), run.verdict)
+    texts = (run.line, ", ".join(run.recipes), run.operator, run.order, run.product, several(run.units, unit), run.verdict)
     state = run.exit_status or run.state if run.state == "sealed" else run.state
     return (started, *(text or NOTHING for text in texts), state, str(run.folder))
 
 
-def several(texts: Sequence[str]) -> str:
-    """The first, and how many more."""
-    return f"{texts[0]} +{len(texts) - 1}" if len(texts) > 1 else "".join(texts)
+def several(texts: Sequence[str], sought: str | None = None) -> str:
+    """The one that was sought, or the first, and how many more."""
+    shown = sought if sought in texts else next(iter(texts), "")
+    return f"{shown} +{len(texts) - 1}" if len(texts) > 1 else str(shown)
 
 
 def table(rows: Sequence[tuple[str, ...]]) -> list[str]:

@@ -14,11 +14,12 @@ import json
 import re
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
-from datetime import UTC, datetime, timedelta
+from datetime import datetime
 from pathlib import Path
 from typing import Final, cast
 
 from jbclog.errors import RecordError
+from jbclog.record.annotations import NAME as ANNOTATIONS
 from jbclog.record.folder import RUN_NAME
 from jbclog.record.from_json import Misfit, build
 from jbclog.record.lock import is_held
@@ -29,7 +30,6 @@ from jbclog.record.units import late_serials
 RUNNING, CRASHED, SEALED = "running", "crashed", "sealed"
 STARTED: Final = "%Y%m%dT%H%M%SZ"  # as a folder's name begins
 STARTED_LENGTH: Final = 16
-ROUNDED: Final = timedelta(seconds=1)  # a name has whole seconds
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,19 +139,23 @@ class Filter:
 
     def may_have(self, folder: Path) -> bool:
         """Whether the run in a folder with this name can have begun when it is to have begun."""
-        if not RUN_NAME.fullmatch(folder.name):
-            return True
-        began = _moment(folder.name[:STARTED_LENGTH])
-        return began is None or self._may_begin(began, ROUNDED)
+        began = folder.name[:STARTED_LENGTH]
+        is_early = self.since is not None and began < self.since.strftime(STARTED)
+        is_late = self.until is not None and began > self.until.strftime(STARTED)
+        return not (is_early or is_late) or not RUN_NAME.fullmatch(folder.name)
+
+    def may_be_in(self, data: bytes, *, has_annotations: bool = False) -> bool:
+        """Whether the bytes of a manifest, as they were written, can be those of a run that fits: all texts stand in them."""
+        sought = [self.operator, self.order, self.product, self.wire_lot, self.flux_lot, self.line, self.station]
+        sought += [None if has_annotations else self.unit, self.verdict and self.verdict.upper()]
+        texts = (text for text in (*sought, *self.tags.values()) if text and "*" not in text)
+        return all(json.dumps(text, ensure_ascii=False).encode() in data for text in texts)
 
     def _is_within(self, started: str | None) -> bool:
         if self.since is None and self.until is None:
             return True
-        return started is not None and self._may_begin(datetime.fromisoformat(started), timedelta())
-
-    def _may_begin(self, began: datetime, margin: timedelta) -> bool:
-        is_early = self.since is not None and began + margin < self.since
-        return not is_early and (self.until is None or began < self.until)
+        began = None if started is None else datetime.fromisoformat(started)
+        return began is not None and (self.since is None or began >= self.since) and (self.until is None or began < self.until)
 
 
 ALL: Final = Filter()
@@ -161,22 +165,25 @@ def find(folder: Path, wanted: Filter = ALL) -> Iterator[Found | Unreadable]:
     """The runs directly below `folder`, or the one that it is, that fit. Raises `RecordError` where it cannot be read."""
     for path in _runs_in(folder):
         if wanted.may_have(path):
-            run = summary_of(path)
-            if isinstance(run, Unreadable) or wanted.fits(run):
+            run = summary_of(path, wanted)
+            if isinstance(run, Unreadable) or (run is not None and wanted.fits(run)):
                 yield run
 
 
-def summary_of(folder: Path) -> Found | Unreadable:
-    """What the manifest in a run's folder says of it."""
+def summary_of(folder: Path, wanted: Filter = ALL) -> Found | Unreadable | None:
+    """What the manifest in a run's folder says of it; None where its bytes show that it is none that is wanted."""
     path = folder / NAME
     try:
         data = path.read_bytes()
+        changed = why_changed(data)
+        if changed is None and not wanted.may_be_in(data, has_annotations=(folder / ANNOTATIONS).exists()):
+            return None
         told = cast(_Summary, build(_Summary, json.loads(data)))
         if told.state not in STATES or told.schema > SCHEMA_VERSION:
             return Unreadable(folder, "its manifest is of a newer jbclog, or none")
         if told.started is not None:
             datetime.fromisoformat(told.started)
-        return _found(folder, told, why_changed(data))
+        return _found(folder, told, changed)
     except FileNotFoundError:
         return Unreadable(folder, "it has no manifest: cut off at its very start, or no run; `jbclog recover` finishes it")
     except (OSError, ValueError, AttributeError, RecursionError, Misfit, RecordError) as error:
@@ -223,13 +230,6 @@ def _runs_in(folder: Path) -> list[Path]:
 def _is_run(path: Path) -> bool:
     """By its name, or by what is in it where somebody gave it another one."""
     return bool(RUN_NAME.fullmatch(path.name)) or (path / NAME).exists()
-
-
-def _moment(text: str) -> datetime | None:
-    try:
-        return datetime.strptime(text, STARTED).replace(tzinfo=UTC)
-    except ValueError:
-        return None
 
 
 def _fits(sought: str, texts: Iterable[str | None]) -> bool:

@@ -18,6 +18,8 @@ def build(hint: object, data: object, key: str = "") -> object:
 
     Keys that the dataclass does not have are left out: a later jbclog of the same schema may have added them.
     """
+    if type(data) is hint:  # most are plain
+        return data
     if is_dataclass(hint) and isinstance(hint, type):
         return _dataclass(hint, data, key)
     origin, inside = get_origin(hint), get_args(hint)
@@ -29,7 +31,7 @@ def build(hint: object, data: object, key: str = "") -> object:
         return {_key(inside[0], name, key): build(inside[1], item, f"{key}.{name}") for name, item in data.items()}
     if hint is float and type(data) is int:
         return float(data)
-    if hint is object or type(data) is hint:
+    if hint is object:
         return data
     raise Misfit(f"{key}: {data!r:.60} does not belong there")
 

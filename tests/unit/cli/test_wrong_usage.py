@@ -31,7 +31,7 @@ def refused(*arguments: str) -> str:
     return ended.stderr
 
 
-@pytest.mark.parametrize("option", ["--operator", "--order", "--product", "--unit"])
+@pytest.mark.parametrize("option", ["--operator", "--order", "--product", "--unit", "--wire-lot", "--flux-lot", "--tip"])
 @pytest.mark.parametrize(
     ("text", "why"),
     [
@@ -50,6 +50,38 @@ def test_texts_that_cannot_be_signed(place: Path, option: str, text: str, why: s
 def test_tags_that_cannot_be_signed(place: Path, tag: str) -> None:
     assert refused("run", "job.toml", "--line", "line.toml", "--tag", tag).startswith("error: --tag")
     assert not (place / "runs").exists()
+
+
+@pytest.mark.parametrize("tip", ["dde-2=T245", "dde-1:2=T245", "dde-1=", "=T245"])
+def test_a_tip_is_in_a_tool_of_this_run(place: Path, tip: str) -> None:
+    assert refused("run", "job.toml", "--line", "line.toml", "--tip", tip).startswith(f"error: --tip {tip}: give ID, STATION=ID")
+
+
+def test_a_tag_has_one_value(place: Path) -> None:
+    told = refused("run", "job.toml", "--line", "line.toml", "--tag", "shift=1", "--tag", "shift=2")
+    assert told == "error: --tag shift=2: shift is given twice\n"
+
+
+def test_what_the_recipe_requires_is_asked_for_by_its_option(place: Path) -> None:
+    names = ["operator", "order", "product", "unit", "wire_lot", "flux_lot", "tip", "tag.shift"]
+    (place / "job.toml").write_text(f"{RECIPE}[metadata]\nrequired = {names}\n")
+    told = refused("run", "job.toml", "--line", "line.toml", "--operator", "A", "--tip", "T1")
+    assert "give --order … --product … --unit … --wire-lot … --flux-lot … --tag shift=…" in told
+
+
+@pytest.mark.parametrize(
+    ("text", "why"),
+    [(b"SN-1\nSN\x1d2\n", "holds what does not show"), (b"X" * 201, "too long"), (b"SN\n" * 400_000, "no list of serials")],
+)
+def test_a_list_of_serials_that_is_none(place: Path, text: bytes, why: str) -> None:
+    (place / "serials.txt").write_bytes(text)
+    assert why in refused("run", "job.toml", "--line", "line.toml", "--units", "serials.txt")
+    assert not (place / "runs").exists()
+
+
+@pytest.mark.parametrize("name", ["nowhere.txt", "."])
+def test_serials_from_nowhere(place: Path, name: str) -> None:
+    assert refused("run", "job.toml", "--line", "line.toml", "--units", name).startswith(f"error: --units {name}")
 
 
 def test_names_of_people_may_have_any_letters(place: Path) -> None:

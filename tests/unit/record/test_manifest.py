@@ -19,6 +19,7 @@ from jbclog.record.manifest import (
     Previous,
     RecipeFile,
     SealedFile,
+    Unit,
     iso,
     manifest_sha256,
     read_manifest,
@@ -28,7 +29,8 @@ from jbclog.rows import StationFacts
 
 KEYS = (
     "schema, run, state, exit_status, exit_code, verdict, verdict_rules, started, ended, t0_mono, t0_utc, line, recipes, metadata, "
-    "host, rate, guard, wire, stations, ledger, lost, files, previous"
+    "host, rate, guard, wire, stations, ledger, lost, units, files, "
+    "previous"
 )
 
 FULL = Manifest(
@@ -43,7 +45,8 @@ FULL = Manifest(
     t0_utc=1_790_000_000.0,
     line=LineFile("bench-3", "line.toml", "ab"),
     recipes=[RecipeFile("recipes/a.toml", "cd", "a", 7)],
-    metadata=Metadata("Ü. <b>", None, None, ["SN1"], {"k": "v"}),
+    metadata=Metadata("Ü. <b>", None, None, ["SN1"], {"k": "v"}, ["W-7"], ["F-1"], ["T1", "a=T2", "a:2=T3"]),
+    units=[Unit("SN2", iso(2), iso(3)), Unit("SN1", iso(3))],
     host={"python": "3.11"},
     rate="max",
     stations=[StationFacts("a", "url", "dde", tools={1: "T210"}, safe_state={1: "verified"}, due={"1": {"tool": 3}})],
@@ -129,3 +132,21 @@ def test_a_time_that_is_none_is_no_manifest_s(tmp_path: Path, time: str) -> None
     write_manifest(tmp_path, Manifest("run", started=time))
     with pytest.raises(RecordError, match="is no manifest"):
         read_manifest(tmp_path)
+
+
+def test_the_tip_of_a_port_is_the_one_said_of_it_of_its_station_or_of_all() -> None:
+    said = Metadata(tips=["T1", "a=T2", "a:2=T3"])
+    assert [said.tip("a", 2), said.tip("a", 1), said.tip("b", 1)] == ["T3", "T2", "T1"]
+    assert Metadata(tips=["T1", "T2"]).tip("a", 1) is None  # one of two, and nobody said which
+    assert Metadata().tip("a", 1) is None
+
+
+def test_what_was_said_is_told_once_each_and_no_tag_stands_for_something_else() -> None:
+    said = Metadata("A. Rossi", None, "", ["1", "2"], {"operator": "M", "shift": "1"}, ["W"], [], ["T"])
+    expected = {"operator": "A. Rossi", "units": "1, 2", "wire lots": "W", "tips": "T", "tag operator": "M", "shift": "1"}
+    assert said.said() == expected
+
+
+def test_each_serial_stands_once() -> None:
+    manifest = Manifest("r", metadata=Metadata(units=["1", "2"]), units=[Unit("2", "t"), Unit("3", "t"), Unit("2", "u")])
+    assert manifest.serials() == ["1", "2", "3"]

@@ -1,0 +1,90 @@
+"""Units from events: when each began and ended, in runs that were sealed and in those that a crash cut off."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import few_rows
+import pytest
+from few_rows import T0
+
+from jbclog.record.annotations import append
+from jbclog.record.check import check
+from jbclog.record.conclude import conclude
+from jbclog.record.manifest import Manifest, Metadata, Unit, iso, read_manifest, write_manifest
+from jbclog.record.recover import recover
+from jbclog.record.seal import seal_rows
+from jbclog.record.units import late_serials, only_unit, units_of
+from jbclog.rows import EventRow, Severity
+
+Told = tuple[int, str, str | None]
+CALM: list[Told] = [(1, "unit.begin", "SN-1"), (5, "unit.again", "SN-1"), (9, "unit.end", "SN-1"), (9, "unit.begin", "SN-2")]
+
+
+def run_with(out: Path, told: list[Told], *, crashes: bool = False) -> Path:
+    """A run with these events: second, kind, serial."""
+    store = few_rows.begun(out)
+    write_manifest(store.folder, Manifest(store.folder.name, metadata=Metadata(order="88123", units=["SN-0"])))
+    for second, kind, serial in told:
+        store.event(EventRow(T0 + second * 1_000_000, kind, Severity.INFO, kind, raw=serial), at_once=True)
+    store.commit_now()
+    if crashes:
+        few_rows.vanish(store)
+        return store.folder
+    store.close()
+    seal_rows(store.folder)
+    conclude(store.folder, read_manifest(store.folder), store.lock)
+    return store.folder
+
+
+def at(second: int) -> str:
+    return iso(T0 + second * 1_000_000)
+
+
+def test_a_unit_lasts_until_the_next_one_begins(tmp_path: Path) -> None:
+    folder = run_with(tmp_path, [*CALM, (20, "unit.end", "SN-2")])
+    expected = [Unit("SN-1", at(1), at(9)), Unit("SN-2", at(9), at(20))]
+    assert units_of(folder) == expected == read_manifest(folder).units
+    assert check(folder) == []
+
+
+def test_between_two_units_there_may_be_none(tmp_path: Path) -> None:
+    folder = run_with(
+        tmp_path, [(1, "unit.begin", "SN-1"), (4, "unit.refused", "X"), (4, "unit.end", "SN-1"), (8, "unit.begin", "SN-2")]
+    )
+    assert units_of(folder) == [Unit("SN-1", at(1), at(4)), Unit("SN-2", at(8))]
+
+
+def test_a_run_without_serials_has_none(tmp_path: Path) -> None:
+    assert read_manifest(run_with(tmp_path, [(1, "run.start", None)])).units == []
+
+
+def test_after_a_crash_the_units_are_in_the_manifest_too_and_the_last_has_no_end(tmp_path: Path) -> None:
+    folder = run_with(tmp_path, CALM, crashes=True)
+    assert read_manifest(folder).units == []
+    recover(folder)
+    assert read_manifest(folder).units == [Unit("SN-1", at(1), at(9)), Unit("SN-2", at(9))]
+    assert check(folder) == []
+
+
+def test_a_manifest_that_names_other_units_than_the_events_is_found(tmp_path: Path) -> None:
+    folder = run_with(tmp_path, CALM)
+    manifest = read_manifest(folder)
+    manifest.units[0] = Unit("SN-9", at(1), at(9))
+    write_manifest(folder, manifest)
+    assert [str(finding) for finding in check(folder)] == ["manifest.json: units: not those that the events tell of"]
+
+
+@pytest.mark.parametrize(
+    ("named", "late", "unit"),
+    [(["1"], [], "1"), ([], ["1"], "1"), (["1"], ["1"], "1"), (["1"], ["2"], None), (["1", "2"], [], None), ([], [], None)],
+)
+def test_joints_of_a_run_in_which_no_serial_was_read(named: list[str], late: list[str], unit: str | None) -> None:
+    assert only_unit(named, late) == unit
+
+
+def test_a_serial_may_be_told_late(tmp_path: Path) -> None:
+    folder = run_with(tmp_path, [])
+    append(folder, who="A. Rossi", what="SN-7", why="the reader was off", kind="unit.late")
+    append(folder, who="A. Rossi", what="SN-8 was scrapped", why="cracked joint")
+    assert late_serials(folder) == ["SN-7"]
