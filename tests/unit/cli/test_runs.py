@@ -1,0 +1,155 @@
+"""`jbclog runs` as it is typed: a table, JSON lines, what is wrong with a folder on stderr."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from datetime import UTC, datetime
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner, Result
+
+from jbclog.cli.app import app
+from jbclog.cli.runs import moment
+from jbclog.errors import UsageError
+from jbclog.record.check import check
+from jbclog.record.manifest import NAME, LineFile, Manifest, Metadata, RecipeFile, Unit, write_manifest
+from jbclog.rows import StationFacts
+
+RUN = "20261121T013000Z-bench-3-k7qd"
+FULL = Manifest(
+    RUN,
+    state="sealed",
+    exit_status="success",
+    exit_code=0,
+    verdict="ACCEPT",
+    started="2026-11-21T01:30:00.500000Z",
+    line=LineFile("bench-3", "line.toml", "ab"),
+    recipes=[RecipeFile("recipes/a.toml", "cd", "sn100c-tht", 7)],
+    metadata=Metadata("陳", "88123", None, ["SN-0"], {"shift": "1"}, ["W-7"], [], ["T1"]),
+    units=[Unit("SN-1", "2026-11-21T01:31:00.000000Z")],
+    stations=[StationFacts("ale-1", "url", "ale")],
+)
+
+
+@pytest.fixture
+def runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    folder = tmp_path / "runs"
+    (folder / RUN).mkdir(parents=True)
+    write_manifest(folder / RUN, FULL)
+    return folder
+
+
+def told(*arguments: str) -> Result:
+    return CliRunner().invoke(app, ["runs", *arguments])
+
+
+def test_a_run_is_a_row_with_its_folder_last(runs: Path) -> None:
+    shown = told()
+    assert (shown.exit_code, shown.stderr) == (0, "")
+    assert shown.stdout == (
+        "started           line     recipe        operator  order  product  units    verdict  state    run\n"
+        f"2026-11-21 01:30  bench-3  sn100c-tht@7  陳        88123  -        SN-0 +1  ACCEPT   success  runs/{RUN}\n"
+    )
+
+
+def test_the_unit_that_was_sought_is_the_one_that_is_shown(runs: Path) -> None:
+    assert "SN-1 +1" in told("--unit", "SN-1").stdout
+
+
+def test_json_is_a_line_a_run_with_everything_by_which_it_is_found(runs: Path) -> None:
+    (line,) = told("--json", "--wire-lot", "W-7", "--tip", "T1", "--tag", "shift=1").stdout.splitlines()
+    one = json.loads(line)
+    assert (one["run"], one["units"], one["tags"], one["recipes"]) == (
+        f"runs/{RUN}",
+        ["SN-0", "SN-1"],
+        {"shift": "1"},
+        ["sn100c-tht@7"],
+    )
+    assert "folder" not in one
+
+
+@pytest.mark.parametrize("arguments", [["--order", "1"], ["--since", "2026-11-22"], ["--until", "2026-11-20"], ["--tag", "a=1"]])
+def test_where_none_fits_that_is_said(runs: Path, arguments: list[str]) -> None:
+    shown = told(*arguments)
+    assert (shown.exit_code, shown.stdout, shown.stderr) == (0, "", "runs: no run fits\n")
+
+
+def test_a_day_that_ends_the_search_is_in_it(runs: Path) -> None:
+    assert RUN in told("--since", "2026-11-21", "--until", "2026-11-21").stdout
+
+
+def test_damaged_folders_are_told_on_stderr_and_do_not_hide_the_others(runs: Path) -> None:
+    broken = runs / RUN.replace("k7qd", "aaaa")
+    broken.mkdir()
+    (broken / NAME).write_text("{")
+    crashed = runs / RUN.replace("k7qd", "bbbb")
+    crashed.mkdir()
+    write_manifest(crashed, replace(FULL, state="open", exit_status=None, verdict=None))
+    shown = told("--order", "88123")
+    assert shown.exit_code == 0
+    assert [row.split()[-2] for row in shown.stdout.splitlines()[1:]] == ["crashed", "success"]
+    assert shown.stderr.startswith(f"runs/{broken.name}: its manifest cannot be read")
+
+
+def test_what_people_said_steers_no_terminal(runs: Path) -> None:
+    write_manifest(runs / RUN, replace(FULL, metadata=Metadata("\x1b[2J\nX" + "Y" * 100)))
+    shown = told()
+    assert "\x1b" not in shown.stdout
+    assert len(shown.stdout.splitlines()) == 2
+    assert "Y…" in shown.stdout
+
+
+@pytest.mark.parametrize(
+    ("arguments", "why"),
+    [
+        (["nowhere"], "nowhere: there is no such folder"),
+        (["--since", "yesterday"], "--since yesterday: give a day such as 2026-11-21"),
+        (["--until", "9999-12-31"], "--until 9999-12-31: give a day"),
+        (["--tag", "shift"], "--tag shift: give it as NAME=VALUE"),
+    ],
+)
+def test_wrong_usage(runs: Path, arguments: list[str], why: str) -> None:
+    shown = told(*arguments)
+    assert shown.exit_code == 2
+    assert why in shown.stderr
+
+
+@pytest.mark.parametrize("text", ["2026-11-21T08:00", "2026-11-21 08:00", "2026-11-21T09:00+01:00", "2026-11-21T08:00Z"])
+def test_times_are_utc_where_they_name_no_zone(text: str) -> None:
+    assert moment("--since", text) == datetime(2026, 11, 21, 8, tzinfo=UTC)
+
+
+def test_no_time_is_none() -> None:
+    assert moment("--since", None) is None
+    with pytest.raises(UsageError):
+        moment("--since", "")
+
+
+# -- annotate --unit --------------------------------------------------------------------------------------------------------
+
+
+def test_a_serial_told_late_is_found_and_the_record_is_as_it_was(runs: Path) -> None:
+    said = CliRunner().invoke(
+        app, ["annotate", f"runs/{RUN}", "--unit", " SN-7 ", "--by", "A. Rossi", "--reason", "the reader was off"]
+    )
+    assert said.exit_code == 0, said.output
+    assert "SN-7 +2" in told("--unit", "SN-7").stdout
+    shown = CliRunner().invoke(app, ["annotate", f"runs/{RUN}"]).stdout
+    assert "A. Rossi: unit SN-7 (the reader was off)" in shown
+    assert not any("annotations" in str(finding) for finding in check(runs / RUN))
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["--unit", "SN-7"],
+        ["TEXT", "--unit", "SN-7", "--by", "A", "--reason", "B"],
+        ["--unit", "a\x1bb", "--by", "A", "--reason", "B"],
+    ],
+)
+def test_a_serial_told_late_wants_who_and_why(runs: Path, arguments: list[str]) -> None:
+    assert CliRunner().invoke(app, ["annotate", f"runs/{RUN}", *arguments]).exit_code == 2
+    assert not (runs / RUN / "annotations.jsonl").exists()
