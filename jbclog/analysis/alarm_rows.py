@@ -11,7 +11,7 @@ import pandas as pd
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from jbclog.episodes import WATCHED, Change, FlagRead, Rows, change_of
+from jbclog.episodes import BEFORE_ALL, WATCHED, Change, FlagRead, Rows, change_of
 from jbclog.judge.stepped import Step, Unstepped
 from jbclog.record.conclude import known_stations
 from jbclog.record.parts import groups_of, part_paths
@@ -75,10 +75,8 @@ def told_by(run: Run) -> Told:
             change = change_of(event.kind, event.time - stepped_us, event.raw)
             if change is not None:
                 told.changes.setdefault(place, []).append(change)
-    for place, change in _settings(run.settings(), told.steps):
-        told.changes.setdefault(place, []).append(change)
-    for changes in told.changes.values():
-        changes.sort(key=lambda change: change.at_us)
+    for place, changes in _settings(run.settings()).items():
+        told.changes[place] = [*changes, *told.changes.get(place, ())]
     return told
 
 
@@ -107,13 +105,13 @@ def _or_none(text: object) -> str | None:
     return text if isinstance(text, str) else None
 
 
-def _settings(frame: pd.DataFrame, steps: Sequence[Step]) -> Iterator[tuple[Place, Change]]:
+def _settings(frame: pd.DataFrame) -> dict[Place, list[Change]]:
+    """What each port held when its sampling began: these settings are told before its first row, and then only as events."""
+    found: dict[Place, list[Change]] = {}
     wanted = frame[frame["setting"].isin([*WATCHED]) & frame["port"].notna() & frame["readback"].notna()]
-    columns = (wanted[name] for name in ("station", "port", "setting", "readback"))
-    for time, station, port, name, text in zip(micros(wanted["time"]), *columns, strict=True):
-        assert time is not None
-        stepped_us = sum(round(step.size_s * 1e6) for step in steps if step.at_s * 1e6 <= time)
-        yield (str(station), int(port)), Change(time - stepped_us, str(name), str(text))
+    for station, port, name, text in zip(*(wanted[name] for name in ("station", "port", "setting", "readback")), strict=True):
+        found.setdefault((str(station), int(port)), []).append(Change(BEFORE_ALL, str(name), str(text)))
+    return found
 
 
 def micros(times: pd.Series) -> list[int | None]:

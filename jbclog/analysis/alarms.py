@@ -211,7 +211,7 @@ def _live_differences(episodes: Iterable[Episode], told: Told, stations: Iterabl
     """What the recorder told of B while it ran held against what the record gives. Older recorders told nothing."""
     evaluated = {facts.name for facts in stations if facts.alarm_rules}
     given = [one for one in episodes if one.detector is Detector.SAMPLES and one.station in evaluated]
-    events = [event for these in told.events.values() for event in these]
+    events = [event for (station, _), these in told.events.items() if station in evaluated for event in these]
     for kind, names in (("raised", {one.id for one in given}), ("cleared", {one.id for one in given if one.end_us is not None})):
         live = {str(event.raw) for event in events if event.kind == f"{KIND}.{kind}"}
         for name in sorted(names - live):

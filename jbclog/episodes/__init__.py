@@ -16,9 +16,10 @@ from jbclog.episodes.episode import Detector, Episode, State
 from jbclog.episodes.kpi import Figures, figures
 from jbclog.episodes.live import KIND, LiveAlarms, change_of, rules_of
 from jbclog.episodes.match import Incident, Unknown, incidents
-from jbclog.episodes.port import Change
+from jbclog.episodes.port import BEFORE_ALL, Change
 
 __all__ = [
+    "BEFORE_ALL",
     "KIND",
     "WATCHED",
     "Change",

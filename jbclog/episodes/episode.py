@@ -62,6 +62,7 @@ class Episode:
     is_lost: bool = False  # nothing was read of it for too long, and not since
     is_uncertain: bool = False
     is_confirmed: bool = True
+    stepped_us: int = 0  # by how much the wall clock was stepped between its onset and its end
 
     @property
     def id(self) -> str:
@@ -77,7 +78,7 @@ class Episode:
     @property
     def seconds(self) -> float | None:
         """From the first reading with it to the first without it; None while it stands."""
-        return None if self.end_us is None else (self.end_us - self.onset_us) / 1e6
+        return None if self.end_us is None else (self.end_us - self.onset_us - self.stepped_us) / 1e6
 
     def see(self, value: float) -> None:
         """Take a reading into `peak_c`."""

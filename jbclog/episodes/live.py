@@ -13,7 +13,7 @@ from typing import Final
 from jbclog.episodes.definition import WATCHED, Rules, Side
 from jbclog.episodes.episode import Detector, Episode
 from jbclog.episodes.machine import News, Told
-from jbclog.episodes.port import TOOL, Change, PortWatch
+from jbclog.episodes.port import BEFORE_ALL, TOOL, Change, PortWatch
 from jbclog.rows import COLUMN, EventRow, SampleRow, SettingRow, Severity, StationFacts
 
 _TIME, _TICK, _STATION, _PORT = (COLUMN[name] for name in ("time", "tick", "station", "port"))
@@ -43,9 +43,9 @@ class LiveAlarms:
         self._facts[facts.name] = facts
 
     def setting(self, row: SettingRow) -> None:
-        """A setting was read, or written and read back."""
+        """A setting was read, or written and read back: before sampling; later changes are events."""
         if row.setting in WATCHED and row.port is not None and row.readback is not None:
-            self._change((row.station, row.port), Change(row.time - self._stepped_us, row.setting, row.readback))
+            self._change((row.station, row.port), Change(BEFORE_ALL, row.setting, row.readback))
 
     def event(self, event: EventRow) -> None:
         """A setting was found changed, a tool was changed, the wall clock was stepped."""

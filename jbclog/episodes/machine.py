@@ -89,6 +89,13 @@ class Machine:
             self.episode.see(value)
         return self._told(self.episode, was, now_us)
 
+    def step_clock(self, size_us: int) -> None:
+        """The wall clock was stepped: what is to come is by the new one."""
+        if self.episode is not None:
+            self.episode.stepped_us += size_us
+        earliest, latest, reason = self._end
+        self._end = earliest + size_us, latest + size_us, reason
+
     def _begin(self, before_us: int, now_us: int) -> None:
         assert self.definition is not None
         limit, delay = self.definition.limit_c, self.definition.on_delay_s

@@ -23,6 +23,8 @@ from jbclog.episodes.machine import Machine, News, Phase, Told
 GAP_PERIODS: Final = 2.0
 GAP_S: Final = 2.0
 TOOL: Final = "tool"
+BEFORE_ALL: Final = 0
+"""The moment of what held when sampling began."""
 
 
 class Change(NamedTuple):
@@ -60,6 +62,8 @@ class PortWatch:
         """The wall clock was stepped; the rows that follow are by the new one."""
         self._stepped_us += size_us
         self._us += size_us
+        for machine in self._machines:
+            machine.step_clock(size_us)
 
     def row(self, time_us: int, tick: int, temperature: float | None, status: str | None, set_c: float | None) -> Sequence[Told]:
         """The next row of this port; what is new."""

@@ -3,15 +3,27 @@
 from __future__ import annotations
 
 import random
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Protocol
 
-from jbclog.episodes import Change, Detector, Episode, LiveAlarms, Rows, SampledEpisodes
+import make_run
+
+from jbclog.dossier import _Tap
+from jbclog.episodes import BEFORE_ALL, Change, Detector, Episode, LiveAlarms, Rows, SampledEpisodes
+from jbclog.record.conclude import conclude
+from jbclog.record.live import LiveStore
+from jbclog.record.manifest import read_manifest, write_manifest
+from jbclog.record.seal import seal_rows
 from jbclog.rows import COLUMN, SAMPLE_COLUMNS, EventRow, SampleRow, SettingRow, Severity, StationFacts
 
 T0_US = 1_790_000_000_000_000
 STATION = "dde-1"
 PERIOD_S = 0.1
+USUAL = {"dead_band_c": 2.0, "stale_s": 60.0}
+CLOCK = "clock"
 BOTH = (Detector.SAMPLES, Detector.AFTERWARDS)
 SETTINGS = {
     "selected_temperature": "350",
@@ -34,6 +46,7 @@ class Series:
     rows: list[Reading] = field(default_factory=list)
     changes: list[tuple[int, Change]] = field(default_factory=list)  # with the number of rows before it
     tick: int = 0
+    stepped_us: int = 0
 
     def add(self, temperature: float | None, status: str | None = "working", times: int = 1, set_c: float | None = None) -> Series:
         """Rows that are all alike."""
@@ -56,13 +69,18 @@ class Series:
         self.changes.append((len(self.rows), Change(self.now_us - 1, name, text)))
         return self
 
+    def step_clock(self, seconds: float) -> Series:
+        """The wall clock is stepped; only a record (`recorded`) knows of it."""
+        self.stepped_us += round(seconds * 1e6)
+        return self.change(CLOCK, str(seconds))
+
     @property
     def now_us(self) -> int:
-        return T0_US + round(self.tick * (self.period_s or PERIOD_S) * 1e6)
+        return T0_US + round(self.tick * (self.period_s or PERIOD_S) * 1e6) + self.stepped_us
 
     @property
     def facts(self) -> StationFacts:
-        return StationFacts(STATION, "dde-1.pty", "dde", ports=[1], period_s=self.period_s, alarm_rules=self.rules)
+        return StationFacts(STATION, "dde-1.pty", "dde", ports=[1], period_s=self.period_s, alarm_rules=USUAL | self.rules)
 
 
 def setting_rows() -> list[SettingRow]:
@@ -76,7 +94,7 @@ def replayed(
     """The episodes of the series as a record gives them, in some pieces."""
     from jbclog.episodes import rules_of
 
-    before = [Change(row.time, row.setting, row.readback) for row in setting_rows()]
+    before = [Change(BEFORE_ALL, row.setting, row.readback) for row in setting_rows()]
     changes = [*before, *(change for _, change in series.changes)]
     sampled = SampledEpisodes(STATION, 1, series.period_s, changes, rules_of(series.facts), detectors)
     size = len(series.rows) // pieces + 1
@@ -89,19 +107,64 @@ def replayed(
 def lived(series: Series) -> list[EventRow]:
     """What a recorder tells of the series while it runs."""
     told: list[EventRow] = []
-    live = LiveAlarms(told.append)
-    live.facts(series.facts)
-    for row in setting_rows():
-        live.setting(row)
-    waiting = list(series.changes)
-    for number, reading in enumerate(series.rows):
-        while waiting and waiting[0][0] <= number:
-            live.event(_event(waiting.pop(0)[1]))
-        live.sample(sample_row(*reading))
+    _hand_over(series, LiveAlarms(told.append))
     return told
 
 
+class Taker(Protocol):
+    """Who sees what goes into a record."""
+
+    def sample(self, row: SampleRow) -> None: ...
+
+    def event(self, event: EventRow) -> None: ...
+
+    def setting(self, row: SettingRow) -> None: ...
+
+    def facts(self, facts: StationFacts) -> None: ...
+
+
+def _hand_over(series: Series, taker: Taker) -> None:
+    taker.facts(series.facts)
+    for row in setting_rows():
+        taker.setting(row)
+    waiting = list(series.changes)
+    for number, reading in enumerate(series.rows):
+        while waiting and waiting[0][0] <= number:
+            taker.event(_event(waiting.pop(0)[1]))
+        taker.sample(sample_row(*reading))
+
+
+@contextmanager
+def being_recorded(series: Series, out: Path) -> Iterator[tuple[Path, LiveStore]]:
+    """A run of the series that was taken into its live store and is still open."""
+    folder, _ = make_run.begin(out, 1.0)
+    store = LiveStore(folder)
+    store.start()
+    try:
+        _hand_over(series, _Tap(store, None))
+        store.commit_now()
+        yield folder, store
+    finally:
+        store.close()
+        store.release()
+
+
+def recorded(series: Series, out: Path) -> Path:
+    """The folder of a run of the series, sealed."""
+    with being_recorded(series, out) as (folder, store):
+        store.close()
+        manifest = read_manifest(folder)
+        manifest.stations, manifest.exit_status, manifest.exit_code = [replace(series.facts, outcome="completed")], "success", 0
+        manifest.ended = manifest.started
+        write_manifest(folder, manifest)
+        seal_rows(folder)
+        conclude(folder, manifest, store.lock)
+    return folder
+
+
 def _event(change: Change) -> EventRow:
+    if change.name == CLOCK:
+        return EventRow(change.at_us, "clock.step", Severity.WARNING, "", value=float(change.text or 0))
     if change.name == "tool":
         return EventRow(change.at_us, "tool.changed", Severity.WARNING, "", STATION, 1)
     return EventRow(change.at_us, "setting.changed", Severity.ERROR, "", STATION, 1, raw=f"{change.name}={change.text}")
@@ -110,7 +173,7 @@ def _event(change: Change) -> EventRow:
 def sample_row(time_us: int, tick: int, temperature: float | None, status: str | None, set_c: float | None) -> SampleRow:
     row: SampleRow = [None] * len(SAMPLE_COLUMNS)
     cells = {"time": time_us, "tick": tick, "station": STATION, "port": 1, "temperature_c": temperature, "status": status}
-    for name, cell in {**cells, "set_c": set_c}.items():
+    for name, cell in {**cells, "set_c": set_c, "quality": "ok"}.items():
         row[COLUMN[name]] = cell
     return row
 

@@ -105,6 +105,7 @@ def test_onset_behind_a_gap_may_have_been_in_it() -> None:
 
 def test_a_status_that_was_not_read_is_a_gap() -> None:
     assert replayed(hot().add(390, status=None, times=100)) == []
+    assert only(hot().add(390, times=10).add(390, status=None, times=50)).end_us is None
 
 
 @pytest.mark.parametrize("rows", [True, False])

@@ -1,0 +1,191 @@
+"""Alarm episodes of a run in its folder: sealed, open, cut off; what the recorder told held against the record; acknowledging."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import make_run
+import pandas as pd
+import pytest
+from alarm_series import STATION, Series, being_recorded, random_series, recorded
+from by_hand import Ended
+from recorded_run import RecordedRun
+from typer.testing import CliRunner
+from virtual_run import RECIPE, line_text
+
+from jbclog.analysis import open_run
+from jbclog.analysis.alarms import TABLE
+from jbclog.cli.app import app
+from jbclog.episodes import Detector
+from jbclog.plan import Wanted, make_plan
+from jbclog.record.annotations import append, read
+
+
+def jbclog(*words: str | Path) -> Ended:
+    ended = CliRunner().invoke(app, [*map(str, words)])
+    return Ended(ended.exit_code, ended.stdout, ended.stderr)
+
+
+HOT = "\n[[station.sim.fault]]\nkind = 'overheat'\nat_s = {at_s}\nfor_s = {for_s}\nby_c = {by_c}\n"
+
+
+def run_of(home: Path, sim: str, recipe: str = RECIPE, duration_s: float = 40.0, rate: str | None = None) -> Path:
+    (home / "line.toml").write_text(line_text("joints_per_minute = 0\n" + sim, "ports = [1]"), encoding="utf-8")
+    (home / "recipe.toml").write_text(recipe, encoding="utf-8")
+    plan = make_plan(Wanted(home / "line.toml", home / "recipe.toml", duration_s=duration_s, rate=rate))
+    return RecordedRun(plan, home / "runs").result.folder
+
+
+@pytest.fixture(scope="module")
+def hot(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two alarms on a real grid; nothing acknowledged."""
+    sim = HOT.format(at_s=12, for_s=6, by_c=20) + HOT.format(at_s=28, for_s=3, by_c=20)
+    return run_of(tmp_path_factory.mktemp("hot"), sim)
+
+
+def test_a_run_as_it_is_recorded(hot: Path) -> None:
+    found = open_run(hot).alarm_findings()
+    assert [[len(one.by[detector]) for detector in Detector] for one in found.incidents] == [[1, 1, 1], [1, 1, 1]]
+    assert found.findings() == []
+    events = open_run(hot).events()
+    raised = events[events["kind"] == "alarm.episode.raised"]
+    assert list(raised["raw"]) == [one.by[Detector.SAMPLES][0].id for one in found.incidents]
+    assert list(raised["severity"]) == ["warning", "warning"]
+
+
+def test_the_table_has_its_columns_and_their_types(hot: Path) -> None:
+    table = open_run(hot).alarms()
+    assert list(table.columns) == list(TABLE)
+    assert len(table) == 6
+    assert str(table["onset"].dtype) == "datetime64[us, UTC]"
+    assert table["seconds"].dtype == "Float64"
+    assert (table["onset_earliest"] <= table["onset"]).all()
+    assert table["acknowledged_by"].isna().all()
+
+
+def test_a_run_without_alarms_has_the_same_columns(tmp_path: Path) -> None:
+    none = open_run(recorded(Series().add(350, times=20), tmp_path / "none")).alarms()
+    some = open_run(recorded(Series().add(350, times=20).add(395, times=20), tmp_path / "some")).alarms()
+    assert (len(none), len(some)) == (0, 2)
+    assert list(none.dtypes.items()) == list(some.dtypes.items())
+
+
+@pytest.mark.parametrize("rate", ["0.5", "10", "max"])
+def test_at_any_rate_the_record_gives_what_the_recorder_told(tmp_path: Path, rate: str) -> None:
+    sim = HOT.format(at_s=12, for_s=9, by_c=25) + "\n[[station.sim.fault]]\nkind = 'dropout'\nat_s = 16\nfor_s = 2\n"
+    recipe = RECIPE + 'on_difference = "continue"\n'
+    found = open_run(run_of(tmp_path, sim, recipe, rate=rate if rate == "max" else float(rate))).alarm_findings()  # type: ignore[arg-type]
+    assert sum(len(one.by[Detector.SAMPLES]) for one in found.incidents) == 1
+    assert found.live == []
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_random_series_through_a_real_record(tmp_path: Path, seed: int) -> None:
+    assert open_run(recorded(random_series(seed, 400), tmp_path)).alarm_findings().live == []
+
+
+@pytest.mark.parametrize("seconds", [-7200.0, -0.8, 0.8, 7200.0])
+def test_a_clock_that_is_stepped_changes_nothing(tmp_path: Path, seconds: float) -> None:
+    """A limit is changed just before the step and just behind it; an alarm is pending over it."""
+    series = Series().add(350, times=20).change("alarm_high_limit", "360 °C").add(365, times=3).step_clock(seconds)
+    series.add(365, times=30).change("alarm_high_limit", "370 °C").add(350, times=30).add(365, times=20).add(375, times=20)
+    found = open_run(recorded(series, tmp_path)).alarm_findings()
+    samples = [one for incident in found.incidents for one in incident.by[Detector.SAMPLES]]
+    samples.sort(key=lambda one: one.limit_c or 0)
+    assert [(one.limit_c, one.seconds) for one in samples] == [(360, 3.3), (370, None)]
+    assert found.live == []
+
+
+def test_a_run_that_is_open_or_was_cut_off(tmp_path: Path) -> None:
+    series = Series().add(350, times=20).add(395, times=20)
+    with being_recorded(series, tmp_path) as (folder, _):
+        table = open_run(folder).alarms()
+    assert list(table["state"]) == ["active", "active"]
+    assert list(open_run(folder).alarms()["episode"]) == list(table["episode"])  # the recorder is gone, nothing is sealed
+
+
+def test_what_the_recorder_did_not_tell_is_a_finding(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("jbclog.episodes.live.LiveAlarms._tell_all", lambda *_: None)
+    series = Series().add(350, times=20).add(395, times=20)
+    (told,) = open_run(recorded(series, tmp_path)).alarm_findings().live
+    assert told.endswith("by the record it was raised; the recorder did not tell so while it ran.")
+
+
+def test_a_fault_of_the_evaluation_does_not_end_the_recording(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken(*_: object, **__: object) -> None:
+        raise ZeroDivisionError("made up")
+
+    monkeypatch.setattr("jbclog.episodes.port.PortWatch._closely", broken)
+    folder = recorded(Series().add(350, times=20), tmp_path)
+    events = open_run(folder).events()
+    (text,) = events[events["kind"] == "alarm.episode.failed"]["text"]
+    assert "ZeroDivisionError: made up" in text
+    assert len(open_run(folder).samples()) == 20
+
+
+def test_a_record_from_before_there_were_episodes(tmp_path: Path) -> None:
+    """Its facts have no rules: nobody evaluated, so nothing is missing. Its delay was not read: no alarm on samples."""
+    found = open_run(make_run.make_run(tmp_path)).alarm_findings()
+    assert [len(one.by[Detector.STATION]) for one in found.incidents] == [1]
+    assert found.live == []
+
+
+# -- acknowledging ---------------------------------------------------------------------------------------------------------------
+
+
+def test_alarms_on_the_command_line(hot: Path) -> None:
+    shown = jbclog("alarms", hot)
+    assert shown.code == 1
+    assert "high temperature, limit 380 °C; A B C; cleared" in shown.out
+    assert f"jbclog alarms ack {hot} B-high-dde-1-p1-" in shown.err
+    facts = json.loads(jbclog("alarms", hot, "--json").out)
+    assert len(facts["alarms"]) == 6
+    assert facts["figures"][0]["station"] == STATION
+    assert len(facts["not_acknowledged"]) == 2
+
+
+def test_acknowledging_with_a_name_and_a_reason(tmp_path: Path) -> None:
+    folder = run_of(tmp_path, HOT.format(at_s=12, for_s=6, by_c=20), duration_s=25)
+    (name,) = json.loads(jbclog("alarms", folder, "--json").out)["not_acknowledged"]
+    done = jbclog("alarms", "ack", folder, name, "--by", "A. Rossi", "--reason", "hot air near the tip")
+    assert (done.code, done.err) == (0, "")
+    assert [(one.kind, one.who, one.what, one.why) for one in read(folder).said] == [
+        ("alarm.acknowledged", "A. Rossi", name, "hot air near the tip")
+    ]
+    table = open_run(folder).alarms()
+    assert list(table["acknowledged_by"]) == ["A. Rossi"] * 3  # the whole incident
+    assert pd.notna(table["acknowledged_at"]).all()
+    shown = jbclog("alarms", folder)
+    assert (shown.code, shown.err) == (0, "")
+    assert "Acknowledged by A. Rossi at " in shown.out
+    again = jbclog("alarms", "ack", folder, name.replace("B-", "C-"), "--by", "B", "--reason", "C")
+    assert again.code == 2
+    assert jbclog("check", folder).code == 0
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("ack", "RUN", "B-high-x", "--by", "A", "--reason", "B"), "has no such episode"),
+        (("ack", "RUN", "B-high-x", "--by", "A"), "--reason is needed"),
+        (("ack", "RUN", "B-high-x", "--by", " ", "--reason", "B"), "--by is needed"),
+        (("ack", "RUN", "--by", "A", "--reason", "B"), "give RUN, or ack RUN EPISODE"),
+        (("RUN", "RUN"), "give RUN, or ack RUN EPISODE"),
+        (("RUN", "--by", "A"), "belong to `alarms ack"),
+        (("nowhere",), "there is no such folder"),
+    ],
+)
+def test_wrong_usage(hot: Path, words: tuple[str, ...], said: str) -> None:
+    ended = jbclog("alarms", *(str(hot) if word == "RUN" else word for word in words))
+    assert ended.code == 2
+    assert said in ended.err
+    assert read(hot).said == []
+
+
+def test_other_annotations_acknowledge_nothing(tmp_path: Path) -> None:
+    folder = recorded(Series().add(350, times=20).add(395, times=20), tmp_path)
+    name = open_run(folder).alarm_findings().incidents[0].name
+    append(folder, who="A", what=name, why="B")
+    found = open_run(folder).alarm_findings()
+    assert found.is_waiting(found.incidents[0])
