@@ -15,20 +15,15 @@ Loads nothing heavy, so that a guard and a safe verb can write here too.
 
 from __future__ import annotations
 
-import fcntl
-import hashlib
 import json
-import os
 import re
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Final
 
 from jbclog.errors import RecordError
-from jbclog.record.durable import sync_folder
+from jbclog.record.chained import add_line, chain_in, fields_of, line_of, read_whole, sha256
 
 NAME: Final = "annotations.jsonl"
 MANIFEST: Final = "manifest.json"
@@ -72,104 +67,36 @@ def append(folder: Path, *, who: str, what: str, why: str, kind: str = NOTE, utc
     texts = {name: _fit(name, text) for name, text in (("who", who), ("what", what), ("why", why))}
     if not WORDS.fullmatch(kind):
         raise RecordError(f"{kind!r} is no kind of an annotation")
+
+    def made(seq: int, previous: str) -> bytes:
+        time = moment.strftime("%Y-%m-%dT%H:%M:%S.%fZ")
+        return line_of(asdict(Annotation(seq, time, kind, texts["who"], texts["what"], texts["why"], previous)))
+
     try:
-        with _locked(folder / NAME) as descriptor:
-            before = _whole(descriptor)
-            lines = _lines(before)
-            line = _line(_next(lines, first, moment.strftime("%Y-%m-%dT%H:%M:%S.%fZ"), kind, texts))
-            _add(descriptor, before, line)
-        sync_folder(folder)
+        return add_line(folder / NAME, first, _parsed, made)
     except OSError as error:
         raise RecordError(f"{folder / NAME} cannot be written: {error.strerror or error}") from error
-    return _hash(line)
 
 
 def read(folder: Path) -> Annotations:
     """Everything that was said of the run in `folder`, and where its chain does not hold. Raises `RecordError`."""
     first = _first_link(folder)
     try:
-        descriptor = os.open(folder / NAME, os.O_RDONLY | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK)
+        found = chain_in(read_whole(folder / NAME), first, _parsed, what="annotation", of_first="the manifest")
     except FileNotFoundError:
         return Annotations(head=first)
     except OSError as error:
         raise RecordError(f"{folder / NAME} cannot be read: {error.strerror or error}") from error
-    with os.fdopen(descriptor, "rb") as file:
-        try:
-            return _read(file.read(), first)
-        except OSError as error:
-            raise RecordError(f"{folder / NAME} cannot be read: {error.strerror or error}") from error
-
-
-# -- lines ----------------------------------------------------------------------------------------------------------------
-
-
-def _read(data: bytes, first: str) -> Annotations:
-    lines = _lines(data)
-    found = Annotations(head=_hash(lines[-1]) if lines else first)
-    previous, seq = first, 0
-    for number, line in enumerate(lines, 1):
-        said = _parsed(line)
-        if said is None:
-            if not _is_vouched_for(lines, number):
-                found.wrong.append((number, _unreadable(data, lines, number)))
-        elif said.prev_sha256 != previous:
-            found.wrong.append((number, _broken(number)))
-        elif said.seq != seq + 1:
-            found.wrong.append((number, f"is numbered {said.seq} and follows {seq}"))
-        if said is not None:
-            found.said.append(said)
-            seq = said.seq
-        previous = _hash(line)
-    if data and not data.endswith(b"\n") and lines and _parsed(lines[-1]) is not None:
-        found.wrong.append((len(lines), "has lost its end"))
-    return found
-
-
-def _broken(number: int) -> str:
-    if number == 1:
-        return "does not carry the hash of the manifest: one of the two was changed"
-    return "does not carry the hash of the line before it: one of the two was changed, or a line between them is gone"
-
-
-def _unreadable(data: bytes, lines: list[bytes], number: int) -> str:
-    if number == len(lines) and not data.endswith(b"\n"):
-        return "was cut off while it was written; it counts for nothing"
-    return "is no annotation, or was changed"
-
-
-def _is_vouched_for(lines: list[bytes], number: int) -> bool:
-    """Whether the line behind, written when this one was cut off already, carries its hash."""
-    behind = _parsed(lines[number]) if number < len(lines) else None
-    return behind is not None and behind.prev_sha256 == _hash(lines[number - 1])
-
-
-def _lines(data: bytes) -> list[bytes]:
-    """Line by line; what a crash cut off is the last one."""
-    lines = data.split(b"\n")
-    return lines[:-1] if not lines[-1] else lines
-
-
-def _next(lines: list[bytes], first: str, time: str, kind: str, texts: dict[str, str]) -> Annotation:
-    seq = max((said.seq for line in lines if (said := _parsed(line)) is not None), default=0) + 1
-    return Annotation(seq, time, kind, texts["who"], texts["what"], texts["why"], _hash(lines[-1]) if lines else first)
-
-
-def _line(said: Annotation) -> bytes:
-    """As it stands in the file: the fields, and behind them the hash of what they are without it."""
-    fields = asdict(said)
-    own = _hash(json.dumps(fields, ensure_ascii=False).encode())
-    return json.dumps({**fields, "sha256": own}, ensure_ascii=False).encode()
+    return Annotations(found.said, found.wrong, found.head)
 
 
 def _parsed(line: bytes) -> Annotation | None:
     """The annotation in a line; None where it is not, to the byte, what `append` would have written."""
     try:
-        fields = json.loads(line)
-        own = fields.pop("sha256")
-        said = Annotation(**fields)
-        texts = (said.time, said.kind, said.who, said.what, said.why, said.prev_sha256, own)
+        said = Annotation(**fields_of(line))  # type: ignore[arg-type]  # looked at in the next two lines
+        texts = (said.time, said.kind, said.who, said.what, said.why, said.prev_sha256)
         fits = type(said.seq) is int and all(isinstance(text, str) for text in texts)
-        return said if fits and _line(said) == line else None
+        return said if fits and line_of(asdict(said)) == line else None
     except (ValueError, TypeError, AttributeError, KeyError, RecursionError):
         return None
 
@@ -182,13 +109,6 @@ def _fit(name: str, text: str) -> str:
     return shown if len(shown) <= LONGEST else shown[: LONGEST - 1] + "…"
 
 
-def _hash(data: bytes) -> str:
-    return hashlib.sha256(data).hexdigest()
-
-
-# -- files ----------------------------------------------------------------------------------------------------------------
-
-
 def _first_link(folder: Path) -> str:
     """The manifest's hash. Raises `RecordError` where the run is not sealed."""
     try:
@@ -198,28 +118,4 @@ def _first_link(folder: Path) -> str:
         raise RecordError(f"{folder} has no manifest that can be read") from error
     if state != "sealed":
         raise RecordError(f"{folder} is not sealed: what happens now belongs into the record itself")
-    return _hash(data)
-
-
-@contextmanager
-def _locked(path: Path) -> Iterator[int]:
-    """The file, made where it is not there, for one writer at a time. Never through a link."""
-    flags = os.O_RDWR | os.O_APPEND | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK
-    descriptor = os.open(path, flags, 0o666)
-    try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX)
-        yield descriptor
-    finally:
-        os.close(descriptor)
-
-
-def _whole(descriptor: int) -> bytes:
-    return os.pread(descriptor, os.fstat(descriptor).st_size, 0)
-
-
-def _add(descriptor: int, before: bytes, line: bytes) -> None:
-    """Put the line at the end, on a line of its own also behind one that was cut off, and see that it lasts."""
-    data = (b"" if not before or before.endswith(b"\n") else b"\n") + line + b"\n"
-    while data:
-        data = data[os.write(descriptor, data) :]
-    os.fsync(descriptor)
+    return sha256(data)
