@@ -8,7 +8,8 @@
     ├── LinkError (OSError)         the cable, the port or the server is gone
     │   ├── PortBusy                somebody else holds the port
     │   ├── PortForbidden           this user may not open it
-    │   └── PortMissing             there is no such port
+    │   ├── PortMissing             there is no such port
+    │   └── OtherStation            what answers is not the station that the run began with
     ├── StationError                the link works, the station did not give what was asked
     │   ├── AnswerTimeout (TimeoutError)
     │   │   └── StationSilent       nothing answers any more, probes included
@@ -91,6 +92,14 @@ class PortForbidden(LinkError):
 
 class PortMissing(LinkError):
     """There is no port of that name: unplugged, or named otherwise."""
+
+
+class OtherStation(LinkError):
+    """What answers is, by what it says of itself, not the station that the run began with, or not since `since` (monotonic)."""
+
+    def __init__(self, text: str, since: float) -> None:
+        super().__init__(text)
+        self.since = since
 
 
 class StationError(JbclogError):

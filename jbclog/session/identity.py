@@ -1,7 +1,8 @@
 """Is it still the same station? Asked whenever a cable was out: adapters swap names, and people swap cables.
 
 The model alone proves little on a line of equal units, so the software version and the plugged hours are compared too:
-hours never fall, and grow no faster than time (faults.md, rows 16 and 17). Two units of one model and software whose
+hours never fall, and grow no faster than time (faults.md, rows 16 and 17). They are so whenever they are read, because
+who is quick swaps two cables between two questions. Two units of one model and software whose
 hours agree cannot be told apart by anything that the manuals print. OMEGA tells none of these: that one answers is all
 that is known of it.
 """
@@ -9,11 +10,14 @@ that is known of it.
 from __future__ import annotations
 
 from jbclog.effects import Steps
-from jbclog.errors import NotSupported
+from jbclog.errors import NotSupported, OtherStation
+from jbclog.quantities import Value
 from jbclog.rows import Severity
 from jbclog.session.order import Desk
 
 RESOLUTION_H = 1  # the counters count whole hours
+DRIFT = 0.01  # by which a station's clock may differ from ours
+ROLLS_OVER_AT = 100_000  # five digits
 
 
 def learn_identity(desk: Desk) -> Steps[None]:
@@ -47,9 +51,24 @@ def _difference(desk: Desk) -> Steps[str | None]:
             return f"a {model} with software {found}, not the one with {software}"
     for number, (before, then) in desk.plugged_hours.items():
         hours = yield from _hours(desk, number, before)
-        if hours is not None and not before <= hours <= before + (desk.now - then) / 3600 + RESOLUTION_H:
+        if hours is not None and not _can_be(hours, before, desk.now - then):
             return f"a {model} with {hours} plugged hours on port {number}, not the one with {before}"
     return None
+
+
+def expect_same(desk: Desk, number: int, hours: Value) -> None:
+    """Raise `OtherStation` where plugged hours that were just read cannot be those of this run's station."""
+    before, then = desk.plugged_hours.get(number, (None, 0.0))
+    if before is None or not isinstance(hours, int):
+        return
+    if not _can_be(hours, before, desk.now - then):
+        raise OtherStation(f"the plugged hours of port {number} are {hours}, and were {before}", since=then)
+    desk.plugged_hours[number] = hours, desk.now
+
+
+def _can_be(hours: int, before: int, seconds: float) -> bool:
+    """Whether a counter that stood at `before` can stand at `hours` so many seconds later."""
+    return (hours - before) % ROLLS_OVER_AT <= seconds / 3600 * (1 + DRIFT) + RESOLUTION_H
 
 
 def _hours(desk: Desk, number: int, known: int | None = None) -> Steps[int | None]:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from jbclog.commands.command import Scope
 from jbclog.effects import Steps, Wait
-from jbclog.errors import LinkError, RobotModeOff, StartRefused, StationError
+from jbclog.errors import LinkError, OtherStation, RobotModeOff, StartRefused, StationError
 from jbclog.quantities import Value
 from jbclog.rows import Severity
 from jbclog.session.apply import note_status, read_all
@@ -70,7 +70,11 @@ def _tell_loss(desk: Desk, lost: Lost) -> None:
     severity = Severity.CRITICAL if hot else Severity.ERROR
     tips = ", ".join(f"port {port.number} at {port.temperature_c} °C" for port in hot)
     warning = f" Its {desk.family.hot_part} stays as it was last set: {tips}." if hot else ""
-    desk.note("link.lost", severity, f"The station cannot be reached: {lost.cause}.{warning}")
+    if isinstance(lost.cause, OtherStation):
+        text = f"The station may be another now: {lost.cause}.{warning}"
+        desk.note("link.lost", severity, text, since=lost.cause.since)
+    else:
+        desk.note("link.lost", severity, f"The station cannot be reached: {lost.cause}.{warning}")
 
 
 def _tell_return(desk: Desk, began: float, why: str) -> None:

@@ -18,6 +18,7 @@ from jbclog.session.alarms import AlarmWatch
 from jbclog.session.anomalies import as_it_came, note_zero_countdown
 from jbclog.session.columns import Fill, fill_of, unusable, void
 from jbclog.session.doubt import Doubt, SecondLook
+from jbclog.session.identity import expect_same
 from jbclog.session.omega_states import differs_from_last
 from jbclog.session.order import Desk, PortState
 from jbclog.session.possible import possible_of
@@ -144,6 +145,8 @@ class Scanner:
             value = yield from self._station.ask(probe.question)
             if probe.look.is_due(self._desk, value):
                 value = yield from probe.look.settle(self._desk, value)
+            if probe.reading.command.name == self._desk.family.hours:
+                expect_same(self._desk, probe.port.number, value)
         except NotSupported as error:
             self._lacks(probe, scan, error)
         except (StationError, LinkError) as error:

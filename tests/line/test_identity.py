@@ -96,3 +96,22 @@ def test_hot_air_is_known_by_its_plugged_hours() -> None:
     run = hot_air(f"counters = {{ plugged_hours = {HOURS} }}\n" + AWAY, duration_s=20)
     run.at(5, lambda: plant(run).start_counts.update(plugged_hours=HOURS - 20.0))
     assert_gone(run.go(), f"a JTSE with {HOURS - 20} plugged hours on port 1, not the one with {HOURS}")
+
+
+def test_hours_that_roll_over_are_those_of_the_same_station() -> None:
+    run = prepare(line_text("counters = { plugged_hours = 99999.9 }\n" + AWAY), duration_s=20)
+    run.at(5, lambda: run.station.plant.start_counts.update(plugged_hours=100_000.3))
+    run.go()
+    assert run.memory.of_kind("identity.changed") == []
+    assert run.facts.outcome == "completed"
+
+
+def test_cables_that_were_swapped_between_two_questions_are_known_by_the_next_hours() -> None:
+    run = prepare(line_text(f"counters = {{ plugged_hours = {HOURS} }}\n"), duration_s=150)
+    run.at(80, lambda: run.station.plant.start_counts.update(plugged_hours=HOURS + 50.0))
+    run.go()
+    (lost, *_) = run.memory.of_kind("link.lost")
+    hours = [one.time for one in run.memory.counters if one.counter == "plugged_h" and one.value is not None and one.port == 1]
+    assert lost.earliest == pytest.approx(hours[-1], abs=100_000)  # since then it may have been another
+    assert lost.text.startswith(f"The station may be another now: the plugged hours of port 1 are {HOURS + 50}, and were {HOURS}.")
+    assert_gone(run, f"a DDE with {HOURS + 50} plugged hours on port 1, not the one with {HOURS}")
