@@ -1,0 +1,143 @@
+"""One port of one run as arrays, and windows of it that know their gaps.
+
+Seconds are on the run's grid (tick × period); with ``--rate max`` they are UTC less the steps of the wall clock
+(`judge.stepped`), the nominal period is the median distance of two rows, and a gap is what is longer than four of them and
+than half a second, since such rows are as far apart as the station is slow. What was not read is NaN.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from jbclog.features.figure import GAP_PERIODS
+from jbclog.judge.idle import Block, Flags, Floats, setting_in_force
+
+RESOLUTION_C, RESOLUTION_PERMILLE = 1.0, 1.0  # of R-TT and R-PP (manuals 000 and 002: whole °C, whole per mille)
+
+
+@dataclass(frozen=True, slots=True)
+class Series:
+    """The rows of one port in their order.
+
+    `rows` has seconds, °C, ‰, the setting in °C where it was read, and whether the tool works (hot air: is on); `known`
+    tells where the state was read at all. `feeding` is 1 where the feeder's motor pushed wire, 0 where not, NaN where that
+    was not read; None for a tool without a feeder. `rated_w` is the power at 1000 ‰, where the line file declares it;
+    `ordered_s` is when the run ordered the tool to work.
+    """
+
+    rows: Block
+    known: Flags
+    period_s: float
+    feeding: Floats | None = None
+    rated_w: float | None = None
+    ordered_s: float | None = None
+    on_grid: bool = True
+
+    @property
+    def seconds(self) -> Floats:
+        return self.rows.seconds
+
+    @property
+    def gap_s(self) -> float:
+        """Readings further apart than this have a gap between them."""
+        return GAP_PERIODS * self.period_s if self.on_grid else max(2 * GAP_PERIODS * self.period_s, 0.5)
+
+    def window(self, values: Floats, start_s: float, end_s: float) -> Window:
+        """The readings of one column from `start_s` to `end_s`, both included."""
+        first, last = np.searchsorted(self.seconds, [start_s - 1e-6, end_s + 1e-6])
+        here = slice(int(first), int(last))
+        there = ~np.isnan(values[here])
+        return Window(start_s, end_s, self.period_s, self.gap_s, self.seconds[here][there], values[here][there])
+
+    def whole(self, values: Floats) -> Window:
+        """The whole run's readings of one column."""
+        if not len(self.seconds):
+            return Window(0.0, 0.0, self.period_s, self.gap_s, np.empty(0), np.empty(0))
+        return self.window(values, float(self.seconds[0]), float(self.seconds[-1]))
+
+
+@dataclass(frozen=True, slots=True)
+class Window:
+    """The readings that are there between two moments."""
+
+    start_s: float
+    end_s: float
+    period_s: float
+    gap_s: float
+    seconds: Floats
+    values: Floats
+
+    @property
+    def n(self) -> int:
+        return len(self.values)
+
+    @property
+    def due(self) -> int:
+        """How many readings a window of this length has."""
+        return max(round((self.end_s - self.start_s) / self.period_s) + 1, 1) if self.period_s else self.n
+
+    @property
+    def coverage(self) -> float:
+        """In per cent of those due, 100 at the most."""
+        return round(min(100.0 * self.n / self.due, 100.0), 3) if self.due else 0.0
+
+    @property
+    def longest_gap_s(self) -> float:
+        """The longest time from one reading to the next, from the window's beginning and to its end included."""
+        if not self.n:
+            return self.end_s - self.start_s + 2 * self.period_s
+        edges = np.concatenate(([self.start_s - self.period_s], self.seconds, [self.end_s + self.period_s]))
+        return float(np.diff(edges).max())
+
+    @property
+    def gap(self) -> str | None:
+        """What is wrong with the record here, in a sentence; None where there is no gap."""
+        longest = self.longest_gap_s
+        if longest <= self.gap_s + 1e-6:
+            return None
+        return f"Its window has a gap: no reading for {longest:.1f} s; {self.gap_s:g} s would be none."
+
+
+@dataclass(frozen=True, slots=True)
+class Stretch:
+    """Rows that follow each other without a gap while the tool works, on an even grid of `period_s`."""
+
+    period_s: float
+    seconds: Floats
+    temperature: Floats
+    power: Floats
+    setting: Floats  # in force; NaN where it is not known
+
+    def __len__(self) -> int:
+        return len(self.seconds)
+
+
+def stretches(series: Series, shortest_s: float = 3.0) -> list[Stretch]:
+    """The parts of the record that can be looked at for transients: working, both read, no gap. A single lost row is bridged."""
+    rows = series.rows
+    there = ~np.isnan(rows.temperature) & ~np.isnan(rows.power) & rows.working
+    places = np.flatnonzero(there)
+    if not len(places):
+        return []
+    apart = np.diff(rows.seconds[places]) > series.gap_s + 1e-6
+    rested = np.diff(np.cumsum(series.known & ~rows.working)[places]) > 0
+    pieces = np.split(places, np.flatnonzero(apart | rested) + 1)
+    setting = setting_in_force(rows.seconds, rows.setting)
+    found = [_even(rows, setting, piece, series.period_s) for piece in pieces if len(piece) > 1]
+    return [stretch for stretch in found if len(stretch) * series.period_s >= shortest_s]
+
+
+def _even(rows: Block, setting: Floats, places: NDArray[np.int64], period_s: float) -> Stretch:
+    seconds = rows.seconds[places]
+    grid = seconds[0] + np.arange(int(np.floor((seconds[-1] - seconds[0]) / period_s + 1e-6)) + 1) * period_s
+    last = np.clip(np.searchsorted(seconds, grid + 1e-6) - 1, 0, len(seconds) - 1)
+    temperature, power = (np.interp(grid, seconds, column[places]) for column in (rows.temperature, rows.power))
+    return Stretch(period_s, grid, temperature, power, setting[places][last])
+
+
+def nominal_period(seconds: Floats) -> float:
+    """The median distance of two rows: what stands for the period where there is no grid."""
+    return float(np.median(np.diff(seconds))) if len(seconds) > 1 else 0.0
