@@ -10,9 +10,10 @@ from __future__ import annotations
 import getpass
 import platform
 import socket
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Protocol
@@ -23,8 +24,8 @@ from jbclog.episodes import LiveAlarms
 from jbclog.errors import RecordError
 from jbclog.judge import Evidence, judge
 from jbclog.outcome import Exit, Finding, exit_code, findings, status
+from jbclog.plan import PORTS, Plan, StationPlan, orders
 from jbclog.plan import Metadata as Told
-from jbclog.plan import Plan, orders
 from jbclog.record.conclude import conclude
 from jbclog.record.folder import create_run, keep_text
 from jbclog.record.ledger import ledger_of
@@ -32,8 +33,9 @@ from jbclog.record.lineage import previous_run
 from jbclog.record.live import SEAL_S, LiveStore, OnFailure
 from jbclog.record.manifest import LineFile, Manifest, Metadata, RecipeFile, iso, write_manifest
 from jbclog.record.seal import seal_in_child
-from jbclog.rows import COLUMN, CounterRow, EventRow, SampleRow, SettingRow, Severity, StationFacts
+from jbclog.rows import COLUMN, CounterRow, EventRow, SampleRow, SettingRow, Severity, StationFacts, TipCheck
 from jbclog.session.order import Desk
+from jbclog.verifying.cited import cited
 
 OnFacts = Callable[[StationFacts], None]
 
@@ -90,6 +92,7 @@ class Dossier:
         self._store = LiveStore(self.folder, on_failure, seal_every_s=seal_every_s, on_event=observer.happened)
         self.journal = _Tap(self._store, on_facts)
         self.manifest = replace(self._draft(), previous=previous)
+        self.manifest.verifications = self._cited(out)
         self.desks = [Desk(order, self.journal, self.utc) for order in orders(plan, self.t0)]
 
     def begin(self) -> None:
@@ -121,6 +124,12 @@ class Dossier:
             host=_host(),
             rate=self._plan.wanted.rate,
         )
+
+    def _cited(self, out: Path) -> list[TipCheck]:
+        """The tip verification of each port that is reckoned with; which of them there are is known when the run has ended."""
+        places = [(one.spec.name, port) for one in self._plan.stations for port in _ports(one)]
+        tips = {place: self.manifest.metadata.tip(*place) for place in places}
+        return cited(out, places, tips, datetime.fromtimestamp(self.clock.utc(), UTC))
 
     def note(self, kind: str, text: str, severity: Severity = Severity.INFO, value: float | None = None) -> None:
         """An event of the run as a whole; a critical one is kept at once."""
@@ -163,6 +172,8 @@ class Dossier:
         """Judge what is sealed, and write the manifest that is never changed again. `record` is what the record lacks."""
         stations, manifest = [desk.facts for desk in self.desks], self.manifest
         manifest.stations = stations  # in the line file's order
+        there = {facts.name: facts.ports for facts in stations}
+        manifest.verifications = [one for one in manifest.verifications if one.port in (there[one.station] or [one.port])]
         manifest.ended = iso(self.utc.micros(self.clock.monotonic()))
         self._judge(stations, record, cut_short)
         found = findings(stations, verdict=manifest.verdict, record=record, cut_short=cut_short)
@@ -177,7 +188,8 @@ class Dossier:
 
     def _judge(self, stations: list[StationFacts], record: str | None, cut_short: Exit | None) -> None:
         exit_status = status(findings(stations, verdict=None, record=record, cut_short=cut_short))
-        evidence = Evidence(self.folder, stations, ledger_of(self.folder, stations), exit_status, record)
+        ledger, checks = ledger_of(self.folder, stations), self.manifest.verifications
+        evidence = Evidence(self.folder, stations, ledger, exit_status, record, checks)
         judgement = judge(evidence, {one.spec.name: one.recipe.acceptance for one in self._plan.stations})
         self.manifest.verdict = judgement.verdict.value
         self.manifest.verdict_rules = judgement.rules_as_dicts()
@@ -224,6 +236,11 @@ class _Tap:
         time = row[COLUMN["time"]]
         assert isinstance(time, int)
         self._store.event(EventRow(time, "alarm.episode.failed", Severity.WARNING, text))
+
+
+def _ports(station: StationPlan) -> Sequence[int]:
+    """Every port that it can have, where only the station knows."""
+    return station.spec.ports or (station.family.ports if station.family else None) or PORTS
 
 
 def _metadata(told: Told) -> Metadata:

@@ -212,3 +212,25 @@ class StationFacts:
     safe_state: dict[int, str] = field(default_factory=dict)
     unsafe: list[str] = field(default_factory=list)  # a sentence for each tool or feeder that could not be made safe
     last_temperature_c: dict[int, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class TipCheck:
+    """The tip verification that a port stood on when its run began, kept in the manifest (`verifying`).
+
+    `state`: ``pass`` or ``fail`` as the last valid one came out, ``other tip`` where that was of another tip than the one that
+    was named for the run, ``none``, or ``unreadable``. `days` is its age at the run's start; `sha256` is that of its line.
+    """
+
+    station: str
+    port: int
+    state: str
+    text: str
+    time: str | None = None
+    days: float | None = None
+    tip: str | None = None
+    instrument: str | None = None
+    offset_c: float | None = None
+    limit_c: float | None = None
+    seq: int | None = None
+    sha256: str | None = None

@@ -22,6 +22,8 @@ from jbclog.cli.safe import safe
 from jbclog.cli.scan import scan
 from jbclog.cli.sim import sim
 from jbclog.cli.streams import make_usable
+from jbclog.cli.verify import verify
+from jbclog.cli.where_used import where_used
 from jbclog.cli.write import write
 
 app = typer.Typer(
@@ -51,6 +53,8 @@ def _main(
 
 for verb in (demo, sim, scan, doctor, plan, run, safe, runs, report, check, alarms, annotate, recover, replay):
     app.command()(verb)
+app.command()(verify)
+app.command("where-used")(where_used)
 app.command(cls=ReadCommand)(read)
 app.command(cls=WriteCommand)(write)
 

@@ -29,6 +29,10 @@ class Acceptance(Protocol):
     def alarms_max(self) -> int | None:
         """How many counted alarms are allowed."""
 
+    @property
+    def verification_days(self) -> float | None:
+        """Greatest age of the tip's verification against an external thermometer when the run began."""
+
 
 @dataclass(frozen=True, slots=True)
 class Limits:
@@ -39,9 +43,10 @@ class Limits:
     idle_error_c: float | None = None
     idle_sd_c: float | None = None
     alarms_max: int | None = None
+    verification_days: float | None = None
 
 
-LIMIT_NAMES = ("coverage_percent", "longest_gap_s", "idle_error_c", "idle_sd_c", "alarms_max")
+LIMIT_NAMES = ("coverage_percent", "longest_gap_s", "idle_error_c", "idle_sd_c", "alarms_max", "verification_days")
 
 
 def asks_for_anything(acceptance: Acceptance | None) -> bool:

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from jbclog.rows import StationFacts
+from jbclog.rows import StationFacts, TipCheck
 
 PortLedger = Mapping[str, Mapping[str, int]]
 """signal -> {"due": n, "ok": n, reason: n ...}."""
@@ -20,7 +20,7 @@ class Evidence:
     """One run: `folder` holds `samples/`, `events/` and `settings/`, sealed.
 
     `exit_status` is the manifest's; ``lost`` means that a crash ended the run and its last moments are missing. `lost`
-    says what else the record lacks, in a sentence.
+    says what else the record lacks, in a sentence. `verifications` are those that its ports stood on when it began.
     """
 
     folder: Path
@@ -28,6 +28,7 @@ class Evidence:
     ledger: Ledger
     exit_status: str | None = "success"
     lost: str | None = None
+    verifications: Sequence[TipCheck] = ()
 
     def port_ledger(self, station: str, port: int) -> PortLedger:
         """The ledger of one port; empty where nothing was ever due."""

@@ -118,6 +118,7 @@ def no_limit_applies(facts: StationFacts, acceptance: Acceptance) -> bool:
         "idle_error_c": tells(facts, TEMPERATURE),
         "idle_sd_c": tells(facts, TEMPERATURE),
         "alarms_max": tells(facts, "alarm_high"),
+        "verification_days": tells(facts, TEMPERATURE),
     }
     return not any(applies[name] for name in LIMIT_NAMES if getattr(acceptance, name) is not None)
 

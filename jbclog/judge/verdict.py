@@ -18,9 +18,10 @@ from jbclog.judge.acceptance import Acceptance, asks_for_anything
 from jbclog.judge.deviations import deviations, not_judged, unused_ports
 from jbclog.judge.evidence import Evidence
 from jbclog.judge.rule import Result, Rule
-from jbclog.judge.rules import no_limit_applies, port_rules, record_rule, station_rules, used_ports
-from jbclog.judge.samples import Measures, measure
+from jbclog.judge.rules import no_limit_applies, port_rules, record_rule, station_rules, tells, used_ports
+from jbclog.judge.samples import TEMPERATURE, Measures, measure
 from jbclog.judge.tables import Event, Outcomes, read_events, read_outcomes
+from jbclog.judge.verified import verification_rule
 from jbclog.rows import StationFacts
 
 
@@ -90,6 +91,8 @@ def _station(
         yield Rule("ports", facts.name, None, "one at least", 0, "", Result.MISSING, "None of its ports was recorded with a tool.")
     for port in ports:
         yield from port_rules(facts, port, acceptance, evidence.port_ledger(facts.name, port), measures.get((facts.name, port)))
+        if acceptance.verification_days is not None and tells(facts, TEMPERATURE):
+            yield verification_rule(facts, port, acceptance.verification_days, evidence)
     if no_limit_applies(facts, acceptance):
         yield not_judged(facts, "None of its recipe's limits is about what it tells; it is recorded and not judged.")
     yield from unused_ports(facts, evidence)

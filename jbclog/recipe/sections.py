@@ -152,6 +152,7 @@ class Acceptance(Table):
     idle_error_c: float | None = Field(None, ge=0, description="°C from 0 on")
     idle_sd_c: float | None = Field(None, ge=0, description="°C from 0 on")
     alarms_max: int | None = Field(None, ge=0, description="a whole number from 0 on")
+    verification_days: float | None = Field(None, ge=0, description="days from 0 on")
 
 
 PortName = Literal["1", "2", "3", "4"]

@@ -60,7 +60,8 @@ def judge_now(folder: Path, manifest: Manifest) -> Judgement:
             text = "The copy of its recipe cannot be read, so its limits are not known."
             unread.append(Rule("recipe", facts.name, None, "readable", None, "", Result.MISSING, text))
     lost = None if manifest.lost is None else manifest.lost.text
-    judgement = judge(Evidence(folder, manifest.stations, manifest.ledger, manifest.exit_status, lost), acceptance)
+    checks = manifest.verifications
+    judgement = judge(Evidence(folder, manifest.stations, manifest.ledger, manifest.exit_status, lost, checks), acceptance)
     if not unread:
         return judgement
     verdict = Verdict.REJECT if judgement.verdict is Verdict.REJECT else Verdict.INCONCLUSIVE

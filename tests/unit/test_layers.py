@@ -37,6 +37,7 @@ MAY_USE = {
     "judge": "rows errors",
     "spc": "errors",
     "episodes": "rows errors",
+    "verifying": "record rows errors",
     "analysis": "record judge episodes rows tape errors",
     "report": "analysis judge record recipe commands rows errors",
     # top: what puts the rooms together, below the command line
@@ -47,7 +48,7 @@ MAY_USE = {
     "found_line": "finding recipe transport",
     "doctor": "search finding recipe record transport commands",
     "plan": f"{BOTTOM} commands recipe scheduler session",
-    "dossier": f"{BOTTOM} plan outcome session record judge episodes",
+    "dossier": f"{BOTTOM} plan outcome session record judge episodes verifying",
     "guarding": "guard rows",
     "unit_feed": "drive rows",
     "conduct": f"{BOTTOM} dossier guarding unit_feed guard plan outcome session drive transport record",
