@@ -23,7 +23,8 @@ from alarm_series import (
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from jbclog.episodes import Change, Detector, Episode, LiveAlarms, Rows, SampledEpisodes, State
+from jbclog.episodes import BEFORE_ALL, Change, Detector, Episode, LiveAlarms, Rows, Rules, SampledEpisodes, State
+from jbclog.episodes.port import PortWatch
 
 B, C = Detector.SAMPLES, Detector.AFTERWARDS
 
@@ -158,6 +159,17 @@ def test_an_alarm_that_is_switched_off_ends() -> None:
 def test_a_limit_that_was_changed_holds_from_then_on() -> None:
     series = hot().add(375, times=10).change("alarm_high_limit", "370 °C").add(375, times=10)
     assert (only(series).limit_c, only(series).onset_us) == (370, at(13))
+
+
+@pytest.mark.parametrize("step_us", [-7_200_000_000, 7_200_000_000])
+def test_the_readings_around_a_step_of_the_clock_are_told_by_the_new_one(step_us: int) -> None:
+    watch = PortWatch(STATION, 1, PERIOD_S, Rules(), [C])
+    for row in setting_rows():
+        watch.change(Change(BEFORE_ALL, row.setting, row.readback))
+    watch.row(at(0), 0, 350, "working", None)
+    watch.step(step_us)
+    ((_, episode),) = watch.row(at(1) + step_us, 1, 390, "working", None)
+    assert (episode.onset_earliest_us, episode.onset_us) == (at(0) + step_us, at(1) + step_us)
 
 
 # -- the recorder and a replay ----------------------------------------------------------------------------------------------
