@@ -16,6 +16,7 @@ import pytest
 from command import RECIPE, WireLog, is_sampling, jbclog, started, until
 
 from jbclog.record.check import check
+from jbclog.record.manifest import read_manifest
 from jbclog.rows import SAMPLE_COLUMNS
 from jbclog.sim.process import SimProcess
 
@@ -125,7 +126,9 @@ def test_a_second_recorder_is_told_who_holds_the_port(bench: Bench, tmp_path: Pa
     assert second.returncode == 3
     (folder,) = (tmp_path / "runs").iterdir()
     assert f"ucr-1: the run {folder} (process {first.pid}) holds this port; nothing was sent" in second.stderr
-    assert not (tmp_path / "others").exists()
+    refused = only_run(tmp_path / "others")
+    assert second.stdout == f"{refused}\n"
+    assert (read_manifest(refused).exit_status, read_manifest(refused).exit_code, check(refused)) == ("failed", 3, [])
 
 
 def test_a_second_run_through_a_server_s_port_is_refused_too(tmp_path: Path) -> None:

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import os
 import socket
 from pathlib import Path
 
 import pytest
+from few_rows import table
 from typer.testing import CliRunner
 
 from jbclog.cli.app import app
+from jbclog.record.manifest import read_manifest
 
 LINE = '[line]\nname = "bench"\n[[station]]\nname = "dde-1"\nurl = "nowhere"\nfamily = "dde"\nports = [1]\n'
 RECIPE = '[recipe]\nname = "job"\nrevision = 1\nfamilies = ["dde"]\n'
@@ -82,6 +85,25 @@ def test_a_list_of_serials_that_is_none(place: Path, text: bytes, why: str) -> N
 @pytest.mark.parametrize("name", ["nowhere.txt", "."])
 def test_serials_from_nowhere(place: Path, name: str) -> None:
     assert refused("run", "job.toml", "--line", "line.toml", "--units", name).startswith(f"error: --units {name}")
+
+
+def test_a_list_of_serials_names_the_units_of_the_run(place: Path) -> None:
+    (place / "serials.txt").write_bytes(b"\xef\xbb\xbfSN-1\r\nSN-2\r\n\r\nSN-1")
+    ended = CliRunner().invoke(
+        app, ["run", "job.toml", "--line", "line.toml", "--units", "serials.txt", "--unit", "SN-0", "--duration", "1s"]
+    )
+    assert ended.exit_code == 3  # the station is not there
+    manifest = read_manifest(next((place / "runs").iterdir()))
+    assert (manifest.metadata.units, manifest.units) == (["SN-0", "SN-1", "SN-2"], [])
+
+
+def test_a_recipe_that_requires_a_unit_and_none_that_is_read(place: Path) -> None:
+    (place / "job.toml").write_text(f'{RECIPE}[metadata]\nrequired = ["unit"]\n')
+    assert "give --unit …" in refused("run", "job.toml", "--line", "line.toml")
+    os.mkfifo(place / "serials")
+    CliRunner().invoke(app, ["run", "job.toml", "--line", "line.toml", "--units", "serials", "--duration", "1s"])
+    events = table(next((place / "runs").iterdir()), "events")
+    assert "unit.missing" in events["kind"].to_pylist()
 
 
 def test_names_of_people_may_have_any_letters(place: Path) -> None:

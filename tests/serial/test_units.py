@@ -1,0 +1,185 @@
+"""Serials of units, typed while a run goes on: through real pipes and terminals, as barcode readers give them."""
+
+from __future__ import annotations
+
+import os
+import pty
+import signal
+import subprocess
+import sys
+import termios
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import IO
+
+import pytest
+from command import RECIPE, WireLog, is_sampling, jbclog, until
+
+from jbclog.analysis import open_run
+from jbclog.record.check import check
+from jbclog.record.manifest import Manifest, read_manifest
+
+Bench = tuple[Path, WireLog]
+
+
+def arguments(line: Path, out: Path, *more: str) -> list[str]:
+    words = ["run", RECIPE, "--line", line, "--out", out, "-s", "ucr-1", "--rate", "5", *more]
+    return [sys.executable, "-c", "from jbclog.cli import main; main()", *map(str, words)]
+
+
+def only_run(out: Path) -> Path:
+    (folder,) = out.iterdir()
+    return folder
+
+
+def told_of_units(out: Path, count: int) -> bool:
+    """Whether so many events of units were committed before long."""
+    return until(lambda: sum(kind.startswith("unit.") for kind in open_run(only_run(out)).events()["kind"]) == count)
+
+
+def rows(out: Path) -> int:
+    """How many samples were committed so far."""
+    return len(open_run(only_run(out)).samples(columns=["tick"]))
+
+
+def serials(manifest: Manifest) -> list[str]:
+    return [unit.serial for unit in manifest.units]
+
+
+def end(run: subprocess.Popen[str]) -> str:
+    run.send_signal(signal.SIGINT)
+    _, notes = run.communicate(timeout=30)
+    return notes
+
+
+@contextmanager
+def running(*words: str, stdin: int | IO[bytes]) -> Iterator[subprocess.Popen[str]]:
+    with subprocess.Popen(words, stdin=stdin, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as run:
+        try:
+            yield run
+        finally:
+            run.kill()
+
+
+def test_lines_of_a_reader_begin_units(bench: Bench, tmp_path: Path) -> None:
+    line, _ = bench
+    out = tmp_path / "runs"
+    with running(*arguments(line, out, "--units", "-"), stdin=subprocess.PIPE) as run:
+        assert run.stdin is not None
+        assert until(lambda: is_sampling(out))
+        for typed, told in (("SN-1\r\n", 1), ("SN-1\n", 2), ("\n", 2), ("SN\x1d2\n", 4)):  # the last ends one and begins one
+            run.stdin.write(typed)
+            run.stdin.flush()
+            assert told_of_units(out, told)
+        seen = rows(out)
+        assert until(lambda: rows(out) > seen)
+        notes = end(run)
+    folder = only_run(out)
+    manifest = read_manifest(folder)
+    first, second = manifest.units
+    assert (first.serial, second.serial) == ("SN-1", "SN\\x1d2")
+    assert first.end == second.begin
+    assert second.end is not None
+    assert second.end > second.begin
+    assert "run: Unit SN-1 begins." in notes
+    assert check(folder) == []
+    found = jbclog("runs", out, "--unit", "SN\\x1d2")
+    assert found.stdout.splitlines()[1].endswith(folder.name)
+    samples = open_run(folder).samples(columns=["time"])
+    units = open_run(folder).unit_at(samples["time"])
+    assert set(units.dropna()) <= {"SN-1", "SN\\x1d2"}
+    assert units.iloc[-1] == "SN\\x1d2"
+
+
+@pytest.mark.parametrize("given", ["closed", "a pipe that ends"])
+def test_a_stdin_that_ends_ends_nothing_else(bench: Bench, tmp_path: Path, given: str) -> None:
+    line, _ = bench
+    out = tmp_path / "runs"
+    words = arguments(line, out, "--units", "-", "-d", "2s")
+    if given == "closed":
+        words = ["sh", "-c", 'exec "$@" <&-', "sh", *words]
+    with running(*words, stdin=subprocess.PIPE if given == "a pipe that ends" else subprocess.DEVNULL) as run:
+        notes = run.communicate("SN-1\nSN-2" if given == "a pipe that ends" else None, timeout=30)[1]
+    manifest = read_manifest(only_run(out))
+    assert manifest.exit_status == "success", notes
+    assert serials(manifest) == (["SN-1", "SN-2"] if given == "a pipe that ends" else [])
+    assert "No more serials come from stdin, which was closed" in notes
+
+
+def test_a_flood_does_not_hold_up_a_run(bench: Bench, tmp_path: Path) -> None:
+    line, _ = bench
+    out = tmp_path / "runs"
+    with subprocess.Popen(["yes", "SN-1"], stdout=subprocess.PIPE) as flood:
+        assert flood.stdout is not None
+        with running(*arguments(line, out, "--units", "-", "-d", "2s"), stdin=flood.stdout) as run:
+            run.communicate(timeout=30)
+        flood.kill()
+    folder = only_run(out)
+    manifest = read_manifest(folder)
+    assert manifest.exit_status == "success"
+    assert serials(manifest) == ["SN-1"]
+    assert manifest.stations[0].skipped == 0
+    assert len(open_run(folder).events()) < 400
+
+
+# -- on a terminal ---------------------------------------------------------------------------------------------------------------
+
+
+class Terminal:
+    """A terminal that a program runs on, and what it shows."""
+
+    def __init__(self, *words: str) -> None:
+        self._ours, self._theirs = pty.openpty()
+        self.run = subprocess.Popen(
+            words, stdin=self._theirs, stdout=self._theirs, stderr=self._theirs, start_new_session=True, preexec_fn=self._take
+        )
+        self.shown = b""
+        self._reader = threading.Thread(target=self._read, daemon=True)
+        self._reader.start()
+
+    def _take(self) -> None:
+        import fcntl
+
+        fcntl.ioctl(0, termios.TIOCSCTTY, 0)
+
+    def _read(self) -> None:
+        while True:
+            try:
+                self.shown += os.read(self._ours, 4096)
+            except OSError:
+                return
+
+    @property
+    def echoes(self) -> bool:
+        return bool(termios.tcgetattr(self._theirs)[3] & termios.ECHO)
+
+    def type(self, text: str) -> None:
+        os.write(self._ours, text.encode())
+
+    def close(self) -> None:
+        self.run.kill()
+        self.run.wait(10)
+        os.close(self._theirs)
+        os.close(self._ours)
+
+
+def test_a_reader_types_beside_the_table_without_spoiling_it(bench: Bench, tmp_path: Path) -> None:
+    line, _ = bench
+    out = tmp_path / "runs"
+    terminal = Terminal(*arguments(line, out, "--units", "-"))
+    try:
+        assert until(lambda: is_sampling(out))
+        assert not terminal.echoes
+        terminal.type("SN-1\r")
+        assert until(lambda: b"Unit SN-1 begins" in terminal.shown)
+        terminal.type("SN-2\r")
+        assert until(lambda: b"Unit SN-2 begins" in terminal.shown)
+        terminal.type("\x03")  # Ctrl-C
+        assert until(lambda: terminal.run.poll() is not None, 30)
+        assert terminal.echoes
+    finally:
+        terminal.close()
+    assert terminal.shown.count(b"SN-1") == 1  # as an event, and not as it was typed
+    assert serials(read_manifest(only_run(out))) == ["SN-1", "SN-2"]
