@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import re
 from pathlib import Path
 
 import pytest
@@ -182,7 +183,7 @@ on = true
         'job.toml:42: metadata.required[1]: "oprator" is unknown; did you mean operator?',
         "job.toml:45: acceptance.coverage_percent: 101 is not allowed; 0 to 100",
         "job.toml:47: lighting: unknown; allowed here: temperature, sleep, hibernation, alarm, recipe, port, feeder, air, omega, "
-        "sampling, run, metadata, acceptance",
+        "sampling, run, episodes, metadata, acceptance",
     ]
 
 
@@ -394,3 +395,34 @@ OMEGA_FIELDS = (
     "heating_s",
     *(name.format(3) for name in _FEED),
 )
+
+
+EPISODES = """
+[recipe]
+name = "a"
+revision = 1
+families = ["dde", "omega"]
+
+[episodes]
+"""
+
+
+def test_how_samples_are_evaluated_is_asked_by_the_recipe() -> None:
+    usual = parse_recipe(EPISODES).episodes
+    assert usual.rules() == {"dead_band_c": 2.0, "stale_s": 60.0}
+    asked = parse_recipe(EPISODES + "dead_band_c = 5\noff_delay_s = 0.5\nstale_s = 30\n").episodes
+    assert asked.rules() == {"dead_band_c": 5.0, "off_delay_s": 0.5, "stale_s": 30.0}
+
+
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [
+        ("dead_band_c = -1", "-1 is not allowed; °C from 0 to 100"),
+        ("off_delay_s = 3601", "3601 is not allowed; seconds from 0 to 3600"),
+        ("stale_s = 0", "0 is not allowed; seconds, more than 0 and up to 86400"),
+        ("delay = 1", "unknown; allowed here: dead_band_c, off_delay_s, stale_s"),
+    ],
+)
+def test_how_samples_may_not_be_evaluated(line: str, said: str) -> None:
+    with pytest.raises(Problems, match=re.escape(said)):
+        parse_recipe(EPISODES + line + "\n")
