@@ -129,6 +129,32 @@ class Run:
 
         return unit_at(self, times)
 
+    def joints(self, station: str | None = None) -> pd.DataFrame:
+        """A row for each joint that was found: start, end, dwell, depth, recovery, heat, energy, confidence.
+
+        From `joints.parquet` where `report` has written it for this manifest, else found anew; also of a run that is still
+        open. What a joint is here stands in `jbclog.features.joints`; nothing in it says that a joint is good.
+        """
+        from jbclog.analysis.features import joints_of
+
+        return frame(joints_of(self, station)).astype({"fed": "boolean"})
+
+    def metrics(self, station: str | None = None) -> pd.DataFrame:
+        """A row for each metric of each port: `metric, value, unit, n, coverage, resolution, why`; no value, then a reason.
+
+        `metric_definitions()` tells what each of them means.
+        """
+        from jbclog.analysis.features import metrics_of
+
+        return metrics_of(self, station)
+
+    @staticmethod
+    def metric_definitions() -> pd.DataFrame:
+        """What each metric means: `metric, unit, definition, applies_to`."""
+        from jbclog.analysis.features import definitions
+
+        return definitions()
+
     def plot(self, station: str | None = None, port: int | None = None) -> Figure:
         """Temperature against its setting, power below, what was not read hatched; a panel a port."""
         from jbclog.analysis.plot import plot

@@ -1,8 +1,9 @@
 """Power and energy: what the heater was told to give.
 
 Definitions. Power is in per mille of the station's theoretical maximum (R-PP). *Energy* is its integral over the whole record by
-the trapezoid rule on the run's own grid, in ‰·s; without a value where the record has a gap. *Recorded energy* is the same over the
-stretches without a gap, and so a lower bound. In joules, ‰·s × the full-scale power / 1000, only where the line file declares that power.
+the trapezoid rule on the run's own grid, in ‰·s; without a value where the record has a gap. *Recorded energy* is the same over
+the stretches without a gap, and so a lower bound. In joules, ‰·s × the full-scale power / 1000, only where the line file declares
+that power.
 *Mean power*: the mean of the readings while the tool works. *Duty*: the time at `AT_LEAST_PERMILLE` or more as a share of the
 working readings. *Utilisation*: readings of the state in which the tool works, as a share of all readings of the state.
 *Joint share*: the time in joints as a share of the working time.

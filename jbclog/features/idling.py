@@ -3,7 +3,8 @@
 Definitions. Which readings are idle is the verdict's definition (`judge.idle`), in the same blocks of ten minutes, so that these
 figures and the verdict's are the same. *Idle error*: mean of temperature minus setting. *Idle spread*: its standard deviation;
 *range*: its highest minus its lowest. *Drift*: the Theil-Sen slope (the median of the slopes between all pairs; H. Theil 1950,
-P. K. Sen 1968) of the means of the idle readings of each `MEAN_S`, over an hour; it takes `LEAST_MEANS` of them over `LEAST_DRIFT_S` or more.
+P. K. Sen 1968) of the means of the idle readings of each `MEAN_S`, over an hour; it takes `LEAST_MEANS` of them, `LEAST_DRIFT_S`
+apart.
 
 Idle readings have no one window: they are taken from stretches without a gap, each of which has to settle anew. `coverage` is the
 share of the run's rows whose temperature was read. A spread below the resolution divided by √12 is the resolution's, not the tip's;

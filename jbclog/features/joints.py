@@ -120,7 +120,8 @@ def _judged(draws: Sequence[Draw], series: Series, found: Flows) -> Found:
     fed = [_fed(draw, series) for draw in draws]
     told = [bool(wire) for wire, long in zip(fed, by_heat, strict=True) if long]
     by_wire = bool(told) and 2 * sum(told) >= len(told)
-    joints, others = [], []
+    joints: list[Draw] = []
+    others: list[Draw] = []
     for draw, wire, long in zip(draws, fed, by_heat, strict=True):
         (joints if (bool(wire) if by_wire else long) else others).append(Draw(draw.touches, draw.flow, wire))
     return Found(joints, others, found.noise, found.smooth_s, by_wire)

@@ -1,10 +1,11 @@
 """What a joint does to the tip: how deep it falls, how long until it is back, what that costs.
 
-Definitions, for each joint (`joints`). *Before* is the median temperature of the `BEFORE_S` before its start. *Depth* is before minus
-the lowest temperature from its start until it is back, or until `LATEST_S` after its end. It is *back* at the first moment after
-that lowest at which the temperature is no more than `BACK_C` below before and stays so for `BACK_FOR_S`. *Recovery* is the time from
-the start until it is back; zero where it never was further than that below. *Energy* is the power above holding power from start
-until back, which includes heating the tip again, in ‰·s; in joules where the full-scale power is declared.
+Definitions, for each joint (`joints`). *Before* is the median temperature of the `BEFORE_S` before its start. *Depth* is before
+minus the lowest temperature from its start until it is back, or until `LATEST_S` after its end. It is *back* at the first
+moment after that lowest at which the temperature is no more than `BACK_C` below before and stays so for `BACK_FOR_S`.
+*Recovery* is the time from the start until it is back; zero where it never was further than that below. *Energy* is the power
+above holding power from start until back, which includes heating the tip again, in ‰·s; in joules where the full-scale power is
+declared.
 
 Each is null where its window has a gap, where the record does not reach, or where the next joint began before the tip was back.
 Over a port: the median and the 95 % quantile of the joints that have a value, `n` of them; `coverage` is their share of all joints.
@@ -16,6 +17,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.integrate import trapezoid
 
 from jbclog.features.figure import Figure, no_figure
 from jbclog.features.joints import Draw, Found
@@ -34,7 +36,6 @@ class Dip:
     depth_c: float | None
     recovery_s: float | None
     energy: float | None  # ‰·s
-    fed_mm: float | None = None
     why: str | None = None
 
 
@@ -89,7 +90,7 @@ def _energy(series: Series, draw: Draw, until_s: float) -> float | None:
     if power.gap or power.n < 2:
         return None
     holding = np.interp(power.seconds, draw.flow.stretch.seconds, draw.flow.holding)
-    return float(np.trapezoid(power.values - holding, power.seconds))
+    return float(trapezoid(power.values - holding, power.seconds))
 
 
 def recovery(series: Series, found: Found, seen: Sequence[Dip]) -> list[Figure]:

@@ -36,9 +36,10 @@ MAY_USE = {
     "sim": "protocol commands quantities wire recipe clock tape errors",
     "judge": "rows errors",
     "spc": "errors",
+    "features": "judge",
     "episodes": "rows errors",
     "verifying": "record rows errors",
-    "analysis": "record judge episodes rows tape errors",
+    "analysis": "record judge episodes features rows tape errors",
     "report": "analysis judge record recipe commands rows errors",
     # top: what puts the rooms together, below the command line
     "outcome": "rows errors",

@@ -1,0 +1,222 @@
+"""Joints and metrics of a run: from its samples to `features`, and back into tables.
+
+A table has a row for each joint (`joint_table`) or for each metric of each port (`METRICS`). Works also for a run that is still
+open or was cut off, as far as its record goes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict
+from math import inf
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+import pyarrow.compute as pc
+
+from jbclog.analysis.joint_table import JOINTS_SCHEMA, read_joints
+from jbclog.features import DEFINITIONS, Measured, Series, Wire, heat, measure_port, nominal_period
+from jbclog.features.recovery import Dip
+from jbclog.judge.idle import Block, Floats
+from jbclog.judge.samples import Counts
+from jbclog.judge.stepped import Step, Unstepped
+from jbclog.record.manifest import manifest_sha256
+from jbclog.rows import StationFacts
+
+if TYPE_CHECKING:
+    from jbclog.analysis.run import Run
+
+METRICS: Final = {
+    "station": "str",
+    "port": "int64",
+    "metric": "str",
+    "value": "Float64",
+    "unit": "str",
+    "n": "int64",
+    "coverage": "Float64",
+    "resolution": "Float64",
+    "why": "str",
+}
+COLUMNS: Final = ["time", "tick", "station", "port", "temperature_c", "power_permille", "status", "motor", "set_c"]
+WORKING: Final = ("working", "on")
+AIR_FAMILIES, STATES_FAMILIES = ("jtse",), ("omega",)
+
+
+def metrics_of(run: Run, station: str | None = None) -> pd.DataFrame:
+    """A row for each metric of each port: value or the reason why there is none, unit, n, coverage in per cent, resolution."""
+    rows = [
+        {"station": name, "port": port, "metric": figure.name, **_without_name(asdict(figure))}
+        for name, port, measured, _ in _measured(run, station)
+        for figure in measured.figures
+    ]
+    return pd.DataFrame(rows, columns=list(METRICS)).astype(METRICS)
+
+
+def definitions() -> pd.DataFrame:
+    """What each metric means: `metric`, `unit`, `definition`, `applies_to`."""
+    rows = [(one.name, one.unit, one.text, ", ".join(one.of)) for one in DEFINITIONS]
+    return pd.DataFrame(rows, columns=["metric", "unit", "definition", "applies_to"])
+
+
+def joints_table(run: Run, station: str | None = None) -> pa.Table:
+    """The joints of a run in the order of stations, ports and times."""
+    rows: list[dict[str, object]] = []
+    for name, port, measured, moments in _measured(run, station):
+        rated = _rated(run, name)
+        rows += [_row(name, port, number, dip, moments, rated) for number, dip in enumerate(measured.dips, 1)]
+    return pa.Table.from_pylist(rows, schema=JOINTS_SCHEMA)
+
+
+def joints_of(run: Run, station: str | None = None) -> pa.Table:
+    """The joints as the report left them, or found anew."""
+    try:
+        left = read_joints(run.folder, manifest_sha256(run.folder)) if run.manifest.state == "sealed" else None
+    except OSError:
+        left = None
+    if left is None:
+        return joints_table(run, station)
+    return left if station is None else left.filter(pc.equal(left["station"], station))
+
+
+def _without_name(figure: dict[str, object]) -> dict[str, object]:
+    return {key: value for key, value in figure.items() if key != "name"}
+
+
+class _Moments:
+    """The UTC of a port's rows, in microseconds, for any grid second."""
+
+    def __init__(self, seconds: Floats, utc_us: Counts) -> None:
+        self.seconds, self.utc_us = seconds, utc_us
+
+    def at(self, second: float) -> int:
+        """The time of the row nearest to it."""
+        place = int(np.clip(np.searchsorted(self.seconds, second - 1e-6), 0, len(self.seconds) - 1))
+        return int(self.utc_us[place])
+
+
+def _measured(run: Run, station: str | None) -> Iterator[tuple[str, int, Measured, _Moments]]:
+    """Each port of each station, one station's samples in memory at a time."""
+    manifest = run.manifest
+    steps = _steps(run) if any(not facts.period_s for facts in manifest.stations) else []
+    t0_us = round((manifest.t0_utc or 0.0) * 1e6)
+    for facts in manifest.stations:
+        if station not in (None, facts.name):
+            continue
+        samples, counters, settings = run.samples(facts.name, columns=COLUMNS), run.counters(facts.name), run.settings(facts.name)
+        for port in facts.ports:
+            rows = samples[samples["port"] == port]
+            utc_us = _micros(rows)
+            clock = Clock(facts.period_s, steps, t0_us)
+            seconds = clock.seconds(rows["tick"].to_numpy(dtype=np.float64), utc_us)
+            series = _series(facts, rows, seconds, clock.ordered(settings, port))
+            wire = _wire(facts, counters[counters["port"] == port], settings, clock)
+            yield facts.name, port, measure_port(series, _kind(facts), wire), _Moments(seconds, utc_us)
+
+
+class Clock:
+    """Seconds of a station's rows: on its grid, or UTC less the clock's steps where it has none."""
+
+    def __init__(self, period_s: float | None, steps: Sequence[Step], t0_us: int) -> None:
+        self.period_s, self.steps, self.t0_us = period_s, steps, t0_us
+
+    def seconds(self, ticks: Floats, utc_us: Counts) -> Floats:
+        """Of rows in their order."""
+        if self.period_s:
+            return ticks * self.period_s
+        return Unstepped(self.steps).of(utc_us / 1e6) - self.t0_us / 1e6
+
+    def of(self, utc_us: Counts) -> Floats:
+        """Of anything that has only a time (counters, settings): to the second, while the wall clock was not stepped."""
+        return np.asarray((utc_us - self.t0_us) / 1e6, dtype=np.float64)
+
+    def ordered(self, settings: pd.DataFrame, port: int) -> float | None:
+        """When the run ordered the tool to work."""
+        mine = settings[(settings["port"] == port) & (settings["setting"] == "status") & (settings["outcome"] == "confirmed")]
+        mine = mine[mine["requested"].isin(WORKING)]
+        return float(self.of(_micros(mine))[-1]) if len(mine) else None
+
+
+def _steps(run: Run) -> list[Step]:
+    """The steps of the wall clock, also of a run that is open."""
+    events = run.events()
+    steps = events[(events["kind"] == "clock.step") & events["value"].notna()]
+    return [Step(time / 1e6, value) for time, value in zip(steps["time"].astype("int64"), steps["value"], strict=True)]
+
+
+def _kind(facts: StationFacts) -> str:
+    if facts.family in STATES_FAMILIES:
+        return "omega"
+    return "air" if facts.family in AIR_FAMILIES else "tip"
+
+
+def _series(facts: StationFacts, rows: pd.DataFrame, seconds: Floats, ordered_s: float | None) -> Series:
+    temperature, power, setting = (
+        rows[name].to_numpy(dtype=np.float64, na_value=np.nan) for name in ("temperature_c", "power_permille", "set_c")
+    )
+    working = rows["status"].isin(WORKING).to_numpy(dtype=np.bool_)
+    known = rows["status"].notna().to_numpy(dtype=np.bool_)
+    motor = rows["motor"]
+    feeding = np.where(motor.isna(), np.nan, (motor == "forward").to_numpy(dtype=np.float64, na_value=np.nan))
+    block = Block(seconds, temperature, power, setting, working)
+    period = facts.period_s or nominal_period(seconds)
+    fed = None if facts.family != "ale" else feeding
+    return Series(block, known, period, fed, facts.rated_power_w, ordered_s, bool(facts.period_s))
+
+
+def _wire(facts: StationFacts, counters: pd.DataFrame, settings: pd.DataFrame, clock: Clock) -> Wire | None:
+    """The feeder's counters, and the length that is set where it was read."""
+    if facts.family != "ale":
+        return None
+    length, cycles = (_counter(counters, name, clock) for name in ("dispensed_mm", "dispensed_cycles"))
+    told = settings[(settings["setting"] == "feeder_length") & settings["readback"].notna()]["readback"]
+    try:
+        set_mm = float(told.iloc[-1]) if len(told) else None
+    except ValueError:
+        set_mm = None
+    return Wire(*length, *cycles, set_mm)
+
+
+def _counter(counters: pd.DataFrame, name: str, clock: Clock) -> tuple[Floats, Floats]:
+    rows = counters[(counters["counter"] == name) & counters["value"].notna()]
+    return clock.of(_micros(rows)), rows["value"].to_numpy(dtype=np.float64)
+
+
+def _micros(rows: pd.DataFrame) -> Counts:
+    """The times of these rows in UTC microseconds since 1970."""
+    return np.asarray(rows["time"].astype("int64"), dtype=np.int64)
+
+
+def _rated(run: Run, station: str) -> float | None:
+    facts = run.manifest.station(station)
+    return facts.rated_power_w if facts else None
+
+
+def _row(station: str, port: int, number: int, dip: Dip, moments: _Moments, rated_w: float | None) -> dict[str, object]:
+    draw, energy = dip.draw, dip.energy
+    return {
+        "station": station,
+        "port": port,
+        "joint": number,
+        "start": moments.at(draw.start_s),
+        "end": moments.at(draw.end_s),
+        "start_s": round(draw.start_s, 6),
+        "end_s": round(draw.end_s, 6),
+        "touches": len(draw.touches),
+        "dwell_s": _tidy(sum(touch.dwell_s for touch in draw.touches)),
+        "depth_c": _tidy(dip.depth_c),
+        "recovery_s": _tidy(dip.recovery_s),
+        "peak_permille": _tidy(max(touch.peak for touch in draw.touches)),
+        "heat_permille_s": _tidy(heat(dip)),
+        "energy_permille_s": _tidy(energy),
+        "energy_j": None if energy is None or rated_w is None else _tidy(energy * rated_w / 1000),
+        "fed": draw.fed,
+        "confidence": draw.confidence,
+        "why": dip.why,
+    }
+
+
+def _tidy(value: float | None) -> float | None:
+    """To a thousandth, which is below every resolution."""
+    return None if value is None or abs(value) == inf else round(value, 3)

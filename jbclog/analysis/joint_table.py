@@ -1,0 +1,67 @@
+"""The table of joints, `joints.parquet`: its columns, their units, and how it is read and made into bytes.
+
+The file names the manifest that it was made from (its schema's `jbclog.manifest_sha256`); the same run gives the same bytes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Final
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from jbclog.record.schema import FLAG, FLOAT, INT, TEXT, TIME
+
+FILE: Final = "joints.parquet"
+MADE_FROM: Final = b"jbclog.manifest_sha256"
+
+Column = tuple[str, pa.DataType, str, str]
+JOINTS: Final[Sequence[Column]] = (
+    ("station!", TEXT, "", ""),
+    ("port!", INT, "", ""),
+    ("joint!", INT, "count", "number of the joint in this port, from 1"),
+    ("start!", TIME, "UTC", "time of the first row of the joint"),
+    ("end!", TIME, "UTC", "time of the last row of the joint"),
+    ("start_s!", FLOAT, "s", "the same on the run's monotonic grid"),
+    ("end_s!", FLOAT, "s", "the same on the run's monotonic grid"),
+    ("touches!", INT, "count", "touches that belong together in it"),
+    ("dwell_s!", FLOAT, "s", "time in which heat flows into the work"),
+    ("depth_c", FLOAT, "°C", "temperature before minus the lowest"),
+    ("recovery_s", FLOAT, "s", "from the start until the temperature is back"),
+    ("peak_permille!", FLOAT, "‰", "highest flow of heat into the work"),
+    ("heat_permille_s!", FLOAT, "‰·s", "heat that went into the work"),
+    ("energy_permille_s", FLOAT, "‰·s", "power above holding power from the start until the tip is back"),
+    ("energy_j", FLOAT, "J", "the same × full-scale power / 1000, where that is declared"),
+    ("fed", FLAG, "", "wire was pushed in it; null without a feeder"),
+    ("confidence!", FLOAT, "", "0 to 1: how far it is beyond the limits of a joint; no probability"),
+    ("why", TEXT, "", "why depth, recovery or energy is null"),
+)
+
+
+def _field(column: Column) -> pa.Field:
+    name, kind, unit, text = column
+    metadata = {key: told for key, told in (("unit", unit), ("definition", text)) if told}
+    return pa.field(name.removesuffix("!"), kind, nullable=not name.endswith("!"), metadata=metadata or None)
+
+
+JOINTS_SCHEMA: Final = pa.schema([_field(column) for column in JOINTS])
+
+
+def as_bytes(joints: pa.Table, manifest_sha256: str) -> bytes:
+    """The file's bytes."""
+    sink = pa.BufferOutputStream()
+    pq.write_table(joints.replace_schema_metadata({MADE_FROM: manifest_sha256.encode()}), sink, compression="zstd")
+    return bytes(sink.getvalue().to_pybytes())
+
+
+def read_joints(folder: Path, manifest_sha256: str) -> pa.Table | None:
+    """The joints as the file in the run's folder has them; None where it is not there, not one, or of another manifest."""
+    try:
+        table = pq.read_table(folder / FILE, partitioning=None)
+    except (OSError, pa.ArrowException):
+        return None
+    made_from = (table.schema.metadata or {}).get(MADE_FROM)
+    same = made_from == manifest_sha256.encode() and table.schema.equals(JOINTS_SCHEMA)
+    return table if same else None
