@@ -420,7 +420,7 @@ def test_how_samples_are_evaluated_is_asked_by_the_recipe() -> None:
         ("dead_band_c = -1", "-1 is not allowed; °C from 0 to 100"),
         ("off_delay_s = 3601", "3601 is not allowed; seconds from 0 to 3600"),
         ("stale_s = 0", "0 is not allowed; seconds, more than 0 and up to 86400"),
-        ("delay = 1", "unknown; allowed here: dead_band_c, off_delay_s, stale_s"),
+        ("delay = 1", "unknown; did you mean off_delay_s?"),
     ],
 )
 def test_how_samples_may_not_be_evaluated(line: str, said: str) -> None:
