@@ -16,7 +16,7 @@ from datetime import datetime
 from pathlib import Path
 
 from jbclog.errors import RecordError
-from jbclog.record.finding_runs import Filter, Found, Unreadable, find
+from jbclog.record.finding_runs import Found, Unreadable, find
 from jbclog.record.manifest import read_manifest
 from jbclog.verifying.book import Book, read_book
 from jbclog.verifying.verification import Result, Verification
@@ -58,11 +58,11 @@ def where_used(out: Path, station: str, port: int | None = None, tip: str | None
     window = _window(book, station, port, tip, since)
     if window.bad is None and since is None:
         return window
-    for run in find(out, Filter(station=station)):
+    for run in find(out):  # by no filter: one that cannot be read might be one of them
         if isinstance(run, Unreadable):
             window.unreadable.append(run)
             continue
-        if _was_on(run, window):
+        if station in run.stations and _was_on(run, window):
             try:
                 window.runs.extend(_used(run, station, port, tip))
             except RecordError as error:

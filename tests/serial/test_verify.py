@@ -1,0 +1,37 @@
+"""`jbclog verify` on a real pseudo-terminal: the station is asked, and nothing is written to it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from command import WireLog, jbclog
+from typer.testing import CliRunner
+
+from jbclog.byhand import tip
+from jbclog.cli.app import app
+from jbclog.sim.process import SimProcess
+from jbclog.verifying import read_book
+
+SAID = ("--instrument", "TC-7", "--due", "2099-03-01", "--tip", "T-17", "--by", "A. Rossi")
+SIM = "joints_per_minute = 0\nsensor_error_c = 9\nnoise_c = 0.4\nambient_c = 60"
+
+
+def test_a_tip_is_verified_and_the_station_left_as_it_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    source, log = tmp_path / "source.toml", tmp_path / "wire.jsonl"
+    source.write_text(f'[line]\nname = "l"\n[[station]]\nname = "ucr-1"\nurl = "ucr-1"\nfamily = "ucr"\n[station.sim]\n{SIM}\n')
+    monkeypatch.setattr(tip, "EVERY_S", 0.1)
+    with SimProcess(source, tmp_path / "bench", log=log) as stations:
+        line = str(stations.line_path)
+        assert jbclog("write", "ucr-1", "status", "working", "-p", "1", "--line", line).returncode == 0
+        words = ["verify", "ucr-1", "-p", "1", "--reading", "341", *SAID, "--line", line, "--out", str(tmp_path / "runs")]
+        for _ in range(40):  # until it is hot; a second each
+            ended = CliRunner().invoke(app, words)
+            if ended.exit_code != 3:
+                break
+            assert "does not stand still" in ended.stderr or "from the setting" in ended.stderr, ended.stderr
+    assert ended.exit_code == 0, ended.stderr
+    (kept,) = read_book(tmp_path / "runs").all
+    assert kept.offset_c == pytest.approx(-9, abs=1.5)
+    assert 0 < (kept.station_sd_c or 0) < 1.5
+    assert WireLog(log).writes("ucr-1") == ["WPS100000"]
