@@ -17,7 +17,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from jbclog.analysis.joint_table import JOINTS_SCHEMA, read_joints
-from jbclog.features import DEFINITIONS, Measured, Series, Wire, heat, measure_port, nominal_period
+from jbclog.features import DEFINITIONS, Measured, Series, Wire, heat_of, measure_port, nominal_period
 from jbclog.features.recovery import Dip
 from jbclog.judge.idle import Block, Floats
 from jbclog.judge.samples import Counts
@@ -208,7 +208,7 @@ def _row(station: str, port: int, number: int, dip: Dip, moments: _Moments, rate
         "depth_c": _tidy(dip.depth_c),
         "recovery_s": _tidy(dip.recovery_s),
         "peak_permille": _tidy(max(touch.peak for touch in draw.touches)),
-        "heat_permille_s": _tidy(heat(dip)),
+        "heat_permille_s": _tidy(heat_of(dip)),
         "energy_permille_s": _tidy(energy),
         "energy_j": None if energy is None or rated_w is None else _tidy(energy * rated_w / 1000),
         "fed": draw.fed,

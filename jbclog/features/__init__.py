@@ -11,7 +11,7 @@ from jbclog.features.definitions import DEFINITIONS, Definition
 from jbclog.features.figure import Figure
 from jbclog.features.joints import Draw, Found, find_joints
 from jbclog.features.measures import Measured, measure_port
-from jbclog.features.recovery import Dip, dips, heat
+from jbclog.features.recovery import Dip, dips, heat_of
 from jbclog.features.series import Series, nominal_period
 from jbclog.features.wire import Wire
 
@@ -27,7 +27,7 @@ __all__ = [
     "Wire",
     "dips",
     "find_joints",
-    "heat",
+    "heat_of",
     "measure_port",
     "nominal_period",
 ]

@@ -11,8 +11,9 @@ heat, leave the flow near zero, whatever the regulator does. Nothing of it is to
   `HOLDING_QUANTILE` per cent quantile of (power - capacity × dT/dt) / (T - `AIR_C`) among the readings of `HOLDING_S` around
   each moment in which the tip was ready, times (T - `AIR_C`).
 - *Heat capacity* in ‰·s/K and *lag* in s are those with which the flow is sparsest: the least sum of square roots of the flow
-  beyond `NEGLIGIBLE_PERMILLE`, which is least where the flow is zero outside touches. A flow out of the work into the tip does
-  not exist and counts `BACKWARD` times. The lag is that of a tip behind a resistance, as far as power shows it.
+  beyond `NEGLIGIBLE_PERMILLE`, which is least where the flow is zero outside touches. The capacity is never
+  more than heating up at full power leaves room for; for the lag, a flow out of the work into the tip, which does not exist,
+  counts `BACKWARD` times. The lag is that of a tip behind a resistance, as far as power shows it.
 
 Before the tip has first come within `READY_K` of its setting (of its median temperature, where the setting is not known), since it
 went to work, its setting was raised or the record had a gap, nothing is soldered, and no flow is told.
@@ -42,6 +43,7 @@ READY_K = 30.0
 HOT_C = 100.0  # a tip that is colder says little of its losses
 NEGLIGIBLE_PERMILLE = 20.0
 BACKWARD = 3.0
+FULL_PERMILLE, RISING_K_PER_S, LEAST_RISING = 970.0, 20.0, 5
 BUSY_PERMILLE, BUSY_K_PER_S, BUSY_PERMILLE_PER_S = 60.0, 6.0, 200.0
 CAPACITIES = np.geomspace(2.0, 60.0, 69)  # ‰·s/K: 130 W and 1.2 J/K are 9.2
 LAGS = np.arange(0.0, 0.45, 0.05)
@@ -173,7 +175,13 @@ def _capacity(tip: _Smooth) -> float | None:
         return None
     power, warming = above[busy], tip.warming[busy]
     crowded = [_crowdedness(power - capacity * warming, 1.0) for capacity in CAPACITIES]
-    return float(CAPACITIES[int(np.argmin(crowded))])
+    return min(float(CAPACITIES[int(np.argmin(crowded))]), _most(tip, above))
+
+
+def _most(tip: _Smooth, above: Floats) -> float:
+    """The greatest capacity that heating up at full power leaves room for: what goes into the work is not less than nothing."""
+    rising = (tip.power >= FULL_PERMILLE) & (tip.warming >= RISING_K_PER_S) & (tip.temperature > HOT_C)
+    return float(np.median(above[rising] / tip.warming[rising])) if rising.sum() >= LEAST_RISING else np.inf
 
 
 def _lag(tip: _Smooth, capacity: float) -> float:

@@ -101,14 +101,14 @@ def recovery(series: Series, found: Found, seen: Sequence[Dip]) -> list[Figure]:
         _counted(count, series, found),
         _middle("joint_depth_c", "°C", RESOLUTION_C, seen, lambda dip: dip.depth_c),
         _middle("joint_dwell_s", "s", period, seen, lambda dip: dip.draw.main.dwell_s),
-        _middle("joint_heat_permille_s", "‰·s", RESOLUTION_PERMILLE * period, seen, heat),
+        _middle("joint_heat_permille_s", "‰·s", RESOLUTION_PERMILLE * period, seen, heat_of),
         _middle("joint_energy_permille_s", "‰·s", RESOLUTION_PERMILLE * period, seen, lambda dip: dip.energy),
         _middle("recovery_s", "s", period, seen, lambda dip: dip.recovery_s),
         _high("recovery_p95_s", "s", period, seen, lambda dip: dip.recovery_s),
     ]
 
 
-def heat(dip: Dip) -> float:
+def heat_of(dip: Dip) -> float:
     """The heat that went into the work, ‰·s."""
     return sum(touch.heat for touch in dip.draw.touches)
 
