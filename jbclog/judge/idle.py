@@ -102,11 +102,6 @@ def idle_errors(block: Block, period_s: float) -> Floats:
 
 
 def idle_readings(block: Block, period_s: float) -> tuple[Floats, Floats]:
-    """Seconds, and temperature minus setting in °C, of each idle reading of the block."""
-    return idle_readings(block, period_s)[1]
-
-
-def idle_readings(block: Block, period_s: float) -> tuple[Floats, Floats]:
     """The seconds of each idle reading of the block, and its temperature minus setting in °C."""
     setting = setting_in_force(block.seconds, block.setting)
     known = block.working & ~np.isnan(block.temperature) & ~np.isnan(block.power) & ~np.isnan(setting)

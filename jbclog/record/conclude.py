@@ -34,9 +34,9 @@ from jbclog.rows import StationFacts
 
 RUNNING: Final = "running"
 NOT_KEPT: Final = "could not be kept while the disk did not take them"
-LATER: Final = (NAME, ANNOTATIONS, "report.html", "report.json", "joints.parquet", guarded.LEASE, guarded.LOCK)
+LATER: Final = (NAME, ANNOTATIONS, "report.html", "report.pdf", "report.json", "joints.parquet", guarded.LEASE, guarded.LOCK)
 """Files of the folder that are not the record: the manifest itself, what comes after sealing, and what says of tools left hot."""
-FIGURES: Final = "figures/"
+MADE: Final = (("figures/", ".svg"), ("tables/", ".csv"))  # folders that a report makes, and what is in them
 
 TAKEN_IN: Final = ("line.toml", "recipes", wire.FOLDER, guarded.DIARY, damage.NOTES, damage.REMAINS)
 
@@ -153,7 +153,8 @@ def sealed_file(folder: Path, path: Path, rows: int | None) -> SealedFile:
 
 def is_later(name: str) -> bool:
     """Whether what lies at `name` in the folder may come, change and go after sealing."""
-    return name in LATER or (name.startswith(FIGURES) and name.count("/") == 1 and name.endswith(".svg"))
+    made = any(name.startswith(folder) and name.endswith(ending) for folder, ending in MADE)
+    return name in LATER or (made and name.count("/") == 1)
 
 
 def live_files(folder: Path) -> list[Path]:

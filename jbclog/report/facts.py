@@ -7,6 +7,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from jbclog.judge import Bound
+
 SCHEMA = 1
 
 
@@ -67,6 +69,8 @@ class TipFacts:
     greatest_c: float | None
     idle_error_c: float | None
     idle_sd_c: float | None
+    idle_error_bound: Bound | None  # 95 %, defined in `judge/bound.py`
+    idle_sd_bound: Bound | None
 
 
 @dataclass(slots=True)
@@ -177,6 +181,7 @@ class Facts:
     recipes: list[dict[str, object]]
     metadata: dict[str, object]
     host: dict[str, object]
+    overview: Figure | None  # where there are several ports
     stations: list[StationReport]
     events: list[dict[str, object]]
     events_left: Left | None
@@ -186,7 +191,13 @@ class Facts:
     ledger: list[dict[str, object]]
     ledger_reasons: list[str]
     files: list[dict[str, object]]
+    data_sha256: str  # of the lines "SHA-256  path" of these files, as `sha256sum` prints them
+    annotations: list[dict[str, object]]  # what was said since it was sealed
+    annotations_head: str
     not_claimed: list[str]
+    not_claimed_short: list[str]
+    to_sign: list[dict[str, str]]
+    reproduce: str
 
 
 NOT_CLAIMED = (
@@ -200,3 +211,17 @@ NOT_CLAIMED = (
     "What could be checked was checked; what failed is in the ledger.",
     "That the host's clock was right: times are UTC as the host believed; durations are from a clock that cannot be set.",
 )
+
+NOT_CLAIMED_SHORT = (
+    "that any solder joint is good",
+    "the true temperature of tip or air, which is what the station's own sensor reports",
+    "what happened between two readings",
+    "that limits kept here were kept at any other time",
+)
+
+TO_SIGN = (
+    {"role": "Reviewed", "meaning": "Meaning: review of this record and its deviations."},
+    {"role": "Approved", "meaning": "Meaning: approval of what it is about, or its refusal."},
+)
+
+REPRODUCE = "jbclog report --verify RUN"

@@ -7,10 +7,10 @@ words of our own lists, so that no name can become a formula or markup.
 from __future__ import annotations
 
 import io
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_svg import FigureCanvasSVG
@@ -25,6 +25,8 @@ from jbclog.report.style import Format
 from jbclog.report.timescale import time_marks
 from jbclog.report.trace import JOINED_PERIODS, SETTING_JOINED_S, Floats, Trace
 
+PATH = re.compile(r'(?<= d=")[^"]+')
+LONG_NUMBER = re.compile(r"\d+\.\d{3,}")
 LANE_IN = 0.155  # height of a lane
 STATE_LANE_IN = 0.26  # where there is nothing but lanes
 SHORT_S = 1.0
@@ -32,40 +34,54 @@ ROUND = [1, 2, 2.5, 5, 10]  # steps of an axis that people count in
 RARE, COARSE = 0.02, 0.2  # samples that may lie in the coarse part of a scale, and its share of the height
 
 
-@contextmanager
-def looks(form: Format) -> Iterator[None]:
-    """Within it figures have our fonts and sizes, whatever the user's own matplotlib settings are."""
-    defaults = {name: value for name, value in mpl.rcParamsDefault.items() if not name.startswith("backend")}
-    with mpl.rc_context({**defaults, **style.RC, "font.size": form.font_pt}):
-        yield
-
-
 def figure_svg(trace: Trace, form: Format) -> str:
     """The figure as an SVG document: the same trace gives the same bytes."""
     out = io.StringIO()
-    with looks(form):
+    with style.sized(form):
         figure = draw(trace, form)
         FigureCanvasSVG(figure)
         figure.savefig(out, format="svg", metadata=dict.fromkeys(("Date", "Creator", "Format", "Type")))
-    return out.getvalue()
+    return shorter(out.getvalue())
+
+
+def shorter(svg: str) -> str:
+    """The same drawing in half the bytes: its paths on one line each and to a hundredth of a point."""
+    return PATH.sub(lambda path: LONG_NUMBER.sub(_hundredths, " ".join(path[0].split())), svg)
+
+
+def _hundredths(number: re.Match[str]) -> str:
+    return f"{float(number[0]):.2f}".rstrip("0").rstrip(".")
 
 
 def draw(trace: Trace, form: Format) -> Figure:
     """The figure, not yet rendered."""
     lanes = lanes_of(trace, form)
+    height = height_in(trace, lanes, form)
+    figure = Figure(figsize=(form.width_in, height), facecolor="white")
+    fill(figure, trace, lanes, form, 0.0, 0.0)
+    return figure
+
+
+def height_in(trace: Trace, lanes: list[Lane], form: Format) -> float:
+    """How high a figure of this trace is."""
+    return STATE_LANE_IN * len(lanes) + 0.42 if trace.states else form.height_in + LANE_IN * len(lanes)
+
+
+def fill(figure: Figure, trace: Trace, lanes: list[Lane], form: Format, x: float, y: float) -> None:
+    """Draw the trace into a figure or a larger sheet, its upper left corner at `x` and `y` inches from that of the sheet."""
+    width, height = figure.get_size_inches()
+    own = height_in(trace, lanes, form)
+    place = _Place(x / width, 1 - (y + own) / height, form.width_in / width, own / height, form.width_in, own)
     if trace.states:
-        return _draw_states(trace, lanes, form)
+        axes = figure.add_axes(place.within(0.78, 0.22, 0.1, 0.26))
+        draw_lanes(axes, lanes, trace, form)
+        _time_axis(axes, trace, form, labelled=True)
+        return
+    left, bottom, wide, high = place.within(0.5, 0.68, 0.16, 0.26)
     lane_in, edge_in = LANE_IN * len(lanes), 0.62
-    figure = Figure(figsize=(form.width_in, form.height_in + lane_in), facecolor="white")
+    heights = [0.7 * (form.height_in - edge_in), 0.3 * (form.height_in - edge_in), lane_in]
     room = figure.add_gridspec(
-        3,
-        1,
-        height_ratios=[0.7 * (form.height_in - edge_in), 0.3 * (form.height_in - edge_in), lane_in],
-        left=0.5 / form.width_in,
-        right=1 - 0.68 / form.width_in,
-        top=1 - 0.16 / figure.get_figheight(),
-        bottom=0.26 / figure.get_figheight(),
-        hspace=0.16,
+        3, 1, height_ratios=heights, left=left, right=left + wide, top=bottom + high, bottom=bottom, hspace=0.16
     )
     temperature, power, lane = (figure.add_subplot(room[row]) for row in range(3))
     _temperature(temperature, trace, form)
@@ -73,17 +89,28 @@ def draw(trace: Trace, form: Format) -> Figure:
     draw_lanes(lane, lanes, trace, form)
     for axes in (temperature, power, lane):
         _time_axis(axes, trace, form, labelled=axes is lane)
-    return figure
 
 
-def _draw_states(trace: Trace, lanes: list[Lane], form: Format) -> Figure:
-    """The figure of a station that tells no temperature: its lanes, and nothing above them."""
-    figure = Figure(figsize=(form.width_in, STATE_LANE_IN * len(lanes) + 0.42), facecolor="white")
-    height = figure.get_figheight()
-    axes = figure.add_axes((0.78 / form.width_in, 0.26 / height, 1 - 1.0 / form.width_in, 1 - 0.36 / height))
-    draw_lanes(axes, lanes, trace, form)
-    _time_axis(axes, trace, form, labelled=True)
-    return figure
+@dataclass(frozen=True, slots=True)
+class _Place:
+    """A field of a sheet, in parts of the sheet and in inches."""
+
+    x: float
+    y: float
+    width: float
+    height: float
+    width_in: float
+    height_in: float
+
+    def within(self, left: float, right: float, top: float, bottom: float) -> tuple[float, float, float, float]:
+        """Left, bottom, width and height of what is left of it inside margins in inches."""
+        across, up = self.width / self.width_in, self.height / self.height_in
+        return (
+            self.x + left * across,
+            self.y + bottom * up,
+            self.width - (left + right) * across,
+            self.height - (top + bottom) * up,
+        )
 
 
 def _temperature(axes: Axes, trace: Trace, form: Format) -> None:
@@ -211,7 +238,9 @@ def _headline(axes: Axes, text: str) -> None:
 def _label_right(axes: Axes, labels: list[tuple[float, str, str]], form: Format) -> None:
     """Labels beside the right edge at their height, pushed apart until none covers another."""
     bottom, top = axes.get_ylim()
-    height_pt = axes.get_position().height * (form.height_in + LANE_IN) * 72
+    sheet = axes.get_figure(root=True)
+    assert sheet is not None
+    height_pt = axes.get_position().height * float(sheet.get_size_inches()[1]) * 72
     places = spread([value for value, _, _ in sorted(labels)], 1.25 * form.font_pt / height_pt * (top - bottom), bottom, top)
     for place, (_, text, colour) in zip(places, sorted(labels), strict=True):
         axes.text(1.008, place, text, transform=axes.get_yaxis_transform(), va="center", color=colour, clip_on=False)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import asdict, replace
 from datetime import datetime
+from hashlib import sha256
 from pathlib import Path
 
 from jbclog import __version__
@@ -12,31 +13,40 @@ from jbclog.analysis import Run
 from jbclog.errors import RecordError
 from jbclog.judge import judged_signals, measure
 from jbclog.judge.stepped import steps_of
+from jbclog.record.annotations import read as read_annotations
 from jbclog.record.lineage import short_head
 from jbclog.record.manifest import Manifest, manifest_sha256
 from jbclog.report.air import COLUMNS as AIR
 from jbclog.report.air import tells_air
-from jbclog.report.facts import NOT_CLAIMED, SCHEMA, Facts, Reason, StationReport
+from jbclog.report.facts import NOT_CLAIMED, NOT_CLAIMED_SHORT, REPRODUCE, SCHEMA, TO_SIGN, Facts, Figure, Reason, StationReport
 from jbclog.report.marks import happenings
+from jbclog.report.overview import Overview
+from jbclog.report.plates import Plates
 from jbclog.report.ports import Context
 from jbclog.report.states import COLUMNS as STATES
 from jbclog.report.stations import station_report
+from jbclog.report.style import NARROW, WIDE
 from jbclog.report.tables import by_station, counter_rows, event_rows, ledger_rows, setting_rows
 from jbclog.report.verdict import is_cut_off, verdict_facts
 
+CROWD = 12  # with more ports than these each has one figure, and a closer one only where something happened
 COLUMNS = ("time", "tick", "port", "late_us", "quality", "temperature_c", "power_permille", "status", "set_c")
 
 
-def gather(run: Run) -> Facts:
-    """Everything that the report of `run` says. Raises `RecordError` for a run that is still open."""
+def gather(run: Run, plates: Plates | None = None) -> Facts:
+    """Everything that the report of `run` says; what is to be printed is drawn onto `plates`.
+
+    Raises `RecordError` for a run that is still open.
+    """
     manifest, folder = run.manifest, run.folder
     if manifest.state != "sealed":
         raise RecordError(f"{folder} is still open: it is being recorded, or a crash left it so; `jbclog recover` finishes it")
     events, settings_left = event_rows(run.events()), setting_rows(run.settings())
     ledger, reasons = ledger_rows(manifest.ledger)
     head = manifest_sha256(folder)
-    stations, names = list(_stations(run, folder)), [facts.name for facts in manifest.stations]
-    verdict = verdict_facts(folder, manifest)
+    overview = Overview(round((manifest.t0_utc or 0.0) * 1e6)) if plates is None else plates.overview_from(manifest.t0_utc or 0.0)
+    stations, names = list(_stations(run, folder, plates, overview)), [facts.name for facts in manifest.stations]
+    verdict, said = verdict_facts(folder, manifest), read_annotations(folder)
     if is_cut_off(manifest):
         verdict.reasons[1:1] = list(_not_made_safe(stations))
     return Facts(
@@ -60,6 +70,7 @@ def gather(run: Run) -> Facts:
         recipes=[asdict(recipe) for recipe in manifest.recipes],
         metadata=_metadata(manifest),
         host=dict(manifest.host),
+        overview=_overview(overview),
         stations=stations,
         events=events[0],
         events_left=events[1],
@@ -69,11 +80,17 @@ def gather(run: Run) -> Facts:
         ledger=by_station(ledger, names),
         ledger_reasons=reasons,
         files=[asdict(file) for file in manifest.files],
+        data_sha256=_data_sha256(manifest),
+        annotations=[asdict(one) for one in said.said],
+        annotations_head=said.head,
         not_claimed=list(NOT_CLAIMED),
+        not_claimed_short=list(NOT_CLAIMED_SHORT),
+        to_sign=[dict(one) for one in TO_SIGN],
+        reproduce=REPRODUCE,
     )
 
 
-def _stations(run: Run, folder: Path) -> Iterator[StationReport]:
+def _stations(run: Run, folder: Path, plates: Plates | None, overview: Overview) -> Iterator[StationReport]:
     """One station after the other, so that only one station's samples are in memory."""
     manifest = run.manifest
     t0_utc_us = round((manifest.t0_utc or 0.0) * 1e6)
@@ -85,11 +102,21 @@ def _stations(run: Run, folder: Path) -> Iterator[StationReport]:
         manifest.ledger,
         is_cut_off(manifest),
         tuple(steps_of(folder)),
+        plates,
+        overview,
+        sum(len(facts.ports) for facts in manifest.stations) > CROWD,
     )
     for number, facts in enumerate(manifest.stations, 1):
         columns = COLUMNS if "temperature_c" in judged_signals(facts) else (*COLUMNS, *STATES)
         columns = (*columns, *AIR) if tells_air(facts) else columns
         yield station_report(facts, number, run.samples(station=facts.name, columns=columns), context)
+
+
+def _overview(overview: Overview) -> Figure | None:
+    if not overview.is_worth_it:
+        return None
+    text = overview.caption
+    return Figure("figures/overview.svg", text, f"The run at a glance. {text}", overview.svg(WIDE), overview.svg(NARROW))
 
 
 def _not_made_safe(stations: list[StationReport]) -> Iterator[Reason]:
@@ -111,6 +138,11 @@ def _previous(manifest: Manifest) -> str:
 def _metadata(manifest: Manifest) -> dict[str, object]:
     """What people said of the run, without what they did not say."""
     return {**replace(manifest.metadata, units=manifest.serials()).said()}
+
+
+def _data_sha256(manifest: Manifest) -> str:
+    lines = (f"{file.sha256}  {file.path}\n" for file in sorted(manifest.files, key=lambda file: file.path))
+    return sha256("".join(lines).encode()).hexdigest()
 
 
 def _duration_s(manifest: Manifest) -> float | None:

@@ -6,15 +6,16 @@ content policy forbids scripts and every request.
 
 from __future__ import annotations
 
-import base64
 from collections.abc import Mapping
 from functools import cache
+from urllib.parse import quote
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
-from jbclog.report.text import clock, measured, number, stamp, together
+from jbclog.report.text import bound_text, clock, measured, number, stamp, together
 from jbclog.report.timescale import duration_text
 
+PLAIN_IN_ADDRESS = " !$'()*+,-./:;=@_?[]{}|^~"
 SIGNS = {
     "ACCEPT": ("accept", "✓"),
     "ACCEPT WITH DEVIATIONS": ("deviations", "△"),
@@ -39,8 +40,8 @@ def render(document: Mapping[str, object], figures: Mapping[str, tuple[str, str]
 
 
 def data_uri(svg: str) -> str:
-    """An SVG document as an address that holds it."""
-    return "data:image/svg+xml;base64," + base64.b64encode(svg.encode()).decode()
+    """An SVG document as an address that holds it; only what an address or an attribute could mistake is written otherwise."""
+    return "data:image/svg+xml," + quote(" ".join(svg.split()), safe=PLAIN_IN_ADDRESS)
 
 
 @cache
@@ -49,7 +50,15 @@ def _environment() -> Environment:
         loader=PackageLoader("jbclog.report"), autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
     environment.filters.update(
-        number=number, measured=measured, stamp=stamp, clock=clock, together=together, duration=_duration, place=_place, own=_own
+        number=number,
+        measured=measured,
+        stamp=stamp,
+        clock=clock,
+        together=together,
+        duration=_duration,
+        place=place,
+        bound=bound_text,
+        own=_own,
     )
     environment.globals.update(signs=SIGNS, result_signs=RESULT_SIGNS, endings=ENDINGS)
     return environment
@@ -65,7 +74,7 @@ def _own(text: str, station: str) -> str:
     return f"{bare[:1].upper()}{bare[1:]}."
 
 
-def _place(row: Mapping[str, object]) -> str:
+def place(row: Mapping[str, object]) -> str:
     """``dde-1 · port 2``; empty for what concerns the run as a whole."""
     parts = [str(row["station"])] if row.get("station") is not None else []
     return " · ".join([*parts, f"port {row['port']}"] if row.get("port") is not None else parts)

@@ -16,11 +16,13 @@ from jbclog.report.closer import closer
 from jbclog.report.facts import Figure, PortFacts, PowerFacts, RecordedFacts, TipFacts
 from jbclog.report.figure import figure_svg
 from jbclog.report.marks import Happening, limits_of, marks_of
+from jbclog.report.overview import Overview
+from jbclog.report.plates import Plates
 from jbclog.report.safety import left
 from jbclog.report.spans import Span
 from jbclog.report.states import states_facts
 from jbclog.report.style import NARROW, WIDE
-from jbclog.report.text import iso
+from jbclog.report.text import clean, iso
 from jbclog.report.timescale import moment
 from jbclog.report.trace import Floats, Grid, Limit, Trace, trace
 from jbclog.rows import StationFacts
@@ -41,6 +43,9 @@ class Context:
     ledger: Mapping[str, Mapping[str, PortLedger]]
     cut_off: bool = False
     steps: tuple[Step, ...] = ()
+    plates: Plates | None = None
+    overview: Overview | None = None
+    crowded: bool = False
 
 
 def port_facts(facts: StationFacts, port: int, file: str, rows: pd.DataFrame, context: Context) -> PortFacts:
@@ -54,11 +59,13 @@ def port_facts(facts: StationFacts, port: int, file: str, rows: pd.DataFrame, co
     measure = context.measures.get((facts.name, port))
     ledger = context.ledger.get(facts.name, {}).get(str(port), {})
     celsius, status = facts.last_temperature_c.get(port, _last(drawn.temperature)), _last_word(rows["status"])
-    how = left(facts, port, celsius, status, context.cut_off)
+    how, recorded = left(facts, port, celsius, status, context.cut_off), _recorded(rows, drawn, measure, ledger, signals)
+    if context.overview is not None and len(rows):
+        context.overview.add(clean(f"{facts.name} · {port}"), drawn, recorded.coverage_percent)
     return PortFacts(
         port=port,
         tool=facts.tools.get(port),
-        recorded=_recorded(rows, drawn, measure, ledger, signals),
+        recorded=recorded,
         tip=_tip(drawn, measure),
         power=_power(drawn, facts.rated_power_w),
         states=states_facts(drawn.states) if drawn.states else None,
@@ -72,7 +79,7 @@ def port_facts(facts: StationFacts, port: int, file: str, rows: pd.DataFrame, co
         left=how.word,
         left_means=how.meaning,
         left_warns=how.warn,
-        figures=_figures(file, f"{facts.name}, port {port}", drawn) if len(rows) else [],
+        figures=_figures(file, f"{facts.name}, port {port}", drawn, context) if len(rows) else [],
     )
 
 
@@ -100,6 +107,7 @@ def _gap(gap: Span, t0_utc_us: int) -> dict[str, object]:
 
 
 def _tip(drawn: Trace, measure: PortMeasure | None) -> TipFacts:
+    bounds = None if measure is None else measure.idle.bounds
     return TipFacts(
         set_c=_last(drawn.setting),
         alarm_high_c=_limit(drawn.limits, "high"),
@@ -108,6 +116,8 @@ def _tip(drawn: Trace, measure: PortMeasure | None) -> TipFacts:
         greatest_c=_extreme(drawn.temperature, np.max),
         idle_error_c=None if measure is None else measure.idle.mean_c,
         idle_sd_c=None if measure is None else measure.idle.sd_c,
+        idle_error_bound=None if bounds is None else bounds.mean,
+        idle_sd_bound=None if bounds is None else bounds.sd,
     )
 
 
@@ -137,16 +147,22 @@ def _limit(limits: Sequence[Limit], side: str) -> float | None:
     return next((_last(np.array(limit.celsius)) for limit in limits if limit.side == side), None)
 
 
-def _figures(file: str, place: str, drawn: Trace) -> list[Figure]:
+def _figures(file: str, place: str, drawn: Trace, context: Context) -> list[Figure]:
     """The whole run of a port and, where that is long, one minute of it."""
-    figures = [_figure(f"figures/{file}.svg", caption(drawn), description(place, drawn), drawn)]
-    near = closer(drawn)
+    figures = [_figure(f"figures/{file}.svg", caption(drawn), description(place, drawn), drawn, context.crowded)]
+    near = closer(drawn) if drawn.marks or not context.crowded else None
     if near is not None:
         part, why = near
         text = closer_caption(part, why)
-        figures.append(_figure(f"figures/{file}-closer.svg", text, f"{place}: {text}", part))
+        figures.append(_figure(f"figures/{file}-closer.svg", text, f"{place}: {text}", part, context.crowded))
+    if context.plates is not None:
+        for one, what in zip(figures, (drawn, None if near is None else near[0]), strict=False):
+            assert what is not None
+            context.plates.add(clean(place), one.caption, what)
     return figures
 
 
-def _figure(file: str, text: str, alt: str, drawn: Trace) -> Figure:
-    return Figure(file, text, alt, figure_svg(drawn, WIDE), figure_svg(drawn, NARROW))
+def _figure(file: str, text: str, alt: str, drawn: Trace, crowded: bool) -> Figure:
+    """In both sizes, or in the wide one alone, which a phone scrolls."""
+    wide = figure_svg(drawn, WIDE)
+    return Figure(file, text, alt, wide, wide if crowded else figure_svg(drawn, NARROW))

@@ -6,8 +6,12 @@ and each is labelled where it stands.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
+
+import matplotlib as mpl
 
 if TYPE_CHECKING:
     from matplotlib.typing import RcKeyType
@@ -89,3 +93,12 @@ class Format:
 
 WIDE: Final = Format("wide", 7.4, 3.5, 7.5, 800, 9, 80)
 NARROW: Final = Format("narrow", 3.9, 3.6, 7.5, 400, 5, 40)
+PRINT: Final = Format("print", 7.07, 2.4, 7, 800, 9, 80)
+
+
+@contextmanager
+def sized(form: Format) -> Iterator[None]:
+    """Within it figures have our fonts and sizes, whatever the user's own matplotlib settings are."""
+    defaults = {name: value for name, value in mpl.rcParamsDefault.items() if not name.startswith("backend")}
+    with mpl.rc_context({**defaults, **RC, "font.size": form.font_pt}):
+        yield

@@ -37,6 +37,7 @@ def _line(rules: Sequence[Rule]) -> dict[str, object]:
         "kept": results.count("pass"),
         "of": len(results),
         "worst": observed,
+        "bound": None if worst is None else worst.get("bound"),
         **place,
         "result": result,
     }

@@ -66,6 +66,18 @@ def measured(value: object, unit: str) -> str:
     return number(value) if value is None or not unit else f"{number(value)} {unit}"
 
 
+def bound_text(bound: object, unit: str) -> str:
+    """A rule's 95 % bound: ``−0.1 to 0.5 °C``, ``up to 0.9 °C``; a dash where there is none."""
+    if not isinstance(bound, Mapping) or not isinstance(bound.get("high"), int | float):
+        return "–"
+    low, high = bound.get("low"), round(float(bound["high"]), 2)
+    return (
+        f"up to {measured(high, unit)}"
+        if not isinstance(low, int | float)
+        else f"{number(round(float(low), 2))} to {measured(high, unit)}"
+    )
+
+
 _UNITS = re.compile(r"(?<=\d) (?=(?:°C|%|‰|ms|s|min|h|Hz|mm|Wh)(?!\w))")
 
 

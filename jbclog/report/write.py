@@ -1,4 +1,4 @@
-"""Writes `report.html`, `report.json` and the figures into a run's folder; each file is whole or not there.
+"""Writes `report.html`, `report.pdf`, `report.json`, figures and tables into a run's folder; each file is whole or not there.
 
 The same run gives the same bytes: no time of making, no random names, everything in order. So a report can be made
 again at any time and compared (`verify_report`).
@@ -18,9 +18,12 @@ from jbclog.record.folder import expect_no_links
 from jbclog.report.facts import Facts
 from jbclog.report.gather import gather
 from jbclog.report.page import render
+from jbclog.report.pdf import report_pdf
+from jbclog.report.plates import Plates
+from jbclog.report.spreadsheet import csv_tables
 from jbclog.report.text import cleaned
 
-PAGE, DATA = "report.html", "report.json"
+PAGE, DATA, PAPER, TABLES = "report.html", "report.json", "report.pdf", "tables"
 
 
 def write_report(folder: Path | str) -> Path:
@@ -40,25 +43,28 @@ def verify_report(folder: Path | str) -> list[str]:
 
 def report_files(folder: Path) -> dict[str, bytes]:
     """Every file of a report by its name, as bytes."""
-    facts = gather(open_run(folder))
+    plates = Plates()
+    facts = gather(open_run(folder), plates)
     document = as_document(facts)
-    drawn = {
+    overview = [] if facts.overview is None else [facts.overview]
+    drawn = {figure.file: (figure.wide, figure.narrow) for figure in overview} | {
         figure.file: (figure.wide, figure.narrow) for station in facts.stations for port in station.ports for figure in port.figures
     }
     return {
         **{file: wide.encode() for file, (wide, _) in drawn.items()},
         DATA: (json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False) + "\n").encode(),
         PAGE: render(document, drawn).encode(),
+        PAPER: report_pdf(facts, plates),
+        **{f"{TABLES}/{name}.csv": text.encode() for name, text in csv_tables(document).items()},
     }
 
 
 def as_document(facts: Facts) -> Mapping[str, object]:
     """The facts as plain data without the drawings, every text cleaned; `report.json` and the page are made of it."""
     document = asdict(facts)
-    for station in document["stations"]:
-        for port in station["ports"]:
-            for figure in port["figures"]:
-                del figure["wide"], figure["narrow"]
+    ports = [port for station in document["stations"] for port in station["ports"]]
+    for figure in [*(figure for port in ports for figure in port["figures"]), *filter(None, [document["overview"]])]:
+        del figure["wide"], figure["narrow"]
     plain = cleaned(document)
     assert isinstance(plain, dict)
     return plain

@@ -18,9 +18,9 @@ from matplotlib.text import Text
 
 from jbclog.report import style
 from jbclog.report.closer import closer
-from jbclog.report.figure import draw, figure_svg, looks, spread
+from jbclog.report.figure import draw, figure_svg, spread
 from jbclog.report.spans import Span
-from jbclog.report.style import NARROW, WIDE, Format
+from jbclog.report.style import NARROW, WIDE, Format, sized
 from jbclog.report.trace import Grid, Limit, Mark, Trace, trace
 
 
@@ -94,7 +94,7 @@ def test_no_label_covers_another(form: Format, rows: int) -> None:
     limits = [Limit("high", (-1.0,), (352.0,)), Limit("low", (-1.0,), (349.0,))]
     marks = [Mark(Span(1, 2, "high"), "alarm"), Mark(Span(5, 9, "port error 9"), "error"), Mark(Span(1, 1, "low"), "unconfirmed")]
     gaps = [Span(20, 24, "disconnected"), Span(24.1, 24.2, "timeout")]
-    with looks(form):
+    with sized(form):
         figure = draw(replace(port(rows), limits=limits, marks=marks, gaps=gaps), form)
         canvas = FigureCanvasAgg(figure)
         canvas.draw()

@@ -28,6 +28,7 @@ def test_the_worst_is_named_and_a_failure_is_the_result() -> None:
             "kept": 21,
             "of": 22,
             "worst": 98.0,
+            "bound": None,
             "station": "dde-1",
             "port": 1,
             "result": "fail",

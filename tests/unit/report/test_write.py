@@ -122,8 +122,8 @@ def test_the_page_needs_nothing_but_itself(recorded: Path) -> None:
     page = Page((recorded / "report.html").read_text("utf-8"))
     assert not [tag for tag, _ in page.elements if tag in ("script", "link", "iframe", "object", "embed", "form", "base", "svg")]
     sources = [attrs.get("src") or attrs.get("srcset") for tag, attrs in page.elements if tag in ("img", "source")]
-    assert len(sources) == 6
-    assert all(source is not None and source.startswith("data:image/svg+xml;base64,") for source in sources)
+    assert len(sources) == 8  # of three ports and of the run at a glance, each in two sizes
+    assert all(source is not None and source.startswith("data:image/svg+xml,") for source in sources)
     style = "".join(page.words)
     assert "@import" not in style
     assert "url(" not in style

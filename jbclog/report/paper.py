@@ -1,0 +1,212 @@
+"""Sheets of A4 that are filled from top to bottom: text, tables and figures, for `report.pdf`.
+
+Inches from the sheet's upper left corner; text is measured with the font that draws it, so nothing runs over an edge.
+"""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from functools import cache
+from typing import Final
+
+import matplotlib as mpl
+from matplotlib.backends.backend_pdf import PdfPages
+from matplotlib.figure import Figure
+from matplotlib.font_manager import FontProperties, findfont, get_font
+from matplotlib.lines import Line2D
+from matplotlib.patches import Rectangle
+
+from jbclog.report import style
+
+WIDTH, HEIGHT = 8.27, 11.69
+SIDE, TOP, BOTTOM = 0.6, 0.55, 0.65
+INNER: Final = WIDTH - 2 * SIDE
+LEADING = 1.35  # of a line, in font sizes
+GAP_IN = 0.12  # between columns
+LAST = 0.3  # of the width, for the column of sentences
+
+
+@contextmanager
+def printing() -> Iterator[None]:
+    """Within it sheets have our fonts, and a PDF holds the letters that it needs."""
+    with style.sized(style.PRINT), mpl.rc_context({"pdf.fonttype": 42, "pdf.compression": 6}):
+        yield
+
+
+@dataclass(frozen=True, slots=True)
+class Type:
+    """A size and weight of letters."""
+
+    points: float
+    bold: bool = False
+    colour: str = style.INK
+
+    @property
+    def line_in(self) -> float:
+        return self.points * LEADING / 72
+
+
+@dataclass(frozen=True, slots=True)
+class Cell:
+    """A text in a table, and how it is set."""
+
+    text: str
+    type: Type
+    right: bool = False
+
+
+@cache
+def _font(bold: bool) -> str:
+    return findfont(FontProperties(family=["DejaVu Sans"], weight="bold" if bold else "normal"))
+
+
+@cache
+def width_in(text: str, points: float, bold: bool) -> float:
+    """How wide a text is when it is drawn."""
+    font = get_font(_font(bold))
+    font.set_size(points, 72)
+    font.set_text(text, 0.0)
+    return float(font.get_width_height()[0]) / 64 / 72
+
+
+def wrapped(text: str, type_: Type, room_in: float) -> list[str]:
+    """The text in lines that fit; a word that is longer than a line is cut into pieces."""
+    lines = [""]
+    for word in text.split(" "):
+        longer = f"{lines[-1]} {word}" if lines[-1] else word
+        if width_in(longer, type_.points, type_.bold) <= room_in:
+            lines[-1] = longer
+            continue
+        pieces = _pieces(word, type_, room_in)
+        lines = [*lines, *pieces] if lines[-1] else pieces if len(lines) == 1 else [*lines[:-1], *pieces]
+    return lines
+
+
+def _pieces(word: str, type_: Type, room_in: float) -> list[str]:
+    pieces = [""]
+    for letter in word:
+        if pieces[-1] and width_in(pieces[-1] + letter, type_.points, type_.bold) > room_in:
+            pieces.append("")
+        pieces[-1] += letter
+    return pieces
+
+
+@dataclass(slots=True)
+class Paper:
+    """Sheets, and how far the last one is filled."""
+
+    sheets: list[Figure] = field(default_factory=list)
+    y: float = HEIGHT
+
+    @property
+    def sheet(self) -> Figure:
+        return self.sheets[-1]
+
+    def need(self, inches: float) -> None:
+        """Go on to a new sheet where there is not that much left."""
+        if self.y + inches > HEIGHT - BOTTOM:
+            self.sheets.append(Figure(figsize=(WIDTH, HEIGHT), facecolor="white"))
+            self.y = TOP
+
+    def skip(self, inches: float) -> None:
+        self.y += inches
+
+    def put(self, text: str, x: float, type_: Type, *, right: bool = False, down: float = 0.0) -> None:
+        """One line at `x`, as high as the sheet is filled; it does not fill it."""
+        weight, align = "bold" if type_.bold else "normal", "right" if right else "left"
+        place = (x / WIDTH, 1 - (self.y + down + type_.points / 72) / HEIGHT)
+        self.sheet.text(*place, text, size=type_.points, weight=weight, color=type_.colour, ha=align, va="baseline")
+
+    def say(self, text: str, type_: Type, x: float = SIDE, room: float = INNER) -> None:
+        """A paragraph."""
+        for line in wrapped(text, type_, room):
+            self.need(type_.line_in)
+            self.put(line, x, type_)
+            self.skip(type_.line_in)
+
+    def rule(self, colour: str = style.INK, points: float = 0.6, start: float = SIDE, end: float = WIDTH - SIDE) -> None:
+        """A line across, as high as the sheet is filled."""
+        y = 1 - self.y / HEIGHT
+        self.sheet.add_artist(Line2D([start / WIDTH, end / WIDTH], [y, y], color=colour, lw=points))
+
+    def block(self, x: float, width: float, height: float, face: str, edge: str = "none", points: float = 0.0) -> None:
+        """A coloured field below where the sheet is filled to."""
+        corner = (x / WIDTH, 1 - (self.y + height) / HEIGHT)
+        self.sheet.add_artist(
+            Rectangle(
+                corner, width / WIDTH, height / HEIGHT, fc=face, ec=edge, lw=points, transform=self.sheet.transFigure, zorder=-1
+            )
+        )
+
+    def heading(self, text: str, keep_in: float = 1.0) -> None:
+        """A headline with a rule above it, kept together with what follows."""
+        type_ = Type(11, bold=True)
+        self.need(type_.line_in + 0.2 + keep_in)
+        self.skip(0.14)
+        self.rule()
+        self.skip(0.07)
+        self.put(text, SIDE, type_)
+        self.skip(type_.line_in + 0.04)
+
+    def table(self, head: Sequence[Cell], rows: Sequence[Sequence[Cell]]) -> None:
+        """A table whose last column takes what room is left and is wrapped; its head is set again on each sheet."""
+        edges = _columns([head, *rows])
+        self._row(head, edges, style.INK)
+        for row in rows:
+            height = max(
+                len(wrapped(cell.text, cell.type, room)) * cell.type.line_in for cell, (_, room) in zip(row, edges, strict=True)
+            )
+            before = len(self.sheets)
+            self.need(height + 0.05)
+            if len(self.sheets) > before:
+                self._row(head, edges, style.INK)
+            self._row(row, edges, style.GRID)
+
+    def _row(self, row: Sequence[Cell], edges: Sequence[tuple[float, float]], colour: str) -> None:
+        most = 0.0
+        for cell, (x, room) in zip(row, edges, strict=True):
+            for number, line in enumerate(wrapped(cell.text, cell.type, room)):
+                down = 0.02 + number * cell.type.line_in
+                self.put(line, x + room if cell.right else x, cell.type, right=cell.right, down=down)
+                most = max(most, down + cell.type.line_in)
+        self.skip(most + 0.02)
+        self.rule(colour, 0.5)
+
+
+def _columns(rows: Sequence[Sequence[Cell]]) -> list[tuple[float, float]]:
+    """Left edge and width of each: as wide as its texts, the widest no wider than there is room for; the last has the rest."""
+    wishes = [max(width_in(row[i].text, row[i].type.points, row[i].type.bold) for row in rows) for i in range(len(rows[0]))]
+    room = INNER - GAP_IN * (len(wishes) - 1) - min(wishes[-1], LAST * INNER)
+    most = _widest(wishes[:-1], room)
+    edges, x = [], SIDE
+    for wish in wishes[:-1]:
+        edges.append((x, min(wish, most) + 0.01))
+        x += min(wish, most) + 0.01 + GAP_IN
+    return [*edges, (x, WIDTH - SIDE - x)]
+
+
+def _widest(wishes: Sequence[float], room: float) -> float:
+    """How wide a column may be so that all of them fit: only the widest give something up."""
+    left = room
+    for number, wish in enumerate(sorted(wishes)):
+        share = left / (len(wishes) - number)
+        if wish > share:
+            return share
+        left -= wish
+    return max(wishes, default=room)
+
+
+def pdf_bytes(sheets: Sequence[Figure], foot: str, title: str) -> bytes:
+    """The sheets as a PDF, each with its foot and number: the same sheets give the same bytes."""
+    out, type_ = io.BytesIO(), Type(6.5, colour=style.QUIET)
+    said = {"Title": title, "Creator": "jbclog", "Producer": None, "CreationDate": None}
+    with PdfPages(out, metadata=said) as pages:
+        for number, sheet in enumerate(sheets, 1):
+            paper = Paper([sheet], HEIGHT - 0.45)
+            paper.put(foot, SIDE, type_)
+            paper.put(f"{number} of {len(sheets)}", WIDTH - SIDE, type_, right=True)
+            pages.savefig(sheet)
+    return out.getvalue()

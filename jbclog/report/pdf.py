@@ -1,0 +1,256 @@
+"""`report.pdf`: the verdict and what it rests on, the figures, what happened, and places to sign, on A4.
+
+Made of the same facts as the page; what is too long for paper is left to the tables and said.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+from jbclog.report import style
+from jbclog.report.facts import Facts, StationReport
+from jbclog.report.page import ENDINGS, RESULT_SIGNS, SIGNS, place
+from jbclog.report.paper import INNER, SIDE, WIDTH, Cell, Paper, Type, pdf_bytes, printing, width_in
+from jbclog.report.plates import Plates
+from jbclog.report.text import bound_text, clean, clock, measured, stamp, together
+from jbclog.report.timescale import duration_text
+
+COLOURS = {
+    "ACCEPT": ("#0a6648", "#e7f4ee"),
+    "ACCEPT WITH DEVIATIONS": ("#7a5600", "#fbf3df"),
+    "REJECT": ("#a3260b", "#fbe9e4"),
+    "INCONCLUSIVE": ("#47478f", "#ececf7"),
+}
+PLAIN = ("#4b5763", "#f0f2f4")
+RESULT_COLOURS = {"fail": "#8f1f06", "missing": "#3b3b85", "deviation": "#6b4b00"}
+MOST_REASONS, MOST_RULES, MOST_EVENTS = 8, 120, 120
+SUMMARY = ("Rule", ">Limit", ">Kept by", ">Worst", ">95 % bound", "Where", "Result")
+RULES = ("Rule", "Where", ">Limit", ">Observed", ">95 % bound", "Result", "In words")
+TEXT, SMALL, QUIET, HEAD = Type(8), Type(7), Type(7, colour=style.QUIET), Type(7, bold=True, colour=style.QUIET)
+
+Row = Mapping[str, object]
+
+
+def report_pdf(facts: Facts, plates: Plates) -> bytes:
+    """The whole document. The same run gives the same bytes: no time of making, no random names."""
+    with printing():
+        front, back = Paper(), Paper()
+        _front(front, facts, plates)
+        _back(back, facts)
+        foot = clean(f"{facts.run} · head {facts.head} · {facts.verdict.word}")
+        return pdf_bytes([*front.sheets, *plates.paper.sheets, *back.sheets], foot, clean(f"{facts.verdict.word} · {facts.run}"))
+
+
+def _front(paper: Paper, facts: Facts, plates: Plates) -> None:
+    paper.need(1.0)
+    paper.put("jbclog process record", SIDE, QUIET)
+    paper.put(clean(facts.run), WIDTH - SIDE, QUIET, right=True)
+    paper.skip(0.2)
+    _verdict(paper, facts)
+    _head(paper, facts)
+    if facts.overview is not None and plates.overview is not None:
+        paper.heading("At a glance", plates.overview.height_in + 0.3)
+        paper.say(facts.overview.caption, QUIET)
+        plates.overview.fill(paper.sheet, style.PRINT, SIDE, paper.y)
+        paper.skip(plates.overview.height_in + 0.05)
+    if facts.verdict.rules:
+        _rests_on(paper, facts)
+    _signatures(paper, facts)
+
+
+def _verdict(paper: Paper, facts: Facts) -> None:
+    """The word, as large as it can be, above its reasons."""
+    colour, tint = COLOURS.get(facts.verdict.word, PLAIN)
+    word = f"{SIGNS.get(facts.verdict.word, ('', ''))[1]} {clean(facts.verdict.word)}"
+    points = min(46.0, 46.0 * (INNER - 0.6) / width_in(word, 46.0, bold=True))
+    reasons = facts.verdict.reasons[:MOST_REASONS]
+    left = len(facts.verdict.reasons) - len(reasons)
+    said = [(RESULT_SIGNS.get(one.result, ""), clean(one.text)) for one in reasons] + [("…", f"and {left} more, below")] * (
+        left > 0
+    )
+    inside, type_ = Paper([*paper.sheets], paper.y), Type(9)
+    inside.skip(0.16)
+    inside.put(word, SIDE + 0.3, Type(points, bold=True, colour=colour))
+    inside.skip(points * 1.2 / 72 + 0.04)
+    for mark, text in said:
+        inside.put(mark, SIDE + 0.3, replace(type_, colour=colour))
+        inside.say(text, type_, SIDE + 0.5, INNER - 0.65)
+    height = inside.y - paper.y + 0.12
+    paper.block(SIDE, INNER, height, tint, colour, 1.2)
+    paper.block(SIDE, 0.14, height, colour)
+    paper.skip(height + 0.16)
+
+
+def _head(paper: Paper, facts: Facts) -> None:
+    """Who, what and when, in three columns."""
+    recipes = [
+        (f"Recipe {one['name']}", f"revision {one['revision']}, SHA-256 {str(one['sha256'])[:16]}…") for one in facts.recipes
+    ]
+    said = [(str(name).replace("_", " ").capitalize(), str(value)) for name, value in facts.metadata.items()]
+    ended = ENDINGS.get(facts.exit_status or "", "end not known")
+    length = "not known" if facts.duration_s is None else duration_text(facts.duration_s)
+    pairs = [
+        ("Line", str(facts.line.get("name", "not known"))),
+        *recipes,
+        *said,
+        ("Start, UTC", stamp(facts.started)),
+        ("End, UTC", stamp(facts.ended)),
+        ("Duration", f"{length}, {ended}"),
+    ]
+    third = INNER / 3
+    for first in range(0, len(pairs), 3):
+        paper.need(0.34)
+        deepest = paper.y
+        for column, (name, value) in enumerate(pairs[first : first + 3]):
+            own = Paper([paper.sheet], paper.y)
+            own.say(clean(name), QUIET, SIDE + column * third, third - 0.15)
+            own.say(clean(value), TEXT, SIDE + column * third, third - 0.15)
+            deepest = max(deepest, own.y)
+        paper.y = deepest + 0.05
+
+
+def _rests_on(paper: Paper, facts: Facts) -> None:
+    """All rules where they are few, else one line for each limit."""
+    rules, lines = facts.verdict.rules, facts.verdict.summary
+    paper.heading("What the verdict rests on")
+    if lines:
+        paper.table(
+            _titles(["Rule", ">Limit", ">Kept by", ">Worst", ">95 % bound", "Where", "Result"]), [_line(one) for one in lines]
+        )
+    else:
+        paper.table(
+            _titles(["Rule", "Where", ">Limit", ">Observed", ">95 % bound", "Result", "In words"]), [_rule(one) for one in rules]
+        )
+    kept = sum(rule["result"] == "pass" for rule in rules)
+    paper.skip(0.04)
+    paper.say(f"{kept} of {len(rules)} rules kept. {BOUNDS}", QUIET)
+
+
+BOUNDS = (
+    "Bound: how well an estimated figure is known, with 95 % confidence, readings that follow each other counted as the fewer that "
+    "they are worth; counts need none. A limit is kept when figure and bound keep it."
+)
+
+
+def _unkept(paper: Paper, rules: Sequence[Row]) -> None:
+    """In full what a summary has in a line."""
+    unkept = [rule for rule in rules if rule["result"] not in ("pass", "not applicable")]
+    if not unkept:
+        return
+    paper.heading("Every rule that was not kept")
+    paper.table(_titles(RULES), [_rule(one) for one in unkept[:MOST_RULES]])
+    if len(unkept) > MOST_RULES:
+        paper.say(f"{len(unkept) - MOST_RULES} more are in tables/rules.csv.", QUIET)
+
+
+def _line(line: Row) -> list[Cell]:
+    result, unit = str(line["result"]), str(line["unit"])
+    words = [str(line["name"]).replace("_", " "), measured(line["limit"], unit), f"{line['kept']} of {line['of']}"]
+    words += [measured(line["worst"], unit), bound_text(line["bound"], unit), place(line), _told(result)]
+    return _cells(words, result, (1, 2, 3, 4))
+
+
+def _told(result: str) -> str:
+    return f"{RESULT_SIGNS.get(result, '')} {result}"
+
+
+def _cells(words: Sequence[str], result: str, right: Sequence[int]) -> list[Cell]:
+    """A row in the colour of its result, bold where it was not kept; sentences are never bold."""
+    colour, bold = RESULT_COLOURS.get(result, style.INK), result in ("fail", "missing")
+    kept = [clean(together(word)).replace(" port ", " port\u00a0") for word in words]
+    return [Cell(word, Type(7, bold and len(word) < 40, colour), right=column in right) for column, word in enumerate(kept)]
+
+
+def _rule(rule: Row) -> list[Cell]:
+    result, unit = str(rule["result"]), str(rule["unit"])
+    words = [
+        str(rule["name"]).replace("_", " "),
+        place(rule) or "run",
+        measured(rule["limit"], unit),
+        measured(rule["observed"], unit),
+    ]
+    return _cells([*words, bound_text(rule.get("bound"), unit), _told(result), str(rule["text"])], result, (2, 3, 4))
+
+
+def _stations(stations: Sequence[StationReport]) -> tuple[list[Cell], list[list[Cell]]]:
+    titles = _titles(
+        ["Station", "Model", "Port", ">Readings", ">Longest gap", ">Idle error", ">Idle sd", ">Alarms", "Safe state", "Tool"]
+    )
+    rows = [
+        [station.name, station.model or "not known", str(port.port), measured(port.recorded.coverage_percent, "%"),
+         measured(port.recorded.longest_gap_s, "s"), measured(_round(port.tip.idle_error_c), "°C"),
+         measured(_round(port.tip.idle_sd_c), "°C"), str(port.alarms), port.left, port.tool or "–"]
+        for station in stations for port in station.ports
+    ]  # fmt: skip
+    return titles, [[Cell(clean(word), SMALL, right=3 <= column <= 7) for column, word in enumerate(row)] for row in rows]
+
+
+def _back(paper: Paper, facts: Facts) -> None:
+    paper.heading("Stations")
+    paper.table(*_stations(facts.stations))
+    if facts.verdict.summary:
+        _unkept(paper, facts.verdict.rules)
+    graver = [event for event in facts.events if event["severity"] != "info"]
+    if graver:
+        paper.heading("What happened")
+        paper.table(
+            _titles(["UTC", "Not before", "Where", "Severity", "Kind", "In words"]), [_event(one) for one in graver[:MOST_EVENTS]]
+        )
+        if len(graver) > MOST_EVENTS:
+            paper.say(f"{len(graver) - MOST_EVENTS} more are in tables/events.csv.", QUIET)
+    if facts.annotations:
+        paper.heading("Said since")
+        rows = [
+            [stamp(str(one["time"])), str(one["who"]), str(one["kind"]), f"{one['what']} ({one['why']})"]
+            for one in facts.annotations
+        ]
+        paper.table(_titles(["UTC", "Who", "Kind", "What and why"]), [[Cell(clean(word), SMALL) for word in row] for row in rows])
+    paper.heading("What this record does not claim")
+    for claim in facts.not_claimed:
+        paper.say(f"•  {claim}", TEXT)
+    paper.heading("Where this comes from")
+    said = [f"Manifest SHA-256 {facts.manifest_sha256}", f"Data SHA-256 {facts.data_sha256}"]
+    said += [f"Run before on this line: {facts.previous}", f"Made by jbclog {facts.jbclog}. Reproduce: {facts.reproduce}"]
+    for text in (*said, f"Compare: jbclog check RUN --head {facts.head}"):
+        paper.say(clean(text), TEXT)
+
+
+def _event(event: Row) -> list[Cell]:
+    type_ = Type(7, colour=RESULT_COLOURS["fail"] if event["severity"] in ("error", "critical") else style.INK)
+    times = [clock(_text(event["time"]), with_day=True), clock(_text(event["earliest"]), with_day=True)]
+    words = [*times, place(event) or "run", str(event["severity"]), str(event["kind"]), str(event["text"])]
+    return [Cell(clean(word), type_) for word in words]
+
+
+def _signatures(paper: Paper, facts: Facts) -> None:
+    """Two places to sign: who, with which meaning, when."""
+    half, claims = INNER / 2 - 0.15, f"Not claimed: {'; '.join(facts.not_claimed_short)}."
+    paper.need(1.75)
+    paper.skip(0.12)
+    paper.say(claims, TEXT)
+    paper.skip(0.1)
+    for column, meaning in enumerate(facts.to_sign):
+        own = Paper([paper.sheet], paper.y)
+        x = SIDE + column * (half + 0.3)
+        own.put(meaning["role"], x, Type(9, bold=True))
+        own.skip(Type(9).line_in)
+        own.say(meaning["meaning"], QUIET, x, half)
+        for label in ("Name", "Date", "Signature"):
+            own.skip(0.22)
+            own.rule(style.NO_DATA, 0.6, x + 0.65, x + half)
+            own.put(label, x, QUIET, down=-0.1)
+    paper.skip(1.25)
+
+
+def _titles(words: Sequence[str]) -> list[Cell]:
+    """The head of a table; ``>`` sets a column to the right."""
+    return [Cell(word.removeprefix(">"), HEAD, right=word.startswith(">")) for word in words]
+
+
+def _round(value: float | None) -> float | None:
+    return None if value is None else round(value, 2)
+
+
+def _text(value: object) -> str | None:
+    return None if value is None else str(value)

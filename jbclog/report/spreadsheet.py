@@ -1,0 +1,101 @@
+"""The report's tables as CSV, for spreadsheets: `tables/rules.csv` and its neighbours.
+
+RFC 4180, UTF-8 with the mark by which spreadsheets know it, a point in numbers, nothing where nothing is known. A text that a
+spreadsheet would take for a formula has an apostrophe before it; numbers stay numbers.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Final
+
+Row = Mapping[str, object]
+
+FORMULA: Final = ("=", "+", "-", "@", "\t", "\r", "\uff1d", "\uff0b", "\uff0d", "\uff20")
+MARK: Final = "\ufeff"
+TABLES: Final[Mapping[str, Sequence[str]]] = {
+    "rules": (
+        "name",
+        "station",
+        "port",
+        "limit",
+        "observed",
+        "bound_low",
+        "bound_high",
+        "unit",
+        "n",
+        "n_effective",
+        "result",
+        "text",
+    ),
+    "ports": (
+        *("station", "family", "model", "software", "port", "tool", "outcome", "left"),
+        *("due", "readings", "coverage_percent", "longest_gap_s", "late_p99_ms"),
+        *("set_c", "alarm_high_c", "alarm_low_c", "least_c", "greatest_c"),
+        *("idle_n", "idle_n_effective", "idle_error_c", "idle_error_low_c", "idle_error_high_c", "idle_sd_c", "idle_sd_high_c"),
+        *("alarms", "doubtful_alarms", "greatest_permille", "energy_permille_s", "energy_wh"),
+    ),
+    "events": ("seq", "time", "earliest", "station", "port", "kind", "severity", "code", "text", "value", "limit", "raw"),
+    "settings": ("time", "station", "port", "tool", "setting", "unit", "requested", "written", "readback", "nak", "outcome"),
+    "counters": ("station", "port", "counter", "unit", "first", "last", "difference", "readings", "note"),
+    "ledger": ("station", "port", "signal", "due", "ok"),
+}
+"""Columns by table; the ledger has one more for each reason that occurs."""
+
+
+def csv_tables(document: Mapping[str, object]) -> dict[str, str]:
+    """Each table's text by its name, from the facts as plain data."""
+    rows = {name: _listed(document.get(name)) for name in ("events", "settings", "counters")}
+    reasons = [str(reason) for reason in _items(document["ledger_reasons"])]
+    rows["ledger"] = [{**row, **_mapping(row["reasons"])} for row in _listed(document["ledger"])]
+    rows["rules"] = [_rule(row) for row in _listed(_mapping(document["verdict"])["rules"])]
+    rows["ports"] = [_port(station, port) for station in _listed(document["stations"]) for port in _listed(station["ports"])]
+    return {name: _csv([*columns, *(reasons if name == "ledger" else [])], rows[name]) for name, columns in TABLES.items()}
+
+
+def _rule(row: Row) -> Row:
+    bound = _mapping(row.get("bound"))
+    return {
+        **row,
+        "bound_low": bound.get("low"),
+        "bound_high": bound.get("high"),
+        "n": bound.get("n"),
+        "n_effective": bound.get("n_effective"),
+    }
+
+
+def _port(station: Row, port: Row) -> Row:
+    recorded, tip, power = (_mapping(port[name]) for name in ("recorded", "tip", "power"))
+    mean, spread = _mapping(tip["idle_error_bound"]), _mapping(tip["idle_sd_bound"])
+    worth = {"idle_n": mean.get("n"), "idle_n_effective": mean.get("n_effective")}
+    bounds = {"idle_error_low_c": mean.get("low"), "idle_error_high_c": mean.get("high"), "idle_sd_high_c": spread.get("high")}
+    return {**station, "station": station["name"], **port, **recorded, **tip, **power, **worth, **bounds}
+
+
+def _csv(columns: Sequence[str], rows: Iterable[Row]) -> str:
+    out = io.StringIO()
+    writer = csv.writer(out)
+    writer.writerow([harmless(column) for column in columns])
+    writer.writerows([harmless(row.get(column)) for column in columns] for row in rows)
+    return MARK + out.getvalue()
+
+
+def harmless(value: object) -> object:
+    """What a cell holds: never something that a spreadsheet would work out."""
+    if isinstance(value, str) and value.lstrip(" ").startswith(FORMULA):
+        return f"'{value}"
+    return value
+
+
+def _listed(value: object) -> list[Row]:
+    return [row for row in _items(value) if isinstance(row, Mapping)]
+
+
+def _items(value: object) -> list[object]:
+    return list(value) if isinstance(value, list | tuple) else []
+
+
+def _mapping(value: object) -> Row:
+    return value if isinstance(value, Mapping) else {}
