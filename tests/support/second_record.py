@@ -1,0 +1,25 @@
+"""Trials of the second plant as the series that `features` takes, and what is found in them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from joint_score import Score, score
+from second_plant import Trial
+
+from jbclog.features import Series, find_joints
+from jbclog.judge.idle import Block
+
+
+def series_of(trial: Trial, hz: float) -> Series:
+    rows = Block(trial.seconds, trial.temperature, trial.power, trial.setting, trial.working)
+    return Series(rows, ~np.isnan(trial.temperature), 1 / hz)
+
+
+def found_in(trial: Trial, hz: float) -> list[tuple[float, float]]:
+    return [(joint.start_s, joint.end_s) for joint in find_joints(series_of(trial, hz)).joints]
+
+
+def scores(trials: Sequence[Trial], hz: float) -> list[Score]:
+    return [score(trial, found_in(trial, hz)) for trial in trials]

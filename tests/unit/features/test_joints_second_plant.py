@@ -1,0 +1,75 @@
+"""Joints on a plant that was not used to tune their finding: per class, the worst tenth, and how it falls with the rate.
+
+`pytest tests/unit/features/test_joints_second_plant.py -s -n0` prints the tables; with `-m campaign` those of 200 trials.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import pytest
+from joint_score import Score, all_of, told, worst_tenth
+from second_plant import CAMPAIGN_SEEDS, SEEDS, Trial, trials
+from second_record import scores
+
+RATES = (10.0, 5.0, 2.0, 1.0)
+LEAST = {10.0: 0.98, 5.0: 0.96, 2.0: 0.94, 1.0: 0.82}
+
+
+@pytest.fixture(scope="module")
+def records() -> dict[float, list[Trial]]:
+    return trials(SEEDS, rates=RATES)
+
+
+def shown(hz: float, found: Sequence[Score]) -> None:
+    print(f"\n{hz:g} Hz\n{told(found)}")
+
+
+def curve(found: dict[float, list[Score]]) -> None:
+    print("\n| rate | F1 | worst tenth | found | missed | false |\n|---|---|---|---|---|---|")
+    for hz, several in found.items():
+        every = all_of(several)
+        numbers = f"{every.hit.total()} | {every.missed.total()} | {every.false.total()}"
+        print(f"| {hz:g} Hz | {every.f1:.3f} | {worst_tenth(several).f1:.3f} | {numbers} |")
+
+
+def test_joints_are_found_at_ten_hertz(records: dict[float, list[Trial]]) -> None:
+    found = scores(records[10.0], 10.0)
+    shown(10.0, found)
+    every = all_of(found)
+    assert every.events.total() > 1000
+    assert every.f1 >= 0.98
+    assert worst_tenth(found).f1 >= 0.93
+    for kind in ("large", "medium", "saturated", "double"):
+        assert every.hit[kind] >= 0.97 * every.events[kind], kind
+    for kind in ("touch", "set", "sleep", "brass"):
+        assert every.false[kind] <= 0.03 * every.events[kind], kind
+
+
+def test_wipes_over_a_sponge_are_mostly_told_apart_and_a_long_rest_in_it_is_not(records: dict[float, list[Trial]]) -> None:
+    """What the definition of a joint says of itself: a draw as long and as large as a joint's is one."""
+    every = all_of(scores(records[10.0], 10.0))
+    assert every.false["sponge"] <= 0.15 * every.events["sponge"]
+    assert every.untold["soak"] >= 0.9 * every.events["soak"]
+
+
+@pytest.mark.parametrize("hz", RATES[1:])
+def test_how_it_falls_with_the_rate(records: dict[float, list[Trial]], hz: float) -> None:
+    assert all_of(scores(records[hz], hz)).f1 >= LEAST[hz]
+
+
+def test_the_curve_falls(records: dict[float, list[Trial]]) -> None:
+    found = {hz: scores(records[hz], hz) for hz in RATES}
+    curve(found)
+    falling = [all_of(several).f1 for several in found.values()]
+    assert falling == sorted(falling, reverse=True)
+
+
+@pytest.mark.campaign
+def test_two_hundred_more_trials() -> None:
+    records = trials(CAMPAIGN_SEEDS, rates=RATES)
+    found = {hz: scores(records[hz], hz) for hz in RATES}
+    shown(10.0, found[10.0])
+    curve(found)
+    for hz, several in found.items():
+        assert all_of(several).f1 >= LEAST[hz], hz
