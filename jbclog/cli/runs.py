@@ -50,8 +50,7 @@ def runs(
 
     \b
     Example:
-      jbclog runs --unit SN-0012
-      jbclog runs runs --order '881*' --since 2026-11-01 --verdict REJECT
+      jbclog runs runs --order "881*" --since 2026-11-01 --verdict REJECT
     """
     from jbclog.record.finding_runs import Filter, find
 
