@@ -41,14 +41,14 @@ class Dip:
 
 def dips(series: Series, found: Found) -> list[Dip]:
     """What each joint did to the tip."""
-    nexts = [*(draw.start_s for draw in found.joints[1:]), None]
-    return [_dip(series, draw, following) for draw, following in zip(found.joints, nexts, strict=True)]
+    starts: list[float | None] = [draw.start_s for draw in found.joints]
+    return [_dip(series, draw, following) for draw, following in zip(found.joints, [*starts[1:], None], strict=False)]
 
 
 def _dip(series: Series, draw: Draw, next_s: float | None) -> Dip:
     temperature, last = series.rows.temperature, float(series.seconds[-1])
     calm = series.window(temperature, draw.start_s - BEFORE_S, draw.start_s - series.period_s)
-    end = min(draw.end_s + LATEST_S, last, np.inf if next_s is None else next_s)
+    end = min(draw.end_s + LATEST_S, last, np.inf if next_s is None else next_s - series.period_s)
     after = series.window(temperature, draw.start_s, end)
     if not calm.n or calm.gap:
         return Dip(draw, None, None, None, why=calm.gap or "Nothing was read in the second before it.")
@@ -60,12 +60,12 @@ def _dip(series: Series, draw: Draw, next_s: float | None) -> Dip:
         return Dip(draw, None, None, None, why=touched.gap or "Nothing was read in it.")
     depth = max(before - float(seen.values.min()), 0.0)
     if back is None or seen.gap:
-        return Dip(draw, depth if not seen.gap else None, None, None, why=seen.gap or _never(next_s, end))
+        return Dip(draw, depth if not seen.gap else None, None, None, why=seen.gap or _never(next_s, end + series.period_s))
     return Dip(draw, depth, back - draw.start_s if depth > BACK_C else 0.0, _energy(series, draw, max(back, draw.end_s)))
 
 
 def _never(next_s: float | None, end_s: float) -> str:
-    if next_s is not None and end_s >= next_s:
+    if next_s is not None and end_s >= next_s - 1e-6:
         return "The next joint began before the tip was back."
     return f"The tip was not back {LATEST_S:g} s after it, or the record ended."
 
@@ -79,7 +79,7 @@ def _back_s(after: Window, before: float) -> float | None:
     for place in np.flatnonzero(~low[lowest:]) + lowest:
         left = after.seconds[place:][low[place:]]
         until = left[0] if len(left) else after.end_s + after.period_s
-        if until - after.seconds[place] >= min(BACK_FOR_S, after.period_s):
+        if until - after.seconds[place] >= BACK_FOR_S - 1e-6:
             return float(after.seconds[place])
     return None
 
@@ -114,7 +114,7 @@ def heat_of(dip: Dip) -> float:
 
 
 def _counted(count: Figure, series: Series, found: Found) -> Figure:
-    gap = series.whole(series.rows.temperature).gap
+    gap = series.whole(series.rows.temperature).gap or series.whole(series.rows.power).gap
     if gap is None:
         return count
     return no_figure(

@@ -96,6 +96,8 @@ class Window:
     def gap(self) -> str | None:
         """What is wrong with the record here, in a sentence; None where there is no gap."""
         longest = self.longest_gap_s
+        if not self.n:
+            return "Nothing was read in its window: it is one gap."
         if longest <= self.gap_s + 1e-6:
             return None
         return f"Its window has a gap: no reading for {longest:.1f} s; {self.gap_s:g} s would be none."
