@@ -1,14 +1,14 @@
 """jbclog: a production-line logger and process recorder for soldering stations.
 
-``jbclog.open_run("runs/...")`` opens a recorded run as pandas DataFrames. Importing this package loads nothing of
-that; names come when they are first used.
+``jbclog.open_run("runs/...")`` opens a recorded run as pandas DataFrames, ``jbclog.open_runs("runs")`` many of them.
+Importing this package loads nothing of that; names come when they are first used.
 """
 
 from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from jbclog.analysis import Run, open_run
+    from jbclog.analysis import Run, Runs, open_run, open_runs
     from jbclog.errors import JbclogError, LinkError, RecordError, UsageError
 
 __version__ = "0.1.0"
@@ -18,12 +18,14 @@ _HOMES = {
     "LinkError": "jbclog.errors",
     "RecordError": "jbclog.errors",
     "Run": "jbclog.analysis",
+    "Runs": "jbclog.analysis",
     "UsageError": "jbclog.errors",
     "open_run": "jbclog.analysis",
+    "open_runs": "jbclog.analysis",
 }
 """Public names and the rooms that they live in."""
 
-__all__ = ["JbclogError", "LinkError", "RecordError", "Run", "UsageError", "__version__", "open_run"]
+__all__ = ["JbclogError", "LinkError", "RecordError", "Run", "Runs", "UsageError", "__version__", "open_run", "open_runs"]
 
 
 def __getattr__(name: str) -> object:

@@ -8,5 +8,6 @@ Start reading: `run.py`.
 """
 
 from jbclog.analysis.run import Run, open_run
+from jbclog.analysis.runs import Runs, open_runs
 
-__all__ = ["Run", "open_run"]
+__all__ = ["Run", "Runs", "open_run", "open_runs"]

@@ -4,16 +4,15 @@ from __future__ import annotations
 
 import os
 import warnings
-from collections.abc import Callable, Sequence
-from datetime import UTC, datetime
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING
 
 import pandas as pd
 import pyarrow as pa
-import pyarrow.compute as pc
 
-from jbclog.errors import RecordError, UsageError
+from jbclog.analysis.asked import Asked, Moment, asked, frame
+from jbclog.errors import RecordError
 from jbclog.record.damage import Damage
 from jbclog.record.manifest import Manifest, read_manifest
 from jbclog.record.parts import groups_of, part_paths, parts_through
@@ -30,18 +29,17 @@ if TYPE_CHECKING:
     from jbclog.analysis.alarms import Alarms
     from jbclog.analysis.units import Times
 
-Moment = str | datetime | pd.Timestamp
-"""A time: a string such as ``2026-11-21T01:30``, a datetime or a Timestamp; UTC where it names no zone."""
-
-Cut = Callable[[pa.Table], pa.Table]
-"""Takes out of some rows what was asked for."""
-
 
 class Run:
     """One run in `folder`. Tables are read anew at each call, so a run that is being recorded grows."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
+
+    def _repr_html_(self) -> str:
+        from jbclog.analysis.shown import run_html
+
+        return run_html(self)
 
     def __repr__(self) -> str:
         return f"<Run {self.folder.name}: {self.manifest.state}, {self.manifest.verdict or 'no verdict yet'}>"
@@ -75,6 +73,22 @@ class Run:
         `start` is included, `stop` is not. A value that was not read is missing; `reasons` says why.
         """
         return self._frame("samples", station, port, start, stop, columns)
+
+    def stream(
+        self,
+        table: str = "samples",
+        station: str | None = None,
+        port: int | None = None,
+        start: Moment | None = None,
+        stop: Moment | None = None,
+        columns: Sequence[str] | None = None,
+    ) -> Iterator[pd.DataFrame]:
+        """The rows of a table a piece at a time (a row group of some 33 000 rows at most), none of them kept; none that is empty.
+
+        For what does not fit into memory: a month of 32 stations takes no more than an hour of them.
+        """
+        wanted = asked(table, columns, station, port, start, stop)
+        return (frame(piece) for piece in self._lazily(wanted) if piece.num_rows)
 
     def events(self, station: str | None = None, start: Moment | None = None, stop: Moment | None = None) -> pd.DataFrame:
         """What happened, in order."""
@@ -163,7 +177,7 @@ class Run:
 
     def pieces(self, table: str, columns: list[str]) -> list[pa.Table]:
         """The rows of a table piece by piece as Arrow tables, in order."""
-        return self._pieces(table, columns, lambda piece: piece.select(columns))
+        return self._pieces(asked(table, columns))
 
     def _frame(
         self,
@@ -174,36 +188,34 @@ class Run:
         stop: Moment | None,
         columns: Sequence[str] | None,
     ) -> pd.DataFrame:
-        schema = SCHEMAS[table]
-        unknown = [name for name in columns or () if name not in schema.names]
-        if unknown:
-            raise UsageError(f"{table} has no column {', '.join(unknown)}; it has {', '.join(schema.names)}")
-        wanted = list(columns) if columns is not None else schema.names
-        bounds = _micros(start), _micros(stop)
-        pieces = self._pieces(table, wanted, lambda piece: _cut(piece, station, port, *bounds).select(wanted))
-        whole = pa.concat_tables(pieces) if pieces else schema.empty_table().select(wanted)
-        return frame(whole)
+        wanted = asked(table, columns, station, port, start, stop)
+        pieces = self._pieces(wanted)
+        return frame(pa.concat_tables(pieces) if pieces else SCHEMAS[table].empty_table().select(list(wanted.columns)))
 
-    def _pieces(self, table: str, columns: list[str], cut: Cut) -> list[pa.Table]:
+    def _pieces(self, wanted: Asked) -> list[pa.Table]:
         """Sealed row groups, then what is still in the live store and in no part; each is cut before the next is read."""
-        needed = [name for name in SCHEMAS[table].names if name in {*columns, "time", "station", "port"}]
-        pieces, damage = self._read(table, needed, cut)
-        if damage and not segments(self.folder):  # sealed in just this moment
-            pieces, damage = self._read(table, needed, cut)
-        if damage:
-            warnings.warn(f"{self.folder}: {'; '.join(map(str, damage))}", stacklevel=4)
-        return pieces
+        return list(self._lazily(wanted))
 
-    def _read(self, table: str, columns: list[str], cut: Cut) -> tuple[list[pa.Table], list[Damage]]:
+    def _lazily(self, wanted: Asked) -> Iterator[pa.Table]:
+        """The same, one after the other: only what is in the live store is kept until it comes to that."""
+        parts, live, damage = self._read(wanted)
+        if damage and not segments(self.folder):  # sealed in just this moment
+            parts, live, damage = self._read(wanted)
+        if damage:
+            warnings.warn(f"{self.folder}: {'; '.join(map(str, damage))}", stacklevel=5)
+        yield from map(wanted.cut, groups_of(parts, wanted.needed))
+        yield from live
+
+    def _read(self, wanted: Asked) -> tuple[list[Path], list[pa.Table], list[Damage]]:
         """The order matters: a snapshot of the store first, then the parts, then what the parts do not have."""
         manifest = self.manifest
         with Stock(self.folder) as stock:
-            parts = part_paths(self.folder, table)
+            parts = part_paths(self.folder, wanted.table)
             if manifest.state == "sealed":
-                expect_unchanged(self.folder, manifest, table, parts)
-            numbers = stock.numbers_of(table, parts_through(parts))
-            live = [cut(piece.select(columns)) for piece in stock.tables(numbers)]
-            return [*map(cut, groups_of(parts, columns)), *live], stock.damage
+                expect_unchanged(self.folder, manifest, wanted.table, parts)
+            numbers = stock.numbers_of(wanted.table, parts_through(parts))
+            live = [wanted.cut(piece.select(wanted.needed)) for piece in stock.tables(numbers)]
+            return [part for part in parts if wanted.may_have(part)], live, stock.damage
 
 
 def open_run(path: str | os.PathLike[str]) -> Run:
@@ -214,28 +226,3 @@ def open_run(path: str | os.PathLike[str]) -> Run:
         raise RecordError(f"{folder} is not there, or is no folder")
     run.manifest  # noqa: B018  # a folder that is no run is said to be none here, not at the first table
     return run
-
-
-def frame(table: pa.Table) -> pd.DataFrame:
-    """An Arrow table as a DataFrame: Int64 and boolean where values can be missing, times in UTC."""
-    return cast(pd.DataFrame, table.to_pandas())
-
-
-def _micros(moment: Moment | None) -> pa.Scalar | None:
-    if moment is None:
-        return None
-    stamp = pd.Timestamp(moment)
-    stamp = stamp.tz_localize(UTC) if stamp.tzinfo is None else stamp.tz_convert(UTC)
-    return pa.scalar(stamp.value // 1000, pa.int64()).cast(pa.timestamp("us", tz="UTC"))
-
-
-def _cut(table: pa.Table, station: str | None, port: int | None, start: pa.Scalar | None, stop: pa.Scalar | None) -> pa.Table:
-    if station is not None:
-        table = table.filter(pc.equal(table["station"], station))
-    if port is not None:
-        table = table.filter(pc.equal(table["port"], port))
-    if start is not None:
-        table = table.filter(pc.greater_equal(table["time"], start))
-    if stop is not None:
-        table = table.filter(pc.less(table["time"], stop))
-    return table

@@ -27,7 +27,7 @@ def demo(
     seconds: float = typer.Option(20.0, min=LEAST_S, max=3600.0, metavar="S", help="How long to record, in seconds."),
     as_json: bool = options.AS_JSON,
 ) -> None:
-    """Show everything on four virtual stations, from recipe to report.
+    """Show it all on four virtual stations, from recipe to report.
 
     A recipe is applied and the run recorded at 10 Hz, through the real serial stack; one station raises an alarm, one drops
     out and comes back. The stations run in a process of their own, on pseudo-terminals (TCP where there are none), their

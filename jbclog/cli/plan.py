@@ -24,7 +24,7 @@ def plan(
     allow_omega_write: bool = options.ALLOW_OMEGA_WRITE,
     as_json: bool = options.AS_JSON,
 ) -> None:
-    """Show what a run would write, and whether its rate fits the wire.
+    """Show what a run would write, and whether its rate would fit.
 
     No byte is sent. Every error in the files is told at once. Turnaround is the line file's, or 0 where it has none: `run`
     measures it.

@@ -32,7 +32,7 @@ def where_used(
     ),
     as_json: bool = typer.Option(False, "--json", help="One JSON object on stdout."),
 ) -> None:
-    """Show the runs that used a tip since it was last known to be good.
+    """Show the runs that used a tip since it was last good.
 
     The last verification that failed is the bad one. Every run that was on between the last that passed before it and the next
     that passed after it is shown with its units, where they are known. Ends with 1 where a manifest, or the file of

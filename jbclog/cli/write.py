@@ -52,7 +52,7 @@ def write(
     ),
     as_json: bool = options.AS_JSON,
 ) -> None:
-    """Write a value of a station by its name, once, and read it back.
+    """Write a value of a station by its name, and read it back.
 
     Without a name the names are listed, with what each takes. What cannot be taken back asks for --yes-i-mean, keeps all settings
     in a file first, and restart and factory_reset want every tool at 60 °C or below. While a run holds the station it is refused,

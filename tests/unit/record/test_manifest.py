@@ -30,7 +30,7 @@ from jbclog.rows import StationFacts
 KEYS = (
     "schema, run, state, exit_status, exit_code, verdict, verdict_rules, started, ended, t0_mono, t0_utc, line, recipes, metadata, "
     "host, rate, guard, wire, stations, ledger, lost, units, files, "
-    "previous"
+    "previous, verifications"
 )
 
 FULL = Manifest(

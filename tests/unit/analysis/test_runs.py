@@ -1,0 +1,185 @@
+"""Many runs: found by their manifests, lazily, read piece by piece; and how notebooks show one and many."""
+
+from __future__ import annotations
+
+import re
+from html.parser import HTMLParser
+from pathlib import Path
+
+import few_rows
+import make_run
+import pandas as pd
+import pytest
+import sealed_run
+from hostile_names import HOSTILE, MOVES
+
+import jbclog
+from jbclog.errors import RecordError, UsageError
+from jbclog.record import finding_runs
+from jbclog.record.manifest import Metadata
+
+
+@pytest.fixture(scope="module")
+def home(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Three runs: two of one line with two stations, one of another order."""
+    out = tmp_path_factory.mktemp("runs")
+    for _ in range(2):
+        make_run.make_run(out, 20.0)
+    rows = sealed_run.samples(700)
+    said = Metadata("A. Rossi", "88123", "controller", units=["SN-1"], tags={"shift": "late"})
+    sealed_run.seal(out, [sealed_run.station(rows=700)], sealed_run.table(rows), metadata=said)
+    return out
+
+
+def test_runs_are_found_by_what_was_said_of_them(home: Path) -> None:
+    assert len(jbclog.open_runs(home)) == 3
+    assert [run.name for run in jbclog.open_runs(home, order="88123")] == ["20260921T141320Z-bench-k7qd"]
+    assert len(jbclog.open_runs(home, unit="SN-*", tags={"shift": "late"}, operator="A. Rossi", product="controller")) == 1
+    assert len(jbclog.open_runs(home, line="bench", recipe="sn100c-tht@7", station="dde-1")) == 3
+    assert len(jbclog.open_runs(home, station="ale-1")) == 2
+    assert len(jbclog.open_runs(home, since="2026-09-22")) == 0
+    assert len(jbclog.open_runs(home, since="2026-09-21", until=pd.Timestamp("2026-09-22", tz="UTC"))) == 3
+
+
+def test_a_filter_that_there_is_not_and_a_folder_that_is_none_are_said(home: Path) -> None:
+    with pytest.raises(UsageError, match=r"colour.*by flux_lot"):
+        jbclog.open_runs(home, colour="red")
+    with pytest.raises(RecordError, match="not there"):
+        jbclog.open_runs(home / "nothing")
+
+
+def test_nothing_is_read_before_it_is_asked_for(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    read: list[Path] = []
+    summary_of = finding_runs.summary_of
+    monkeypatch.setattr(finding_runs, "summary_of", lambda folder, wanted: read.append(folder) or summary_of(folder, wanted))
+    runs = jbclog.open_runs(home, line="bench")
+    assert read == []
+    assert len(runs) == len(list(runs)) == 3
+    assert len(read) == 3  # once, not at each question
+    assert len(runs.refreshed()) == 3
+    assert len(read) == 6
+
+
+def test_they_are_a_sequence(home: Path) -> None:
+    runs = jbclog.open_runs(home)
+    assert runs[0].name == next(iter(runs)).name
+    assert [run.name for run in runs[1:]] == [run.name for run in runs][1:]
+    assert repr(runs) == f"<Runs {home}: 3 runs>"
+
+
+def test_manifests_are_a_row_a_run(home: Path) -> None:
+    table = jbclog.open_runs(home).manifests().set_index("run")
+    one = table.loc["20260921T141320Z-bench-k7qd"]
+    assert (one["order"], one["units"], one["exit_code"]) == ("88123", ("SN-1",), 0)
+    assert pd.isna(one["verdict"])
+    assert str(table["started"].dtype) == "datetime64[us, UTC]"
+    assert table["exit_code"].dtype == "Int64"
+    none = jbclog.open_runs(home, order="none").manifests()
+    assert (len(none), list(none.columns)) == (0, list(jbclog.open_runs(home).manifests().columns))
+
+
+def test_samples_of_all_runs_are_those_of_each(home: Path) -> None:
+    runs = jbclog.open_runs(home)
+    pieces = list(runs.samples("dde-1", 1, columns=["tick", "temperature_c"]))
+    assert all(len(piece) for piece in pieces)
+    whole = pd.concat(pieces, ignore_index=True)
+    assert list(whole.columns) == ["run", "tick", "temperature_c"]
+    for run in runs:
+        mine = whole[whole["run"] == run.name].drop(columns="run").reset_index(drop=True)
+        pd.testing.assert_frame_equal(mine, run.samples("dde-1", 1, columns=["tick", "temperature_c"]))
+
+
+def test_metrics_and_joints_name_their_run(home: Path) -> None:
+    runs = jbclog.open_runs(home, order="88123")
+    metrics = runs.metrics()
+    assert set(metrics["run"]) == {"20260921T141320Z-bench-k7qd"}
+    assert {"started", "station", "port", "metric", "value", "unit", "n", "why"} <= set(metrics.columns)
+    assert len(runs.joints()) == len(runs[0].joints()) > 5
+    assert len(jbclog.open_runs(home, order="none").joints()) == 0
+
+
+def test_a_folder_that_cannot_be_read_is_named_and_the_others_are_there(tmp_path: Path) -> None:
+    make_run.make_run(tmp_path, 5.0)
+    (tmp_path / "20260921T141320Z-bench-aaaa").mkdir()
+    runs = jbclog.open_runs(tmp_path)
+    assert (len(runs), len(runs.unreadable)) == (1, 1)
+    assert "1 unreadable" in repr(runs)
+
+
+# -- piece by piece ---------------------------------------------------------------------------------------------------------
+
+
+def test_a_stream_is_the_table(home: Path) -> None:
+    for run in jbclog.open_runs(home):
+        for table, whole in (("samples", run.samples()), ("events", run.events()), ("counters", run.counters())):
+            pieces = list(run.stream(table))
+            together = pd.concat(pieces, ignore_index=True) if pieces else whole.head(0)
+            pd.testing.assert_frame_equal(together, whole)
+
+
+def test_a_stream_of_a_run_that_is_open_has_what_is_not_sealed_yet(tmp_path: Path) -> None:
+    store = few_rows.begun(tmp_path)
+    few_rows.hand_over(store, range(70))
+    store.commit_now()
+    ticks = [tick for piece in jbclog.open_run(store.folder).stream(columns=["tick"]) for tick in piece["tick"]]
+    few_rows.vanish(store)
+    assert ticks == list(range(70))
+
+
+def test_only_parts_of_the_time_asked_for_are_read(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    run = jbclog.open_runs(home, order="88123")[0]
+    times = run.samples(columns=["time"])["time"]
+    read: list[Path] = []
+    from jbclog.analysis import run as module
+
+    groups_of = module.groups_of
+    monkeypatch.setattr(module, "groups_of", lambda parts, columns: read.extend(parts) or groups_of(parts, columns))
+    assert len(run.samples(start=times.iloc[-1])) == 1
+    assert len(read) == 1
+    assert len(run.samples(start=times.iloc[-1] + pd.Timedelta(microseconds=1))) == 0
+    assert len(run.samples(stop=times.iloc[0])) == 0
+    assert len(read) == 1
+    assert len(run.samples(stop=times.iloc[1], columns=["tick"])) == 1
+
+
+# -- in a notebook ----------------------------------------------------------------------------------------------------------
+
+
+class Seen(HTMLParser):
+    """Which elements and attributes a page has."""
+
+    def __init__(self, page: str) -> None:
+        super().__init__()
+        self.tags: set[str] = set()
+        self.attributes: set[str] = set()
+        self.feed(page)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.add(tag)
+        self.attributes |= {name for name, _ in attrs}
+
+
+TAGS = {"div", "b", "p", "table", "thead", "tbody", "tr", "th", "td"}
+
+
+def test_they_show_what_matters(home: Path) -> None:
+    runs = jbclog.open_runs(home)
+    shown = runs._repr_html_()
+    assert "3 runs in" in shown
+    assert shown.count("<tr>") == 4
+    one = runs[0]._repr_html_()
+    assert all(text in one for text in ("dde-1", "sn100c-tht@7", "UTC"))
+
+
+@pytest.mark.parametrize("name", HOSTILE)
+def test_hostile_texts_are_only_shown(tmp_path: Path, name: str) -> None:
+    text = HOSTILE[name]
+    said = Metadata(text, text, text, units=[text, text], tags={text: text})
+    sealed_run.seal(tmp_path, [sealed_run.station(rows=2)], sealed_run.table(sealed_run.samples(2)), metadata=said, verdict=text)
+    runs = jbclog.open_runs(tmp_path)
+    for shown in (runs._repr_html_(), runs[0]._repr_html_()):
+        seen = Seen(shown)
+        assert seen.tags <= TAGS
+        assert seen.attributes == set()
+        assert not MOVES.search(shown)
+        assert re.search("\\n", shown) is None
