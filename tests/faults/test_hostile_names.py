@@ -131,8 +131,20 @@ def test_a_line_s_name_that_no_file_gave_makes_no_folder_elsewhere(tmp_path: Pat
 # -- people ------------------------------------------------------------------------------------------------------------------
 
 
-OPTIONS = ("--operator", "--order", "--product", "--unit", "--tag", "--duration", "--rate", "--station")
-VERBS = ("check", "report", "recover", "annotate", "replay", "sim", "scan", "safe")
+OPTIONS = (
+    "--operator",
+    "--order",
+    "--product",
+    "--unit",
+    "--tag",
+    "--duration",
+    "--rate",
+    "--station",
+    "--units",
+    "--wire-lot",
+    "--tip",
+)
+VERBS = ("check", "report", "recover", "annotate", "replay", "sim", "scan", "safe", "runs")
 
 
 def pairs(places: Sequence[str], *, whole: bool) -> Iterator[tuple[str, str]]:
@@ -221,7 +233,9 @@ def hostile_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, model: str | No
     (home / "line.toml").write_text(line)
     recipe = home / "=<b onload=x>'\"{{7}}&-$(touch owned).toml"
     recipe.write_text(RECIPE.format(name='"job"', required=""))
-    said = Metadata(JOINED, JOINED, JOINED, tuple(HOSTILE.values()), {text: text for text in HOSTILE.values()})
+    texts = tuple(HOSTILE.values())
+    tips = tuple(f"dde-1={text}" for text in texts if text)
+    said = Metadata(JOINED, JOINED, JOINED, texts, {text: text for text in texts}, texts, texts, tips)
     plan = make_plan(Wanted(home / "line.toml", recipe, duration_s=3.0, metadata=said))
     return RecordedRun(plan, tmp_path / "runs").result.folder
 
@@ -229,7 +243,7 @@ def hostile_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, model: str | No
 def shown(run: Path, *verbs: str) -> list[str]:
     """What verbs that look at runs print of this one, for people and as JSON."""
     told = []
-    for verb in verbs or ("report", "check", "check --json", "annotate", "annotate --json", "recover"):
+    for verb in verbs or ("report", "check", "check --json", "annotate", "annotate --json", "recover", "runs", "runs --json"):
         name, *more = verb.split()
         ended = CliRunner().invoke(app, [name, str(run), *more])
         assert "internal error" not in ended.output, ended.output
@@ -295,7 +309,7 @@ def test_every_text_of_a_foreign_manifest(sealed: Path, tmp_path: Path, first: i
         run = copied(sealed, tmp_path / str(number))
         (run / NAME).write_text(foreign_manifest(run, number))
         outside = tree(tmp_path)
-        assert all(shown(run, "check", "annotate", "recover"))
+        assert all(shown(run, "check", "annotate", "recover", "runs", "runs --json"))
         (run / NAME).write_text(foreign_manifest(sealed, number, keep=["files", "started", "ended"]))
         outside |= {str(run / NAME): (run / NAME).read_bytes()}
         assert all(shown(run))
