@@ -102,9 +102,18 @@ class Alarms:
         return next((one for one in self.incidents for each in one.episodes if each.id == episode_id), None)
 
     def findings(self) -> list[str]:
-        """On what the detectors do not agree, a sentence each."""
+        """On what the detectors do not agree, and what was acknowledged that the record does not have: a sentence each."""
         places = (f"{one.station} port {one.port}: {one.finding}." for one in self.incidents if one.finding)
-        return [*places, *self.live]
+        return [*places, *self.live, *self.astray()]
+
+    def astray(self) -> list[str]:
+        """What was acknowledged and is no episode of this record, a sentence each."""
+        known = {episode.id for incident in self.incidents for episode in incident.episodes}
+        return [
+            f"{name}: acknowledged by {given.who}; the record gives no such episode."
+            for name, given in self.acknowledged.items()
+            if name not in known
+        ]
 
     def rows(self) -> list[dict[str, object]]:
         """A row per episode as plain values, in the order of their incidents: for reports and ``--json``."""

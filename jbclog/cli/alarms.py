@@ -68,9 +68,22 @@ def _show(run: Path, *, as_json: bool) -> None:
     else:
         for line in lines(found) or [f"{run}: no temperature beyond a limit, no flag that counts"]:
             tell(line)
+    for wrong in _wrong_annotations(run):
+        note(wrong)
     if waiting:
         note(f"{len(waiting)} not acknowledged: jbclog alarms ack {run} {waiting[0].name} --by WHO --reason TEXT")
         raise typer.Exit(1)
+
+
+def _wrong_annotations(run: Path) -> list[str]:
+    """Where the file of acknowledgements was changed or cut, a sentence each; a run that is not sealed has none."""
+    from jbclog.errors import RecordError
+    from jbclog.record.annotations import NAME, read
+
+    try:
+        return [f"{NAME}: line {number} {wrong}" for number, wrong in read(run).wrong]
+    except RecordError:
+        return []
 
 
 def _acknowledge(run: Path, episode: str, by: str | None, reason: str | None, *, as_json: bool) -> None:

@@ -16,10 +16,13 @@ WITNESS = {Detector.STATION: "flag", Detector.SAMPLES: "samples", Detector.AFTER
 
 def lines(found: Alarms) -> list[str]:
     """Everything; empty where there was nothing."""
-    if not found.incidents and not found.live:
-        return []
     body = [line for incident in found.incidents for line in _incident(found, incident)]
-    return [*body, *(_figures(one) for one in found.figures if one.count and one.detector is not Detector.AFTERWARDS), *found.live]
+    return [
+        *body,
+        *(_figures(one) for one in found.figures if one.count and one.detector is not Detector.AFTERWARDS),
+        *found.live,
+        *found.astray(),
+    ]
 
 
 def _incident(found: Alarms, one: Incident) -> Iterator[str]:

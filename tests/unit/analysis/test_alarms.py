@@ -189,3 +189,33 @@ def test_other_annotations_acknowledge_nothing(tmp_path: Path) -> None:
     append(folder, who="A", what=name, why="B")
     found = open_run(folder).alarm_findings()
     assert found.is_waiting(found.incidents[0])
+
+
+def test_what_was_acknowledged_and_is_not_in_the_record_is_a_finding(tmp_path: Path) -> None:
+    folder = recorded(Series().add(350, times=20), tmp_path)
+    append(folder, who="A", what="B-high-dde-1-p1-x", why="B", kind="alarm.acknowledged")
+    said = "B-high-dde-1-p1-x: acknowledged by A; the record gives no such episode."
+    assert open_run(folder).alarm_findings().findings() == [said]
+    assert said in jbclog("alarms", folder).out
+
+
+def test_acknowledgements_that_were_changed_are_told(tmp_path: Path) -> None:
+    folder = recorded(Series().add(350, times=20).add(395, times=20), tmp_path)
+    name = open_run(folder).alarm_findings().incidents[0].name
+    append(folder, who="A. Rossi", what=name, why="B", kind="alarm.acknowledged")
+    path = folder / "annotations.jsonl"
+    path.write_text(path.read_text(encoding="utf-8").replace("A. Rossi", "B. Rossi"), encoding="utf-8")
+    shown = jbclog("alarms", folder)
+    assert shown.code == 1  # it counts for nothing
+    assert "annotations.jsonl: line 1 is no annotation, or was changed" in shown.err
+    assert "Not acknowledged." in shown.out
+
+
+def test_an_open_run_is_shown_and_not_acknowledged(tmp_path: Path) -> None:
+    series = Series().add(350, times=20).add(395, times=20)
+    with being_recorded(series, tmp_path) as (folder, _):
+        assert "; active" in jbclog("alarms", folder).out
+        name = open_run(folder).alarm_findings().incidents[0].name
+        refused = jbclog("alarms", "ack", folder, name, "--by", "A", "--reason", "B")
+    assert refused.code == 4
+    assert "is not sealed" in refused.err
