@@ -298,7 +298,7 @@ class _Run:
         if self._units is None:
             return
         self._units.finish()
-        told = self._plan.wanted.metadata.units
+        told = self._plan.wanted.metadata and self._plan.wanted.metadata.units
         if not (self._units.has_had_any or told) and any("unit" in one.recipe.metadata.required for one in self._plan.stations):
             self._note("unit.missing", "The recipe requires a unit, and no serial came while the run went on.", Severity.ERROR)
 

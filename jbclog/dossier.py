@@ -120,7 +120,7 @@ class Dossier:
             t0_utc=self.t0 + self.utc.offset,
             line=LineFile(line.name, "line.toml", line.sha256),
             recipes=[RecipeFile(f"recipes/{name}", one.sha256, one.name, one.revision) for name, one in self._plan.recipes.items()],
-            metadata=_metadata(self._plan.wanted.metadata),
+            metadata=_metadata(self._plan.wanted.metadata or Told()),
             host=_host(),
             rate=self._plan.wanted.rate,
         )

@@ -56,7 +56,8 @@ def _option(name: str) -> str:
 class Wanted:
     """What was asked for on the command line. `rate` is Hz, ``fit``, ``max``, or None for the recipe's.
 
-    `wire`: what passes over the wires is kept, too. `guard`: a guard makes the tools safe if the recorder dies.
+    `metadata` is None where nobody was asked yet, as in a dry run. `wire`: what passes over the wires is kept, too. `guard`: a
+    guard makes the tools safe if the recorder dies.
     """
 
     line: Path
@@ -64,7 +65,7 @@ class Wanted:
     stations: tuple[str, ...] = ()
     duration_s: float | None = None
     rate: float | str | None = None
-    metadata: Metadata = field(default_factory=Metadata)
+    metadata: Metadata | None = field(default_factory=Metadata)
     wire: bool = False
     guard: bool = True
     allow_omega_write: bool = False
@@ -136,12 +137,19 @@ class Plan:
     @property
     def notes(self) -> list[str]:
         """What is in order, and may not be what was meant, or what was hoped for."""
-        return list(self._without_safe_state())
+        return [*self._without_safe_state(), *self._asked_later()]
 
     def _without_safe_state(self) -> Iterator[str]:
         for station in self.stations:
             if station.family is not None and not station.family.safe_states:
                 yield f"{station.spec.name} has no safe state that could be ordered: it is left as it is, whatever happens"
+
+    def _asked_later(self) -> Iterator[str]:
+        recipes = {id(one.recipe): one.recipe for one in self.stations} if self.wanted.metadata is None else {}
+        for recipe in recipes.values():
+            missing = Metadata().missing(recipe.metadata.required)
+            if missing:
+                yield f"{recipe.path.name} requires {' '.join(missing)}: to be given to `run`"
 
 
 def make_plan(wanted: Wanted) -> Plan:
@@ -159,7 +167,7 @@ def make_plan(wanted: Wanted) -> Plan:
     for station in stations:
         problems += _mismatches(line, station)
     problems += _missing_metadata(stations, wanted)
-    _expect_places(chosen, wanted.metadata.tips)
+    problems += _misplaced_tips(chosen, wanted)
     if problems:
         raise Problems(problems)
     return Plan(line, _with_file_names(stations), wanted)
@@ -293,16 +301,16 @@ def _mismatches(line: Line, station: StationPlan) -> Iterator[Problem]:
 
 def _missing_metadata(stations: Sequence[StationPlan], wanted: Wanted) -> Iterator[Problem]:
     for recipe in {id(one.recipe): one.recipe for one in stations}.values():
-        missing = wanted.metadata.missing(recipe.metadata.required)
+        missing = wanted.metadata.missing(recipe.metadata.required) if wanted.metadata else []
         if missing:
             yield recipe.problem(("metadata", "required"), f"give {' '.join(missing)}")
 
 
-def _expect_places(chosen: Sequence[StationSpec], tips: Sequence[str]) -> None:
-    """A tip for a place that this run does not have is none that it runs with. Raises `UsageError`."""
+def _misplaced_tips(chosen: Sequence[StationSpec], wanted: Wanted) -> Iterator[Problem]:
+    """A tip for a place that this run does not have is none that it runs with."""
     places = {spec.name for spec in chosen} | {f"{spec.name}:{port}" for spec in chosen for port in spec.ports or PORTS}
-    for text in tips:
+    for text in wanted.metadata.tips if wanted.metadata else ():
         place, equals, name = text.partition("=")
         if equals and (place not in places or not name):
             names = ", ".join(spec.name for spec in chosen)
-            raise UsageError(f"--tip {text}: give ID, STATION=ID or STATION:PORT=ID, with a station of this run: {names}")
+            yield Problem(f"--tip {text}", None, "", f"give ID, STATION=ID or STATION:PORT=ID, with a station of this run: {names}")

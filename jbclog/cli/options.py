@@ -132,7 +132,7 @@ def wanted(
     allow_omega_write: bool = False,
 ) -> Wanted:
     """What the options ask for."""
-    from jbclog.plan import Metadata, Wanted
+    from jbclog.plan import Wanted
 
     return Wanted(
         line,
@@ -140,6 +140,6 @@ def wanted(
         tuple(stations),
         duration_s(duration),
         rate(rate_text),
-        metadata or Metadata(),
+        metadata,
         allow_omega_write=allow_omega_write,
     )

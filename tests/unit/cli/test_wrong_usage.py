@@ -60,6 +60,13 @@ def test_a_tip_is_in_a_tool_of_this_run(place: Path, tip: str) -> None:
     assert refused("run", "job.toml", "--line", "line.toml", "--tip", tip).startswith(f"error: --tip {tip}: give ID, STATION=ID")
 
 
+def test_a_dry_run_asks_for_nothing_and_says_what_run_will_ask_for(place: Path) -> None:
+    (place / "job.toml").write_text(f'{RECIPE}[metadata]\nrequired = ["operator", "wire_lot"]\n')
+    planned = CliRunner().invoke(app, ["plan", "job.toml", "--line", "line.toml"])
+    assert planned.exit_code == 0
+    assert "note: job.toml requires --operator … --wire-lot …: to be given to `run`\n" in planned.stderr
+
+
 def test_a_tag_has_one_value(place: Path) -> None:
     told = refused("run", "job.toml", "--line", "line.toml", "--tag", "shift=1", "--tag", "shift=2")
     assert told == "error: --tag shift=2: shift is given twice\n"
