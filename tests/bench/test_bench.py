@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-NAMES = ("wire_use", "own_profile", "many_stations", "one_unpaced", "memory", "help", "wire_record")
+NAMES = ("wire_use", "own_profile", "many_stations", "one_unpaced", "memory", "help", "wire_record", "open_run")
 LONGEST_S = 300
 
 
