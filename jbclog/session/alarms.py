@@ -36,6 +36,18 @@ SIDES = (
 )
 
 
+def bears_out(desk: Desk, port: PortState, value: int) -> bool:
+    """Whether `value` is the first beyond a limit while alarms count: a flag that is set becomes an alarm by it."""
+    return counts(desk, port) and any(
+        _is_beyond(side, port, value) and not _is_beyond(side, port, port.temperature_c) for side in SIDES
+    )
+
+
+def _is_beyond(side: _Side, port: PortState, value: int | None) -> bool:
+    limit = port.celsius(side.limit)
+    return value is not None and limit is not None and side.beyond(value, limit)
+
+
 class Known(IntEnum):
     """What is known of a flag that is set; each says more than the one before."""
 

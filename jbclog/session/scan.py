@@ -14,7 +14,7 @@ from jbclog.errors import ImplausibleAnswer, LinkError, NotSupported, Refusal, R
 from jbclog.quantities import Value
 from jbclog.rows import COLUMN, SAMPLE_COLUMNS, CounterRow, SampleRow, Severity, quality_of, reasons_text
 from jbclog.scheduler import Reading
-from jbclog.session.alarms import AlarmWatch
+from jbclog.session.alarms import AlarmWatch, bears_out
 from jbclog.session.anomalies import as_it_came, note_zero_countdown
 from jbclog.session.columns import Fill, fill_of, unusable, void
 from jbclog.session.doubt import Doubt, SecondLook
@@ -57,8 +57,10 @@ _jumps = _leaps("temperature_c")
 
 
 def _decides(desk: Desk, port: PortState, value: Value) -> bool:
-    """A tip temperature that leaps, or with which alarms begin to count."""
-    return _jumps(desk, port, value) or (isinstance(value, int) and arrives(desk, port, value))
+    """A tip temperature that leaps, with which alarms begin to count, or that would bear one out."""
+    if _jumps(desk, port, value) or not isinstance(value, int):
+        return True
+    return arrives(desk, port, value) or bears_out(desk, port, value)
 
 
 DOUBTS: dict[str, Doubt] = {

@@ -241,6 +241,7 @@ def test_what_is_no_text_costs_its_block(path: Path, whole: bytes) -> None:
 @pytest.mark.parametrize(
     "data",
     [b"\0" * 5000, b"at_s\twhat\tdata\n", gzip.compress(b"\xff\xfe\n"), gzip.compress(b"\0" * 10**6), b"\x1f\x8b\x08\x08"],
+    ids=["zeros", "plain", "no_text", "gzipped_zeros", "head_of_gzip"],
 )
 def test_foreign_files(path: Path, data: bytes) -> None:
     path.write_bytes(data)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pytest
 from odd_answers import first_sample_s, say
 from virtual_run import RECIPE, VirtualRun, line_text, prepare
 
@@ -70,3 +71,19 @@ def test_a_tip_found_too_hot_is_not_taken_to_run_away_by_one_answer() -> None:
 def test_one_that_does_run_away_is() -> None:
     run = cold(RECIPE, stuck_c=400, duration_s=16).go()
     assert has_arrived(run)
+
+
+@pytest.mark.parametrize(("side", "answer", "limits"), [("high", "00370", (365, 250)), ("low", "00340", (380, 345))])
+def test_one_answer_beyond_a_limit_bears_no_alarm_out(side: str, answer: str, limits: tuple[int, int]) -> None:
+    """00350 and 00370 differ in a bit, and their check bytes in another."""
+    high, low = limits
+    recipe = RECIPE.replace("limit_c = 380", f"limit_c = {high}").replace("limit_c = 250", f"limit_c = {low}")
+    for moment in (12.0, 12.5, 13.0, 13.5, 14.0, 14.5):
+        run = cold(recipe, stuck_c=350, duration_s=20)
+        run.at(12.1, lambda run=run: setattr(getattr(run.station.plant.ports[1], side), "latched", True))
+        say(run, "TT1", answer, moment)
+        run.go()
+        assert has_arrived(run)
+        assert run.facts.alarms == 0
+        assert run.facts.unconfirmed_alarms > 0
+        assert int(answer) not in run.memory.column("temperature_c")
