@@ -9,13 +9,13 @@ from jbclog.byhand.conditions import condition_in
 from jbclog.commands.command import Command
 from jbclog.commands.family import Family
 from jbclog.commands.omega_values import StoredCondition
+from jbclog.commands.possible import NO_COUNTDOWN
 from jbclog.commands.ranges import allowed, range_problem
 from jbclog.errors import UsageError
 from jbclog.quantities import OFF, AlarmLimit, Choice, Value, Word, text_of
 
 _NUMBER = re.compile(r"[+-]?(\d+)(\.\d+)?", re.ASCII)
 NOT_COUNTED = ("count", "")  # units that say nothing beside a number
-NO_COUNTDOWN = (99999, 65535)  # what a station says when none runs (digest B-25)
 MOST_SHOWN = 40  # characters of a text that was no value
 
 
@@ -71,7 +71,7 @@ def shown(value: Value, command: Command, family: Family) -> str:
         return f"{value}: {meaning}"
     if value is OFF and isinstance(command.quantity, AlarmLimit):
         return "not set"  # digest B-23
-    if value in NO_COUNTDOWN and command is family.command_of("delay_s"):
+    if command is family.command_of("delay_s") and value in NO_COUNTDOWN:
         return f"not counting ({value})"
     if value is OFF or command.unit in NOT_COUNTED:
         return text_of(value)

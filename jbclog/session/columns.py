@@ -7,6 +7,7 @@ from collections.abc import Callable
 from jbclog.commands.command import Command
 from jbclog.commands.family import Family
 from jbclog.commands.omega import OMEGA_SIGNALS, SAYS_YES
+from jbclog.commands.possible import NO_COUNTDOWN
 from jbclog.commands.signals import STATUS_COLUMNS
 from jbclog.quantities import Value, permille_of
 from jbclog.rows import COLUMN, SampleRow
@@ -18,7 +19,6 @@ Fill = Callable[[SampleRow, Value], None]
 MOTOR = ("off", "forward", "backward")
 NOT_COUNTING = "not_counting"
 NO_MAXIMUM = "no_maximum"
-NO_COUNTDOWN = frozenset({99999, 65535})  # what a station says when no countdown runs (digest B-25)
 
 _STATUS, _COOLING, _DESOLDERING, _MOTOR = (COLUMN[name] for name in STATUS_COLUMNS)
 _HIGH, _LOW, _FEEDING = COLUMN["alarm_high"], COLUMN["alarm_low"], COLUMN["feeding"]

@@ -10,22 +10,22 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
+from jbclog.commands.possible import STILL_C, TEMPERATURES, Possible
 from jbclog.effects import Steps
 from jbclog.errors import ImplausibleAnswer
 from jbclog.quantities import Value
 from jbclog.rows import Severity
 from jbclog.scheduler import Reading
 from jbclog.session.order import Desk, PortState
-from jbclog.session.possible import TEMPERATURES, Possible
 from jbclog.station.agreed import borne_out
 from jbclog.station.client import Asking
 
 LOOKS = 3  # answers that are asked for at the most
-STILL_C = 25  # between two answers to the same question, one right after the other
 JUMP_EVERY_S = 0.25  # a family's `jump_c` in this time is twice what its quickest tools make while they heat up
 SERIES_S = 60.0  # what is doubted again within this time is not told again
 
 Doubt = Callable[[Desk, PortState, Value], bool]
+
 
 @dataclass(slots=True)
 class SecondLook:
