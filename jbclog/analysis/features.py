@@ -16,6 +16,7 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.compute as pc
 
+from jbclog.analysis.alarm_rows import stations_of
 from jbclog.analysis.joint_table import JOINTS_SCHEMA, read_joints
 from jbclog.features import DEFINITIONS, Measured, Series, Wire, heat_of, measure_port, nominal_period
 from jbclog.features.recovery import Dip
@@ -47,8 +48,8 @@ AIR_FAMILIES, STATES_FAMILIES = ("jtse",), ("omega",)
 def metrics_of(run: Run, station: str | None = None) -> pd.DataFrame:
     """A row for each metric of each port: value or the reason why there is none, unit, n, coverage in per cent, resolution."""
     rows = [
-        {"station": name, "port": port, "metric": figure.name, **_without_name(asdict(figure))}
-        for name, port, measured, _ in _measured(run, station)
+        {"station": facts.name, "port": port, "metric": figure.name, **_without_name(asdict(figure))}
+        for facts, port, measured, _ in _measured(run, station)
         for figure in measured.figures
     ]
     return pd.DataFrame(rows, columns=list(METRICS)).astype(METRICS)
@@ -63,9 +64,8 @@ def definitions() -> pd.DataFrame:
 def joints_table(run: Run, station: str | None = None) -> pa.Table:
     """The joints of a run in the order of stations, ports and times."""
     rows: list[dict[str, object]] = []
-    for name, port, measured, moments in _measured(run, station):
-        rated = _rated(run, name)
-        rows += [_row(name, port, number, dip, moments, rated) for number, dip in enumerate(measured.dips, 1)]
+    for facts, port, measured, moments in _measured(run, station):
+        rows += [_row(facts, port, number, dip, moments) for number, dip in enumerate(measured.dips, 1)]
     return pa.Table.from_pylist(rows, schema=JOINTS_SCHEMA)
 
 
@@ -96,12 +96,12 @@ class _Moments:
         return int(self.utc_us[place])
 
 
-def _measured(run: Run, station: str | None) -> Iterator[tuple[str, int, Measured, _Moments]]:
+def _measured(run: Run, station: str | None) -> Iterator[tuple[StationFacts, int, Measured, _Moments]]:
     """Each port of each station, one station's samples in memory at a time."""
-    manifest = run.manifest
-    steps = _steps(run) if any(not facts.period_s for facts in manifest.stations) else []
+    manifest, stations = run.manifest, stations_of(run)
+    steps = _steps(run) if any(not facts.period_s for facts in stations) else []
     t0_us = round((manifest.t0_utc or 0.0) * 1e6)
-    for facts in manifest.stations:
+    for facts in stations:
         if station not in (None, facts.name):
             continue
         samples, counters, settings = run.samples(facts.name, columns=COLUMNS), run.counters(facts.name), run.settings(facts.name)
@@ -112,7 +112,7 @@ def _measured(run: Run, station: str | None) -> Iterator[tuple[str, int, Measure
             seconds = clock.seconds(rows["tick"].to_numpy(dtype=np.float64), utc_us)
             series = _series(facts, rows, seconds, clock.ordered(settings, port))
             wire = _wire(facts, counters[counters["port"] == port], settings, clock)
-            yield facts.name, port, measure_port(series, _kind(facts), wire), _Moments(seconds, utc_us)
+            yield facts, port, measure_port(series, _kind(facts), wire), _Moments(seconds, utc_us)
 
 
 class Clock:
@@ -188,15 +188,10 @@ def _micros(rows: pd.DataFrame) -> Counts:
     return np.asarray(rows["time"].astype("int64"), dtype=np.int64)
 
 
-def _rated(run: Run, station: str) -> float | None:
-    facts = run.manifest.station(station)
-    return facts.rated_power_w if facts else None
-
-
-def _row(station: str, port: int, number: int, dip: Dip, moments: _Moments, rated_w: float | None) -> dict[str, object]:
-    draw, energy = dip.draw, dip.energy
+def _row(facts: StationFacts, port: int, number: int, dip: Dip, moments: _Moments) -> dict[str, object]:
+    draw, energy, rated_w = dip.draw, dip.energy, facts.rated_power_w
     return {
-        "station": station,
+        "station": facts.name,
         "port": port,
         "joint": number,
         "start": moments.at(draw.start_s),

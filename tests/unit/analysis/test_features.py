@@ -1,0 +1,136 @@
+"""Joints and metrics of runs in their folders: as virtual stations were recorded, sealed, open; the file `joints.parquet`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pyarrow.parquet as pq
+import pytest
+import sealed_run
+from alarm_series import Series, being_recorded
+from recorded_run import RecordedRun
+from virtual_run import RECIPE, line_text
+
+from jbclog.analysis import open_run
+from jbclog.analysis.joint_table import JOINTS_SCHEMA
+from jbclog.features import DEFINITIONS
+from jbclog.plan import Wanted, make_plan
+from jbclog.record.manifest import manifest_sha256
+from jbclog.report.joints import write_joints
+
+FEEDER = "\n[feeder]\nmode = 'discontinuous'\nlength_mm = 5.0\nspeed_mm_s = 10.0\n"
+OMEGA = "[recipe]\nname = 'states'\nrevision = 1\nfamilies = ['omega']\n[sampling]\nrate_hz = 1\n"
+AIR = "[recipe]\nname = 'air'\nrevision = 1\nfamilies = ['jtse']\n[air]\ntemperature_c = 300\n[run]\nstatus = 'on'\n"
+
+
+def recorded(home: Path, line: str, recipe: str = RECIPE, seconds: float = 120.0, rate: str | None = None) -> Path:
+    (home / "line.toml").write_text(line, encoding="utf-8")
+    (home / "recipe.toml").write_text(recipe, encoding="utf-8")
+    plan = make_plan(Wanted(home / "line.toml", home / "recipe.toml", duration_s=seconds, rate=rate))
+    return RecordedRun(plan, home / "runs").result.folder
+
+
+@pytest.fixture(scope="module")
+def soldered(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two minutes of a virtual station that solders twelve joints a minute."""
+    line = line_text("joints_per_minute = 12\njoint_seconds = 1.5\nseed = 3", "ports = [1]\nrated_power_w = 130")
+    return recorded(tmp_path_factory.mktemp("soldered"), line)
+
+
+def values(table: pd.DataFrame) -> dict[str, object]:
+    return dict(zip(table["metric"], table["value"], strict=True))
+
+
+def test_the_joints_of_a_virtual_station_are_those_of_its_schedule(soldered: Path) -> None:
+    joints = open_run(soldered).joints()
+    assert len(joints) in (23, 24)  # of 24, the first may fall into heating up
+    apart = np.diff(joints["start_s"])
+    assert apart.min() > 3.5
+    assert apart.max() < 6.5  # none between is missing
+    assert joints["dwell_s"].between(1.0, 1.8).all()
+    assert (joints["confidence"] > 0.5).all()
+    assert joints["start"].dt.tz is not None
+    assert (joints["energy_j"] / joints["energy_permille_s"]).dropna().sub(0.13).abs().max() < 1e-3
+
+
+def test_metrics_of_a_virtual_station(soldered: Path) -> None:
+    run = open_run(soldered)
+    table = run.metrics()
+    assert list(table["metric"]) == [one.name for one in DEFINITIONS]
+    assert (table["value"].isna() == table["why"].notna()).all()
+    found = values(table)
+    assert found["joints"] == len(run.joints())
+    assert 2.0 < float(str(found["heat_up_time_s"])) < 6.0  # 130 W at 1.2 J/K
+    assert abs(float(str(found["idle_error_c"]))) < 2
+    assert found["energy_j"] == pytest.approx(float(str(found["energy_permille_s"])) * 0.13)
+    assert set(run.metric_definitions()["metric"]) == set(found)
+
+
+def test_the_file_is_what_was_found_and_names_its_manifest(soldered: Path) -> None:
+    run = open_run(soldered)
+    before = run.joints()
+    path = write_joints(soldered)
+    first = path.read_bytes()
+    path.unlink()
+    assert write_joints(soldered).read_bytes() == first
+    pd.testing.assert_frame_equal(run.joints(), before)
+    schema = pq.read_schema(path)
+    assert schema.metadata[b"jbclog.manifest_sha256"].decode() == manifest_sha256(soldered)
+    assert schema.field("depth_c").metadata[b"unit"].decode() == "°C"
+    assert schema.equals(JOINTS_SCHEMA)
+    assert len(pd.read_parquet(path)) == len(before)
+    path.write_bytes(b"no parquet")
+    pd.testing.assert_frame_equal(run.joints(), before)
+    path.unlink()
+
+
+def test_wire_of_an_ale(tmp_path: Path) -> None:
+    sim = "joints_per_minute = 12\njoint_seconds = 1.5\nfeed_each_joint = true"
+    line = line_text(sim).replace('"dde"', '"ale"')
+    folder = recorded(tmp_path, line, RECIPE + FEEDER, seconds=200.0)
+    run = open_run(folder)
+    found = values(run.metrics())
+    assert run.joints()["fed"].all()
+    assert found["wire_per_feed_mm"] == pytest.approx(5.0, rel=0.05)
+    assert found["wire_delivered_percent"] == pytest.approx(100, rel=0.05)
+    assert found["wire_per_joint_mm"] == pytest.approx(5.0, rel=0.1)
+    assert found["wire_speed_mm_s"] == pytest.approx(10.0, rel=0.25)
+    assert found["wire_clog_suspicions"] == 0
+
+
+def test_stations_of_which_little_can_be_told(tmp_path: Path) -> None:
+    for name, recipe in (("omega", OMEGA), ("jtse", AIR)):
+        (tmp_path / name).mkdir()
+        folder = recorded(tmp_path / name, line_text().replace('"dde"', f'"{name}"'), recipe, seconds=60.0)
+        table = open_run(folder).metrics()
+        assert len(open_run(folder).joints()) == 0
+        assert table.set_index("metric").loc["joints", "why"]
+        assert table["value"].isna().all() == (name == "omega")
+
+
+def test_a_run_at_the_highest_rate_has_no_grid_and_the_same_joints(tmp_path: Path) -> None:
+    line = line_text("joints_per_minute = 12\njoint_seconds = 1.5\nseed = 3", "ports = [1]")
+    joints = open_run(recorded(tmp_path, line, rate="max", seconds=60.0)).joints()
+    assert len(joints) in (11, 12)
+    assert np.diff(joints["start_s"]).max() < 6.5
+
+
+def test_a_run_that_is_still_open_has_joints_and_metrics(tmp_path: Path) -> None:
+    series = Series().add(350, times=100)
+    with being_recorded(series, tmp_path) as (folder, _):
+        run = open_run(folder)
+        assert len(run.joints()) == 0
+        assert values(run.metrics())["idle_error_c"] is not None
+
+
+def test_a_gap_in_a_sealed_run(tmp_path: Path) -> None:
+    columns = sealed_run.samples(1200)
+    sealed_run.lose(columns, slice(600, 620))
+    folder = sealed_run.seal(tmp_path, [sealed_run.station(rows=1200)], sealed_run.table(columns))
+    table = open_run(folder).metrics("dde-1").set_index("metric")
+    assert pd.isna(table.loc["energy_permille_s", "value"])
+    assert "gap" in str(table.loc["energy_permille_s", "why"])
+    assert table.loc["energy_recorded_permille_s", "value"] > 0
+    assert len(open_run(folder).metrics("nobody")) == 0
