@@ -32,7 +32,7 @@ from jbclog.outcome import Exit
 from jbclog.plan import Plan
 from jbclog.record.guarded import LOCK as GUARD_LOCK
 from jbclog.record.guarded import diary
-from jbclog.record.holding import holds, recorder_of, runs_that_hold
+from jbclog.record.holding import why_held
 from jbclog.record.live import SEAL_S
 from jbclog.record.lock import is_held
 from jbclog.record.manifest import iso
@@ -83,7 +83,7 @@ def conduct(
     Raises `RecordError` where the record cannot even be begun.
     """
     with Signals(_heard(), FREEZING, for_good=is_last) as signals:
-        held = _held_by_others(plan)
+        held = why_held({station.spec.name: station.spec.url for station in plan.stations})
         if held:
             return Dossier(plan, out, observer, SystemClock()).refuse(held)
         return _Run(plan, out, observer, seal_every_s, missed, units).conduct(signals)
@@ -93,17 +93,6 @@ def _heard() -> list[signal.Signals]:
     """Who starts a run with `nohup` wants it to outlive the terminal."""
     has_nohup = signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
     return [number for number in CUT_SHORT if not (has_nohup and number is signal.SIGHUP)]
-
-
-def _held_by_others(plan: Plan) -> dict[str, str]:
-    """Why stations cannot be had: a server of ports takes a second client; a run holds its ports while a cable is out, too."""
-    found = {}
-    for run in runs_that_hold([station.spec.url for station in plan.stations]):
-        process = recorder_of(run)
-        who = f"the run {run} (process {process}) holds" if process else f"the run {run} holds"
-        for name in (one.spec.name for one in plan.stations if holds(run, [one.spec.url])):
-            found[name] = f"{name}: {who} this port; nothing was sent. End that run, or wait for its end"
-    return found
 
 
 def _clock(plan: Plan) -> tuple[Clock, FastClock | None]:

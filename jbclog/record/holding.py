@@ -12,7 +12,7 @@ import contextlib
 import json
 import os
 import sqlite3
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import closing
 from pathlib import Path
 from typing import Final
@@ -49,6 +49,20 @@ def runs_that_hold(urls: Collection[str]) -> list[Path]:
 def holds(folder: Path, urls: Collection[str]) -> bool:
     """Whether any of the ports at `urls` belongs to the run in `folder`, which is still in progress."""
     return is_held(folder) and _holds(folder, [place_of(url) for url in urls])
+
+
+def why_held(urls: Mapping[str, str]) -> dict[str, str]:
+    """Why stations, whose ports these are by their names, cannot be had; nothing of those that can.
+
+    A server of ports takes a second client, and a run holds its ports while a cable is out, too.
+    """
+    found = {}
+    for run in runs_that_hold([*urls.values()]):
+        process = recorder_of(run)
+        who = f"the run {run} (process {process}) holds" if process else f"the run {run} holds"
+        for name in (name for name, url in urls.items() if holds(run, [url])):
+            found[name] = f"{name}: {who} this port; nothing was sent. End that run, or wait for its end"
+    return found
 
 
 def recorder_of(folder: Path) -> int | None:
