@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Final, NamedTuple, cast
 
@@ -129,13 +129,22 @@ class Piece(NamedTuple):
 
 
 class Ports:
-    """Takes the samples apart by station and port, in their order. `flags_of`: the ports whose flags are wanted, too."""
+    """Takes the samples apart by station and port, in their order. `flags_of`: the ports whose flags are wanted, too.
 
-    def __init__(self, steps: Sequence[Step], flags_of: frozenset[Place]) -> None:
+    `t0_utc` is the run's zero by the wall clock as it was then, `periods` the grids of the stations: a first row that lies off
+    its grid by the size of a step came behind it.
+    """
+
+    def __init__(
+        self, steps: Sequence[Step], flags_of: frozenset[Place], t0_utc: float | None, periods: Mapping[str, float | None]
+    ) -> None:
         self._steps = steps
+        self._t0_utc = t0_utc
+        self._periods = periods
         self._flags_of = flags_of
         self._unstepped: dict[Place, Unstepped] = {}
         self._stepped_us: dict[Place, int] = {}
+        self._before_us: dict[Place, int] = {}
 
     def of(self, piece: pa.Table) -> Iterator[Piece]:
         """The ports that have rows in this piece."""
@@ -151,17 +160,28 @@ class Ports:
         times = mine["time"].cast(pa.int64()).to_numpy()
         columns = (values(mine[name]) for name in ("temperature_c", "status", "set_c"))
         temperature, status, setting = columns
-        steps = self._steps_in(place, times) if self._steps else {}
+        steps = self._steps_in(place, times, mine["tick"][0].as_py()) if self._steps else {}
         return Rows(times.tolist(), mine["tick"].to_numpy().tolist(), temperature, status, setting, steps)  # type: ignore[arg-type]
 
-    def _steps_in(self, place: Place, times: NDArray[np.int64]) -> dict[int, int]:
+    def _steps_in(self, place: Place, times: NDArray[np.int64], tick: int) -> dict[int, int]:
         """By how much the clock was stepped just before which of these rows."""
         seconds = times.astype(np.float64) / 1e6
-        unstepped = self._unstepped.setdefault(place, Unstepped(self._steps))
-        stepped = np.rint((seconds - unstepped.of(seconds)) * 1e6).astype(np.int64)
+        if place not in self._unstepped:
+            number = self._steps_before(place[0], float(seconds[0]), tick)
+            self._unstepped[place] = Unstepped(self._steps[number:])
+            self._before_us[place] = round(sum(step.size_s for step in self._steps[:number]) * 1e6)
+        stepped = np.rint((seconds - self._unstepped[place].of(seconds)) * 1e6).astype(np.int64) + self._before_us[place]
         sizes = np.diff(stepped, prepend=self._stepped_us.get(place, 0))
         self._stepped_us[place] = int(stepped[-1])
         return {int(row): int(sizes[row]) for row in np.flatnonzero(np.abs(sizes) > 1000)}
+
+    def _steps_before(self, station: str, first_s: float, tick: int) -> int:
+        """How many steps came before the first row of a port: as many as bring it nearest to its grid."""
+        period_s = self._periods.get(station)
+        if period_s is None or self._t0_utc is None:
+            return 0
+        sums = np.concatenate([[0.0], np.cumsum([step.size_s for step in self._steps])])
+        return int(np.argmin(np.abs(first_s - (self._t0_utc + tick * period_s) - sums)))
 
     @staticmethod
     def _flags(mine: pa.Table) -> list[FlagRead]:

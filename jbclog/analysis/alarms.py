@@ -183,7 +183,8 @@ def _sampled(
 ) -> tuple[dict[Place, SampledEpisodes], dict[Place, list[FlagRead]], dict[str, Span]]:
     """One pass over the samples: the episodes by samples, the flags of ports where some were lost, the time recorded."""
     losing = frozenset(place for place, events in told.events.items() if any(event.kind == FLAGS_LOST for event in events))
-    ports, sampled = Ports(told.steps, losing), dict[Place, SampledEpisodes]()
+    periods = {name: facts.period_s for name, facts in known.items()}
+    ports, sampled = Ports(told.steps, losing, run.manifest.t0_utc, periods), dict[Place, SampledEpisodes]()
     reads, spans = dict[Place, list[FlagRead]](), dict[str, Span]()
     for piece in pieces(run):
         for place, rows, flags in ports.of(piece):

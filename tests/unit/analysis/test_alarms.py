@@ -97,6 +97,16 @@ def test_a_clock_that_is_stepped_changes_nothing(tmp_path: Path, seconds: float)
     assert found.live == []
 
 
+@pytest.mark.parametrize("seconds", [-7200.0, -0.8, 0.8, 7200.0])
+def test_nor_one_that_was_stepped_before_the_first_row(tmp_path: Path, seconds: float) -> None:
+    series = Series().step_clock(seconds).add(350, times=20).add(365, times=10).change("alarm_high_limit", "360 °C")
+    series.add(365, times=30).step_clock(-seconds).add(350, times=30).change("alarm_high_limit", "370 °C").add(365, times=20)
+    found = open_run(recorded(series, tmp_path)).alarm_findings()
+    (one,) = (one for incident in found.incidents for one in incident.by[Detector.SAMPLES])
+    assert (one.limit_c, one.seconds) == (360, 3.0)
+    assert found.live == []
+
+
 def test_a_run_that_is_open_or_was_cut_off(tmp_path: Path) -> None:
     series = Series().add(350, times=20).add(395, times=20)
     with being_recorded(series, tmp_path) as (folder, _):
