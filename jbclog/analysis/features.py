@@ -42,6 +42,7 @@ METRICS: Final = {
 }
 COLUMNS: Final = ["time", "tick", "station", "port", "temperature_c", "power_permille", "status", "motor", "set_c"]
 WORKING: Final = ("working", "on")
+ORDER_TO_WORK: Final = {"tip": "00000", "air": "00001"}  # status words of W-PS (manuals 000, 001, 002)
 AIR_FAMILIES, STATES_FAMILIES = ("jtse",), ("omega",)
 
 
@@ -110,7 +111,7 @@ def _measured(run: Run, station: str | None) -> Iterator[tuple[StationFacts, int
             utc_us = _micros(rows)
             clock = Clock(facts.period_s, steps, t0_us)
             seconds = clock.seconds(rows["tick"].to_numpy(dtype=np.float64), utc_us)
-            series = _series(facts, rows, seconds, clock.ordered(settings, port))
+            series = _series(facts, rows, seconds, clock.ordered(settings, port, _kind(facts)))
             wire = _wire(facts, counters[counters["port"] == port], settings, clock)
             yield facts, port, measure_port(series, _kind(facts), wire), _Moments(seconds, utc_us)
 
@@ -131,10 +132,10 @@ class Clock:
         """Of anything that has only a time (counters, settings): to the second, while the wall clock was not stepped."""
         return np.asarray((utc_us - self.t0_us) / 1e6, dtype=np.float64)
 
-    def ordered(self, settings: pd.DataFrame, port: int) -> float | None:
+    def ordered(self, settings: pd.DataFrame, port: int, kind: str) -> float | None:
         """When the run ordered the tool to work."""
         mine = settings[(settings["port"] == port) & (settings["setting"] == "status") & (settings["outcome"] == "confirmed")]
-        mine = mine[mine["requested"].isin(WORKING)]
+        mine = mine[mine["requested"] == ORDER_TO_WORK.get(kind)]
         return float(self.of(_micros(mine))[-1]) if len(mine) else None
 
 

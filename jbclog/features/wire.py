@@ -25,6 +25,7 @@ from jbclog.judge.idle import Floats
 LEAST_READINGS = 10
 PUSHED_S = 1.0
 LENGTH_RESOLUTION_MM = 0.1
+BESIDE_S = 2.0
 NAMES = (
     ("wire_mm", "mm"),
     ("wire_feeds", "count"),
@@ -84,7 +85,7 @@ def _per_joint(series: Series, wire: Wire, joints: Sequence[Draw], length: Figur
     name, unit = "wire_per_joint_mm", "mm"
     if length.value is None:
         return no_figure(name, unit, length.why or "")
-    start, end = float(wire.length_s[0]), float(wire.length_s[-1])
+    start, end = _between(series, wire)
     window = series.window(series.rows.temperature, start, end)
     if window.gap:
         return no_figure(name, unit, f"{window.gap} Joints in it are not known.", 0, window.coverage)
@@ -92,6 +93,15 @@ def _per_joint(series: Series, wire: Wire, joints: Sequence[Draw], length: Figur
     if not count:
         return no_figure(name, unit, "No joints were found between the readings of the counter.", 0, window.coverage)
     return Figure(name, length.value / count, unit, count, window.coverage, LENGTH_RESOLUTION_MM / count)
+
+
+def _between(series: Series, wire: Wire) -> tuple[float, float]:
+    """The time between the first and the last reading of the length, which come just before the first row and after the last."""
+    first, last = float(wire.length_s[0]), float(wire.length_s[-1])
+    if not len(series.seconds):
+        return first, last
+    row, final = float(series.seconds[0]), float(series.seconds[-1])
+    return (row if row - BESIDE_S <= first < row else first), (final if final < last <= final + BESIDE_S else last)
 
 
 def _delivered(each: Figure, set_length_mm: float | None) -> Figure:
@@ -107,7 +117,7 @@ def _speed(series: Series, wire: Wire, length: Figure) -> Figure:
     name, unit = "wire_speed_mm_s", "mm/s"
     if length.value is None or series.feeding is None:
         return no_figure(name, unit, length.why or "")
-    motor = series.window(series.feeding, float(wire.length_s[0]), float(wire.length_s[-1]))
+    motor = series.window(series.feeding, *_between(series, wire))
     pushing = int(motor.values.sum())
     if motor.gap or pushing < LEAST_READINGS:
         why = motor.gap or f"The motor was seen pushing in {pushing} readings; it takes {LEAST_READINGS}."
@@ -124,5 +134,5 @@ def _clogs(series: Series, wire: Wire) -> Figure:
     for place in np.flatnonzero(np.diff(wire.length_mm) == 0):
         motor = series.window(feeding, float(wire.length_s[place]), float(wire.length_s[place + 1]))
         stuck += bool(motor.values.sum() * series.period_s >= PUSHED_S)
-    coverage = series.window(feeding, float(wire.length_s[0]), float(wire.length_s[-1])).coverage
+    coverage = series.window(feeding, *_between(series, wire)).coverage
     return Figure(name, float(stuck), "count", len(wire.length_mm) - 1, coverage, 1.0)
