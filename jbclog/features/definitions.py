@@ -61,7 +61,8 @@ DEFINITIONS: Final = (
         "joints",
         "count",
         f"Draws of heat that dwell {LEAST_DWELL_S:g} s, take {LEAST_HEAT:g} ‰·s and peak at {LEAST_PEAK:g} ‰ at least; touches "
-        f"less than {MERGE_S:g} s apart are one. With a feeder, touches to which wire was pushed. Says nothing of their quality.",
+        f"less than {MERGE_S:g} s apart are one. With a feeder, touches to which wire was pushed. Joints "
+        "shorter than two sampling periods can be missed, and below 5 Hz wipes be taken for joints. Says nothing of quality.",
         TIP,
     ),
     Definition(

@@ -46,7 +46,7 @@ def trial(seed: int, hz: float = 10.0, seconds: float = TRIAL_S) -> Trial:
     """One record of a tip that is soldered with, as the samples have it."""
     rng = np.random.default_rng([seed, 77])
     truths, loads, settings, sleeps = _script(rng, seconds)
-    temperature, power, aims = _run(rng, loads, settings, sleeps, seconds)
+    temperature, power = _run(rng, loads, settings, sleeps, seconds)
     ticks = np.arange(int(seconds * hz)) / hz
     at = np.minimum((ticks / STEP_S + rng.uniform(0, 1, len(ticks))).astype(int), len(power) - 1)
     noise = rng.normal(0, rng.uniform(0.0, 0.8), len(at))
@@ -57,7 +57,6 @@ def trial(seed: int, hz: float = 10.0, seconds: float = TRIAL_S) -> Trial:
     working = np.ones(len(ticks), dtype=np.bool_)
     for start, end in sleeps:
         working[(ticks >= start) & (ticks < end)] = False
-    del aims
     return Trial(ticks, np.round(temperature[at] + noise), np.round(power[at]), setting, working, truths, [])
 
 
@@ -124,14 +123,14 @@ def _run(
     settings: Sequence[tuple[float, float]],
     sleeps: Sequence[tuple[float, float]],
     seconds: float,
-) -> tuple[Floats, Floats, Floats]:
-    """Temperature as read, power in ‰, and what was aimed at, at each step."""
+) -> tuple[Floats, Floats]:
+    """Temperature as read, and power in ‰, at each step."""
     tip, lag, steps = (
         Tip(23.0, float(np.exp(rng.uniform(np.log(50), np.log(160))))),
         float(rng.uniform(0.01, 0.25)),
         round(seconds / STEP_S),
     )
-    seen, temperature, power, aims = 23.0, np.empty(steps), np.empty(steps), np.empty(steps)
+    seen, temperature, power = 23.0, np.empty(steps), np.empty(steps)
     across, heavy, point = float(rng.choice([0.0, rng.uniform(1.5, 5.0)])), float(rng.uniform(0.3, 1.5)), 23.0
     pending, now_load, work = list(loads), None, 0.0
     for step in range(steps):
@@ -154,5 +153,5 @@ def _run(
         if now_load is not None:
             work += STEP_S * (flow - now_load.leak * (work - 40.0)) / now_load.capacity
         seen += (tip.temperature_c - seen) * (1 - np.exp(-STEP_S / lag))
-        temperature[step], power[step], aims[step] = seen, 1000 * tip.power_w / tip.rated_w, aim
-    return temperature, power, aims
+        temperature[step], power[step] = seen, 1000 * tip.power_w / tip.rated_w
+    return temperature, power
