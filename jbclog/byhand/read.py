@@ -1,7 +1,7 @@
 """Reading by hand: one value at each place that is meant, or everything that a station can tell.
 
-What is steady, a setting or a counter, is asked until two answers agree; what moves is asked once. What reading would clear is
-read only by its name.
+No value is told that one answer alone says, or that cannot be (`believed.py`). What reading would clear is read only by its
+name, and once.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import TypeVar
 
+from jbclog.byhand.believed import believed
 from jbclog.byhand.contact import Contact, Place, Target, everywhere, find_tool, meet, places, sentence
 from jbclog.byhand.names import find, readable, why_only_by_name
 from jbclog.commands.command import Command
@@ -25,8 +26,8 @@ T = TypeVar("T")
 class Reading:
     """What a station told, or why it did not: then `value` is None, `reason` the record's word and `problem` the sentence.
 
-    `data` is the data field as it came; `heard` is when it was there, monotonic seconds. `is_void`: it was told, or refused, and
-    means nothing as the port is now.
+    `data` is the data field as it came, the last one of what is not believed; `heard` is when it was there, monotonic seconds.
+    `is_void`: it was told, or refused, and means nothing as the port is now.
     """
 
     command: Command
@@ -83,13 +84,22 @@ def _reading(contact: Contact, command: Command, place: Place) -> Steps[Reading]
     """Raises only where nothing more can be read at all."""
     client = contact.client
     try:
-        value = yield from _ask(contact, command, place)
+        value = yield from believed(contact, command, place)
     except (StationSilent, RobotModeOff) as error:
         raise StartRefused(f"{contact.name}: {error}") from error
     except StationError as error:
-        failed = Reading(command, place, None, "", client.now, error.reason, sentence(error))
+        said = client.data if isinstance(error, ImplausibleAnswer) else ""
+        failed = Reading(command, place, None, said, client.now, error.reason, sentence(error))
         return (yield from _unless_void(contact, failed)) if isinstance(error, Refusal | ImplausibleAnswer) else failed
-    return (yield from _unless_void(contact, Reading(command, place, value, client.data, client.heard)))
+    return (yield from _unless_void(contact, Reading(command, place, value, as_it_came(client.data, command, value), client.heard)))
+
+
+def as_it_came(data: str, command: Command, value: Value) -> str:
+    """The characters by which the station told `value`, which it told with its last answer, `data`, or one before that."""
+    try:
+        return data if command.quantity.decode(data) == value else command.quantity.encode(value)
+    except ValueError:
+        return data
 
 
 def _unless_void(contact: Contact, reading: Reading) -> Steps[Reading]:
@@ -114,10 +124,3 @@ def _error_of(contact: Contact, port: int) -> Steps[int | None]:
     except (StationError, KeyError):
         return None
     return error if isinstance(error, int) else None
-
-
-def _ask(contact: Contact, command: Command, place: Place) -> Steps[Value]:
-    is_counter = any(counter.command == command.name for counter in contact.family.counters)
-    if is_counter or command.access == "rw":
-        return (yield from contact.agreed(command, place, grows=is_counter))
-    return (yield from contact.read(command, place))

@@ -10,6 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Final
 
+from jbclog.byhand.believed import believed
 from jbclog.byhand.contact import NO_TOOL, PORTS, Contact, Place, Target, find_tool, meet
 from jbclog.commands.family import Family, family_of
 from jbclog.effects import Steps
@@ -133,7 +134,7 @@ def _tell(contact: Contact, tool: Tool, made: MadeSafe, code: int | None) -> Ste
 def _temperature(contact: Contact, port: int) -> Steps[float | None]:
     command = contact.family.command_of("temperature_c")
     try:
-        value = None if command is None else (yield from contact.read(command, Place(port)))
+        value = None if command is None else (yield from believed(contact, command, Place(port)))
     except (StationError, LinkError):
         return None
     return float(value) if isinstance(value, int | float) else None

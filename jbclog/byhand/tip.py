@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from jbclog.byhand.believed import believed
 from jbclog.byhand.contact import Contact, Place, Target, find_ports, find_tool, meet, sentence
 from jbclog.effects import Steps, Wait
 from jbclog.errors import StartRefused, StationError
@@ -44,7 +45,7 @@ def read_tip(target: Target, port: int) -> Steps[TipReadings]:
     yield from _state(contact, port, found)
     try:
         for _ in range(READINGS):
-            value = yield from contact.read(temperature, Place(port))
+            value = yield from believed(contact, temperature, Place(port))
             if isinstance(value, int | float):
                 found.temperatures.append(float(value))
             contact.client.unasked((yield Wait(contact.client.now + EVERY_S)))

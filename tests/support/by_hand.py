@@ -145,5 +145,18 @@ class Bench:
         self.clock.advance_to(self.clock.monotonic() + seconds)
 
 
+def says(bench: Bench, station: str, code: str, *data: str, last: bool = False) -> None:
+    """Let a JBC station answer a question with these data fields first; with `last`, with the last of them ever after."""
+    device = bench.wires[station].station.device  # type: ignore[union-attr]  # a JBC station
+    ask, coming = device.answer, list(data)
+
+    def answer(header: str, text: str, now: float) -> tuple[str, str] | None:
+        if (header, text) != ("R", code) or not coming:
+            return ask(header, text, now)
+        return "A", code + (coming[0] if last and len(coming) == 1 else coming.pop(0))
+
+    device.answer = answer  # type: ignore[method-assign]
+
+
 Make = Callable[..., Bench]
 """Makes the bench with these stations that `read` and `write` find from then on."""

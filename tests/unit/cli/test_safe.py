@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 
 import pytest
-from by_hand import Bench, Make, station_text
+from by_hand import Bench, Make, says, station_text
 
 from jbclog import line_safe
 from jbclog.commands.robot import TOOLS_002
@@ -51,6 +51,16 @@ def test_each_tool_is_told_to_stand_and_read_back(make: Make) -> None:
     ]
     assert writes(bench, "dme-1") == [STAND, "WPS200001", "WPS400001"]
     assert ended.err == ""
+
+
+@pytest.mark.parametrize(("last", "now"), [(False, ", 350 °C now"), (True, "")])
+def test_no_temperature_is_told_that_one_answer_alone_says_or_that_cannot_be(make: Make, last: bool, now: str) -> None:
+    bench = put_to_work(make(safe_text("dde-1", "dde", "tools = { 1 = 2, 2 = 0 }")))
+    bench.wait(20)
+    says(bench, "dde-1", "TT1", "04033", last=last)
+    told = bench.do("safe").out
+    assert "4033" not in told
+    assert f"stand, as read back{now}\n" in told
 
 
 def test_the_feeder_is_stopped_first(make: Make) -> None:

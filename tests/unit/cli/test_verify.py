@@ -8,7 +8,7 @@ from datetime import UTC, date, datetime, timedelta
 from pathlib import Path
 
 import pytest
-from by_hand import Bench, Ended, Make, station_text
+from by_hand import Bench, Ended, Make, says, station_text
 from hostile_names import HOSTILE, MOVES
 from typer.testing import CliRunner
 
@@ -42,7 +42,16 @@ def test_it_reads_the_station_itself_and_writes_nothing(bench: Bench) -> None:
     assert (kept.station_c, kept.station_n, kept.set_c, kept.adjust_c, kept.offset_c) == (350.0, 12, 350.0, 0.0, -12.0)
     assert (kept.tool, kept.model, kept.by) == ("T245/T470/TR245/TR470", "DDE", "A. Rossi")
     assert bench.wires["dde-1"].writes == []
-    assert bench.wires["dde-1"].texts.count("RTT1") == 12
+    assert bench.wires["dde-1"].texts.count("RTT1") == 24  # each reading is borne out by a second answer
+
+
+def test_a_temperature_that_cannot_be_is_no_reading_and_one_said_once_is_none_either(bench: Bench) -> None:
+    says(bench, "dde-1", "TT1", "04033")
+    assert verified(bench, "338").code == 0
+    says(bench, "dde-1", "TT1", "04033", last=True)
+    ended = verified(bench, "338")
+    assert ended.code == 3
+    assert "its tip could not be read: the station says 4033 °C, which cannot be" in ended.err
 
 
 def test_the_proposal_is_a_call_that_makes_the_next_one_pass(bench: Bench) -> None:
