@@ -1,8 +1,9 @@
 """READING RUNS. A run folder as pandas DataFrames, whether it is sealed, being recorded, or was cut off.
 
-Owns: opening a run, its tables by station, port and time, and the plain plot of a run.
+Owns: opening a run, its tables by station, port and time, and the plain plot of a run; many runs, a metric over them, and two side
+by side.
 Never: writes into a run's folder or makes a recorder wait; is imported by what records.
-May use: `record`, `judge`, `episodes`, `features`, `rows`, `tape` and `errors`; pandas, and matplotlib through its
+May use: `record`, `judge`, `episodes`, `features`, `spc`, `rows`, `tape` and `errors`; pandas, and matplotlib through its
 objects (no pyplot).
 Start reading: `run.py`.
 """

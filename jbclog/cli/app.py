@@ -22,6 +22,7 @@ from jbclog.cli.safe import safe
 from jbclog.cli.scan import scan
 from jbclog.cli.sim import sim
 from jbclog.cli.streams import make_usable
+from jbclog.cli.trend import trend
 from jbclog.cli.verify import verify
 from jbclog.cli.where_used import where_used
 from jbclog.cli.write import write
@@ -53,6 +54,7 @@ def _main(
 
 for verb in (demo, sim, scan, doctor, plan, run, safe, runs, report, check, alarms, annotate, recover, replay):
     app.command()(verb)
+app.command()(trend)
 app.command()(verify)
 app.command("where-used")(where_used)
 app.command(cls=ReadCommand)(read)

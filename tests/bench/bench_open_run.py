@@ -3,9 +3,10 @@
 An hour of 32 stations at 10 Hz (1.15 million rows of 30 columns), opened and read by `open_run(...).samples()`, hashes of its
 files included, beside `pandas.read_parquet` of the same folder in the same process; the best of five of each. Then a month of
 them, 720 such hours in one run (``--short``: a day), gone through by `open_runs(...).samples(columns=...)` in a process that may
-use no more than 2 GB of memory, and that reads one hour of it by its time.
+use no more than 2 GB of memory.
 
-The limits (issue 5): the hour in a second; the month without running out of 2 GB.
+The limits (issue 5): the hour in a second, counted as CPU of all threads, which is what it takes on a machine that has nothing
+else to do and more than it takes with two cores; the month without running out of 2 GB.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "support"))
 import numpy as np
 import pandas as pd
 import pyarrow as pa
-from common import at_least, at_most, in_own_process, is_short, judge, show
+from common import at_least, at_most, cpu_s, in_own_process, is_short, judge, show
 from sealed_run import samples, seal, station, table
 
 from jbclog.analysis import open_run, open_runs
@@ -57,20 +58,23 @@ def month(folder: Path, hours: int) -> None:
     write_manifest(folder, replace(manifest, files=[*manifest.files, *others]))
 
 
-def best(call: Callable[[], object]) -> float:
-    def took() -> float:
-        begun = time.perf_counter()
+def best(call: Callable[[], object]) -> tuple[float, float]:
+    """The least seconds and the least seconds of CPU of some rounds."""
+
+    def took() -> tuple[float, float]:
+        begun, used = time.perf_counter(), cpu_s()
         call()
-        return time.perf_counter() - begun
+        return time.perf_counter() - begun, cpu_s() - used
 
-    return min(took() for _ in range(ROUNDS))
+    rounds = [took() for _ in range(ROUNDS)]
+    return min(wall for wall, _ in rounds), min(cpu for _, cpu in rounds)
 
 
-def speeds(folder: Path) -> tuple[float, float, float]:
-    """Seconds: all of the hour by jbclog, by pandas alone, and four of its columns by jbclog."""
+def speeds(folder: Path) -> list[tuple[float, float]]:
+    """All of the hour by jbclog, by pandas alone, and four of its columns by jbclog."""
     whole = best(lambda: open_run(folder).samples())
     alone = best(lambda: pd.read_parquet(folder / "samples"))
-    return whole, alone, best(lambda: open_run(folder).samples(columns=COLUMNS))
+    return [whole, alone, best(lambda: open_run(folder).samples(columns=COLUMNS))]
 
 
 def through(out: Path) -> tuple[int, float, float, float]:
@@ -95,8 +99,8 @@ def main() -> int:
     expected = STATIONS * HOUR_ROWS * hours
     show(
         f"{STATIONS} stations at 10 Hz",
-        ["", "seconds"],
-        [["an hour, all columns", whole], ["the same by pandas.read_parquet", alone], ["an hour, four columns", four]],
+        ["", "seconds", "of CPU"],
+        [["an hour, all columns", *whole], ["the same by pandas.read_parquet", *alone], ["an hour, four columns", *four]],
     )
     show(
         f"{hours} hours, four columns",
@@ -105,8 +109,8 @@ def main() -> int:
     )
     return judge(
         [
-            at_most("an hour of 32 stations, all columns", whole, 1.0, " s"),
-            at_most("as against pandas.read_parquet of the same folder", whole / alone, 1.25),
+            at_most("an hour of 32 stations, all columns: CPU", whole[1], 1.0, " s"),
+            at_most("as against pandas.read_parquet of the same folder", whole[0] / alone[0], 1.25),
             at_most(f"{hours} hours of them gone through: peak memory", peak, MEMORY_MB, " MB"),
             at_least("every row of them was there", rows, expected),
         ]

@@ -39,7 +39,7 @@ MAY_USE = {
     "features": "judge",
     "episodes": "rows errors",
     "verifying": "record rows errors",
-    "analysis": "record judge episodes features rows tape errors",
+    "analysis": "record judge episodes features spc rows tape errors",
     "report": "analysis judge record recipe commands rows errors",
     # top: what puts the rooms together, below the command line
     "outcome": "rows errors",

@@ -1,0 +1,122 @@
+"""Trends in words: lines for a terminal, facts for JSON, a page with its picture."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict
+from html import escape
+from io import StringIO
+from typing import Final
+
+import matplotlib as mpl
+from matplotlib.figure import Figure
+
+from jbclog import spc
+from jbclog.analysis.shown import table, text
+from jbclog.analysis.trend import Point, Trend, metric_text, title_of
+
+MOST: Final = 10
+STYLE: Final = (
+    "body{font:16px/1.45 system-ui,sans-serif;max-width:62rem;margin:2rem auto;padding:0 1rem;color:#1a1a1a}"
+    "svg{max-width:100%;height:auto}table{border-collapse:collapse;margin:1rem 0;font-variant-numeric:tabular-nums}"
+    "th,td{text-align:left;padding:.2rem .8rem .2rem 0;border-bottom:1px solid #ccc;vertical-align:top}"
+    "@media print{body{margin:0;max-width:none}}"
+)
+
+
+def lines(trend: Trend) -> Iterator[str]:
+    """The head, its figures, the signals, what changed meanwhile, what is missing."""
+    head = f"{trend.station} port {trend.port}  {trend.metric}  {len(trend.values)} of {len(trend.points)} runs"
+    spread = "" if trend.sd is None else f", sd {trend.sd:.3g}"
+    yield head if trend.mean is None else f"{head}, mean {trend.mean:.4g} {trend.unit}{spread}"
+    yield f"  chart: {chart_text(trend)}"
+    for run, why in trend.signals[:MOST]:
+        yield f"    {run}: {why}"
+    if len(trend.signals) > MOST:
+        yield f"    and {len(trend.signals) - MOST} more"
+    if trend.capability is not None:
+        yield f"  capability: {capability_text(trend.capability)}"
+    yield from (f"  changed: {change}" for change in trend.changes)
+    for reason, count in Counter(point.why for point in trend.points if point.value is None).most_common():
+        yield f"  no value in {count} run{'' if count == 1 else 's'}: {reason}"
+
+
+def chart_text(trend: Trend) -> str:
+    """The limits and the number of signals, or why there are none."""
+    if isinstance(trend.chart, spc.Refused):
+        return f"none. {trend.chart.text}"
+    values = trend.chart[0]
+    told = f"{len(trend.signals)} signal{'s' * (len(trend.signals) > 1)}" if trend.signals else "no signal"
+    return f"individuals {values.centre:.4g}, limits {values.lower[0]:.4g} to {values.upper[0]:.4g} {trend.unit}; {told}"
+
+
+def capability_text(found: spc.Capability | spc.Refused) -> str:
+    """The indices with their bounds, or why there are none."""
+    if isinstance(found, spc.Refused):
+        return f"none. {found.text}"
+    named = (("Cp", found.cp), ("Cpk", found.cpk), ("Pp", found.pp), ("Ppk", found.ppk))
+    told = [f"{name} {index.value:.2f} (at least {index.bound:.2f})" for name, index in named if index is not None]
+    return f"{', '.join(told)}; 95 % bounds of {found.n} runs"
+
+
+def facts(trend: Trend) -> dict[str, object]:
+    """Everything as JSON."""
+    chart: dict[str, object]
+    if isinstance(trend.chart, spc.Refused):
+        chart = {"refused": asdict(trend.chart)}
+    else:
+        values = trend.chart[0]
+        limits = {"lower": float(values.lower[0]), "upper": float(values.upper[0])}
+        chart = {"centre": values.centre, "sigma": values.sigma, **limits, "signals": [list(one) for one in trend.signals]}
+    return {
+        "station": trend.station,
+        "port": trend.port,
+        "metric": trend.metric,
+        "unit": trend.unit,
+        "n": len(trend.values),
+        "mean": trend.mean,
+        "sd": trend.sd,
+        "chart": chart,
+        "capability": _capability(trend.capability),
+        "changes": trend.changes,
+        "points": [{**asdict(point), "started": point.started and point.started.isoformat()} for point in trend.points],
+    }
+
+
+def _capability(found: spc.Capability | spc.Refused | None) -> dict[str, object] | None:
+    if found is None:
+        return None
+    return {"refused": asdict(found)} if isinstance(found, spc.Refused) else asdict(found)
+
+
+def page(trends: Sequence[Trend], metric: str, figure: Figure) -> str:
+    """A page that needs no network: what the metric is, the picture, what it says, every value."""
+    said = "".join(f"<p>{'<br>'.join(escape(_shown(line)) for line in lines(one))}</p>" for one in trends)
+    cells = [_cells(one, point) for one in trends for point in one.points]
+    heads = ("run", "started", "station", "port", "value", "unit", "n", "why there is none")
+    values = table(heads, cells)
+    title = f"{text(title_of(metric).capitalize())} over {len({row[0] for row in cells})} runs"
+    head = "<meta charset='utf-8'><meta name='viewport' content='width=device-width'>"
+    claim = "<p>Figures describe what was recorded. None of them says that a joint is good.</p>"
+    body = f"<h1>{title}</h1><p>{escape(metric_text(metric))}</p>{_svg(figure)}{said}{values}{claim}"
+    style = f"<title>{title}</title><style>{STYLE}</style>"
+    return f"<!doctype html><html lang='en'><head>{head}{style}</head><body>{body}</body></html>\n"
+
+
+def _cells(trend: Trend, point: Point) -> tuple[object, ...]:
+    started = None if point.started is None else f"{point.started:%Y-%m-%d %H:%M}"
+    value = "" if point.value is None else f"{point.value:.4g}"
+    return (point.run, started, trend.station, trend.port, value, trend.unit, point.n, point.why)
+
+
+def _shown(line: str) -> str:
+    return "".join(sign if sign.isprintable() else "�" for sign in line)
+
+
+def _svg(figure: Figure) -> str:
+    """The picture as an element of a page; the same picture has the same text."""
+    out = StringIO()
+    with mpl.rc_context({"svg.hashsalt": "jbclog", "svg.fonttype": "path"}):
+        figure.savefig(out, format="svg", metadata={"Date": None, "Creator": None})
+    return out.getvalue().partition("<svg")[2].join(("<svg", ""))
