@@ -36,8 +36,8 @@ class Nobody:
 class RecordedRun:
     """What is left of it: the run's folder with everything in it, and the stations' own memory."""
 
-    def __init__(self, plan: Plan, out: Path) -> None:
-        clock = VirtualClock()
+    def __init__(self, plan: Plan, out: Path, clock: VirtualClock | None = None) -> None:
+        clock = clock or VirtualClock()
         papers, driver = Dossier(plan, out, Nobody(), clock, seal_every_s=None), VirtualDriver(clock)
         self.stations: dict[str, VirtualStation | VirtualOmega] = {}
         papers.begin()
