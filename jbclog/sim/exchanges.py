@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
-from math import inf
+from math import floor, inf
 from typing import NamedTuple
 
 from jbclog.protocol import frame, omega
@@ -29,6 +29,10 @@ class Ticks(NamedTuple):
     def is_on_time(self, at_s: float) -> bool:
         """Whether a moment is that at which a tick was due, or hardly later."""
         return at_s - self.first_s >= -EARLY_S and (at_s - self.first_s + EARLY_S) % self.period_s < ON_TIME * self.period_s
+
+    def number(self, at_s: float) -> int:
+        """How many ticks lie before the one that a moment belongs to."""
+        return floor((at_s - self.first_s + EARLY_S) / self.period_s)
 
 
 @dataclass(slots=True)

@@ -10,9 +10,11 @@ lost after a question, it is lost again, for as long. The rules of what is next:
 3. The client's clock and the tape's go alike. What a host loses in handing bytes over it gets back with the next answer.
    An answer well behind the client's time is left out where a later one is nearer, which `left_out` counts: who missed a
    tick gets the values of the tick that he is at.
-4. Asked once more than then, a question gets what stands at this place of the tape: its last answer. `repeated` counts
-   that. Some time behind the tape's end there is silence, and so it is where a question was never recorded, which
-   `strange` counts: nothing is made up.
+4. A question and its second and third look are one group (`looks`), given in order or left out whole: an answer that the
+   recording contradicts right after is never given without what contradicts it.
+5. Asked once more than then, a question gets what stands at this place of the tape: the answer that was believed.
+   `repeated` counts that. Some time behind the tape's end there is silence, and so it is where a question was never
+   recorded, which `strange` counts: nothing is made up.
 """
 
 from __future__ import annotations
@@ -23,6 +25,7 @@ from math import inf
 from statistics import median_low
 
 from jbclog.sim.exchanges import Contents, Exchange, Ticks, exchanges, is_write
+from jbclog.sim.looks import LOOK_S, Looks, looks
 from jbclog.sim.virtual import Reply
 from jbclog.tape import Row
 
@@ -61,11 +64,13 @@ class TapeStation:
         self._ticks = ticks
         first_s = ticks.first_s if ticks else None
         self._contents = Contents.of(exchanges(rows(), first_s))
-        self._coming = exchanges(rows(), first_s)
+        self._coming = looks(exchanges(rows(), first_s), ticks, self._contents.sampled)
         self._ahead = next(self._coming, None)
-        self._rows: defaultdict[bytes, deque[Exchange]] = defaultdict(deque)
+        self._rows: defaultdict[bytes, deque[Looks]] = defaultdict(deque)
+        self._left: defaultdict[bytes, deque[Exchange]] = defaultdict(deque)  # what is left of the group last begun
         self._last: dict[bytes, Exchange] = {}
-        self._answered: dict[bytes, Exchange] = {}
+        self._believed: dict[bytes, Exchange] = {}
+        self._asked, self._asked_at = b"", -inf  # the question before this one
         self._starts = {question[:length] for question in self._contents.known for length in range(1, len(question))}
         self._lengths = sorted({len(question) for question in self._contents.known}, reverse=True)
         self._heard = b""
@@ -112,6 +117,7 @@ class TapeStation:
         else:
             behind_s = self._behind_s(one, now)
             self._go_on(one, now)
+        self._asked, self._asked_at = question, now
         return [Reply(now + self._delay_s(delay_s, behind_s), data) for delay_s, data in one.replies]
 
     def _behind_s(self, one: Exchange, now: float) -> float:
@@ -138,14 +144,14 @@ class TapeStation:
     def _written(self, question: bytes) -> int | None:
         """The number of the next stretch that begins with this write; None where it belongs to this one, or to none."""
         firsts = self._contents.firsts
-        if firsts[self._stretch] == question and self._reach(question, 1):
+        if firsts[self._stretch] == question and self._is_waited_for(question):
             return None
         return next((number for number in range(self._stretch + 1, len(firsts)) if firsts[number] == question), None)
 
     def _sampled(self, question: bytes) -> int | None:
         """The number of the next stretch, where it begins with the first tick and the client has come to that."""
         firsts, number = self._contents.firsts, self._stretch + 1
-        if number >= len(firsts) or is_write(firsts[number]) or self._reach(question, 1):
+        if number >= len(firsts) or is_write(firsts[number]) or self._is_waited_for(question):
             return None
         return number if firsts[number] == question or self._again[question] >= AGAIN else None
 
@@ -154,17 +160,24 @@ class TapeStation:
         self._stretch = stretch
         self._again.clear()
         for row in self._rows.values():
-            self.left_out += len(row)
+            self.left_out += sum(len(group.all) for group in row)
             row.clear()
+        for left in self._left.values():
+            self.left_out += len(left)
+            left.clear()
         while self._ahead is not None and self._ahead.stretch < stretch:
-            self.left_out += 1
+            self.left_out += len(self._ahead.all)
             self._ahead = next(self._coming, None)
         self._offsets.clear()
         self._tick_offsets.clear()
         self._is_in_time = False  # what is not on a grid takes as long as the host lets it: there only the order counts
 
+    def _is_waited_for(self, question: bytes) -> bool:
+        """Whether it comes once more in this stretch."""
+        return bool(self._left[question]) or self._reach(question, 1)
+
     def _reach(self, question: bytes, count: int, until_s: float = inf) -> bool:
-        """Read on until so many exchanges with that question wait, or to a time; never over the end of this stretch."""
+        """Read on until so many groups of that question wait, or to a time; never over the end of this stretch."""
         row = self._rows[question]
         while len(row) < count:
             one = self._ahead
@@ -176,23 +189,67 @@ class TapeStation:
 
     def _next(self, question: bytes, now: float) -> Exchange | None:
         """The exchange with that question that is due; None where it is not due yet, or never again in this stretch."""
-        row = self._rows[question]
-        if not (self._is_in_time and self._offsets):
-            return row.popleft() if self._reach(question, 1) else None
-        time_s, last = self._time(now), self._last.get(question)
-        if last is not None and last.stretch == self._stretch:
-            far_s = last.at_s + max(time_s - last.at_s, 0.0) / NEAR
-            if not self._reach(question, 1, far_s) or row[0].at_s > far_s:
-                return None
-        while self._reach(question, 2, 2 * time_s - row[0].at_s if row else inf) and self._is_behind(row, time_s):
+        left = self._left[question]
+        if left and self._is_at(question, now):
+            return left.popleft()
+        row, is_in_time = self._rows[question], self._is_in_time and self._offsets
+        if not (self._reach_due(question, now) if is_in_time else self._reach(question, 1)):
+            return None
+        self._leave(left, now)
+        if is_in_time:
+            self._pass_over(row, question, now)
+        return self._begin_group(row.popleft())
+
+    def _is_at(self, question: bytes, now: float) -> bool:
+        """Whether the client still is at the group that it has begun, and not at the next one."""
+        if not (self._is_in_time and self._offsets) or self._is_next_look(question, now):
+            return True
+        time_s, left_s, row = self._time(now), self._left[question][0].at_s, self._rows[question]
+        far_s = (time_s - NEAR * left_s) / (1 - NEAR)
+        return not (self._reach(question, 1, far_s) and self._is_nearer(time_s, left_s, row[0].at_s))
+
+    def _is_next_look(self, question: bytes, now: float) -> bool:
+        """Whether the client asks the same right after it was answered."""
+        last = self._last.get(question)
+        answered_s = last.replies[-1][0] if last is not None and last.replies else 0.0
+        return question == self._asked and (now - self._asked_at) * self._speed - answered_s < LOOK_S
+
+    def _reach_due(self, question: bytes, now: float) -> bool:
+        """Whether there is a next group, and the client is as far as that."""
+        last, row = self._last.get(question), self._rows[question]
+        if last is None or last.stretch != self._stretch:
+            return self._reach(question, 1)
+        gone_s = self._time(now) - last.at_s
+        if question == self._asked:  # one more look at what it has just been told
+            gone_s = min(gone_s, (now - self._asked_at) * self._speed)
+        far_s = last.at_s + max(gone_s, 0.0) / NEAR
+        return self._reach(question, 1, far_s) and row[0].at_s <= far_s
+
+    def _pass_over(self, row: deque[Looks], question: bytes, now: float) -> None:
+        """Leave out the groups that are behind the client's time."""
+        time_s = self._time(now)
+        while self._reach(question, 2, 2 * time_s - row[0].at_s) and self._is_nearer(time_s, row[0].at_s, row[1].at_s):
+            self._leave(deque(row.popleft().all), now)
+
+    def _leave(self, left: deque[Exchange], now: float) -> None:
+        """These were passed without being asked."""
+        while left:
             self.left_out += 1
-            self._lose(row.popleft(), now)
-        return row.popleft() if row else None
+            self._lose(left.popleft(), now)
+
+    def _begin_group(self, group: Looks) -> Exchange:
+        """The first of a group; the others are left to be asked for."""
+        question, (first, *others) = group.question, group.all
+        self._left[question].extend(others)
+        believed = group.believed(self._believed.get(question))
+        if believed is not None:
+            self._believed[question] = believed
+        return first
 
     @staticmethod
-    def _is_behind(row: deque[Exchange], time_s: float) -> bool:
-        """Whether the second of a row is meant, and not the first."""
-        return time_s > row[1].at_s - NEAR * (row[1].at_s - row[0].at_s)
+    def _is_nearer(time_s: float, first_s: float, second_s: float) -> bool:
+        """Whether the second of two moments is meant, and not the first."""
+        return time_s > second_s - NEAR * (second_s - first_s)
 
     def _once_more(self, question: bytes, now: float) -> Exchange:
         """What stands at this place of the tape."""
@@ -200,13 +257,11 @@ class TapeStation:
         self._again[question] += 1
         is_over = not self._is_in_time or not self._offsets or self._time(now) > self._contents.last_s + OVER_S
         silence = Exchange(question, 0.0)
-        return silence if is_over and self._again[question] > AGAIN else self._answered.get(question, silence)
+        return silence if is_over and self._again[question] > AGAIN else self._believed.get(question, silence)
 
     def _go_on(self, one: Exchange, now: float) -> None:
         """This exchange happens: the place on the tape, and the link, are what they were then."""
         self._last[one.question] = one
-        if one.replies:
-            self._answered[one.question] = one
         self._set_clock(one, one.at_s - now * self._speed)
         self._lose(one, now)
 

@@ -30,7 +30,7 @@ from jbclog.sim.wire_log import WireLog
 FAST = ("temperature_c", "power_permille", "status", "cooling", "desoldering", "quality")
 SLOW = ("set_c", "tool", "port_error", "station_error", "alarm_high", "alarm_low", "transformer_c", "transistor_c")
 HOST_S = 0.0003
-MAY_DIFFER = {1: 0.02, 3: 0.1, 10: 0.1}
+MAY_DIFFER = {1: 0.02, 3: 0.1, 10: 0.12}
 SPEEDS = (1, 3, 10)
 FAULT = "[[station.sim.fault]]\nkind = "
 SECONDS = 12.0

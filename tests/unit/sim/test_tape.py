@@ -206,6 +206,11 @@ def checked(question: bytes) -> bytes:
     return covered + bytes([check])
 
 
+def reading(number: int) -> bytes:
+    """A tip temperature of so many degrees, as a station says it."""
+    return checked(b"\x020100ATT1%05d\x03\x00" % number)
+
+
 STATE, SLEEP = checked(ASKED), checked(ASLEEP)
 ORDERED = tape(
     row(1.0, "sent", STATE),
@@ -247,14 +252,14 @@ def test_the_client_that_missed_a_tick_gets_the_values_of_the_one_it_is_at() -> 
     rows = [
         one
         for number in range(60)
-        for one in (row(5.0 + 0.1 * number, "sent", question), row(5.01 + 0.1 * number, "heard", b"%d" % number))
+        for one in (row(5.0 + 0.1 * number, "sent", question), row(5.01 + 0.1 * number, "heard", reading(number)))
     ]
     one = station(tape(*rows), ticks=Ticks(5.0, 0.1))
     moments = [number for number in range(50) if number not in (20, 21, 35)]
-    found = [int(reply.data) for number in moments for reply in one.receive(question, 70.0 + 0.1 * number)]
+    found = [int(reply.data[-7:-2]) for number in moments for reply in one.receive(question, 70.0 + 0.1 * number)]
     assert found == moments
     (again,) = one.receive(question, 70.0 + 4.91)  # once more within one tick: what stands there, and not the next
-    assert again.data == b"49"
+    assert again.data == reading(49)
     assert (one.left_out, sum(one.repeated.values())) == (3, 1)
 
 
