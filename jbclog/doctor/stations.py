@@ -9,7 +9,7 @@ from pathlib import Path
 from jbclog.commands.family import FAMILIES, OMEGA, Family
 from jbclog.doctor.looked import Fine, Looked
 from jbclog.doctor.ports import look_at_holder, look_at_timer, permission_step
-from jbclog.finding.diagnosis import diagnose
+from jbclog.finding.diagnosis import FIRMLY, diagnose
 from jbclog.finding.finding import Finding
 from jbclog.finding.found import PortReport, StationFound
 from jbclog.finding.trials import ADDRESSES, BY_SERVER, USUAL, ScanPlan, Trial
@@ -159,4 +159,4 @@ def _lost(spec: StationSpec, found: StationFound) -> Finding | None:
         return None
     answered, asked = (turnaround.answered, turnaround.asked) if turnaround else (0, 1)
     what = f"{asked - answered} of {asked} questions were not answered"
-    return Finding("line.noisy", spec.name, what, "see that both plugs sit firmly, and keep the cable away from power lines")
+    return Finding("line.noisy", spec.name, what, FIRMLY)

@@ -22,6 +22,7 @@ BREAKS: tuple[tuple[type[LinkError], str], ...] = (
     (PortMissing, "port.missing"),
     (LinkError, "port.broken"),
 )
+FIRMLY = "see that both plugs sit firmly, and keep the cable away from power lines"
 PLUG_IN = "pull the adapter out and plug it in again, or start the server behind it"
 
 
@@ -45,6 +46,8 @@ def _broken(url: str, error: LinkError) -> Finding:
 
 def _not_drivable(url: str, station: StationFound) -> Finding:
     who = f"a station answers at {station.line}, {station.addressing}"
+    if station.contradicts:
+        return Finding("line.noisy", url, f"{who}, and says something else each time: {station.trouble}", FIRMLY)
     if station.robot_mode is False:
         return Finding("robot_mode.off", url, f"{who}, and refuses everything because Robot mode is off", SWITCH_ON)
     if station.refusal is not None:

@@ -25,8 +25,9 @@ class Turnaround:
 class StationFound:
     """Somebody who answers. `address` None: without addresses. What is None was not told.
 
-    `robot_mode` is None where there is no such mode. `tools` are the ports that answer, each with its tool's name (``none``: a
-    port without a tool; None: not told). `refusal` is how it refused to say its model, `trouble` why it was not asked to the end.
+    `robot_mode` is None where there is no such mode, or it is not known. `tools` are the ports that answer, each with its tool's
+    name (``none``: a port without a tool; None: not told). `refusal` is how it refused to say its model, `trouble` why it was not
+    asked to the end, and `contradicts` that this was because it said something else each time.
     """
 
     line: LineFormat
@@ -40,6 +41,7 @@ class StationFound:
     tools: dict[int, str | None] = field(default_factory=dict)
     turnaround: Turnaround | None = None
     trouble: str | None = None
+    contradicts: bool = False
 
     @property
     def is_drivable(self) -> bool:

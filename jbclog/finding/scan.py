@@ -4,7 +4,7 @@
 
     open at a format -> listen, where it could be the binary protocol -> R-SMN to 01, to nobody, to 10 (-> OMEGA's A)
          ↑ nobody answers                                                          ↓ somebody does
-         └─────────────────────────────────────                                 ask who (`who.py`)
+         └─────────────────────────────────────                 R-SMN again, until two say the same -> ask who (`who.py`)
 
 Only questions are sent, and none that clears anything. What came and was no answer is kept for the diagnosis.
 """
@@ -12,6 +12,7 @@ Only questions are sent, and none that clears anything. What came and was no ans
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import cycle, islice
 
 from jbclog.commands.family import FAMILIES
 from jbclog.effects import Reopen, Steps, Wait
@@ -28,10 +29,12 @@ from jbclog.finding.ear import (
 )
 from jbclog.finding.found import PortReport, StationFound
 from jbclog.finding.trials import ANSWER_S, EXCHANGE, OMEGA_ANSWER_S, ScanPlan, Trial
-from jbclog.finding.who import learn, of_answer
+from jbclog.finding.who import learn, not_settled, of_answer
+from jbclog.protocol.frame import Frame
 from jbclog.wire import LineFormat
 
 OMEGA = "omega"
+AGAIN = 4  # times that a station is asked for its model after it has said it, at the most
 
 
 @dataclass(slots=True)
@@ -108,11 +111,28 @@ class _Scan:
                 continue
             found, is_meant = of_answer(answer, trial.line)
             if is_meant:
-                yield from self._learn(found)
+                yield from self._settle(answer, found, address, patience_s)
                 return True
             refused = refused or found  # it found fault with the frame: perhaps it wants the other addressing (digest B-14)
         self._report.station = refused
         return refused is not None
+
+    def _settle(self, first: Frame, found: StationFound, address: int | None, patience_s: float) -> Steps[None]:
+        """Ask again until two answers say the same of model and address, then who it is; not of what one alone says.
+
+        Asked is in turn who was told to have answered, and who was asked.
+        """
+        given = [first]
+        for target in islice(cycle((found.address, address)), AGAIN):
+            if self._dial.stop:
+                break
+            came = yield from self.ear.ask(model_question(target), patience_s, robot_answer)
+            answer = robot_answer(came.rest)
+            if answer is not None and answer in given:
+                yield from self._learn(of_answer(answer, found.line)[0])
+                return
+            given += [] if answer is None else [answer]
+        self._report.station = not_settled(found.line, given)
 
     def _finds_omega(self, trial: Trial) -> Steps[bool]:
         came = yield from self.ear.ask(OMEGA_QUESTION, OMEGA_ANSWER_S + trial.line.seconds(EXCHANGE), omega_answer)

@@ -1,17 +1,22 @@
-"""Who it is that answers: model, family, software, ports and tools, how fast. Harmless reads only."""
+"""Who it is that answers: model, family, software, ports and tools, how fast. Harmless reads only.
+
+A model, a software, a tool and an error count when two answers say the same: a line file is made of them.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from statistics import median
 
 from jbclog.commands.family import FAMILIES, Family, family_of
 from jbclog.commands.robot import COMMUNICATION_ERRORS
 from jbclog.effects import Steps
-from jbclog.errors import NotSupported, OutOfRange, StationError, StationSilent
+from jbclog.errors import ImplausibleAnswer, NotSupported, OutOfRange, StationError, StationSilent
 from jbclog.finding.ear import HOST, MODEL
 from jbclog.finding.found import StationFound, Turnaround
 from jbclog.protocol.frame import Frame
 from jbclog.quantities import Value
+from jbclog.station.agreed import agreed
 from jbclog.station.client import Client
 from jbclog.station.make import client_for
 from jbclog.station.turnaround import LEAST_ANSWERED, READS, turnarounds_us
@@ -44,6 +49,21 @@ def _address(answer: Frame) -> int | None:
     return answer.source if answer.source != HOST else answer.target
 
 
+def not_settled(line: LineFormat, given: Sequence[Frame]) -> StationFound:
+    """Somebody who answers, where no two of `given`, the answers to R-SMN, were the same: nothing that they say is known."""
+    found = StationFound(line, _address(given[0]), robot_mode=None, contradicts=len(given) > 1)
+    said = ", ".join(_said(answer) for answer in given)
+    found.trouble = f"it answered its model as {said}" if found.contradicts else f"it answered its model, {said}, once only"
+    return found
+
+
+def _said(answer: Frame) -> str:
+    """``'DDE' from address 01``."""
+    address = _address(answer)
+    what = f"'{answer.text[len(MODEL.letters) :].strip()}'" if answer.header == "A" else f"N {answer.text[-5:]}"
+    return what if address is None else f"{what} from address {address:02d}"
+
+
 def learn(found: StationFound, now: float) -> Steps[float]:
     """Ask it what else it says of itself, and note that in `found`; give the moment."""
     if found.refusal is not None:
@@ -55,7 +75,7 @@ def learn(found: StationFound, now: float) -> Steps[float]:
         yield from _learn_tools(client, found)
         yield from _learn_turnaround(client, found)
     except StationError as error:
-        found.trouble = str(error)
+        found.trouble, found.contradicts = str(error), isinstance(error, ImplausibleAnswer)
     return client.now
 
 
@@ -72,13 +92,13 @@ def _learn_station(client: Client, found: StationFound) -> Steps[None]:
         found.error = table.station_errors.text(error)
 
 
-def _told(client: Client, table: Family, name: str, port: int | None = None) -> Steps[Value | None]:
+def _told(client: Client, table: Family, name: str) -> Steps[Value | None]:
     """The value of a command; None where the family has none, or the station says no or nothing that can be read."""
     if name not in table.commands:
         return None
     try:
-        return (yield from client.read(table.commands[name], port))
-    except StationSilent:
+        return (yield from agreed(client, table.commands[name]))
+    except (StationSilent, ImplausibleAnswer):
         raise
     except StationError:
         return None
@@ -91,10 +111,10 @@ def _learn_tools(client: Client, found: StationFound) -> Steps[None]:
         return
     for port in table.ports or PORTS:
         try:
-            tool = yield from client.read(table.commands["tool"], port)
+            tool = yield from agreed(client, table.commands["tool"], port)
         except (NotSupported, OutOfRange):
             continue
-        except StationSilent:
+        except (StationSilent, ImplausibleAnswer):
             raise
         except StationError:
             tool = None

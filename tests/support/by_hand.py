@@ -10,6 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+from said import let_say
 from talk import framed
 from typer.testing import CliRunner
 
@@ -146,16 +147,8 @@ class Bench:
 
 
 def says(bench: Bench, station: str, code: str, *data: str, last: bool = False) -> None:
-    """Let a JBC station answer a question with these data fields first; with `last`, with the last of them ever after."""
-    device = bench.wires[station].station.device  # type: ignore[union-attr]  # a JBC station
-    ask, coming = device.answer, list(data)
-
-    def answer(header: str, text: str, now: float) -> tuple[str, str] | None:
-        if (header, text) != ("R", code) or not coming:
-            return ask(header, text, now)
-        return "A", code + (coming[0] if last and len(coming) == 1 else coming.pop(0))
-
-    device.answer = answer  # type: ignore[method-assign]
+    """Let a JBC station answer a question with these data fields first; see `said.let_say`."""
+    let_say(bench.wires[station].station.device, code, *data, last=last)  # type: ignore[union-attr]  # a JBC station
 
 
 Make = Callable[..., Bench]

@@ -11,6 +11,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Protocol
 
+from said import let_say
+
 from jbclog.clock import VirtualClock
 from jbclog.errors import LinkError, PortMissing
 from jbclog.recipe.line import parse_line
@@ -114,6 +116,11 @@ def station_cable(family: str, keys: str = "", sim: str = "", clock: VirtualCloc
     (spec,) = parse_line(text, Path("line.toml")).stations
     now = (clock or VirtualClock()).monotonic()
     return Cable(virtual_station(spec, now=now), spec.line_format)
+
+
+def says(cable: Cable, code: str, *data: str, last: bool = False) -> None:
+    """Let the virtual JBC station at a cable answer a question with these data fields first; see `said.let_say`."""
+    let_say(cable.far.device, code, *data, last=last)  # type: ignore[attr-defined]  # the virtual station's own
 
 
 class Silence:

@@ -77,7 +77,7 @@ def test_a_station_is_told_in_a_few_lines_and_everything_that_was_sent(monkeypat
         "  turnaround  2.00 ms median, 2.00 ms at worst",
     ]
     assert f"Sent were {len(cable.asked)} questions and nothing else; nothing was written or cleared:" in text
-    assert "     1 × model, to address 01, at 19200 8N1: 02 30 30 30 31 52 53 4d 4e 03 02" in text
+    assert "     2 × model, to address 01, at 19200 8N1: 02 30 30 30 31 52 53 4d 4e 03 02" in text
 
 
 def test_a_named_port_without_a_station_ends_with_1_and_the_step(monkeypatch: pytest.MonkeyPatch) -> None:
