@@ -34,15 +34,26 @@ class VerdictFacts:
     summary: list[dict[str, object]]  # empty where the rules are few
 
 
+@dataclass(frozen=True, slots=True)
+class Zoom:
+    """What the page's script draws: `start` and `end` in seconds since 1970, `lines` in °C by name, and as base64 `data`."""
+
+    start: float
+    end: float
+    lines: str
+    data: str
+
+
 @dataclass(slots=True)
 class Figure:
-    """A figure beside the report: its file, what it shows in words, and its two sizes as SVG (not in the JSON)."""
+    """A figure beside the report: its file and what it shows; not in the JSON: its two sizes as SVG, and data to look closer."""
 
     file: str
     caption: str
     alt: str
     wide: str = field(repr=False)
     narrow: str = field(repr=False)
+    zoom: Zoom | None = field(repr=False, default=None)
 
 
 @dataclass(slots=True)

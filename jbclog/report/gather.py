@@ -28,6 +28,7 @@ from jbclog.report.stations import station_report
 from jbclog.report.style import NARROW, WIDE
 from jbclog.report.tables import by_station, counter_rows, event_rows, ledger_rows, setting_rows
 from jbclog.report.verdict import is_cut_off, verdict_facts
+from jbclog.report.zoom import most_stretches
 
 CROWD = 12  # with more ports than these each has one figure, and a closer one only where something happened
 COLUMNS = ("time", "tick", "port", "late_us", "quality", "temperature_c", "power_permille", "status", "set_c")
@@ -94,6 +95,7 @@ def _stations(run: Run, folder: Path, plates: Plates | None, overview: Overview)
     """One station after the other, so that only one station's samples are in memory."""
     manifest = run.manifest
     t0_utc_us = round((manifest.t0_utc or 0.0) * 1e6)
+    ports = sum(len(facts.ports) for facts in manifest.stations)
     context = Context(
         t0_utc_us,
         happenings(run.events(), t0_utc_us),
@@ -104,7 +106,8 @@ def _stations(run: Run, folder: Path, plates: Plates | None, overview: Overview)
         tuple(steps_of(folder)),
         plates,
         overview,
-        sum(len(facts.ports) for facts in manifest.stations) > CROWD,
+        ports > CROWD,
+        most_stretches(ports),
     )
     for number, facts in enumerate(manifest.stations, 1):
         columns = COLUMNS if "temperature_c" in judged_signals(facts) else (*COLUMNS, *STATES)

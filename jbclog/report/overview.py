@@ -19,6 +19,7 @@ from jbclog.judge.idle import setting_in_force
 from jbclog.report import style
 from jbclog.report.envelope import Envelope, envelope
 from jbclog.report.figure import shorter
+from jbclog.report.letters import drawable
 from jbclog.report.spans import Span, merged, widened
 from jbclog.report.style import Format
 from jbclog.report.timescale import duration_text, time_marks
@@ -28,7 +29,8 @@ REACH_C = 40.0
 STRETCHES = 400
 STRIP_IN, ALL_IN, LEAST_IN, SHEET_IN = 0.24, 4.6, 0.12, 9.4  # a strip's height; that of all of them; where they are many
 FEWEST = 2  # strips from which on a glance is worth more than the figures themselves
-NAME_IN, FIGURES_IN, TOP_IN, AXIS_IN = 1.0, 1.05, 0.05, 0.24
+FIGURES_IN, TOP_IN, AXIS_IN = 1.0, 0.05, 0.24
+LETTER_IN = 0.062  # the width of a letter of a strip's name
 LONGEST_NAME = 16
 
 
@@ -60,6 +62,7 @@ class Overview:
         alarms = sum(mark.kind == "alarm" for mark in trace.marks)
         read = "–" if coverage_percent is None else f"{np.floor(coverage_percent * 10) / 10:g} %"
         words = f"{read}, {alarms} alarm{'s' * (alarms > 1)}" if alarms else read
+        name = drawable(name)
         shown = name if len(name) <= LONGEST_NAME else f"{name[: LONGEST_NAME - 7]}…{name[-6:]}"
         self.strips.append(Strip(shown, curve, trace.gaps, list(trace.marks), trace.start, trace.end, words, alarms > 0))
 
@@ -99,16 +102,17 @@ class Overview:
     def fill(self, figure: Figure, form: Format, x: float, y: float) -> None:
         """Draw the strips onto a figure or sheet, their upper left corner at `x` and `y` inches from that of the sheet."""
         width, height = figure.get_size_inches()
+        name_in = 0.12 + LETTER_IN * max(len(strip.name) for strip in self.strips)
         room, points = len(self.strips) * self.strip_in, min(form.font_pt, 0.72 * 72 * self.strip_in)
         axes = figure.add_axes(
-            ((x + NAME_IN) / width, 1 - (y + TOP_IN + room) / height, (form.width_in - NAME_IN - FIGURES_IN) / width, room / height)
+            ((x + name_in) / width, 1 - (y + TOP_IN + room) / height, (form.width_in - name_in - FIGURES_IN) / width, room / height)
         )
         start, end = min(strip.start for strip in self.strips), max(strip.end for strip in self.strips)
         for row, strip in enumerate(self.strips):
             _draw(axes, row, strip, (end - start) / form.stretches * 1.5, points)
         axes.set_xlim(start, end)
         axes.set_ylim(len(self.strips), 0)
-        marks = time_marks(self.t0_utc_us, start, end, max(3, form.time_marks - 2))
+        marks = time_marks(self.t0_utc_us, start, end, max(4, form.time_marks - 2))
         axes.set_xticks([place for place, _ in marks], [label for _, label in marks])
         axes.set_yticks([row + 0.5 for row in range(len(self.strips))], [strip.name for strip in self.strips])
         axes.tick_params(length=0, labelcolor=style.INK, pad=4)

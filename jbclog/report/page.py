@@ -1,17 +1,22 @@
 """The page: one HTML file that needs nothing but itself, drawn from the facts by a template.
 
-Everything is escaped by the template engine; figures are images in the page, in which no script can run; a
-content policy forbids scripts and every request.
+Everything is escaped by the template engine; figures are images in the page, in which no script can run; a content policy forbids
+every request and every script but ours, which it knows by its hash and which lets a reader look closer; without it all is there.
 """
 
 from __future__ import annotations
 
+import base64
 from collections.abc import Mapping
 from functools import cache
+from hashlib import sha256
+from importlib.resources import files
 from urllib.parse import quote
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup
 
+from jbclog.report.facts import Zoom
 from jbclog.report.text import bound_text, clock, measured, number, stamp, together
 from jbclog.report.timescale import duration_text
 
@@ -33,10 +38,13 @@ ENDINGS = {
 }
 
 
-def render(document: Mapping[str, object], figures: Mapping[str, tuple[str, str]]) -> str:
-    """The page of a report. `figures` gives for a figure's file name its wide and its narrow SVG."""
+def render(document: Mapping[str, object], figures: Mapping[str, tuple[str, str]], zooms: Mapping[str, Zoom]) -> str:
+    """The page of a report. `figures` gives for a figure's file name its wide and its narrow SVG, `zooms` data to look closer."""
     uris = {file: tuple(map(data_uri, pair)) for file, pair in figures.items()}
-    return _environment().get_template("report.html").render(report=document, uris=uris)
+    script = files("jbclog.report").joinpath("templates", "zoom.js").read_text("utf-8")
+    seal = base64.b64encode(sha256(script.encode()).digest()).decode()
+    page = _environment().get_template("report.html")
+    return page.render(report=document, uris=uris, zooms=zooms, script=Markup(script), script_sha256=seal)  # our own file
 
 
 def data_uri(svg: str) -> str:

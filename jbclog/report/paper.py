@@ -9,24 +9,23 @@ import io
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from functools import cache
 from typing import Final
 
 import matplotlib as mpl
 from matplotlib.backends.backend_pdf import PdfPages
 from matplotlib.figure import Figure
-from matplotlib.font_manager import FontProperties, findfont, get_font
 from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
 
 from jbclog.report import style
+from jbclog.report.letters import LACKING, drawable, width_in
 
 WIDTH, HEIGHT = 8.27, 11.69
 SIDE, TOP, BOTTOM = 0.6, 0.55, 0.65
 INNER: Final = WIDTH - 2 * SIDE
 LEADING = 1.35  # of a line, in font sizes
-GAP_IN = 0.12  # between columns
-LAST = 0.3  # of the width, for the column of sentences
+GAP_IN = 0.1  # between columns
+LAST = 0.27  # of the width, for the column of sentences
 
 
 @contextmanager
@@ -56,20 +55,6 @@ class Cell:
     text: str
     type: Type
     right: bool = False
-
-
-@cache
-def _font(bold: bool) -> str:
-    return findfont(FontProperties(family=["DejaVu Sans"], weight="bold" if bold else "normal"))
-
-
-@cache
-def width_in(text: str, points: float, bold: bool) -> float:
-    """How wide a text is when it is drawn."""
-    font = get_font(_font(bold))
-    font.set_size(points, 72)
-    font.set_text(text, 0.0)
-    return float(font.get_width_height()[0]) / 64 / 72
 
 
 def wrapped(text: str, type_: Type, room_in: float) -> list[str]:
@@ -118,7 +103,9 @@ class Paper:
         """One line at `x`, as high as the sheet is filled; it does not fill it."""
         weight, align = "bold" if type_.bold else "normal", "right" if right else "left"
         place = (x / WIDTH, 1 - (self.y + down + type_.points / 72) / HEIGHT)
-        self.sheet.text(*place, text, size=type_.points, weight=weight, color=type_.colour, ha=align, va="baseline")
+        self.sheet.text(
+            *place, drawable(text, bold=type_.bold), size=type_.points, weight=weight, color=type_.colour, ha=align, va="baseline"
+        )
 
     def say(self, text: str, type_: Type, x: float = SIDE, room: float = INNER) -> None:
         """A paragraph."""
@@ -197,6 +184,11 @@ def _widest(wishes: Sequence[float], room: float) -> float:
             return share
         left -= wish
     return max(wishes, default=room)
+
+
+def lacks_letters(sheets: Sequence[Figure]) -> bool:
+    """Whether anything on them stands for a letter that could not be drawn."""
+    return any(LACKING in text.get_text() for sheet in sheets for text in sheet.texts)
 
 
 def pdf_bytes(sheets: Sequence[Figure], foot: str, title: str) -> bytes:

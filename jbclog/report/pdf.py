@@ -10,8 +10,9 @@ from dataclasses import replace
 
 from jbclog.report import style
 from jbclog.report.facts import Facts, StationReport
+from jbclog.report.letters import LACKING_MEANS, width_in
 from jbclog.report.page import ENDINGS, RESULT_SIGNS, SIGNS, place
-from jbclog.report.paper import INNER, SIDE, WIDTH, Cell, Paper, Type, pdf_bytes, printing, width_in
+from jbclog.report.paper import INNER, SIDE, WIDTH, Cell, Paper, Type, lacks_letters, pdf_bytes, printing
 from jbclog.report.plates import Plates
 from jbclog.report.text import bound_text, clean, clock, measured, stamp, together
 from jbclog.report.timescale import duration_text
@@ -38,6 +39,8 @@ def report_pdf(facts: Facts, plates: Plates) -> bytes:
         front, back = Paper(), Paper()
         _front(front, facts, plates)
         _back(back, facts)
+        if lacks_letters([*front.sheets, *back.sheets]):
+            back.say(LACKING_MEANS, QUIET)
         foot = clean(f"{facts.run} · head {facts.head} · {facts.verdict.word}")
         return pdf_bytes([*front.sheets, *plates.paper.sheets, *back.sheets], foot, clean(f"{facts.verdict.word} · {facts.run}"))
 
@@ -159,7 +162,7 @@ def _cells(words: Sequence[str], result: str, right: Sequence[int]) -> list[Cell
     """A row in the colour of its result, bold where it was not kept; sentences are never bold."""
     colour, bold = RESULT_COLOURS.get(result, style.INK), result in ("fail", "missing")
     kept = [clean(together(word)).replace(" port ", " port\u00a0") for word in words]
-    return [Cell(word, Type(7, bold and len(word) < 40, colour), right=column in right) for column, word in enumerate(kept)]
+    return [Cell(word, Type(7, bold and not word.endswith("."), colour), right=column in right) for column, word in enumerate(kept)]
 
 
 def _rule(rule: Row) -> list[Cell]:

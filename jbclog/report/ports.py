@@ -25,6 +25,7 @@ from jbclog.report.style import NARROW, WIDE
 from jbclog.report.text import clean, iso
 from jbclog.report.timescale import moment
 from jbclog.report.trace import Floats, Grid, Limit, Trace, trace
+from jbclog.report.zoom import MOST_STRETCHES, zoom_of
 from jbclog.rows import StationFacts
 
 MOST_GAPS = 50
@@ -46,6 +47,7 @@ class Context:
     plates: Plates | None = None
     overview: Overview | None = None
     crowded: bool = False
+    zoom: int = MOST_STRETCHES
 
 
 def port_facts(facts: StationFacts, port: int, file: str, rows: pd.DataFrame, context: Context) -> PortFacts:
@@ -150,6 +152,7 @@ def _limit(limits: Sequence[Limit], side: str) -> float | None:
 def _figures(file: str, place: str, drawn: Trace, context: Context) -> list[Figure]:
     """The whole run of a port and, where that is long, one minute of it."""
     figures = [_figure(f"figures/{file}.svg", caption(drawn), description(place, drawn), drawn, context.crowded)]
+    figures[0].zoom = zoom_of(drawn, context.zoom)
     near = closer(drawn) if drawn.marks or not context.crowded else None
     if near is not None:
         part, why = near

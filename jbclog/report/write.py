@@ -50,10 +50,12 @@ def report_files(folder: Path) -> dict[str, bytes]:
     drawn = {figure.file: (figure.wide, figure.narrow) for figure in overview} | {
         figure.file: (figure.wide, figure.narrow) for station in facts.stations for port in station.ports for figure in port.figures
     }
+    ports = [port for station in facts.stations for port in station.ports]
+    zooms = {one.file: one.zoom for port in ports for one in port.figures if one.zoom is not None}
     return {
         **{file: wide.encode() for file, (wide, _) in drawn.items()},
         DATA: (json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False) + "\n").encode(),
-        PAGE: render(document, drawn).encode(),
+        PAGE: render(document, drawn, zooms).encode(),
         PAPER: report_pdf(facts, plates),
         **{f"{TABLES}/{name}.csv": text.encode() for name, text in csv_tables(document).items()},
     }
@@ -64,7 +66,7 @@ def as_document(facts: Facts) -> Mapping[str, object]:
     document = asdict(facts)
     ports = [port for station in document["stations"] for port in station["ports"]]
     for figure in [*(figure for port in ports for figure in port["figures"]), *filter(None, [document["overview"]])]:
-        del figure["wide"], figure["narrow"]
+        del figure["wide"], figure["narrow"], figure["zoom"]
     plain = cleaned(document)
     assert isinstance(plain, dict)
     return plain

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import base64
 import hashlib
 import json
 import re
+from hashlib import sha256
 from html.parser import HTMLParser
+from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
@@ -25,9 +28,10 @@ from jbclog.rows import CounterRow, EventRow, SettingRow, Severity
 ELEMENTS = {
     *("html", "head", "meta", "title", "style", "body", "main", "section", "footer", "div", "p", "span", "b", "small", "a", "code"),
     *("h1", "h2", "h3", "ul", "li", "dl", "dt", "dd", "table", "thead", "tbody", "tr", "th", "td"),
-    *("figure", "figcaption", "picture", "source", "img"),
+    *("figure", "figcaption", "img", "script"),
 }
-ATTRIBUTES = {"lang", "charset", "name", "content", "http-equiv", "class", "id", "href", "media", "srcset", "src", "alt"}
+ATTRIBUTES = {"lang", "charset", "name", "content", "http-equiv", "class", "id", "href", "src", "alt"}
+ATTRIBUTES |= {"data-what", "data-start", "data-end", "data-lines", "data-zoom"}
 
 
 class Page(HTMLParser):
@@ -37,13 +41,17 @@ class Page(HTMLParser):
         super().__init__(convert_charrefs=True)
         self.elements: list[tuple[str, dict[str, str | None]]] = []
         self.words: list[str] = []
+        self.text_of_script = ""
         self.feed(html)
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
         self.elements.append((tag, dict(attrs)))
 
     def handle_data(self, data: str) -> None:
-        self.words.append(data)
+        if self.elements and self.elements[-1][0] == "script" and not self.text_of_script:
+            self.text_of_script = data
+        else:
+            self.words.append(data)
 
     @property
     def text(self) -> str:
@@ -120,8 +128,9 @@ def test_the_same_run_gives_the_same_bytes_and_a_changed_report_is_found(recorde
 def test_the_page_needs_nothing_but_itself(recorded: Path) -> None:
     write_report(recorded)
     page = Page((recorded / "report.html").read_text("utf-8"))
-    assert not [tag for tag, _ in page.elements if tag in ("script", "link", "iframe", "object", "embed", "form", "base", "svg")]
-    sources = [attrs.get("src") or attrs.get("srcset") for tag, attrs in page.elements if tag in ("img", "source")]
+    assert [attrs for tag, attrs in page.elements if tag == "script"] == [{}]  # ours, in the page
+    assert not [tag for tag, _ in page.elements if tag in ("link", "iframe", "object", "embed", "form", "base", "svg")]
+    sources = [attrs.get("src") for tag, attrs in page.elements if tag == "img"]
     assert len(sources) == 8  # of three ports and of the run at a glance, each in two sizes
     assert all(source is not None and source.startswith("data:image/svg+xml,") for source in sources)
     style = "".join(page.words)
@@ -130,7 +139,10 @@ def test_the_page_needs_nothing_but_itself(recorded: Path) -> None:
     policy = [attrs["content"] for tag, attrs in page.elements if attrs.get("http-equiv") == "Content-Security-Policy"]
     assert policy
     assert "default-src 'none'" in str(policy[0])
-    assert "script-src" not in str(policy[0])
+    script = page.text_of_script
+    own = base64.b64encode(sha256(script.encode()).digest()).decode()
+    assert f"script-src 'sha256-{own}';" in str(policy[0])
+    assert not [word for word in ("fetch", "XMLHttp", "import", "http", "eval", "innerHTML", "Worker") if word in script]
     assert all(attrs.get("alt") for tag, attrs in page.elements if tag == "img")
 
 
@@ -173,6 +185,8 @@ def test_text_from_outside_is_shown_and_cannot_act(tmp_path: Path, text: str) ->
     outside = {path for path in tmp_path.rglob("*") if path.is_file()}
     page, _ = report(folder)
     assert {tag for tag, _ in page.elements} <= ELEMENTS
+    assert [attrs for tag, attrs in page.elements if tag == "script"] == [{}]
+    assert page.text_of_script == (files("jbclog.report") / "templates" / "zoom.js").read_text("utf-8")
     assert {name for _, attrs in page.elements for name in attrs} <= ATTRIBUTES
     assert all(str(attrs["href"]).startswith("#") for _, attrs in page.elements if "href" in attrs)
     html, data = (folder / "report.html").read_text("utf-8"), (folder / "report.json").read_text("utf-8")
@@ -232,12 +246,11 @@ def test_a_recovered_run_claims_nothing_that_nobody_saw(tmp_path: Path) -> None:
     assert {rule["name"]: rule["result"] for rule in data["verdict"]["rules"]}["record"] == "missing"
 
 
-def test_a_recovered_run_stays_inconclusive_whatever_is_found_in_it(tmp_path: Path) -> None:
+def test_a_recovered_run_that_lost_a_part_since_is_not_told(tmp_path: Path) -> None:
     folder = recovered(tmp_path)
     (folder / "samples" / "part-0000.parquet").unlink()
-    _, data = report(folder)
-    assert data["verdict"]["word"] == "INCONCLUSIVE"
-    assert data["stations"][0]["ports"][0]["left"] == "not made safe, never read"
+    with pytest.raises(RecordError, match="is missing"):
+        write_report(folder)
 
 
 def test_a_recovered_run_without_limits_says_so_and_that_it_was_cut_off(tmp_path: Path) -> None:
@@ -262,7 +275,7 @@ def test_the_verdict_names_stations_and_not_their_devices(text: str, shown: str)
 
 def test_paper_has_the_wide_figure_and_a_phone_the_narrow_one(tmp_path: Path) -> None:
     page, _ = report(sealed(tmp_path))
-    assert [attrs["media"] for tag, attrs in page.elements if tag == "source"] == ["screen and (max-width: 640px)"]
+    assert [attrs["class"] for tag, attrs in page.elements if tag == "img"] == ["wide", "narrow"]
 
 
 def test_lateness_is_said_of_the_port_that_is_asked_first(tmp_path: Path) -> None:

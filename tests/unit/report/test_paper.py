@@ -1,0 +1,136 @@
+"""The report as PDF: its sheets, that no line runs over an edge, and that the same run gives the same bytes anywhere."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import re
+import subprocess
+import sys
+import zlib
+from pathlib import Path
+
+import pytest
+from make_run import make_run
+from sealed_run import alarm, limit, samples, seal, station, table
+
+from jbclog.record.annotations import append
+from jbclog.record.manifest import Metadata
+from jbclog.report import style, write_report
+from jbclog.report.letters import LACKING, drawable, width_in
+from jbclog.report.paper import INNER, WIDTH, Cell, Paper, Type, pdf_bytes, printing, wrapped
+
+MAKE = "import sys; from jbclog.report import write_report; write_report(sys.argv[1])"
+MADE = ("report.html", "report.pdf", "report.json", "figures", "tables")
+PLACES = (
+    {"TZ": "Pacific/Auckland", "LC_ALL": "C", "PYTHONHASHSEED": "1", "SOURCE_DATE_EPOCH": "7"},
+    {"TZ": "America/St_Johns", "LC_ALL": "C.UTF-8", "PYTHONHASHSEED": "2", "MPLBACKEND": "svg", "LANGUAGE": "de"},
+)
+
+
+def digests(folder: Path) -> dict[str, str]:
+    files = [path for path in folder.rglob("*") if path.is_file() and path.relative_to(folder).parts[0] in MADE]
+    return {path.relative_to(folder).as_posix(): hashlib.sha256(path.read_bytes()).hexdigest() for path in files}
+
+
+def test_the_same_run_gives_the_same_bytes_in_other_places(tmp_path: Path) -> None:
+    run, found = make_run(tmp_path / "runs", 45), []
+    for number, place in enumerate(PLACES):
+        elsewhere = tmp_path / f"place-{number}"
+        elsewhere.mkdir()
+        (elsewhere / "matplotlibrc").write_text("font.size: 30\nlines.linewidth: 9\npdf.compression: 0\n")
+        told = run if number else os.path.relpath(run, elsewhere)
+        subprocess.run([sys.executable, "-c", MAKE, str(told)], check=True, cwd=elsewhere, env={**os.environ, **place})
+        found.append(digests(run))
+    assert found[0] == found[1]
+    assert len(found[0]) == 3 + 4 + 6  # page, paper and data; a figure of each port and of all; tables
+
+
+def test_it_holds_no_time_of_making_and_no_name_of_a_machine(tmp_path: Path) -> None:
+    run = make_run(tmp_path, 30)
+    write_report(run)
+    data = (run / "report.pdf").read_bytes()
+    assert data.startswith(b"%PDF-")
+    assert b"CreationDate" not in data
+    assert b"/JavaScript" not in data
+    assert str(tmp_path).encode() not in data
+
+
+def test_what_was_said_since_is_in_the_report(tmp_path: Path) -> None:
+    run = seal(tmp_path, [station(rows=300)], table(samples(300)), [alarm(12)], [limit("high", "380")])
+    append(run, who="A. Rossi", what="SN-12 scrapped", why="cracked joint", utc_s=1_790_000_500.0)
+    write_report(run)
+    facts = json.loads((run / "report.json").read_text("utf-8"))
+    assert [(one["who"], one["what"], one["why"]) for one in facts["annotations"]] == [
+        ("A. Rossi", "SN-12 scrapped", "cracked joint")
+    ]
+    assert "SN-12 scrapped" in (run / "report.html").read_text("utf-8")
+
+
+def test_the_data_s_hash_is_that_of_the_list_of_files(tmp_path: Path) -> None:
+    run = make_run(tmp_path, 30)
+    write_report(run)
+    facts = json.loads((run / "report.json").read_text("utf-8"))
+    parts = sorted(path for name in ("samples", "events", "settings", "counters") for path in (run / name).glob("*.parquet"))
+    lines = {path.relative_to(run).as_posix(): hashlib.sha256(path.read_bytes()).hexdigest() for path in parts}
+    lines = {file["path"]: lines.get(file["path"], file["sha256"]) for file in facts["files"]}
+    text = "".join(f"{lines[path]}  {path}\n" for path in sorted(lines))
+    assert facts["data_sha256"] == hashlib.sha256(text.encode()).hexdigest()
+
+
+@pytest.mark.parametrize("text", ["a word and another " * 20, "x" * 400, "", "μ °C ‰ → ✓ " * 30])
+def test_no_line_is_wider_than_its_room(text: str) -> None:
+    type_ = Type(8)
+    with printing():
+        lines = wrapped(text, type_, 2.0)
+        assert all(width_in(line, 8, bold=False) <= 2.0 for line in lines)
+    assert re.sub(r"\s", "", "".join(lines)) == re.sub(r"\s", "", text)
+
+
+def test_a_long_table_goes_over_sheets_with_its_head_on_each() -> None:
+    type_ = Type(7)
+    with printing():
+        paper = Paper()
+        rows = [[Cell(f"row {n}", type_), Cell("1.5 °C", type_, right=True), Cell("a sentence " * 12, type_)] for n in range(120)]
+        paper.heading("Rules")
+        paper.table([Cell("Rule", type_), Cell("Limit", type_, right=True), Cell("In words", type_)], rows)
+        texts = [[text.get_text() for text in sheet.texts] for sheet in paper.sheets]
+        assert len(texts) > 2
+        assert all(sheet.count("In words") == 1 for sheet in texts)
+        assert [word for sheet in texts for word in sheet if word.startswith("row ")] == [f"row {n}" for n in range(120)]
+        lowest = min(text.get_position()[1] for sheet in paper.sheets for text in sheet.texts)
+        assert lowest > 0.04  # nothing runs into the foot
+        ends = [text.get_position()[0] * WIDTH for sheet in paper.sheets for text in sheet.texts]
+        assert max(ends) < WIDTH - 0.6
+        assert INNER < WIDTH
+        made = pdf_bytes(paper.sheets, "foot", "title")
+    assert made.count(b"/Type /Page\n") == len(texts) or b"/Count %d" % len(texts) in made
+
+
+def test_sheets_are_a4_and_letters_are_in_the_file(tmp_path: Path) -> None:
+    run = seal(tmp_path, [station(rows=300)], table(samples(300)))
+    write_report(run)
+    data = (run / "report.pdf").read_bytes()
+    (width, height) = map(float, re.findall(rb"/MediaBox \[ ?0 0 ([\d.]+) ([\d.]+)", data)[0])
+    assert (width / 72 * 25.4, height / 72 * 25.4) == pytest.approx((210, 297), abs=0.2)
+    assert b"FontFile2" in data
+    streams = [zlib.decompress(part) for part in re.findall(rb"stream\r?\n(.*?)\r?\nendstream", data, re.S) if part[:1] == b"x"]
+    assert streams
+
+
+def test_the_colours_of_a_figure_differ_in_grey() -> None:
+    def grey(colour: str) -> float:
+        red, green, blue = (int(colour[i : i + 2], 16) for i in (1, 3, 5))
+        return 0.299 * red + 0.587 * green + 0.114 * blue
+
+    assert abs(grey(style.TEMPERATURE) - grey(style.TEMPERATURE_BAND)) > 60
+    assert abs(grey(style.POWER) - grey(style.POWER_BAND)) > 60
+    assert abs(grey(style.ALARM) - grey(style.NO_DATA_TINT)) > 60
+
+
+def test_letters_that_the_font_lacks_are_told_and_not_lost_in_silence(tmp_path: Path) -> None:
+    assert drawable("王 ΔT ✓") == f"{LACKING} ΔT ✓"
+    run = seal(tmp_path, [station(rows=300)], table(samples(300)), metadata=Metadata("王小明", "4711", "µ-board"))
+    write_report(run)  # a warning would be an error here
+    assert "王小明" in (run / "report.html").read_text("utf-8")

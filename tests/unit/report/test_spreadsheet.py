@@ -1,0 +1,64 @@
+"""The report's tables as CSV: what is in them, and that no text becomes a formula."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import pytest
+from make_run import make_run
+from sealed_run import alarm, samples, seal, station, table
+
+from jbclog.report import write_report
+from jbclog.report.spreadsheet import TABLES, harmless
+
+
+def rows(run: Path, name: str) -> list[dict[str, str]]:
+    text = (run / "tables" / f"{name}.csv").read_bytes().decode("utf-8-sig")
+    return list(csv.DictReader(text.splitlines(keepends=True)))
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = make_run(tmp_path_factory.mktemp("runs"), 60)
+    write_report(folder)
+    return folder
+
+
+def test_every_table_is_there_with_its_columns(run: Path) -> None:
+    for name, columns in TABLES.items():
+        found = rows(run, name)
+        assert found, name
+        assert list(found[0])[: len(columns)] == list(columns)
+        assert all(None not in row and None not in row.values() for row in found)  # as many cells as titles
+
+
+def test_a_rule_has_its_figure_and_its_bound_as_numbers(run: Path) -> None:
+    rule = next(row for row in rows(run, "rules") if row["name"] == "idle_error" and row["result"] == "pass")
+    assert float(rule["bound_low"]) < float(rule["observed"]) < float(rule["bound_high"])
+    assert float(rule["n_effective"]) <= int(rule["n"])
+    coverage = next(row for row in rows(run, "rules") if row["name"] == "coverage")
+    assert (coverage["bound_low"], coverage["bound_high"]) == ("", "")
+
+
+def test_the_ledger_adds_up(run: Path) -> None:
+    for row in rows(run, "ledger"):
+        reasons = [int(row[name] or 0) for name in list(row)[5:]]
+        assert int(row["due"]) == int(row["ok"]) + sum(reasons)
+
+
+FORMULAS = ["=1+1", "+1", "-1+1", "@SUM(A1)", "\t=1", "\r=1", " =1", "＝1+1"]
+
+
+@pytest.mark.parametrize("text", FORMULAS)
+def test_no_text_is_a_formula(tmp_path: Path, text: str) -> None:
+    assert harmless(text) == f"'{text}"
+    folder = seal(tmp_path, [station(rows=300)], table(samples(300)), [alarm(12, text=text)])
+    write_report(folder)
+    (event,) = rows(folder, "events")
+    assert event["text"].startswith("'")
+
+
+@pytest.mark.parametrize("value", [-1.5, 3, None, "dde-1", "350", ""])
+def test_numbers_and_plain_words_stay_what_they_are(value: object) -> None:
+    assert harmless(value) == value
