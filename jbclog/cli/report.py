@@ -17,10 +17,11 @@ def report(
     verify: bool = typer.Option(False, "--verify", help="Write nothing: make the report again and compare."),
     as_json: bool = options.AS_JSON,
 ) -> None:
-    """Write a run's report: a page, and the same facts as JSON.
+    """Write a run's report: a page, a PDF to sign, and the same facts as JSON and as tables.
 
-    report.html, report.json and the figures are put into the run's folder. The page opens without a network and prints on A4;
-    it names the manifest that it was made from. Made again from the same run it has the same bytes: --verify does so, writes
+    report.html, report.pdf, report.json, the figures and, for spreadsheets, tables/*.csv are put into the run's folder. The page
+    opens without a network, prints on A4, and its figures can be looked at closer; all of them name the manifest that they were
+    made from. Made again from the same run it has the same bytes: --verify does so, writes
     nothing, and ends with 1 where a file differs.
 
     \b
@@ -35,7 +36,9 @@ def report(
 
     page = write_report(run)
     if as_json:
-        tell_json({"run": str(run), "report": str(page), "json": str(page.with_suffix(".json"))})
+        tell_json(
+            {"run": str(run), "report": str(page), "json": str(page.with_suffix(".json")), "pdf": str(page.with_suffix(".pdf"))}
+        )
     else:
         tell(str(page))
 
