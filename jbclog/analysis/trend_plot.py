@@ -56,7 +56,7 @@ def _limits(axes: Axes, trend: Trend, chart: spc.Chart, at: Floats) -> str:
         axes.plot(at, edge, color=GREY, linewidth=0.8, linestyle=(0, (2, 2)))
     ringed = sorted({one.last for one in chart.signals})
     axes.plot(at[ringed], trend.values[ringed], "o", markersize=9, markerfacecolor="none", markeredgecolor=ORANGE, zorder=4)
-    told = f"{len(ringed)} points with a signal (ringed)" if ringed else "no signal"
+    told = f"{len(ringed)} point{'s' * (len(ringed) > 1)} with a signal (ringed)" if ringed else "no signal"
     return f"Grey: mean {chart.centre:.3g} and control limits (individuals, moving range); {told}."
 
 

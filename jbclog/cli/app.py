@@ -8,6 +8,7 @@ from jbclog import __version__
 from jbclog.cli.alarms import alarms
 from jbclog.cli.annotate import annotate
 from jbclog.cli.check import check
+from jbclog.cli.compare import compare
 from jbclog.cli.demo import demo
 from jbclog.cli.doctor import doctor
 from jbclog.cli.names import ReadCommand, WriteCommand
@@ -55,6 +56,7 @@ def _main(
 for verb in (demo, sim, scan, doctor, plan, run, safe, runs, report, check, alarms, annotate, recover, replay):
     app.command()(verb)
 app.command()(trend)
+app.command()(compare)
 app.command()(verify)
 app.command("where-used")(where_used)
 app.command(cls=ReadCommand)(read)

@@ -12,6 +12,7 @@ How Reliable is Your Capability Index?, Applied Statistics 39 (1990); AIAG, Meas
 
 from jbclog.spc.capability import Capability, Index
 from jbclog.spc.charts import Chart, ewma, individuals, means, moving_ranges, ranges
+from jbclog.spc.equivalence import Equivalence, equivalence
 from jbclog.spc.gauge import GaugeStudy, gauge_study
 from jbclog.spc.nelson import Signal
 from jbclog.spc.refusal import Refused
@@ -20,12 +21,14 @@ from jbclog.spc.study import capability, control_chart, subgroup_charts
 __all__ = [
     "Capability",
     "Chart",
+    "Equivalence",
     "GaugeStudy",
     "Index",
     "Refused",
     "Signal",
     "capability",
     "control_chart",
+    "equivalence",
     "ewma",
     "gauge_study",
     "individuals",

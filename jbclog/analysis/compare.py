@@ -1,0 +1,218 @@
+"""Two runs side by side: what was asked, what was set, what came of it, and whether the idle tips are the same.
+
+Stations are matched by their names, ports by their numbers; what only one run has is said. Metrics are those of `Run.metrics`; a
+difference is the second minus the first, and is not known where one of them is not. Idle means are held against each other by
+TOST (`spc.equivalence`) on the means of stretches of each run (`judge.bound`), within a stated margin.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass
+from difflib import unified_diff
+from typing import Final
+
+import numpy as np
+import pandas as pd
+
+from jbclog import spc
+from jbclog.analysis.run import Run
+from jbclog.errors import RecordError
+from jbclog.judge import measure
+from jbclog.judge.bound import FLOOR_C, STEP_C
+from jbclog.judge.idle import Floats, IdleError
+from jbclog.judge.samples import Measures
+from jbclog.record.manifest import Manifest
+
+MARGIN_C: Final = 2.0
+KEY: Final = ["station", "port"]
+IDLE: Final = "idle_error_c"
+SAID: Final = ("operator", "order", "product")
+
+
+@dataclass(frozen=True, slots=True)
+class Fact:
+    """Something of which the runs say different things."""
+
+    what: str
+    first: str
+    second: str
+
+
+@dataclass(frozen=True, slots=True)
+class SameIdle:
+    """Whether the idle means of one port are equivalent."""
+
+    station: str
+    port: int
+    result: spc.Equivalence | spc.Refused
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Comparison:
+    """Tables with the columns `first` and `second`; `recipe` are the lines of a unified diff; `facts` what differs beside."""
+
+    first: Run
+    second: Run
+    facts: list[Fact]
+    recipe: list[str]
+    settings: pd.DataFrame
+    metrics: pd.DataFrame
+    alarms: pd.DataFrame
+    idle: list[SameIdle]
+    margin_c: float
+
+
+def compare(first: Run, second: Run, margin_c: float = MARGIN_C) -> Comparison:
+    """Compare two sealed runs. Raises `RecordError` where one of them is not sealed, `UsageError` for a margin that is none."""
+    for run in (first, second):
+        if run.manifest.state != "sealed":
+            raise RecordError(
+                f"{run.folder} is not sealed; runs are compared when they have ended (`jbclog recover` ends a crashed one)"
+            )
+    one, two = first.manifest, second.manifest
+    return Comparison(
+        first,
+        second,
+        list(_facts(one, two)),
+        _recipe_difference(first, second),
+        _settings(first, second),
+        _metrics(first, second),
+        _alarms(first, second),
+        list(_idle(first, second, margin_c)),
+        margin_c,
+    )
+
+
+# -- what was said and asked --------------------------------------------------------------------------------------------------
+
+
+def _facts(one: Manifest, two: Manifest) -> Iterator[Fact]:
+    pairs = [(name, getattr(one.metadata, name), getattr(two.metadata, name)) for name in SAID]
+    pairs += [
+        ("line", one.line and one.line.name, two.line and two.line.name),
+        ("recipe", _recipes(one), _recipes(two)),
+        ("wire lots", ", ".join(one.metadata.wire_lots), ", ".join(two.metadata.wire_lots)),
+        ("flux lots", ", ".join(one.metadata.flux_lots), ", ".join(two.metadata.flux_lots)),
+        ("tips", ", ".join(one.metadata.tips), ", ".join(two.metadata.tips)),
+        ("rate", one.rate, two.rate),
+        ("jbclog", one.host.get("jbclog"), two.host.get("jbclog")),
+        ("verdict", one.verdict, two.verdict),
+        ("ended as", one.exit_status, two.exit_status),
+    ]
+    for name in sorted({facts.name for facts in (*one.stations, *two.stations)}):
+        a, b = one.station(name), two.station(name)
+        pairs += [(f"station {name}", "recorded" if a else "not in it", "recorded" if b else "not in it")]
+        if a and b:
+            pairs += [(f"{name} {what}", getattr(a, what), getattr(b, what)) for what in ("model", "software", "ports", "tools")]
+    return (Fact(what, _told(a), _told(b)) for what, a, b in pairs if (a or None) != (b or None))
+
+
+def _recipes(manifest: Manifest) -> str:
+    return ", ".join(f"{one.name}@{one.revision}" for one in manifest.recipes)
+
+
+def _told(value: object) -> str:
+    return "not said" if value in (None, "", [], {}) else str(value)
+
+
+def _recipe_difference(first: Run, second: Run) -> list[str]:
+    """The lines in which the recipes differ, as a unified diff; empty where they are the same."""
+    texts = [_recipe_texts(run) for run in (first, second)]
+    lines: list[str] = []
+    names = dict.fromkeys([*texts[0], *texts[1]])
+    if len(texts[0]) == len(texts[1]) == 1:  # the file may have another name and be the same recipe
+        pairs = [(next(iter(texts[0])), next(iter(texts[1])))]
+    else:
+        pairs = [(name, name) for name in names]
+    for one, two in pairs:
+        before, behind = texts[0].get(one, ""), texts[1].get(two, "")
+        lines += unified_diff(
+            before.splitlines(), behind.splitlines(), f"{first.name}/{one}", f"{second.name}/{two}", lineterm="", n=1
+        )
+    return lines
+
+
+def _recipe_texts(run: Run) -> dict[str, str]:
+    found = {}
+    for recipe in run.manifest.recipes:
+        path = run.folder / recipe.file
+        if ".." in path.parts or path.is_symlink():
+            continue
+        try:
+            found[recipe.file] = path.read_text(encoding="utf-8", errors="replace")
+        except OSError:
+            found[recipe.file] = "(its copy cannot be read)"
+    return found
+
+
+# -- what was set and what came of it -----------------------------------------------------------------------------------------
+
+
+def _settings(first: Run, second: Run) -> pd.DataFrame:
+    """Settings of which the last reading differs, or that only one run read."""
+    table = _side_by_side(_last_settings(first), _last_settings(second), [*KEY, "setting", "unit"])
+    differs = table["first"].fillna("") != table["second"].fillna("")
+    return table[differs].reset_index(drop=True)
+
+
+def _last_settings(run: Run) -> pd.DataFrame:
+    rows = run.settings()
+    rows = rows[rows["readback"].notna()].assign(port=rows["port"].fillna(0).astype("int64"))
+    last = rows.drop_duplicates([*KEY, "setting", "unit"], keep="last")
+    return last[[*KEY, "setting", "unit", "readback"]].rename(columns={"readback": "value"})
+
+
+def _metrics(first: Run, second: Run) -> pd.DataFrame:
+    """Every metric of every port, and the difference where both are known."""
+    one, two = (run.metrics()[[*KEY, "metric", "unit", "value"]] for run in (first, second))
+    order = {name: place for place, name in enumerate(dict.fromkeys([*one["metric"], *two["metric"]]))}
+    table = _side_by_side(one, two, [*KEY, "metric", "unit"])
+    table["difference"] = table["second"] - table["first"]
+    return table.sort_values(
+        [*KEY, "metric"], key=lambda column: column.map(order) if column.name == "metric" else column
+    ).reset_index(drop=True)
+
+
+def _alarms(first: Run, second: Run) -> pd.DataFrame:
+    """How many episodes each detector has, by port and side."""
+    table = _side_by_side(_counted(first), _counted(second), [*KEY, "side", "detector"])
+    return table.fillna({"first": 0, "second": 0})
+
+
+def _counted(run: Run) -> pd.DataFrame:
+    """Episodes by port, side and detector, from the objects, which also know how to be none."""
+    episodes = [one for incident in run.alarm_findings().incidents for one in incident.episodes]
+    counted = Counter((one.station, one.port, str(one.side), str(one.detector)) for one in episodes)
+    rows = [(*place, count) for place, count in counted.items()]
+    kinds = {"station": "str", "port": "int64", "side": "str", "detector": "str", "value": "Int64"}
+    return pd.DataFrame(rows, columns=list(kinds)).astype(kinds)
+
+
+def _side_by_side(one: pd.DataFrame, two: pd.DataFrame, on: list[str]) -> pd.DataFrame:
+    texts = dict.fromkeys((name for name in on if name != "port"), object)  # pandas cannot join empty columns of Arrow's texts
+    left, right = one.rename(columns={"value": "first"}).astype(texts), two.rename(columns={"value": "second"}).astype(texts)
+    return left.merge(right, on=on, how="outer").sort_values(on, kind="stable").reset_index(drop=True)
+
+
+# -- whether they are the same --------------------------------------------------------------------------------------------------
+
+
+def _idle(first: Run, second: Run, margin_c: float) -> Iterator[SameIdle]:
+    one, two = (_measures(run) for run in (first, second))
+    for station, port in sorted(one.keys() & two.keys()):
+        sides = one[station, port].idle, two[station, port].idle
+        still = sum((idle.sd_c or 0.0) < FLOOR_C for idle in sides)
+        result = spc.equivalence(_stretches(sides[0]), _stretches(sides[1]), margin_c, step=still * STEP_C / 2)
+        yield SameIdle(station, port, result)
+
+
+def _stretches(idle: IdleError) -> Floats:
+    """The means of the idle readings' batches; none where there are too few readings for them."""
+    return idle.cells.batch_means(idle.seconds / idle.rows) if idle.rows else np.empty(0)
+
+
+def _measures(run: Run) -> Measures:
+    tell = {facts.name: facts for facts in run.manifest.stations if not facts.signals or "temperature_c" in facts.signals}
+    return measure(run.folder, tell)

@@ -1,0 +1,61 @@
+"""Whether two means are the same as far as it matters: two one-sided tests (TOST).
+
+That no difference was found proves nothing; this asks the other way round. Two means are *equivalent* within a stated margin where
+the 90 % confidence interval of their difference lies within it on both sides, which is both one-sided tests at 5 % (D. J.
+Schuirmann, A Comparison of the Two One-Sided Tests Procedure, J. Pharmacokinetics and Biopharmaceutics 15 (1987)). Variances are
+not taken to be equal (Welch). The values must not be alike from neighbour to neighbour: of a run's readings give the means of
+batches (`judge.bound`). They are *different* where the interval lies beyond the margin; else it cannot be told.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import sqrt
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy import stats
+
+from jbclog.errors import UsageError
+from jbclog.spc.refusal import Refused, too_few
+
+LEAST = 8
+ALPHA = 0.05
+
+
+@dataclass(frozen=True, slots=True)
+class Equivalence:
+    """The difference (second mean minus first), its 90 % interval, the margin, and the chance of the less sure of the two tests."""
+
+    difference: float
+    low: float
+    high: float
+    margin: float
+    p: float
+
+    @property
+    def verdict(self) -> str:
+        if -self.margin < self.low and self.high < self.margin:
+            return "equivalent"
+        return "different" if self.low > self.margin or self.high < -self.margin else "not known"
+
+
+def equivalence(first: ArrayLike, second: ArrayLike, margin: float, *, step: float = 0.0) -> Equivalence | Refused:
+    """TOST of two series of independent values; `step` widens the interval where their resolution hides what they vary.
+
+    Raises `UsageError` where the margin is not above zero.
+    """
+    if not (np.isfinite(margin) and margin > 0):
+        raise UsageError(f"a margin of {margin:g}: equivalence is within a margin above zero")
+    one, two = (np.asarray(values, dtype=np.float64) for values in (first, second))
+    refused = too_few(min(len(one), len(two)), LEAST, "independent stretches in the shorter run")
+    if refused is not None:
+        return refused
+    parts = float(one.var(ddof=1)) / len(one), float(two.var(ddof=1)) / len(two)
+    error, difference = sqrt(sum(parts)), float(two.mean() - one.mean())
+    if not error:
+        return Equivalence(difference, difference - step, difference + step, margin, float(abs(difference) + step >= margin))
+    freedom = sum(parts) ** 2 / (parts[0] ** 2 / (len(one) - 1) + parts[1] ** 2 / (len(two) - 1))
+    half = float(stats.t.ppf(1 - ALPHA, freedom)) * error + step
+    chance = float(stats.t.sf((margin - step - abs(difference)) / error, freedom))
+    return Equivalence(difference, difference - half, difference + half, margin, chance)

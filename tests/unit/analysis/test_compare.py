@@ -1,0 +1,127 @@
+"""Two runs side by side: what differs is told, what does not is not, and sameness is tested."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from shutil import copytree
+
+import few_rows
+import make_run
+import pytest
+from hostile_names import HOSTILE, MOVES
+from many_runs import one_run, told
+from sealed_run import RECIPE, limit
+from typer.testing import CliRunner, Result
+
+from jbclog import spc
+from jbclog.analysis import open_run
+from jbclog.analysis.compare import Comparison, compare
+from jbclog.cli.app import app
+from jbclog.errors import RecordError, UsageError
+
+ROWS = 1200
+
+
+@pytest.fixture(scope="module")
+def home(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Three runs: the first two alike, the third 6 °C off and with another recipe, limit and operator."""
+    out = tmp_path_factory.mktemp("runs")
+    for number in (0, 1):
+        one_run(out, number, rows=ROWS, settings=[limit("high", "380")], metadata=told(operator="A. Rossi"))
+    other = RECIPE.replace("revision = 7", "revision = 8").replace("idle_sd_c = 5", "idle_sd_c = 3")
+    one_run(out, 2, 6.0, rows=ROWS, recipe=other, settings=[limit("high", "400")], metadata=told(operator="B. Bianchi"))
+    return out
+
+
+def runs(home: Path) -> list[Path]:
+    return sorted(path for path in home.iterdir() if path.is_dir())
+
+
+def compared(home: Path, first: int, second: int, margin: float = 2.0) -> Comparison:
+    return compare(open_run(runs(home)[first]), open_run(runs(home)[second]), margin)
+
+
+def on_line(*words: str | Path) -> Result:
+    return CliRunner().invoke(app, ["compare", *map(str, words)])
+
+
+def test_two_that_are_alike_differ_in_nothing_and_idle_the_same(home: Path) -> None:
+    found = compared(home, 0, 1)
+    assert (found.facts, found.recipe, len(found.settings), len(found.alarms)) == ([], [], 0, 0)
+    (idle,) = found.idle
+    assert isinstance(idle.result, spc.Equivalence)
+    assert idle.result.verdict == "equivalent"
+    assert abs(idle.result.difference) < 0.5
+
+
+def test_what_differs_is_told(home: Path) -> None:
+    found = compared(home, 0, 2)
+    assert [(one.what, one.first, one.second) for one in found.facts] == [("operator", "A. Rossi", "B. Bianchi")]
+    changed = [line for line in found.recipe if line[:1] in "+-" and line[:3] not in ("+++", "---")]
+    assert changed == ["-revision = 7", "+revision = 8", "-idle_sd_c = 5", "+idle_sd_c = 3"]
+    (setting,) = found.settings.to_dict("records")
+    assert (setting["setting"], setting["first"], setting["second"]) == ("alarm_high_limit", "380", "400")
+    metrics = found.metrics.set_index("metric")
+    assert metrics.loc["idle_error_c", "difference"] == pytest.approx(6, abs=0.5)
+    (idle,) = found.idle
+    assert isinstance(idle.result, spc.Equivalence)
+    assert (idle.result.verdict, round(idle.result.difference)) == ("different", 6)
+    assert compared(home, 0, 2, 10.0).idle[0].result.verdict == "equivalent"  # type: ignore[union-attr]  # as above
+
+
+def test_the_other_way_round_the_signs_are_the_other_way_round(home: Path) -> None:
+    there, back = compared(home, 0, 2), compared(home, 2, 0)
+    assert there.metrics["difference"].dropna().tolist() == pytest.approx((-back.metrics["difference"]).dropna().tolist())
+
+
+def test_stations_that_only_one_has_are_said(home: Path, tmp_path: Path) -> None:
+    found = compare(open_run(runs(home)[0]), open_run(make_run.make_run(tmp_path, 20.0)))
+    assert ("station ale-1", "not in it", "recorded") in [(one.what, one.first, one.second) for one in found.facts]
+    assert found.alarms["second"].sum() > 0
+    assert set(found.alarms["first"]) == {0}
+
+
+def test_a_short_run_is_not_called_the_same(home: Path, tmp_path: Path) -> None:
+    found = compare(open_run(runs(home)[0]), open_run(one_run(tmp_path, 9, rows=150)))
+    assert isinstance(found.idle[0].result, spc.Refused)
+
+
+def test_only_runs_that_have_ended_are_compared(home: Path, tmp_path: Path) -> None:
+    with pytest.raises(RecordError, match="not sealed"):
+        compare(open_run(runs(home)[0]), open_run(few_rows.abandoned(tmp_path)))
+    with pytest.raises(UsageError, match="margin"):
+        compared(home, 0, 1, -2.0)
+
+
+def test_on_the_command_line(home: Path, tmp_path: Path) -> None:
+    one, two, three = runs(home)
+    told_ = on_line(one, three, "--plot", tmp_path / "both.png")
+    assert told_.exit_code == 0, told_.stderr
+    for text in ("operator: A. Rossi | B. Bianchi", "+revision = 8", "alarm_high_limit: 380 | 400 °C", "different: +"):
+        assert text in told_.stdout
+    assert (tmp_path / "both.png").read_bytes()[:4] == b"\x89PNG"
+    assert "The recipes are the same." in on_line(one, two).stdout
+    assert (on_line(one, tmp_path).exit_code, on_line(one, two, "--plot", "x.doc").exit_code) == (2, 2)
+
+
+def test_as_json(home: Path) -> None:
+    one, _, three = runs(home)
+    found = json.loads(on_line(one, three, "--json").stdout)
+    assert found["idle"][0]["verdict"] == "different"
+    assert {row["metric"] for row in found["metrics"]} >= {"idle_error_c", "recovery_s"}
+    assert [row["first"] for row in found["metrics"] if row["metric"] == "energy_j"] == [None]
+    assert found["settings"][0]["second"] == "400"
+
+
+@pytest.mark.parametrize(
+    "name", ["colour", "bidi", "script", "line of its own", "title of the window", "markup", "formula of a figure"]
+)
+def test_hostile_texts_do_not_steer_the_terminal(home: Path, tmp_path: Path, name: str) -> None:
+    copytree(runs(home)[0], tmp_path / runs(home)[0].name)
+    other = one_run(
+        tmp_path, 5, rows=150, metadata=told(operator=HOSTILE[name], tips=[HOSTILE[name]]), recipe=f"# {HOSTILE[name]}\n"
+    )
+    ended = on_line(runs(tmp_path)[0], other)
+    assert ended.exit_code == 0
+    assert not MOVES.search(ended.stdout + ended.stderr)
