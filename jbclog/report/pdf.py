@@ -25,7 +25,8 @@ COLOURS = {
 }
 PLAIN = ("#4b5763", "#f0f2f4")
 RESULT_COLOURS = {"fail": "#8f1f06", "missing": "#3b3b85", "deviation": "#6b4b00"}
-MOST_REASONS, MOST_RULES, MOST_EVENTS = 8, 120, 120
+MOST_REASONS, MOST_RULES, MOST_EVENTS = 6, 120, 120
+COLUMNS = 4  # of what was said of the run
 SUMMARY = ("Rule", ">Limit", ">Kept by", ">Worst", ">95 % bound", "Where", "Result")
 RULES = ("Rule", "Where", ">Limit", ">Observed", ">95 % bound", "Result", "In words")
 TEXT, SMALL, QUIET, HEAD = Type(8), Type(7), Type(7, colour=style.QUIET), Type(7, bold=True, colour=style.QUIET)
@@ -86,7 +87,7 @@ def _verdict(paper: Paper, facts: Facts) -> None:
 
 
 def _head(paper: Paper, facts: Facts) -> None:
-    """Who, what and when, in three columns."""
+    """Who, what and when, in columns."""
     recipes = [
         (f"Recipe {one['name']}", f"revision {one['revision']}, SHA-256 {str(one['sha256'])[:16]}…") for one in facts.recipes
     ]
@@ -101,14 +102,14 @@ def _head(paper: Paper, facts: Facts) -> None:
         ("End, UTC", stamp(facts.ended)),
         ("Duration", f"{length}, {ended}"),
     ]
-    third = INNER / 3
-    for first in range(0, len(pairs), 3):
+    quarter = INNER / COLUMNS
+    for first in range(0, len(pairs), COLUMNS):
         paper.need(0.34)
         deepest = paper.y
-        for column, (name, value) in enumerate(pairs[first : first + 3]):
+        for column, (name, value) in enumerate(pairs[first : first + COLUMNS]):
             own = Paper([paper.sheet], paper.y)
-            own.say(clean(name), QUIET, SIDE + column * third, third - 0.15)
-            own.say(clean(value), TEXT, SIDE + column * third, third - 0.15)
+            own.say(clean(name), QUIET, SIDE + column * quarter, quarter - 0.12)
+            own.say(clean(value), TEXT, SIDE + column * quarter, quarter - 0.12)
             deepest = max(deepest, own.y)
         paper.y = deepest + 0.05
 
