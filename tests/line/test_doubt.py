@@ -6,6 +6,7 @@ import pytest
 from account import reasons_of
 from hot_air import hot_air
 from odd_answers import first_sample_s, marks, one_port, say
+from said import let_say
 
 from jbclog.rows import COLUMN
 
@@ -238,3 +239,55 @@ def test_an_air_flow_beyond_all_is_not_recorded(times: int) -> None:
     flows = [value for value in run.memory.column("set_flow_permille") if value is not None]
     assert flows
     assert max(flows) <= 1000
+
+
+# -- borders: each number is held from both sides --------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("code", "column", "greatest"),
+    [
+        ("PP1", "power_permille", 1500),  # half as much again as full
+        ("ED1", "delay_s", 3600),  # 60 min, the longest delay
+        ("TT1", "temperature_c", 600),
+        ("QT1", "transistor_c", 600),
+        ("TT", "transformer_c", 600),
+    ],
+)
+def test_the_greatest_that_can_be_is_recorded_and_one_more_is_not(code: str, column: str, greatest: int) -> None:
+    for value, can_be in ((greatest, True), (greatest + 1, False)):
+        run = one_port(duration_s=25)
+        say(run, code, f"{value:05d}", 8, times=1000)
+        run.go()
+        assert (value in run.memory.column(column)) == can_be
+        assert ("implausible" in reasons_of(run, column)) == (not can_be)
+
+
+def test_a_flow_of_half_as_much_again_as_the_greatest_is_recorded_and_one_more_is_not() -> None:
+    for value, can_be in ((1500, True), (1501, False)):
+        run = hot_air("", duration_s=20)
+        say(run, "SF1", f"{value:05d}", 10, times=1000)
+        run.go()
+        assert ("implausible" in reasons_of(run, "set_flow_permille")) == (not can_be)
+        assert (max(flow or 0 for flow in run.memory.column("set_flow_permille")) >= 1500) == can_be
+
+
+@pytest.mark.parametrize(("second", "is_marked"), [(305, False), (306, True)])
+def test_two_answers_that_are_25_degrees_apart_do_not_contradict(second: int, is_marked: bool) -> None:
+    run = one_port()
+    run.at(10, lambda: let_say(run.station.device, "TT1", "00280", f"{second:05d}"))
+    run.go()
+    assert second in run.memory.column("temperature_c")
+    assert [event.raw for event in marks(run)] == ["280 °C"] * is_marked
+    assert run.facts.doubted == ({"tip_temperature": 1} if is_marked else {})
+
+
+@pytest.mark.parametrize("times", [1, 1000])
+@pytest.mark.parametrize(("value", "is_doubted"), [(300, False), (299, True)])
+def test_a_tip_may_change_by_50_degrees_from_one_tick_to_the_next(value: int, is_doubted: bool, times: int) -> None:
+    """The tip is at 350 °C; said once, 299 is contradicted, and said again and again it is a jump."""
+    run = one_port()
+    say(run, "TT1", f"{value:05d}", 10, times=times)
+    run.go()
+    assert bool(marks(run)) == is_doubted
+    assert bool(run.facts.doubted) == is_doubted
