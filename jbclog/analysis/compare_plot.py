@@ -50,5 +50,5 @@ def _seconds(run: Run, station: str, rows: pd.DataFrame) -> Floats:
     """On the run's grid; with ``--rate max``, which has none, since the first row."""
     facts = run.manifest.station(station)
     if facts is not None and facts.period_s:
-        return rows["tick"].to_numpy(dtype=np.float64) * facts.period_s
-    return (rows["time"] - rows["time"].iloc[0]).dt.total_seconds().to_numpy(dtype=np.float64)
+        return np.asarray(rows["tick"] * facts.period_s, dtype=np.float64)
+    return np.asarray((rows["time"] - rows["time"].iloc[0]).dt.total_seconds(), dtype=np.float64)

@@ -37,7 +37,7 @@ def trend(
     html: Path | None = typer.Option(None, "--html", metavar="FILE", help="Write a page with picture and table."),
     as_json: bool = typer.Option(False, "--json", help="One JSON object on stdout."),
 ) -> None:
-    """Show a metric over many runs: course, control chart, capability.
+    """Show a metric over many runs: control chart, capability.
 
     A value a run and port, from its record. Control limits want 20 runs, capability 30 and a stated limit; where the values are
     too few, alike from run to run, below their resolution or not stable, the figure is refused, and why is said. Such figures
