@@ -17,7 +17,7 @@ def report(
     verify: bool = typer.Option(False, "--verify", help="Write nothing: make the report again and compare."),
     as_json: bool = options.AS_JSON,
 ) -> None:
-    """Write a run's report: a page, a PDF to sign, and the same facts as JSON and as tables.
+    """Write a run's report: page, PDF to sign, JSON and tables.
 
     report.html, report.pdf, report.json, the figures and, for spreadsheets, tables/*.csv are put into the run's folder. The page
     opens without a network, prints on A4, and its figures can be looked at closer; all of them name the manifest that they were
