@@ -123,7 +123,7 @@ class _Judge:
         self.verdict.readings += 1
         if len(asked) == 1 and asked[0].is_plain and meaning(str(self._data(str(asked[0].truth), code))) == value:
             return
-        truths = {one.truth for one in asked if one.truth}
+        truths = {text for one in asked for text in (one.truth, *one.beside) if text}
         means = {meaning(data) for text in truths if (data := self._data(text, code)) is not None}
         words = [words for one in asked if (words := [word for word in self._answers(one, code) if meaning(word[0]) is not None])]
         place = (int(str(row[COLUMN["tick"]])), int(str(row[COLUMN["port"]])), SHARED.get(column, column))

@@ -69,11 +69,15 @@ class Tape:
 
 @dataclass(slots=True)
 class Exchange:
-    """A question as it left the session; the station's answer to it (None: it heard none, or another); what came then."""
+    """A question as it left the session; the station's answer to it (None: it heard none, or another); what came then.
+
+    `beside` is what else the station said then: the answer to a question whose end it heard only now.
+    """
 
     at: float
     text: str = ""
     truth: str | None = None
+    beside: tuple[str, ...] = ()
     given: list[tuple[float, bytes]] = field(default_factory=list)
     is_plain: bool = False  # the answer came, and nothing else
 
@@ -136,6 +140,7 @@ class NoisyWire(Injector):
         said = [self.text_of(answer) for _, answer in came if self._holds(answer)]
         clean = self._tap.heard[-1].clean if len(self._tap.heard) > before and len(came) < 2 else None
         self.books[-1].truth = clean or next((text for text in said if text[:1] != "N"), next(iter(said), None))
+        self.books[-1].beside = tuple(said)
         return came
 
     def _ask_otherwise(self, deed: Deed, data: bytes, now: float) -> Sequence[tuple[float, bytes]]:
@@ -147,7 +152,7 @@ class NoisyWire(Injector):
         came = list(self.receive_clean(heard, now)) if heard else []
         if heard != data and self._holds(heard):
             self.misled.append(self.text_of(heard))
-            self.books[-1].truth = None  # whatever it says, it was not asked that
+            self.books[-1].truth, self.books[-1].beside = None, ()  # whatever it says, it was not asked that
             for at, answer in came:
                 self._forge(at, answer)
         return came
