@@ -219,7 +219,8 @@ class TipCheck:
     """The tip verification that a port stood on when its run began, kept in the manifest (`verifying`).
 
     `state`: ``pass`` or ``fail`` as the last valid one came out, ``other tip`` where that was of another tip than the one that
-    was named for the run, ``none``, or ``unreadable``. `days` is its age at the run's start; `sha256` is that of its line.
+    was named for the run, ``none``, or ``unreadable``. `days` is its age at the run's start; `adjust_c` is the station's
+    adjustment at that time, where it was read; `sha256` is that of its line.
     """
 
     station: str
@@ -232,5 +233,6 @@ class TipCheck:
     instrument: str | None = None
     offset_c: float | None = None
     limit_c: float | None = None
+    adjust_c: float | None = None
     seq: int | None = None
     sha256: str | None = None

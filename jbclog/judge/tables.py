@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -49,6 +50,17 @@ def read_outcomes(folder: Path) -> dict[str, Outcomes]:
             outcomes.counts[outcome] += 1
         elif outcome == "unsupported" and row["requested"] is not None:  # of other families nothing is requested here
             outcomes.lacking.append(str(row["setting"]))
+    return found
+
+
+def read_adjustments(folder: Path) -> dict[tuple[str, int], float]:
+    """The adjustment of each station and port as it was read or written last, in °C; those that were not read are not there."""
+    found: dict[tuple[str, int], float] = {}
+    for row in _rows(folder / "settings", ["station", "port", "setting", "readback"]):
+        port, told = row["port"], row["readback"]
+        if row["setting"] == "adjust" and isinstance(port, int) and isinstance(told, str):
+            with suppress(ValueError):
+                found[str(row["station"]), port] = float(told)
     return found
 
 

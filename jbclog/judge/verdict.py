@@ -20,7 +20,7 @@ from jbclog.judge.evidence import Evidence
 from jbclog.judge.rule import Result, Rule
 from jbclog.judge.rules import no_limit_applies, port_rules, record_rule, station_rules, tells, used_ports
 from jbclog.judge.samples import TEMPERATURE, Measures, measure
-from jbclog.judge.tables import Event, Outcomes, read_events, read_outcomes
+from jbclog.judge.tables import Event, Outcomes, read_adjustments, read_events, read_outcomes
 from jbclog.judge.verified import verification_rule
 from jbclog.rows import StationFacts
 
@@ -92,7 +92,8 @@ def _station(
     for port in ports:
         yield from port_rules(facts, port, acceptance, evidence.port_ledger(facts.name, port), measures.get((facts.name, port)))
         if acceptance.verification_days is not None and tells(facts, TEMPERATURE):
-            yield verification_rule(facts, port, acceptance.verification_days, evidence)
+            adjusted = read_adjustments(evidence.folder).get((facts.name, port))
+            yield verification_rule(facts, port, acceptance.verification_days, evidence, adjusted)
     if no_limit_applies(facts, acceptance):
         yield not_judged(facts, "None of its recipe's limits is about what it tells; it is recorded and not judged.")
     yield from unused_ports(facts, evidence)

@@ -54,7 +54,7 @@ def _one(book: Book, station: str, port: int, tip: str | None, begin: datetime) 
 
 def _told(book: Book, one: Verification, begin: datetime, state: str, text: str) -> TipCheck:
     days = round((begin.astimezone(UTC) - datetime.fromisoformat(one.time)).total_seconds() / DAY_S, 3)
-    seen = (one.time, max(days, 0.0), one.tip, one.instrument, one.offset_c, one.limit_c, one.seq, book.hash_of(one))
+    seen = (one.time, max(days, 0.0), one.tip, one.instrument, one.offset_c, one.limit_c, one.adjust_c, one.seq, book.hash_of(one))
     return TipCheck(one.station, one.port, state, text, *seen)
 
 

@@ -119,7 +119,7 @@ class Case:
         texts = {"kind": pa.string(), "severity": pa.string(), "station": pa.string(), "port": pa.int64(), "text": pa.string()}
         texts |= {"time": STAMP, "value": pa.float64()}
         self._write("events", pa.Table.from_pylist(self.event_rows, pa.schema(texts)))
-        columns = dict.fromkeys(("station", "setting", "requested", "outcome"), pa.string())
+        columns = dict.fromkeys(("station", "setting", "requested", "outcome", "readback"), pa.string()) | {"port": pa.int64()}
         self._write("settings", pa.Table.from_pylist(self.setting_rows, pa.schema(columns)))
         return Evidence(self.folder, self.stations, self.ledger, self.exit_status)
 
