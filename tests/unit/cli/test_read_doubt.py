@@ -73,6 +73,7 @@ def test_what_cannot_be_is_no_value_however_often_it_is_said(make: Make, name: s
     words = ("read", "dde-1", name, *([] if code == "TT" else ["--port", "1"]))
     ended = bench.do(*words)
     assert (ended.code, ended.out, ended.err) == (3, "", f"error: dde-1: {told}, which cannot be; {DISPLAY}\n")
+    assert asked(bench, code) == 2
     ended = bench.do(*words, "--json")
     facts = json.loads(ended.out)
     assert (ended.code, facts["value"], facts["text"], facts["raw"]) == (3, None, None, data)
@@ -94,6 +95,13 @@ def test_what_cannot_be_and_is_another_each_time_is_told_with_all_of_it(make: Ma
     ended = bench.do("read", "dde-1", "tip_temperature", "--port", "1")
     assert (ended.code, ended.out) == (3, "")
     assert "the station says 4033 °C, 601 °C, 4035 °C, 4037 °C, which cannot be" in ended.err
+
+
+def test_what_cannot_be_bears_nothing_out(make: Make) -> None:
+    """Of 4033, 300 and 23 °C the middle one is no more likely than of 300 and 23 °C."""
+    bench = make(DDE)
+    says(bench, "dde-1", "TT1", "04033", "00300")
+    assert bench.do("read", "dde-1", "tip_temperature", "--port", "1").out == "23 °C\n"
 
 
 def test_answers_that_never_agree_are_no_value(make: Make) -> None:
