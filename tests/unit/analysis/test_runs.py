@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
 from html.parser import HTMLParser
 from pathlib import Path
 
 import few_rows
 import make_run
 import pandas as pd
+import pyarrow as pa
 import pytest
 import sealed_run
 from hostile_names import HOSTILE, MOVES
@@ -140,6 +142,27 @@ def test_only_parts_of_the_time_asked_for_are_read(home: Path, monkeypatch: pyte
     assert len(run.samples(stop=times.iloc[0])) == 0
     assert len(read) == 1
     assert len(run.samples(stop=times.iloc[1], columns=["tick"])) == 1
+
+
+def test_a_stream_reads_no_further_than_it_is_asked(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from jbclog.analysis import run as module
+
+    given: list[int] = []
+
+    def groups(parts: list[Path], columns: list[str]) -> Iterator[pa.Table]:
+        for group in groups_of(parts, columns):
+            for place in range(0, len(group), 100):
+                given.append(place)
+                yield group[place : place + 100]
+
+    groups_of = module.groups_of
+    monkeypatch.setattr(module, "groups_of", groups)
+    pieces = jbclog.open_runs(home).samples(columns=["tick"])
+    assert given == []
+    assert len(next(pieces)) == 100
+    assert given == [0]
+    next(pieces)
+    assert given == [0, 100]
 
 
 # -- in a notebook ----------------------------------------------------------------------------------------------------------
