@@ -17,8 +17,10 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta
+from itertools import pairwise
 from pathlib import Path
 
+import numpy as np
 import pytest
 from recorded_run import RecordedRun
 
@@ -71,7 +73,7 @@ diameter_mm = 1.0
 STATION = """
 [[station]]
 name = "{name}"
-url = "{name}"
+url = "/dev/serial/by-id/usb-{name}"
 family = "{family}"
 ports = {ports}
 rated_power_w = 130
@@ -117,7 +119,7 @@ def _fault(kind: str, at_s: float, for_s: float, more: str = "") -> str:
 
 
 def alarm() -> Iterator[Example]:
-    """Five excursions: a plain one, one too short, one in which the cable is out, one whose flag is lost, one that is not sampled."""
+    """Five excursions: plain, too short, with the cable out meanwhile, with its flag lost, with its samples lost."""
     sim = "joints_per_minute = 12\njoint_seconds = 1.5\n"
     sim += _fault("overheat", 20, 6, "by_c = 18.0")
     sim += _fault("overheat", 41.2, 1.2, "by_c = 25.0")
@@ -156,19 +158,28 @@ def capability() -> Iterator[Example]:
 VISITS = (0, 41, 84, 125, 168, 209, 252, 293, 336, 380, 540, 582, 623, 666, 707, 728)
 """Days after the first of the counters' readings; for five months nobody looked."""
 RESET, RESTARTED, REFUSED = 293, 270, 582  # the day it was seen, the day it was done; work hours are not told that day
-FEEDS_A_DAY, MM_A_FEED = 190, 5.0
+FEEDS_A_DAY, MM_A_FEED = 190, 4.9
+WORK_H_A_DAY = {"dde-1": 6.2, "ale-1": 4.4}
+
+
+def worked_days() -> list[float]:
+    """How many days each station had worked by each visit."""
+    days, pace = [0.0], random.Random(20241118)
+    for before, after in pairwise(VISITS):
+        days.append(days[-1] + (after - before) * 5 / 7 * pace.uniform(0.8, 1.15))
+    return days
 
 
 def counters() -> Iterator[Example]:
-    """Two years in sixteen glances: dde-1 is reset once, the feeder's cycles of ale-1 roll over after 99999, one answer is refused."""
-    for day in VISITS:
-        worked = day * 5 / 7
-        since = worked if day < RESET else (day - RESTARTED) * 5 / 7
+    """Two years in sixteen glances: dde-1 is reset, the feeder's cycles of ale-1 roll over after 99999, an answer is refused."""
+    days = worked_days()
+    for day, worked in zip(VISITS, days, strict=True):
+        since = worked if day < RESET else worked - float(np.interp(RESTARTED, VISITS, days))
         fed = round(worked * FEEDS_A_DAY)
-        dde = _counts(4200 if day < RESET else 0, since, 9.0, 6.2)
-        ale = _counts(900, worked, 9.0, 4.4) | {
+        dde = _counts(4200 if day < RESET else 0, since, 9.0, WORK_H_A_DAY["dde-1"])
+        ale = _counts(900, worked, 9.0, WORK_H_A_DAY["ale-1"]) | {
             "dispensed_cycles": (31_000 + fed) % 100_000,
-            "dispensed_length": round((31_000 + fed) * MM_A_FEED * 0.98, 1),
+            "dispensed_length": round((31_000 + fed) * MM_A_FEED, 1),
         }
         refused = _fault("nak", 0, 60, 'command = "work_hours"\ncode = 3') if day == REFUSED else ""
         stations = (
