@@ -10,6 +10,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
+from jbclog.commands.command import Effect
+from jbclog.commands.robot import READINGS
 from jbclog.protocol import frame, omega
 from jbclog.protocol.frame import Frame
 from jbclog.protocol.omega import OmegaReader
@@ -21,15 +23,24 @@ RETRY_S = 1.0  # the same where nothing was understood: a patience, and another 
 MOST = 9  # three looks, each asked three times; more of the same is no doubt
 BELIEVED_AT_ONCE = 2  # looks of which the last was believed whatever the other said: without doubt, or it was asked a third time
 
+CLEARED = tuple(command.letters for command in READINGS if command.effect is Effect.CLEARS)
+
 
 def is_understood(one: Exchange) -> bool:
     """Whether a good frame came before the next question."""
-    heard = b"".join(data for _, data in one.replies)
+    heard = said(one)
     if frame.only_reads(one.question):
         return any(isinstance(found, Frame) for found in FrameReader().feed(heard))
     if omega.only_reads(one.question):
         return any(isinstance(found, str) for found in OmegaReader().feed(heard))
     return bool(heard)
+
+
+def has_flags(one: Exchange) -> bool:
+    """Whether flags were told that the station holds until they are read, and forgets with that."""
+    heard = FrameReader().feed(said(one))
+    found = next((answer for answer in heard if isinstance(answer, Frame) and answer.header == "A"), None)
+    return found is not None and found.text.startswith(CLEARED) and found.text[3:].strip("0") != ""
 
 
 def said(one: Exchange) -> bytes:
@@ -56,6 +67,10 @@ class Looks:
     @property
     def stretch(self) -> int:
         return self.all[0].stretch
+
+    @property
+    def has_flags(self) -> bool:
+        return any(has_flags(one) for one in self.all)
 
     def goes_on_with(self, one: Exchange, number: int) -> bool:
         """Whether `one` is the next look."""

@@ -12,9 +12,10 @@ lost after a question, it is lost again, for as long. The rules of what is next:
    tick gets the values of the tick that he is at.
 4. A question and its second and third look are one group (`looks`), given in order or left out whole: an answer that the
    recording contradicts right after is never given without what contradicts it.
-5. Asked once more than then, a question gets what stands at this place of the tape: the answer that was believed.
-   `repeated` counts that. Some time behind the tape's end there is silence, and so it is where a question was never
-   recorded, which `strange` counts: nothing is made up.
+5. Asked once more than then, a question gets what stands at this place of the tape: the answer that was believed. Alarm
+   flags, which a station holds until they are read, are not told twice, nor left out where they were set. `repeated`
+   counts that. Some time behind the tape's end there is silence, and so it is where a question was never recorded, which
+   `strange` counts: nothing is made up.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ from math import inf
 from statistics import median_low
 
 from jbclog.sim.exchanges import Contents, Exchange, Ticks, exchanges, is_write
-from jbclog.sim.looks import LOOK_S, Looks, looks
+from jbclog.sim.looks import LOOK_S, Looks, has_flags, looks
 from jbclog.sim.virtual import Reply
 from jbclog.tape import Row
 
@@ -229,6 +230,8 @@ class TapeStation:
         """Leave out the groups that are behind the client's time."""
         time_s = self._time(now)
         while self._reach(question, 2, 2 * time_s - row[0].at_s) and self._is_nearer(time_s, row[0].at_s, row[1].at_s):
+            if row[0].has_flags:
+                return  # they are held until somebody reads them
             self._leave(deque(row.popleft().all), now)
 
     def _leave(self, left: deque[Exchange], now: float) -> None:
@@ -257,7 +260,15 @@ class TapeStation:
         self._again[question] += 1
         is_over = not self._is_in_time or not self._offsets or self._time(now) > self._contents.last_s + OVER_S
         silence = Exchange(question, 0.0)
-        return silence if is_over and self._again[question] > AGAIN else self._believed.get(question, silence)
+        return silence if is_over and self._again[question] > AGAIN else self._still_said(question, silence)
+
+    def _still_said(self, question: bytes, silence: Exchange) -> Exchange:
+        """What was believed; of flags that are cleared by telling what came next, if they were cleared then."""
+        one = self._believed.get(question, silence)
+        if not has_flags(one) or not self._reach(question, 1):
+            return one
+        after = self._rows[question][0]
+        return one if after.has_flags else after.all[-1]
 
     def _go_on(self, one: Exchange, now: float) -> None:
         """This exchange happens: the place on the tape, and the link, are what they were then."""

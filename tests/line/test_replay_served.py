@@ -19,10 +19,9 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
-from taped import recorded, recorded_again
+from taped import kept, recorded_again
 from virtual_run import RECIPE, Memory, VirtualRun, line_text
 
-from jbclog.record.manifest import Manifest, write_manifest
 from jbclog.rows import COLUMN
 from jbclog.sim.virtual import Reply, VirtualStation
 from jbclog.sim.wire_log import WireLog
@@ -34,13 +33,6 @@ MAY_DIFFER = {1: 0.02, 3: 0.1, 10: 0.12}
 SPEEDS = (1, 3, 10)
 FAULT = "[[station.sim.fault]]\nkind = "
 SECONDS = 12.0
-
-
-def kept(folder: Path, line: str, **keys: object) -> Memory:
-    """A run with its wires and its manifest in `folder`; what it told."""
-    run = recorded(folder, line, **keys)  # type: ignore[arg-type]
-    write_manifest(folder, Manifest(folder.name, state="sealed", stations=[desk.facts for desk in run.desks.values()]))
-    return run.memory
 
 
 def cells(memory: Memory, station: str, column: str) -> list[object]:

@@ -14,6 +14,7 @@ from jbclog.drive.told import Astray, keeping
 from jbclog.drive.virtual import Peer, VirtualDriver
 from jbclog.effects import Steps
 from jbclog.plan import orders
+from jbclog.record.manifest import Manifest, write_manifest
 from jbclog.record.wire import Head
 from jbclog.record.wire_recorder import Keep, WireRecorder
 from jbclog.replaying.again import relive
@@ -94,6 +95,13 @@ def recorded(
     wires.close()
     assert wires.troubles() == []
     return run
+
+
+def kept(folder: Path, line: str, **keys: object) -> Memory:
+    """A run with its wires and its manifest in `folder`; what it told."""
+    run = recorded(folder, line, **keys)  # type: ignore[arg-type]
+    write_manifest(folder, Manifest(folder.name, state="sealed", stations=[desk.facts for desk in run.desks.values()]))
+    return run.memory
 
 
 def relived(folder: Path) -> tuple[Memory, dict[str, Astray]]:

@@ -1,0 +1,108 @@
+"""A recording with one wrong answer that passes its check byte and that its session rightly asked a second time, served again.
+
+The replay says what the recording says: the wrong answer is never given without the one that contradicts it, and an extra
+question gets what was believed. Over what is asked in slow turns and on each tick, at 1, 3 and 10 times the pace, with late
+answers on the tape and a host that stands still now and then.
+
+The events are the same, each kind as often. Where the host stands still or time goes ten times as fast, a slow turn may fall
+out, and with it the mark `read.doubted` of the answer that was wrong in it: that alone may be missing, and nothing may be new.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from functools import cache
+from pathlib import Path
+
+import pytest
+from odd_answers import say, turn_over
+from taped import kept, recorded_again
+from virtual_run import RECIPE, Memory, VirtualRun, line_text
+
+HOST_S = 0.0003
+SPEEDS = (1, 3, 10)
+SECONDS = 12.0
+GOES_ON, STOPS = f'{RECIPE}on_difference = "continue"\n', f'{RECIPE}on_difference = "stop"\n'
+WRONG = {  # the bit that is turned over in two places of the data
+    "ST1": (1, (2, 3)),  # 350 °C: 240 °C
+    "SER": (4, (1, 3)),
+    "PE1": (4, (1, 3)),
+    "HA1": (1, (2, 3)),  # 380 °C: 290 °C
+    "TT1": (4, (2, 3)),
+    "TA1": (1, (3, 4)),  # both flags, which are read once
+}
+TOOL = "CT1"  # two bits make no tool of another, so the station itself says a wrong one
+CODES = (TOOL, *WRONG)
+HOT_S = 7.5  # flags count from then on
+ANSWERS = {
+    "in time": "",
+    "50 ms late": '[[station.sim.fault]]\nkind = "late"\nby_s = 0.05\nat_s = 3\nevery = 29',
+    "30 ms late": '[[station.sim.fault]]\nkind = "late"\nby_s = 0.03\nat_s = 3\nevery = 13',
+}
+STALLS = {"a host in time": (), "a host that stands still": (0.02, 0.05)}
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("doubted")
+
+
+@cache
+def recording(place: Path, code: str, answers: str, recipe: str = GOES_ON, moment: float = 5.0) -> tuple[Path, Memory]:
+    """A run in which one answer to a question was wrong."""
+
+    def arrange(run: VirtualRun) -> None:
+        if code == TOOL:
+            say(run, code, "00003", moment)
+        else:
+            turn_over(run, code, *WRONG[code], moment)
+
+    folder = place / f"{code} {answers} {moment} {'stop' if recipe == STOPS else ''}"
+    line = line_text(f"noise_c = 0.5\n{ANSWERS[answers]}")
+    return folder, kept(folder, line, duration_s=SECONDS, arrange=arrange, recipe=recipe)
+
+
+def assert_same_events(place: Path, code: str, answers: str, host: str, speed: int, moment: float) -> None:
+    folder, first = recording(place, code, answers, moment=moment)
+    told = Counter(first.kinds())
+    if moment == 5.0:
+        assert told["read.doubted"] == (code != "TA1")
+    again, _ = recorded_again(folder, HOST_S * speed, STALLS[host])
+    found = Counter(again.kinds())
+    if STALLS[host] or speed == 10:
+        found["read.doubted"] += told["read.doubted"] - found["read.doubted"] == 1
+    assert found == told
+
+
+@pytest.mark.parametrize(
+    ("speed", "answers", "host"),
+    [
+        (1, "50 ms late", "a host in time"),
+        (1, "50 ms late", "a host that stands still"),
+        (3, "in time", "a host in time"),
+        (10, "50 ms late", "a host in time"),
+    ],
+)
+@pytest.mark.parametrize("code", CODES)
+def test_nothing_is_told_that_was_not_and_nothing_is_lost(place: Path, code: str, speed: int, answers: str, host: str) -> None:
+    answers = "in time" if code == "HA1" else answers  # on a full wire it is not its turn again
+    assert_same_events(place, code, answers, host, speed, HOT_S if code == "TA1" else 5.0)
+
+
+@pytest.mark.campaign
+@pytest.mark.parametrize("moment", [4.0, 5.5, 6.3, 7.1, 8.2])
+@pytest.mark.parametrize("host", STALLS)
+@pytest.mark.parametrize("answers", ANSWERS)
+@pytest.mark.parametrize("speed", SPEEDS)
+@pytest.mark.parametrize("code", CODES)
+def test_wherever_it_falls(place: Path, code: str, speed: int, answers: str, host: str, moment: float) -> None:
+    assert_same_events(place, code, answers, host, speed, moment)
+
+
+@pytest.mark.parametrize("code", ["ST1", "CT1"])
+@pytest.mark.parametrize("answers", ["in time", "50 ms late"])
+def test_a_recipe_that_stops_on_a_difference_does_not_stop(place: Path, code: str, answers: str) -> None:
+    folder, first = recording(place, code, answers, STOPS)
+    again, _ = recorded_again(folder, HOST_S)
+    assert again.stations["dde-1"].outcome == first.stations["dde-1"].outcome == "completed"
+    assert len(again.samples) == len(first.samples)
