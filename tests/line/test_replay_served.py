@@ -5,8 +5,8 @@ host that is some tenths of a millisecond, and a replay so many times as fast ha
 
 What is compared, and what may differ:
 
-- settings, counters, kinds of events and the tools' safe state: all the same; faster than then without the events of single slow
-  readings (alarm flags, readings that failed), of which the last may fall behind the end;
+- settings, counters, kinds of events and the tools' safe state: all the same; ten times as fast without the events of single
+  slow readings (alarm flags, readings that failed), of which the last may fall behind the end;
 - samples: as many rows; of fast signals and qualities each row the same, but for the share `MAY_DIFFER` where answers came
   corrupt, late or not at all, for a slow reading that is lost takes the time of the fast ones after it;
 - slow signals: the same readings in the same order, in whichever rows; the last may fall behind the end;
@@ -63,7 +63,7 @@ def counters(memory: Memory, name: str) -> list[tuple[object, ...]]:
 
 
 def kinds(memory: Memory, name: str, speed: int) -> list[str]:
-    left_out = () if speed == 1 else ("alarm.", "read.")
+    left_out = () if speed < 10 else ("alarm.", "read.")
     return sorted(event.kind for event in memory.events if event.station == name and not event.kind.startswith(left_out))
 
 

@@ -268,3 +268,78 @@ def test_what_a_host_loses_in_handing_over_it_gets_back_with_the_next_answer() -
     one.receive(Q1, 100.0)
     (first, *_) = one.receive(Q2, 100.025)  # 5 ms later than then
     assert first.at == pytest.approx(100.034)
+
+
+# -- a question and its second look ----------------------------------------------------------------------------------------------
+
+ERROR, FLAGS, MODEL = checked(b"\x020001RSER\x03\x00"), checked(b"\x020001RTA1\x03\x00"), checked(b"\x020001RSMN\x03\x00")
+
+
+def answer(text: bytes) -> bytes:
+    return checked(b"\x020100A%s\x03\x00" % text)
+
+
+NONE, SOME = answer(b"SER00000"), answer(b"SER00011")
+
+
+def asked(at_s: float, question: bytes, *answers: bytes) -> list[Row]:
+    """One question after the other, each as soon as the one before it was answered."""
+    found: list[Row] = []
+    for number, one in enumerate(answers):
+        found += [row(at_s + 0.02 * number, "sent", question), row(at_s + 0.02 * number + 0.015, "heard", one)]
+    return found
+
+
+def with_model(turns: dict[float, tuple[bytes, ...]], question: bytes, seconds: int = 40) -> TapeStation:
+    """The model each second, where sampling began at the first, and half a second later what is given."""
+    rows = [one for second in range(seconds) for one in asked(5.0 + second, MODEL, answer(b"SMN  DDE"))]
+    rows += [one for at_s, answers in turns.items() for one in asked(at_s, question, *answers)]
+    return station(tape(*sorted(rows, key=lambda one: one.at_s)), ticks=Ticks(5.0, 1.0))
+
+
+def heard(one: TapeStation, question: bytes, *moments: float) -> list[bytes]:
+    return [reply.data for moment in moments for reply in one.receive(question, moment)]
+
+
+DOUBTED = {5.5: (NONE,), 15.5: (SOME, NONE), 25.5: (NONE,)}
+
+
+def at_second(one: TapeStation, question: bytes, last: int) -> None:
+    """Ask the model each second, and the other question behind the first."""
+    for second in range(last + 1):
+        one.receive(MODEL, 5.0 + second)
+        if not second:
+            one.receive(question, 5.5)
+
+
+@pytest.mark.parametrize("early_s", [0.3, 0.05, 0.0, -0.05, -0.3])
+def test_a_doubted_answer_is_followed_by_the_one_that_was_believed_and_that_stands(early_s: float) -> None:
+    one = with_model(DOUBTED, ERROR)
+    at_second(one, ERROR, 10)
+    first = 15.5 - early_s
+    assert heard(one, ERROR, first, first + 0.02, first + 0.04, first + 0.06) == [SOME, NONE, NONE, NONE]
+    assert one.repeated == {ERROR: 2}
+
+
+def test_who_is_well_behind_gets_neither_of_them() -> None:
+    one = with_model(DOUBTED, ERROR)
+    at_second(one, ERROR, 19)
+    assert heard(one, ERROR, 24.9, 24.92) == [NONE, NONE]
+    assert one.left_out == 2
+
+
+def test_three_answers_of_which_none_bears_another_out_are_not_believed() -> None:
+    one = with_model({5.5: (NONE,), 15.5: (SOME, answer(b"SER00022"), answer(b"SER00033"))}, ERROR)
+    at_second(one, ERROR, 10)
+    assert heard(one, ERROR, 15.5, 15.52, 15.54, 15.56)[1:] == [answer(b"SER00022"), answer(b"SER00033"), NONE]
+
+
+def test_flags_are_told_once_and_by_who_comes_late_all_the_same() -> None:
+    unset, both = answer(b"TA100000"), answer(b"TA100011")
+    turns = {5.5: (unset,), 15.5: (both,), 16.5: (unset,), 17.5: (unset,)}
+    one = with_model(turns, FLAGS)
+    at_second(one, FLAGS, 10)
+    assert heard(one, FLAGS, 15.5, 15.52, 16.5) == [both, unset, unset]
+    late = with_model(turns, FLAGS)
+    at_second(late, FLAGS, 11)
+    assert heard(late, FLAGS, 16.6, 17.5) == [both, unset]
