@@ -8,30 +8,15 @@ from pathlib import Path
 import nbformat
 import pytest
 from make_run import make_run
-from nbclient import NotebookClient
-from nbformat import NotebookNode
+from notebook_runs import NOTEBOOKS, executed, has_picture, shown
 from sealed_run import samples, seal, station, table
 
-NOTEBOOKS = sorted((Path(__file__).parents[2] / "notebooks").glob("*.ipynb"))
 pytestmark = pytest.mark.filterwarnings("ignore:.*:DeprecationWarning")  # of the kernel's own making, not ours
 
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return make_run(tmp_path_factory.mktemp("lab") / "demo-runs", 45)
-
-
-def executed(notebook: Path, folder: Path) -> NotebookNode:
-    """The notebook after all of its cells ran in `folder`. Raises where one fails."""
-    node = nbformat.read(notebook, as_version=4)
-    NotebookClient(node, timeout=100, resources={"metadata": {"path": str(folder)}}).execute()
-    return node
-
-
-def shown(node: NotebookNode, cell: str) -> str:
-    """What the cell of that id showed, as text."""
-    outputs = next(one for one in node.cells if one.id == cell).outputs
-    return "\n".join(str(out.get("text", out.get("data", {}).get("text/plain", ""))) for out in outputs)
 
 
 @pytest.mark.parametrize("notebook", NOTEBOOKS, ids=lambda path: path.stem)
@@ -51,8 +36,7 @@ def test_reading_a_run_finds_the_newest_and_its_alarm(run: Path, monkeypatch: py
     assert "link.lost" in shown(node, "events")
     assert "disconnected" in shown(node, "quality")
     for cell in ("plotted", "around"):
-        outputs = next(one for one in node.cells if one.id == cell).outputs
-        assert any("image/png" in out.get("data", {}) for out in outputs), cell
+        assert has_picture(node, cell), cell
 
 
 def test_the_run_can_be_named(run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,0 +1,130 @@
+"""The notebooks on the recorded examples beside them: what they say is what was done to the virtual stations."""
+
+from __future__ import annotations
+
+import json
+import re
+import tarfile
+from pathlib import Path
+
+import notebook_data
+import pytest
+from notebook_runs import HOME, executed, has_picture, run_here, shown
+from sealed_run import samples, seal, station, table
+
+from jbclog.record.check import check
+
+DATA = HOME / "data"
+FOLLOW, JOINTS, CAPABILITY, AUDIT = (next(HOME.glob(f"0{number}_*.ipynb")) for number in range(2, 6))
+pytestmark = pytest.mark.filterwarnings("ignore:.*:DeprecationWarning")  # of the kernel's own making, not ours
+
+
+@pytest.fixture(autouse=True)
+def _on_the_examples(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("JBCLOG_RUN", raising=False)
+    monkeypatch.delenv("JBCLOG_RUNS", raising=False)
+
+
+@pytest.mark.parametrize("notebook", [FOLLOW, JOINTS, CAPABILITY, AUDIT], ids=lambda path: path.stem)
+def test_each_opens_with_its_question_and_ends_with_what_is_not_claimed(notebook: Path) -> None:
+    cells = json.loads(notebook.read_text("utf-8"))["cells"]
+    texts = ["".join(cell["source"]) for cell in cells if cell["cell_type"] == "markdown"]
+    assert re.search(r"\*\*Question: [^*]+\?\*\*", texts[0])
+    assert texts[-1].startswith("## What is not claimed")
+
+
+def test_following_an_alarm_tells_who_saw_what() -> None:
+    node = executed(FOLLOW)
+    found = shown(node, "findings")
+    assert re.findall(r"incident (\d): seen by ([ABC and]+)", found) == [
+        ("1", "A and B and C"),
+        ("2", "C"),
+        ("3", "A and B and C"),
+        ("4", "B and C"),
+        ("5", "A"),
+    ]
+    assert "the station waits 1.50 s before it calls it an alarm" in found
+    assert "an answer to the flags was lost meanwhile" in found
+    assert "no sample is beyond 380 °C" in found
+    story = shown(node, "story").split("incident ")
+    assert "no event" in story[2]
+    assert "link.lost" in story[3]
+    assert has_picture(node, "overview")
+    assert has_picture(node, "zoomed")
+
+
+def test_joints_are_held_against_the_feeders_own_count() -> None:
+    node = executed(JOINTS)
+    assert "18 joints with wire were found, the feeder counted 19 feeds: +1." in shown(node, "feeder")
+    assert "Nothing was read from 79.6 s to 84.3 s" in shown(node, "feeder")
+    assert re.search(r"^joints +<NA>", shown(node, "metrics"), re.MULTILINE)  # one was made in the gap
+    assert re.search(r"^recovery_s +1\.\d", shown(node, "metrics"), re.MULTILINE)
+    for cell in ("course", "laid", "scatter"):
+        assert has_picture(node, cell), cell
+
+
+def test_capability_is_given_where_it_means_something_and_refused_elsewhere() -> None:
+    node = executed(CAPABILITY)
+    worn, steady = shown(node, "words").split("dde-2 port 1")
+    assert "test 6: four of five points beyond one sigma" in worn
+    assert "their spread is that of the resolution" in steady
+    slopes = [line.split() for line in shown(node, "slopes").splitlines()[1:]]
+    drifts = {row[3]: (float(row[6]), float(row[7])) for row in slopes}
+    assert drifts["T-0231"][0] > 0  # 45 to 50 ms a day were put in, of which the robot's dwell is 85 % to all
+    assert drifts["T-0198"] == (0.0, 0.0)
+    indices = shown(node, "indices")
+    assert re.search(r"dde-1 +1 +220 +NaN +NaN", indices)
+    assert "Neighbouring values are alike" in indices
+    index, bound = (float(text) for text in re.findall(r"dde-2 +1 +220 +([\d.]+) +([\d.]+)", indices)[0])
+    assert 1 < bound < index < 2
+    for cell in ("charts", "room", "means"):
+        assert has_picture(node, cell), cell
+
+
+def test_the_audit_is_right_where_it_commits_itself() -> None:
+    node = executed(AUDIT)
+    assert "<nak3>" in shown(node, "unread")
+    fallen = shown(node, "fallen")
+    assert len(re.findall(r"dde-1 .* reset", fallen)) == 4
+    assert re.findall(r"ale-1 .*dispensed_cycles.* run over", fallen)
+    assert "not known" not in fallen
+    worked = notebook_data.worked_days()[-1]
+    least, most = _total(node, "dde-1", "work_h")
+    assert least <= worked * notebook_data.WORK_H_A_DAY["dde-1"] <= most
+    least, most = _total(node, "ale-1", "work_h")
+    assert least <= worked * notebook_data.WORK_H_A_DAY["ale-1"] <= most <= least + 2
+    assert _total(node, "ale-1", "dispensed_cycles") == (round(worked * notebook_data.FEEDS_A_DAY),) * 2
+    assert re.search(r"dde-1 +1 +sleep_cycles .* None", shown(node, "add"))  # nobody knows how many went with the reset
+    assert re.findall(r"(overdue|not known|not yet|soon)", shown(node, "due")) == ["overdue", "not known", "not yet", "soon"]
+    assert "Nothing that cannot be." in shown(node, "impossible")
+    assert has_picture(node, "course")
+
+
+def _total(node: object, name: str, counter: str) -> tuple[float, float]:
+    (found,) = re.findall(rf"{name} +1 +{counter} +\S+ +([\d.]+) +([\d.]+)", shown(node, "add"))  # type: ignore[arg-type]
+    return float(found[0]), float(found[1])
+
+
+@pytest.mark.parametrize("notebook", [FOLLOW, JOINTS], ids=lambda path: path.stem)
+def test_a_run_in_which_nothing_happened_can_be_read(notebook: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    columns = samples(100)
+    columns["temperature_c"][:] = 350
+    columns["power_permille"][:] = 80
+    monkeypatch.setenv("JBCLOG_RUN", str(seal(tmp_path, [station(rows=100)], table(columns))))
+    run_here(notebook)
+
+
+@pytest.mark.parametrize("notebook", [CAPABILITY, AUDIT], ids=lambda path: path.stem)
+def test_a_single_run_is_not_enough_and_breaks_nothing(notebook: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    seal(tmp_path, [station(rows=300)], table(samples(300)))
+    monkeypatch.setenv("JBCLOG_RUNS", str(tmp_path))
+    run_here(notebook)
+
+
+def test_the_examples_are_whole_records(tmp_path: Path) -> None:
+    for packed in DATA.glob("*.tar.xz"):
+        with tarfile.open(packed) as opened:
+            opened.extractall(tmp_path / packed.name, filter="data")
+    runs = [path.parent for home in (DATA, tmp_path) for path in home.glob("*/*/manifest.json")]
+    assert len(runs) == 1 + 1 + 20 + 16
+    assert [run.name for run in runs if check(run)] == []
