@@ -1,8 +1,8 @@
 """The recorded examples of the notebooks: runs of virtual stations on a clock that jumps, kept in notebooks/data.
 
-``python tests/support/notebook_data.py [NAME...]`` records them anew (all, or those named). The same program gives the same runs,
-but for the version that stands in their manifests. What was put into each of them stands here, and a test holds the
-notebooks against it.
+``python tests/support/notebook_data.py [NAME...]`` records them anew (all, or those named). The same program gives the same
+values; bytes may differ with the versions of what writes them. What was put into each of them stands here, and
+tests/docs/test_example_notebooks.py holds the notebooks against it.
 """
 
 from __future__ import annotations
