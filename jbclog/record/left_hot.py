@@ -71,7 +71,8 @@ def warning(folder: Path, unsafe: Collection[str] = ()) -> str:
     names = ", ".join(sorted({*leases(folder), *unsafe}))
     if not names:
         return ""
-    return f"Tools of {names} may still be hot: nobody is known to have made them safe. `jbclog safe` does, or a new run on their ports."
+    told = f"Tools of {names} may still be hot: nobody is known to have made them safe."
+    return f"{told} `jbclog safe` does, or a new run on their ports."
 
 
 def unknown(folder: Path, stations: list[StationFacts], guard: str | None) -> list[Unknown]:

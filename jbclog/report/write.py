@@ -1,4 +1,4 @@
-"""Writes `report.html`, `report.pdf`, `report.json`, figures and tables into a run's folder; each file is whole or not there.
+"""Writes `report.html`, `report.pdf`, `report.json`, `joints.parquet`, figures and tables into a run's folder, each whole.
 
 The same run gives the same bytes: no time of making, no random names, everything in order. So a report can be made
 again at any time and compared (`verify_report`).
@@ -17,6 +17,7 @@ from jbclog.record.durable import write_whole
 from jbclog.record.folder import expect_no_links
 from jbclog.report.facts import Facts
 from jbclog.report.gather import gather
+from jbclog.report.joints import JOINTS, joints_bytes
 from jbclog.report.page import render
 from jbclog.report.pdf import report_pdf
 from jbclog.report.plates import Plates
@@ -57,6 +58,7 @@ def report_files(folder: Path) -> dict[str, bytes]:
         DATA: (json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False) + "\n").encode(),
         PAGE: render(document, drawn, zooms).encode(),
         PAPER: report_pdf(facts, plates),
+        JOINTS: joints_bytes(folder),
         **{f"{TABLES}/{name}.csv": text.encode() for name, text in csv_tables(document).items()},
     }
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pytest
 from account import assert_account_holds
 from virtual_run import VirtualRun, line_text, prepare
 
@@ -79,10 +80,9 @@ def seconds(*times: float) -> float:
     next(watched)
     for time in times[:-1]:
         watched.send(Heard(time, b"", 100.0))
-    try:
+    with pytest.raises(StopIteration) as end:
         watched.send(Heard(times[-1], b"", 100.0))
-    except StopIteration as end:
-        assert end.value == "done"
+    assert end.value.value == "done"
     return round(measure.seconds, 3)
 
 

@@ -2,7 +2,8 @@
 
 The rule, fixed before anything was tuned: one true joint and one found joint are the same where they overlap for at least half
 of the shorter of the two; each counts once. Left out on both sides: what touches a gap of the record (half a second around it),
-and what cannot be told apart (`UNTOLD`). Every other found joint is a false one, of the class that it overlaps or comes within a second of.
+and what cannot be told apart (`UNTOLD`). Every other found joint is a false one, of the class that it overlaps or comes within
+a second of.
 """
 
 from __future__ import annotations

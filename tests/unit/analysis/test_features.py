@@ -18,7 +18,7 @@ from jbclog.analysis.joint_table import JOINTS_SCHEMA
 from jbclog.features import DEFINITIONS
 from jbclog.plan import Wanted, make_plan
 from jbclog.record.manifest import manifest_sha256
-from jbclog.report.joints import write_joints
+from jbclog.report import write_report
 
 FEEDER = "\n[feeder]\nmode = 'discontinuous'\nlength_mm = 5.0\nspeed_mm_s = 10.0\n"
 OMEGA = "[recipe]\nname = 'states'\nrevision = 1\nfamilies = ['omega']\n[sampling]\nrate_hz = 1\n"
@@ -71,10 +71,12 @@ def test_metrics_of_a_virtual_station(soldered: Path) -> None:
 def test_the_file_is_what_was_found_and_names_its_manifest(soldered: Path) -> None:
     run = open_run(soldered)
     before = run.joints()
-    path = write_joints(soldered)
+    write_report(soldered)
+    path = soldered / "joints.parquet"
     first = path.read_bytes()
     path.unlink()
-    assert write_joints(soldered).read_bytes() == first
+    write_report(soldered)
+    assert path.read_bytes() == first
     pd.testing.assert_frame_equal(run.joints(), before)
     schema = pq.read_schema(path)
     assert schema.metadata[b"jbclog.manifest_sha256"].decode() == manifest_sha256(soldered)
