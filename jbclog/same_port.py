@@ -11,7 +11,6 @@ from typing import Final, NamedTuple
 from urllib.parse import urlsplit
 
 NETWORK: Final = ("socket", "rfc2217")
-AROUND_A_DEVICE: Final = ("spy", "alt")  # pyserial's: spy:///dev/ttyUSB0?file=log.txt
 LOOPBACK: Final = "loopback"  # localhost, 127.0.0.1 and ::1 are this computer
 
 
@@ -30,13 +29,11 @@ class PortPlace(NamedTuple):
 
 def place_of(url: str) -> PortPlace:
     """Where `url` leads; options behind `?` and the case of letters in hosts and schemes mean nothing."""
-    scheme, _, rest = url.partition("://")
+    scheme, _, _ = url.partition("://")
     if scheme.lower() in NETWORK:
         with suppress(ValueError):  # which it raises for what is no number
             parts = urlsplit(url)
             return PortPlace(parts.hostname or "", parts.port or 0)
-    if scheme.lower() in AROUND_A_DEVICE:
-        url = rest.partition("?")[0]
     return PortPlace(os.path.realpath(url) if url.startswith("/") else url)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
+from typing import Final
 
 BAUDRATES = (1200, 2400, 4800, 9600, 19200, 38400, 57600, 115200, 230400, 250000, 460800, 500000)
 """The rates that seed 000 prints (2.1); the newer units have 19200 only."""
@@ -13,6 +14,16 @@ _FORMAT = re.compile(r"8([NEO])([12])")
 AROUND = 4  # characters of a frame beside code and data: STX, header, ETX and check byte; of OMEGA's STX, ETX and two of the sum
 ADDRESSES = 4  # more of them where the line has addresses (seed 002, "Data Link Layer")
 CODE, DIGITS = 3, 5  # of the usual question and its answer
+
+
+SCHEMES: Final = ("socket", "rfc2217", "loop", "hwgrep")
+"""The kinds of url that may be opened. pyserial knows more; spy:// writes any file that its url names, alt:// loads code."""
+
+
+def scheme_of(url: str) -> str:
+    """The kind of port that a url names, in small letters; empty for a device."""
+    scheme, is_url, _ = url.partition("://")
+    return scheme.lower() if is_url else ""
 
 
 @dataclass(frozen=True, slots=True)

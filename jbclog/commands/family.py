@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
@@ -13,6 +14,7 @@ from jbclog.commands.robot import ErrorTable
 from jbclog.commands.signals import FEEDER_COUNTERS, FEEDER_SIGNALS, HOUR_COUNTERS, SOLDERING_SIGNALS, Counter, Signal
 from jbclog.commands.status import NO_STATUS, SOLDERING_STATUS, StatusTable
 
+_MODEL = re.compile(r"[A-Za-z]+[A-Za-z0-9 _.-]*")
 ROBOT, OMEGA = "robot", "omega"
 """Protocols: JBC's Robot mode, and OMEGA's own."""
 
@@ -100,8 +102,8 @@ class Family:
         return self.counters[0].command if self.counters else None
 
     def proves(self, model: str) -> bool:
-        """Whether a station that calls itself `model` is of this family."""
-        return model.upper().startswith(self.models)
+        """Whether a station that calls itself `model` is of this family. A name has letters and digits, nothing else odd."""
+        return bool(_MODEL.fullmatch(model)) and model.upper().startswith(self.models)
 
 
 _BENCH = _by_name((*robot.COMMON, robot.STORE, robot.SOFTWARE_VERSION))

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import re
 from pathlib import PurePosixPath
-from typing import Final
 from urllib.parse import urlsplit
 
 from jbclog.recipe.schema import said, shown, unknown
+from jbclog.wire import SCHEMES, scheme_of
 
-SCHEMES: Final = ("socket", "rfc2217", "loop", "hwgrep", "spy", "alt", "cp2110")
 _WINDOWS_PORT = re.compile(r"COM\d{1,3}|\\\\\.\\.+", re.IGNORECASE)
 
 
@@ -33,9 +32,8 @@ def checked_url(value: str) -> str:
 
 def url_problem(value: str) -> str | None:
     """What is wrong with a url that has a scheme; None where it may be opened, or is a path."""
-    scheme, is_url, _ = value.partition("://")
-    scheme = scheme.lower()
-    if not is_url:
+    scheme = scheme_of(value)
+    if "://" not in value:
         return None
     if scheme not in SCHEMES:
         return f"the kind of port {shown(scheme)} is {unknown(scheme, list(SCHEMES))}"

@@ -34,7 +34,8 @@ from jbclog.rows import StationFacts
 
 RUNNING: Final = "running"
 NOT_KEPT: Final = "could not be kept while the disk did not take them"
-LATER: Final = (NAME, ANNOTATIONS, "report.html", "report.pdf", "report.json", "joints.parquet", guarded.LEASE, guarded.LOCK)
+OF_REPORT: Final = ("report.html", "report.pdf", "report.json", "joints.parquet")
+LATER: Final = (NAME, ANNOTATIONS, guarded.LEASE, guarded.LOCK)
 """Files of the folder that are not the record: the manifest itself, what comes after sealing, and what says of tools left hot."""
 MADE: Final = (("figures/", ".svg"), ("tables/", ".csv"))  # folders that a report makes, and what is in them
 
@@ -153,8 +154,13 @@ def sealed_file(folder: Path, path: Path, rows: int | None) -> SealedFile:
 
 def is_later(name: str) -> bool:
     """Whether what lies at `name` in the folder may come, change and go after sealing."""
+    return name in LATER or is_of_report(name)
+
+
+def is_of_report(name: str) -> bool:
+    """Whether `report` writes a file of that name."""
     made = any(name.startswith(folder) and name.endswith(ending) for folder, ending in MADE)
-    return name in LATER or (made and name.count("/") == 1)
+    return name in OF_REPORT or (made and name.count("/") == 1)
 
 
 def live_files(folder: Path) -> list[Path]:

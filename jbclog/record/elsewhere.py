@@ -6,6 +6,7 @@ stands elsewhere: the next run's manifest, a report, an annotation, a printed pa
 
 from __future__ import annotations
 
+import hashlib
 import json
 from collections.abc import Iterator
 from pathlib import Path
@@ -14,6 +15,7 @@ from typing import Final
 from jbclog.errors import RecordError
 from jbclog.record.annotations import NAME as ANNOTATIONS
 from jbclog.record.annotations import read
+from jbclog.record.conclude import is_of_report
 from jbclog.record.lineage import broken_links, is_head, short_head
 from jbclog.record.manifest import NAME, Manifest, manifest_sha256
 
@@ -23,6 +25,8 @@ REPORT: Final = "report.json"
 def disagreements(folder: Path, manifest: Manifest, head: str | None) -> Iterator[tuple[str, str]]:
     """File and sentence for each."""
     own = manifest_sha256(folder)
+    if (folder / NAME).is_symlink():
+        yield NAME, "is a link, not a file"
     if head is not None and not is_head(head, own):
         yield NAME, f"is not the one that was told: its head is {short_head(own)}"
     for text in broken_links(folder, manifest):
@@ -32,15 +36,31 @@ def disagreements(folder: Path, manifest: Manifest, head: str | None) -> Iterato
 
 
 def _report(folder: Path, own: str) -> Iterator[tuple[str, str]]:
+    """The report names the manifest that it was made from, and the hash of each file that was written with it."""
+    made = [name for path in folder.rglob("*") if path.is_file() and is_of_report(name := path.relative_to(folder).as_posix())]
     try:
-        named = json.loads((folder / REPORT).read_bytes())["manifest_sha256"]
+        report = json.loads((folder / REPORT).read_bytes())
+        named, files = report["manifest_sha256"], dict(report.get("files", {}))
     except FileNotFoundError:
+        yield from ((name, f"stands without {REPORT}, which would vouch for it; make the report again") for name in sorted(made))
         return
-    except (OSError, ValueError, LookupError, TypeError, RecursionError):
+    except (OSError, ValueError, LookupError, TypeError, AttributeError, RecursionError):
         yield REPORT, "is no report of a run"
         return
     if named != own:
         yield REPORT, f"was made from another manifest: {short_head(str(named))}, this one is {short_head(own)}"
+    if files:  # reports of before had none
+        yield from _files(folder, files, {*made} - {REPORT})
+
+
+def _files(folder: Path, told: dict[str, str], made: set[str]) -> Iterator[tuple[str, str]]:
+    for name in sorted(made - {*told}):
+        yield name, f"was not written with {REPORT}; make the report again"
+    for name in sorted({*told} - made):
+        yield str(name), f"was written with {REPORT} and is missing; make the report again"
+    for name in sorted(made & {*told}):
+        if hashlib.sha256((folder / name).read_bytes()).hexdigest() != told[name]:
+            yield name, f"was changed since {REPORT} was written; make the report again"
 
 
 def _annotations(folder: Path) -> Iterator[tuple[str, str]]:

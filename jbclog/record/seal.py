@@ -77,7 +77,7 @@ class SealChild:
     """`seal_rows` in a child process of low priority. It holds the folder's lock even when the recorder is gone."""
 
     def __init__(self, folder: Path, lock: FolderLock, *, part: bool = False) -> None:
-        command = [sys.executable, "-m", "jbclog.record.seal", str(folder), "--lock", str(lock.descriptor)]
+        command = [sys.executable, "-P", "-m", "jbclog.record.seal", str(folder), "--lock", str(lock.descriptor)]
         self._child = subprocess.Popen(
             command + (["--part"] if part else []),
             stdin=subprocess.DEVNULL,

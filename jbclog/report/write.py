@@ -6,7 +6,9 @@ again at any time and compared (`verify_report`).
 
 from __future__ import annotations
 
+import hashlib
 import json
+import warnings
 from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
@@ -44,6 +46,7 @@ def verify_report(folder: Path | str) -> list[str]:
 
 def report_files(folder: Path) -> dict[str, bytes]:
     """Every file of a report by its name, as bytes."""
+    warnings.filterwarnings("ignore", "Glyph .* missing from")  # serials may be in any script; `letters` says what is not drawn
     plates = Plates()
     facts = gather(open_run(folder), plates)
     document = as_document(facts)
@@ -53,14 +56,15 @@ def report_files(folder: Path) -> dict[str, bytes]:
     }
     ports = [port for station in facts.stations for port in station.ports]
     zooms = {one.file: one.zoom for port in ports for one in port.figures if one.zoom is not None}
-    return {
+    files = {
         **{file: wide.encode() for file, (wide, _) in drawn.items()},
-        DATA: (json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False) + "\n").encode(),
         PAGE: render(document, drawn, zooms).encode(),
         PAPER: report_pdf(facts, plates),
         JOINTS: joints_bytes(folder),
         **{f"{TABLES}/{name}.csv": text.encode() for name, text in csv_tables(document).items()},
     }
+    vouched = {**document, "files": {name: hashlib.sha256(content).hexdigest() for name, content in sorted(files.items())}}
+    return {**files, DATA: (json.dumps(vouched, indent=1, ensure_ascii=False, allow_nan=False) + "\n").encode()}
 
 
 def as_document(facts: Facts) -> Mapping[str, object]:

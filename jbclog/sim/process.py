@@ -23,7 +23,7 @@ class SimProcess:
     """
 
     def __init__(self, line: Path, folder: Path, *, tcp: str | None = None, log: Path | None = None) -> None:
-        self._command = [sys.executable, "-m", "jbclog.sim", str(line), "--dir", str(folder), "--until-eof"]
+        self._command = [sys.executable, "-P", "-m", "jbclog.sim", str(line), "--dir", str(folder), "--until-eof"]
         self._command += ["--tcp", tcp] if tcp else []
         self._command += ["--log", str(log)] if log else []
         self._process: subprocess.Popen[str] | None = None

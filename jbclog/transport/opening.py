@@ -17,7 +17,7 @@ import serial
 from jbclog.errors import LinkError, PortBusy, PortForbidden, PortMissing
 from jbclog.transport.holder import holder_of, in_words
 from jbclog.transport.port import BROKEN, SLICE_S, DescriptorPort, ObjectPort, Port, give_back, lost
-from jbclog.wire import LineFormat
+from jbclog.wire import SCHEMES, LineFormat, scheme_of
 
 try:
     import fcntl
@@ -37,6 +37,7 @@ def open_port(url: str, line: LineFormat, *, exclusive: bool = True) -> Port:
     Raises `PortBusy`, which names who holds the port where that can be found out, and `LinkError` for all else.
     """
     opened = None
+    _expect_port(url)
     try:
         opened = serial.serial_for_url(url, do_not_open=True)
         _set_up(opened, url, line, exclusive)
@@ -52,9 +53,17 @@ def open_port(url: str, line: LineFormat, *, exclusive: bool = True) -> Port:
 
 def make_ready(url: str) -> None:
     """Load what it takes to open such a port, and open nothing: when it must be opened the disk may be gone."""
-    with contextlib.suppress(*BROKEN):
+    with contextlib.suppress(*BROKEN, LinkError):
+        _expect_port(url)
         serial.serial_for_url(url, do_not_open=True)
         "host".encode("idna")
+
+
+def _expect_port(url: str) -> None:
+    """Raise `LinkError` where the url is of a kind that is never opened: pyserial acts on some while it only parses them."""
+    if "://" in url and scheme_of(url) not in SCHEMES:
+        kinds = ", ".join(f"{scheme}://" for scheme in SCHEMES)
+        raise LinkError(f"{url}: it is no port that may be opened; give a device such as /dev/ttyUSB0, or one of {kinds}")
 
 
 def _set_up(opened: serial.SerialBase, url: str, line: LineFormat, exclusive: bool) -> None:

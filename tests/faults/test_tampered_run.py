@@ -273,3 +273,35 @@ def test_what_was_said_last_can_be_taken_away_unless_its_head_was_noted(run: Pat
     path = run / "annotations.jsonl"
     path.write_bytes(path.read_bytes().splitlines(keepends=True)[0])
     assert check(run) == []
+
+
+# -- what a report wrote -------------------------------------------------------------------------------------------------
+
+OF_REPORT = ("report.html", "report.pdf", "joints.parquet", "tables/rules.csv")
+
+
+@pytest.mark.parametrize("name", OF_REPORT)
+@pytest.mark.parametrize("change", ["changed", "taken away"])
+def test_a_report_s_files_are_vouched_for_by_its_json(run: Path, name: str, change: str) -> None:
+    write_report(run)
+    assert check(run) == []
+    if change == "changed":
+        (run / name).write_bytes((run / name).read_bytes().replace(b"e", b"a", 1))
+    else:
+        (run / name).unlink()
+    assert named(run) == {name}
+
+
+def test_a_forged_page_in_a_run_without_a_report(bare: Path) -> None:
+    (bare / "report.html").write_text("ACCEPT")
+    assert named(bare) == {"report.html"}
+    write_report(bare)
+    assert named(bare) == set()
+    (bare / "figures" / "more.svg").write_text("<svg/>")
+    assert named(bare) == {"figures/more.svg"}
+
+
+def test_a_manifest_behind_a_link(bare: Path, tmp_path: Path) -> None:
+    (bare / "manifest.json").rename(tmp_path / "elsewhere.json")
+    (bare / "manifest.json").symlink_to(tmp_path / "elsewhere.json")
+    assert "manifest.json" in named(bare)

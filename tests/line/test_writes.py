@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tomllib
+from contextlib import nullcontext
 from pathlib import Path
 
 import pytest
@@ -11,9 +12,11 @@ from virtual_run import RECIPE, Heard, VirtualRun, line_text, prepare
 
 from jbclog.commands.family import FAMILIES
 from jbclog.effects import Steps
+from jbclog.errors import WriteForbidden
+from jbclog.recipe.settings import condition_of
 from jbclog.session import run as chapters
 from jbclog.session.order import Desk
-from jbclog.session.writes import WRITES
+from jbclog.session.writes import WRITES, listed
 
 PROFILES = Path(__file__).parents[2] / "profiles"
 LINES = {path.stem: path for path in sorted((PROFILES / "lines").glob("*.toml")) if path.stem != "bench"}
@@ -61,6 +64,17 @@ def test_a_condition_of_omega_is_written_as_the_recipe_has_it_and_only_where_tha
             ["D0065000301406400506400901E050005064" + "00A0000000" + "0A0C8"] if allowed else []
         )
         assert strange_writes(run.heard, "omega", recipe, omega_may_write=allowed) == []
+
+
+@pytest.mark.parametrize("allowed", [True, False])
+def test_omega_s_condition_is_on_the_list_only_where_that_is_allowed(allowed: bool) -> None:
+    recipe = (PROFILES / "recipes" / "omega-point.toml").read_text()
+    run = prepare(LINES["omega"].read_text(), recipe, duration_s=5.0, allow_omega_write=allowed).go()
+    (desk,) = run.desks.values()
+    condition = condition_of(desk.recipe, desk.family)
+    assert condition is not None
+    with nullcontext() if allowed else pytest.raises(WriteForbidden, match="nobody asked for"):
+        listed(desk)(desk.command("store_condition"), condition, None, None)
 
 
 @pytest.mark.parametrize(

@@ -20,6 +20,7 @@ from far_ends import Server, Terminal, open_descriptors, rfc2217_server, server,
 from jbclog.errors import LinkError, PortBusy, PortForbidden, PortMissing
 from jbclog.transport import Port, open_port
 from jbclog.transport.holder import holder_of, in_words
+from jbclog.transport.opening import make_ready
 from jbclog.wire import LineFormat
 
 LINE = LineFormat()
@@ -109,13 +110,17 @@ def test_a_loop_has_no_descriptor_and_works() -> None:
     port.close()
 
 
-def test_spy_sees_the_bytes(capsys: pytest.CaptureFixture[str]) -> None:
-    with terminal() as far:
-        port = open_port(f"spy://{far.url}", LINE)
-        port.write(b"\x02RSMN\x03\x03")
-        assert far.heard() == b"\x02RSMN\x03\x03"
-        port.close()
-    assert "RSMN" in capsys.readouterr().err
+@pytest.mark.parametrize(
+    "url", ["spy://{far}?file={file}", "SPY://{far}?file={file}", "spy:///dev/null?file={file}", "alt://{far}"]
+)
+def test_a_kind_of_port_that_writes_files_or_loads_code_is_not_even_parsed(tmp_path: Path, url: str) -> None:
+    """pyserial's spy:// opens the file that the url names for writing as soon as it reads the url."""
+    file = tmp_path / "precious"
+    file.write_text("precious")
+    with terminal() as far, pytest.raises(LinkError, match="no port that may be opened"):
+        open_port(url.format(far=far.url, file=file), LINE)
+    make_ready(url.format(far="/dev/null", file=file))
+    assert file.read_text() == "precious"
 
 
 @rfc2217_of_python_3_11
@@ -293,7 +298,7 @@ def _holding(far: Terminal) -> subprocess.Popen[str]:
         ("/dev/ttyNOWHERE", "there is no such port; see that it is plugged in"),
         ("/dev/null", "it is no serial port; give a device such as /dev/ttyUSB0"),
         ("/", "cannot be opened"),
-        ("rfc4711://host:1", "it is no port; give a device"),
+        ("rfc4711://host:1", "it is no port that may be opened; give a device"),
         ("socket://nowhere", "cannot be opened"),
         ("hwgrep://no-such-adapter", "cannot be opened"),
         ("", "there is no such port; see that it is plugged in"),

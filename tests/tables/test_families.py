@@ -130,3 +130,9 @@ def test_a_tool_in_the_extractor_state_neither_works_nor_rests(word: tuple[int, 
 )
 def test_a_safe_state_is_reached_where_the_station_says_so(ordered: str, found: tuple[int, ...], safe: bool) -> None:
     assert SOLDERING_STATUS.is_safe(found, SOLDERING_STATUS.orders[ordered]) == safe
+
+
+@pytest.mark.parametrize("model", ["UCR\x1b[31m", "UCRx1b[31m", "UCR;", "=UCR245", "DDE<b>", "JT\n", " UCR245", ""])
+def test_a_name_with_odd_characters_proves_no_family(model: str) -> None:
+    assert family_of(model) is None
+    assert [family.name for family in FAMILIES.values() if family.models and family.proves(model)] == []

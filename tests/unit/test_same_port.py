@@ -19,7 +19,6 @@ from jbclog.same_port import is_one_port, place_of
         ("socket://localhost:7400?logging=debug", "socket://localhost:7400"),
         ("rfc2217://localhost:7400?poll_modem", "socket://127.0.0.1:7400"),
         ("socket://Nowhere.invalid:7400", "socket://nowhere.invalid:7400"),
-        ("spy:///dev/jbc-1?file=log.txt", "/dev/jbc-1"),
         ("/dev/jbc-1", "/dev/../dev/jbc-1"),
     ],
 )
