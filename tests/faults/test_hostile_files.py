@@ -94,9 +94,9 @@ def test_a_hostile_file_is_refused_quickly(name: str, reader: str) -> None:
     assert len(text.encode()) <= MAX_BYTES, "the case would only test the limit on size"
     durations = []
     for _ in range(3):  # the best of three: other work on the machine is not what is measured
-        began = time.perf_counter()
+        began = time.process_time()
         problems = refused(READERS[reader], text).problems
-        durations.append(time.perf_counter() - began)
+        durations.append(time.process_time() - began)
         if durations[-1] < SECONDS:
             break
     assert min(durations) < SECONDS

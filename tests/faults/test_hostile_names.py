@@ -252,7 +252,7 @@ def shown(run: Path, *verbs: str) -> list[str]:
     return told
 
 
-@pytest.mark.parametrize("model", [None, ON_THE_WIRE[0]])
+@pytest.mark.parametrize("model", [None, pytest.param(ON_THE_WIRE[0], marks=pytest.mark.campaign)])
 def test_a_run_full_of_them(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, model: str | None) -> None:
     software = ON_THE_WIRE[0 if model is None else ON_THE_WIRE.index(model)]
     run = hostile_run(tmp_path, monkeypatch, model, software)
@@ -303,7 +303,7 @@ def foreign_manifest(run: Path, first: int, *, keep: Sequence[str] = (), **more:
     return text.removesuffix(END.decode()) + DIGEST % sha256(text.encode()).hexdigest()
 
 
-@pytest.mark.parametrize("first", [7, pytest.param(None, marks=pytest.mark.campaign)])
+@pytest.mark.parametrize("first", [pytest.param(one, marks=pytest.mark.campaign) for one in (7, None)])
 def test_every_text_of_a_foreign_manifest(sealed: Path, tmp_path: Path, first: int | None) -> None:
     for number in range(len(HOSTILE)) if first is None else [first]:
         run = copied(sealed, tmp_path / str(number))

@@ -154,6 +154,7 @@ def test_killed_at_a_step(series: Series) -> None:
     assert at_steps(series, step, 1, step + 1) == 1
 
 
+@pytest.mark.campaign
 def test_a_sealing_child_that_is_killed_loses_nothing(series: Series) -> None:
     """The recorder says so and leaves the record as it is; a recovery seals all of it."""
     assert series.line.log is not None

@@ -88,6 +88,7 @@ def test_it_is_in_its_own_record_and_made_safe_at_the_next_start_whatever_its_fo
     assert check(left_hot) == []  # what was sealed is not touched again
 
 
+@pytest.mark.campaign
 def test_safe_closes_what_was_left_and_tells_it(line: ServedLine, left_hot: Path) -> None:
     assert jbclog("recover", left_hot).returncode == 5
     done = jbclog("safe", "--line", line.path)

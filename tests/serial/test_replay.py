@@ -185,7 +185,7 @@ def calm(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return only_run(place / "runs")
 
 
-@pytest.mark.parametrize("speed", [3, 10])
+@pytest.mark.parametrize("speed", [3, pytest.param(10, marks=pytest.mark.campaign)])
 def test_recorded_again_faster_it_has_the_same_rows(calm: Path, tmp_path: Path, speed: int) -> None:
     """Each station as many rows as then, at its own rate, and where the host lost no tick the same values in them."""
     with served(calm, tmp_path / "served", "--speed", str(speed)) as replaying:
@@ -258,6 +258,7 @@ def test_a_row_too_many_is_a_difference(copied: Path, tmp_path: Path, monkeypatc
     assert re.search(r"events, dde-1: \d+ rows instead of \d+", str(told["differences"]))
 
 
+@pytest.mark.campaign
 def test_a_recorder_that_was_killed_leaves_all_but_the_last_second(tmp_path: Path) -> None:
     (tmp_path / "line.toml").write_text(LINE.replace("dropout", "overheat"))
     with SimProcess(tmp_path / "line.toml", tmp_path / "bench") as stations:

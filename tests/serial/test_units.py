@@ -93,7 +93,7 @@ def test_lines_of_a_reader_begin_units(bench: Bench, tmp_path: Path) -> None:
     assert units.iloc[-1] == "SN\\x1d2"
 
 
-@pytest.mark.parametrize("given", ["closed", "a pipe that ends"])
+@pytest.mark.parametrize("given", ["closed", pytest.param("a pipe that ends", marks=pytest.mark.campaign)])
 def test_a_stdin_that_ends_ends_nothing_else(bench: Bench, tmp_path: Path, given: str) -> None:
     line, _ = bench
     out = tmp_path / "runs"

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import re
 from html.parser import HTMLParser
+from importlib.resources import files
+
+SCRIPT = files("jbclog.report").joinpath("templates", "zoom.js").read_text("utf-8")
 
 HOSTILE = {
     "parent folder": "../../../etc/passwd",
@@ -69,11 +72,15 @@ class Acting(HTMLParser):
     def __init__(self, page: str) -> None:
         super().__init__(convert_charrefs=True)
         self.found: list[str] = []
+        self._elements: list[str] = []
         self.feed(page)
+        if "<script>" in self._elements and page.count(f"<script>{SCRIPT}</script>") == 1:
+            self._elements.remove("<script>")  # the report's own, which its policy names by hash
+        self.found += self._elements
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
         if tag in ("script", "iframe", "object", "embed", "link", "form", "base", "svg", "math", "template"):
-            self.found.append(f"<{tag}>")
+            self._elements.append(f"<{tag}>")
         for name, value in attrs:
             if name.startswith("on") or (name == "href" and not str(value).startswith("#")):
                 self.found.append(f"{tag} {name}={value}")

@@ -34,6 +34,7 @@ def digests(folder: Path) -> dict[str, str]:
     return {path.relative_to(folder).as_posix(): hashlib.sha256(path.read_bytes()).hexdigest() for path in files}
 
 
+@pytest.mark.campaign
 def test_the_same_run_gives_the_same_bytes_in_other_places(tmp_path: Path) -> None:
     run, found = make_run(tmp_path / "runs", 45), []
     for number, place in enumerate(PLACES):
