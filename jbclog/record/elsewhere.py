@@ -40,7 +40,7 @@ def _report(folder: Path, own: str) -> Iterator[tuple[str, str]]:
     made = [name for path in folder.rglob("*") if path.is_file() and is_of_report(name := path.relative_to(folder).as_posix())]
     try:
         report = json.loads((folder / REPORT).read_bytes())
-        named, files = report["manifest_sha256"], dict(report.get("files", {}))
+        named, files = report["manifest_sha256"], dict(report.get("written", {}))
     except FileNotFoundError:
         yield from ((name, f"stands without {REPORT}, which would vouch for it; make the report again") for name in sorted(made))
         return

@@ -63,7 +63,7 @@ def report_files(folder: Path) -> dict[str, bytes]:
         JOINTS: joints_bytes(folder),
         **{f"{TABLES}/{name}.csv": text.encode() for name, text in csv_tables(document).items()},
     }
-    vouched = {**document, "files": {name: hashlib.sha256(content).hexdigest() for name, content in sorted(files.items())}}
+    vouched = {**document, "written": {name: hashlib.sha256(content).hexdigest() for name, content in sorted(files.items())}}
     return {**files, DATA: (json.dumps(vouched, indent=1, ensure_ascii=False, allow_nan=False) + "\n").encode()}
 
 

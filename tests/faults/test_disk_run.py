@@ -79,6 +79,7 @@ def fill(disk: Path) -> Path:
             return filler
 
 
+@pytest.mark.campaign
 def test_a_disk_that_is_filled_while_the_run_goes_on(line: ServedLine, tmp_path: Path) -> None:
     with small_disk(tmp_path / "disk", "24m") as disk:
         out, begin = disk / "runs", begin_of(line)

@@ -212,12 +212,14 @@ def clocks(line: ServedLine, tmp_path_factory: pytest.TempPathFactory) -> Iterat
         starting.end_all()
 
 
+@pytest.mark.campaign
 def test_all_end_in_good_order_and_leave_nothing_hot(clocks: Clocks) -> None:
     runs = (clocks.stepped, clocks.slept, clocks.stopped, clocks.summer)
     assert [run.process.returncode for run in runs] == [143] * 4, [run.said for run in runs]
     assert [run.hot() for run in runs] == [[]] * 4
 
 
+@pytest.mark.campaign
 def test_a_stepped_clock_is_two_events_and_moves_no_tick(clocks: Clocks) -> None:
     events = clocks.stepped.events("clock.step")
     assert [round(value) for value in events["value"]] == [HOUR, -2 * HOUR]
@@ -229,6 +231,7 @@ def test_a_stepped_clock_is_two_events_and_moves_no_tick(clocks: Clocks) -> None
     assert clocks.stepped.wrong() == []
 
 
+@pytest.mark.campaign
 def test_a_machine_that_slept_is_one_event_no_step_of_the_clock_and_no_rows(clocks: Clocks) -> None:
     (slept,) = clocks.slept.events("host.suspended")["value"]
     assert slept == pytest.approx(NIGHT, abs=5)
@@ -246,6 +249,7 @@ def _far_from_grid(run: Run) -> list[int]:
     return list(samples["tick"][(samples["time"].astype("int64") / 1e6 - due).abs() > SOON_S])
 
 
+@pytest.mark.campaign
 def test_a_recorder_without_a_guard_that_stood_still_says_so_and_goes_on(clocks: Clocks) -> None:
     (stood,) = clocks.stopped.events("host.suspended")["value"]
     assert 5.0 < stood < SOON_S
@@ -255,6 +259,7 @@ def test_a_recorder_without_a_guard_that_stood_still_says_so_and_goes_on(clocks:
     assert clocks.stopped.wrong() == []
 
 
+@pytest.mark.campaign
 def test_an_hour_that_comes_twice_in_madrid_comes_once_in_the_record(clocks: Clocks) -> None:
     run = clocks.summer
     assert run.folder.name.startswith("20261025T0059")
@@ -531,6 +536,7 @@ def test_two_recorders_fifty_times(start: Start, counted: Callable[..., None]) -
     counted(pairs_of_recorders=50, lost=0, wrong=0)
 
 
+@pytest.mark.campaign
 def test_a_program_that_has_the_port_open_without_asking_is_named_and_gets_nothing_into_the_record(start: Start) -> None:
     """It reads what was meant for the run: answers are lost, none is made up."""
     soon = "import jbclog.conduct as c; c.LOOK_AT_PORTS_EVERY_S = 0.5; from jbclog.cli import main; main()"
@@ -569,6 +575,7 @@ def test_whatever_fails_in_showing_a_run_is_counted_and_no_fault_of_it(start: St
     assert missed > 0
 
 
+@pytest.mark.campaign
 def test_a_report_that_fails_changes_nothing_of_the_record(clocks: Clocks, monkeypatch: pytest.MonkeyPatch) -> None:
     def fail(*_: object) -> None:
         raise ValueError("a fault of its own")

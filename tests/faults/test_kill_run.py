@@ -149,6 +149,7 @@ def test_killed_at_random_moments(series: Series) -> None:
     at_random(series, SEED, 1, ["questions"])
 
 
+@pytest.mark.campaign
 def test_killed_at_a_step(series: Series) -> None:
     step = 4 + SEED % 60
     assert at_steps(series, step, 1, step + 1) == 1

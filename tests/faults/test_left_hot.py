@@ -103,6 +103,7 @@ def test_safe_closes_what_was_left_and_tells_it(line: ServedLine, left_hot: Path
     assert jbclog("recover", left_hot).returncode == 0
 
 
+@pytest.mark.campaign
 def test_what_was_made_safe_before_the_record_was_recovered_is_in_its_events(line: ServedLine, left_hot: Path) -> None:
     assert jbclog("safe", "--line", line.path).returncode == 0
     assert jbclog("recover", left_hot).returncode == 0

@@ -280,16 +280,17 @@ def test_what_was_said_last_can_be_taken_away_unless_its_head_was_noted(run: Pat
 OF_REPORT = ("report.html", "report.pdf", "joints.parquet", "tables/rules.csv")
 
 
-@pytest.mark.parametrize("name", OF_REPORT)
-@pytest.mark.parametrize("change", ["changed", "taken away"])
-def test_a_report_s_files_are_vouched_for_by_its_json(run: Path, name: str, change: str) -> None:
+def test_a_report_s_files_are_vouched_for_by_its_json(run: Path) -> None:
     write_report(run)
     assert check(run) == []
-    if change == "changed":
-        (run / name).write_bytes((run / name).read_bytes().replace(b"e", b"a", 1))
-    else:
+    for name in OF_REPORT:
+        whole = (run / name).read_bytes()
+        (run / name).write_bytes(whole.replace(b"e", b"a", 1))
+        assert named(run) == {name}
         (run / name).unlink()
-    assert named(run) == {name}
+        assert named(run) == {name}
+        (run / name).write_bytes(whole)
+    assert check(run) == []
 
 
 def test_a_forged_page_in_a_run_without_a_report(bare: Path) -> None:

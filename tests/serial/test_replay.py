@@ -185,7 +185,7 @@ def calm(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return only_run(place / "runs")
 
 
-@pytest.mark.parametrize("speed", [3, pytest.param(10, marks=pytest.mark.campaign)])
+@pytest.mark.parametrize("speed", [pytest.param(one, marks=pytest.mark.campaign) for one in (3, 10)])
 def test_recorded_again_faster_it_has_the_same_rows(calm: Path, tmp_path: Path, speed: int) -> None:
     """Each station as many rows as then, at its own rate, and where the host lost no tick the same values in them."""
     with served(calm, tmp_path / "served", "--speed", str(speed)) as replaying:

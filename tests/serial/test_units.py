@@ -108,6 +108,7 @@ def test_a_stdin_that_ends_ends_nothing_else(bench: Bench, tmp_path: Path, given
     assert "No more serials come from stdin, which was closed" in notes
 
 
+@pytest.mark.campaign
 def test_a_flood_does_not_hold_up_a_run(bench: Bench, tmp_path: Path) -> None:
     line, _ = bench
     out = tmp_path / "runs"
