@@ -1,31 +1,23 @@
 """Hundreds of sessions in one thread: asyncio's event loop as a reactor, without a task or future per question.
 
 The loop watches descriptors and timers; a session is resumed straight from the callback that heard its bytes, and its
-next wish is carried out before the callback returns. Ports without a descriptor to watch (rfc2217, Windows) get a
-thread that reads and hands its bytes over; the session does not know. Opening a port can block, so that happens in a
-thread too.
+next wish is carried out before the callback returns (`pulled.py`). Opening a port can block, so that happens in a thread.
 """
 
 from __future__ import annotations
 
 import asyncio
-import threading
 from collections.abc import Callable
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor
 from heapq import heappop, heappush
 from itertools import count
 
 from jbclog import clock
-from jbclog.drive.blocking import OpenPort, Port
+from jbclog.drive.blocking import OpenPort
+from jbclog.drive.pulled import NEVER, Pulled, Session
 from jbclog.drive.waiting import Readers, exact_selector
-from jbclog.effects import Ask, Heard, Listen, RunEnded, Steps, Wait, Wish
-from jbclog.errors import LinkError
 
 OPENERS = 8  # ports opened at the same time
-PUMP_S = 0.2  # how often a reading thread looks whether it is still wanted
-NEVER = float("inf")
-
-Session = Steps[object]
 _now = clock.elapsed  # which the loop is made to run on
 
 
@@ -50,15 +42,15 @@ class Reactor:
         self.loop = _Loop(exact_selector())
         self.readers = Readers(self.loop)
         self.openers = ThreadPoolExecutor(OPENERS, thread_name_prefix="open-port")
-        self._wires: set[Wire] = set()
-        self._alarms: list[tuple[float, int, Wire]] = []  # a heap
+        self._wires: set[Pulled] = set()
+        self._alarms: list[tuple[float, int, Pulled]] = []  # a heap
         self._order = count()
         self._timer: asyncio.TimerHandle | None = None  # for the first of them
         self._failure: Exception | None = None
 
     def add(self, session: Session, open_port: OpenPort) -> None:
         """Have `session` pulled; `open_port` is called, in a thread, for each of its wishes to open the port."""
-        self._wires.add(Wire(self, session, open_port))
+        self._wires.add(Pulled(self, session, open_port))
 
     def every(self, seconds: float, call: Callable[[], None]) -> None:
         """Call `call` again and again while sessions go on, whatever it raises. It must return at once."""
@@ -93,13 +85,13 @@ class Reactor:
         if self._failure is not None:
             raise self._failure
 
-    def failed(self, wire: Wire, error: Exception) -> None:
+    def failed(self, wire: Pulled, error: Exception) -> None:
         """The session of `wire` broke, which no session may; the others are ended in good order."""
         self._failure = self._failure or error
         self.ended(wire)
         self.loop.call_soon(self.end, f"a session broke: {error}")
 
-    def ended(self, wire: Wire) -> None:
+    def ended(self, wire: Pulled) -> None:
         """`wire` has nothing more to pull."""
         self._wires.discard(wire)
         if not self._wires:
@@ -107,7 +99,7 @@ class Reactor:
 
     # One timer of the loop for all wires: on a common grid they wake together, and comparing asyncio's timers is dear.
 
-    def wake_at(self, moment: float, wire: Wire) -> None:
+    def wake_at(self, moment: float, wire: Pulled) -> None:
         """Call `wire.on_time(moment)` at `moment`. Nothing is ever taken back: a wire knows which of its alarms counts."""
         heappush(self._alarms, (moment, next(self._order), wire))
         self._set_timer()
@@ -130,286 +122,3 @@ class Reactor:
         finally:
             self._timer = None
             self._set_timer()
-
-
-class Wire:
-    """One session and its port."""
-
-    __slots__ = (
-        "_armed",
-        "_broken",
-        "_deadline",
-        "_ending",
-        "_failing",
-        "_fileno",
-        "_is_ended",
-        "_is_started",
-        "_is_told_to_end",
-        "_listening",
-        "_loop",
-        "_now",
-        "_open_port",
-        "_opening",
-        "_port",
-        "_pump",
-        "_reactor",
-        "_send",
-        "_sent",
-        "_session",
-        "_throw",
-        "_unasked",
-    )
-
-    def __init__(self, reactor: Reactor, session: Session, open_port: OpenPort) -> None:
-        self._reactor = reactor
-        self._loop = reactor.loop
-        self._now = reactor.now
-        self._session = session
-        self._send, self._throw = session.send, session.throw
-        self._open_port = open_port
-        self._port: Port | None = None
-        self._fileno: int | None = None
-        self._pump: Pump | None = None
-        self._broken: LinkError | None = None  # found while nothing was asked; told at the next question
-        self._opening = False
-        self._listening = False
-        self._unasked = b""
-        self._sent = 0.0
-        self._deadline = NEVER
-        self._armed = NEVER  # when the next alarm that counts will ring
-        self._failing: asyncio.Handle | None = None  # a broken link that the session has not been told of yet
-        self._ending: RunEnded | None = None  # the run's end, while a port is being opened
-        self._is_told_to_end = False
-        self._is_started = False
-        self._is_ended = False
-
-    def start(self) -> None:
-        if not self._is_started:
-            self._is_started = True
-            self._resume(None)
-
-    def end(self, why: str) -> None:
-        """Throw the run's end into the session, where it stands; once."""
-        self.start()  # a session that has not begun has nothing to throw into
-        if self._is_told_to_end or self._is_ended:
-            return
-        self._is_told_to_end = True
-        if self._opening:
-            self._ending = RunEnded(why)
-        else:
-            self._fail(RunEnded(why))
-
-    # -- pulling ---------------------------------------------------------------------------------------------------------
-
-    def _resume(self, heard: Heard | None) -> None:
-        try:
-            wish = self._send(heard)  # type: ignore[arg-type]  # the first send of a generator is None
-        except StopIteration:
-            self._finish()
-        except Exception as broken:
-            self._finish(broken)
-        else:
-            self._do(wish)
-
-    def _fail(self, error: Exception) -> None:
-        if self._failing is not None:
-            self._failing.cancel()
-            self._failing = None
-        try:
-            wish = self._throw(error)
-        except StopIteration:
-            self._finish()
-        except Exception as broken:
-            self._finish(broken)
-        else:
-            self._do(wish)
-
-    def _fail_soon(self, error: LinkError) -> None:
-        """Not from within: a session that fails at once must not pile up."""
-        self._listening, self._deadline = False, NEVER
-        self._failing = self._loop.call_soon(self._fail, error)
-
-    def _do(self, wish: Wish) -> None:
-        kind = type(wish)
-        if kind is Ask:
-            self._ask(wish)  # type: ignore[arg-type]  # told by its type
-        elif kind is Listen:
-            self._await(wish.until, listening=True)  # type: ignore[union-attr]
-        elif kind is Wait:
-            self._await(wish.until, listening=False)  # type: ignore[union-attr]
-        else:
-            self._reopen()
-
-    def _ask(self, wish: Ask) -> None:
-        try:
-            if self._port is None:
-                raise self._broken or LinkError("the port is not open")
-            self._sent = sent = self._now()  # before writing: after it this thread may have to wait for its turn to go on
-            self._port.write(wish.data)
-        except LinkError as error:
-            self._drop_port()
-            self._fail_soon(error)
-            return
-        self._listening = True
-        self._arm(sent + wish.patience_s)
-
-    def _await(self, until: float, *, listening: bool) -> None:
-        if listening and self._port is None:
-            self._fail_soon(self._broken or LinkError("the port is not open"))
-            return
-        self._listening = listening
-        if listening and self._unasked:
-            until = 0.0
-        self._arm(until)
-
-    # -- time ------------------------------------------------------------------------------------------------------------
-
-    def _arm(self, deadline: float) -> None:
-        """Wake at `deadline`. An alarm that is set for an earlier moment is left: it sets itself again."""
-        self._deadline = deadline
-        if deadline < self._armed:
-            self._armed = deadline
-            self._reactor.wake_at(deadline, self)
-
-    def on_time(self, armed: float) -> None:
-        """An alarm rings that was set for the moment `armed`."""
-        if armed != self._armed:
-            return  # an earlier one was set since
-        self._armed = NEVER
-        now, deadline = self._now(), self._deadline
-        if now < deadline:
-            self._arm(deadline)
-            return
-        self._deadline = NEVER
-        unasked, self._unasked = self._unasked, b""
-        self._listening = False
-        self._resume(Heard(now, unasked, self._sent))
-
-    # -- bytes -----------------------------------------------------------------------------------------------------------
-
-    def _on_readable(self) -> None:
-        port = self._port
-        if port is None:
-            return
-        try:
-            data = port.read_now()
-        except LinkError as error:
-            self._on_broken(error)
-            return
-        if data:
-            self.on_bytes(data)
-
-    def on_bytes(self, data: bytes) -> None:
-        """Bytes came: the session's, if it listens; else they wait until it does."""
-        if self._listening:
-            self._listening = False
-            self._deadline = NEVER
-            self._resume(Heard(self._now(), data, self._sent))
-        else:
-            self._unasked += data
-
-    def _on_broken(self, error: LinkError) -> None:
-        self._drop_port()
-        self._broken = error
-        if self._listening:
-            self._listening = False
-            self._deadline = NEVER
-            self._fail(error)
-
-    # -- the port --------------------------------------------------------------------------------------------------------
-
-    def _reopen(self) -> None:
-        closing = self._drop_port()
-        self._deadline, self._listening, self._opening = NEVER, False, True
-        future = self._reactor.openers.submit(self._open_after, closing)
-        future.add_done_callback(lambda done: self._loop.call_soon_threadsafe(self._on_opened, done))
-
-    def _open_after(self, closing: Future[None] | None) -> Port:
-        """In a thread: a port is locked as long as it is open."""
-        if closing is not None:
-            closing.result()
-        return self._open_port()
-
-    def _on_opened(self, done: Future[Port]) -> None:
-        self._opening = False
-        error = done.exception()
-        if error is None:
-            self._take_port(done.result())
-        ending, self._ending = self._ending, None
-        if ending is not None:
-            self._fail(ending)
-        elif isinstance(error, LinkError):
-            self._fail(error)
-        elif error is not None:
-            self._fail(LinkError(f"opening the port failed: {error}"))
-        else:
-            self._resume(Heard(self._now(), b"", self._sent))
-
-    def _take_port(self, port: Port) -> None:
-        self._port, self._broken, self._unasked = port, None, b""
-        self._fileno = port.fileno()
-        if self._fileno is not None:
-            self._reactor.readers.add(self._fileno, self._on_readable)
-        else:
-            self._pump = Pump(self._loop, port, self)
-
-    def on_pumped(self, pump: Pump, data: bytes, error: LinkError | None) -> None:
-        """What the reading thread of a port brought; too late where the port has been closed since."""
-        if pump is not self._pump:
-            return
-        if error is not None:
-            self._on_broken(error)
-        else:
-            self.on_bytes(data)
-
-    def _drop_port(self) -> Future[None] | None:
-        """Give the port up; it is closed in a thread, for a driver may take its time."""
-        port, self._port = self._port, None
-        if self._fileno is not None:
-            self._reactor.readers.remove(self._fileno)
-            self._fileno = None
-        if self._pump is not None:
-            self._pump.stop()
-            self._pump = None
-        return None if port is None else self._reactor.openers.submit(port.close)
-
-    def _finish(self, broken: Exception | None = None) -> None:
-        self._is_ended = True
-        self._armed = NEVER
-        self._drop_port()
-        if broken is None:
-            self._reactor.ended(self)
-        else:
-            self._reactor.failed(self, broken)
-
-
-class Pump:
-    """A thread that reads a port without a descriptor and hands its bytes to the loop."""
-
-    def __init__(self, loop: asyncio.AbstractEventLoop, port: Port, wire: Wire) -> None:
-        self._loop = loop
-        self._port = port
-        self._wire = wire
-        self._wanted = True
-        threading.Thread(target=self._read, name="read-port", daemon=True).start()
-
-    def stop(self) -> None:
-        self._wanted = False
-
-    def _read(self) -> None:
-        while self._wanted:
-            data, error = b"", None
-            try:
-                data = self._port.read(PUMP_S)
-            except LinkError as broken:
-                error = broken
-            if (data or error) and self._wanted:
-                self._hand_over(data, error)
-            if error:
-                return
-
-    def _hand_over(self, data: bytes, error: LinkError | None) -> None:
-        try:
-            self._loop.call_soon_threadsafe(self._wire.on_pumped, self, data, error)
-        except RuntimeError:  # the loop is closed: the run is over
-            self._wanted = False
