@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import fcntl
 import os
 import time
 from collections.abc import Iterator
@@ -11,6 +10,7 @@ from pathlib import Path
 from typing import Final
 
 from jbclog.errors import RecordError
+from jbclog.locked import lock_of
 
 NAME: Final = "guard.lock"
 AGAIN_S: Final = 0.02
@@ -29,22 +29,9 @@ def only_one(folder: Path, patience_s: float = 0.0) -> Iterator[None]:
 
 def _taken(folder: Path, end: float) -> int:
     while True:
-        descriptor = _tried(folder)
+        descriptor = lock_of(folder / NAME)
         if descriptor is not None:
             return descriptor
         if time.monotonic() >= end:
             raise RecordError(f"{folder} has a guard already")
         time.sleep(AGAIN_S)
-
-
-def _tried(folder: Path) -> int | None:
-    """The lock, taken; None where another holds it, or took it away with its file while it was being taken."""
-    descriptor = os.open(folder / NAME, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o644)
-    try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        if os.path.samestat(os.fstat(descriptor), (folder / NAME).stat()):
-            return descriptor
-    except OSError:
-        pass
-    os.close(descriptor)
-    return None

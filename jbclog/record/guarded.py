@@ -7,7 +7,6 @@ that twice changes nothing.
 
 from __future__ import annotations
 
-import fcntl
 import json
 import os
 import time
@@ -20,6 +19,7 @@ from typing import Final
 import pyarrow as pa
 
 from jbclog.errors import RecordError
+from jbclog.locked import lock_of
 from jbclog.record.batches import decode, encode
 from jbclog.record.chain import Chain
 from jbclog.record.parts import row_groups, through, write_part
@@ -41,7 +41,7 @@ def without_guard(folder: Path, patience_s: float) -> Iterator[None]:
     Raises `RecordError`.
     """
     end = time.monotonic() + patience_s
-    while (descriptor := _lock_of(folder)) is None:
+    while (descriptor := lock_of(folder / LOCK)) is None:
         if time.monotonic() >= end:
             raise RecordError(f"{folder}: its guard is at work; nothing was changed. Try again when it has ended")
         time.sleep(AGAIN_S)
@@ -57,19 +57,6 @@ def await_guard(folder: Path, patience_s: float) -> None:
     if (folder / LOCK).exists():
         with without_guard(folder, patience_s):
             pass
-
-
-def _lock_of(folder: Path) -> int | None:
-    """The guard's lock, taken; None where a guard has it, or took it away with its file while it was being taken."""
-    descriptor = os.open(folder / LOCK, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o644)
-    try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        if os.path.samestat(os.fstat(descriptor), (folder / LOCK).stat()):
-            return descriptor
-    except OSError:
-        pass
-    os.close(descriptor)
-    return None
 
 
 def was_lost(folder: Path) -> bool:

@@ -16,7 +16,7 @@ import jbclog
 
 PACKAGE = Path(jbclog.__file__).parent
 
-BOTTOM = "errors clock quantities wire rows effects tape same_port"
+BOTTOM = "errors clock quantities wire rows effects tape same_port locked"
 MAY_USE = {
     # bottom: of jbclog they import only each other
     **dict.fromkeys(BOTTOM.split(), BOTTOM),
@@ -31,8 +31,8 @@ MAY_USE = {
     "safety": "station commands quantities effects errors",
     "session": "safety station scheduler recipe commands rows clock effects errors quantities wire",
     "drive": "transport clock effects tape errors",
-    "guard": "safety station commands drive transport record clock effects wire errors same_port",
-    "record": "rows tape clock errors same_port",
+    "guard": "safety station commands drive transport record clock effects wire errors same_port locked",
+    "record": "rows tape clock errors same_port locked",
     "sim": "protocol commands quantities wire recipe clock tape errors",
     "judge": "rows errors",
     "spc": "errors",

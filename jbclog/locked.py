@@ -1,0 +1,23 @@
+"""A lock of the system on a file that goes when its holder has done: it ends with its holder, however that ends."""
+
+from __future__ import annotations
+
+import fcntl
+import os
+from pathlib import Path
+
+
+def lock_of(path: Path) -> int | None:
+    """The lock at `path`, taken; None where another holds it, or took it away with its file while it was being taken.
+
+    Whoever is given the descriptor removes the file and closes it. Raises OSError where no file can be opened there.
+    """
+    descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o644)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        if os.path.samestat(os.fstat(descriptor), path.stat()):
+            return descriptor
+    except OSError:
+        pass
+    os.close(descriptor)
+    return None
