@@ -7,7 +7,7 @@ the run is to end, `RunEnded`. The session never waits, never opens anything and
 
 from __future__ import annotations
 
-from collections.abc import Generator
+from collections.abc import Callable, Generator
 from typing import NamedTuple, TypeVar
 
 
@@ -50,3 +50,21 @@ T = TypeVar("T")
 Wish = Ask | Listen | Wait | Reopen
 Steps = Generator[Wish, Heard, T]
 """A piece of a session: yields wishes, is sent what was heard, returns a `T`."""
+
+
+def relay(steps: Steps[T], do: Callable[[Wish], Steps[Heard]]) -> Steps[T]:
+    """Pull `steps`, and have `do` see to each of its wishes. What goes wrong in that is for the steps, as from a driver."""
+    try:
+        wish = next(steps)
+        while True:
+            try:
+                heard = yield from do(wish)
+            except Exception as error:
+                wish = steps.throw(error)
+            else:
+                wish = steps.send(heard)
+    except StopIteration as end:
+        result: T = end.value
+        return result
+    finally:
+        steps.close()

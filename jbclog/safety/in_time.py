@@ -2,12 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TypeVar
-
-from jbclog.effects import Ask, Listen, Steps, Wait, Wish
+from jbclog.effects import Ask, Heard, Listen, Steps, T, Wait, Wish, relay
 from jbclog.errors import AnswerTimeout
-
-T = TypeVar("T")
 
 
 def in_time(steps: Steps[T], now: float, end: float) -> Steps[T]:
@@ -15,23 +11,16 @@ def in_time(steps: Steps[T], now: float, end: float) -> Steps[T]:
 
     A question that would leave later is not sent; to who asks it was not answered.
     """
-    try:
-        wish = next(steps)
-        while True:
-            try:
-                if now >= end and isinstance(wish, Ask):
-                    raise AnswerTimeout("no time is left to ask")
-                heard = yield _cut(wish, now, end)
-            except Exception as error:  # whatever a driver throws is for the steps
-                wish = steps.throw(error)
-            else:
-                now = heard.now
-                wish = steps.send(heard)
-    except StopIteration as done:
-        value: T = done.value
-        return value
-    finally:
-        steps.close()
+
+    def done_by_then(wish: Wish) -> Steps[Heard]:
+        nonlocal now
+        if now >= end and isinstance(wish, Ask):
+            raise AnswerTimeout("no time is left to ask")
+        heard = yield _cut(wish, now, end)
+        now = heard.now
+        return heard
+
+    return relay(steps, done_by_then)
 
 
 def _cut(wish: Wish, now: float, end: float) -> Wish:

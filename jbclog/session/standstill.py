@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from jbclog.effects import Ask, Heard, Listen, Steps, T, Wait, Wish
+from jbclog.effects import Ask, Heard, Listen, Steps, T, Wait, Wish, relay
 
 NOTED_S = 1.0  # a host that is busy may be late by less than this without having stood still
 
@@ -21,22 +21,15 @@ class Standstill:
 
     def watch(self, steps: Steps[T], now: float) -> Steps[T]:
         """Do `steps` as they are, from `now` on, and add up by how much their wishes came back too late."""
-        try:
-            wish = next(steps)
-            while True:
-                try:
-                    heard = yield wish
-                except Exception as error:  # what a driver throws is for the steps
-                    wish = steps.throw(error)
-                    continue
-                self._note(wish, heard, now)
-                now = heard.now
-                wish = steps.send(heard)
-        except StopIteration as end:
-            result: T = end.value
-            return result
-        finally:
-            steps.close()
+
+        def timed(wish: Wish) -> Steps[Heard]:
+            nonlocal now
+            heard = yield wish
+            self._note(wish, heard, now)
+            now = heard.now
+            return heard
+
+        return relay(steps, timed)
 
     def _note(self, wish: Wish, heard: Heard, now: float) -> None:
         late = heard.now - _latest(wish, now, heard)
