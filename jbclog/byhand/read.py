@@ -91,15 +91,7 @@ def _reading(contact: Contact, command: Command, place: Place) -> Steps[Reading]
         said = client.data if isinstance(error, ImplausibleAnswer) else ""
         failed = Reading(command, place, None, said, client.now, error.reason, sentence(error))
         return (yield from _unless_void(contact, failed)) if isinstance(error, Refusal | ImplausibleAnswer) else failed
-    return (yield from _unless_void(contact, Reading(command, place, value, as_it_came(client.data, command, value), client.heard)))
-
-
-def as_it_came(data: str, command: Command, value: Value) -> str:
-    """The characters by which the station told `value`, which it told with its last answer, `data`, or one before that."""
-    try:
-        return data if command.quantity.decode(data) == value else command.quantity.encode(value)
-    except ValueError:
-        return data
+    return (yield from _unless_void(contact, Reading(command, place, value, command.as_it_came(client.data, value), client.heard)))
 
 
 def _unless_void(contact: Contact, reading: Reading) -> Steps[Reading]:

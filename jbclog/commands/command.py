@@ -127,6 +127,13 @@ class Command:
             raise ValueError(f"{self.name} has no number behind its letters")
         return replace(self, letters=f"{self.letters}{condition:04X}", scope=Scope.STATION)
 
+    def as_it_came(self, data: str, value: Value) -> str:
+        """The characters by which `value` was told: `data`, those of the last answer, where they say it, else its usual form."""
+        try:
+            return data if self.quantity.decode(data) == value else self.quantity.encode(value)
+        except ValueError:
+            return self.quantity.encode(value)
+
     def shown(self, value: Value) -> str:
         """The value as text with its unit, for sentences."""
         return f"{text_of(value)} {self.unit}".rstrip() if value is not OFF else "off"

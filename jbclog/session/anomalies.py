@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from jbclog.commands.command import Command
 from jbclog.effects import Steps
 from jbclog.errors import StationError
 from jbclog.quantities import Value
@@ -15,15 +14,6 @@ from jbclog.session.order import Desk, PortState
 
 DELAY_UNIT, NO_COUNTDOWN = 20, 25  # rows of section B
 LATE_S, EARLY_S = 30, 5  # how far a countdown may be from a whole delay shortly after it began
-
-
-def as_it_came(desk: Desk, command: Command, value: Value) -> str:
-    """The characters by which the station told `value`, which it told last or just before."""
-    data = desk.station.data
-    try:
-        return data if command.quantity.decode(data) == value else command.quantity.encode(value)
-    except ValueError:
-        return command.quantity.encode(value)
 
 
 def note_zero_countdown(desk: Desk, port: PortState, value: Value) -> None:

@@ -6,7 +6,6 @@ from jbclog.commands.signals import Counter
 from jbclog.effects import Steps
 from jbclog.errors import LinkError, NotSupported, RobotModeOff, StationError, StationSilent
 from jbclog.rows import CounterRow
-from jbclog.session.anomalies import as_it_came
 from jbclog.session.order import Desk, PortState
 
 
@@ -33,7 +32,13 @@ def _read(desk: Desk, port: PortState, counter: Counter) -> Steps[None]:
             raise
     else:
         port.counted[counter.name] = found
-        _keep(desk, port, counter, float(found) if isinstance(found, int | float) else None, as_it_came(desk, command, found))
+        _keep(
+            desk,
+            port,
+            counter,
+            float(found) if isinstance(found, int | float) else None,
+            command.as_it_came(desk.station.data, found),
+        )
 
 
 def _keep(desk: Desk, port: PortState, counter: Counter, value: float | None, raw: str) -> None:

@@ -15,7 +15,7 @@ from jbclog.quantities import Value
 from jbclog.rows import COLUMN, SAMPLE_COLUMNS, CounterRow, SampleRow, Severity, quality_of, reasons_text
 from jbclog.scheduler import Reading
 from jbclog.session.alarms import AlarmWatch, bears_out
-from jbclog.session.anomalies import as_it_came, note_zero_countdown
+from jbclog.session.anomalies import note_zero_countdown
 from jbclog.session.columns import Fill, fill_of, unusable, void
 from jbclog.session.doubt import Doubt, SecondLook
 from jbclog.session.identity import expect_same
@@ -224,7 +224,7 @@ class Scanner:
     def _count(self, probe: Probe, value: Value) -> None:
         if isinstance(value, int | float) and probe.reading.counter is not None:
             probe.port.counted[probe.reading.counter.name] = value
-            self._counter_row(probe, float(value), as_it_came(self._desk, probe.reading.command, value))
+            self._counter_row(probe, float(value), probe.reading.command.as_it_came(self._desk.station.data, value))
 
     def _counter_row(self, probe: Probe, value: float | None, raw: str) -> None:
         counter, desk = probe.reading.counter, self._desk
