@@ -4,34 +4,20 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import few_rows
 import pandas as pd
 import pytest
+import told_events
 from few_rows import T0
 
 from jbclog.analysis import open_run
 from jbclog.record.annotations import append
-from jbclog.record.conclude import conclude
-from jbclog.record.manifest import Manifest, Metadata, read_manifest, write_manifest
-from jbclog.record.seal import seal_rows
-from jbclog.rows import EventRow, Severity
+from jbclog.record.manifest import Metadata
 
 READ = [(10, "unit.begin", "SN-1"), (20, "unit.end", "SN-1"), (30, "unit.begin", "SN-2")]
 
 
 def run_with(out: Path, told: list[tuple[int, str, str]], named: list[str], *, is_open: bool = False) -> Path:
-    store = few_rows.begun(out)
-    write_manifest(store.folder, Manifest(store.folder.name, metadata=Metadata(units=named)))
-    for second, kind, serial in told:
-        store.event(EventRow(T0 + second * 1_000_000, kind, Severity.INFO, kind, raw=serial), at_once=True)
-    store.commit_now()
-    if is_open:
-        few_rows.vanish(store)
-        return store.folder
-    store.close()
-    seal_rows(store.folder)
-    conclude(store.folder, read_manifest(store.folder), store.lock)
-    return store.folder
+    return told_events.run_with(out, told, Metadata(units=named), crashes=is_open)
 
 
 def moments(*seconds: float) -> pd.Series:

@@ -4,37 +4,23 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import few_rows
 import pytest
+import told_events
 from few_rows import T0
+from told_events import Told
 
 from jbclog.record.annotations import append
 from jbclog.record.check import check
-from jbclog.record.conclude import conclude
-from jbclog.record.manifest import Manifest, Metadata, Unit, iso, read_manifest, write_manifest
+from jbclog.record.manifest import Metadata, Unit, iso, read_manifest, write_manifest
 from jbclog.record.recover import recover
-from jbclog.record.seal import seal_rows
 from jbclog.record.units import late_serials, only_unit, units_of
-from jbclog.rows import EventRow, Severity
 
-Told = tuple[int, str, str | None]
 CALM: list[Told] = [(1, "unit.begin", "SN-1"), (5, "unit.again", "SN-1"), (9, "unit.end", "SN-1"), (9, "unit.begin", "SN-2")]
 
 
 def run_with(out: Path, told: list[Told], *, crashes: bool = False) -> Path:
     """A run with these events: second, kind, serial."""
-    store = few_rows.begun(out)
-    write_manifest(store.folder, Manifest(store.folder.name, metadata=Metadata(order="88123", units=["SN-0"])))
-    for second, kind, serial in told:
-        store.event(EventRow(T0 + second * 1_000_000, kind, Severity.INFO, kind, raw=serial), at_once=True)
-    store.commit_now()
-    if crashes:
-        few_rows.vanish(store)
-        return store.folder
-    store.close()
-    seal_rows(store.folder)
-    conclude(store.folder, read_manifest(store.folder), store.lock)
-    return store.folder
+    return told_events.run_with(out, told, Metadata(order="88123", units=["SN-0"]), crashes=crashes)
 
 
 def at(second: int) -> str:
