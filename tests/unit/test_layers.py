@@ -39,6 +39,7 @@ MAY_USE = {
     "features": "judge",
     "episodes": "rows errors",
     "verifying": "record rows errors",
+    "audit": "record recipe rows errors",
     "analysis": "record judge episodes features spc rows tape errors",
     "report": "analysis judge record recipe commands rows errors",
     # top: what puts the rooms together, below the command line

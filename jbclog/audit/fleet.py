@@ -1,0 +1,97 @@
+"""The one value of an audit, from which CSV, JSON, page and terminal are all made: a row per station, and per task of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from jbclog.audit.due import State, TaskState
+from jbclog.audit.interval import Interval
+from jbclog.audit.observed import Count, Errors, Identity
+from jbclog.audit.odometer import Difference, Odometer
+
+
+@dataclass(frozen=True, slots=True)
+class Meter:
+    """A counter of a port: what was read now, the odometer behind it, the last difference, the pace (per day, where known)."""
+
+    port: int
+    counter: str
+    unit: str
+    read: Count | None
+    odometer: Odometer
+    last: Difference | None
+    per_day: Interval | None
+
+
+@dataclass(frozen=True, slots=True)
+class UseFigure:
+    """A figure of a station's use (`use.py`): its range where it has one, null with a reason where it is not known.
+
+    `name` is a stable word (``use_percent``, ``idle_hot_h``, ``mm_per_joint``, ...), `title` what people read.
+    """
+
+    name: str
+    title: str
+    unit: str
+    value: float | None
+    range: Interval | None = None
+    port: int | None = None
+    why: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Drift:
+    """Software or a parameter that is not what it was, or not what the fleet has: `than` is ``before`` or ``fleet``."""
+
+    name: str
+    value: str
+    expected: str
+    than: str
+
+
+@dataclass(frozen=True, slots=True)
+class StationAudit:
+    """A row: a station of the line, as it was seen now (`seen`) or last (`last_seen`), with all that follows from the ledger."""
+
+    line: str
+    station: str
+    url: str
+    seen: bool
+    why: str
+    source: str
+    last_seen: str | None
+    audits: int
+    identity: Identity | None
+    meters: tuple[Meter, ...] = ()
+    tasks: tuple[TaskState, ...] = ()
+    use: tuple[UseFigure, ...] = ()
+    errors: Errors | None = None
+    drifts: tuple[Drift, ...] = ()
+    notes: tuple[str, ...] = ()  # a sentence for everything that is not as it should be
+
+    @property
+    def state(self) -> State:
+        """That of the worst task."""
+        order = list(State)
+        return max((task.state for task in self.tasks), key=order.index, default=State.FINE)
+
+    @property
+    def doubts(self) -> tuple[Difference, ...]:
+        """Differences since last time that nobody can be sure of."""
+        return tuple(meter.last for meter in self.meters if meter.last is not None and meter.last.is_doubtful)
+
+
+@dataclass(frozen=True, slots=True)
+class FleetAudit:
+    """All of it. `wrong` are sentences about damaged lines of the ledger; `ledger_head` is the hash of its last line."""
+
+    line: str
+    audit: str
+    ledger: str
+    ledger_head: str
+    stations: tuple[StationAudit, ...]
+    wrong: tuple[str, ...] = ()
+
+    @property
+    def is_whole(self) -> bool:
+        return all(station.seen for station in self.stations)
