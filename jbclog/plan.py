@@ -17,6 +17,7 @@ from jbclog.recipe.line import IS_A_RECIPE, Line, Replay, StationSpec, load_line
 from jbclog.recipe.load import IS_A_LINE, load_recipe
 from jbclog.recipe.model import Recipe
 from jbclog.recipe.settings import Setting, condition_of, foreign_keys, settings_for, station_settings_for
+from jbclog.rows import JOINTS, UNITS, Goal
 from jbclog.scheduler import Demand
 from jbclog.session.order import AS_FAST_AS_POSSIBLE, AS_FIT, Order
 from jbclog.session.pace import rate_problem, readings_for
@@ -57,7 +58,8 @@ class Wanted:
     """What was asked for on the command line. `rate` is Hz, ``fit``, ``max``, or None for the recipe's.
 
     `metadata` is None where nobody was asked yet, as in a dry run. `wire`: what passes over the wires is kept, too. `guard`: a
-    guard makes the tools safe if the recorder dies.
+    guard makes the tools safe if the recorder dies. The run ends with so many finished units, with so many joints of all its
+    stations together, or after `duration_s`, whichever comes first; without any of them when it is told to.
     """
 
     line: Path
@@ -69,6 +71,17 @@ class Wanted:
     wire: bool = False
     guard: bool = True
     allow_omega_write: bool = False
+    until_units: int | None = None
+    until_joints: int | None = None
+
+    def goals(self) -> list[Goal]:
+        """The numbers that the run is to end with."""
+        return [Goal(what, count) for what, count in ((UNITS, self.until_units), (JOINTS, self.until_joints)) if count is not None]
+
+    @property
+    def states_an_end(self) -> bool:
+        """Whether it ends by itself; one that does not is ended by Ctrl-C as it should be."""
+        return self.duration_s is not None or bool(self.goals())
 
 
 @dataclass(frozen=True, slots=True)

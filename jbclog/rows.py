@@ -214,6 +214,27 @@ class StationFacts:
     last_temperature_c: dict[int, float] = field(default_factory=dict)
 
 
+UNITS, JOINTS = "units", "joints"
+
+
+@dataclass(frozen=True, slots=True)
+class Goal:
+    """How many units or joints a run was to end with, and how many there were; kept in the manifest.
+
+    `what` is ``units`` or ``joints``. `reached` counts what is known: units that were finished, joints that were found, of all
+    stations together. It is None where nobody knows, or the run has not ended. `text` says it in a sentence.
+    """
+
+    what: str
+    wanted: int
+    reached: int | None = None
+    text: str = ""
+
+    @property
+    def is_met(self) -> bool:
+        return self.reached is not None and self.reached >= self.wanted
+
+
 @dataclass(frozen=True, slots=True)
 class TipCheck:
     """The tip verification that a port stood on when its run began, kept in the manifest (`verifying`).

@@ -14,7 +14,7 @@ from jbclog.errors import RecordError
 from jbclog.record.durable import write_whole
 from jbclog.record.from_json import Misfit, build
 from jbclog.record.schema import SCHEMA_VERSION
-from jbclog.rows import StationFacts, TipCheck
+from jbclog.rows import Goal, StationFacts, TipCheck
 
 NAME: Final = "manifest.json"
 STATES: Final = ("open", "sealed")
@@ -153,7 +153,8 @@ class Manifest:
     was not kept, ``whole`` where it was, or says what of it is missing. `previous` is None where the recorder had not come
     to looking for it. `units` are those whose serials were read while the run went on, as its events have them; those that
     were named when it was started are in `metadata`. `verifications` are the tip verifications that its ports stood on when it
-    began; empty in records of before they were cited.
+    began; empty in records of before they were cited. `goals` are the numbers that it was to end with, and what came of them;
+    empty where none was wanted.
 
     In the file a last key follows, `digest`: the SHA-256 of the file without it.
     """
@@ -183,6 +184,7 @@ class Manifest:
     files: list[SealedFile] = field(default_factory=list)
     previous: Previous | None = None
     verifications: list[TipCheck] = field(default_factory=list)
+    goals: list[Goal] = field(default_factory=list)
 
     def serials(self) -> list[str]:
         """Every unit that is known of, each once: those named at the start, then those read while the run went on."""
