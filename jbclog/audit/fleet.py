@@ -6,8 +6,10 @@ from dataclasses import dataclass
 
 from jbclog.audit.due import State, TaskState
 from jbclog.audit.interval import Interval
-from jbclog.audit.observed import Count, Errors, Identity
+from jbclog.audit.observed import Count, Errors, Fact, Identity
 from jbclog.audit.odometer import Difference, Odometer
+
+BEFORE, FLEET = "before", "fleet"
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,9 +27,11 @@ class Meter:
 
 @dataclass(frozen=True, slots=True)
 class UseFigure:
-    """A figure of a station's use (`use.py`): its range where it has one, null with a reason where it is not known.
+    """A figure of a station's use (`use.py`): its range where it has one, null with a reason (`why`) where it is not known.
 
-    `name` is a stable word (``use_percent``, ``idle_hot_h``, ``mm_per_joint``, ...), `title` what people read.
+    `name` is a stable word (``use_percent``, ``idle_hot_h``, ``mm_per_joint``, ...), `title` what people read, `by` the
+    definition where there could be another. It rests on `n` differences between readings, over `days`.
+    `port` null: all ports together.
     """
 
     name: str
@@ -37,16 +41,43 @@ class UseFigure:
     range: Interval | None = None
     port: int | None = None
     why: str = ""
+    n: int = 0
+    days: float | None = None
+    by: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Week:
+    """Seven days from `begin` (UTC date): port hours that were worked a day, null where no two readings tell.
+
+    `is_spread` where readings were further apart than a week, so that a longer time's hours are spread evenly.
+    """
+
+    begin: str
+    per_day: Interval | None
+    is_spread: bool = False
 
 
 @dataclass(frozen=True, slots=True)
 class Drift:
-    """Software or a parameter that is not what it was, or not what the fleet has: `than` is ``before`` or ``fleet``."""
+    """Software or a parameter that is not what it was, or not what the fleet has: `than` is ``before`` or ``fleet``.
+
+    From the fleet: `held_by` stations (or ports) of the `of` others alike have what is `expected`.
+    """
 
     name: str
     value: str
     expected: str
     than: str
+    held_by: int = 0
+    of: int = 0
+
+    @property
+    def text(self) -> str:
+        """``350, 7 of 8 others have 330``; ``350, was 330 at the last audit``."""
+        if self.than == BEFORE:
+            return f"{self.value}, was {self.expected} at the last audit"
+        return f"{self.value}, {self.held_by} of {self.of} others have {self.expected}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,6 +98,7 @@ class StationAudit:
     use: tuple[UseFigure, ...] = ()
     errors: Errors | None = None
     drifts: tuple[Drift, ...] = ()
+    weeks: tuple[Week, ...] = ()  # the last 53, oldest first
     notes: tuple[str, ...] = ()  # a sentence for everything that is not as it should be
 
     @property
@@ -91,6 +123,7 @@ class FleetAudit:
     ledger_head: str
     stations: tuple[StationAudit, ...]
     wrong: tuple[str, ...] = ()
+    facts: tuple[Fact, ...] = ()  # what people told, oldest first
 
     @property
     def is_whole(self) -> bool:
