@@ -25,6 +25,7 @@ from jbclog.drive.signals import Signals
 from jbclog.drive.told import keeping
 from jbclog.drive.typed import Source
 from jbclog.errors import RecordError, StartRefused
+from jbclog.goals import Goals
 from jbclog.guard.left_over import settle
 from jbclog.guard.watch import RENEW_S
 from jbclog.guarding import Guarding
@@ -128,7 +129,9 @@ class _Run:
         self._reactor = Reactor(fast)
         self._sharers = Sharers(desk.order.url for desk in self._desks)
         self._wires = WireRecorder(self._dossier.folder) if plan.wanted.wire else None
-        self._units = None if units is None else UnitFeed(units, self._keep_at_once, self._micros)
+        wanted = plan.wanted
+        self._units = None if units is None else UnitFeed(units, self._keep_at_once, self._micros, wanted.until_units)
+        self._goals = Goals(wanted.goals(), self._note, self._reactor.end, self._units)
         self._cut_short: Exit | None = None
         self._have_all_begun = False
 
@@ -144,6 +147,7 @@ class _Run:
         self._close_wires()
         self._tell_of_missed()
         record = self._dossier.close() or broken
+        self._dossier.manifest.goals = self._goals.reached()
         return self._dossier.conclude(record, self._cut_short)
 
     def _begin(self) -> None:
@@ -152,6 +156,7 @@ class _Run:
         manifest.wire = None if self._wires is None else "open"
         manifest.guard = GUARDED if self._plan.wanted.guard else NO_GUARD
         self._dossier.begin()
+        self._goals.begin(self._dossier.folder)
         for left in self._left_over:
             # of an older run, and made good: an event here, and no deviation of what is made now
             self._note("guard.left_over", left.text, Severity.WARNING if left.is_safe else Severity.CRITICAL)
@@ -239,6 +244,7 @@ class _Run:
         self._tell_of_wires()
         self._tell_of_sharers()
         self._dossier.look()
+        self._goals.look()
         self._dossier.show(lambda: self._dossier.observer.second(self._desks))
 
     def _tell_of_sharers(self) -> None:
@@ -275,6 +281,7 @@ class _Run:
     def _look_for_units(self) -> None:
         if self._units is not None:
             self._units.look()
+            self._goals.look()
 
     def _keep_at_once(self, event: EventRow) -> None:
         self._dossier.journal.event(event, at_once=True)
@@ -312,7 +319,7 @@ class _Run:
         self._in_loop(self._end_on, number.name)
 
     def _end_on(self, name: str) -> None:
-        if self._plan.wanted.duration_s is not None and self._cut_short is None:
+        if self._plan.wanted.states_an_end and not self._goals.is_met and self._cut_short is None:
             self._cut_short = CUT_SHORT[signal.Signals[name]]
         self._note("run.signal", f"{name} received; the tools are put in their safe state and the run ends.")
         self._reactor.end(f"ended by {name}")

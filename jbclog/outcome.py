@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from enum import IntEnum, StrEnum
 
-from jbclog.rows import StationFacts
+from jbclog.rows import Goal, StationFacts
 
 
 class Exit(IntEnum):
@@ -43,15 +43,27 @@ class Finding:
     text: str
 
 
-def findings(stations: Iterable[StationFacts], *, verdict: str | None, record: str | None, cut_short: Exit | None) -> list[Finding]:
-    """Everything that was not fine. `record` says what the record lacks; `cut_short` which signal ended a stated duration."""
+def findings(
+    stations: Iterable[StationFacts],
+    *,
+    verdict: str | None,
+    record: str | None,
+    cut_short: Exit | None,
+    goals: Sequence[Goal] = (),
+) -> list[Finding]:
+    """Everything that was not fine. `record` says what the record lacks; `cut_short` which signal came before a stated end.
+
+    One of the `goals` is enough.
+    """
     found: list[Finding] = []
     for facts in stations:
         found += _of_station(facts)
     if record:
         found.append(Finding(Exit.RECORD, record))
     if cut_short is not None:
-        found.append(Finding(cut_short, "the stated duration was cut short by a signal; the record is closed"))
+        found.append(Finding(cut_short, "the run was cut short by a signal before its stated end; the record is closed"))
+    if not any(goal.is_met for goal in goals):
+        found += [Finding(Exit.NOT_FINE, goal.text.rstrip(".")) for goal in goals]
     if verdict not in FINE_VERDICTS:
         found.append(Finding(Exit.NOT_FINE, f"the verdict is {verdict}"))
     return found

@@ -180,7 +180,7 @@ def make_plan(wanted: Wanted) -> Plan:
     for station in stations:
         problems += _mismatches(line, station)
     problems += _missing_metadata(stations, wanted)
-    problems += _misplaced_tips(chosen, wanted)
+    problems += [*_misplaced_tips(chosen, wanted), *_out_of_reach(stations, wanted)]
     if problems:
         raise Problems(problems)
     return Plan(line, _with_file_names(stations), wanted)
@@ -317,6 +317,21 @@ def _missing_metadata(stations: Sequence[StationPlan], wanted: Wanted) -> Iterat
         missing = wanted.metadata.missing(recipe.metadata.required) if wanted.metadata else []
         if missing:
             yield recipe.problem(("metadata", "required"), f"give {' '.join(missing)}")
+
+
+def _out_of_reach(stations: Sequence[StationPlan], wanted: Wanted) -> Iterator[Problem]:
+    """A number that this run can never come to."""
+    if wanted.until_units is not None and wanted.metadata is not None and not wanted.metadata.reads_units:
+        text = "serials are to be read while the run goes on: give --units -, a pipe or a device"
+        yield Problem(f"--until-units {wanted.until_units}", None, "", text)
+    if wanted.until_joints is not None and stations and all(_shows_no_joints(one.family) for one in stations):
+        text = "no station of this run has a tip whose temperature and power show joints"
+        yield Problem(f"--until-joints {wanted.until_joints}", None, "", text)
+
+
+def _shows_no_joints(family: Family | None) -> bool:
+    """Hot air heats without touching, and an OMEGA tells neither; of "auto" it is not known before it is asked."""
+    return family is not None and (family.hot_part != "tip" or family.command_of("power_permille") is None)
 
 
 def _misplaced_tips(chosen: Sequence[StationSpec], wanted: Wanted) -> Iterator[Problem]:

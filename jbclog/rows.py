@@ -215,6 +215,7 @@ class StationFacts:
 
 
 UNITS, JOINTS = "units", "joints"
+NOT_COUNTED: Final = "How many there were is not known: the record ends before they were counted."
 
 
 @dataclass(frozen=True, slots=True)
@@ -228,7 +229,7 @@ class Goal:
     what: str
     wanted: int
     reached: int | None = None
-    text: str = ""
+    text: str = NOT_COUNTED
 
     @property
     def is_met(self) -> bool:

@@ -5,7 +5,14 @@ changes nothing. A line that is too long to be trusted ends the unit as well: wh
 those of the last one. So does a reader that is gone. Where a pipe was closed in good order the last unit goes on, and that is
 said.
 
-Kinds of events: `unit.begin` and `unit.end` (`raw` is the serial), `unit.again`, `unit.refused`, `unit.closed`, `unit.lost`.
+A unit is *finished* when another serial was read after it: it was made, or put away. Where a number of units is wanted the word
+`END_WORD` finishes the last one, too. One that ended in any other way (a line that is no serial, a reader that is gone, the end
+of the run) was begun, and nobody knows whether it was finished; nor was one that came and went in less than `LEAST_WORK_US`, as
+in a list that somebody pasted. Each serial counts once. Once so many are finished as are wanted nothing more is read: a serial
+that has come all the same is not of this run.
+
+Kinds of events: `unit.begin` and `unit.end` (`raw` is the serial), `unit.again`, `unit.refused`, `unit.closed`, `unit.lost`,
+`unit.next` (a serial that is not of this run any more).
 """
 
 from __future__ import annotations
@@ -18,16 +25,25 @@ from jbclog.rows import EventRow, Severity
 
 LOOK_EVERY_S: Final = 0.1
 LOOKS_AT_END: Final = 64  # at what had come and was not read yet
+END_WORD: Final = "END"
+LEAST_WORK_US: Final = 1_000_000
 
 Keep = Callable[[EventRow], None]
 
 
 class UnitFeed:
-    """Reads `source` and has `keep` keep what came of it. `micros` gives the time now, UTC microseconds."""
+    """Reads `source` and has `keep` keep what came of it. `micros` gives the time now, UTC microseconds.
 
-    def __init__(self, source: Source, keep: Keep, micros: Callable[[], int]) -> None:
+    With `wanted` it reads until so many units are finished; `on_bench_at_end` is the one that was not when the run ended.
+    """
+
+    def __init__(self, source: Source, keep: Keep, micros: Callable[[], int], wanted: int | None = None) -> None:
         self.unit: str | None = None
+        self.on_bench_at_end: str | None = None
         self.has_had_any = False
+        self.finished: set[str] = set()
+        self._wanted = wanted
+        self._began = 0
         self._source: Source | None = source
         self._keep = keep
         self._micros = micros
@@ -60,10 +76,14 @@ class UnitFeed:
             self._tell(
                 "unit.refused", f"{line.text} came without the end of its line; it began no unit.", line.text, Severity.WARNING
             )
+        self.on_bench_at_end = self.unit
         self._end_unit()
-        if self._source is not None:
-            self._source.close()
-            self._source = None
+        self._give_up()
+
+    @property
+    def is_done(self) -> bool:
+        """Whether all units that are wanted are finished."""
+        return self._wanted is not None and len(self.finished) >= self._wanted
 
     def _take(self, *lines: Line) -> None:
         again = 0
@@ -75,6 +95,8 @@ class UnitFeed:
             again = 0
             self._change(line)
         self._tell_again(again)
+        if self.is_done:
+            self._give_up()
 
     def _change(self, line: Line) -> None:
         if not line.is_whole:
@@ -82,8 +104,13 @@ class UnitFeed:
             self._tell("unit.refused", text, line.text, Severity.WARNING)
             self._end_unit()
             return
-        self._end_unit()
-        self.unit, self.has_had_any = line.text, True
+        self._finish_unit()
+        if self._wanted is not None and line.text == END_WORD:
+            return
+        if self.is_done:
+            self._tell("unit.next", f"Serial {line.text} came when all units were finished; it is not of this run.", line.text)
+            return
+        self.unit, self.has_had_any, self._began = line.text, True, self._now
         if line.is_clear:
             self._tell("unit.begin", f"Unit {line.text} begins.", line.text)
         else:
@@ -94,6 +121,12 @@ class UnitFeed:
         if times:
             self._tell("unit.again", f"The serial of unit {self.unit} came again; nothing changes.", self.unit, value=times)
 
+    def _finish_unit(self) -> None:
+        """Another serial was read: the unit on the bench has been made."""
+        if self.unit is not None and self._now - self._began >= LEAST_WORK_US:
+            self.finished.add(self.unit)
+        self._end_unit()
+
     def _end_unit(self) -> None:
         if self.unit is not None:
             self._tell("unit.end", f"Unit {self.unit} ends.", self.unit)
@@ -102,16 +135,24 @@ class UnitFeed:
     def _close_source(self, source: Source) -> None:
         self._take(*self._splitter.finish())
         going_on = f"unit {self.unit} goes on to the end of the run" if self.unit else "there is no unit from here on"
-        self._tell("unit.closed", f"No more serials come from {source.name}, which was closed: {going_on}.", None, Severity.WARNING)
-        source.close()
-        self._source = None
+        text = f"No more serials come from {source.name}, which was closed: {going_on}.{self._too_few}"
+        self._tell("unit.closed", text, None, Severity.WARNING)
+        self._give_up()
 
     def _lose(self, source: Source, why: str) -> None:
-        text = f"No more serials can be read from {source.name}: {why}. Whose joints follow is not known."
+        text = f"No more serials can be read from {source.name}: {why}. Whose joints follow is not known.{self._too_few}"
         self._tell("unit.lost", text, None, Severity.WARNING)
         self._end_unit()
-        source.close()
-        self._source = None
+        self._give_up()
+
+    @property
+    def _too_few(self) -> str:
+        return "" if self._wanted is None or self.is_done else " The wanted number of units cannot be reached any more."
+
+    def _give_up(self) -> None:
+        if self._source is not None:
+            self._source.close()
+            self._source = None
 
     def _tell(self, kind: str, text: str, raw: str | None, severity: Severity = Severity.INFO, value: float | None = None) -> None:
         earliest = self._looked if self._looked < self._now else None

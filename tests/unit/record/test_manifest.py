@@ -25,12 +25,12 @@ from jbclog.record.manifest import (
     read_manifest,
     write_manifest,
 )
-from jbclog.rows import StationFacts
+from jbclog.rows import Goal, StationFacts
 
 KEYS = (
     "schema, run, state, exit_status, exit_code, verdict, verdict_rules, started, ended, t0_mono, t0_utc, line, recipes, metadata, "
     "host, rate, guard, wire, stations, ledger, lost, units, files, "
-    "previous, verifications"
+    "previous, verifications, goals"
 )
 
 FULL = Manifest(
@@ -52,6 +52,7 @@ FULL = Manifest(
     stations=[StationFacts("a", "url", "dde", tools={1: "T210"}, safe_state={1: "verified"}, due={"1": {"tool": 3}})],
     ledger={"a": {"1": {"tool": {"due": 3, "ok": 2, "timeout": 1}}}},
     lost=Lost(1.0, "a second"),
+    goals=[Goal("units", 3, 2, "2 units were finished, 3 were wanted."), Goal("joints", 40)],
     files=[SealedFile("samples/part-0000.parquet", 10, 100, "ef"), SealedFile("line.toml", None, 5, "01")],
 )
 
