@@ -1,20 +1,18 @@
 """The report's tables as CSV, for spreadsheets: `tables/rules.csv` and its neighbours.
 
-RFC 4180, UTF-8 with the mark by which spreadsheets know it, a point in numbers, nothing where nothing is known. A text that a
-spreadsheet would take for a formula has an apostrophe before it; numbers stay numbers.
+A point in numbers, nothing where nothing is known. A text that a spreadsheet would take for a formula has an apostrophe before
+it; numbers stay numbers (`jbclog.cells`).
 """
 
 from __future__ import annotations
 
-import csv
-import io
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Final
+
+from jbclog.cells import csv_text
 
 Row = Mapping[str, object]
 
-FORMULA: Final = ("=", "+", "-", "@", "\t", "\r", "\uff1d", "\uff0b", "\uff0d", "\uff20")
-MARK: Final = "\ufeff"
 TABLES: Final[Mapping[str, Sequence[str]]] = {
     "rules": (
         "name",
@@ -52,7 +50,7 @@ def csv_tables(document: Mapping[str, object]) -> dict[str, str]:
     rows["ledger"] = [{**row, **_mapping(row["reasons"])} for row in _listed(document["ledger"])]
     rows["rules"] = [_rule(row) for row in _listed(_mapping(document["verdict"])["rules"])]
     rows["ports"] = [_port(station, port) for station in _listed(document["stations"]) for port in _listed(station["ports"])]
-    return {name: _csv([*columns, *(reasons if name == "ledger" else [])], rows[name]) for name, columns in TABLES.items()}
+    return {name: csv_text([*columns, *(reasons if name == "ledger" else [])], rows[name]) for name, columns in TABLES.items()}
 
 
 def _rule(row: Row) -> Row:
@@ -72,21 +70,6 @@ def _port(station: Row, port: Row) -> Row:
     worth = {"idle_n": mean.get("n"), "idle_n_effective": mean.get("n_effective")}
     bounds = {"idle_error_low_c": mean.get("low"), "idle_error_high_c": mean.get("high"), "idle_sd_high_c": spread.get("high")}
     return {**station, "station": station["name"], **port, **recorded, **tip, **power, **worth, **bounds}
-
-
-def _csv(columns: Sequence[str], rows: Iterable[Row]) -> str:
-    out = io.StringIO()
-    writer = csv.writer(out)
-    writer.writerow([harmless(column) for column in columns])
-    writer.writerows([harmless(row.get(column)) for column in columns] for row in rows)
-    return MARK + out.getvalue()
-
-
-def harmless(value: object) -> object:
-    """What a cell holds: never something that a spreadsheet would work out."""
-    if isinstance(value, str) and value.lstrip(" ").startswith(FORMULA):
-        return f"'{value}"
-    return value
 
 
 def _listed(value: object) -> list[Row]:

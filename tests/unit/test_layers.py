@@ -16,7 +16,7 @@ import jbclog
 
 PACKAGE = Path(jbclog.__file__).parent
 
-BOTTOM = "errors clock quantities wire rows effects tape same_port locked"
+BOTTOM = "errors clock quantities wire rows effects tape same_port locked cells"
 MAY_USE = {
     # bottom: of jbclog they import only each other
     **dict.fromkeys(BOTTOM.split(), BOTTOM),
@@ -39,9 +39,9 @@ MAY_USE = {
     "features": "judge rows",
     "episodes": "rows errors",
     "verifying": "record rows errors",
-    "audit": "record recipe rows errors",
+    "audit": "record recipe rows errors cells",
     "analysis": "record judge episodes features spc rows tape errors",
-    "report": "analysis judge joint_evidence record recipe commands rows errors",
+    "report": "analysis judge joint_evidence record recipe commands rows errors cells",
     # top: what puts the rooms together, below the command line
     "outcome": "rows errors",
     "reach": "byhand commands protocol recipe record drive transport clock effects wire errors",

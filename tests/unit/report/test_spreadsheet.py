@@ -9,8 +9,9 @@ import pytest
 from make_run import make_run
 from sealed_run import alarm, samples, seal, station, table
 
+from jbclog.cells import harmless
 from jbclog.report import write_report
-from jbclog.report.spreadsheet import TABLES, harmless
+from jbclog.report.spreadsheet import TABLES
 
 
 def rows(run: Path, name: str) -> list[dict[str, str]]:
