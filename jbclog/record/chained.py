@@ -13,11 +13,11 @@ import fcntl
 import hashlib
 import json
 import os
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Generic, Protocol, TypeVar
+from typing import Final, Generic, Protocol, TypeVar
 
 from jbclog.record.durable import sync_folder
 
@@ -142,6 +142,38 @@ def add_line(path: Path, first: str, parse: Parse[L], make: Callable[[int, str],
         _add(descriptor, before, line)
     sync_folder(path.parent)
     return sha256(line)
+
+
+Item = TypeVar("Item")
+TAIL: Final = 1 << 20
+
+
+def add_lines(path: Path, first: str, parse: Parse[L], items: Iterable[Item], make: Callable[[Item, int, str], bytes]) -> None:
+    """Put a line for each item at the end of `path`, made where it is not there. Raises OSError.
+
+    Reads the end of the file only, so that a long one costs no more. When it returns all lines are on the disk.
+    """
+    with _locked(path) as descriptor:
+        before = _end_of(descriptor, parse)
+        lines = lines_in(before)
+        last = next((said.seq for line in reversed(lines) if (said := parse(line)) is not None), 0)
+        previous, data = sha256(lines[-1]) if lines else first, b""
+        for seq, item in enumerate(items, last + 1):
+            line = make(item, seq, previous)
+            previous, data = sha256(line), data + line + b"\n"
+        if data:
+            _add(descriptor, before, data[:-1])
+    sync_folder(path.parent)
+
+
+def _end_of(descriptor: int, parse: Parse[L]) -> bytes:
+    """The last lines of the file, at least one that can be read among them; the whole file where there is none."""
+    size = os.fstat(descriptor).st_size
+    if size > TAIL:
+        tail = os.pread(descriptor, TAIL, size - TAIL).partition(b"\n")[2]
+        if any(parse(line) is not None for line in lines_in(tail)):
+            return tail
+    return os.pread(descriptor, size, 0)
 
 
 @contextmanager
