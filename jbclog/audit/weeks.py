@@ -1,0 +1,71 @@
+"""A station's year, week by week: port hours that it worked a day, for the plots of use.
+
+Readings are when they are. Between two of them the hours are spread evenly, which is marked where they are further apart than
+a week; a counter that just went on is uncertain by its resolution once, not with each reading.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from collections.abc import Sequence
+from datetime import datetime, timedelta
+from typing import Final
+
+from jbclog.audit.fleet import Week
+from jbclog.audit.interval import NOTHING, Interval
+from jbclog.audit.odometer import Difference
+from jbclog.audit.stretch import WENT_ON, grown_by, moment
+
+WEEKS, DAYS = 53, 7
+FAR: Final = timedelta(days=10)
+
+
+def weeks_of(each: Sequence[Sequence[Difference]], now: str) -> tuple[Week, ...]:
+    """The last 53 weeks up to `now`, oldest first, of ports with these working hours; none where nothing was read twice."""
+    if not each or not any(each):
+        return ()
+    courses = [_Course(one) for one in each]
+    end = moment(now)
+    begins = [end - timedelta(days=DAYS * (WEEKS - week)) for week in range(WEEKS)]
+    return tuple(_week(courses, begin, begin + timedelta(days=DAYS)) for begin in begins)
+
+
+def _week(courses: Sequence[_Course], begin: datetime, end: datetime) -> Week:
+    parts = [part for course in courses if (part := course.between(begin, end)) is not None]
+    if len(parts) < len(courses):
+        return Week(begin.date().isoformat(), None)
+    is_spread = any(course.is_spread(begin, end) for course in courses)
+    return Week(begin.date().isoformat(), sum(parts, NOTHING).per(DAYS), is_spread)
+
+
+class _Course:
+    """What a counter had reached at each reading, at least and at most, and how fine it is."""
+
+    def __init__(self, differences: Sequence[Difference]) -> None:
+        self.times = [moment(differences[0].begin)] if differences else []
+        self.low, self.high, self.fine = [0.0], [0.0], 0.0
+        for one in differences:
+            self.times.append(moment(one.end))
+            goes_on = one.kind in WENT_ON
+            self.low.append(self.low[-1] + (grown_by(one) if goes_on else one.delta.low))
+            self.high.append(self.high[-1] + (grown_by(one) if goes_on else one.delta.high))
+            self.fine = max(self.fine, one.delta.high - grown_by(one)) if goes_on else self.fine
+
+    def between(self, begin: datetime, end: datetime) -> Interval | None:
+        """What it grew by; None where readings do not reach so far, or nothing bounds it."""
+        if not self.times or begin < self.times[0] - timedelta(days=1) or end > self.times[-1] + timedelta(days=1):
+            return None
+        low, high = (self._at(course, end) - self._at(course, begin) for course in (self.low, self.high))
+        grown = Interval(max(low - self.fine, 0.0), high + self.fine)
+        return grown if grown.is_bounded else None
+
+    def _at(self, course: Sequence[float], when: datetime) -> float:
+        """Between two readings on the straight line through them."""
+        at = min(max(bisect_right(self.times, when), 1), len(self.times) - 1)
+        share = (when - self.times[at - 1]) / (self.times[at] - self.times[at - 1])
+        return course[at - 1] + min(max(share, 0.0), 1.0) * (course[at] - course[at - 1])
+
+    def is_spread(self, begin: datetime, end: datetime) -> bool:
+        """Whether two readings that are far apart have a part of this time between them."""
+        pairs = zip(self.times, self.times[1:], strict=False)
+        return any(after - before > FAR and before < end and after > begin for before, after in pairs)
