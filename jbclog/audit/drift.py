@@ -62,8 +62,7 @@ def _since(seen: Sequence[Observation]) -> Iterator[Drift]:
 
 def _apart(said: Sequence[Said], groups: Mapping[tuple[str, ...], Counter[str]]) -> Iterator[Drift]:
     for one in said:
-        others = groups[one.alike] - Counter({one.value: 1})
-        of = others.total()
-        value, held_by = others.most_common(1)[0] if others else (one.value, 0)
-        if held_by >= max(FEWEST, MAJORITY * groups[one.alike].total()):
-            yield Drift(one.name, one.value, value, FLEET, held_by, of)
+        group = groups[one.alike]
+        value, held_by = group.most_common(1)[0]
+        if value != one.value and held_by >= max(FEWEST, MAJORITY * group.total()):
+            yield Drift(one.name, one.value, value, FLEET, held_by, group.total() - 1)
