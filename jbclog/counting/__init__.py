@@ -1,7 +1,7 @@
 """READING FOR THE AUDIT. Asks stations what they count, or takes it from the record of the run that has them.
 
-Owns: which questions an audit asks and how often, what it makes of a station that does not answer, and whose
-turn it is on a wire.
+Owns: which questions an audit asks and how often, what it makes of a station that does not answer, whose
+turn it is on a wire; how a timer calls it.
 Never: writes to a station, reads what reading clears (R-TA), disturbs a run, or judges a count: that is the room `audit`.
 May use: `reach`, `audit`, `analysis` (runs that are being recorded), `byhand`, `commands`, `quantities`, `record`, `drive`,
 `transport`, `rows`, `effects`, `same_port` and `errors`.

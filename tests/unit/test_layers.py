@@ -16,7 +16,7 @@ import jbclog
 
 PACKAGE = Path(jbclog.__file__).parent
 
-BOTTOM = "errors clock quantities wire rows effects tape same_port locked cells"
+BOTTOM = "errors clock quantities wire rows effects tape same_port locked cells shown"
 MAY_USE = {
     # bottom: of jbclog they import only each other
     **dict.fromkeys(BOTTOM.split(), BOTTOM),
@@ -39,9 +39,9 @@ MAY_USE = {
     "features": "judge rows",
     "episodes": "rows errors",
     "verifying": "record rows errors",
-    "audit": "record recipe rows errors cells",
+    "audit": "record recipe rows errors cells shown",
     "analysis": "record judge episodes features spc rows tape errors",
-    "report": "analysis judge joint_evidence record recipe commands rows errors cells",
+    "report": "analysis judge joint_evidence record recipe commands rows errors cells shown",
     # top: what puts the rooms together, below the command line
     "outcome": "rows errors",
     "reach": "byhand commands protocol recipe record drive transport clock effects wire errors",
@@ -67,7 +67,7 @@ ALL = {*MAY_USE, "cli"}
 KNOWS_NO_IO = ["protocol", "commands", "quantities", "station", "safety", "scheduler", "session", "byhand", "finding", "effects"]
 NO_IO = ["serial", "socket", "threading", "time", "pandas", "pyarrow", "asyncio", "select", "selectors", "subprocess", "sqlite3"]
 HEAVY = ("pandas", "matplotlib", "jinja2")
-ONLY_IN = {"serial": {"transport"}, "pandas": {"analysis", "report"}, "jinja2": {"report"}, "tomllib": {"recipe", "record"}}
+ONLY_IN = {"serial": {"transport"}, "pandas": {"analysis", "report"}, "jinja2": {"audit", "report"}, "tomllib": {"recipe", "record"}}
 SIM_IN_CLI = {"cli/sim.py", "cli/demo.py", "cli/replay.py"}
 
 
@@ -197,4 +197,4 @@ def test_help_is_light() -> None:
 
 def test_the_recorder_loads_no_heavy_room() -> None:
     path = "import jbclog.cli.run, jbclog.cli.progress, jbclog.plan, jbclog.conduct, jbclog.record.seal"
-    assert loaded_by(path, *HEAVY, "jbclog.sim", "jbclog.analysis", "jbclog.report", "rich") == set()
+    assert loaded_by(path, *HEAVY, "scipy", "jbclog.features", "jbclog.sim", "jbclog.analysis", "jbclog.report", "rich") == set()
