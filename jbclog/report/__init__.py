@@ -3,7 +3,7 @@
 Owns: what the report says and in which order; the figures; the page. `write_report` is the whole of it.
 Never: changes the record, asks a station, uses pyplot (its state is global), or lets text from outside
 become markup. The same run gives the same bytes.
-May use: `analysis`, `judge`, `joint_evidence`, `record`, `recipe`, `commands`, `rows`, `cells`, `errors`; matplotlib and jinja2.
+May use: `analysis`, `judge`, `joint_evidence`, `record`, `recipe`, `commands`, `rows`, `cells`, `shown`, `errors`; matplotlib and jinja2.
 Start reading: `write.py`, then `facts.py`; `trace.py` and `figure.py` draw.
 """
 

@@ -1,33 +1,14 @@
-"""Text from outside and numbers, made fit to be shown."""
+"""What a report shows of times and figures; with it what every page shows of them (`jbclog/shown.py`)."""
 
 from __future__ import annotations
 
-import re
-import unicodedata
 from collections.abc import Mapping
 from datetime import UTC, datetime
 from math import floor
 
-NOT_SHOWN = ("Cc", "Cf", "Cs", "Co", "Cn")  # control, formatting (bidi among them), surrogates, private, unassigned
+from jbclog.shown import clean, cleaned, number, stamp, together
 
-
-def clean(text: str) -> str:
-    """Without control and formatting characters: none can move the cursor, turn the reading direction or hide a word."""
-    if text.isascii() and text.isprintable():
-        return text
-    spaced = (" " if character in "\n\r\t\u2028\u2029" else character for character in text)
-    return "".join(character for character in spaced if unicodedata.category(character) not in NOT_SHOWN)
-
-
-def cleaned(value: object) -> object:
-    """The same structure with every text clean, keys as well."""
-    if isinstance(value, str):
-        return clean(value)
-    if isinstance(value, Mapping):
-        return {clean(str(key)): cleaned(one) for key, one in value.items()}
-    if isinstance(value, list | tuple):
-        return [cleaned(one) for one in value]
-    return value
+__all__ = ["bound_text", "clean", "cleaned", "clock", "iso", "measured", "number", "stamp", "together"]
 
 
 def iso(moment: datetime | None) -> str | None:
@@ -35,28 +16,11 @@ def iso(moment: datetime | None) -> str | None:
     return None if moment is None else moment.astimezone(UTC).strftime("%Y-%m-%dT%H:%M:%S.%fZ")
 
 
-def stamp(text: str | None) -> str:
-    """``2026-11-21 01:30:00``, from `iso`."""
-    return "not known" if text is None else text[:19].replace("T", " ")
-
-
 def clock(text: str | None, *, with_day: bool = False) -> str:
     """``01:30:00.123``, from `iso`; with the day ``11-21 01:30:00.123``."""
     if text is None:
         return ""
     return f"{text[5:10]} {text[11:23]}" if with_day else text[11:23]
-
-
-def number(value: object, digits: int = 2) -> str:
-    """A number with a thin space between thousands and no zeros behind; nothing known is a dash, never zero."""
-    if value is None:
-        return "–"
-    if not isinstance(value, int | float) or isinstance(value, bool):
-        return str(value)
-    text = f"{value:,.{digits}f}" if isinstance(value, float) else f"{value:,}"
-    text = text.rstrip("0").rstrip(".") if "." in text else text
-    text = "0" if text in ("-0", "") else text
-    return text.replace(",", "\u202f").replace("-", "\u2212")
 
 
 def measured(value: object, unit: str) -> str:
@@ -76,11 +40,3 @@ def bound_text(bound: object, unit: str) -> str:
         if not isinstance(low, int | float)
         else f"{number(round(float(low), 2))} to {measured(high, unit)}"
     )
-
-
-_UNITS = re.compile(r"(?<=\d) (?=(?:°C|%|‰|ms|s|min|h|Hz|mm|Wh)(?!\w))")
-
-
-def together(text: str) -> str:
-    """A sentence in which no number is parted from its unit at the end of a line."""
-    return _UNITS.sub("\u00a0", text)
