@@ -157,7 +157,7 @@ class Goals:
             count = self.come(goal)
             if count is not None and count >= goal.wanted:
                 self.is_met = True
-                text = f"{count} {goal.what} are {'finished' if goal.what == UNITS else 'found'}, {goal.wanted} were wanted"
+                text = _told(goal, count)
                 self._tell("run.goal", f"{text}; the run ends.", Severity.INFO, count)
                 self._end(text)
                 return
@@ -169,8 +169,8 @@ class Goals:
 
     def _units_reached(self, goal: Goal) -> Goal:
         on_bench = self._units.on_bench_at_end if self._units is not None and self._finished < goal.wanted else None
-        text = f"{self._finished} units were finished, {goal.wanted} were wanted"
-        text += f"; {on_bench} was on the bench when the run ended." if on_bench else "."
+        text = f"{_told(goal, self._finished)}."
+        text += f" Unit {on_bench} was on the bench when the run ended." if on_bench else ""
         return replace(goal, reached=self._finished, text=text)
 
     def _joints_reached(self, goal: Goal) -> Goal:
@@ -182,4 +182,9 @@ class Goals:
             return replace(goal, text=f"How many joints there are could not be counted: {why}.")
         finally:
             self._counter = None
-        return replace(goal, reached=count, text=f"{count} joints were found, {goal.wanted} were wanted.")
+        return replace(goal, reached=count, text=f"{_told(goal, count)}.")
+
+
+def _told(goal: Goal, count: int) -> str:
+    done = "finished" if goal.what == UNITS else "found"
+    return f"{goal.what.capitalize()} {done}: {count}, wanted: {goal.wanted}"

@@ -117,3 +117,56 @@ def test_the_end_of_the_run_takes_in_what_has_come(feeding: Feeding) -> None:
     feeding.feed.finish()
     assert feeding.desk.told()[-4:] == [("end", "SN-1"), ("begin", "SN-2"), ("refused", "SN"), ("end", "SN-2")]
     assert "without the end of its line" in feeding.desk.events[-2].text
+
+
+# -- until so many are finished -----------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def until_two() -> Iterator[Feeding]:
+    reading, writing = os.pipe()
+    desk = Desk(writing)
+    yield Feeding(desk, UnitFeed(Source(reading, "stdin"), desk.events.append, desk.micros, wanted=2))
+    if desk.writing >= 0:
+        os.close(desk.writing)
+
+
+def test_a_unit_is_finished_when_another_serial_comes_and_what_comes_after_the_last_is_not_of_this_run(until_two: Feeding) -> None:
+    assert until_two.types(b"SN-1\n", b"SN-1\n", b"SN-2\n")[-2:] == [("end", "SN-1"), ("begin", "SN-2")]
+    assert (until_two.feed.finished, until_two.feed.is_done) == ({"SN-1"}, False)
+    assert until_two.types(b"SN-3\nSN-4\n") == [("end", "SN-2"), ("next", "SN-3"), ("next", "SN-4")]
+    assert until_two.feed.is_done
+    until_two.feed.finish()
+    assert len(until_two.desk.events) == 7
+    assert until_two.feed.on_bench_at_end is None
+
+
+def test_the_word_end_finishes_the_last_unit_and_begins_none(until_two: Feeding) -> None:
+    assert until_two.types(b"END\n", b"SN-1\n", b"END\n", b"END\n") == [("begin", "SN-1"), ("end", "SN-1")]
+    assert until_two.types(b"SN-2\n", b"END\n") == [("begin", "SN-2"), ("end", "SN-2")]
+    assert until_two.feed.is_done
+
+
+def test_where_no_number_is_wanted_end_is_a_serial_like_any_other(feeding: Feeding) -> None:
+    assert feeding.types(b"END\n") == [("begin", "END")]
+    assert not feeding.feed.is_done
+
+
+def test_a_unit_that_comes_back_counts_once(until_two: Feeding) -> None:
+    until_two.types(b"SN-1\n", b"SN-2\n", b"SN-1\n")
+    assert until_two.feed.finished == {"SN-1", "SN-2"}
+
+
+@pytest.mark.parametrize("typed", [(b"SN-1\nSN-2\nSN-3\n",), (b"SN-1\n", b"X" * 250 + b"\n", b"Y" * 250 + b"\n")])
+def test_a_list_pasted_at_once_or_a_line_that_is_no_serial_finishes_nothing(until_two: Feeding, typed: tuple[bytes, ...]) -> None:
+    until_two.types(*typed)
+    assert until_two.feed.finished == set()
+
+
+def test_the_unit_on_the_bench_when_the_run_ends_is_not_finished(until_two: Feeding) -> None:
+    until_two.types(b"SN-1\n", b"SN-2\n")
+    until_two.hangs_up()
+    until_two.feed.look()
+    assert until_two.desk.events[-1].text.endswith("The wanted number of units cannot be reached any more.")
+    until_two.feed.finish()
+    assert (until_two.feed.finished, until_two.feed.on_bench_at_end) == ({"SN-1"}, "SN-2")

@@ -52,7 +52,7 @@ FULL = Manifest(
     stations=[StationFacts("a", "url", "dde", tools={1: "T210"}, safe_state={1: "verified"}, due={"1": {"tool": 3}})],
     ledger={"a": {"1": {"tool": {"due": 3, "ok": 2, "timeout": 1}}}},
     lost=Lost(1.0, "a second"),
-    goals=[Goal("units", 3, 2, "2 units were finished, 3 were wanted."), Goal("joints", 40)],
+    goals=[Goal("units", 3, 2, "Units finished: 2, wanted: 3."), Goal("joints", 40)],
     files=[SealedFile("samples/part-0000.parquet", 10, 100, "ef"), SealedFile("line.toml", None, 5, "01")],
 )
 

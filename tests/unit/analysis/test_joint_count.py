@@ -1,0 +1,48 @@
+"""The joints of a run that goes on are counted as those of the whole record are found afterwards."""
+
+from __future__ import annotations
+
+import pandas as pd
+import pytest
+from recorded_run import RecordedRun
+from virtual_run import RECIPE, line_text
+
+from jbclog.analysis import open_run
+from jbclog.analysis.features import joint_count
+from jbclog.analysis.run import Run
+from jbclog.joint_counting import ENDED_S
+from jbclog.plan import Wanted, make_plan
+
+SECONDS = 120.0
+
+
+class Begun(Run):
+    """A run as far as it had come at `until`."""
+
+    def __init__(self, run: Run, until: pd.Timestamp) -> None:
+        super().__init__(run.folder)
+        self.until = until
+
+    def samples(self, *args: object, **kwargs: object) -> pd.DataFrame:
+        return super().samples(*args, **kwargs, stop=self.until)  # type: ignore[arg-type, misc]
+
+
+@pytest.fixture(scope="module")
+def soldered(tmp_path_factory: pytest.TempPathFactory) -> Run:
+    """Two minutes in which two ports solder twenty joints a minute each."""
+    home = tmp_path_factory.mktemp("soldered")
+    (home / "line.toml").write_text(line_text("joints_per_minute = 20\njoint_seconds = 1.0\nseed = 5"), encoding="utf-8")
+    (home / "recipe.toml").write_text(RECIPE, encoding="utf-8")
+    plan = make_plan(Wanted(home / "line.toml", home / "recipe.toml", duration_s=SECONDS))
+    return open_run(RecordedRun(plan, home / "runs").result.folder)
+
+
+def test_the_whole_record_has_as_many_as_its_table(soldered: Run) -> None:
+    assert joint_count(soldered) == len(soldered.joints()) > 60
+
+
+@pytest.mark.parametrize("second", [30, 70, 110])
+def test_while_it_goes_on_those_are_counted_that_have_ended(soldered: Run, second: int) -> None:
+    until = pd.Timestamp(soldered.manifest.started) + pd.Timedelta(seconds=second)
+    ended = soldered.joints()["end"] <= until - pd.Timedelta(seconds=ENDED_S)
+    assert joint_count(Begun(soldered, until), ENDED_S) == int(ended.sum())
