@@ -26,6 +26,7 @@ from jbclog.report.ports import Context
 from jbclog.report.states import COLUMNS as STATES
 from jbclog.report.stations import station_report
 from jbclog.report.style import NARROW, WIDE
+from jbclog.report.svg import svg_text
 from jbclog.report.tables import by_station, counter_rows, event_rows, ledger_rows, setting_rows
 from jbclog.report.verdict import is_cut_off, verdict_facts
 from jbclog.report.zoom import most_stretches
@@ -118,8 +119,8 @@ def _stations(run: Run, folder: Path, plates: Plates | None, overview: Overview)
 def _overview(overview: Overview) -> Figure | None:
     if not overview.is_worth_it:
         return None
-    text = overview.caption
-    return Figure("figures/overview.svg", text, f"The run at a glance. {text}", overview.svg(WIDE), overview.svg(NARROW))
+    text, (wide, narrow) = overview.caption, (svg_text(overview.draw(form)) for form in (WIDE, NARROW))
+    return Figure("figures/overview.svg", text, f"The run at a glance. {text}", wide, narrow)
 
 
 def _not_made_safe(stations: list[StationReport]) -> Iterator[Reason]:

@@ -4,15 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from matplotlib.axes import Axes
-from matplotlib.patches import Rectangle
-
 from jbclog.report import style
+from jbclog.report.panel import Panel
 from jbclog.report.spans import Span, merged, widened, within
 from jbclog.report.style import Format
 from jbclog.report.timescale import duration_text
 from jbclog.report.trace import Trace
 
+LANE_PT = 11.2  # height of a lane
 CHARACTER = 0.62  # width of a character, in font sizes
 LANES = (("no data", None), ("alarm", "alarm"), ("doubtful", "unconfirmed"), ("error", "error"))
 MARKED = frozenset(name for name, _ in LANES)
@@ -50,40 +49,49 @@ def _seen(spans: list[Span], least: float) -> list[Span]:
     return [*merged(spans, least), *graver]
 
 
-def draw_lanes(axes: Axes, lanes: list[Lane], trace: Trace, form: Format) -> None:
-    """Draw the lanes from top to bottom."""
-    axes.set_ylim(len(lanes), 0)
-    axes.set_yticks([row + 0.5 for row in range(len(lanes))], [lane.name for lane in lanes])
-    for row, lane in enumerate(lanes):
-        for span in lane.spans:
-            _bar(axes, row, lane.name, span, hatched=span.seconds > 4 * least_seen_s(trace, form))
-            _word(axes, row, lane.name, span, trace, form)
-
-
-def _bar(axes: Axes, row: int, name: str, span: Span, hatched: bool) -> None:
-    place = Rectangle((span.start, row + 0.14), span.seconds, 0.72, lw=0, zorder=2)
-    if span.word in style.GRAVE_STATES:
-        place.set_facecolor(style.ERROR)
-    elif name not in MARKED:
-        place.set_facecolor(style.STATUS_SHADES.get(span.word, style.OTHER_SHADE))
-    elif name == "no data":
-        hatch = style.hatch(span.word, hatched)
-        place.set(facecolor=style.NO_DATA_TINT if hatch else style.NO_DATA, edgecolor=style.NO_DATA, hatch=hatch)
-    else:
-        place.set_facecolor(style.MARK_COLOURS["unconfirmed" if name == "doubtful" else name])
-    axes.add_patch(place)
-
-
-def _word(axes: Axes, row: int, name: str, span: Span, trace: Trace, form: Format) -> None:
-    """The span's word in the middle of it, with its duration where data are missing, if there is room for it."""
-    room = (form.width_in - 1.18) * 72 * span.seconds / (trace.end - trace.start)
-    size = form.font_pt - 1
-    longest = [f"{span.word} {duration_text(span.seconds)}"] if name == "no data" else []
-    text = next((text for text in (*longest, span.word) if (len(text) + 1) * CHARACTER * size <= room), None)
-    if text is None:
+def draw_lanes(panel: Panel, lanes: list[Lane], trace: Trace) -> None:
+    """Draw the lanes from top to bottom, each with its name before it."""
+    if not lanes:
         return
-    light = (name in MARKED and name != "no data") or span.word in style.DARK_STATUS
-    box = {"facecolor": "white", "edgecolor": "none", "pad": 0.6} if name == "no data" else None
-    colour = "white" if light else style.INK
-    middle = span.start + span.seconds / 2
-    axes.text(middle, row + 0.53, text, ha="center", va="center", fontsize=size, color=colour, zorder=3, bbox=box, clip_on=True)
+    high = panel.height / len(lanes)
+    for row, lane in enumerate(lanes):
+        top = panel.top + row * high
+        panel.told_left(lane.name, top + 0.52 * high)
+        for span in lane.spans:
+            _bar(panel, top, high, lane.name, span, hatched=span.seconds > 4 * least_seen_s(trace, panel.form))
+            _word(panel, top, high, lane.name, span)
+
+
+def _bar(panel: Panel, top: float, high: float, name: str, span: Span, hatched: bool) -> None:
+    a, b = panel.x.at([span.start, span.end]).tolist()
+    place = (a, top + 0.14 * high, b - a, 0.72 * high)
+    hatch = style.hatch(span.word, hatched) if name == "no data" else None
+    panel.drawing.field(*place, _face(name, span.word, hatch), of=name)
+    if hatch is not None:
+        panel.drawing.hatched(*place, hatch, style.HATCHING)
+
+
+def _face(name: str, word: str, hatch: str | None) -> str:
+    if word in style.GRAVE_STATES:
+        return style.ERROR
+    if name not in MARKED:
+        return style.STATUS_SHADES.get(word, style.OTHER_SHADE)
+    if name == "no data":
+        return style.NO_DATA_TINT if hatch else style.NO_DATA
+    return style.MARK_COLOURS["unconfirmed" if name == "doubtful" else name]
+
+
+def _word(panel: Panel, top: float, high: float, name: str, span: Span) -> None:
+    """The span's word in the middle of it, with its duration where data are missing, if there is room for it."""
+    a, b = panel.x.at([span.start, span.end]).tolist()
+    size, is_gap = panel.form.font_pt - 1, name == "no data"
+    longest = [f"{span.word} {duration_text(span.seconds)}"] if is_gap else []
+    fitting = ((text, len(text) * CHARACTER * size) for text in (*longest, span.word))
+    text, wide = next(((text, wide) for text, wide in fitting if wide + CHARACTER * size <= b - a), ("", 0.0))
+    if not text:
+        return
+    middle, base = (a + b) / 2, top + 0.5 * high + 0.36 * size
+    if is_gap:
+        panel.drawing.field(middle - wide / 2, top + 0.1 * high, wide, 0.8 * high, "#ffffff")
+    light = (name in MARKED and not is_gap) or span.word in style.DARK_STATUS
+    panel.drawing.words(middle, base, text, size, "#ffffff" if light else style.INK, align="middle", of=name)

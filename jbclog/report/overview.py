@@ -6,20 +6,17 @@ not read is hatched, alarms and errors are bars. Collected while the samples of 
 
 from __future__ import annotations
 
-import io
 from dataclasses import dataclass, field
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.backends.backend_svg import FigureCanvasSVG
-from matplotlib.figure import Figure
-from matplotlib.patches import Rectangle
 
 from jbclog.judge.idle import setting_in_force
 from jbclog.report import style
+from jbclog.report.drawing import Drawing, Stroke
 from jbclog.report.envelope import Envelope, envelope
-from jbclog.report.figure import shorter
 from jbclog.report.letters import drawable
+from jbclog.report.panel import Panel
+from jbclog.report.scale import Scale
 from jbclog.report.spans import Span, merged, widened
 from jbclog.report.style import Format
 from jbclog.report.timescale import duration_text, time_marks
@@ -29,8 +26,8 @@ REACH_C = 40.0
 STRETCHES = 400
 STRIP_IN, ALL_IN, LEAST_IN, SHEET_IN = 0.24, 4.6, 0.12, 9.4  # a strip's height; that of all of them; where they are many
 FEWEST = 2  # strips from which on a glance is worth more than the figures themselves
-FIGURES_IN, TOP_IN, AXIS_IN = 1.0, 0.05, 0.24
-LETTER_IN = 0.062  # the width of a letter of a strip's name
+FIGURES_PT, TOP_PT, AXIS_PT = 72.0, 3.6, 17.3
+LETTER_PT = 4.5  # the width of a letter of a strip's name
 LONGEST_NAME = 16
 
 
@@ -78,7 +75,7 @@ class Overview:
 
     @property
     def height_in(self) -> float:
-        return len(self.strips) * self.strip_in + TOP_IN + AXIS_IN
+        return len(self.strips) * self.strip_in + (TOP_PT + AXIS_PT) / 72
 
     @property
     def caption(self) -> str:
@@ -89,58 +86,46 @@ class Overview:
             "Hatched: not read; red: alarm; violet: error. On the right: readings that are there."
         )
 
-    def svg(self, form: Format) -> str:
-        """The strips as an SVG document."""
-        out = io.StringIO()
-        with style.sized(form):
-            figure = Figure(figsize=(form.width_in, self.height_in), facecolor="white")
-            self.fill(figure, form, 0.0, 0.0)
-            FigureCanvasSVG(figure)
-            figure.savefig(out, format="svg", metadata=dict.fromkeys(("Date", "Creator", "Format", "Type")))
-        return shorter(out.getvalue())
-
-    def fill(self, figure: Figure, form: Format, x: float, y: float) -> None:
-        """Draw the strips onto a figure or sheet, their upper left corner at `x` and `y` inches from that of the sheet."""
-        width, height = figure.get_size_inches()
-        name_in = 0.12 + LETTER_IN * max(len(strip.name) for strip in self.strips)
-        room, points = len(self.strips) * self.strip_in, min(form.font_pt, 0.72 * 72 * self.strip_in)
-        axes = figure.add_axes(
-            ((x + name_in) / width, 1 - (y + TOP_IN + room) / height, (form.width_in - name_in - FIGURES_IN) / width, room / height)
-        )
-        start, end = min(strip.start for strip in self.strips), max(strip.end for strip in self.strips)
+    def draw(self, form: Format) -> Drawing:
+        """The strips."""
+        drawing = Drawing(form.width_pt, 72 * self.height_in)
+        panel, high = self._panel(drawing, form), 72 * self.strip_in
+        marks = time_marks(self.t0_utc_us, panel.x.low, panel.x.high, max(4, form.time_marks - 2))
+        panel.ruled([second for second, _ in marks])
+        points = min(form.font_pt, 0.72 * high)
         for row, strip in enumerate(self.strips):
-            _draw(axes, row, strip, (end - start) / form.stretches * 1.5, points)
-        axes.set_xlim(start, end)
-        axes.set_ylim(len(self.strips), 0)
-        marks = time_marks(self.t0_utc_us, start, end, max(4, form.time_marks - 2))
-        axes.set_xticks([place for place, _ in marks], [label for _, label in marks])
-        axes.set_yticks([row + 0.5 for row in range(len(self.strips))], [strip.name for strip in self.strips])
-        axes.tick_params(length=0, labelcolor=style.INK, pad=4)
-        axes.tick_params(axis="y", labelsize=points)
-        axes.grid(axis="x", color=style.GRID, lw=0.6)
-        axes.set_axisbelow(True)
-        for side in axes.spines.values():
-            side.set_visible(False)
+            _draw(panel, panel.top + row * high, high, strip, points)
+        panel.timed(marks)
+        return drawing
+
+    def _panel(self, drawing: Drawing, form: Format) -> Panel:
+        left = 9 + LETTER_PT * max(len(strip.name) for strip in self.strips)
+        width, high = form.width_pt - left - FIGURES_PT, 72 * len(self.strips) * self.strip_in
+        start, end = min(strip.start for strip in self.strips), max(strip.end for strip in self.strips)
+        x, y = Scale(start, end, left, left + width), Scale(0.0, 1.0, TOP_PT + high, TOP_PT)
+        return Panel(drawing, form, left, TOP_PT, width, high, x, y)
 
 
-def _draw(axes: Axes, row: int, strip: Strip, least_s: float, points: float) -> None:
-    middle, curve = row + 0.5, strip.curve
-    axes.hlines(middle, strip.start, strip.end, color=style.NO_DATA, lw=0.5, zorder=1)
-    low, high = (middle - 0.42 * side / REACH_C for side in (curve.low, curve.high))
-    axes.fill_between(curve.seconds, low, high, fc=style.TEMPERATURE, ec=style.TEMPERATURE, lw=0.5, zorder=2)
+def _draw(panel: Panel, top: float, high: float, strip: Strip, points: float) -> None:
+    middle, curve, drawing = top + high / 2, strip.curve, panel.drawing
+    least_s = (panel.x.high - panel.x.low) / panel.form.stretches * 1.5
+    drawing.line(panel.x.at([strip.start, strip.end]), [middle, middle], Stroke(style.NO_DATA, 0.5))
+    low, high_y = (middle - 0.42 * high * side / REACH_C for side in (curve.low, curve.high))
+    drawing.area(panel.x.at(curve.seconds), low, high_y, style.TEMPERATURE, Stroke(style.TEMPERATURE, 0.5), strip.name)
     for gap in merged((gap for gap in strip.gaps if gap.seconds >= least_s), least_s):
-        _bar(axes, row, gap, style.NO_DATA_TINT, style.hatch(gap.word, gap.seconds > 4 * least_s), 1.0)
+        hatch = style.hatch(gap.word, gap.seconds > 4 * least_s)
+        _bar(panel, top, high, gap, style.NO_DATA_TINT if hatch else style.NO_DATA, hatch)
     for mark in strip.marks:
-        _bar(axes, row, widened(mark.span, 2 * least_s), style.MARK_COLOURS[mark.kind], None, 0.85)
-    axes.hlines(row + 1, strip.start, strip.end, color=style.GRID, lw=0.6, zorder=0)
-    colour, weight = (style.ALARM, "bold") if strip.is_bad else (style.QUIET, "normal")
-    axes.text(
-        1.01, middle, strip.words, transform=axes.get_yaxis_transform(), va="center", color=colour, weight=weight, size=points
-    )
+        _bar(panel, top, high, widened(mark.span, 2 * least_s), style.MARK_COLOURS[mark.kind], None)
+    drawing.line([panel.left, panel.right], [top + high, top + high], style.HAIR)
+    base = middle + 0.36 * points
+    panel.told_left(strip.name, middle, points, style.INK)
+    drawing.words(panel.right + 4, base, strip.words, points, style.ALARM if strip.is_bad else style.QUIET, bold=strip.is_bad)
 
 
-def _bar(axes: Axes, row: int, span: Span, face: str, hatch: str | None, alpha: float) -> None:
-    plain = hatch is None and face == style.NO_DATA_TINT
-    place = Rectangle((span.start, row + 0.06), span.seconds, 0.88, lw=0, zorder=3, alpha=alpha)
-    place.set(facecolor=style.NO_DATA if plain else face, edgecolor=style.NO_DATA, hatch=hatch)
-    axes.add_patch(place)
+def _bar(panel: Panel, top: float, high: float, span: Span, face: str, hatch: str | None) -> None:
+    a, b = panel.x.at([span.start, span.end]).tolist()
+    place = (a, top + 0.06 * high, b - a, 0.88 * high)
+    panel.drawing.field(*place, face)
+    if hatch is not None:
+        panel.drawing.hatched(*place, hatch, style.HATCHING)

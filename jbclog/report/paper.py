@@ -5,20 +5,14 @@ Inches from the sheet's upper left corner; text is measured with the font that d
 
 from __future__ import annotations
 
-import io
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Final
 
-import matplotlib as mpl
-from matplotlib.backends.backend_pdf import PdfPages
-from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
-from matplotlib.patches import Rectangle
-
 from jbclog.report import style
+from jbclog.report.drawing import Align, Drawing, Stroke, Words
 from jbclog.report.letters import LACKING, drawable, width_in
+from jbclog.report.pdf_file import pdf_file
 
 WIDTH, HEIGHT = 8.27, 11.69
 SIDE, TOP, BOTTOM = 0.6, 0.55, 0.65
@@ -26,13 +20,6 @@ INNER: Final = WIDTH - 2 * SIDE
 LEADING = 1.35  # of a line, in font sizes
 GAP_IN = 0.1  # between columns
 LAST = 0.27  # of the width, for the column of sentences
-
-
-@contextmanager
-def printing() -> Iterator[None]:
-    """Within it sheets have our fonts, and a PDF holds the letters that it needs."""
-    with style.sized(style.PRINT), mpl.rc_context({"pdf.fonttype": 42, "pdf.compression": 6}):
-        yield
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,17 +70,17 @@ def _pieces(word: str, type_: Type, room_in: float) -> list[str]:
 class Paper:
     """Sheets, and how far the last one is filled."""
 
-    sheets: list[Figure] = field(default_factory=list)
+    sheets: list[Drawing] = field(default_factory=list)
     y: float = HEIGHT
 
     @property
-    def sheet(self) -> Figure:
+    def sheet(self) -> Drawing:
         return self.sheets[-1]
 
     def need(self, inches: float) -> None:
         """Go on to a new sheet where there is not that much left."""
         if self.y + inches > HEIGHT - BOTTOM:
-            self.sheets.append(Figure(figsize=(WIDTH, HEIGHT), facecolor="white"))
+            self.sheets.append(Drawing(72 * WIDTH, 72 * HEIGHT))
             self.y = TOP
 
     def skip(self, inches: float) -> None:
@@ -101,11 +88,14 @@ class Paper:
 
     def put(self, text: str, x: float, type_: Type, *, right: bool = False, down: float = 0.0) -> None:
         """One line at `x`, as high as the sheet is filled; it does not fill it."""
-        weight, align = "bold" if type_.bold else "normal", "right" if right else "left"
-        place = (x / WIDTH, 1 - (self.y + down + type_.points / 72) / HEIGHT)
-        self.sheet.text(
-            *place, drawable(text, bold=type_.bold), size=type_.points, weight=weight, color=type_.colour, ha=align, va="baseline"
-        )
+        base, shown = 72 * (self.y + down) + type_.points, drawable(text, bold=type_.bold)
+        align: Align = "right" if right else "left"
+        self.sheet.words(72 * x, base, shown, type_.points, type_.colour, bold=type_.bold, align=align)
+
+    def draw(self, drawing: Drawing, x: float = SIDE) -> None:
+        """A figure, as high as the sheet is filled; it fills it."""
+        self.sheet.add(drawing, 72 * x, 72 * self.y)
+        self.skip(drawing.height / 72)
 
     def say(self, text: str, type_: Type, x: float = SIDE, room: float = INNER) -> None:
         """A paragraph."""
@@ -116,17 +106,14 @@ class Paper:
 
     def rule(self, colour: str = style.INK, points: float = 0.6, start: float = SIDE, end: float = WIDTH - SIDE) -> None:
         """A line across, as high as the sheet is filled."""
-        y = 1 - self.y / HEIGHT
-        self.sheet.add_artist(Line2D([start / WIDTH, end / WIDTH], [y, y], color=colour, lw=points))
+        y = 72 * self.y
+        self.sheet.line([72 * start, 72 * end], [y, y], Stroke(colour, points))
 
-    def block(self, x: float, width: float, height: float, face: str, edge: str = "none", points: float = 0.0) -> None:
-        """A coloured field below where the sheet is filled to."""
-        corner = (x / WIDTH, 1 - (self.y + height) / HEIGHT)
-        self.sheet.add_artist(
-            Rectangle(
-                corner, width / WIDTH, height / HEIGHT, fc=face, ec=edge, lw=points, transform=self.sheet.transFigure, zorder=-1
-            )
-        )
+    def block(self, x: float, width: float, height: float, face: str, edge: Stroke | None = None) -> None:
+        """A coloured field behind all that is on the sheet, below where that is filled to."""
+        ground = Drawing(self.sheet.width, self.sheet.height)
+        ground.field(72 * x, 72 * self.y, 72 * width, 72 * height, face, edge)
+        self.sheet.marks[:0] = ground.marks
 
     def heading(self, text: str, keep_in: float = 1.0) -> None:
         """A headline with a rule above it, kept together with what follows."""
@@ -186,19 +173,16 @@ def _widest(wishes: Sequence[float], room: float) -> float:
     return max(wishes, default=room)
 
 
-def lacks_letters(sheets: Sequence[Figure]) -> bool:
+def lacks_letters(sheets: Sequence[Drawing]) -> bool:
     """Whether anything on them stands for a letter that could not be drawn."""
-    return any(LACKING in text.get_text() for sheet in sheets for text in sheet.texts)
+    return any(isinstance(mark, Words) and LACKING in mark.text for sheet in sheets for mark in sheet.marks)
 
 
-def pdf_bytes(sheets: Sequence[Figure], foot: str, title: str) -> bytes:
+def pdf_bytes(sheets: Sequence[Drawing], foot: str, title: str) -> bytes:
     """The sheets as a PDF, each with its foot and number: the same sheets give the same bytes."""
-    out, type_ = io.BytesIO(), Type(6.5, colour=style.QUIET)
-    said = {"Title": title, "Creator": "jbclog", "Producer": None, "CreationDate": None}
-    with PdfPages(out, metadata=said) as pages:
-        for number, sheet in enumerate(sheets, 1):
-            paper = Paper([sheet], HEIGHT - 0.45)
-            paper.put(foot, SIDE, type_)
-            paper.put(f"{number} of {len(sheets)}", WIDTH - SIDE, type_, right=True)
-            pages.savefig(sheet)
-    return out.getvalue()
+    type_ = Type(6.5, colour=style.QUIET)
+    for number, sheet in enumerate(sheets, 1):
+        paper = Paper([sheet], HEIGHT - 0.45)
+        paper.put(foot, SIDE, type_)
+        paper.put(f"{number} of {len(sheets)}", WIDTH - SIDE, type_, right=True)
+    return pdf_file(sheets, title)

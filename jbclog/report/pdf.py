@@ -9,10 +9,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from jbclog.report import style
+from jbclog.report.drawing import Stroke
 from jbclog.report.facts import Facts, StationReport
 from jbclog.report.letters import LACKING_MEANS, width_in
 from jbclog.report.page import ENDINGS, RESULT_SIGNS, SIGNS, place
-from jbclog.report.paper import INNER, SIDE, WIDTH, Cell, Paper, Type, lacks_letters, pdf_bytes, printing
+from jbclog.report.paper import INNER, SIDE, WIDTH, Cell, Paper, Type, lacks_letters, pdf_bytes
 from jbclog.report.plates import Plates
 from jbclog.report.text import bound_text, clean, clock, measured, stamp, together
 from jbclog.report.timescale import duration_text
@@ -36,14 +37,13 @@ Row = Mapping[str, object]
 
 def report_pdf(facts: Facts, plates: Plates) -> bytes:
     """The whole document. The same run gives the same bytes: no time of making, no random names."""
-    with printing():
-        front, back = Paper(), Paper()
-        _front(front, facts, plates)
-        _back(back, facts)
-        if lacks_letters([*front.sheets, *back.sheets]):
-            back.say(LACKING_MEANS, QUIET)
-        foot = clean(f"{facts.run} · head {facts.head} · {facts.verdict.word}")
-        return pdf_bytes([*front.sheets, *plates.paper.sheets, *back.sheets], foot, clean(f"{facts.verdict.word} · {facts.run}"))
+    front, back = Paper(), Paper()
+    _front(front, facts, plates)
+    _back(back, facts)
+    if lacks_letters([*front.sheets, *back.sheets]):
+        back.say(LACKING_MEANS, QUIET)
+    foot = clean(f"{facts.run} · head {facts.head} · {facts.verdict.word}")
+    return pdf_bytes([*front.sheets, *plates.paper.sheets, *back.sheets], foot, clean(f"{facts.verdict.word} · {facts.run}"))
 
 
 def _front(paper: Paper, facts: Facts, plates: Plates) -> None:
@@ -56,8 +56,8 @@ def _front(paper: Paper, facts: Facts, plates: Plates) -> None:
     if facts.overview is not None and plates.overview is not None:
         paper.heading("At a glance", plates.overview.height_in + 0.3)
         paper.say(facts.overview.caption, QUIET)
-        plates.overview.fill(paper.sheet, style.PRINT, SIDE, paper.y)
-        paper.skip(plates.overview.height_in + 0.05)
+        paper.draw(plates.overview.draw(style.PRINT))
+        paper.skip(0.05)
     if facts.verdict.rules:
         _rests_on(paper, facts)
     _signatures(paper, facts)
@@ -81,8 +81,8 @@ def _verdict(paper: Paper, facts: Facts) -> None:
         inside.put(mark, SIDE + 0.3, replace(type_, colour=colour))
         inside.say(text, type_, SIDE + 0.5, INNER - 0.65)
     height = inside.y - paper.y + 0.12
-    paper.block(SIDE, INNER, height, tint, colour, 1.2)
     paper.block(SIDE, 0.14, height, colour)
+    paper.block(SIDE, INNER, height, tint, Stroke(colour, 1.2))
     paper.skip(height + 0.16)
 
 

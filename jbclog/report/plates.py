@@ -9,10 +9,9 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from jbclog.report import style
-from jbclog.report.figure import fill, height_in
-from jbclog.report.lanes import lanes_of
+from jbclog.report.figure import draw
 from jbclog.report.overview import Overview
-from jbclog.report.paper import INNER, SIDE, Paper, Type, printing, wrapped
+from jbclog.report.paper import INNER, SIDE, Paper, Type, wrapped
 from jbclog.report.trace import Trace
 
 HEAD, TEXT = Type(10, bold=True), Type(7, colour=style.QUIET)
@@ -32,13 +31,10 @@ class Plates:
 
     def add(self, heading: str, caption: str, trace: Trace) -> None:
         """A figure with what stands above it, all on one sheet."""
-        with printing():
-            lanes = lanes_of(trace, style.PRINT)
-            height = height_in(trace, lanes, style.PRINT)
-            lines = wrapped(caption, TEXT, INNER)
-            self.paper.need(HEAD.line_in + len(lines) * TEXT.line_in + height + 0.2)
-            self.paper.put(heading, SIDE, HEAD)
-            self.paper.skip(HEAD.line_in)
-            self.paper.say(caption, TEXT)
-            fill(self.paper.sheet, trace, lanes, style.PRINT, SIDE, self.paper.y)
-            self.paper.skip(height + 0.16)
+        drawing, lines = draw(trace, style.PRINT), wrapped(caption, TEXT, INNER)
+        self.paper.need(HEAD.line_in + len(lines) * TEXT.line_in + drawing.height / 72 + 0.2)
+        self.paper.put(heading, SIDE, HEAD)
+        self.paper.skip(HEAD.line_in)
+        self.paper.say(caption, TEXT)
+        self.paper.draw(drawing)
+        self.paper.skip(0.16)

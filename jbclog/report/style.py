@@ -1,4 +1,4 @@
-"""What the figures look like: colours that survive colour blindness and a grey printer, and fonts that are there.
+"""What the figures look like: colours that survive colour blindness and a grey printer.
 
 Colours after Okabe and Ito. No meaning rests on colour alone: lines differ in their dashes, spans in their hatching,
 and each is labelled where it stands.
@@ -6,15 +6,10 @@ and each is labelled where it stands.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Final
+from typing import Final
 
-import matplotlib as mpl
-
-if TYPE_CHECKING:
-    from matplotlib.typing import RcKeyType
+from jbclog.report.drawing import Stroke
 
 INK: Final = "#1c2733"
 QUIET: Final = "#5d6b7a"
@@ -32,7 +27,14 @@ POWER_BAND: Final = "#efc98a"
 NO_DATA: Final = "#8d99a6"
 NO_DATA_TINT: Final = "#f4f6f8"
 
-DASHES: Final = {"set": (0, (5, 2)), "high": (0, (1, 1.2)), "low": (0, (4, 1.5, 1, 1.5))}
+LINES: Final = {
+    "set": Stroke(SETTING, 0.7, (3.0, 1.4)),
+    "high": Stroke(ALARM, 1.1, (1.2, 1.4)),
+    "low": Stroke(ALARM, 1.1, (4.4, 1.7, 1.1, 1.7)),
+}
+HAIR: Final = Stroke(GRID, 0.6)
+EDGE: Final = Stroke(NO_DATA, 0.6)
+HATCHING: Final = Stroke(NO_DATA, 0.6)
 
 STATUS_SHADES: Final = {
     "working": "#3d5166",
@@ -64,18 +66,8 @@ def hatch(word: str, wide: bool) -> str | None:
 
 
 MARK_COLOURS: Final = {"alarm": ALARM, "unconfirmed": UNCONFIRMED, "error": ERROR}
-
-RC: Final[dict[RcKeyType, Any]] = {
-    "font.family": ["sans-serif"],
-    "font.sans-serif": ["DejaVu Sans"],
-    "svg.fonttype": "none",
-    "svg.hashsalt": "jbclog",
-    "path.simplify": False,  # the curves are thinned already, by a rule that keeps every excursion
-    "hatch.linewidth": 0.6,
-    "axes.unicode_minus": True,
-    "text.usetex": False,
-    "text.parse_math": False,
-}
+MARK_TINTS: Final = {"alarm": "#f6ded3", "unconfirmed": "#f3e8d3", "error": "#ece0e9"}  # behind the curves
+COARSER_TINT: Final = "#f1f3f5"
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,15 +82,20 @@ class Format:
     time_marks: int
     most_dots: int  # readings of a setting that can still be told apart
 
+    @property
+    def width_pt(self) -> float:
+        return 72 * self.width_in
+
+    @property
+    def height_pt(self) -> float:
+        return 72 * self.height_in
+
+    @property
+    def line_pt(self) -> float:
+        """From one line of text to the next."""
+        return 1.25 * self.font_pt
+
 
 WIDE: Final = Format("wide", 7.4, 3.5, 7.5, 800, 9, 80)
 NARROW: Final = Format("narrow", 3.9, 3.6, 7.5, 400, 5, 40)
 PRINT: Final = Format("print", 7.07, 2.4, 7, 800, 9, 80)
-
-
-@contextmanager
-def sized(form: Format) -> Iterator[None]:
-    """Within it figures have our fonts and sizes, whatever the user's own matplotlib settings are."""
-    defaults = {name: value for name, value in mpl.rcParamsDefault.items() if not name.startswith("backend")}
-    with mpl.rc_context({**defaults, **RC, "font.size": form.font_pt}):
-        yield

@@ -8,7 +8,8 @@ from dataclasses import replace
 from pathlib import Path
 
 from jbclog.errors import Problems, UsageError
-from jbclog.judge import Acceptance, Evidence, Judgement, Result, Rule, Verdict, judge
+from jbclog.joint_evidence import joint_evidence
+from jbclog.judge import Acceptance, Evidence, Judgement, Result, Rule, Verdict, asks_for_joints, judge
 from jbclog.recipe.load import load_recipe
 from jbclog.record.manifest import Manifest
 from jbclog.report.facts import Reason, VerdictFacts
@@ -60,12 +61,44 @@ def judge_now(folder: Path, manifest: Manifest) -> Judgement:
             text = "The copy of its recipe cannot be read, so its limits are not known."
             unread.append(Rule("recipe", facts.name, None, "readable", None, "", Result.MISSING, text))
     lost = None if manifest.lost is None else manifest.lost.text
-    checks = manifest.verifications
-    judgement = judge(Evidence(folder, manifest.stations, manifest.ledger, manifest.exit_status, lost, checks), acceptance)
+    asking = [facts for facts in manifest.stations if asks_for_joints(acceptance.get(facts.name))]
+    joints, checks = joint_evidence(folder, asking, manifest.t0_utc), manifest.verifications
+    evidence = Evidence(folder, manifest.stations, manifest.ledger, manifest.exit_status, lost, checks, joints, manifest.goals)
+    judgement = judge(evidence, acceptance)
     if not unread:
         return judgement
     verdict = Verdict.REJECT if judgement.verdict is Verdict.REJECT else Verdict.INCONCLUSIVE
     return Judgement(verdict, (*unread, *judgement.rules))
+
+
+def judged_otherwise(folder: Path, manifest: Manifest) -> list[str]:
+    """Where a verdict that was given with the run is not what its record gives now: a sentence each."""
+    if manifest.verdict is None or is_cut_off(manifest):
+        return []
+    judgement = judge_now(folder, manifest)
+    before, now = _results(manifest.verdict_rules), _results(judgement.rules_as_dicts())
+    found = [
+        f"verdict: {_named(place)}: was {before.get(place)}, its record gives {now.get(place)}"
+        for place in {**before, **now}
+        if before.get(place) != now.get(place)
+    ]
+    if judgement.verdict != manifest.verdict:
+        found.insert(0, f"verdict: was {manifest.verdict}, its record gives {judgement.verdict}")
+    return found
+
+
+Place = tuple[str, str | None, int | None]
+
+
+def _results(rules: Sequence[object]) -> dict[Place, str]:
+    """The result of each rule by its name, station and port."""
+    told = [rule for rule in rules if isinstance(rule, dict)]
+    return {(str(rule["name"]), rule["station"], rule["port"]): str(rule["result"]) for rule in told}
+
+
+def _named(place: Place) -> str:
+    name, station, port = place
+    return " ".join([name, *([] if station is None else [station]), *([] if port is None else [f"port {port}"])])
 
 
 def _acceptance(folder: Path, recipe: str | None) -> Acceptance | None:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import warnings
 from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
@@ -25,6 +24,7 @@ from jbclog.report.pdf import report_pdf
 from jbclog.report.plates import Plates
 from jbclog.report.spreadsheet import csv_tables
 from jbclog.report.text import cleaned
+from jbclog.report.verdict import judged_otherwise
 
 PAGE, DATA, PAPER, TABLES = "report.html", "report.json", "report.pdf", "tables"
 
@@ -39,14 +39,14 @@ def write_report(folder: Path | str) -> Path:
 
 
 def verify_report(folder: Path | str) -> list[str]:
-    """Make the report again and compare: a sentence for each file that differs, none where all is as it was."""
+    """Make the report and the verdict again and compare: a sentence for each file and rule that differs; none: all is as it was."""
     folder = Path(folder)
-    return [text for name, content in report_files(folder).items() if (text := _difference(folder / name, content))]
+    files = [text for name, content in report_files(folder).items() if (text := _difference(folder / name, content))]
+    return [*files, *judged_otherwise(folder, open_run(folder).manifest)]
 
 
 def report_files(folder: Path) -> dict[str, bytes]:
     """Every file of a report by its name, as bytes."""
-    warnings.filterwarnings("ignore", "Glyph .* missing from")  # serials may be in any script; `letters` says what is not drawn
     plates = Plates()
     facts = gather(open_run(folder), plates)
     document = as_document(facts)

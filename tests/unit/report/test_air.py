@@ -7,13 +7,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from drawn import corners, fields, shapes, texts, values
 from numpy.typing import NDArray
 from sealed_run import RECIPE, lose, micros, samples, seal, station, table
 
 from jbclog.commands.family import FAMILIES
 from jbclog.judge import Evidence, Limits, judge
 from jbclog.record.ledger import ledger_of
-from jbclog.report import style, verify_report, write_report
+from jbclog.report import verify_report, write_report
 from jbclog.report.figure import draw
 from jbclog.report.lanes import lanes_of
 from jbclog.report.style import WIDE
@@ -65,18 +66,20 @@ def test_cooling_is_a_status_of_its_own_and_flow_and_suction_have_lanes() -> Non
 
 
 def test_the_work_is_drawn_and_named_beside_the_air() -> None:
-    axes = draw(drawn(columns()), WIDE).axes[0]
-    assert {text.get_text() for text in axes.texts} == {"Air temperature in °C, and that of the work", "set 320", "work"}
-    green = [line for line in axes.lines if line.get_color() == style.EXTERNAL]
-    assert max(np.nanmax(line.get_ydata()) for line in green if len(line.get_ydata())) == 160
-    bottom, top = axes.get_ylim()
-    assert bottom < 60
-    assert top > 320
+    one = drawn(columns())
+    drawing = draw(one, WIDE)
+    assert {"Air temperature in °C, and that of the work", "set 320", "work"} <= {*texts(drawing)}
+    panel = fields(drawing, one, WIDE)[0]
+    assert values(panel, corners(drawing, "external")[:, 1]).max() == pytest.approx(160)
+    assert panel.y.low < 60
+    assert panel.y.high > 320
 
 
 def test_without_a_thermocouple_nothing_is_drawn_of_the_work() -> None:
-    axes = draw(drawn(columns() | {"external_c": np.full(600, np.nan)}), WIDE).axes[0]
-    assert {text.get_text() for text in axes.texts} == {"Air temperature in °C", "set 320"}
+    drawing = draw(drawn(columns() | {"external_c": np.full(600, np.nan)}), WIDE)
+    assert {"Air temperature in °C", "set 320"} <= {*texts(drawing)}
+    assert "work" not in texts(drawing)
+    assert not shapes(drawing, "external")
 
 
 def test_a_closer_look_holds_the_same_of_its_part() -> None:
