@@ -22,7 +22,8 @@ from jbclog import __version__
 from jbclog.clock import Clock, UtcOffset
 from jbclog.episodes import LiveAlarms
 from jbclog.errors import RecordError
-from jbclog.judge import Evidence, judge
+from jbclog.judge import Evidence, PortJoints, asks_for_joints, judge
+from jbclog.judge.jointed import Joints
 from jbclog.outcome import Exit, Finding, exit_code, findings, status
 from jbclog.plan import PORTS, Plan, StationPlan, orders
 from jbclog.plan import Metadata as Told
@@ -38,6 +39,7 @@ from jbclog.session.order import Desk
 from jbclog.verifying.cited import cited
 
 OnFacts = Callable[[StationFacts], None]
+NOT_STARTED = "The run was not started."
 
 
 class Observer(Protocol):
@@ -123,6 +125,7 @@ class Dossier:
             metadata=_metadata(self._plan.wanted.metadata or Told()),
             host=_host(),
             rate=self._plan.wanted.rate,
+            goals=self._plan.wanted.goals(),
         )
 
     def _cited(self, out: Path) -> list[TipCheck]:
@@ -148,6 +151,7 @@ class Dossier:
             desk.facts.outcome = "refused"
             desk.facts.reason = why.get(desk.name, f"{desk.name}: not asked, for the run was not started")
         self.manifest.stations = [desk.facts for desk in self.desks]
+        self.manifest.goals = [replace(goal, reached=0, text=NOT_STARTED) for goal in self.manifest.goals]
         self.begin()
         for desk in self.desks:
             desk.note("station.refused", Severity.ERROR, desk.facts.reason.removeprefix(f"{desk.name}: "))
@@ -176,7 +180,7 @@ class Dossier:
         manifest.verifications = [one for one in manifest.verifications if one.port in (there[one.station] or [one.port])]
         manifest.ended = iso(self.utc.micros(self.clock.monotonic()))
         self._judge(stations, record, cut_short)
-        found = findings(stations, verdict=manifest.verdict, record=record, cut_short=cut_short)
+        found = findings(stations, verdict=manifest.verdict, record=record, cut_short=cut_short, goals=manifest.goals)
         manifest.exit_code, manifest.exit_status = exit_code(found), status(found)
         try:
             self.manifest = conclude(self.folder, manifest, self._store.lock)
@@ -189,10 +193,25 @@ class Dossier:
     def _judge(self, stations: list[StationFacts], record: str | None, cut_short: Exit | None) -> None:
         exit_status = status(findings(stations, verdict=None, record=record, cut_short=cut_short))
         ledger, checks = ledger_of(self.folder, stations), self.manifest.verifications
-        evidence = Evidence(self.folder, stations, ledger, exit_status, record, checks)
-        judgement = judge(evidence, {one.spec.name: one.recipe.acceptance for one in self._plan.stations})
+        acceptance = {one.spec.name: one.recipe.acceptance for one in self._plan.stations}
+        asking = [facts for facts in stations if asks_for_joints(acceptance[facts.name])]
+        joints, goals = self._joints(asking), self.manifest.goals
+        evidence = Evidence(self.folder, stations, ledger, exit_status, record, checks, joints, goals)
+        judgement = judge(evidence, acceptance)
         self.manifest.verdict = judgement.verdict.value
         self.manifest.verdict_rules = judgement.rules_as_dicts()
+
+    def _joints(self, stations: Sequence[StationFacts]) -> Joints:
+        """The joints of the stations whose recipes have a limit about them; what it takes is loaded for these alone."""
+        if not stations:
+            return {}
+        try:
+            from jbclog.joint_evidence import joint_evidence
+
+            return joint_evidence(self.folder, stations, self.manifest.t0_utc)
+        except Exception as error:  # of this program; the record is concluded all the same
+            unknown = PortJoints(why=f"Its joints could not be looked for: {type(error).__name__}: {error}.")
+            return {(facts.name, port): unknown for facts in stations for port in facts.ports}
 
 
 class _Tap:

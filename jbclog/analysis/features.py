@@ -6,7 +6,7 @@ open or was cut off, as far as its record goes.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import asdict
 from math import inf
 from typing import TYPE_CHECKING, Final
@@ -18,11 +18,12 @@ import pyarrow.compute as pc
 
 from jbclog.analysis.alarm_rows import stations_of
 from jbclog.analysis.joint_table import JOINTS_SCHEMA, read_joints
-from jbclog.features import DEFINITIONS, Measured, Series, Wire, heat_of, measure_port, nominal_period
+from jbclog.features import DEFINITIONS, Measured, Series, Wire, find_joints, heat_of, measure_port
+from jbclog.features.port_rows import COLUMNS, PUSHING, WORKING, Clock, PortRows, kind_of, series_of
 from jbclog.features.recovery import Dip
-from jbclog.judge.idle import Block, Floats
+from jbclog.judge.idle import Floats
 from jbclog.judge.samples import Counts
-from jbclog.judge.stepped import Step, Unstepped
+from jbclog.judge.stepped import Step
 from jbclog.record.manifest import manifest_sha256
 from jbclog.rows import StationFacts
 
@@ -40,10 +41,7 @@ METRICS: Final = {
     "resolution": "Float64",
     "why": "str",
 }
-COLUMNS: Final = ["time", "tick", "station", "port", "temperature_c", "power_permille", "status", "motor", "set_c"]
-WORKING: Final = ("working", "on")
 ORDER_TO_WORK: Final = {"tip": "00000", "air": "00001"}  # status words of W-PS (manuals 000, 001, 002)
-AIR_FAMILIES, STATES_FAMILIES = ("jtse",), ("omega",)
 
 
 def metrics_of(run: Run, station: str | None = None) -> pd.DataFrame:
@@ -97,7 +95,23 @@ class _Moments:
         return int(self.utc_us[place])
 
 
+def joint_count(run: Run, ended_s: float | None = None) -> int:
+    """How many joints there are, as many as in `joints_table`; only those that ended so long before their port's last row."""
+    count = 0
+    for facts, _, series, _, _ in _ports(run, None):
+        if kind_of(facts) == "tip" and len(series.seconds):
+            latest = inf if ended_s is None else float(series.seconds[-1]) - ended_s
+            count += sum(draw.end_s <= latest for draw in find_joints(series).joints)
+    return count
+
+
 def _measured(run: Run, station: str | None) -> Iterator[tuple[StationFacts, int, Measured, _Moments]]:
+    """Each port of each station, measured."""
+    for facts, port, series, wire, moments in _ports(run, station):
+        yield facts, port, measure_port(series, kind_of(facts), wire), moments
+
+
+def _ports(run: Run, station: str | None) -> Iterator[tuple[StationFacts, int, Series, Wire | None, _Moments]]:
     """Each port of each station, one station's samples in memory at a time."""
     manifest, stations = run.manifest, stations_of(run)
     steps = _steps(run) if any(not facts.period_s for facts in stations) else []
@@ -111,32 +125,16 @@ def _measured(run: Run, station: str | None) -> Iterator[tuple[StationFacts, int
             utc_us = _micros(rows)
             clock = Clock(facts.period_s, steps, t0_us)
             seconds = clock.seconds(rows["tick"].to_numpy(dtype=np.float64), utc_us)
-            series = _series(facts, rows, seconds, clock.ordered(settings, port, _kind(facts)))
+            series = _series(facts, rows, seconds, _ordered_s(facts, settings, port, clock))
             wire = _wire(facts, counters[counters["port"] == port], settings, clock)
-            yield facts, port, measure_port(series, _kind(facts), wire), _Moments(seconds, utc_us)
+            yield facts, port, series, wire, _Moments(seconds, utc_us)
 
 
-class Clock:
-    """Seconds of a station's rows: on its grid, or UTC less the clock's steps where it has none."""
-
-    def __init__(self, period_s: float | None, steps: Sequence[Step], t0_us: int) -> None:
-        self.period_s, self.steps, self.t0_us = period_s, steps, t0_us
-
-    def seconds(self, ticks: Floats, utc_us: Counts) -> Floats:
-        """Of rows in their order."""
-        if self.period_s:
-            return ticks * self.period_s
-        return Unstepped(self.steps).of(utc_us / 1e6) - self.t0_us / 1e6
-
-    def of(self, utc_us: Counts) -> Floats:
-        """Of anything that has only a time (counters, settings): to the second, while the wall clock was not stepped."""
-        return np.asarray((utc_us - self.t0_us) / 1e6, dtype=np.float64)
-
-    def ordered(self, settings: pd.DataFrame, port: int, kind: str) -> float | None:
-        """When the run ordered the tool to work."""
-        mine = settings[(settings["port"] == port) & (settings["setting"] == "status") & (settings["outcome"] == "confirmed")]
-        mine = mine[mine["requested"] == ORDER_TO_WORK.get(kind)]
-        return float(self.of(_micros(mine))[-1]) if len(mine) else None
+def _ordered_s(facts: StationFacts, settings: pd.DataFrame, port: int, clock: Clock) -> float | None:
+    """When the run ordered the tool to work."""
+    mine = settings[(settings["port"] == port) & (settings["setting"] == "status") & (settings["outcome"] == "confirmed")]
+    mine = mine[mine["requested"] == ORDER_TO_WORK.get(kind_of(facts))]
+    return float(clock.of(_micros(mine))[-1]) if len(mine) else None
 
 
 def _steps(run: Run) -> list[Step]:
@@ -146,12 +144,6 @@ def _steps(run: Run) -> list[Step]:
     return [Step(time / 1e6, value) for time, value in zip(steps["time"].astype("int64"), steps["value"], strict=True)]
 
 
-def _kind(facts: StationFacts) -> str:
-    if facts.family in STATES_FAMILIES:
-        return "omega"
-    return "air" if facts.family in AIR_FAMILIES else "tip"
-
-
 def _series(facts: StationFacts, rows: pd.DataFrame, seconds: Floats, ordered_s: float | None) -> Series:
     temperature, power, setting = (
         rows[name].to_numpy(dtype=np.float64, na_value=np.nan) for name in ("temperature_c", "power_permille", "set_c")
@@ -159,11 +151,8 @@ def _series(facts: StationFacts, rows: pd.DataFrame, seconds: Floats, ordered_s:
     working = rows["status"].isin(WORKING).to_numpy(dtype=np.bool_)
     known = rows["status"].notna().to_numpy(dtype=np.bool_)
     motor = rows["motor"]
-    feeding = np.where(motor.isna(), np.nan, (motor == "forward").to_numpy(dtype=np.float64, na_value=np.nan))
-    block = Block(seconds, temperature, power, setting, working)
-    period = facts.period_s or nominal_period(seconds)
-    fed = None if facts.family != "ale" else feeding
-    return Series(block, known, period, fed, facts.rated_power_w, ordered_s, bool(facts.period_s))
+    feeding = np.where(motor.isna(), np.nan, (motor == PUSHING).to_numpy(dtype=np.float64, na_value=np.nan))
+    return series_of(facts, PortRows(seconds, temperature, power, setting, working, known, feeding), ordered_s)
 
 
 def _wire(facts: StationFacts, counters: pd.DataFrame, settings: pd.DataFrame, clock: Clock) -> Wire | None:

@@ -3,7 +3,7 @@
 Owns: what heat-up time, overshoot, settling, idle error, drift, depth, recovery, energy, duty, utilisation and wire per joint
 mean; how joints are found; when a figure has no value.
 Never: does I/O, imports pandas, decides a verdict, says that a joint is good.
-May use: `judge` (idle tip, blocks of rows); numpy and scipy.
+May use: `judge` (idle tip, blocks of rows) and `rows`; numpy and scipy.
 Start reading: `definitions.py`, every metric in words; `figure.py` and `series.py`; `heat.py` and `joints.py`.
 """
 

@@ -52,7 +52,7 @@ def wire_figures(series: Series, wire: Wire | None, joints: Sequence[Draw]) -> l
     """All figures of the wire; without values where there is no feeder."""
     if wire is None or series.feeding is None:
         return [no_figure(name, unit, "The tool has no feeder.") for name, unit in NAMES]
-    length, feeds = _grown("wire_mm", "mm", wire.length_mm, LENGTH_RESOLUTION_MM), _grown("wire_feeds", "count", wire.cycles, 1.0)
+    length, feeds = grown("wire_mm", "mm", wire.length_mm, LENGTH_RESOLUTION_MM), grown("wire_feeds", "count", wire.cycles, 1.0)
     each = _ratio("wire_per_feed_mm", "mm", length, feeds)
     return [
         length,
@@ -65,7 +65,8 @@ def wire_figures(series: Series, wire: Wire | None, joints: Sequence[Draw]) -> l
     ]
 
 
-def _grown(name: str, unit: str, counter: Floats, resolution: float) -> Figure:
+def grown(name: str, unit: str, counter: Floats, resolution: float) -> Figure:
+    """By how much a counter grew; no value where it was reset."""
     if len(counter) < 2:
         return no_figure(name, unit, "The counter was read less than twice.", len(counter))
     if (np.diff(counter) < 0).any():
@@ -85,7 +86,7 @@ def _per_joint(series: Series, wire: Wire, joints: Sequence[Draw], length: Figur
     name, unit = "wire_per_joint_mm", "mm"
     if length.value is None:
         return no_figure(name, unit, length.why or "")
-    start, end = _between(series, wire)
+    start, end = between(series, wire.length_s)
     window = series.window(series.rows.temperature, start, end)
     if window.gap:
         return no_figure(name, unit, f"{window.gap} Joints in it are not known.", 0, window.coverage)
@@ -95,9 +96,9 @@ def _per_joint(series: Series, wire: Wire, joints: Sequence[Draw], length: Figur
     return Figure(name, length.value / count, unit, count, window.coverage, LENGTH_RESOLUTION_MM / count)
 
 
-def _between(series: Series, wire: Wire) -> tuple[float, float]:
-    """The time between the first and the last reading of the length, which come just before the first row and after the last."""
-    first, last = float(wire.length_s[0]), float(wire.length_s[-1])
+def between(series: Series, counter_s: Floats) -> tuple[float, float]:
+    """From the first to the last reading of a counter, which come just before the first row and after the last."""
+    first, last = float(counter_s[0]), float(counter_s[-1])
     if not len(series.seconds):
         return first, last
     row, final = float(series.seconds[0]), float(series.seconds[-1])
@@ -117,7 +118,7 @@ def _speed(series: Series, wire: Wire, length: Figure) -> Figure:
     name, unit = "wire_speed_mm_s", "mm/s"
     if length.value is None or series.feeding is None:
         return no_figure(name, unit, length.why or "")
-    motor = series.window(series.feeding, *_between(series, wire))
+    motor = series.window(series.feeding, *between(series, wire.length_s))
     pushing = int(motor.values.sum())
     if motor.gap or pushing < LEAST_READINGS:
         why = motor.gap or f"The motor was seen pushing in {pushing} readings; it takes {LEAST_READINGS}."
@@ -134,5 +135,5 @@ def _clogs(series: Series, wire: Wire) -> Figure:
     for place in np.flatnonzero(np.diff(wire.length_mm) == 0):
         motor = series.window(feeding, float(wire.length_s[place]), float(wire.length_s[place + 1]))
         stuck += bool(motor.values.sum() * series.period_s >= PUSHED_S)
-    coverage = series.window(feeding, *_between(series, wire)).coverage
+    coverage = series.window(feeding, *between(series, wire.length_s)).coverage
     return Figure(name, float(stuck), "count", len(wire.length_mm) - 1, coverage, 1.0)

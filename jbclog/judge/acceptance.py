@@ -33,6 +33,14 @@ class Acceptance(Protocol):
     def verification_days(self) -> float | None:
         """Greatest age of the tip's verification against an external thermometer when the run began."""
 
+    @property
+    def recovery_p95_s(self) -> float | None:
+        """Longest time in which the tip is to be back after 95 joints of 100."""
+
+    @property
+    def joints_against_counter_percent(self) -> float | None:
+        """Greatest difference, either way, of the joints found from the feeds that the feeder counted."""
+
 
 @dataclass(frozen=True, slots=True)
 class Limits:
@@ -44,11 +52,27 @@ class Limits:
     idle_sd_c: float | None = None
     alarms_max: int | None = None
     verification_days: float | None = None
+    recovery_p95_s: float | None = None
+    joints_against_counter_percent: float | None = None
 
 
-LIMIT_NAMES = ("coverage_percent", "longest_gap_s", "idle_error_c", "idle_sd_c", "alarms_max", "verification_days")
+JOINT_LIMITS = ("recovery_p95_s", "joints_against_counter_percent")
+LIMIT_NAMES = (
+    "coverage_percent",
+    "longest_gap_s",
+    "idle_error_c",
+    "idle_sd_c",
+    "alarms_max",
+    "verification_days",
+    *JOINT_LIMITS,
+)
 
 
 def asks_for_anything(acceptance: Acceptance | None) -> bool:
     """Whether there is any limit at all to judge by."""
     return acceptance is not None and any(getattr(acceptance, name) is not None for name in LIMIT_NAMES)
+
+
+def asks_for_joints(acceptance: Acceptance | None) -> bool:
+    """Whether joints have to be looked for, which costs time, before it can be judged."""
+    return acceptance is not None and any(getattr(acceptance, name) is not None for name in JOINT_LIMITS)

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
-from jbclog.rows import StationFacts, TipCheck
+from jbclog.judge.jointed import Joints
+from jbclog.rows import Goal, StationFacts, TipCheck
 
 PortLedger = Mapping[str, Mapping[str, int]]
 """signal -> {"due": n, "ok": n, reason: n ...}."""
@@ -20,7 +21,8 @@ class Evidence:
     """One run: `folder` holds `samples/`, `events/` and `settings/`, sealed.
 
     `exit_status` is the manifest's; ``lost`` means that a crash ended the run and its last moments are missing. `lost`
-    says what else the record lacks, in a sentence. `verifications` are those that its ports stood on when it began.
+    says what else the record lacks, in a sentence. `verifications` are those that its ports stood on when it began. `joints` are
+    those of each port whose recipe has a limit about them. `goals` are the numbers that the run was to end with.
     """
 
     folder: Path
@@ -29,6 +31,8 @@ class Evidence:
     exit_status: str | None = "success"
     lost: str | None = None
     verifications: Sequence[TipCheck] = ()
+    joints: Joints = field(default_factory=dict)
+    goals: Sequence[Goal] = ()
 
     def port_ledger(self, station: str, port: int) -> PortLedger:
         """The ledger of one port; empty where nothing was ever due."""

@@ -16,6 +16,8 @@ from jbclog.rows import StationFacts
 
 COUNTED_ALARMS = ("alarm.high", "alarm.low")
 COUNTED_SEVERITIES = ("error", "critical")
+WITHOUT_TIP = ("jtse", "omega")
+WITH_FEEDER = ("ale",)
 
 ENDINGS = {
     "success": (Result.PASS, "The record runs from start to end."),
@@ -119,8 +121,20 @@ def no_limit_applies(facts: StationFacts, acceptance: Acceptance) -> bool:
         "idle_sd_c": tells(facts, TEMPERATURE),
         "alarms_max": tells(facts, "alarm_high"),
         "verification_days": tells(facts, TEMPERATURE),
+        "recovery_p95_s": has_tip(facts),
+        "joints_against_counter_percent": has_feeder(facts),
     }
     return not any(applies[name] for name in LIMIT_NAMES if getattr(acceptance, name) is not None)
+
+
+def has_tip(facts: StationFacts) -> bool:
+    """Whether joints show in what it tells: in temperature and power of a tip, which hot air and OMEGA do not have."""
+    return facts.family not in WITHOUT_TIP
+
+
+def has_feeder(facts: StationFacts) -> bool:
+    """Whether it counts what it feeds."""
+    return facts.family in WITH_FEEDER
 
 
 def not_applicable(name: str, station: str, port: int | None, limit: float, unit: str, what: str) -> Rule:

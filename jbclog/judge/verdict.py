@@ -17,6 +17,8 @@ from enum import StrEnum
 from jbclog.judge.acceptance import Acceptance, asks_for_anything
 from jbclog.judge.deviations import deviations, not_judged, unused_ports
 from jbclog.judge.evidence import Evidence
+from jbclog.judge.goal_rules import goal_rules
+from jbclog.judge.joint_rules import joint_rules
 from jbclog.judge.rule import Result, Rule
 from jbclog.judge.rules import no_limit_applies, port_rules, record_rule, station_rules, tells, used_ports
 from jbclog.judge.samples import TEMPERATURE, Measures, measure
@@ -69,6 +71,7 @@ def _all_rules(evidence: Evidence, limits: Mapping[str, Acceptance]) -> Iterator
     measures = measure(evidence.folder, {facts.name: facts for facts in judged})
     events, outcomes = read_events(evidence.folder), read_outcomes(evidence.folder)
     yield record_rule(evidence)
+    yield from goal_rules(evidence)
     yield from (_no_facts(name) for name in limits if name not in {facts.name for facts in judged})
     for facts in judged:
         own = [event for event in events if event.station == facts.name]
@@ -94,6 +97,7 @@ def _station(
         if acceptance.verification_days is not None and tells(facts, TEMPERATURE):
             adjusted = read_adjustments(evidence.folder).get((facts.name, port))
             yield verification_rule(facts, port, acceptance.verification_days, evidence, adjusted)
+        yield from joint_rules(facts, port, acceptance, evidence)
     if no_limit_applies(facts, acceptance):
         yield not_judged(facts, "None of its recipe's limits is about what it tells; it is recorded and not judged.")
     yield from unused_ports(facts, evidence)

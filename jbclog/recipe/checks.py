@@ -29,6 +29,12 @@ SECTION_FAMILIES: Final[Mapping[str, tuple[str, ...]]] = {
 }
 """The families that a section of settings speaks to."""
 
+LIMIT_FAMILIES: Final[Mapping[str, tuple[str, ...]]] = {
+    "recovery_p95_s": SOLDERING,
+    "joints_against_counter_percent": SECTION_FAMILIES["feeder"],
+}
+"""The families whose joints a limit of `[acceptance]` is about."""
+
 SAFE_STATES: Final[Mapping[str, tuple[str, ...]]] = {name: family.safe_states for name, family in FAMILIES.items()}
 STATUSES: Final[Mapping[str, tuple[str, ...]]] = {name: family.run_statuses for name, family in FAMILIES.items()}
 LONGEST_FEED_S: Final = 600.0  # no joint takes ten minutes of wire; a slip of the decimal point does
@@ -46,6 +52,7 @@ def problems_between(recipe: Recipe) -> Iterator[Problem]:
     yield from _feeder(recipe)
     if not recipe.run.allow_no_cooldown:
         yield from no_cooldown(recipe)
+    yield from _foreign_limits(recipe)
     if recipe.source.tables.get("acceptance") == {}:
         yield recipe.problem(("acceptance",), "names no limit; without the table the run is not judged")
 
@@ -68,6 +75,14 @@ def _foreign_sections(recipe: Recipe) -> Iterator[Problem]:
         if (section,) in recipe.source.lines and not set(families) & set(recipe.families):
             listed, belongs = ", ".join(recipe.families), ", ".join(families)
             yield recipe.problem((section,), f"fits none of the families listed ({listed}); it is for {belongs}")
+
+
+def _foreign_limits(recipe: Recipe) -> Iterator[Problem]:
+    for name, families in LIMIT_FAMILIES.items():
+        if getattr(recipe.acceptance, name, None) is not None and not set(families) & set(recipe.families):
+            listed, belongs = ", ".join(recipe.families), ", ".join(families)
+            text = f"fits none of the families listed ({listed}), which tell nothing of it; it is for {belongs}"
+            yield recipe.problem(("acceptance", name), text)
 
 
 def _foreign_ports(recipe: Recipe) -> Iterator[Problem]:

@@ -153,6 +153,8 @@ class Acceptance(Table):
     idle_sd_c: float | None = Field(None, ge=0, description="°C from 0 on")
     alarms_max: int | None = Field(None, ge=0, description="a whole number from 0 on")
     verification_days: float | None = Field(None, ge=0, description="days from 0 on")
+    recovery_p95_s: float | None = Field(None, gt=0, le=10, description="seconds, more than 0 and up to 10")
+    joints_against_counter_percent: float | None = Field(None, ge=0, le=100, description="0 to 100")
 
 
 PortName = Literal["1", "2", "3", "4"]

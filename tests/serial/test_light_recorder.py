@@ -9,7 +9,7 @@ import pytest
 from command import RECIPE, WireLog, jbclog
 
 # an attempt that was refused is a line too, so for pandas its inner rooms are looked for
-HEAVY = ("pandas.core", "matplotlib", "jinja2", "jbclog.analysis", "jbclog.report", "jbclog.sim")
+HEAVY = ("pandas.core", "matplotlib", "jinja2", "scipy", "jbclog.features", "jbclog.analysis", "jbclog.report", "jbclog.sim")
 
 
 def test_a_whole_run_loads_no_heavy_room(bench: tuple[Path, WireLog], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

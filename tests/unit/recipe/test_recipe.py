@@ -243,6 +243,10 @@ on = true
         ("acceptance", "alarms_max", "1.0"),
         ("acceptance", "idle_sd_c", "nan"),
         ("acceptance", "longest_gap_s", "-inf"),
+        ("acceptance", "recovery_p95_s", "0"),
+        ("acceptance", "recovery_p95_s", "10.1"),
+        ("acceptance", "joints_against_counter_percent", "-1"),
+        ("acceptance", "joints_against_counter_percent", "101"),
         ("metadata", "required", '["tag."]'),
         ("metadata", "required", '["order", "order"]'),
         ("metadata", "required", '"order"'),
@@ -299,6 +303,11 @@ def test_a_value_at_the_edge_of_its_range_is_taken(section: str, key: str, value
         (HEAD + "[port.5.sleep]\ndelay_min = 1\n", 'job.toml:5: port.5: "5" is not allowed; a port is 1, 2, 3 or 4'),
         (HEAD + "[port.3.sleep]\ndelay_min = 1\n", "job.toml:5: port.3: none of the families listed (dde, ucr, ale) has a port 3"),
         (HEAD + "[acceptance]\n", "job.toml:5: acceptance: names no limit; without the table the run is not judged"),
+        (
+            HEAD.replace('"ale"', '"nae"') + "[acceptance]\njoints_against_counter_percent = 2\n",
+            "job.toml:6: acceptance.joints_against_counter_percent: fits none of the families listed (dde, ucr, nae), "
+            "which tell nothing of it; it is for ale",
+        ),
         ('[recipe]\nname = "x"\nrevision = 1\nfamilies = []\n', None),
         (HEAD.replace('"ucr"', '"dde"'), 'job.toml:4: recipe.families: "dde" stands there twice'),
         (HEAD.replace('"job"', '"j\\u202eob"'), None),

@@ -1,0 +1,69 @@
+"""From the columns of one port, as a record holds them, to its `Series`: the same for whoever reads them, and with what."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from jbclog.features.series import Series, nominal_period
+from jbclog.judge.idle import Block, Flags, Floats
+from jbclog.judge.rules import has_feeder, has_tip
+from jbclog.judge.samples import Counts
+from jbclog.judge.stepped import Step, Unstepped
+from jbclog.rows import StationFacts
+
+COLUMNS: Final = ["time", "tick", "station", "port", "temperature_c", "power_permille", "status", "motor", "set_c"]
+WORKING: Final = ("working", "on")
+PUSHING: Final = "forward"
+STATES_FAMILIES: Final = ("omega",)
+
+
+@dataclass(frozen=True, slots=True)
+class PortRows:
+    """The rows of one port in their order: s, °C, ‰, °C as read, and its state. NaN: not read.
+
+    `working` tells that the tool works, `known` that its state was read; `feeding` is 1 where the feeder's motor pushed.
+    """
+
+    seconds: Floats
+    temperature: Floats
+    power: Floats
+    setting: Floats
+    working: Flags
+    known: Flags
+    feeding: Floats
+
+
+class Clock:
+    """Seconds of a station's rows: on its grid, or UTC less the clock's steps where it has none."""
+
+    def __init__(self, period_s: float | None, steps: Sequence[Step], t0_us: int) -> None:
+        self.period_s, self.steps, self.t0_us = period_s, steps, t0_us
+
+    def seconds(self, ticks: Floats, utc_us: Counts) -> Floats:
+        """Of rows in their order."""
+        if self.period_s:
+            return ticks * self.period_s
+        return Unstepped(self.steps).of(utc_us / 1e6) - self.t0_us / 1e6
+
+    def of(self, utc_us: Counts) -> Floats:
+        """Of anything that has only a time (counters, settings): to the second, while the wall clock was not stepped."""
+        return np.asarray((utc_us - self.t0_us) / 1e6, dtype=np.float64)
+
+
+def kind_of(facts: StationFacts) -> str:
+    """What `measure_port` calls its tools: ``tip``, ``air`` or ``omega``."""
+    if has_tip(facts):
+        return "tip"
+    return "omega" if facts.family in STATES_FAMILIES else "air"
+
+
+def series_of(facts: StationFacts, rows: PortRows, ordered_s: float | None = None) -> Series:
+    """The port's rows with what is known of its station."""
+    block = Block(rows.seconds, rows.temperature, rows.power, rows.setting, rows.working)
+    period = facts.period_s or nominal_period(rows.seconds)
+    fed = rows.feeding if has_feeder(facts) else None
+    return Series(block, rows.known, period, fed, facts.rated_power_w, ordered_s, bool(facts.period_s))

@@ -1,0 +1,128 @@
+"""The joints of a sealed run as evidence for its verdict: from its Parquet files, without pandas.
+
+The recorder calls it when the run has ended, `report` when it judges again; both so come to the same. It takes scipy and some
+time, and is asked only for stations whose recipe has a limit about joints.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+
+from jbclog.features import Wire, dips, find_joints
+from jbclog.features.feeds import feeds_of
+from jbclog.features.port_rows import COLUMNS, PUSHING, WORKING, Clock, PortRows, series_of
+from jbclog.features.recovery import LATEST_S, Dip
+from jbclog.judge import PortJoints
+from jbclog.judge.idle import Flags, Floats
+from jbclog.judge.rules import has_feeder, has_tip
+from jbclog.judge.samples import Counts
+from jbclog.judge.stepped import steps_of
+from jbclog.record.parts import row_groups
+from jbclog.record.schema import SCHEMAS
+from jbclog.rows import StationFacts
+
+MOST_ROWS: Final = 2_000_000  # at once in memory, some 150 MB
+COUNTERS: Final = ["time", "station", "port", "counter", "value"]
+CYCLES: Final = "dispensed_cycles"
+Found = dict[tuple[str, int], PortJoints]
+
+
+def joint_evidence(folder: Path, stations: Sequence[StationFacts], t0_utc: float | None) -> Found:
+    """The joints of each port of these stations that has a tip; `t0_utc` is the manifest's."""
+    steps, t0_us, found = steps_of(folder), round((t0_utc or 0.0) * 1e6), Found()
+    for some in _at_once([facts for facts in stations if has_tip(facts)]):
+        samples = _of_stations(folder, "samples", COLUMNS, [facts.name for facts in some])
+        for facts in some:
+            clock, rows = Clock(facts.period_s, steps, t0_us), samples.filter(pc.equal(samples["station"], facts.name))
+            counters = _of_stations(folder, "counters", COUNTERS, [facts.name]) if has_feeder(facts) else None
+            for port in facts.ports:
+                found[facts.name, port] = _port(
+                    facts, _of_port(rows, port), None if counters is None else _of_port(counters, port), clock
+                )
+    return found
+
+
+def _at_once(stations: Sequence[StationFacts]) -> Iterator[list[StationFacts]]:
+    """As many stations together as fit into memory."""
+    held: list[StationFacts] = []
+    for facts in stations:
+        if held and sum(map(_rows, [*held, facts])) > MOST_ROWS:
+            yield held
+            held = []
+        held.append(facts)
+    if held:
+        yield held
+
+
+def _rows(facts: StationFacts) -> int:
+    return len(facts.ports) * ((facts.last_tick or 0) - (facts.first_tick or 0) + 1)
+
+
+def _of_stations(folder: Path, table: str, columns: list[str], names: list[str]) -> pa.Table:
+    wanted = pa.array(names, pa.string())
+    pieces = [group.filter(pc.is_in(group["station"], wanted)) for group in row_groups(folder, table, columns)]
+    return pa.concat_tables(pieces) if pieces else SCHEMAS[table].empty_table().select(columns)
+
+
+def _of_port(rows: pa.Table, port: int) -> pa.Table:
+    return rows.filter(pc.equal(rows["port"], port))
+
+
+def _port(facts: StationFacts, rows: pa.Table, counters: pa.Table | None, clock: Clock) -> PortJoints:
+    if not rows.num_rows:
+        return PortJoints(why="Nothing was recorded at all.")
+    series = series_of(facts, _port_rows(rows, clock))
+    found = find_joints(series)
+    recoveries = _recoveries(dips(series, found), float(series.seconds[-1]))
+    if counters is None:
+        return PortJoints(recoveries)
+    stepped_s = sum(abs(step.size_s) for step in clock.steps)
+    return PortJoints(recoveries, feeds_of(series, _wire(counters, clock), found.joints, stepped_s))
+
+
+def _recoveries(seen: Sequence[Dip], end_s: float) -> list[float | None]:
+    """Of each joint, without those after which the record ended too early to say; that has nothing to do with how long it took."""
+    return [
+        None if dip.recovery_s is None else round(dip.recovery_s, 6)
+        for dip in seen
+        if dip.recovery_s is not None or dip.draw.end_s + LATEST_S <= end_s
+    ]
+
+
+def _port_rows(rows: pa.Table, clock: Clock) -> PortRows:
+    status, motor = rows["status"], rows["motor"]
+    return PortRows(
+        clock.seconds(_floats(rows["tick"]), _micros(rows)),
+        _floats(rows["temperature_c"]),
+        _floats(rows["power_permille"]),
+        _floats(rows["set_c"]),
+        _flags(pc.fill_null(pc.is_in(status, pa.array(WORKING)), False)),
+        _flags(pc.is_valid(status)),
+        _floats(pc.equal(motor, PUSHING).cast(pa.int8())),
+    )
+
+
+def _wire(counters: pa.Table, clock: Clock) -> Wire:
+    """The feeds alone; what was fed is not asked for."""
+    read = counters.filter(pc.and_(pc.equal(counters["counter"], CYCLES), pc.is_valid(counters["value"])))
+    nothing = np.empty(0)
+    return Wire(nothing, nothing, clock.of(_micros(read)), _floats(read["value"]))
+
+
+def _micros(rows: pa.Table) -> Counts:
+    return np.asarray(rows["time"].cast(pa.int64()).to_numpy(), dtype=np.int64)
+
+
+def _floats(column: pa.ChunkedArray) -> Floats:
+    """With NaN for what was not read."""
+    return np.asarray(column.cast(pa.float64()).to_numpy(), dtype=np.float64)
+
+
+def _flags(column: pa.ChunkedArray) -> Flags:
+    return np.asarray(column.to_numpy(), dtype=np.bool_)

@@ -1,0 +1,84 @@
+"""The rules about joints: how long the tip takes to be back, and whether as many were found as the feeder counted.
+
+*Recovery* is judged by the 95 % quantile over the joints of a port and by its upper bound (`quantile`): that of a joint is the
+time from its start until the tip is back (`features/recovery.py`). *Joints against the counter*: joints found minus dispensing
+cycles counted (R-DC), in per cent of these, between the first and the last reading of the counter; it holds where one feed makes
+one joint. A difference that joints in a gap of the record, or so near to a reading that their side is not known, can explain is
+missing evidence and breaks no limit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from jbclog.judge.acceptance import Acceptance
+from jbclog.judge.evidence import Evidence
+from jbclog.judge.jointed import Feeds, PortJoints
+from jbclog.judge.quantile import p95, upper_p95
+from jbclog.judge.rule import Result, Rule
+from jbclog.judge.rules import has_feeder, has_tip, not_applicable
+from jbclog.rows import StationFacts
+
+RECOVERY, AGAINST_COUNTER = "recovery_p95", "joints_against_counter"
+NOT_SOUGHT = PortJoints(why="Its joints were not looked for.")
+
+
+def joint_rules(facts: StationFacts, port: int, acceptance: Acceptance, evidence: Evidence) -> Iterator[Rule]:
+    """The rules about the joints of one port, as far as its recipe asks for them."""
+    seen = evidence.joints.get((facts.name, port), NOT_SOUGHT)
+    if acceptance.recovery_p95_s is not None:
+        yield recovery_rule(facts, port, acceptance.recovery_p95_s, seen)
+    if acceptance.joints_against_counter_percent is not None:
+        yield counter_rule(facts, port, acceptance.joints_against_counter_percent, seen)
+
+
+def recovery_rule(facts: StationFacts, port: int, most_s: float, seen: PortJoints) -> Rule:
+    """How long the tip takes to be back, 95 joints of 100."""
+    if not has_tip(facts):
+        return not_applicable(RECOVERY, facts.name, port, most_s, "s", "joints")
+    known = [value for value in seen.recoveries if value is not None]
+    if seen.why is not None or not known:
+        text = seen.why or ("The recovery of no joint is known." if seen.recoveries else "No joints were found.")
+        return Rule(RECOVERY, facts.name, port, most_s, None, "s", Result.MISSING, text)
+    value, bound = p95(known), upper_p95(seen.recoveries)
+    text = f"{value:.2f} s until the tip is back, 95 % of {len(known)} joints; {most_s:g} s allowed."
+    if value > most_s:
+        kept = None if isinstance(bound, str) else bound
+        return Rule(RECOVERY, facts.name, port, most_s, value, "s", Result.FAIL, text, kept)
+    if isinstance(bound, str):
+        return Rule(RECOVERY, facts.name, port, most_s, value, "s", Result.MISSING, f"{text} {bound}")
+    if not bound.keeps(most_s):
+        text = f"{text} The 95 % bound reaches {bound.high:.2f} s: too little was seen to be sure."
+        return Rule(RECOVERY, facts.name, port, most_s, value, "s", Result.MISSING, text, bound)
+    return Rule(RECOVERY, facts.name, port, most_s, value, "s", Result.PASS, text, bound)
+
+
+def counter_rule(facts: StationFacts, port: int, most: float, seen: PortJoints) -> Rule:
+    """Whether as many joints were found as the feeder counted feeds."""
+    if not has_feeder(facts):
+        return not_applicable(AGAINST_COUNTER, facts.name, port, most, "%", "dispensing cycles")
+    feeds = seen.feeds
+    if seen.why is not None or feeds is None or not feeds.counted:
+        text = seen.why or ("The feeder's counter was not read." if feeds is None else feeds.why or "Nothing was fed.")
+        return Rule(AGAINST_COUNTER, facts.name, port, most, None, "%", Result.MISSING, text)
+    percent = 100 * (feeds.found - feeds.counted) / feeds.counted
+    text = f"{feeds.found} joints found, {feeds.counted} feeds counted, {percent:+.2f} %; {most:g} % allowed either way."
+    if abs(percent) <= most:
+        result = Result.PASS
+    elif excuse := _excuse(feeds, most):
+        result, text = Result.MISSING, f"{text} {excuse}"
+    else:
+        result = Result.FAIL
+    return Rule(AGAINST_COUNTER, facts.name, port, most, percent, "%", result, text)
+
+
+def _excuse(feeds: Feeds, most: float) -> str | None:
+    """What else than a miscount can explain the difference; None where nothing can."""
+    counted = feeds.counted or 0
+    allowed = counted * most / 100
+    least, highest = feeds.found - feeds.at_edges, feeds.found + feeds.beyond
+    if least - allowed <= counted <= highest + allowed:
+        return "Joints at the first or the last reading of the counter can explain it."
+    if feeds.lost_s and least - allowed <= counted:
+        return f"For {feeds.lost_s:.1f} s nothing was read; joints in that time can explain it."
+    return None

@@ -1,0 +1,42 @@
+"""What is put before the judge of the joints of a port: how long each recovery took, and what the feeder counted meanwhile.
+
+The joints are found from the samples, by whoever calls the judge (`features`); what a joint is stands there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class Feeds:
+    """Joints found and feeds counted (R-DC) between two readings of the feeder's counter.
+
+    `at_edges` of the `found` lie so close to one of these readings that it cannot be told on which side they are; `beyond`
+    are those that lie so outside. `lost_s`: for how long there was a gap, in which no joint can be found. `counted` is None
+    where the counter tells nothing, and then `why` says so.
+    """
+
+    found: int
+    at_edges: int
+    beyond: int
+    counted: int | None
+    lost_s: float = 0.0
+    why: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class PortJoints:
+    """The joints of one port, in their order: the recovery of each in s, None where it is not known.
+
+    `feeds` is None for a tool without a feeder. `why` says that the joints could not be looked for, and why.
+    """
+
+    recoveries: Sequence[float | None] = ()
+    feeds: Feeds | None = None
+    why: str | None = None
+
+
+Joints = Mapping[tuple[str, int], PortJoints]
+"""By station and port."""

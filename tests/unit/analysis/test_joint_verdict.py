@@ -1,0 +1,150 @@
+"""Limits about joints from a recorded run to its verdict: recorder, report and `--verify` come to the same from the same files."""
+
+from __future__ import annotations
+
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from recorded_run import RecordedRun
+from virtual_run import RECIPE, line_text
+
+from jbclog import joint_evidence as evidence_of
+from jbclog.analysis import open_run
+from jbclog.features import Wire, find_joints
+from jbclog.features.feeds import feeds_of
+from jbclog.features.series import Series
+from jbclog.joint_evidence import joint_evidence
+from jbclog.judge import Feeds
+from jbclog.judge.idle import Block
+from jbclog.plan import Wanted, make_plan
+from jbclog.record.manifest import Manifest, read_manifest, write_manifest
+from jbclog.report import verify_report, write, write_report
+from jbclog.report.verdict import judge_now, judged_otherwise
+
+FEEDER = "\n[feeder]\nmode = 'discontinuous'\nlength_mm = 5.0\nspeed_mm_s = 10.0\n"
+ASKED = "\n[acceptance]\nrecovery_p95_s = 2.0\njoints_against_counter_percent = 2\n"
+SIM = "joints_per_minute = 24\njoint_seconds = 0.8\nfeed_each_joint = true"
+
+
+def recorded(home: Path, recipe: str, seconds: float, sim: str = SIM) -> Path:
+    (home / "line.toml").write_text(line_text(sim).replace('"dde"', '"ale"'), encoding="utf-8")
+    (home / "recipe.toml").write_text(recipe, encoding="utf-8")
+    plan = make_plan(Wanted(home / "line.toml", home / "recipe.toml", duration_s=seconds))
+    return RecordedRun(plan, home / "runs").result.folder
+
+
+@pytest.fixture(scope="module")
+def soldered(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return recorded(tmp_path_factory.mktemp("soldered"), RECIPE + FEEDER + ASKED, 170.0)
+
+
+def rules(manifest: Manifest) -> dict[object, dict[str, object]]:
+    return {rule["name"]: rule for rule in manifest.verdict_rules if "joint" in str(rule["name"]) or "recov" in str(rule["name"])}
+
+
+def test_the_recorder_judges_joints(soldered: Path) -> None:
+    manifest = read_manifest(soldered)
+    recovery, counted = rules(manifest)["recovery_p95"], rules(manifest)["joints_against_counter"]
+    joints = open_run(soldered).joints()
+    assert len(joints) > 60
+    assert manifest.verdict == "ACCEPT"
+    assert recovery["observed"] == pytest.approx(np.percentile(joints["recovery_s"].dropna(), 95))
+    bound = recovery["bound"]
+    assert isinstance(bound, dict)
+    assert bound["n"] == len(joints) - 1  # with the last one the record ended
+    assert (counted["observed"], counted["result"]) == (0, "pass")
+    assert str(counted["text"]).startswith(f"{len(joints)} joints found, {len(joints)} feeds counted, ")
+
+
+def test_the_joints_judged_are_those_that_are_told(soldered: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    manifest, joints = read_manifest(soldered), open_run(soldered).joints()
+    found = joint_evidence(soldered, manifest.stations, manifest.t0_utc)
+    assert list(found["dde-1", 1].recoveries) == pytest.approx(list(joints["recovery_s"].dropna()))
+    monkeypatch.setattr(evidence_of, "MOST_ROWS", 1)
+    twice = [*manifest.stations, replace(manifest.stations[0], name="not there")]
+    assert joint_evidence(soldered, twice, manifest.t0_utc)["dde-1", 1] == found["dde-1", 1]
+
+
+def test_report_comes_to_the_same_and_says_where_it_does_not(
+    soldered: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = shutil.copytree(soldered, tmp_path / soldered.name)
+    manifest = read_manifest(folder)
+    assert judge_now(folder, manifest).rules_as_dicts() == manifest.verdict_rules
+    write_report(folder)
+    assert verify_report(folder) == []
+    rules(manifest)["recovery_p95"]["result"] = "missing"
+    manifest.verdict = "INCONCLUSIVE"
+    write_manifest(folder, manifest)
+    assert judged_otherwise(folder, manifest) == [
+        "verdict: was INCONCLUSIVE, its record gives ACCEPT",
+        "verdict: recovery_p95 dde-1 port 1: was missing, its record gives pass",
+    ]
+    monkeypatch.setattr(write, "report_files", lambda _: {})
+    assert verify_report(folder) == judged_otherwise(folder, manifest)
+
+
+def test_too_few_joints_are_not_accepted_and_slow_ones_rejected(tmp_path: Path) -> None:
+    few, slow = tmp_path / "few", tmp_path / "slow"
+    for home in (few, slow):
+        home.mkdir()
+    assert read_manifest(recorded(few, RECIPE + FEEDER + ASKED, 40.0)).verdict == "INCONCLUSIVE"
+    strict = ASKED.replace("2.0", "0.5")
+    assert rules(read_manifest(recorded(slow, RECIPE + FEEDER + strict, 40.0)))["recovery_p95"]["result"] == "fail"
+
+
+def test_what_this_program_cannot_do_ends_no_record(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken(*_: object) -> None:
+        raise ZeroDivisionError("for the test")
+
+    monkeypatch.setattr(evidence_of, "find_joints", broken)
+    manifest = read_manifest(recorded(tmp_path, RECIPE + FEEDER + ASKED, 5.0))
+    assert (manifest.state, manifest.verdict) == ("sealed", "INCONCLUSIVE")
+    assert "ZeroDivisionError: for the test" in str(rules(manifest)["recovery_p95"]["text"])
+
+
+# -- joints and feeds between two readings of the counter -------------------------------------------------------------------
+
+
+def feeds(series: Series, times: list[float], counts: list[float], stepped_s: float = 0.0) -> Feeds:
+    nothing = np.empty(0)
+    wire = Wire(nothing, nothing, np.array(times), np.array(counts))
+    return feeds_of(series, wire, find_joints(series).joints, stepped_s)
+
+
+def made(lose: tuple[float, float] = (0.0, 0.0)) -> Series:
+    """Two minutes of a tip at 10 Hz that gives heat away for a second each six seconds, from 10 s on: 18 joints."""
+    seconds = np.arange(1200) / 10
+    busy = ((seconds % 6 >= 4) & (seconds % 6 < 5) & (seconds > 9)).astype(np.float64)
+    temperature, power = 350 - 8 * busy, 60 + 500 * busy
+    lost = (seconds >= lose[0]) & (seconds < lose[1])
+    temperature[lost] = power[lost] = np.nan
+    block = Block(seconds, temperature, power, np.full(1200, 350.0), ~lost)
+    return Series(block, ~lost, 0.1, busy)
+
+
+def test_feeds_are_counted_between_the_first_and_the_last_reading() -> None:
+    assert feeds(made(), [0.0, 120.0], [5, 23]).counted == 18
+    whole = feeds(made(), [0.0, 121.0], [5, 23])
+    assert (whole.at_edges, whole.beyond, whole.lost_s) == (0, 0, 0)
+    half = feeds(made(), [0.0, 62.0, 119.0], [5, 14, 23])
+    assert half.found == whole.found
+    assert feeds(made(), [0.0, 62.0], [5, 14]).found == sum(5 < start < 62 for start in range(10, 120, 6))
+
+
+@pytest.mark.parametrize(("last", "at_edges", "beyond"), [(62.0, 0, 0), (65.5, 1, 0), (63.5, 0, 1)])
+def test_joints_at_a_reading_are_on_neither_side(last: float, at_edges: int, beyond: int) -> None:
+    found = feeds(made(), [0.0, last], [0, 9])
+    assert (found.at_edges, found.beyond) == (at_edges, beyond)
+    assert feeds(made(), [0.0, 62.0], [0, 9], stepped_s=3.0).at_edges == 1
+
+
+def test_gaps_and_resets_are_said() -> None:
+    assert feeds(made((50.0, 60.0)), [0.0, 121.0], [0, 18]).lost_s == pytest.approx(10, abs=0.2)
+    assert feeds(made((50.0, 50.1)), [0.0, 121.0], [0, 18]).lost_s == 0
+    reset = feeds(made(), [0.0, 60.0, 121.0], [9, 18, 3])
+    assert (reset.counted, reset.why) == (None, "The counter went down: it was reset.")
+    assert feeds(made(), [0.0], [9]).counted is None
