@@ -46,6 +46,7 @@ MAY_USE = {
     "outcome": "rows errors",
     "reach": "byhand commands protocol recipe record drive transport clock effects wire errors",
     "counting": "audit analysis reach byhand commands quantities record drive transport rows effects same_port errors",
+    "auditing": "audit counting reach recipe errors",
     "line_safe": "reach byhand commands recipe record guard drive errors",
     "search": "finding record drive transport clock wire errors",
     "found_line": "finding recipe transport",
@@ -59,6 +60,9 @@ MAY_USE = {
     "joint_counting": "analysis errors",
     "conduct": f"{BOTTOM} dossier guarding goals unit_feed guard plan outcome session drive transport record",
     "replaying": "dossier plan recipe session drive record sim clock rows effects tape errors",
+    "job": "conduct dossier drive plan",
+    "batch": "recipe record commands rows errors",
+    "foreman": "batch job plan dossier drive record recipe outcome session rows errors",
     "jbclog": "analysis errors",  # public names, loaded when they are used
 }
 """Room -> the rooms that it may import. `cli` may import all; a room that is not here must be given a row."""

@@ -1,0 +1,119 @@
+"""An audit from its line files to what it saw: the composition root of `jbclog audit`.
+
+::
+
+    line files -> Wanted -> counting.Looking, eight wires at a time -> the ledger, as each comes
+
+What was seen is in the ledger as soon as it was seen, so that whatever ends the audit leaves it there. A ledger that is damaged
+or cannot be written takes nothing from what is told.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Final
+
+from jbclog import reach
+from jbclog.audit.book import Book, add, auditing, read_book
+from jbclog.audit.fleet import FleetAudit
+from jbclog.audit.observed import Entry, Observation
+from jbclog.counting.asking import Wanted
+from jbclog.counting.looking import Looking, Told
+from jbclog.errors import RecordError
+from jbclog.recipe.line import Line
+
+STOPPED: Final = "the audit was stopped before it was asked"
+
+
+@dataclass(slots=True)
+class Audited:
+    """What came of it. `seen` has an observation of every station of the lines; `trouble` says what is wrong with the ledger."""
+
+    time: str
+    book: Book
+    seen: list[Observation] = field(default_factory=list)
+    unkept: list[Observation] = field(default_factory=list)
+    trouble: list[str] = field(default_factory=list)
+
+    @property
+    def entries(self) -> list[Entry]:
+        """The ledger's, and behind them what could not be put there."""
+        return [*self.book.entries, *self.unkept]
+
+
+def audit_lines(lines: Sequence[Line], ledger: Path, looking: Looking, told: Told) -> Audited:
+    """Look at every station of `lines`; `told` is called with each as it was seen.
+
+    Raises `AuditGoesOn` where another audit is at work with this ledger; then nothing was asked.
+    """
+    audited = Audited(utc(), Book(ledger))
+    with ExitStack() as held:
+        try:
+            held.enter_context(auditing(ledger))
+        except RecordError as error:  # where no lock can be made no ledger can be written; what is seen is told all the same
+            audited.trouble.append(str(error))
+        audited.book = _read(ledger, audited)
+        wanted = _wanted(lines, audited)
+
+        def take(seen: Observation) -> None:
+            audited.seen.append(seen)
+            try:
+                add(ledger, [seen])
+            except RecordError:  # a disk may be full for a moment; it is tried again
+                audited.unkept.append(seen)
+            told(seen)
+
+        looking.all(wanted, take)
+        _keep_the_rest(ledger, audited)
+        audited.book = _read(ledger, audited)
+    audited.seen += list(_not_asked(wanted, audited))
+    audited.trouble += [] if audited.book.is_sound else audited.book.sentences
+    audited.trouble[:] = dict.fromkeys(audited.trouble)
+    return audited
+
+
+def utc() -> str:
+    """Now, as the ledger has times."""
+    return datetime.fromtimestamp(reach.means.clock.utc(), UTC).isoformat(timespec="milliseconds")
+
+
+def _read(ledger: Path, audited: Audited) -> Book:
+    try:
+        return read_book(ledger)
+    except RecordError as error:
+        audited.trouble.append(str(error))
+        return audited.book
+
+
+def _keep_the_rest(ledger: Path, audited: Audited) -> None:
+    unkept, audited.unkept = audited.unkept, []
+    if unkept:
+        try:
+            add(ledger, unkept)
+        except RecordError as error:
+            audited.unkept = unkept
+            audited.trouble.append(str(error))
+
+
+def _wanted(lines: Sequence[Line], audited: Audited) -> list[Wanted]:
+    last = {(one.line, one.station): one.time for one in audited.book.observations if one.seen}
+    return [
+        Wanted(audited.time, line.name, reach.target_of(line, station.name), last.get((line.name, station.name)))
+        for line in lines
+        for station in line.stations
+    ]
+
+
+def _not_asked(wanted: Sequence[Wanted], audited: Audited) -> Iterator[Observation]:
+    """Those that the audit did not come to. They are no observations, and not in the ledger."""
+    asked = {(one.line, one.station) for one in audited.seen}
+    return (one.unseen(audited.time, STOPPED) for one in wanted if (one.line, one.target.name) not in asked)
+
+
+def fleet_audit(audited: Audited, lines: Sequence[Line], tasks: Sequence[object]) -> FleetAudit:
+    """All that follows from it."""
+    return FleetAudit("", audited.time, "", "", ())

@@ -1,0 +1,160 @@
+"""`jbclog audit`: the stations' counters, what was worked, and what is due for maintenance."""
+
+from __future__ import annotations
+
+import signal
+from collections.abc import Collection, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+import typer
+
+from jbclog.cli import options
+from jbclog.cli.output import ends_with_errors_told, note, tell
+from jbclog.errors import UsageError
+
+if TYPE_CHECKING:
+    from jbclog.audit.ending import Finding
+    from jbclog.audit.observed import Observation
+    from jbclog.audit.tasks import Task
+    from jbclog.cli.audit_end import End
+    from jbclog.recipe.line import Line
+
+LEDGER = typer.Option(None, "--ledger", metavar="FILE", help="The ledger: made where it is not there, only ever added to.")
+LINES = typer.Option([], "--line", "-l", metavar="FILE", help="The line file; may be repeated.", show_default=False)
+HTML = typer.Option(None, "--html", metavar="FILE", help="Write a page with a row per station.", show_default=False)
+LINE_PLACE: Final = Path("/etc/jbclog/line.toml")
+LEDGER_PLACE: Final = Path("/var/lib/jbclog/counters.jsonl")
+"""What --print-timer shows where none is named."""
+
+
+@ends_with_errors_told
+def audit(
+    line: list[Path] = LINES,
+    ledger: Path | None = LEDGER,
+    tasks: Path | None = typer.Option(
+        None, "--tasks", metavar="FILE", help="Maintenance tasks: what has which life (TOML).", show_default=False
+    ),
+    html: Path | None = HTML,
+    csv: Path | None = typer.Option(None, "--csv", metavar="FILE", help="Write everything as CSV.", show_default=False),
+    fail_on: str | None = typer.Option(
+        None, "--fail-on", metavar="LIST", help="What ends with 1 or 3: overdue, due, soon, suspect, drift, unseen; or none."
+    ),
+    print_timer: bool = typer.Option(False, "--print-timer", help="Show how cron, systemd and Windows call it; ask nothing."),
+    as_json: bool = options.AS_JSON,
+) -> None:
+    """Read the stations' counters and say what is due for maintenance.
+
+    Made for a timer. Nothing but questions can go out, and none that clears anything. A counter counts when two of at most three
+    reads agree. A station that a run has is not asked: its counters are taken from the run's record. What was read is put at the
+    end of the ledger at once; what was worked since the first audit is summed over resets and roll-overs.
+
+    Ends with 1 where something is due or suspect, 3 where a station did not answer, 4 where the ledger is damaged or could not be
+    written; what was read is told all the same.
+
+    \b
+    Example:
+      jbclog audit --line line.toml --ledger counters.jsonl --tasks profiles/tasks/bench.toml --html audit.html
+    """
+    if print_timer:
+        files = {"--ledger": ledger or LEDGER_PLACE, "--tasks": tasks, "--html": html, "--csv": csv}
+        _tell_timers(line, files, fail_on)
+        return
+    if not line or ledger is None:
+        raise UsageError("audit: give --line and --ledger")
+    fatal = _findings(fail_on)
+    lines = _lines(line)
+    known = _tasks(tasks)
+    _check_folders({"--html": html, "--csv": csv})
+    end = _audited(lines, ledger, known, fatal)
+    end.write(html, csv)
+    end.tell(as_json=as_json)
+    if end.code:
+        raise typer.Exit(end.code)
+
+
+# -- what is asked for ------------------------------------------------------------------------------------------------------
+
+
+def _lines(paths: Sequence[Path]) -> list[Line]:
+    """The line files, in which every station has a name of its own. Raises `UsageError`."""
+    from jbclog.recipe.line import load_line
+
+    lines = [load_line(path) for path in dict.fromkeys(paths)]
+    seen: dict[str, Path] = {}
+    for one in lines:
+        other = seen.setdefault(one.name, one.path)
+        if other != one.path:
+            raise UsageError(f"{one.path} and {other} are both of a line {one.name!r}: their stations could not be told apart")
+    return lines
+
+
+def _tasks(path: Path | None) -> Sequence[Task]:
+    """The maintenance tasks of the file; none without one. Raises `Problems`."""
+    if path is None:
+        return ()
+    from jbclog.audit.tasks import load_tasks
+
+    return load_tasks(path)
+
+
+def _findings(text: str | None) -> tuple[Finding, ...]:
+    """What --fail-on names. Raises `UsageError`."""
+    from jbclog.audit.ending import USUAL, Finding
+
+    if text is None:
+        return USUAL
+    names = [one.strip().lower() for one in text.split(",") if one.strip()]
+    unknown = [name for name in names if name not in [*Finding, "none"]]
+    if unknown or not names:
+        raise UsageError(f"--fail-on {text}: give some of {', '.join(Finding)}, or none")
+    return tuple(Finding(name) for name in names if name != "none")
+
+
+def _check_folders(files: dict[str, Path | None]) -> None:
+    """Before anything is asked: the files can be where they are wanted."""
+    for option, path in files.items():
+        if path is not None and not path.absolute().parent.is_dir():
+            raise UsageError(f"{option} {path}: there is no folder {path.absolute().parent}")
+
+
+# -- looking ----------------------------------------------------------------------------------------------------------------
+
+
+def _audited(lines: Sequence[Line], ledger: Path, tasks: Sequence[Task], fail_on: Collection[Finding]) -> End:
+    from jbclog.auditing import audit_lines, fleet_audit
+    from jbclog.cli.audit_end import End
+    from jbclog.counting.looking import AT_ONCE, Looking
+    from jbclog.drive.signals import Signals
+
+    looking, heard = Looking(), []
+
+    def stop(number: signal.Signals) -> None:
+        heard.append(number)
+        looking.stop()
+
+    with Signals((signal.SIGINT, signal.SIGTERM)) as signals:
+        signals.tell(stop)
+        note(f"asking {sum(len(one.stations) for one in lines)} stations, {AT_ONCE} at a time")
+        audited = audit_lines(lines, ledger, looking, _note_unseen)
+    return End(fleet_audit(audited, lines, tasks), audited.trouble, fail_on, next(iter(heard), None))
+
+
+def _note_unseen(seen: Observation) -> None:
+    if not seen.seen:
+        note(f"{seen.station}: {seen.why}")
+
+
+# -- timers -----------------------------------------------------------------------------------------------------------------
+
+
+def _tell_timers(lines: Sequence[Path], files: Mapping[str, Path | None], fail_on: str | None) -> None:
+    """The call with these very files, wherever it is called from."""
+    from jbclog.counting.timers import Timed, program, timers_text
+
+    given = [("--line", path) for path in lines or [LINE_PLACE]]
+    given += [(option, path) for option, path in files.items() if path is not None]
+    words = [word for option, path in given for word in (option, str(path.absolute()))]
+    words += ["--fail-on", fail_on] if fail_on else []
+    ledger = files["--ledger"] or LEDGER_PLACE
+    tell(timers_text(Timed(program(), tuple(words), str(ledger.absolute().parent))))

@@ -1,0 +1,77 @@
+"""The end of an audit: its files, what is told, and the exit code."""
+
+from __future__ import annotations
+
+import signal
+from collections.abc import Collection
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from jbclog.audit.ending import Finding, exit_code
+from jbclog.audit.fleet import FleetAudit
+from jbclog.audit.plain import plain_audit
+from jbclog.audit.sheet import sheet_of
+from jbclog.cli.audit_table import lines
+from jbclog.cli.output import note, tell, tell_json
+from jbclog.errors import RecordError
+from jbclog.record.durable import write_whole
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+SIGNALLED = 128
+
+
+@dataclass(slots=True)
+class End:
+    """`trouble`: what is wrong with the ledger, or with a file that was to be written. `stopped`: by which signal."""
+
+    audit: FleetAudit
+    trouble: list[str]
+    fail_on: Collection[Finding]
+    stopped: signal.Signals | None = None
+    files: list[str] = field(default_factory=list)
+
+    @property
+    def code(self) -> int:
+        """The most severe (contract, "Exit codes"): 4, then 3, then a signal, then 1."""
+        found = exit_code(self.audit, self.fail_on)
+        if self.trouble:
+            return RecordError.exit_code
+        if self.stopped is not None and found < 3:
+            return SIGNALLED + self.stopped
+        return found
+
+    def write(self, html: Path | None, csv: Path | None) -> None:
+        """The files that were asked for: whole, or as they were before."""
+        if csv is not None:
+            self._write(csv, sheet_of)
+        if html is not None:
+            self._write(html, _page)
+
+    def _write(self, path: Path, make: Callable[[FleetAudit], str]) -> None:
+        try:
+            write_whole(path, make(self.audit).encode())
+            self.files.append(str(path))
+        except OSError as error:
+            self.trouble.append(f"{path} cannot be written: {error.strerror or error}")
+
+    def tell(self, *, as_json: bool) -> None:
+        """Everything on stdout, what people have to know besides on stderr."""
+        if as_json:
+            beside = {"trouble": self.trouble, "files": self.files, "exit_code": self.code}
+            tell_json(plain_audit(self.audit) | beside)
+        else:
+            for line in lines(self.audit):
+                tell(line)
+        for text in self.trouble:
+            note(f"error: {text}")
+        for path in self.files:
+            note(f"written: {path}")
+
+
+def _page(audit: FleetAudit) -> str:
+    from jbclog.audit.page import page_of
+
+    return page_of(audit)

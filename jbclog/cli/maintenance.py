@@ -1,0 +1,154 @@
+"""`jbclog maintenance`: what people did to the stations, told to the ledger of the counter audit."""
+
+from __future__ import annotations
+
+import getpass
+from collections.abc import Sequence
+from dataclasses import asdict
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import typer
+
+from jbclog.cli import options
+from jbclog.cli.output import ends_with_errors_told, tell, tell_json
+from jbclog.errors import RecordError, UsageError
+
+if TYPE_CHECKING:
+    from jbclog.audit.book import Book
+    from jbclog.audit.naming import Place
+    from jbclog.audit.observed import Fact
+
+DONE, LIST = "done", "list"
+STATION = typer.Option(None, "--station", "-s", metavar="NAME", help="Which station; LINE/NAME where two lines have it.")
+TASK = typer.Option(None, "--task", metavar="NAME", help="Which task, such as tip-change.", show_default=False)
+AT = typer.Option(None, "--at", metavar="TIME", help="When: a day or a time, UTC. Default: now.", show_default=False)
+PART = typer.Option(None, "--tip", "--part", metavar="ID", help="The new tip, cartridge or other part.", show_default=False)
+
+
+@ends_with_errors_told
+def maintenance(
+    word: str = typer.Argument(..., metavar="done|list", help="Tell what was done, or list what was told.", show_default=False),
+    station: str | None = STATION,
+    task: str | None = TASK,
+    part: str | None = PART,
+    port: int | None = options.PORT,
+    by: str | None = typer.Option(None, "--by", metavar="WHO", help="Who did it. Default: who is logged in.", show_default=False),
+    at: str | None = typer.Option(
+        None, "--at", metavar="TIME", help="When: a day or a time, UTC. Default: now.", show_default=False
+    ),
+    remark: str = typer.Option("", "--note", metavar="TEXT", help="Anything to be kept beside it."),
+    ledger: Path = typer.Option(Path("counters.jsonl"), "--ledger", metavar="FILE", help="The ledger of `jbclog audit`."),
+    line: Path | None = typer.Option(None, "--line", "-l", metavar="FILE", help="For a station that no audit has seen yet."),
+    tasks: Path | None = typer.Option(None, "--tasks", metavar="FILE", help="The tasks file, for tasks of other names."),
+    as_json: bool = options.AS_JSON,
+) -> None:
+    """Tell the counter audit's ledger what was done, or list what was told.
+
+    `done` puts a fact at the end of the ledger, with who told it and when; `jbclog audit` counts a task's life from there. The
+    tasks counters-reset and station-replaced tell what happened to the counters themselves. Nothing is changed or taken back: a
+    mistake is put right by one more line.
+
+    \b
+    Example:
+      jbclog maintenance done --station dde-1 --task tip-change --port 1 --tip T-17 --by "A. Rossi"
+    """
+    texts = {"--task": task, "--tip": part, "--by": by, "--note": remark}
+    for option, text in texts.items():
+        options.check_text(option, text or "")
+    if word == LIST:
+        _list(_read(ledger), station, as_json=as_json)
+        return
+    if word != DONE or station is None or task is None:
+        raise UsageError("maintenance: give `done` with --station and --task, or `list`")
+    from jbclog.audit.naming import place_of, task_of
+    from jbclog.audit.observed import Fact
+
+    book = _read(ledger)
+    place = place_of(station, book, _places(line))
+    now = datetime.now(UTC)
+    when = _utc(now if at is None else _moment(at, now))
+    known = task_of(task, book, _names(tasks))
+    _keep(Fact(when, _utc(now), by or _user(), *place, known, port, part or "", remark), ledger, as_json=as_json)
+
+
+def _read(ledger: Path) -> Book:
+    from jbclog.audit.book import read_book
+
+    return read_book(ledger)
+
+
+def _places(line: Path | None) -> list[Place]:
+    from jbclog.recipe.line import load_line
+
+    loaded = None if line is None else load_line(line)
+    return [] if loaded is None else [(loaded.name, one.name) for one in loaded.stations]
+
+
+def _names(tasks: Path | None) -> Sequence[str] | None:
+    if tasks is None:
+        return None
+    from jbclog.audit.tasks import load_tasks
+
+    return [one.name for one in load_tasks(tasks)]
+
+
+def _moment(text: str, now: datetime) -> datetime:
+    """When it was done. Raises `UsageError` where that is still to come."""
+    from jbclog.cli.runs import moment
+
+    found = moment("--at", text)
+    if found is None or found > now:
+        raise UsageError(f"--at {text}: that is still to come")
+    return found
+
+
+def _utc(moment: datetime) -> str:
+    return moment.isoformat(timespec="milliseconds")
+
+
+def _user() -> str:
+    try:
+        return getpass.getuser()
+    except (KeyError, OSError, ImportError):
+        raise UsageError("--by: nobody is logged in; say who did it") from None
+
+
+# -- keeping and showing ------------------------------------------------------------------------------------------------------
+
+
+def _keep(fact: Fact, ledger: Path, *, as_json: bool) -> None:
+    from jbclog.audit.book import add
+
+    (kept,) = add(ledger, [fact])
+    if as_json:
+        tell_json({**asdict(kept), "ledger": str(ledger)})
+    else:
+        tell(f"{_line(fact)}  kept as line {kept.seq} of {ledger}")
+    _expect_sound(_read(ledger))
+
+
+def _list(book: Book, station: str | None, *, as_json: bool) -> None:
+    """Oldest first, by when it was done."""
+    from jbclog.audit.naming import place_of
+
+    place = None if station is None else place_of(station, book)
+    facts = sorted((one for one in book.facts if place in (None, (one.line, one.station))), key=lambda one: one.time)
+    if as_json:
+        tell_json({"ledger": str(book.path), "facts": [asdict(one) for one in facts], "wrong": book.sentences})
+    else:
+        for one in facts:
+            tell(_line(one))
+    _expect_sound(book)
+
+
+def _line(fact: Fact) -> str:
+    where = fact.station if fact.port is None else f"{fact.station} port {fact.port}"
+    told = filter(None, (fact.part, fact.text))
+    return "  ".join((fact.time[:16].replace("T", " "), where, fact.task, *told, f"by {fact.by}"))
+
+
+def _expect_sound(book: Book) -> None:
+    if not book.is_sound:
+        raise RecordError("; ".join(book.sentences))
