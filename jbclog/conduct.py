@@ -83,15 +83,15 @@ def conduct(
     A run that cannot be started, because another one holds a port or there is no process for its guard, is recorded as such.
     Raises `RecordError` where the record cannot even be begun.
     """
-    with Signals(_heard(), FREEZING, for_good=is_last) as signals:
+    with Signals(heard(), FREEZING, for_good=is_last) as signals:
         held = why_held({station.spec.name: station.spec.url for station in plan.stations})
         if held:
             return Dossier(plan, out, observer, SystemClock()).refuse(held)
         return _Run(plan, out, observer, seal_every_s, missed, units).conduct(signals)
 
 
-def _heard() -> list[signal.Signals]:
-    """Who starts a run with `nohup` wants it to outlive the terminal."""
+def heard() -> list[signal.Signals]:
+    """The signals that end a run in good order. Who starts one with `nohup` wants it to outlive the terminal."""
     has_nohup = signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
     return [number for number in CUT_SHORT if not (has_nohup and number is signal.SIGHUP)]
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import unicodedata
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -30,6 +29,24 @@ ALLOW_OMEGA_WRITE = typer.Option(
 DURATION = typer.Option(
     None, "--duration", "-d", metavar="TIME", help="How long to record: 90s, 15m, 8h, 1h30m. Default: until Ctrl-C."
 )
+UNTIL_UNITS = typer.Option(
+    None,
+    "--until-units",
+    min=1,
+    max=1_000_000,
+    metavar="N",
+    help="End when N units are finished: when another serial, or the word END, was read after each (--units).",
+    show_default=False,
+)
+UNTIL_JOINTS = typer.Option(
+    None,
+    "--until-joints",
+    min=1,
+    max=1_000_000,
+    metavar="N",
+    help="End when N joints are found, of all stations together; some seconds after the last.",
+    show_default=False,
+)
 OUT = typer.Option(Path("runs"), "--out", "-o", metavar="DIR", help="The folder that the run's folder is made in.")
 RUN = typer.Argument(..., metavar="RUN", help="A run's folder.", show_default=False)
 STATION_NAMED = typer.Argument(
@@ -44,8 +61,6 @@ CONDITION = typer.Option(
 )
 AS_JSON = typer.Option(False, "--json", help="One JSON object on stdout.")
 
-_PARTS = re.compile(r"(?:(\d+(?:\.\d+)?)h)?(?:(\d+(?:\.\d+)?)m)?(?:(\d+(?:\.\d+)?)s?)?", re.ASCII)
-LONGEST_S = 366 * 86400.0
 LONGEST_TEXT = 200
 SEVERAL = ("--unit", "--wire-lot", "--flux-lot", "--tip")  # may be repeated
 HIDDEN = ("Cc", "Cf", "Co", "Cn", "Zl", "Zp")  # categories of characters that do not show
@@ -55,11 +70,11 @@ def duration_s(text: str | None) -> float | None:
     """Seconds in ``90s``, ``15m``, ``8h``, ``1h30m`` or a bare number. Raises `UsageError`."""
     if text is None:
         return None
-    found = _PARTS.fullmatch(text.strip())
-    parts = [float(part or 0) for part in found.groups()] if found else []
-    seconds = sum(part * unit for part, unit in zip(parts, (3600, 60, 1), strict=False))
-    if not 0 < seconds <= LONGEST_S:
-        raise UsageError(f"--duration {text}: give a time such as 90s, 15m, 8h or 1h30m")
+    from jbclog.recipe.spans import EXAMPLES, span_s
+
+    seconds = span_s(text)
+    if seconds is None:
+        raise UsageError(f"--duration {text}: give {EXAMPLES}")
     return seconds
 
 

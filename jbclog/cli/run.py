@@ -18,7 +18,7 @@ from jbclog.outcome import Exit, in_order
 if TYPE_CHECKING:
     from jbclog.dossier import Result
     from jbclog.drive.typed import Source
-    from jbclog.plan import Wanted
+    from jbclog.plan import Plan, Wanted
 
 MOST_REASONS = 12  # told on the terminal; all of them are in the manifest and the report
 
@@ -29,6 +29,8 @@ def run(
     line: Path = options.LINE,
     out: Path = options.OUT,
     duration: str | None = options.DURATION,
+    until_units: int | None = options.UNTIL_UNITS,
+    until_joints: int | None = options.UNTIL_JOINTS,
     rate: str | None = options.RATE,
     stations: list[str] = options.STATION,
     operator: str | None = typer.Option(None, metavar="NAME", help="Who runs it."),
@@ -58,9 +60,13 @@ def run(
     Every setting is read back before sampling begins. Ctrl-C ends the run: tools are put in their safe state, the record
     is closed. The last line of stdout is the run's folder.
 
+    With --until-units or --until-joints it ends with so many, or after --duration at the latest; one that ended with less is not
+    fine (exit code 1).
+
     \b
-    Example:
+    Examples:
       jbclog run profiles/recipes/sn100c-tht.toml --line virtual/line.toml --duration 15m --operator "A. Rossi" --order 88123
+      jbclog run profiles/recipes/sn100c-tht.toml --line virtual/line.toml --units - --until-units 40 --duration 8h
     """
     never_wait()
     several = {"--unit": [*unit, *listed(units)], "--tag": tag, "--wire-lot": wire_lot, "--flux-lot": flux_lot, "--tip": tip}
@@ -68,25 +74,21 @@ def run(
     source = source_of(units)
     said = replace(said, reads_units=source is not None)
     wanted = options.wanted(line, recipe, stations, duration, rate, said, allow_omega_write=allow_omega_write)
-    wanted = replace(wanted, wire=wire, guard=not no_guard)
+    wanted = replace(wanted, wire=wire, guard=not no_guard, until_units=until_units, until_joints=until_joints)
     code = record(wanted, out, source, as_json=as_json)
     raise typer.Exit(code)
 
 
 def record(wanted: Wanted, out: Path, units: Source | None = None, *, as_json: bool) -> int:
-    """Run and tell what came of it; give the exit code."""
+    """Carry out the one job that there is, as a batch does each of its own, and tell what came of it; give the exit code."""
     from jbclog.cli.aside import Aside
     from jbclog.cli.progress import observer
-    from jbclog.conduct import conduct
-    from jbclog.plan import make_plan
+    from jbclog.job import Job, carry_out
 
-    plan = make_plan(wanted)
-    for text in plan.notes:
-        note(f"note: {text}")
     shown = Aside(observer(wanted.duration_s, quiet=as_json))
     try:
         with unshown(units):
-            result = conduct(plan, out, shown, missed=shown.missed, is_last=True, units=units)
+            result = carry_out(Job(wanted, out), shown, units=units, missed=shown.missed, planned=_tell_notes)
     finally:
         shown.close()
     if as_json:
@@ -94,6 +96,11 @@ def record(wanted: Wanted, out: Path, units: Source | None = None, *, as_json: b
     else:
         _tell(result)
     return result.exit_code.value
+
+
+def _tell_notes(plan: Plan) -> None:
+    for text in plan.notes:
+        note(f"note: {text}")
 
 
 def _tell(result: Result) -> None:

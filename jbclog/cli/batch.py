@@ -1,0 +1,96 @@
+"""`jbclog batch`: a queue of jobs."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import typer
+
+from jbclog.cli import options
+from jbclog.cli.output import ends_with_errors_told, note, tell, tell_json
+from jbclog.cli.unheld import never_wait
+from jbclog.errors import UsageError
+
+if TYPE_CHECKING:
+    from jbclog.foreman.shift import Shift
+    from jbclog.foreman.work import Means
+
+
+@ends_with_errors_told
+def batch(
+    jobs: Path = typer.Argument(..., metavar="JOBS", help="The jobs file.", show_default=False),
+    resume: bool = typer.Option(
+        False,
+        "--resume",
+        help="Go on with what was interrupted, and show first what will be done; never begins anew.",
+    ),
+    anew: bool = typer.Option(False, "--anew", help="Give up a batch that was interrupted, and begin a new one."),
+    line: Path | None = typer.Option(
+        None,
+        "--line",
+        "-l",
+        metavar="FILE",
+        help="The line file, in place of the jobs file's.",
+        show_default=False,
+    ),
+    out: Path = options.OUT,
+    as_json: bool = options.AS_JSON,
+) -> None:
+    """Carry out a queue of jobs: in turn on one station, side by side on different ones.
+
+    Each job is a run with a folder of its own. Every file is checked before the first job begins. Ctrl-C ends the jobs that
+    run, with their tools safe. A batch that was interrupted or killed goes on where it was when it is started again; a job
+    that was half done is done again as a new run. On stdout: a table of the jobs, what came of them, and their runs' folders.
+
+    \b
+    Example:
+      jbclog batch profiles/batches/night.toml
+    """
+    from jbclog.batch.due import SystemZone
+    from jbclog.batch.jobs_file import load_jobs
+    from jbclog.batch.journal import NAME, home_of, iso
+    from jbclog.cli.batch_told import facts, table
+    from jbclog.foreman.hold import hold
+    from jbclog.foreman.order import orders_of
+    from jbclog.foreman.shift import take
+    from jbclog.foreman.work import LOOK_EVERY_S, Means
+
+    if resume and anew:
+        raise UsageError("--resume goes on, --anew gives up what there is: give one of the two")
+    never_wait()
+    means = Means(time.time, lambda: time.sleep(LOOK_EVERY_S))
+    orders = orders_of(load_jobs(jobs, line), out)
+    for text in orders.notes:
+        note(f"note: {text}")
+    with hold(home_of(out, jobs), jobs, iso(time.time())):
+        shift = take(orders, out, means, SystemZone(), resume=resume, anew=anew)
+        code = _carry_out(shift, means, show_first=resume, as_json=as_json)
+        if as_json:
+            tell_json(facts(shift, out, code))
+        else:
+            tell(table(shift, out))
+            note(f"journal: {shift.journal.folder / NAME}; exit code {code}")
+    raise typer.Exit(code)
+
+
+def _carry_out(shift: Shift, means: Means, *, show_first: bool, as_json: bool) -> int:
+    """Carry it out, as far as it goes; give the exit code."""
+    from jbclog.cli.batch_shown import shown_by
+    from jbclog.cli.batch_told import beginning, intentions
+    from jbclog.conduct import heard
+    from jbclog.drive.signals import Signals
+
+    for text in beginning(shift):
+        note(text)
+    for text in intentions(shift) if show_first else ():
+        note(text)
+    shown = shown_by(shift, quiet=as_json)
+    foreman = shift.foreman(shown, means)
+    with Signals(heard(), for_good=True) as signals:
+        signals.tell(foreman.interrupt)
+        try:
+            return foreman.work().value
+        finally:
+            shown.close()

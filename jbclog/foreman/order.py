@@ -1,0 +1,134 @@
+"""From a jobs file to jobs: what each is to do, checked as a whole before the first of them begins."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import cast
+
+from jbclog.batch.due import read_at
+from jbclog.batch.jobs_file import JobsFile, JobTable
+from jbclog.batch.turn import Turn
+from jbclog.drive.typed import is_plain_file
+from jbclog.errors import Problem, Problems, UsageError
+from jbclog.job import Job
+from jbclog.plan import Metadata, Plan, Wanted
+from jbclog.recipe.line import AUTO, Line, load_line
+from jbclog.recipe.spans import span_s
+from jbclog.recipe.toml import shortened
+
+
+@dataclass(frozen=True, slots=True)
+class Order:
+    """A job, and where it reads the serials of its units."""
+
+    job: Job
+    units_from: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Orders:
+    """What a jobs file comes to: an order and a turn for each job, in the file's order, and what is in order but worth a note."""
+
+    file: JobsFile
+    line: Line
+    orders: dict[str, Order]
+    turns: tuple[Turn, ...]
+    stations: dict[str, tuple[str, ...]]
+    notes: tuple[str, ...] = ()
+
+
+def orders_of(file: JobsFile, out: Path) -> Orders:
+    """What the jobs are to do, below `out`. Raises `Problems` with everything that is wrong with any of them (exit 2)."""
+    line = load_line(file.line)
+    problems: list[Problem] = []
+    chosen = {job.name: tuple(_chosen(file, line, place, job, problems)) for place, job in enumerate(file.jobs)}
+    if problems:
+        raise Problems(shortened(problems))
+    orders = {job.name: Order(_job(file, job, chosen[job.name], out), job.units_from) for job in file.jobs}
+    notes: dict[str, None] = {}
+    for place, job in enumerate(file.jobs):
+        plan = _plan(file, place, orders[job.name], problems)
+        notes |= dict.fromkeys(plan.notes if plan else ())
+    if problems:
+        raise Problems(_each_once(problems))
+    turns = tuple(_turn(file, job, chosen[job.name]) for job in file.jobs)
+    return Orders(file, line, orders, turns, chosen, tuple(notes))
+
+
+def _chosen(file: JobsFile, line: Line, place: int, job: JobTable, problems: list[Problem]) -> Sequence[str]:
+    """The names of the job's stations, in the line's order."""
+    names = [spec.name for spec in line.stations]
+    if job.stations is not None:
+        for number, name in enumerate(job.stations):
+            if name not in names:
+                text = f'"{name}" is not on the line {line.name}; it has {", ".join(names)}'
+                problems.append(file.problem(place, ("stations", number), text))
+        return [name for name in names if name in job.stations]
+    if job.families is None:
+        return names
+    found = [spec.name for spec in line.stations if spec.family in job.families]
+    if not found:
+        auto = any(spec.family == AUTO for spec in line.stations)
+        text = f"no station of the line {line.name} is of these families"
+        text += '; those that are "auto" are known when they answer: name them in stations' if auto else ""
+        problems.append(file.problem(place, ("families",), text))
+    return found
+
+
+def _job(file: JobsFile, job: JobTable, stations: Sequence[str], out: Path) -> Job:
+    tags = {"batch": file.path.stem, "job": job.name} | job.tags
+    metadata = Metadata(
+        job.operator,
+        job.order,
+        job.product,
+        job.serials,
+        tags,
+        job.wire_lots,
+        job.flux_lots,
+        job.tips,
+        reads_units=job.units_from is not None,
+    )
+    wanted = Wanted(
+        file.line,
+        file.recipe(job),
+        tuple(stations),
+        None if job.duration is None else span_s(job.duration),
+        cast(float | str | None, job.rate),
+        metadata,
+        wire=job.wire,
+        allow_omega_write=job.allow_omega_write,
+        until_units=job.units,
+        until_joints=job.joints,
+    )
+    return Job(wanted, out.absolute(), job.name)
+
+
+def _plan(file: JobsFile, place: int, order: Order, problems: list[Problem]) -> Plan | None:
+    """Everything that can be known to be wrong with a job, with its place in the jobs file."""
+    source = order.units_from
+    if source is not None and is_plain_file(source):
+        text = f'"{source}" is a plain file, whose lines do not come one after the other; give them as serials = [...]'
+        problems.append(file.problem(place, ("units_from",), text))
+    try:
+        return order.job.plan()
+    except Problems as error:
+        problems += [file.problem(place, (), str(problem)) for problem in error.problems]
+    except UsageError as error:
+        problems.append(file.problem(place, (), str(error)))
+    return None
+
+
+def _each_once(problems: list[Problem]) -> list[Problem]:
+    """What is wrong with a recipe is wrong with each job that has it, and told of the first."""
+    first: dict[str, Problem] = {}
+    for problem in problems:
+        first.setdefault(problem.text, problem)
+    return shortened([*first.values()])
+
+
+def _turn(file: JobsFile, job: JobTable, stations: Sequence[str]) -> Turn:
+    reader = () if job.units_from is None else (f"the reader {job.units_from}",)
+    at = None if job.at is None else read_at(job.at)
+    return Turn(job.name, frozenset((*stations, *reader)), job.after, file.policy(job), at)
