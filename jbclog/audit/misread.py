@@ -1,0 +1,33 @@
+"""Readings that belong to nothing: they fit neither the one before nor the one after, while these two fit each other.
+
+A digit that was wrong on the wire in two readings alike, or another station that answered for once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+from jbclog.audit.span import Reading, Span
+
+MakeSpan = Callable[[Reading, Reading], Span]
+
+
+def misread(readings: Sequence[Reading], span: MakeSpan) -> set[int]:
+    """The looks whose reading of this counter is to be left out."""
+    wrong: set[int] = set()
+    before = 0
+    for place in range(1, len(readings) - 1):
+        if _is_wrong(readings[before], readings[place], readings[place + 1], span):
+            wrong.add(readings[place].look)
+        else:
+            before = place
+    return wrong
+
+
+def _is_wrong(before: Reading, this: Reading, after: Reading, span: MakeSpan) -> bool:
+    if before.shown.low <= this.shown.high and this.shown.low <= after.shown.high:  # most are
+        return False
+    there, back = span(before, this), span(this, after)
+    if there.can_go_on or back.can_go_on or not (there.is_impossible or back.is_impossible):
+        return False
+    return span(before, after).can_go_on
