@@ -169,7 +169,7 @@ class Dossier:
         try:
             seal_in_child(self.folder, self._store.lock)
         except RecordError as error:
-            return failure or f"{error}; `jbclog recover {self.folder}` tries again"
+            return failure or self._left(error)
         return failure
 
     def conclude(self, record: str | None, cut_short: Exit | None = None) -> Result:
@@ -185,10 +185,16 @@ class Dossier:
         try:
             self.manifest = conclude(self.folder, manifest, self._store.lock)
         except RecordError as error:
-            found.append(Finding(Exit.RECORD, f"{error}; `jbclog recover {self.folder}` tries again"))
+            found.append(Finding(Exit.RECORD, self._left(error)))
         finally:
             self._store.release()
         return Result(self.folder, exit_code(found), found, self.manifest)
+
+    def _left(self, error: RecordError) -> str:
+        """What went wrong, and what can be done about it."""
+        if self._store.lock.is_ours:
+            return f"{error}; `jbclog recover {self.folder}` tries again"
+        return f"{error}. If it was moved, `jbclog recover` finishes it where it is now; if it was deleted, nothing of it is left"
 
     def _judge(self, stations: list[StationFacts], record: str | None, cut_short: Exit | None) -> None:
         exit_status = status(findings(stations, verdict=None, record=record, cut_short=cut_short))

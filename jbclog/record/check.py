@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
+from typing import Final
 
 import pyarrow as pa
 import pyarrow.compute as pc
@@ -25,6 +26,8 @@ from jbclog.record.parts import part_paths, read_through, row_groups
 from jbclog.record.schema import SCHEMAS, TABLES
 from jbclog.record.units import units_of
 from jbclog.rows import SIGNAL_COLUMNS, quality_of
+
+OF_REPORT: Final = ("figures", "tables")  # folders that a report makes, and that may be left of it
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,10 +103,12 @@ def _there(folder: Path, below: str = "") -> Iterator[str]:
         name = f"{below}{path.name}"
         if path in live or is_later(name):
             continue
-        if path.is_dir() and not path.is_symlink():
-            yield from _there(path, f"{name}/")
-        else:
+        if not path.is_dir() or path.is_symlink():
             yield name
+        elif _is_empty(path) and name not in OF_REPORT:
+            yield f"{name}/"
+        else:
+            yield from _there(path, f"{name}/")
 
 
 def _inside(folder: Path) -> list[Path]:
@@ -111,6 +116,14 @@ def _inside(folder: Path) -> list[Path]:
         return sorted(folder.iterdir())
     except PermissionError:
         return []  # what is listed below it is told as unreadable
+
+
+def _is_empty(folder: Path) -> bool:
+    """Whether there is nothing in it; of one that nobody lets us look into that is not known."""
+    try:
+        return not any(folder.iterdir())
+    except PermissionError:
+        return False
 
 
 def _unreadable(folder: Path) -> Iterator[Finding]:

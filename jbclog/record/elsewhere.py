@@ -8,18 +8,22 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
 from jbclog.errors import RecordError
+from jbclog.record import guarded, left_hot
 from jbclog.record.annotations import NAME as ANNOTATIONS
 from jbclog.record.annotations import read
+from jbclog.record.chained import lines_in, read_whole, sha256
 from jbclog.record.conclude import is_of_report
 from jbclog.record.lineage import broken_links, is_head, short_head
 from jbclog.record.manifest import NAME, Manifest, manifest_sha256
 
 REPORT: Final = "report.json"
+VERIFICATIONS: Final = "verifications.jsonl"  # of all runs of a folder (`verifying`)
 
 
 def disagreements(folder: Path, manifest: Manifest, head: str | None) -> Iterator[tuple[str, str]]:
@@ -33,6 +37,37 @@ def disagreements(folder: Path, manifest: Manifest, head: str | None) -> Iterato
         yield NAME, text
     yield from _report(folder, own)
     yield from _annotations(folder)
+    yield from _lease(folder, manifest)
+    yield from _verifications(folder, manifest)
+
+
+def _lease(folder: Path, manifest: Manifest) -> Iterator[tuple[str, str]]:
+    """It is there only while tools that it names may be hot, and then the manifest says so, too."""
+    if not os.path.lexists(folder / guarded.LEASE):
+        return
+    named = left_hot.leases(folder).keys()
+    unknown = named - {facts.name for facts in manifest.stations if facts.unsafe}
+    if not named:
+        yield guarded.LEASE, "is there, and says of no station that its tools may be hot"
+    elif unknown:
+        yield guarded.LEASE, f"says that tools of {', '.join(sorted(unknown))} may be hot, and the manifest does not"
+
+
+def _verifications(folder: Path, manifest: Manifest) -> Iterator[tuple[str, str]]:
+    """Each verification that the run was begun on is a line of the file beside it, where that is there; told once for all ports."""
+    cited = {one.sha256: f"{one.station} port {one.port}" for one in reversed(manifest.verifications) if one.sha256 is not None}
+    path = folder.absolute().parent / VERIFICATIONS
+    if not cited:
+        return
+    try:
+        lines = {sha256(line) for line in lines_in(read_whole(path))}
+    except FileNotFoundError:
+        return  # the run was taken elsewhere
+    except OSError as error:
+        yield f"../{VERIFICATIONS}", f"cannot be read: {error.strerror or error}"
+        return
+    for place in (place for line, place in cited.items() if line not in lines):
+        yield f"../{VERIFICATIONS}", f"has not the line that this run was begun on ({place}): it was changed, or is gone"
 
 
 def _report(folder: Path, own: str) -> Iterator[tuple[str, str]]:

@@ -83,10 +83,18 @@ class FolderLock:
         with contextlib.suppress(OSError):  # a disk that fails has been told of already
             os.pwrite(self.descriptor, text.ljust(WIDTH).encode(), 0)
 
+    @property
+    def is_ours(self) -> bool:
+        """Whether the folder's path leads to it still, and not elsewhere or nowhere."""
+        return not self.folder.is_symlink() and _is_same_file(self.descriptor, self.folder / NAME)
+
     def expect_ours(self) -> None:
         """Raise `RecordError` where the folder's path leads elsewhere by now: through a link, or to another folder."""
-        if self.folder.is_symlink() or not _is_same_file(self.descriptor, self.folder / NAME):
-            raise RecordError(f"{self.folder} was replaced while the run went on; nothing is written where it leads now")
+        if self.is_ours:
+            return
+        if not os.path.lexists(self.folder):
+            raise RecordError(f"{self.folder} is not there any more: it was removed while the run went on")
+        raise RecordError(f"{self.folder} was replaced while the run went on; nothing is written where it leads now")
 
     def remove(self) -> None:
         """Give the lock up for good: the run is finished, its folder needs none any more."""

@@ -157,6 +157,8 @@ def test_a_folder_that_is_removed_while_the_run_goes_on(line: ServedLine, tmp_pa
         _, said = run.communicate(timeout=30)
     assert run.returncode == 4, said
     assert "was removed while the run went on" in said
+    assert "if it was deleted, nothing of it is left" in said
+    assert "tries again" not in said
     assert "Traceback" not in said
 
 

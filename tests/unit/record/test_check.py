@@ -45,6 +45,19 @@ def test_what_comes_after_sealing_is_no_finding(run: Path) -> None:
     assert texts(run) == []
 
 
+def test_an_empty_folder_that_nobody_knows_and_a_lease_that_nobody_closed_are_told(run: Path) -> None:
+    (run / "extra" / "inner").mkdir(parents=True)
+    (run / "figures").mkdir()
+    assert texts(run) == ["extra/inner/: is in the folder and not in the manifest"]
+    (run / "extra" / "inner").rmdir()
+    (run / "lease.json").write_text('{"name": "dde-1", "ports": [1]}\n')
+    lease, extra = texts(run)
+    assert extra == "extra/: is in the folder and not in the manifest"
+    assert lease == "lease.json: says that tools of dde-1 may be hot, and the manifest does not"
+    (run / "lease.json").write_text("")
+    assert texts(run)[0] == "lease.json: is there, and says of no station that its tools may be hot"
+
+
 @pytest.mark.parametrize("place", [4, 2000, -5, -200])
 def test_one_altered_byte_in_a_part(run: Path, place: int) -> None:
     path = run / "samples" / "part-0000.parquet"

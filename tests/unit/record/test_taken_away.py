@@ -30,6 +30,8 @@ def test_a_folder_that_is_removed_during_the_run_is_found_missing_at_the_next_co
     with pytest.raises(RecordError):
         store.commit_now()
     store.close()
+    with pytest.raises(RecordError, match="is not there any more: it was removed while the run went on"):
+        seal_in_child(folder, store.lock)
     store.release()
     assert "was removed while the run went on" in str(told[0])
 

@@ -11,6 +11,7 @@ from virtual_run import RECIPE, line_text
 
 from jbclog.clock import VirtualClock
 from jbclog.plan import Metadata, Wanted, make_plan
+from jbclog.record.check import check
 from jbclog.record.manifest import Manifest, read_manifest
 from jbclog.verifying import NAME, Given, keep, own_of, read_book, verify
 
@@ -63,3 +64,25 @@ def test_a_file_that_cannot_be_believed_keeps_no_run_from_being_made(tmp_path: P
     manifest = run_of(tmp_path)
     assert {one.state for one in manifest.verifications} == {"unreadable"}
     assert manifest.verdict == "INCONCLUSIVE"
+
+
+def test_a_line_that_a_run_cites_and_that_was_changed_or_is_gone_is_found_by_check(tmp_path: Path) -> None:
+    verified(tmp_path, 1, 12)
+    verified(tmp_path, 2, 11)
+    run_of(tmp_path)
+    (folder,) = (path for path in (tmp_path / "runs").iterdir() if path.is_dir())
+    file = tmp_path / "runs" / NAME
+    assert check(folder) == []
+    verified(tmp_path, 1, 0)  # what comes behind changes nothing
+    assert check(folder) == []
+    first, second, third = file.read_bytes().splitlines(keepends=True)
+    file.write_bytes(first.replace(b"351.0", b"350.0") + second + third)
+    (found,) = check(folder)
+    assert str(found).startswith("../verifications.jsonl: has not the line that this run was begun on (dde-1 port 1)")
+    file.write_bytes(b"")
+    assert len(check(folder)) == 2
+    file.unlink()
+    file.mkdir()
+    assert "cannot be read" in str(*check(folder))
+    file.rmdir()
+    assert check(folder) == []  # taken elsewhere
