@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass
+from datetime import datetime
 from typing import TYPE_CHECKING, Final
 
 import pandas as pd
@@ -165,13 +166,20 @@ def alarms_of(run: Run) -> Alarms:
     episodes = [episode for one in sampled.values() for episode in one.found]
     for place, events in told.events.items():
         episodes += flag_episodes(events, reads.get(place, ()))
-    spanned = [figures(name, detector, episodes, *spans.get(name, (None, None))) for name in known for detector in Detector]
-    return Alarms(
-        incidents(episodes, _lost_flags(told), _tell_flags(stations)),
-        spanned,
-        list(_live_differences(episodes, told, stations)),
-        acknowledged_in(run),
-    )
+    found, given = incidents(episodes, _lost_flags(told), _tell_flags(stations)), acknowledged_in(run)
+    at = _acknowledged_us(found, given)
+    spanned = [figures(name, detector, episodes, *spans.get(name, (None, None)), at) for name in known for detector in Detector]
+    return Alarms(found, spanned, list(_live_differences(episodes, told, stations)), given)
+
+
+def _acknowledged_us(found: Iterable[Incident], given: Mapping[str, Acknowledgement]) -> dict[str, int]:
+    """When each episode was acknowledged, by its name: with any of its incident."""
+    at: dict[str, int] = {}
+    for incident in found:
+        said = [given[one.id].time for one in incident.episodes if one.id in given]
+        if said:
+            at |= dict.fromkeys((one.id for one in incident.episodes), round(datetime.fromisoformat(min(said)).timestamp() * 1e6))
+    return at
 
 
 Span = tuple[int, int]

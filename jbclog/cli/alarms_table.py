@@ -81,5 +81,17 @@ def _figures(one: Figures) -> str:
     parts.append(f"{len(one.floods)} flood{'s' * (len(one.floods) != 1)}" if one.floods else "no flood")
     parts += [f"{name} chatters ({count} in a minute)" for name, count in one.chattering.items()]
     parts += [f"{count} {word}" for count, word in ((one.fleeting, "fleeting"), (one.stale, "stale")) if count]
+    parts += [f"one in {_long(one.apart.value)} on average"] if one.apart.value is not None else []
+    parts += [_acknowledged(one)] if one.ack_p50.value is not None and one.ack_p95.value is not None else []
     parts.append("most from " + ", ".join(f"{source.name} ({source.percent:g} %)" for source in one.top[:3]))
     return f"{one.station}, {one.detector} ({WITNESS[one.detector]}): {'; '.join(parts)}"
+
+
+def _acknowledged(one: Figures) -> str:
+    half, most = _long(one.ack_p50.value or 0.0), _long(one.ack_p95.value or 0.0)
+    return f"{one.ack_p50.n} acknowledged, half of them within {half} and 95 % within {most}"
+
+
+def _long(seconds: float) -> str:
+    """``12 s``, ``8.5 min``, ``31 h``."""
+    return f"{seconds:.3g} s" if seconds < 99.5 else f"{seconds / 60:.2g} min" if seconds < 5940 else f"{seconds / 3600:.3g} h"

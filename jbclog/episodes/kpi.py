@@ -2,15 +2,20 @@
 
 Definitions. *Rate*: alarms raised in any ten minutes, the greatest. *Flood*: it begins with more than `FLOOD_BEGINS` alarms in
 ten minutes and ends with fewer than `FLOOD_ENDS`. *Chattering*: one limit of one port raises `CHATTERING` alarms or more
-within a minute. *Fleeting*: over in less than `FLEETING_S`. *Stale*: stands for longer than `STALE_S`. The numbers are those
-that practice has for the console of one operator (ISA-18.2, EEMUA 191 as quoted by vendors); here they are of one station.
+within a minute. *Fleeting*: over in less than `FLEETING_S`. *Stale*: stands for longer than `STALE_S`. *Time between alarms*
+(MTBA): the recorded time over the number of alarms that were raised in it. *Latency of acknowledgement*: from the moment at
+which an alarm was raised until somebody acknowledged it, median and 95 % quantile over those that were; a run is acknowledged
+once it is sealed, so it is not shorter than what was left of the run. The numbers are those that practice has for the console of
+one operator (ISA-18.2, EEMUA 191 as quoted by vendors); here they are of one station.
 """
 
 from __future__ import annotations
 
 from collections import Counter, deque
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from math import floor
+from types import MappingProxyType
 from typing import Final
 
 from jbclog.episodes.episode import Detector, Episode
@@ -35,10 +40,20 @@ class Source:
 
 
 @dataclass(frozen=True, slots=True)
+class Seconds:
+    """A time in s that `n` alarms give; None, and then `why`."""
+
+    value: float | None
+    n: int
+    why: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
 class Figures:
     """Of one station by one detector. Times are UTC microseconds; a flood that goes on has no end.
 
-    `per_10_min` is the mean over the record; None where nothing was recorded. `chattering`: the most within a minute.
+    `apart` is the mean time between alarms, `ack_p50` and `ack_p95` are the latency of acknowledgement. `per_10_min` is the
+    mean over the record; None where nothing was recorded. `chattering`: the most within a minute.
     """
 
     station: str
@@ -52,15 +67,28 @@ class Figures:
     fleeting: int
     stale: int
     top: tuple[Source, ...]
+    apart: Seconds
+    ack_p50: Seconds
+    ack_p95: Seconds
 
 
-def figures(station: str, detector: Detector, episodes: Iterable[Episode], begin_us: int | None, end_us: int | None) -> Figures:
-    """The figures of `station` over its record, which lasts from `begin_us` to `end_us` (None: there is none)."""
+def figures(
+    station: str,
+    detector: Detector,
+    episodes: Iterable[Episode],
+    begin_us: int | None,
+    end_us: int | None,
+    acknowledged_us: Mapping[str, int] = MappingProxyType({}),
+) -> Figures:
+    """The figures of `station` over its record, which lasts from `begin_us` to `end_us` (None: there is none).
+
+    `acknowledged_us` is when each episode was, by its name.
+    """
     mine = [one for one in episodes if one.station == station and one.detector is detector]
     raised = sorted(_raised_us(one) for one in mine)
     floods, most = _floods(raised, end_us)
     length_s = None if begin_us is None or end_us is None else (end_us - begin_us) / 1e6
-    names = Counter(_source(one) for one in mine)
+    names, waited = Counter(_source(one) for one in mine), _waited_s(mine, acknowledged_us)
     return Figures(
         station=station,
         detector=detector,
@@ -73,7 +101,34 @@ def figures(station: str, detector: Detector, episodes: Iterable[Episode], begin
         fleeting=sum(one.seconds is not None and one.seconds < FLEETING_S for one in mine),
         stale=sum(_lasted_s(one, end_us) > STALE_S for one in mine),
         top=tuple(Source(name, n, round(100 * n / len(mine), 1)) for name, n in names.most_common(TOP)),
+        apart=_apart(len(mine), length_s),
+        ack_p50=_latency(waited, len(mine), 0.50),
+        ack_p95=_latency(waited, len(mine), 0.95),
     )
+
+
+def _apart(count: int, length_s: float | None) -> Seconds:
+    if length_s is None:
+        return Seconds(None, count, "Nothing was recorded.")
+    if not count:
+        return Seconds(None, 0, f"No alarm was raised in {length_s:.0f} s.")
+    return Seconds(round(length_s / count, 6), count)
+
+
+def _waited_s(episodes: Sequence[Episode], acknowledged_us: Mapping[str, int]) -> list[float]:
+    """How long each that was acknowledged had been raised by then, in order; a clock that was set back tells nothing."""
+    waited = [(acknowledged_us[one.id] - _raised_us(one)) / 1e6 for one in episodes if one.id in acknowledged_us]
+    return sorted(seconds for seconds in waited if seconds >= 0)
+
+
+def _latency(waited: Sequence[float], count: int, share: float) -> Seconds:
+    """A quantile, between two values in proportion."""
+    if not waited:
+        return Seconds(None, 0, "No alarm was raised." if not count else f"None of {count} was acknowledged.")
+    place = share * (len(waited) - 1)
+    below = floor(place)
+    above = min(below + 1, len(waited) - 1)
+    return Seconds(round(waited[below] + (place - below) * (waited[above] - waited[below]), 3), len(waited))
 
 
 def _raised_us(episode: Episode) -> int:

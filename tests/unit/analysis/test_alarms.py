@@ -169,6 +169,13 @@ def test_acknowledging_with_a_name_and_a_reason(tmp_path: Path) -> None:
     shown = jbclog("alarms", folder)
     assert (shown.code, shown.err) == (0, "")
     assert "Acknowledged by A. Rossi at " in shown.out
+    assert "; one in " in shown.out
+    assert "; 1 acknowledged, half of them within " in shown.out
+    facts = json.loads(jbclog("alarms", folder, "--json").out)["figures"]
+    waited = open_run(folder).alarms().set_index("detector").loc["B"]
+    seconds = (waited["acknowledged_at"] - waited["raised"]).total_seconds()
+    assert {one["detector"]: one["ack_p50"]["n"] for one in facts} == {"A": 1, "B": 1, "C": 1}
+    assert next(one["ack_p95"]["value"] for one in facts if one["detector"] == "B") == pytest.approx(seconds, abs=0.01)
     again = jbclog("alarms", "ack", folder, name.replace("B-", "C-"), "--by", "B", "--reason", "C")
     assert again.code == 2
     assert jbclog("check", folder).code == 0

@@ -143,3 +143,20 @@ def test_those_that_raise_most_are_named() -> None:
         ("port 1 high", 3, 75.0),
         ("port 2 low", 1, 25.0),
     ]
+
+
+def test_the_time_between_alarms_is_the_record_over_their_number() -> None:
+    assert (of([0, 300, 900, 3600]).apart.value, of([0, 300, 900, 3600]).apart.n) == (1800, 4)
+    assert (of([]).apart.value, of([]).apart.why) == (None, "No alarm was raised in 7200 s.")
+    assert figures("dde-1", B, [], None, None).apart.why == "Nothing was recorded."
+
+
+def test_how_long_alarms_waited_for_a_person() -> None:
+    those = [episode(B, 60.0 * n, 60.0 * n + 5) for n in range(5)]
+    seen = {one.id: one.onset_us + round(1e6 * waited) for one, waited in zip(those, (10, 20, 30, 40, -5), strict=True)}
+    found = figures("dde-1", B, those, 0, 3_600_000_000, seen)
+    assert (found.ack_p50.value, found.ack_p95.value, found.ack_p50.n) == (25, 38.5, 4)  # no answer comes before its question
+    alone = figures("dde-1", B, those, 0, 3_600_000_000, {those[0].id: those[0].onset_us + 7_000_000})
+    assert (alone.ack_p50, alone.ack_p95.value) == (alone.ack_p95, 7)
+    assert figures("dde-1", B, those, 0, 1, {}).ack_p95.why == "None of 5 was acknowledged."
+    assert figures("dde-1", B, [], 0, 1, seen).ack_p50.why == "No alarm was raised."
