@@ -27,7 +27,7 @@ from jbclog.record.parts import row_groups
 from jbclog.record.schema import SCHEMAS
 from jbclog.rows import StationFacts
 
-MOST_ROWS: Final = 2_000_000  # at once in memory, some 150 MB
+MOST_ROWS: Final = 1_000_000  # at once in memory, some 100 MB
 COUNTERS: Final = ["time", "station", "port", "counter", "value"]
 CYCLES: Final = "dispensed_cycles"
 Found = dict[tuple[str, int], PortJoints]
