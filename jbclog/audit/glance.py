@@ -1,7 +1,7 @@
 """What an audit comes to at a glance: its headline, and a row for each station, the worst first.
 
-A station that did not answer stands with what its last readings say; between tasks that are due soon and those that are not known,
-where it has nothing worse.
+What is used up stands by how far it is, the rest by how soon it is due. A station that did not answer stands with what its last
+readings say; where it has nothing worse, between tasks that are due soon and those that are not known.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from jbclog.audit.words import STATES, counted, day, percent, place, window
 NOT_SEEN: Final = ("unseen", "–", "not seen")
 WORST_FIRST: Final = (State.OVERDUE, State.DUE, State.SOON, State.UNKNOWN, State.FINE)
 FEW: Final = 3
+NEVER: Final = "9999"
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,11 +45,11 @@ class Row:
         return STATES[self.worst.state]
 
     @property
-    def rank(self) -> tuple[float, float, str]:
+    def rank(self) -> tuple[float, str, float, str]:
         """Less is worse."""
         if self.worst is None or self.state == NOT_SEEN:
-            return (2.5 if not self.station.seen else 5.0, 0.0, self.station.station)
-        return (WORST_FIRST.index(self.worst.state), -_reached(self.worst), self.station.station)
+            return (2.5 if not self.station.seen else 5.0, "", 0.0, self.station.station)
+        return (*_urgency(self.worst), self.station.station)
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,9 +73,15 @@ def at_a_glance(audit: FleetAudit) -> Glance:
 
 
 def _row(at: int, station: StationAudit) -> Row:
-    order = WORST_FIRST.index
-    tasks = sorted(station.tasks, key=lambda task: (order(task.state), -_reached(task), task.task, task.port or 0))
+    tasks = sorted(station.tasks, key=lambda task: (*_urgency(task), task.task, task.port or 0))
     return Row(f"s{at}", station, tuple(tasks))
+
+
+def _urgency(task: TaskState) -> tuple[float, str, float]:
+    """Less is worse: by state, by the day by which it is first due, by how much is used."""
+    first = NEVER if task.due is None or task.due.p10 is None else task.due.p10
+    is_used_up = task.state in (State.OVERDUE, State.DUE)
+    return WORST_FIRST.index(task.state), "" if is_used_up else first, -_reached(task)
 
 
 def _reached(task: TaskState) -> float:

@@ -78,10 +78,14 @@ def use_rows(audit: FleetAudit, notes: Notes) -> list[UseRow]:
     )
 
 
+def courses(audit: FleetAudit) -> list[tuple[Week, ...]]:
+    """The years of the stations of which any week is known."""
+    return [station.weeks for station in audit.stations if any(week.per_day for week in station.weeks)]
+
+
 def fleet_weeks(audit: FleetAudit) -> list[tuple[Week, int]]:
     """The sum of all stations that are known in a week, with how many those are."""
-    courses = [station.weeks for station in audit.stations if station.weeks]
-    return [_together(weeks) for weeks in zip(*courses, strict=False)]
+    return [_together(weeks) for weeks in zip(*courses(audit), strict=False)]
 
 
 def _together(weeks: Sequence[Week]) -> tuple[Week, int]:

@@ -16,7 +16,7 @@ from jbclog import __version__
 from jbclog.audit import plots, words
 from jbclog.audit.fleet import FleetAudit
 from jbclog.audit.glance import at_a_glance
-from jbclog.audit.lines import MOST_MARKS, Notes, drift_rows, error_rows, fleet_weeks, marks, meters, use_rows
+from jbclog.audit.lines import MOST_MARKS, Notes, courses, drift_rows, error_rows, fleet_weeks, marks, meters, use_rows
 from jbclog.audit.titles import TITLES
 from jbclog.shown import clean, number, stamp, together
 
@@ -38,6 +38,7 @@ def page_of(audit: FleetAudit) -> str:
             most=plots.nice(max((w.per_day.middle for row in rows for w in row.station.weeks if w.per_day), default=1.0)),
             notes=notes,
             weeks=weeks,
+            drawn=len(courses(audit)),
             drifts=drift_rows(audit),
             marks=marks(audit),
             most_marks=MOST_MARKS,

@@ -7,6 +7,7 @@ filled, possible parts are pale with an outline, and each drawing stands beside 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 from datetime import date
 from math import ceil, isfinite, log10
 from typing import Final
@@ -31,7 +32,7 @@ SPENT: Final = (WORK, "#7da7cd", "#d6e4f1", "#ffffff")
 
 BAR: Final = (150, 14)
 FULL_AT, MOST = 100.0, 150.0  # pixels of a whole life; as far as a bar goes
-AXIS: Final = (230, 14)
+AXIS: Final = (250, 14)
 AHEAD_DAYS: Final = 365
 MONTHS: Final = ("Jan", "Feb", "Mar", "Apr", "May", "Jun", "Jul", "Aug", "Sep", "Oct", "Nov", "Dec")
 
@@ -84,9 +85,9 @@ def months(now: str) -> Markup:
     """The heads of the months ahead, for the column of due ranges."""
     width = AXIS[0]
     found = [
-        _text(_ahead(first, now) * width + 2, 9, MONTHS[first.month - 1], 8.5) for first in _firsts(now) if first.month % 3 == 1
+        _text(_ahead(first, now) * width + 2, 10, MONTHS[first.month - 1], 10.5) for first in _firsts(now) if first.month % 3 == 1
     ]
-    return svg(width, 12, "the twelve months ahead", found, "axis")
+    return svg(width, 13, "the twelve months ahead", found, "axis")
 
 
 def due(range_: Due | None, state: State, now: str, label: str) -> Markup:
@@ -138,15 +139,45 @@ def spent(work: float, sleep: float, no_tool: float, label: str) -> Markup:
 def course(weeks: Sequence[Week], most: float, label: str) -> Markup:
     """A year of weeks as columns, `most` hours a day at the top; pale where long times without a reading were spread evenly."""
     width, height = 3.0 * len(weeks), 26.0
-    parts = [part for at, week in enumerate(weeks) for part in _column(3.0 * at, 2.2, week, most, 0.0, height - 1)]
-    return svg(width, height, label, [*parts, _line(0, height - 0.5, width, height - 0.5, LINE)], "course")
+    columns = [_Column(3.0 * at, 2.2, week, height - 1, (height - 1) / most) for at, week in enumerate(weeks)]
+    return svg(width, height, label, [*_drawn(columns), _line(0, height - 0.5, width, height - 0.5, LINE)], "course")
 
 
-def _column(x: float, width: float, week: Week, most: float, top: float, bottom: float) -> list[str]:
-    if week.per_day is None:
-        return []
-    tall = (bottom - top) * min(week.per_day.middle / most, 1.0)
-    return [_rect(x, bottom - tall, width, tall, WORK_PALE if week.is_spread else WORK)]
+@dataclass(frozen=True, slots=True)
+class _Column:
+    """A week's hours a day as a column that stands on `bottom`; nothing where they are not known."""
+
+    x: float
+    width: float
+    week: Week
+    bottom: float
+    scale: float
+
+    @property
+    def path(self) -> str:
+        if self.week.per_day is None:
+            return ""
+        tall = self.week.per_day.middle * self.scale
+        return f"M{self.x:.1f} {self.bottom:g}v{-tall:.1f}h{self.width:.1f}v{tall:.1f}z"
+
+    @property
+    def whisker(self) -> str:
+        """How well it is known, where that can be seen."""
+        hours = self.week.per_day
+        if hours is None or hours.width * self.scale < 3:
+            return ""
+        return (
+            f"M{self.x + self.width / 2:.1f} {self.bottom - hours.low * self.scale:.1f}V{self.bottom - hours.high * self.scale:.1f}"
+        )
+
+
+def _drawn(columns: Sequence[_Column]) -> list[str]:
+    """All columns of a kind as one path, which is a fifth of as many rectangles."""
+    kinds = (
+        (WORK, [one for one in columns if not one.week.is_spread]),
+        (WORK_PALE, [one for one in columns if one.week.is_spread]),
+    )
+    return [f'<path d="{path}" fill="{fill}"/>' for fill, ones in kinds if (path := "".join(one.path for one in ones))]
 
 
 def fleet_course(weeks: Sequence[tuple[Week, int]], of: int, wide: bool) -> Markup:
@@ -158,24 +189,17 @@ def fleet_course(weeks: Sequence[tuple[Week, int]], of: int, wide: bool) -> Mark
     size, room = 12.0, (width - left) / max(len(weeks), 1)
     most = nice(max((week.per_day.high for week, _ in weeks if week.per_day is not None), default=1.0))
     parts = [part for share in (0.0, 0.5, 1.0) for part in _level(share * most, bottom - share * 145, left, width, size)]
-    for at, (week, known) in enumerate(weeks):
-        shown = Week(week.begin, week.per_day, week.is_spread or known < of)
-        parts += _column(left + at * room + room * 0.1, room * 0.8, shown, most, bottom - 145, bottom)
-        parts += _whisker(left + (at + 0.5) * room, week.per_day, most, bottom)
-        parts += _month(left + at * room, bottom, week.begin, weeks[at - 1][0].begin if at else week.begin, size, wide)
+    shown = [replace(week, is_spread=week.is_spread or known < of) for week, known in weeks]
+    columns = [_Column(left + (at + 0.1) * room, room * 0.8, week, bottom, 145 / most) for at, week in enumerate(shown)]
+    parts += [*_drawn(columns), f'<path d="{"".join(one.whisker for one in columns)}" stroke="{INK}"/>']
+    for at, week in enumerate(shown):
+        parts += _month(left + at * room, bottom, week.begin, shown[max(at - 1, 0)].begin, size, wide)
     label = f"port hours worked a day, week by week, {len(weeks)} weeks"
     return svg(width, height, label, parts, "wide" if wide else "narrow")
 
 
 def _level(value: float, y: float, left: float, width: float, size: float) -> list[str]:
     return [_line(left, y, width, y, LINE, 0.8), _text(left - 5, y + 4, f"{value:g}", size, "end")]
-
-
-def _whisker(x: float, hours: Interval | None, most: float, bottom: float) -> list[str]:
-    if hours is None or hours.width < 0.02 * most:
-        return []
-    low, high = (bottom - 145 * min(end / most, 1.0) for end in (hours.low, hours.high))
-    return [_line(x, low, x, high, INK, 1)]
 
 
 def _month(x: float, bottom: float, begin: str, before: str, size: float, wide: bool) -> list[str]:
@@ -191,4 +215,4 @@ def nice(value: float) -> float:
     if not isfinite(value) or value <= 0:
         return 1.0
     ten = 10.0 ** ceil(log10(value) - 1)
-    return next(step * ten for step in (1, 2, 4, 6, 8, 10, 20) if step * ten >= value)
+    return next(step * ten for step in (1, 1.2, 1.6, 2, 3, 4, 5, 6, 8, 10) if step * ten >= value)

@@ -9,6 +9,7 @@ from __future__ import annotations
 from bisect import bisect_right
 from collections.abc import Sequence
 from datetime import datetime, timedelta
+from itertools import pairwise
 from typing import Final
 
 from jbclog.audit.fleet import Week
@@ -50,6 +51,7 @@ class _Course:
             self.low.append(self.low[-1] + (grown_by(one) if goes_on else one.delta.low))
             self.high.append(self.high[-1] + (grown_by(one) if goes_on else one.delta.high))
             self.fine = max(self.fine, one.delta.high - grown_by(one)) if goes_on else self.fine
+        self.far = [pair for pair in pairwise(self.times) if pair[1] - pair[0] > FAR]
 
     def between(self, begin: datetime, end: datetime) -> Interval | None:
         """What it grew by; None where readings do not reach so far, or nothing bounds it."""
@@ -67,5 +69,4 @@ class _Course:
 
     def is_spread(self, begin: datetime, end: datetime) -> bool:
         """Whether two readings that are far apart have a part of this time between them."""
-        pairs = zip(self.times, self.times[1:], strict=False)
-        return any(after - before > FAR and before < end and after > begin for before, after in pairs)
+        return any(before < end and after > begin for before, after in self.far)

@@ -47,7 +47,8 @@ def percent(value: Interval | None) -> str:
     """``81 to 84 %``. Never rounded up: 99.9 % of a life is not all of it."""
     if value is None:
         return "–"
-    return f"{span(Interval(floor(value.low + 1e-9), floor(value.high + 1e-9) if isfinite(value.high) else value.high))} %"
+    low = floor(value.low + 1e-9)
+    return f"{span(Interval(low, floor(value.high + 1e-9)))} %" if value.is_bounded else f"{number(low)} % or more"
 
 
 def of_life(task: TaskState) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import random
 from dataclasses import replace
 from datetime import timedelta
+from functools import cache
 from math import inf
 
 from counted import NOW, ago, between, went
@@ -26,6 +27,9 @@ LIVES = (
     ("rollers", "Feeder rollers", 1, "dispensed_mm", "mm", 900_000.0),
     ("verification", "Tip temperature verified", None, "days", "d", 90.0),
 )
+
+
+UNITS = {"les": "count", "_mm": "mm"}
 
 
 def on(days: float) -> str:
@@ -63,7 +67,7 @@ def station(
         tasks if tasks is not None else tuple(task(at, chance.uniform(5, 78), pace=chance.uniform(0.1, 0.9)) for at in range(6))
     )
     meters = tuple(
-        Meter(port, counter, one[-1].counter, _read(one[-1]), _odometer(one), one[-1], None)
+        Meter(port, counter, UNITS.get(counter[-3:], "h"), _read(one[-1]), _odometer(one), one[-1], None)
         for (port, counter), one in past.differences.items()
     )
     url, model = f"/dev/serial/by-id/usb-{name}", ("ALE", "DDE", "DME")[seed % 3]
@@ -121,6 +125,7 @@ def fleet(*stations: StationAudit, **more: object) -> FleetAudit:
     return replace(whole, **more)  # type: ignore[arg-type]
 
 
+@cache
 def three() -> FleetAudit:
     """A line where something is to be done."""
     first = station("ale-1", 0, hours=5, tasks=(task(0, 131), task(4, 88, pace=0.7), task(2, 34), task(5, 61)))
@@ -130,6 +135,7 @@ def three() -> FleetAudit:
     return fleet(first, second, third, facts=facts)
 
 
+@cache
 def trouble() -> FleetAudit:
     """A fleet of eight in which everything that can go wrong did."""
     reset = between(
@@ -160,7 +166,7 @@ def trouble() -> FleetAudit:
         text="820 h more in 168 h: nothing can count so.",
     )
     lost = between(
-        "sleep_cycles",
+        "dispensed_cycles",
         (7, 4000),
         (0, 31),
         kind=Kind.SUSPECT,
@@ -213,10 +219,11 @@ def _marked(one: StationAudit, mark: Difference) -> StationAudit:
     return replace(one, meters=meters)
 
 
+@cache
 def hundred() -> FleetAudit:
     """A hall."""
     chance = random.Random(7)
-    made = [station(f"hall-{number:03}", number, hours=chance.uniform(0.5, 8)) for number in range(1, 101)]
+    made = [station(f"hall-{number:03}", number, hours=chance.uniform(0.5, 8), audits=20) for number in range(1, 101)]
     for at in range(0, 100, 9):
         made[at] = replace(made[at], tasks=(task(at, chance.uniform(80, 135), pace=chance.uniform(0.2, 0.8)), *made[at].tasks[1:]))
     for at in range(4, 100, 30):
@@ -224,6 +231,7 @@ def hundred() -> FleetAudit:
     return fleet(*made)
 
 
+@cache
 def first_ever() -> FleetAudit:
     """Three stations, seen for the first time."""
     made = [
@@ -233,6 +241,7 @@ def first_ever() -> FleetAudit:
     return fleet(*(replace(one, tasks=(task(0, 0.5, audits=1), task(3, 0, audits=1))) for one in made))
 
 
+@cache
 def empty() -> FleetAudit:
     """Nothing at all."""
     return fleet(ledger_head="")
