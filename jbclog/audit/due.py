@@ -2,10 +2,23 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
 from enum import StrEnum
+from typing import Final
 
-from jbclog.audit.interval import Interval
+from jbclog.audit.elapsed import seconds
+from jbclog.audit.forecast import Forecast, forecast
+from jbclog.audit.interval import NOTHING, Interval
+from jbclog.audit.observed import Fact
+from jbclog.audit.odometer import Trace
+from jbclog.audit.pace import DAY, Step, pace_of
+from jbclog.audit.tasks import DAYS, Task
+
+LEAST_AUDITS: Final = 4
+OVERDUE_PERCENT: Final = 120.0
+NOT_TOLD: Final = "nobody told when it was done last: counted since the first audit"
 
 
 class State(StrEnum):
@@ -49,3 +62,120 @@ class TaskState:
     part: str = ""
     due: Due | None = None
     why: str = ""
+
+
+def states_of(task: Task, traces: Sequence[Trace], facts: Sequence[Fact], now: str) -> Iterator[TaskState]:
+    """The task at every port that has its counter, or once for the station. `facts` are the station's, oldest first."""
+    done = [fact for fact in facts if fact.task == task.name]
+    if task.counter == DAYS:
+        yield _of_days(task, done[-1] if done else None, now)
+        return
+    counted = [trace for trace in traces if trace.counter == task.counter and trace.points]
+    groups = [counted] if task.of_station and counted else [[trace] for trace in counted]
+    for group in groups:
+        port = None if task.of_station else group[0].port
+        told = [fact for fact in done if port is None or fact.port in (None, port)]
+        yield _of_counter(task, group, port, told[-1] if told else None)
+
+
+def _stands(task: Task, used: Interval) -> State:
+    """By what was used at least; what can have been used warns."""
+    least, most = 100 * used.low / task.life, 100 * used.high / task.life
+    if least >= 100:
+        return State.OVERDUE if least >= OVERDUE_PERCENT else State.DUE
+    if most >= 100 and used.width > task.life / 2:
+        return State.SOON if least >= task.warn_percent else State.UNKNOWN
+    return State.SOON if most >= task.warn_percent else State.FINE
+
+
+# -- by the calendar ------------------------------------------------------------------------------------------------------------
+
+
+def _of_days(task: Task, done: Fact | None, now: str) -> TaskState:
+    state = TaskState(task.name, task.title, None, DAYS, "d", task.life, None, None, State.UNKNOWN, None, is_told=False)
+    if done is None:
+        return replace(state, why="nobody told when it was done last")
+    days = max(0.0, (seconds(now) - seconds(done.time)) / DAY)
+    date = _date(seconds(done.time) + task.life * DAY)
+    return _with_used(
+        replace(state, since=done.time, is_told=True, part=done.part, due=Due(date, date, date)), task, Interval(days, days)
+    )
+
+
+def _with_used(state: TaskState, task: Task, used: Interval) -> TaskState:
+    return replace(state, used=used, percent=used.per(task.life / 100), state=_stands(task, used))
+
+
+# -- by a counter ---------------------------------------------------------------------------------------------------------------
+
+
+def _of_counter(task: Task, group: Sequence[Trace], port: int | None, done: Fact | None) -> TaskState:
+    begin = max(trace.points[0].time for trace in group)
+    told = done if done is not None and seconds(done.time) >= seconds(begin) else None
+    used = sum((used_since(trace, told.time if told else None) for trace in group), NOTHING)
+    unit = {"h": "h", "mm": "mm"}.get(task.counter.rpartition("_")[2], "count")
+    state = TaskState(task.name, task.title, port, task.counter, unit, task.life, None, None, State.UNKNOWN, begin, is_told=False)
+    if told is not None:
+        state = replace(state, since=told.time, is_told=True, part=told.part)
+    elif done is not None:
+        state = replace(state, why="the station is another since it was done last: counted since this one was first seen")
+    else:
+        state = replace(state, why=NOT_TOLD)
+    state = _with_used(state, task, used)
+    return state if state.state in (State.DUE, State.OVERDUE) else _foreseen(state, group)
+
+
+def used_since(trace: Trace, time: str | None) -> Interval:
+    """What was worked since `time`, or since the first reading."""
+    last = len(trace.points) - 1
+    if time is None:
+        return trace.between(0, last)
+    moment = seconds(time)
+    begin = next((place for place, point in enumerate(trace.points) if seconds(point.time) >= moment), None)
+    if begin is None:
+        return NOTHING
+    used = trace.between(begin, last)
+    if not begin:
+        return used
+    delta = trace.differences[begin - 1].delta.high
+    if trace.is_time:
+        delta = min(delta, (seconds(trace.points[begin].time) - moment) / 3600 + 1)
+    return Interval(used.low, used.high + delta)
+
+
+def _foreseen(state: TaskState, group: Sequence[Trace]) -> TaskState:
+    audits = min(len(trace.points) for trace in group)
+    if audits < LEAST_AUDITS:
+        return _without(state, f"not enough data: {audits} of {LEAST_AUDITS} audits")
+    found = foresee(group, state.life, state.used or NOTHING)
+    if found is None:
+        return _without(state, "not enough data: it was not used, or not for two days")
+    return replace(state, due=Due(*map(_date, (found.p10, found.p50, found.p90))))
+
+
+def _without(state: TaskState, why: str) -> TaskState:
+    return replace(state, why=f"{why}; {state.why}" if state.why else why)
+
+
+def foresee(group: Sequence[Trace], life: float, used: Interval) -> Forecast | None:
+    """When `life` will have been used, from the last reading on; None where there is no pace yet."""
+    pace = pace_of(steps_of(group))
+    if pace is None or not used.is_bounded:
+        return None
+    now = seconds(group[0].points[-1].time)
+    return forecast(now, max(0.0, life - used.middle), pace, used.width**2 / 12)
+
+
+def steps_of(group: Sequence[Trace]) -> list[Step]:
+    """What was worked between looks, where it is known; of several ports together."""
+    found: dict[tuple[float, float], float] = {}
+    for trace in group:
+        for one, before, after in zip(trace.differences, trace.points, trace.points[1:], strict=False):
+            begin, end = seconds(one.begin), seconds(one.end)
+            if one.is_known and begin < end:
+                found[begin, end] = found.get((begin, end), 0.0) + after.shown.middle - before.shown.middle
+    return [Step(*at, worked) for at, worked in sorted(found.items())]
+
+
+def _date(moment: float | None) -> str | None:
+    return None if moment is None else datetime.fromtimestamp(moment, UTC).date().isoformat()

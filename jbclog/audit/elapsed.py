@@ -10,10 +10,12 @@ import math
 from bisect import bisect_left, bisect_right
 from collections.abc import Sequence
 from datetime import datetime
+from functools import lru_cache
 
 HOUR = 3600.0
 
 
+@lru_cache(maxsize=1 << 16)
 def seconds(time: str) -> float:
     """Seconds since 1970 of a time of the ledger."""
     return datetime.fromisoformat(time).timestamp()

@@ -54,7 +54,8 @@ def judge(spans: Sequence[Span], look: int, resets: Resets, ratios: Ratios) -> l
     across = [one for one in timed if resets.across(one) is not Reset.NO]
     judged = [_across(one, resets.across(one)) for one in across]
     fresh = sorted((one for one in timed if resets.across(one) is Reset.NO), key=lambda one: one.port)
-    return untimed + judged + _at_look(fresh, look, resets, ratios)
+    judged += _at_look(fresh, look, resets, ratios)
+    return untimed + ([_beside_it(one) for one in judged] if any(map(_cannot_be, judged)) else judged)
 
 
 def _at_look(spans: Sequence[Span], look: int, resets: Resets, ratios: Ratios) -> list[Judged]:
@@ -66,6 +67,18 @@ def _at_look(spans: Sequence[Span], look: int, resets: Resets, ratios: Ratios) -
             resets.found[port] = look, verdicts[port]
         judged += _of_port(group, verdicts[port], ratios, resets.stated_h(port))
     return judged
+
+
+def _cannot_be(judged: Judged) -> bool:
+    """Hours that nothing explains: another station's, perhaps, whose other counters happen to fit."""
+    return judged.span.trait.is_time and judged.rule in ("faster_than_time", "fell_to_what_cannot_be")
+
+
+def _beside_it(judged: Judged) -> Judged:
+    if not judged.is_known or judged.kind is Kind.ZERO:
+        return judged
+    worked = Interval(0.0, max(judged.delta.high, judged.span.most))
+    return loose(judged.span, "beside_what_cannot_be", worked)
 
 
 # -- was it reset ---------------------------------------------------------------------------------------------------------------

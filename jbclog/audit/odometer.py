@@ -102,6 +102,11 @@ class Trace:
     differences: list[Difference] = field(default_factory=list)
     aside: list[Difference] = field(default_factory=list)
 
+    @property
+    def is_time(self) -> bool:
+        """Whether it counts hours."""
+        return self.counter.endswith("_h")
+
     def between(self, begin: int, end: int) -> Interval:
         """What was worked from one point to a later one, both by their places."""
         total, start, from_zero = NOTHING, begin, False

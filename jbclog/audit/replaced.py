@@ -30,6 +30,6 @@ def _differ(before: str | None, now: str | None) -> bool:
 
 
 def _goes_on(spans: Sequence[Span]) -> bool:
-    """Whether every counter went on from where it was, some hours among them that no other station would happen to have."""
+    """Whether every counter went on or rolled over, some hours among them that no other station would happen to have."""
     hours = [one for one in spans if one.trait.is_time and one.before.shown.low >= SURELY_ITS_OWN_H]
-    return bool(hours) and all(one.can_go_on for one in spans)
+    return bool(hours) and all(one.can_go_on or bool(one.turns(one.usual)) for one in spans)

@@ -15,6 +15,7 @@ RULES: Final = {
     "fell_alone": "It alone fell, from where it cannot have rolled over, and others show that the station was not reset.",
     "fell_to_what_cannot_be": "It fell to more than can have been counted since the last reading: neither a reset nor a roll-over.",
     "faster_than_time": "It counted more hours than there were between the readings.",
+    "beside_what_cannot_be": "It fits, but other counters of the station do not: these may be another station's.",
     "faster_than_plausible": "It counted faster than is plausible.",
     "clock_ran_back": "The host's clock was set back; until a later reading nobody knows how long it was in between.",
     "fell_since": "It fell to what can have been counted since the last reading; what it counted before the reset is lost.",

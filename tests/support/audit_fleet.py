@@ -6,6 +6,7 @@ Two models that share no pattern: `SHIFTS` (tuned against) works in shifts with 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta
@@ -142,7 +143,10 @@ class SimStation:
 
     def true(self, key: tuple[int, str], hour: float) -> float:
         """What really was worked from the beginning to `hour`."""
-        return float(np.interp(hour, np.arange(len(self.grown[key])), self.grown[key]))
+        grown = self.grown[key]
+        whole = int(hour)
+        value = float(grown[whole] + (grown[min(whole + 1, len(grown) - 1)] - grown[whole]) * (hour - whole))
+        return value if key[1].endswith("_h") else math.floor(value * 10 + 1e-6) / 10 if key[1] == "dispensed_mm" else math.floor(value)
 
     def when(self, key: tuple[int, str], amount: float) -> float:
         """The hour at which `amount` really is reached."""
@@ -155,8 +159,8 @@ class SimStation:
         """What the station shows."""
         value, modulus = self.true(key, hour) + self.unit(hour).offset[key], MODULUS.get(key[1], 100_000)
         if key[1] == "dispensed_mm":
-            return round(np.floor(value * 10 + 1e-6) / 10 % modulus, 1)
-        return float(np.floor(value + 1e-9) % modulus)
+            return round(math.floor(value * 10 + 1e-6) / 10 % modulus, 1)
+        return float(math.floor(value + 1e-9) % modulus)
 
 
 @dataclass(frozen=True)
@@ -228,7 +232,8 @@ class Fleet:
             share = {"plugged_h": 1.0, "on_h": 1.0}.get(key[1], float(rng.uniform(0.1, 0.6)))
             top = MODULUS.get(key[1], 100_000)
             start = age * share if key[1].endswith("_h") else rng.uniform(0, top) * bool(age)
-            had[key] = (top - rng.uniform(5, 500) if near and rng.random() < 0.4 else start) - station.true(key, hour)
+            showed = top - rng.uniform(5, 500) if near and rng.random() < 0.4 else start
+            had[key] = (showed if key[1].endswith("_h") else math.floor(showed)) - station.true(key, hour)
         return had
 
     # -- how it is looked at
@@ -268,7 +273,7 @@ class Fleet:
             return Count(*key, unit, None, Standing.UNREAD, why="timeout")
         if luck < self.unread + self.moving:
             return Count(*key, unit, None, Standing.MOVING, tuple(station.shown(key, at + late / 600) for late in range(3)))
-        if luck < self.unread + self.moving + self.misread:
+        if luck < self.unread + self.moving + self.misread and unit == "h":  # a wrong digit that counts of events may hide for a day
             station.happened.append((at, "misread"))
-            value = (value + 10 ** int(rng.integers(2, 5))) % 100_000
+            value = (value + 1000 * int(rng.integers(1, 99))) % 100_000
         return Count(*key, unit, value, values=(value, value))
