@@ -30,11 +30,15 @@ def test_reading_a_run_finds_the_newest_and_its_alarm(run: Path, monkeypatch: py
     monkeypatch.delenv("JBCLOG_RUN", raising=False)
     node = executed(NOTEBOOKS[0], run.parents[1])
     assert run.name in shown(node, "open")
-    assert "REJECT" in shown(node, "facts")
+    assert "REJECT" in shown(node, "open")
+    assert "verified" in shown(node, "stations")
+    assert "1 alarm counted; 0 allowed." in shown(node, "judged")
     assert "alarm.high" in shown(node, "flags")
     assert "390.0" in shown(node, "flags")
     assert "link.lost" in shown(node, "events")
     assert "disconnected" in shown(node, "quality")
+    assert "recovery_p95_s" in shown(node, "count")
+    assert "**Question:" in node.cells[0].source
     for cell in ("plotted", "around"):
         assert has_picture(node, cell), cell
 
