@@ -57,6 +57,7 @@ def audit_lines(lines: Sequence[Line], ledger: Path, looking: Looking, told: Tol
         except RecordError as error:  # where no lock can be made no ledger can be written; what is seen is told all the same
             audited.trouble.append(str(error))
         audited.book = _read(ledger, audited)
+        audited.trouble += [] if audited.book.is_sound else audited.book.sentences
         wanted = _wanted(lines, audited)
 
         def take(seen: Observation) -> None:
@@ -116,4 +117,14 @@ def _not_asked(wanted: Sequence[Wanted], audited: Audited) -> Iterator[Observati
 
 def fleet_audit(audited: Audited, lines: Sequence[Line], tasks: Sequence[object]) -> FleetAudit:
     """All that follows from it."""
-    return FleetAudit("", audited.time, "", "", ())
+    from jbclog.audit.fleet import Meter, StationAudit
+    from jbclog.audit.interval import NOTHING
+    from jbclog.audit.odometer import Odometer
+
+    rows = [
+        StationAudit(one.line, one.station, one.url, one.seen, one.why, one.source, one.time, 0, one.identity,
+            tuple(Meter(c.port, c.counter, c.unit, c, Odometer(NOTHING, one.time, 0, True), None, None) for c in one.counts),
+            errors=one.errors)
+        for one in audited.seen
+    ]
+    return FleetAudit(lines[0].name, audited.time, str(audited.book.path), audited.book.head, tuple(rows), audited.book.sentences)

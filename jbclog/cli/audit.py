@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import getpass
 import signal
 from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
@@ -157,4 +158,4 @@ def _tell_timers(lines: Sequence[Path], files: Mapping[str, Path | None], fail_o
     words = [word for option, path in given for word in (option, str(path.absolute()))]
     words += ["--fail-on", fail_on] if fail_on else []
     ledger = files["--ledger"] or LEDGER_PLACE
-    tell(timers_text(Timed(program(), tuple(words), str(ledger.absolute().parent))))
+    tell(timers_text(Timed(program(), tuple(words), str(ledger.absolute().parent), getpass.getuser())))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import signal
 from collections.abc import Collection
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,6 +12,7 @@ from jbclog.audit.ending import Finding, exit_code
 from jbclog.audit.fleet import FleetAudit
 from jbclog.audit.plain import plain_audit
 from jbclog.audit.sheet import sheet_of
+from jbclog.auditing import STOPPED
 from jbclog.cli.audit_table import lines
 from jbclog.cli.output import note, tell, tell_json
 from jbclog.errors import RecordError
@@ -36,7 +37,8 @@ class End:
     @property
     def code(self) -> int:
         """The most severe (contract, "Exit codes"): 4, then 3, then a signal, then 1."""
-        found = exit_code(self.audit, self.fail_on)
+        asked = tuple(one for one in self.audit.stations if one.why != STOPPED)
+        found = exit_code(replace(self.audit, stations=asked), self.fail_on)
         if self.trouble:
             return RecordError.exit_code
         if self.stopped is not None and found < 3:

@@ -1,107 +1,96 @@
-"""An audit on a terminal, for those who go out with the tips: a line a station, below it what is to be done or looked at."""
+"""An audit on a terminal, for those who go out with the tips: the worst first, below each what is to be done or looked at."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from typing import Final
 
 from jbclog.audit.due import State, TaskState
+from jbclog.audit.ending import ABSENT
 from jbclog.audit.fleet import FleetAudit, Meter, StationAudit
-from jbclog.audit.interval import Interval
+from jbclog.audit.glance import Row, at_a_glance
 from jbclog.audit.observed import Standing
+from jbclog.audit.words import STATES, day, of_life, percent, window
+from jbclog.shown import clean
 
-WORDS: Final = {State.FINE: "fine", State.UNKNOWN: "unknown", State.SOON: "soon", State.DUE: "DUE", State.OVERDUE: "OVERDUE"}
-UNSEEN: Final = "NOT SEEN"
-ABSENT: Final = "nak4"  # the station does not have it, which is nothing to be told each day
-NO_ERROR: Final = frozenset({"ok", "normal", "normal, ready"})
+NO_ERROR: Final = frozenset({"ok", "normal, ready"})
 SHOWN: Final = "work_h"
+WIDE: Final = 9
 
 
 def lines(audit: FleetAudit) -> Iterator[str]:
-    """The whole table."""
-    width = max((len(one.station) for one in audit.stations), default=0)
+    """The whole table. No text from outside can leave its line."""
+    return map(clean, _lines(audit))
+
+
+def _lines(audit: FleetAudit) -> Iterator[str]:
+    glance = at_a_glance(audit)
+    yield " ".join(glance.headline[1:]).strip()
     several = len({one.line for one in audit.stations}) > 1
-    for one in audit.stations:
-        yield _station(one, width, several=several)
-        yield from (f"{'':8}  {text}" for text in _below(one))
+    names = {id(row): f"{row.station.line}/{row.station.station}" if several else row.station.station for row in glance.rows}
+    width = max(map(len, names.values()), default=0)
+    for row in glance.rows:
+        yield f"{row.state[2].upper() if _is_bad(row) else row.state[2]:{WIDE}} {names[id(row)]:{width}}  {_told(row)}".rstrip()
+        yield from (f"{'':{WIDE}} {word:{WIDE}} {text}" for word, text in _below(row))
 
 
-def _station(one: StationAudit, width: int, *, several: bool) -> str:
-    word = WORDS[one.state] if one.seen else UNSEEN
-    line = f"{one.line}/" if several else ""
-    told = _told(one) if one.seen else _unseen(one)
-    return f"{word:8}  {line}{one.station:{width}}  {told}".rstrip()
+def _is_bad(row: Row) -> bool:
+    return not row.station.seen or (row.worst is not None and row.worst.state in (State.OVERDUE, State.DUE))
 
 
-def _told(one: StationAudit) -> str:
-    who = one.identity
+def _told(row: Row) -> str:
+    one, who = row.station, row.station.identity
+    if not one.seen:
+        return f"{one.why} (last seen: {day(one.last_seen)})"
     model = "" if who is None else " ".join(filter(None, (who.model or who.family, who.software)))
-    worked = ", ".join(f"port {meter.port} {_read(meter)}" for meter in one.meters if meter.counter == SHOWN)
+    worked = ", ".join(f"{_read(meter)} h (port {meter.port})" for meter in one.meters if meter.counter == SHOWN)
     source = f"from {one.source.replace('run:', 'the run ', 1)}" if one.source.startswith("run:") else ""
-    return "  ".join(filter(None, (model, worked and f"working hours {worked}", source)))
+    return "  ".join(filter(None, (model, worked and f"worked {worked}", source)))
 
 
 def _read(meter: Meter) -> str:
     return "?" if meter.read is None or meter.read.value is None else f"{meter.read.value:g}"
 
 
-def _unseen(one: StationAudit) -> str:
-    last = f"last seen {one.last_seen[:16].replace('T', ' ')}" if one.last_seen else "never seen"
-    return f"{one.why} ({last})"
-
-
-def _below(one: StationAudit) -> Iterator[str]:
-    """What is to be done, then what is to be looked at."""
-    order = list(State)
-    for task in sorted(one.tasks, key=lambda task: -order.index(task.state)):
-        if task.state is not State.FINE:
-            yield f"{WORDS[task.state]:8}{_task(task)}"
-    yield from (f"suspect {_place(doubt.port)}{doubt.counter}: {doubt.text}" for doubt in one.doubts)
-    yield from filter(None, map(_unread, one.meters))
-    yield from _errors(one)
-    yield from (f"drift   {drift.name}: {drift.text}" for drift in one.drifts)
-    yield from (f"note    {note}" for note in one.notes)
-    if one.seen and one.why:
-        yield f"note    {one.why}"
+def _below(row: Row) -> Iterator[tuple[str, str]]:
+    """A word and a sentence for what is to be done, then for what is to be looked at."""
+    one = row.station
+    yield from ((STATES[task.state][2], _task(task)) for task in row.tasks if task.state is not State.FINE)
+    yield from (("suspect", f"{_place(doubt.port)}{doubt.counter}: {doubt.text}") for doubt in one.doubts)
+    if one.seen:
+        yield from (("unread", text) for text in map(_unread, one.meters) if text)
+        yield from (("error", text) for text in _errors(one))
+        yield from [("note", one.why)] if one.why else []
+    yield from (("drift", f"{drift.name}: {drift.text}") for drift in one.drifts)
+    yield from (("note", text) for text in one.notes)
 
 
 def _task(task: TaskState) -> str:
     part = f" ({task.part})" if task.part else ""
-    used = "" if task.percent is None else f", {_percent(task.percent)} of {task.life:g} {task.unit} used"
-    return f"{_place(task.port)}{task.title or task.task}{part}{used}{_due(task)}"
-
-
-def _percent(found: Interval) -> str:
-    low, high = math.floor(found.low), math.ceil(found.high) if math.isfinite(found.high) else None
-    if high is None:
-        return f"{low} % or more"
-    return f"{low} %" if low == high else f"{low} to {high} %"
+    return f"{_place(task.port)}{task.title or task.task}{part}: {percent(task.percent)}, {of_life(task)}; {_due(task)}"
 
 
 def _due(task: TaskState) -> str:
-    due = task.due
-    if due is None:
-        return f"; {task.why}" if task.why else ""
-    return f"; due between {due.p10 or 'later'} and {due.p90 or 'later'}, likely {due.p50 or 'later'}"
+    when = window(task)
+    return f"used up between {when.replace(' to ', ' and ')}" if task.due is not None and task.due.p90 and task.due.p10 else when
 
 
 def _unread(meter: Meter) -> str:
     read = meter.read
     if read is None or read.standing is Standing.OK or read.why == ABSENT:
         return ""
-    values = ", ".join(f"{value:g}" for value in read.values)
     if read.standing is Standing.MOVING:
-        return f"moving  {_place(meter.port)}{meter.counter}: {values}; no two reads were the same"
-    return f"unread  {_place(meter.port)}{meter.counter}: {read.why}"
+        values = ", ".join(f"{value:g}" for value in read.values)
+        return f"{_place(meter.port)}{meter.counter}: moving, {values}"
+    return f"{_place(meter.port)}{meter.counter}: {read.why}"
 
 
 def _errors(one: StationAudit) -> Iterator[str]:
     if one.errors is None:
         return
     if one.errors.station is not None and one.errors.station not in NO_ERROR:
-        yield f"error   station: {one.errors.station}"
-    yield from (f"error   port {port}: {text}" for port, text in one.errors.ports.items() if text not in NO_ERROR)
+        yield one.errors.station
+    yield from (f"{_place(port)}{text}" for port, text in one.errors.ports.items() if text not in NO_ERROR)
 
 
 def _place(port: int | None) -> str:

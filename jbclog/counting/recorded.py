@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final, NamedTuple, cast
 
 from jbclog.audit.observed import Count, Errors, Identity, Observation, Standing
+from jbclog.commands.command import Scope
 from jbclog.commands.family import FAMILIES, Family
 from jbclog.counting.asking import Wanted, is_parameter, parameter_name
 from jbclog.errors import JbclogError, RecordError
@@ -139,7 +140,7 @@ def _parameters(record: _Record) -> Iterator[tuple[str, str]]:
     for port, setting, readback in rows[["port", "setting", "readback"]].itertuples(index=False, name=None):
         command = commands.get(setting)
         if command is not None and is_parameter(command) and isinstance(readback, str):
-            yield parameter_name(setting, int(port) if isinstance(port, int) else None), readback
+            yield parameter_name(setting, None if command.scope is Scope.STATION else int(port)), readback
 
 
 def _errors(record: _Record, since: str | None) -> Errors:

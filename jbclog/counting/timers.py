@@ -20,6 +20,7 @@ class Timed:
     program: str
     words: tuple[str, ...]
     folder: str
+    user: str
 
     @property
     def call(self) -> tuple[str, ...]:
@@ -51,6 +52,7 @@ RequiresMountsFor={timed.folder.replace("%", "%%")}
 
 [Service]
 Type=oneshot
+User={timed.user}
 SupplementaryGroups=dialout
 ExecStart={" ".join(map(_quoted, timed.call))}
 # 1: something is due or suspect; the page and the exit code say so, and the service itself did its work.

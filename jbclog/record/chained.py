@@ -115,9 +115,21 @@ def _unreadable(data: bytes, lines: list[bytes], number: int, what: str) -> str:
 
 
 def _is_vouched_for(lines: list[bytes], number: int, parse: Parse[L]) -> bool:
-    """Whether the line behind, written when this one was cut off already, carries its hash."""
+    """Whether this one was cut off, and the line behind, which was written after that, carries its hash.
+
+    One that is whole was not cut off: it was changed, whoever wrote behind it since.
+    """
     behind = parse(lines[number]) if number < len(lines) else None
-    return behind is not None and behind.prev_sha256 == sha256(lines[number - 1])
+    return behind is not None and behind.prev_sha256 == sha256(lines[number - 1]) and not _is_whole(lines[number - 1])
+
+
+def _is_whole(line: bytes) -> bool:
+    """Whether it is JSON: the beginning of a line never is."""
+    try:
+        json.loads(line)
+    except (ValueError, RecursionError):
+        return False
+    return True
 
 
 def lines_in(data: bytes) -> list[bytes]:

@@ -14,7 +14,7 @@ from verbs import wrong
 from jbclog.counting.timers import HOUR, MINUTE, UNIT, Timed, cron_line, program, service_text, timer_text, timers_text
 
 WORDS = ("--line", "/etc/jbclog/bench 3.toml", "--ledger", "/var/lib/jbclog/100%/$HOME/it's.jsonl")
-TIMED = Timed("/opt/jbclog/bin/jbclog", WORDS, "/var/lib/jbclog")
+TIMED = Timed("/opt/jbclog/bin/jbclog", WORDS, "/var/lib/jbclog", "jbclog")
 
 
 def test_cron_gives_the_shell_what_was_meant() -> None:
@@ -46,7 +46,7 @@ def test_systemd_has_nothing_against_it(tmp_path: Path) -> None:
     if (analyze := shutil.which("systemd-analyze")) is None:
         return
     service, timer = tmp_path / f"{UNIT}.service", tmp_path / f"{UNIT}.timer"
-    there = Timed(str(Path("/bin/true").resolve()), WORDS, "/var/lib")
+    there = Timed(str(Path("/bin/true").resolve()), WORDS, "/var/lib", "root")
     service.write_text(service_text(there), encoding="utf-8")
     timer.write_text(timer_text(), encoding="utf-8")
     done = subprocess.run(
