@@ -7,10 +7,13 @@ import typer
 from jbclog import __version__
 from jbclog.cli.alarms import alarms
 from jbclog.cli.annotate import annotate
+from jbclog.cli.audit import audit
+from jbclog.cli.batch import batch
 from jbclog.cli.check import check
 from jbclog.cli.compare import compare
 from jbclog.cli.demo import demo
 from jbclog.cli.doctor import doctor
+from jbclog.cli.maintenance import maintenance
 from jbclog.cli.names import ReadCommand, WriteCommand
 from jbclog.cli.plan import plan
 from jbclog.cli.read import read
@@ -53,12 +56,14 @@ def _main(
 ) -> None: ...
 
 
-for verb in (demo, sim, scan, doctor, plan, run, safe, runs, report, check, alarms, annotate, recover, replay):
+for verb in (demo, sim, scan, doctor, plan, run, batch, safe, runs, report, check, alarms, annotate, recover, replay):
     app.command()(verb)
 app.command()(trend)
 app.command()(compare)
 app.command()(verify)
 app.command("where-used")(where_used)
+app.command()(audit)
+app.command()(maintenance)
 app.command(cls=ReadCommand)(read)
 app.command(cls=WriteCommand)(write)
 
