@@ -12,24 +12,23 @@ from typing import Final
 
 from jbclog.audit.fleet import UseFigure
 from jbclog.audit.interval import NOTHING, Interval
-from jbclog.audit.odometer import Difference
-from jbclog.audit.stretch import days_of, parted, total_of
+from jbclog.audit.stretch import Stretch, parted, sum_of
 from jbclog.audit.titles import known, unknown
 
 NAMES: Final = ("idle_hot_h", "idle_hot_percent", "idle_hot_kwh")
 STRETCH_DAYS, FEWEST, LEAST_JOINTS = 7.0, 4, 20.0
 NO_JOINTS: Final = "this station counts no joints, so that its working hours cannot be told from idle ones"
 
-Each = Sequence[Sequence[Difference]]
+Each = Sequence[Stretch | None]
 
 
 def idle_of(work: Each, joints: Each, rated_power_w: float | None) -> Iterator[UseFigure]:
-    """The figures of ports whose working hours and joints these are, differences of the last year, oldest first.
+    """The figures of ports whose working hours and joints of the last year these are.
 
-    >>> [figure.why for figure in idle_of([()], [()], None)][0]
+    >>> [figure.why for figure in idle_of([None], [None], None)][0]
     'this station counts no joints, so that its working hours cannot be told from idle ones'
     """
-    ports = [(one, made) for one, made in zip(work, joints, strict=True) if one and made]
+    ports = [(one, made) for one, made in zip(work, joints, strict=True) if one is not None and made is not None]
     if not ports:
         yield from (unknown(name, NO_JOINTS) for name in NAMES)
         return
@@ -42,25 +41,22 @@ def idle_of(work: Each, joints: Each, rated_power_w: float | None) -> Iterator[U
     yield from _figures(hours, [one for one, _ in ports], rated_power_w)
 
 
-def _paces(work: Sequence[Difference], joints: Sequence[Difference]) -> Iterator[float]:
-    """Hours a joint in each stretch of a week or more that has joints: no less than it really took."""
-    made = {(one[0].begin, one[-1].end): total_of(one) for one in parted(joints, STRETCH_DAYS)}
-    for stretch in parted(work, STRETCH_DAYS):
-        count = made.get((stretch[0].begin, stretch[-1].end), NOTHING)
-        hours = total_of(stretch)
+def _paces(work: Stretch, joints: Stretch) -> Iterator[float]:
+    """Hours a joint in each part of a week or more that has joints: no less than it really took."""
+    made = {part.times: part.total for part in parted(joints, STRETCH_DAYS)}
+    for part in parted(work, STRETCH_DAYS):
+        count, hours = made.get(part.times, NOTHING), part.total
         if count.low >= LEAST_JOINTS and hours.low > 0 and hours.is_bounded:
             yield hours.high / count.low
 
 
-def _beyond(work: Sequence[Difference], joints: Sequence[Difference], pace_h: float) -> Interval:
-    hours, made = total_of(work), total_of(joints)
-    return Interval(max(hours.low - made.high * pace_h, 0.0), hours.high)
+def _beyond(work: Stretch, joints: Stretch, pace_h: float) -> Interval:
+    return Interval(max(work.total.low - joints.total.high * pace_h, 0.0), work.total.high)
 
 
-def _figures(idle: Interval, work: Each, rated_power_w: float | None) -> Iterator[UseFigure]:
-    n, days = len(work[0]), days_of(work[0])
-    worked = sum((total_of(one) for one in work), NOTHING)
-    share = Interval(100 * idle.low / max(worked.high, 1.0), 100.0)
+def _figures(idle: Interval, work: Sequence[Stretch], rated_power_w: float | None) -> Iterator[UseFigure]:
+    n, days = work[0].n, work[0].days
+    share = Interval(100 * idle.low / max(sum_of(work).high, 1.0), 100.0)
     yield known("idle_hot_h", idle, n, days, stated=idle.low)
     yield known("idle_hot_percent", share, n, days, stated=share.low)
     if rated_power_w is None:

@@ -1,76 +1,92 @@
-"""Time between readings: how much was worked in a stretch of it, as intervals that are as narrow as the readings allow.
-
-Neighbouring differences of whole hours are each one hour wide to either side. A counter that just went on is told by its first
-and last reading alone, so over many of them it is still only one hour: `total_of` takes the width once for each unbroken series.
-"""
+"""A stretch of a counter's time, from one of its readings to a later one, and what was worked in it."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from datetime import datetime, timedelta
 from functools import lru_cache
-from itertools import groupby
 
 from jbclog.audit.interval import NOTHING, Interval
-from jbclog.audit.odometer import Difference, Kind
+from jbclog.audit.odometer import Trace
 
-WENT_ON = frozenset({Kind.NORMAL, Kind.ZERO, Kind.ROLL_OVER})
 ABOUT = 1.5  # a window of 30 days is one of 20 to 45: readings are when they are
 
-moment = lru_cache(maxsize=65536)(datetime.fromisoformat)
+moment = lru_cache(maxsize=4096)(datetime.fromisoformat)
 
 
-def total_of(differences: Sequence[Difference]) -> Interval:
-    """What all of them together are; nothing where there are none."""
-    total = NOTHING
-    for unbroken, group in groupby(differences, key=lambda one: one.kind in WENT_ON):
-        series = list(group)
-        total = total + (_unbroken(series) if unbroken else sum((one.delta for one in series), NOTHING))
-    return total
+@dataclass(frozen=True, slots=True)
+class Stretch:
+    """From the point `begin` of a trace to its point `end`, by their places."""
+
+    trace: Trace
+    begin: int
+    end: int
+
+    @property
+    def n(self) -> int:
+        """Differences between readings in it."""
+        return self.end - self.begin
+
+    @property
+    def total(self) -> Interval:
+        return self.trace.between(self.begin, self.end)
+
+    @property
+    def times(self) -> tuple[datetime, datetime]:
+        return self.at(self.begin), self.at(self.end)
+
+    @property
+    def days(self) -> float:
+        begin, end = self.times
+        return (end - begin) / timedelta(days=1)
+
+    def at(self, place: int) -> datetime:
+        """When a reading was."""
+        return moment(self.trace.points[place].time)
 
 
-def _unbroken(differences: Sequence[Difference]) -> Interval:
-    grown = sum(grown_by(one) for one in differences)
-    width = max(one.delta.high - grown_by(one) for one in differences)
-    return Interval(max(grown - width, 0.0), grown + width)
+def whole(trace: Trace | None) -> Stretch | None:
+    """From its first reading to its last; None where it was not read twice."""
+    return Stretch(trace, 0, len(trace.points) - 1) if trace is not None and len(trace.points) > 1 else None
 
 
-def grown_by(one: Difference) -> float:
-    """By how much the reading grew; over a roll-over by what it must have been."""
-    return one.delta.middle if one.kind is Kind.ROLL_OVER else one.after - one.before
+def last(one: Stretch) -> Stretch:
+    """Its last difference alone."""
+    return replace(one, begin=one.end - 1)
 
 
-def days_of(differences: Sequence[Difference]) -> float:
-    """From the first of their readings to the last."""
-    return _days(differences[0].begin, differences[-1].end) if differences else 0.0
+def window(one: Stretch, now: str, days: float) -> Stretch | None:
+    """About the last `days`, from the reading nearest to then; None where no reading is near."""
+    wanted = moment(now) - timedelta(days=days)
+    begin = min(range(one.begin, one.end), key=lambda place: abs(one.at(place) - wanted))
+    found = replace(one, begin=begin)
+    is_near = moment(now) - one.at(begin) <= timedelta(days=days * ABOUT) and found.days >= days / ABOUT
+    return found if is_near else None
 
 
-def _days(begin: str, end: str) -> float:
-    return (moment(end) - moment(begin)) / timedelta(days=1)
+def within(one: Stretch | None, now: str, days: float) -> Stretch | None:
+    """The part that began within the last `days`; None where there is none."""
+    if one is None:
+        return None
+    first = moment(now) - timedelta(days=days)
+    begin = next((place for place in range(one.begin, one.end) if one.at(place) >= first), None)
+    return None if begin is None else replace(one, begin=begin)
 
 
-def window(differences: Sequence[Difference], now: str, days: float) -> Sequence[Difference]:
-    """Those of about the last `days`, from the reading nearest to then; none where no reading is near."""
-    if not differences:
-        return ()
-    first = min(range(len(differences)), key=lambda at: abs(_days(differences[at].begin, now) - days))
-    chosen = differences[first:]
-    is_near = days_of(chosen) >= days / ABOUT and _days(chosen[0].begin, now) <= days * ABOUT
-    return chosen if is_near else ()
+def parted(one: Stretch, days: float) -> Iterator[Stretch]:
+    """Neighbouring parts of at least `days` each; a rest that is shorter is left out."""
+    begin = one.begin
+    for place in range(one.begin + 1, one.end + 1):
+        part = Stretch(one.trace, begin, place)
+        if part.days >= days:
+            yield part
+            begin = place
 
 
-def within(differences: Sequence[Difference], now: str, days: float) -> Sequence[Difference]:
-    """Those that began within the last `days`."""
-    return [one for one in differences if _days(one.begin, now) <= days]
-
-
-def parted(differences: Sequence[Difference], days: float) -> Iterator[Sequence[Difference]]:
-    """Neighbouring ones together, until they last at least `days`; a rest that is shorter is left out."""
-    begun = 0
-    for at in range(len(differences)):
-        if days_of(differences[begun : at + 1]) >= days:
-            yield differences[begun : at + 1]
-            begun = at + 1
+def sum_of(stretches: Sequence[Stretch]) -> Interval:
+    """What was worked in all of them."""
+    return sum((one.total for one in stretches), NOTHING)
 
 
 def ratio(part: Interval, whole: Interval) -> Interval | None:

@@ -8,14 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Final, TypeGuard
 
 from jbclog.audit.fleet import UseFigure
 from jbclog.audit.idle import idle_of
-from jbclog.audit.interval import NOTHING, Interval
+from jbclog.audit.interval import Interval
 from jbclog.audit.observed import Observation
-from jbclog.audit.odometer import Difference
-from jbclog.audit.stretch import days_of, ratio, total_of, window, within
+from jbclog.audit.odometer import Trace
+from jbclog.audit.stretch import Stretch, last, ratio, sum_of, whole, window, within
 from jbclog.audit.titles import known, unknown
 from jbclog.audit.trouble import errors_of
 
@@ -27,29 +27,30 @@ SHARES: Final = {"use_percent": (WORK,), "sleep_percent": ("sleep_h", "hibernati
 NOT_TWICE: Final = "not counted here, or not read twice yet"
 NO_JOINTS: Final = "this station counts no joints"
 
-Each = Sequence[Sequence[Difference]]
-"""The differences of one counter, for each port."""
+Each = Sequence[Stretch | None]
+"""The same time of one counter at each port; None where it was not read twice."""
 
 
 @dataclass(frozen=True, slots=True)
 class Past:
-    """What is known of one station: its counters' differences by port and name, and the looks that saw it, oldest first."""
+    """What is known of one station: its counters' traces by port and name, and the looks that saw it, oldest first."""
 
-    differences: Mapping[tuple[int, str], Sequence[Difference]]
+    traces: Mapping[tuple[int, str], Trace]
     looks: Sequence[Observation]
     now: str
     rated_power_w: float | None = None
 
     @property
     def ports(self) -> tuple[int, ...]:
-        return tuple(sorted({port for port, _ in self.differences}))
+        return tuple(sorted({port for port, _ in self.traces}))
 
-    def of(self, port: int, *counters: str) -> Sequence[Difference]:
-        """Those of the first of these counters that was read twice at this port."""
-        return next((found for name in counters if (found := self.differences.get((port, name), ()))), ())
+    def of(self, port: int, *counters: str) -> Stretch | None:
+        """All of the first of these counters that was read twice at this port."""
+        found = (whole(self.traces.get((port, name))) for name in counters)
+        return next((one for one in found if one is not None), None)
 
-    def last_year(self, port: int, *counters: str) -> Sequence[Difference]:
-        """Those of them that began within the last year."""
+    def last_year(self, port: int, *counters: str) -> Stretch | None:
+        """The part of it that began within the last year."""
         return within(self.of(port, *counters), self.now, YEAR)
 
 
@@ -72,71 +73,80 @@ def _of_ports(past: Past, ports: Sequence[int]) -> Iterator[UseFigure]:
     yield from idle_of(work, joints, past.rated_power_w)
 
 
-# -- how much it worked ---------------------------------------------------------------------------------------------------------
+# -- how much it worked -----------------------------------------------------------------------------------------------------
 
 
 def _worked(past: Past, ports: Sequence[int]) -> Iterator[UseFigure]:
     each = [past.of(port, WORK) for port in ports]
-    last = [one[-1:] for one in each]
-    yield _figure("work_h_last", last, _sum(last))
+    newest = [one and last(one) for one in each]
+    yield _figure("work_h_last", newest, sum_of(newest) if are_all(newest) else None)
     yield _a_day("work_h_a_day_30", each, past.now, MONTH)
     yield _a_day("work_h_a_day_365", each, past.now, YEAR)
 
 
 def _a_day(name: str, each: Each, now: str, days: float) -> UseFigure:
-    near = [window(one, now, days) for one in each]
-    if all(each) and not all(near):
+    near = [one and window(one, now, days) for one in each]
+    if are_all(each) and not are_all(near):
         return unknown(name, f"no reading about {days:.0f} days ago")
-    return _figure(name, near, _sum(near).per(days_of(near[0])) if near and all(near) else None)
+    return _figure(name, near, sum_of(near).per(near[0].days) if are_all(near) else None)
 
 
 def _share(past: Past, ports: Sequence[int], name: str, parts: Sequence[str]) -> UseFigure:
-    whole = [past.last_year(port, *PLUGGED) for port in ports]
+    plugged = [past.last_year(port, *PLUGGED) for port in ports]
     each = [past.last_year(port, part) for port in ports for part in parts]
-    share = ratio(_sum(each), _sum(whole))
-    if all(each) and all(whole) and share is None:
-        return unknown(name, "not plugged in long enough to tell")
-    return _figure(name, each, share and Interval(100 * share.low, min(100 * share.high, 100.0)))
+    if not are_all(plugged) or not are_all(each):
+        return unknown(name, NOT_TWICE)
+    share = ratio(sum_of(each), sum_of(plugged))
+    most_100 = share and Interval(100 * share.low, min(100 * share.high, 100.0))
+    return _figure(name, each, most_100, "not plugged in long enough to tell")
 
 
-# -- joints and wire ------------------------------------------------------------------------------------------------------------
+# -- joints and wire --------------------------------------------------------------------------------------------------------
 
 
-def _joints(past: Past, port: int) -> Sequence[Difference]:
-    """The counter that counts joints at this port: feeds, or what was desoldered if anything ever was; else nothing."""
+def _joints(past: Past, port: int) -> Stretch | None:
+    """The counter that counts joints at this port: feeds, or what was desoldered if anything ever was; else none."""
     each = (past.last_year(port, name) for name in JOINTS)
-    return next((one for one in each if one and total_of(one).high > 0), ())
+    return next((one for one in each if one is not None and one.total.high > 0), None)
 
 
 def _paces(past: Past, ports: Sequence[int], joints: Each) -> Iterator[UseFigure]:
-    if not any(joints):
+    counted = [(port, one) for port, one in zip(ports, joints, strict=True) if one is not None]
+    if not counted:
         yield from (unknown(name, NO_JOINTS) for name in ("joints_a_day", "joints_a_work_h"))
         return
-    counted = [(port, one) for port, one in zip(ports, joints, strict=True) if one]
     made = [one for _, one in counted]
-    yield _figure("joints_a_day", made, _sum(made).per(days_of(made[0])))
-    pace = ratio(_sum(made), _sum([past.last_year(port, WORK) for port, _ in counted]))
-    yield _figure("joints_a_work_h", made, pace, "hardly any hour was worked")
+    yield _figure("joints_a_day", made, sum_of(made).per(made[0].days))
+    work = [past.last_year(port, WORK) for port, _ in counted]
+    yield _figure(
+        "joints_a_work_h", made, ratio(sum_of(made), sum_of(work)) if are_all(work) else None, "hardly any hour was worked"
+    )
 
 
 def _wire(past: Past, ports: Sequence[int]) -> Iterator[UseFigure]:
     wire, feeds = ([past.last_year(port, name) for port in ports] for name in ("dispensed_mm", "dispensed_cycles"))
-    if not any(wire) or not any(feeds):
+    pairs = [(one, fed) for one, fed in zip(wire, feeds, strict=True) if one is not None and fed is not None]
+    if not pairs:
         yield from (unknown(name, "this station feeds no wire") for name in ("mm_a_joint", "mm_a_joint_before"))
         return
-    now, before = ([[one[part] for one in each] for part in (slice(-1, None), slice(None, -1))] for each in (wire, feeds))
-    for name, length, cycles in (("mm_a_joint", now[0], before[0]), ("mm_a_joint_before", now[1], before[1])):
-        yield _figure(name, length, ratio(_sum(length), _sum(cycles)), "nothing was fed")
+    newest = [(last(one), last(fed)) for one, fed in pairs]
+    before = [(replace(one, end=one.end - 1), replace(fed, end=fed.end - 1)) for one, fed in pairs]
+    for name, some in (("mm_a_joint", newest), ("mm_a_joint_before", before)):
+        length, fed_often = [one for one, _ in some], [fed for _, fed in some]
+        yield _figure(name, length, ratio(sum_of(length), sum_of(fed_often)), "nothing was fed")
 
 
-# -- as figures -----------------------------------------------------------------------------------------------------------------
+# -- as figures -------------------------------------------------------------------------------------------------------------
+
+
+def are_all(each: Each) -> TypeGuard[Sequence[Stretch]]:
+    """Whether each port's is known; not of no port at all."""
+    return bool(each) and None not in each
 
 
 def _figure(name: str, each: Each, value: Interval | None, otherwise: str = NOT_TWICE) -> UseFigure:
-    if not each or not all(each) or value is None:
-        return unknown(name, NOT_TWICE if not each or not all(each) else otherwise)
-    return known(name, value, max(len(one) for one in each), days_of(each[0]))
-
-
-def _sum(each: Each) -> Interval:
-    return sum((total_of(one) for one in each), NOTHING)
+    if not are_all(each):
+        return unknown(name, NOT_TWICE)
+    if value is None:
+        return unknown(name, otherwise)
+    return known(name, value, max(one.n for one in each), each[0].days)

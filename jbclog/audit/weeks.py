@@ -9,21 +9,21 @@ from __future__ import annotations
 from bisect import bisect_right
 from collections.abc import Sequence
 from datetime import datetime, timedelta
-from itertools import pairwise
+from itertools import accumulate, pairwise
 from typing import Final
 
 from jbclog.audit.fleet import Week
 from jbclog.audit.interval import NOTHING, Interval
-from jbclog.audit.odometer import Difference
-from jbclog.audit.stretch import WENT_ON, grown_by, moment
+from jbclog.audit.odometer import Join, Point, Trace
+from jbclog.audit.stretch import moment
 
 WEEKS, DAYS = 53, 7
 FAR: Final = timedelta(days=10)
 
 
-def weeks_of(each: Sequence[Sequence[Difference]], now: str) -> tuple[Week, ...]:
+def weeks_of(each: Sequence[Trace | None], now: str) -> tuple[Week, ...]:
     """The last 53 weeks up to `now`, oldest first, of ports with these working hours; none where nothing was read twice."""
-    if not each or not any(each):
+    if not any(one is not None and len(one.points) > 1 for one in each):
         return ()
     courses = [_Course(one) for one in each]
     end = moment(now)
@@ -42,16 +42,14 @@ def _week(courses: Sequence[_Course], begin: datetime, end: datetime) -> Week:
 class _Course:
     """What a counter had reached at each reading, at least and at most, and how fine it is."""
 
-    def __init__(self, differences: Sequence[Difference]) -> None:
-        self.times = [moment(differences[0].begin)] if differences else []
-        self.low, self.high, self.fine = [0.0], [0.0], 0.0
-        for one in differences:
-            self.times.append(moment(one.end))
-            goes_on = one.kind in WENT_ON
-            self.low.append(self.low[-1] + (grown_by(one) if goes_on else one.delta.low))
-            self.high.append(self.high[-1] + (grown_by(one) if goes_on else one.delta.high))
-            self.fine = max(self.fine, one.delta.high - grown_by(one)) if goes_on else self.fine
+    def __init__(self, trace: Trace | None) -> None:
+        points = trace.points if trace is not None and len(trace.points) > 1 else []
+        self.times = [moment(point.time) for point in points]
         self.far = [pair for pair in pairwise(self.times) if pair[1] - pair[0] > FAR]
+        self.fine = trace.step if trace is not None else 0.0
+        grown = [_grown(*pair) for pair in pairwise(points)]
+        self.low = [0.0, *accumulate(one.low for one in grown)]
+        self.high = [0.0, *accumulate(one.high for one in grown)]
 
     def between(self, begin: datetime, end: datetime) -> Interval | None:
         """What it grew by; None where readings do not reach so far, or nothing bounds it."""
@@ -70,3 +68,11 @@ class _Course:
     def is_spread(self, begin: datetime, end: datetime) -> bool:
         """Whether two readings that are far apart have a part of this time between them."""
         return any(before < end and after > begin for before, after in self.far)
+
+
+def _grown(before: Point, after: Point) -> Interval:
+    """From one reading to the next, but for how fine the counter is."""
+    if after.join is Join.ON:
+        grown = after.shown.middle - before.shown.middle
+        return Interval(grown, grown)
+    return after.lost + after.shown if after.join is Join.FROM_ZERO else after.lost

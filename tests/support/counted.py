@@ -8,7 +8,7 @@ from itertools import pairwise
 
 from jbclog.audit.interval import Interval
 from jbclog.audit.observed import Count, Errors, Identity, Observation
-from jbclog.audit.odometer import Difference, Kind
+from jbclog.audit.odometer import Difference, Join, Kind, Point, Trace
 
 NOW = datetime(2026, 11, 21, 6, 0, tzinfo=UTC)
 
@@ -18,9 +18,19 @@ def ago(days: float) -> str:
     return (NOW - timedelta(days=days)).isoformat()
 
 
-def went(counter: str, readings: Sequence[tuple[float, float]], port: int = 1) -> list[Difference]:
-    """The differences of a counter that just went on, of readings (days ago, value); hours are whole."""
-    return [between(counter, *pair, port=port) for pair in pairwise(readings)]
+def went(counter: str, readings: Sequence[tuple[float, float]], port: int = 1) -> Trace:
+    """The trace of a counter that just went on, of readings (days ago, value); hours are whole."""
+    trace = Trace(port, counter, 1.0 if counter.endswith("_h") else 0.0)
+    for look, (days_ago, value) in enumerate(readings):
+        trace.points.append(Point(look, ago(days_ago), Interval(value, value)))
+    trace.differences += [between(counter, *pair, port=port) for pair in pairwise(readings)]
+    return trace
+
+
+def then(trace: Trace, days_ago: float, value: float, join: Join, lost: Interval) -> Trace:
+    """One more reading, behind a reset or whatever it was."""
+    trace.points.append(Point(len(trace.points), ago(days_ago), Interval(value, value), join, lost))
+    return trace
 
 
 def between(

@@ -14,8 +14,7 @@ from jbclog.audit.due import Due, State, TaskState
 from jbclog.audit.fleet import BEFORE, FLEET, Drift, FleetAudit, Meter, StationAudit
 from jbclog.audit.interval import Interval
 from jbclog.audit.observed import Count, Errors, Fact, Identity
-from jbclog.audit.odometer import Difference, Kind, Odometer
-from jbclog.audit.stretch import total_of
+from jbclog.audit.odometer import Difference, Kind, Trace
 from jbclog.audit.use import Past, use_of
 from jbclog.audit.weeks import weeks_of
 
@@ -62,13 +61,13 @@ def station(
     """A station of some years, read every week, that works about so many hours a day."""
     chance = random.Random(seed)
     past = Past(_series(chance, hours, audits), (), ago(0), 130)
-    weeks = weeks_of([past.of(1, "work_h")], ago(0))
+    weeks = weeks_of([past.traces[1, "work_h"]], ago(0))
     chosen = (
         tasks if tasks is not None else tuple(task(at, chance.uniform(5, 78), pace=chance.uniform(0.1, 0.9)) for at in range(6))
     )
     meters = tuple(
-        Meter(port, counter, UNITS.get(counter[-3:], "h"), _read(one[-1]), _odometer(one), one[-1], None)
-        for (port, counter), one in past.differences.items()
+        Meter(port, counter, UNITS.get(counter[-3:], "h"), _read(one.differences[-1]), one.odometer, one.differences[-1], None)
+        for (port, counter), one in past.traces.items()
     )
     url, model = f"/dev/serial/by-id/usb-{name}", ("ALE", "DDE", "DME")[seed % 3]
     told = Identity(model.lower(), model, "0203456")
@@ -90,7 +89,7 @@ def station(
     )
 
 
-def _series(chance: random.Random, hours: float, audits: int) -> dict[tuple[int, str], list[Difference]]:
+def _series(chance: random.Random, hours: float, audits: int) -> dict[tuple[int, str], Trace]:
     days = [7.0 * week for week in range(audits - 1, -1, -1)]
     plugged, work, feeds = [2000.0], [900.0], [31_000.0]
     for _ in days[1:]:
@@ -114,10 +113,6 @@ def _series(chance: random.Random, hours: float, audits: int) -> dict[tuple[int,
 
 def _read(last: Difference) -> Count:
     return Count(1, last.counter, "h", last.after, values=(last.after, last.after))
-
-
-def _odometer(differences: list[Difference], *marks: Difference) -> Odometer:
-    return Odometer(total_of(differences), differences[0].begin, differences[0].before, True, tuple(marks))
 
 
 def fleet(*stations: StationAudit, **more: object) -> FleetAudit:

@@ -6,13 +6,13 @@ from collections.abc import Mapping, Sequence
 from math import inf
 
 import pytest
-from counted import ago, between, look, went
+from counted import ago, look, then, went
 
 from jbclog.audit.fleet import UseFigure
 from jbclog.audit.interval import Interval
 from jbclog.audit.observed import Observation
-from jbclog.audit.odometer import Difference, Kind
-from jbclog.audit.stretch import total_of
+from jbclog.audit.odometer import Join, Trace
+from jbclog.audit.stretch import whole, within
 from jbclog.audit.trouble import poisson_bounds
 from jbclog.audit.use import NO_JOINTS, Past, use_of
 from jbclog.audit.weeks import weeks_of
@@ -21,27 +21,21 @@ WEEKLY = [7.0 * week for week in range(60, -1, -1)]
 
 
 def figures(
-    *series: Sequence[Difference], looks: Sequence[Observation] = (), rated_power_w: float | None = None, port: int | None = None
+    *series: Trace, looks: Sequence[Observation] = (), rated_power_w: float | None = None, port: int | None = None
 ) -> Mapping[str, UseFigure]:
-    known = {(one[0].port, one[0].counter): one for one in series if one}
+    known = {(one.port, one.counter): one for one in series}
     found = use_of(Past(known, looks, ago(0), rated_power_w))
     return {one.name: one for one in found if one.port == port}
 
 
-def steady(counter: str, a_day: float, port: int = 1, days: Sequence[float] = tuple(WEEKLY)) -> list[Difference]:
+def steady(counter: str, a_day: float, port: int = 1, days: Sequence[float] = tuple(WEEKLY)) -> Trace:
     return went(counter, [(day, round((420 - day) * a_day)) for day in days], port)
 
 
 def test_hours_that_just_go_on_are_as_narrow_over_a_year_as_over_a_day() -> None:
-    assert total_of(steady("work_h", 6.0)) == Interval(2519, 2521)
-    assert total_of([]) == Interval(0, 0)
-    reset = between("work_h", (7, 500), (0, 3), kind=Kind.RESET, delta=Interval(3, 40))
-    assert total_of([*went("work_h", [(21, 480), (14, 490), (7, 500)]), reset]) == Interval(19 + 3, 21 + 40)
-
-
-def test_what_a_counter_that_ran_over_grew_by_is_not_what_it_shows() -> None:
-    over = between("dispensed_cycles", (7, 99_900), (0, 40), kind=Kind.ROLL_OVER, delta=Interval(140, 140))
-    assert total_of([*went("dispensed_cycles", [(14, 99_700), (7, 99_900)]), over]) == Interval(340, 340)
+    year = within(whole(steady("work_h", 6.0)), ago(0), 365)
+    assert year is not None
+    assert (year.n, year.total) == (52, Interval(6 * 364 - 1, 6 * 364 + 1))
 
 
 def test_how_much_it_worked_says_on_what_it_rests() -> None:
@@ -78,10 +72,12 @@ def test_shares_are_never_more_than_all() -> None:
     assert off["use_percent"].why == "not plugged in long enough to tell"
 
 
-def test_an_hours_counter_that_was_lost_for_a_time_has_no_middle() -> None:
-    lost = between("work_h", (30, 500), (0, 3), kind=Kind.SUSPECT, delta=Interval(3, inf))
-    found = figures([lost])["work_h_last"]
-    assert (found.value, found.range, found.why) == (None, Interval(3, inf), "nothing bounds it from above")
+def test_hours_that_were_lost_to_a_reset_have_a_range_or_no_middle_at_all() -> None:
+    reset = then(went("work_h", [(30, 500)]), 0, 3, Join.FROM_ZERO, Interval(0, 50))
+    assert figures(reset)["work_h_last"].range == Interval(3, 54)
+    lost = then(went("work_h", [(30, 500)]), 0, 3, Join.LOOSE, Interval(0, inf))
+    found = figures(lost)["work_h_last"]
+    assert (found.value, found.range, found.why) == (None, Interval(0, inf), "nothing bounds it from above")
 
 
 def test_ports_stand_together_and_alone() -> None:
@@ -99,7 +95,7 @@ def test_a_port_that_was_never_read_is_not_left_out_of_the_sum() -> None:
 # -- hot for nothing ------------------------------------------------------------------------------------------------------------
 
 
-def busy_and_lazy() -> tuple[list[Difference], list[Difference]]:
+def busy_and_lazy() -> tuple[Trace, Trace]:
     """Thirty weeks with 2000 joints in 20 h, and thirty with 500 in 20 h."""
     hours = [(day, 20.0 * at) for at, day in enumerate(WEEKLY)]
     joints = [(day, 2000.0 * min(at, 30) + 500.0 * max(at - 30, 0)) for at, day in enumerate(WEEKLY)]
@@ -132,8 +128,8 @@ def test_where_nothing_counts_joints_no_idle_time_is_claimed() -> None:
 
 
 def test_a_few_weeks_are_no_pace() -> None:
-    work, joints = busy_and_lazy()
-    assert figures(work[-3:], joints[-3:])["idle_hot_h"].why == "not enough data: 3 of 4 weeks with joints"
+    work, joints = (went(one.counter, [(7.0 * week, 900.0 - 100 * week) for week in (3, 2, 1, 0)]) for one in busy_and_lazy())
+    assert figures(work, joints)["idle_hot_h"].why == "not enough data: 3 of 4 weeks with joints"
 
 
 def test_wire_a_joint_and_what_it_was_before() -> None:
@@ -198,3 +194,10 @@ def test_two_ports_are_added_and_one_that_is_not_known_makes_the_week_unknown() 
     late = went("work_h", [(10, 0), (0, 20)], 2)
     assert weeks_of([steady("work_h", 6.0), late], ago(0))[-3].per_day is None
     assert weeks_of([], ago(0)) == ()
+
+
+def test_a_reset_makes_its_own_week_wide_and_no_other() -> None:
+    work = then(went("work_h", [(21, 500), (14, 530), (7, 560)]), 0, 12, Join.FROM_ZERO, Interval(0, 60))
+    weeks = weeks_of([work], ago(0))
+    assert weeks[-1].per_day == Interval((12 - 1) / 7, (12 + 60 + 1) / 7)
+    assert weeks[-2].per_day == Interval(29 / 7, 31 / 7)
