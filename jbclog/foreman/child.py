@@ -142,7 +142,7 @@ def _carry_out(papers: Papers) -> Said:
 def _said(result: Result) -> Said:
     findings = [finding.text for finding in in_order(result.findings)]
     broken = [rule for rule in result.manifest.verdict_rules if rule["result"] in BROKEN]
-    reasons = [f"{rule['station'] or 'run'}: {rule['text']}".rstrip(".") for rule in broken]
+    reasons = [*dict.fromkeys(f"{rule['station'] or 'run'}: {rule['text']}".rstrip(".") for rule in broken)]
     more = [f"{len(reasons) - REASONS_MOST} more reasons"] if len(reasons) > REASONS_MOST else []
     return Said(result.exit_code.value, result.manifest.verdict, [*findings, *reasons[:REASONS_MOST], *more], str(result.folder))
 

@@ -177,7 +177,9 @@ def _ended(run: Path) -> Manifest | None:
 def _told(code: int, text: str, run: Path, verdict: str | None) -> Came:
     states = {Exit.FINE.value: State.DONE, Exit.NOT_FINE.value: State.NOT_FINE}
     state = State.HALF if code in CUT_SHORT else states.get(code, State.FAILED)
-    return Came(state, code, text or ("" if verdict is None else f"the verdict is {verdict}"), run, verdict)
+    if state is State.NOT_FINE and not text:
+        text = f"the verdict is {verdict}"
+    return Came(state, code, text, run, verdict)
 
 
 def _recovered(run: Path) -> Came:
