@@ -16,7 +16,7 @@ COMPANION: Final = {"dispensed_mm": "dispensed_cycles"}
 OPEN: Final = ("can_have_rolled_over", "rolled_over_unknown_times")
 LEAST_COUNTS: Final = 100.0
 LEAST_SEEN: Final = 3
-MARGIN: Final = 1.5
+MARGIN: Final = 2.5  # another product may take that much more or less
 
 
 def ratios_of(looks: Iterable[Iterable[Judged]]) -> dict[tuple[int, str], Interval]:
@@ -32,9 +32,10 @@ def ratios_of(looks: Iterable[Iterable[Judged]]) -> dict[tuple[int, str], Interv
 
 def by_companion(judged: Judged, others: Iterable[Judged], ratios: Ratios) -> Judged:
     """How often it rolled over, where only one number of times fits what its companion counted."""
-    span, beside = judged.span, _beside(judged, others)
-    ratio = ratios.get((span.port, span.counter))
-    if judged.rule not in OPEN or ratio is None or beside is None:
+    span = judged.span
+    ratio = ratios.get((span.port, span.counter)) if judged.rule in OPEN else None
+    beside = _beside(judged, others) if ratio is not None else None
+    if ratio is None or beside is None:
         return judged
     possible = ([] if span.fell else [0]) + list(span.turns(span.usual) or span.turns(span.most))
     fitting = [turns for turns in possible if _fits(turned(span, turns), beside.delta, ratio)]
@@ -46,7 +47,7 @@ def by_companion(judged: Judged, others: Iterable[Judged], ratios: Ratios) -> Ju
 def _beside(judged: Judged, others: Iterable[Judged]) -> Judged | None:
     """Its companion over the same time, where that is known and counted enough."""
     name, begin = COMPANION.get(judged.span.counter), judged.span.before.look
-    for one in others:
+    for one in others if name else ():
         if (one.span.counter, one.span.port, one.span.before.look) == (name, judged.span.port, begin):
             return one if one.is_known and one.delta.low >= LEAST_COUNTS else None
     return None

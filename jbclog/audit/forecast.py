@@ -14,6 +14,7 @@ from typing import Final
 from jbclog.audit.pace import DAY, WEEK, Pace, weekday
 
 DEVIATE: Final = 1.2816  # of 10 and 90 %
+LASTING: Final = 0.01  # the variance of a pace that does not average out: seasons, other work
 HORIZON_WEEKS: Final = 520.0
 
 
@@ -34,7 +35,7 @@ def forecast(now: float, left: float, pace: Pace, doubt: float = 0.0) -> Forecas
 def _weeks(left: float, pace: Pace, doubt: float, z: float) -> float:
     """The root of (t - d)^2 = z^2 (v t + v t^2 / n + u) below d or above it."""
     mean, by = left / pace.a_week, z * z * pace.variance
-    square = 1 - by / pace.weeks
+    square = 1 - by / pace.weeks - z * z * LASTING
     half, rest = mean + by / 2, mean * mean - z * z * doubt / pace.a_week**2
     root = math.sqrt(max(0.0, half * half - square * rest))
     if z > 0:

@@ -22,7 +22,7 @@ class Reading:
 @dataclass(frozen=True, slots=True)
 class Span:
     """From `before` to `after`. `elapsed_h`: at most. `most`: what can have been worked at the fastest plausible pace; `usual`:
-    at twice the fastest that was seen."""
+    at twice the fastest that was seen. `grown`: by how much the readings differ, two of a moving one each way."""
 
     port: int
     counter: str
@@ -33,12 +33,7 @@ class Span:
     elapsed_h: float
     most: float
     usual: float
-
-    @property
-    def grown(self) -> Interval:
-        """By how much the readings differ, two of a moving one each way."""
-        before, after = self.before.shown, self.after.shown
-        return Interval(after.low - before.high, after.high - before.low)
+    grown: Interval
 
     @property
     def fell(self) -> bool:

@@ -1,6 +1,7 @@
 """From a station's history to a trace of every counter: look by look, judged, and summed.
 
-It is gone through twice: how fast its counters go, and in what ratio, is learned from all that is known at first sight.
+Where roll-overs are in doubt it is gone through twice: how fast the counters go, and in what ratio, is learned from all that is
+known at first sight.
 """
 
 from __future__ import annotations
@@ -8,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-from jbclog.audit.companion import Ratios, ratios_of
+from jbclog.audit.companion import OPEN, Ratios, ratios_of
 from jbclog.audit.elapsed import seconds
 from jbclog.audit.history import History, Key
 from jbclog.audit.interval import NOTHING, Interval
@@ -24,6 +25,7 @@ from jbclog.audit.traits import DRIFT, modulus_of, trait_of
 
 MARGIN = 2.0  # by which a counter may go faster than it ever was seen to
 LEAST_HOURS, LEAST_SEEN = 4.0, 3
+UNSURE = frozenset({*OPEN, "rolled_over_or_reset"})
 
 
 @dataclass
@@ -39,6 +41,8 @@ def traces_of(history: History) -> Traces:
     """Every counter's trace."""
     first = _Pass(history, {}, {})
     first.go()
+    if not any(one.rule in UNSURE for judged in first.judged for one in judged):
+        return first.traces
     second = _Pass(history, _paces(first.judged), ratios_of(first.judged))
     second.go()
     return second.traces
@@ -131,7 +135,8 @@ class _Pass:
         lasted = elapsed * DRIFT if hours is None else min(elapsed * DRIFT, hours)
         most = elapsed * DRIFT if trait.is_time else lasted * trait.fastest
         usual = min(most, self.paces[key] * max(lasted, LEAST_HOURS)) if key in self.paces else most
-        return Span(*key, trait, self._moduli[key], before, after, elapsed, most, usual)
+        grown = Interval(after.shown.low - before.shown.high, after.shown.high - before.shown.low)
+        return Span(*key, trait, self._moduli[key], before, after, elapsed, most, usual, grown)
 
     # -- what comes of it ---------------------------------------------------------------------------------------------------
 
