@@ -42,5 +42,5 @@ def task_of(wanted: str, book: Book, names: Sequence[str] | None = None) -> str:
 
 def _near(wanted: str, known: Iterable[str]) -> str:
     names = sorted(known)
-    near = difflib.get_close_matches(wanted[:64], names, n=MOST_NEAR, cutoff=0.5)
+    near = difflib.get_close_matches(wanted[:64], names, n=MOST_NEAR, cutoff=0.6)
     return f"did you mean {', '.join(near)}?" if near else f"there are {', '.join(names)}"
