@@ -107,6 +107,10 @@ class Trace:
         """Whether it counts hours."""
         return self.counter.endswith("_h")
 
+    @property
+    def unit(self) -> str:
+        return "h" if self.is_time else "mm" if self.counter.endswith("_mm") else "count"
+
     def between(self, begin: int, end: int) -> Interval:
         """What was worked from one point to a later one, both by their places."""
         total, start, from_zero = NOTHING, begin, False
