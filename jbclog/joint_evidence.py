@@ -105,6 +105,8 @@ def _port_rows(rows: pa.Table, clock: Clock) -> PortRows:
         _flags(pc.fill_null(pc.is_in(status, pa.array(WORKING)), False)),
         _flags(pc.is_valid(status)),
         _floats(pc.equal(motor, PUSHING).cast(pa.int8())),
+        _floats(rows["tool"]),
+        _floats(rows["port_error"]),
     )
 
 

@@ -145,14 +145,15 @@ def _steps(run: Run) -> list[Step]:
 
 
 def _series(facts: StationFacts, rows: pd.DataFrame, seconds: Floats, ordered_s: float | None) -> Series:
-    temperature, power, setting = (
-        rows[name].to_numpy(dtype=np.float64, na_value=np.nan) for name in ("temperature_c", "power_permille", "set_c")
+    temperature, power, setting, tool, error = (
+        rows[name].to_numpy(dtype=np.float64, na_value=np.nan)
+        for name in ("temperature_c", "power_permille", "set_c", "tool", "port_error")
     )
     working = rows["status"].isin(WORKING).to_numpy(dtype=np.bool_)
     known = rows["status"].notna().to_numpy(dtype=np.bool_)
     motor = rows["motor"]
     feeding = np.where(motor.isna(), np.nan, (motor == PUSHING).to_numpy(dtype=np.float64, na_value=np.nan))
-    return series_of(facts, PortRows(seconds, temperature, power, setting, working, known, feeding), ordered_s)
+    return series_of(facts, PortRows(seconds, temperature, power, setting, working, known, feeding, tool, error), ordered_s)
 
 
 def _wire(facts: StationFacts, counters: pd.DataFrame, settings: pd.DataFrame, clock: Clock) -> Wire | None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -15,7 +15,10 @@ from jbclog.judge.samples import Counts
 from jbclog.judge.stepped import Step, Unstepped
 from jbclog.rows import StationFacts
 
-COLUMNS: Final = ["time", "tick", "station", "port", "temperature_c", "power_permille", "status", "motor", "set_c"]
+COLUMNS: Final = [
+    *("time", "tick", "station", "port", "temperature_c", "power_permille", "status", "motor", "set_c"),
+    *("tool", "port_error"),
+]
 WORKING: Final = ("working", "on")
 PUSHING: Final = "forward"
 STATES_FAMILIES: Final = ("omega",)
@@ -26,6 +29,7 @@ class PortRows:
     """The rows of one port in their order: s, °C, ‰, °C as read, and its state. NaN: not read.
 
     `working` tells that the tool works, `known` that its state was read; `feeding` is 1 where the feeder's motor pushed.
+    `tool` and `port_error` are codes.
     """
 
     seconds: Floats
@@ -35,6 +39,8 @@ class PortRows:
     working: Flags
     known: Flags
     feeding: Floats
+    tool: Floats
+    port_error: Floats
 
 
 class Clock:
@@ -63,7 +69,9 @@ def kind_of(facts: StationFacts) -> str:
 
 def series_of(facts: StationFacts, rows: PortRows, ordered_s: float | None = None) -> Series:
     """The port's rows with what is known of its station."""
-    block = Block(rows.seconds, rows.temperature, rows.power, rows.setting, rows.working)
+    errors = rows.port_error if has_tip(facts) else np.full(len(rows.seconds), np.nan)
+    block = Block(rows.seconds, rows.temperature, rows.power, rows.setting, rows.working, rows.tool, errors)
+    block = replace(block, working=block.working & block.in_place)
     period = facts.period_s or nominal_period(rows.seconds)
     fed = rows.feeding if has_feeder(facts) else None
     return Series(block, rows.known, period, fed, facts.rated_power_w, ordered_s, bool(facts.period_s))

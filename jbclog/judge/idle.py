@@ -3,6 +3,8 @@
 Definition. A reading counts as idle when
 - the tool's status is working (hot air: on), temperature and power were read, and the setting in force is
   known: read at most `SETTING_HOLDS_S` before;
+- the tool was in its port and the port worked, by what was read of both before and behind it (`in_place`); behind the last
+  of that the temperature is at most `LEAP_C` below the setting, which is what a tip that is pulled is not for long;
 - the tip has *settled*: since it went to work, since its setting changed or since a gap in the record, there
   was a moment at which it had moved no more than `CALM_C` in `CALM_S`. How far it was from the setting then
   does not matter, or a large error could never be seen;
@@ -23,6 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jbclog.judge.bound import Cells, Known, known
+from jbclog.judge.in_place import behind_all, in_place
 
 BLOCK_S = 600.0
 SETTING_HOLDS_S = 15.0  # the setting is due each 5 s; two losses are bridged
@@ -30,6 +33,7 @@ CALM_C, CALM_S = 2.0, 2.0
 HOLDING_QUANTILE = 0.2
 HEADROOM_PERMILLE = 100.0
 AFTER_JOINT_S, BEFORE_JOINT_S = 1.0, 0.3
+LEAP_C = 50.0
 ENOUGH_ROWS, ENOUGH_S = 10, 3.0
 
 Floats = NDArray[np.float64]
@@ -38,16 +42,29 @@ Flags = NDArray[np.bool_]
 
 @dataclass(frozen=True, slots=True)
 class Block:
-    """Consecutive rows of one port: seconds on the grid, °C, ‰, °C as read, and whether the tool works. NaN: no value."""
+    """Consecutive rows of one port: seconds on the grid, °C, ‰, °C as read, and whether the tool works. NaN: no value.
+
+    `tool` and `port_error` are the codes that were read; None where they are not looked at.
+    """
 
     seconds: Floats
     temperature: Floats
     power: Floats
     setting: Floats
     working: Flags
+    tool: Floats | None = None
+    port_error: Floats | None = None
 
     def take(self, rows: Flags) -> Block:
-        return Block(self.seconds[rows], self.temperature[rows], self.power[rows], self.setting[rows], self.working[rows])
+        codes = [None if one is None else one[rows] for one in (self.tool, self.port_error)]
+        return Block(self.seconds[rows], self.temperature[rows], self.power[rows], self.setting[rows], self.working[rows], *codes)
+
+    @property
+    def in_place(self) -> Flags:
+        """In which rows the tool was in its port and the port worked."""
+        if self.tool is None or self.port_error is None:
+            return np.ones(len(self.seconds), dtype=np.bool_)
+        return in_place(self.tool, self.port_error)
 
 
 @dataclass(slots=True)
@@ -105,12 +122,20 @@ def idle_readings(block: Block, period_s: float) -> tuple[Floats, Floats]:
     """The seconds of each idle reading of the block, and its temperature minus setting in °C."""
     setting = setting_in_force(block.seconds, block.setting)
     known = block.working & ~np.isnan(block.temperature) & ~np.isnan(block.power) & ~np.isnan(setting)
+    known &= block.in_place & ~_fallen(block, setting)
     rows, in_force = block.take(known), setting[known]
     calm = settled(rows.seconds, rows.temperature, _stretch_starts(rows.seconds, in_force, period_s))
     if not calm.any():
         return np.empty(0), np.empty(0)
     idle = calm & outside_joints(rows.seconds, rows.power, calm)
     return rows.seconds[idle], np.asarray(rows.temperature[idle] - in_force[idle], dtype=np.float64)
+
+
+def _fallen(block: Block, setting: Floats) -> Flags:
+    """What may be a tip that was pulled since its tool was last asked for."""
+    if block.tool is None or block.port_error is None:
+        return np.zeros(len(block.seconds), dtype=np.bool_)
+    return behind_all(block.tool, block.port_error) & (block.temperature < setting - LEAP_C)
 
 
 def setting_in_force(seconds: Floats, setting: Floats) -> Floats:

@@ -10,13 +10,12 @@ from jbclog.judge.acceptance import LIMIT_NAMES, Acceptance
 from jbclog.judge.bound import Bound
 from jbclog.judge.evidence import Evidence, PortLedger
 from jbclog.judge.rule import Result, Rule
-from jbclog.judge.samples import TEMPERATURE, PortMeasure, judged_signals
+from jbclog.judge.samples import TEMPERATURE, WITHOUT_TIP, PortMeasure, judged_signals
 from jbclog.judge.tables import Event, Outcomes
 from jbclog.rows import StationFacts
 
 COUNTED_ALARMS = ("alarm.high", "alarm.low")
 COUNTED_SEVERITIES = ("error", "critical")
-WITHOUT_TIP = ("jtse", "omega")
 WITH_FEEDER = ("ale",)
 
 ENDINGS = {

@@ -25,9 +25,10 @@ from jbclog.judge.stepped import Step, Unstepped, steps_of
 from jbclog.rows import StationFacts
 
 TEMPERATURE = "temperature_c"
-COLUMNS = ["time", "tick", "station", "port", "temperature_c", "power_permille", "status", "set_c"]
+COLUMNS = ["time", "tick", "station", "port", "temperature_c", "power_permille", "status", "set_c", "tool", "port_error"]
 Counts = NDArray[np.int64]
 WORKING = ("working", "on")
+WITHOUT_TIP = ("jtse", "omega")  # families
 BATCH_ROWS = 16_384
 
 
@@ -102,6 +103,8 @@ def _joined(blocks: list[Block]) -> Block:
         np.concatenate([block.power for block in blocks]),
         np.concatenate([block.setting for block in blocks]),
         np.concatenate([block.working for block in blocks]),
+        np.concatenate([block.tool for block in blocks if block.tool is not None]),
+        np.concatenate([block.port_error for block in blocks if block.port_error is not None]),
     )
 
 
@@ -159,7 +162,8 @@ def _ports(
         station = names.dictionary[int(keys[rows[0]]) // 16].as_py()
         if station in stations:
             there = sum((_is_there(batch, name)[rows] for name in signals[station]), np.zeros(len(rows), dtype=np.int64))
-            yield station, int(ports[rows[0]]), columns.block(rows, stations[station].period_s), there
+            block = columns.block(rows, stations[station].period_s, has_tip=stations[station].family not in WITHOUT_TIP)
+            yield station, int(ports[rows[0]]), block, there
 
 
 @dataclass(frozen=True, slots=True)
@@ -170,10 +174,13 @@ class _Columns:
     power: Floats
     setting: Floats
     working: NDArray[np.bool_]
+    tool: Floats
+    port_error: Floats
 
-    def block(self, rows: NDArray[np.int64], period_s: float | None) -> Block:
+    def block(self, rows: NDArray[np.int64], period_s: float | None, *, has_tip: bool) -> Block:
         seconds = self.tick[rows] * period_s if period_s else self.utc_s[rows]
-        return Block(seconds, self.temperature[rows], self.power[rows], self.setting[rows], self.working[rows])
+        read = (self.temperature[rows], self.power[rows], self.setting[rows], self.working[rows])
+        return Block(seconds, *read, self.tool[rows], self.port_error[rows] if has_tip else np.full(len(rows), np.nan))
 
 
 def _columns(batch: pa.RecordBatch) -> _Columns:
@@ -186,6 +193,8 @@ def _columns(batch: pa.RecordBatch) -> _Columns:
         _floats(batch, "power_permille"),
         _floats(batch, "set_c"),
         working.to_numpy(zero_copy_only=False),
+        _floats(batch, "tool"),
+        _floats(batch, "port_error"),
     )
 
 

@@ -28,6 +28,8 @@ class Tip:
     power: list[int | None] = field(default_factory=list)
     setting: list[int | None] = field(default_factory=list)
     status: list[str | None] = field(default_factory=list)
+    tool: list[int | None] = field(default_factory=list)
+    port_error: list[int | None] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         n = round(self.seconds * self.hz)
@@ -35,6 +37,8 @@ class Tip:
         self.power = [60] * n
         self.setting = [350 if i % round(5 * self.hz) == 0 else None for i in range(n)]
         self.status = ["working"] * n
+        self.tool = [2 if i % round(5 * self.hz) == 0 else None for i in range(n)]
+        self.port_error = [0 if i % round(2 * self.hz) == 0 else None for i in range(n)]
 
     def lose(self, start_s: float, seconds: float) -> Tip:
         """Nothing at all was read for `seconds`."""
@@ -90,6 +94,8 @@ class Case:
                 "power_permille": pa.array([tip.power[i] for i, _, _, tip in rows], pa.int64()),
                 "status": pa.array([tip.status[i] for i, _, _, tip in rows], pa.string()).dictionary_encode(),
                 "set_c": pa.array([tip.setting[i] for i, _, _, tip in rows], pa.int64()),
+                "tool": pa.array([tip.tool[i] for i, _, _, tip in rows], pa.int64()),
+                "port_error": pa.array([tip.port_error[i] for i, _, _, tip in rows], pa.int64()),
             }
         )
         self._write("samples", table, self.parts)

@@ -99,3 +99,57 @@ def test_lost_rows_neither_settle_nor_count(case: Any, tip: Callable[..., Any]) 
 def test_a_slow_recorder_can_tell_too(case: Any, tip: Callable[..., Any]) -> None:
     case.station("a", tip(120, hz=0.5))
     assert idle(case).mean_c == pytest.approx(0)
+
+
+# -- a tool that is pulled ----------------------------------------------------------------------------------------------------
+
+
+def pulled(one: Any, at: int, until: int, falls: float = 350.0) -> Any:
+    """A tool is pulled at one tick and back at another: its readings fall, and its port says so when it is asked next."""
+    for i in range(at, until):
+        one.temperature[i], one.power[i] = max(0, round(350 - falls * (i - at + 1))), 0
+        one.port_error[i] = None if one.port_error[i] is None else 4
+        one.tool[i] = None if one.tool[i] is None else 0
+    return one
+
+
+@pytest.mark.parametrize("falls", [350.0, 2.0])
+@pytest.mark.parametrize("until", [600, 400])
+def test_a_tool_that_was_pulled_is_not_idle_before_anybody_knows(
+    case: Any, tip: Callable[..., Any], falls: float, until: int
+) -> None:
+    case.station("a", pulled(tip(60), 301, until, falls))
+    found = idle(case)
+    assert found.mean_c == pytest.approx(0, abs=0.01)
+    assert found.rows >= 270  # and what came before, two seconds of it at the most, is
+
+
+def test_a_tool_that_is_pulled_at_the_very_end_is_not_idle(case: Any, tip: Callable[..., Any]) -> None:
+    case.station("a", pulled(tip(59), 582, 590))
+    assert idle(case).mean_c == pytest.approx(0, abs=0.01)
+
+
+def test_between_two_tools_nothing_is_idle(case: Any, tip: Callable[..., Any]) -> None:
+    one = tip(60)
+    for i in range(303, 600):
+        one.tool[i] = None if one.tool[i] is None else 3
+    one.at(30.3, 0.5, 200, 0)
+    case.station("a", one)
+    assert idle(case).mean_c == pytest.approx(0, abs=0.01)
+
+
+@pytest.mark.parametrize(("code", "rows"), [(7, 280), (9, 580)])
+def test_a_port_that_does_not_work_is_not_idle_and_one_that_warns_is(
+    case: Any, tip: Callable[..., Any], code: int, rows: int
+) -> None:
+    one = tip(60)
+    one.port_error = [code if i >= 301 and said is not None else said for i, said in enumerate(one.port_error)]
+    case.station("a", one)
+    assert idle(case).rows == pytest.approx(rows, abs=20)
+
+
+def test_a_tip_that_is_far_too_cold_in_its_port_still_counts(case: Any, tip: Callable[..., Any]) -> None:
+    one = tip(60)
+    one.temperature = [200] * 600
+    case.station("a", one)
+    assert idle(case).mean_c == pytest.approx(-150)
