@@ -28,7 +28,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.ndimage import gaussian_filter1d, percentile_filter
 
 from jbclog.features.series import Stretch
 from jbclog.judge.idle import Flags, Floats
@@ -138,6 +137,8 @@ def _holding_per_kelvin(per_kelvin: Floats, ready: Flags, period_s: float) -> Fl
     if not len(moments):
         return np.zeros(len(per_kelvin))
     every = max(round(HOLDING_S / period_s / HOLDING_LOOKS), 1)
+    from scipy.ndimage import percentile_filter  # here, so that a verb which measures nothing does not load it
+
     looked = percentile_filter(
         per_kelvin[ready][::every], HOLDING_QUANTILE, size=round(HOLDING_S / period_s / every) | 1, mode="mirror"
     )
@@ -145,6 +146,8 @@ def _holding_per_kelvin(per_kelvin: Floats, ready: Flags, period_s: float) -> Fl
 
 
 def _smooth(stretch: Stretch, smooth_s: float) -> _Smooth:
+    from scipy.ndimage import gaussian_filter1d
+
     period = stretch.period_s
     sigma = smooth_s / period
     return _Smooth(

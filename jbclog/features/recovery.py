@@ -17,7 +17,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.integrate import trapezoid
 
 from jbclog.features.figure import Figure, no_figure
 from jbclog.features.joints import Draw, Found
@@ -90,7 +89,8 @@ def _energy(series: Series, draw: Draw, until_s: float) -> float | None:
     if power.gap or power.n < 2:
         return None
     holding = np.interp(power.seconds, draw.flow.stretch.seconds, draw.flow.holding)
-    return float(trapezoid(power.values - holding, power.seconds))
+    above = power.values - holding
+    return float(np.sum(np.diff(power.seconds) * (above[1:] + above[:-1]) / 2.0))
 
 
 def recovery(series: Series, found: Found, seen: Sequence[Dip]) -> list[Figure]:

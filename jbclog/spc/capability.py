@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from math import sqrt
 
-from scipy import stats
+from scipy.special import gammaincinv, ndtri
 
 from jbclog.spc.charts import Floats, sigma_of_moving_ranges
 
@@ -59,7 +59,8 @@ def _potential(lower: float | None, upper: float | None, sigma: float, freedom: 
     if lower is None or upper is None:
         return None
     value, tail = (upper - lower) / (6 * sigma), (1 - CONFIDENCE) / 2
-    bound, low, high = (value * sqrt(stats.chi2.ppf(share, freedom) / freedom) for share in (1 - CONFIDENCE, tail, 1 - tail))
+    chi_squares = (2 * gammaincinv(freedom / 2, share) for share in (1 - CONFIDENCE, tail, 1 - tail))
+    bound, low, high = (value * sqrt(chi_square / freedom) for chi_square in chi_squares)
     return Index(value, float(bound), float(low), float(high))
 
 
@@ -74,5 +75,5 @@ def _actual(mean: float, lower: float | None, upper: float | None, sigma: float,
 def actual_index(value: float, n: int, freedom: float) -> Index:
     """A Cpk or Ppk of `n` values with its confidence (Bissell 1990; Montgomery, section 8.3.4)."""
     error = sqrt(1 / (9 * n) + value**2 / (2 * freedom))
-    one, two = stats.norm.ppf(CONFIDENCE), stats.norm.ppf((1 + CONFIDENCE) / 2)
+    one, two = float(ndtri(CONFIDENCE)), float(ndtri((1 + CONFIDENCE) / 2))
     return Index(value, float(value - one * error), float(value - two * error), float(value + two * error))

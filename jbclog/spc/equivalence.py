@@ -14,7 +14,7 @@ from math import sqrt
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy import stats
+from scipy.special import stdtr, stdtrit
 
 from jbclog.errors import UsageError
 from jbclog.spc.refusal import Refused, too_few
@@ -56,6 +56,6 @@ def equivalence(first: ArrayLike, second: ArrayLike, margin: float, *, step: flo
     if not error:
         return Equivalence(difference, difference - step, difference + step, margin, float(abs(difference) + step >= margin))
     freedom = sum(parts) ** 2 / (parts[0] ** 2 / (len(one) - 1) + parts[1] ** 2 / (len(two) - 1))
-    half = float(stats.t.ppf(1 - ALPHA, freedom)) * error + step
-    chance = float(stats.t.sf((margin - step - abs(difference)) / error, freedom))
+    half = float(stdtrit(freedom, 1 - ALPHA)) * error + step
+    chance = float(stdtr(freedom, -(margin - step - abs(difference)) / error))
     return Equivalence(difference, difference - half, difference + half, margin, chance)

@@ -12,7 +12,7 @@ from math import floor, sqrt
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy import stats
+from scipy.special import fdtrc
 
 from jbclog.errors import UsageError
 from jbclog.spc.charts import Floats
@@ -101,7 +101,7 @@ def _against(source: Source, other: Source) -> Source:
     if not other.mean_square:
         return source
     f = source.mean_square / other.mean_square
-    chance = float(stats.f.sf(f, source.freedom, other.freedom))
+    chance = float(fdtrc(source.freedom, other.freedom, f))
     return Source(source.name, source.squares, source.freedom, source.mean_square, f, chance)
 
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from math import sqrt
 
 import numpy as np
-from scipy import stats
+from scipy.special import log_ndtr, ndtr, ndtri, pdtrc
 
 from jbclog.spc.charts import Chart, Floats
 from jbclog.spc.nelson import TESTS
@@ -58,7 +58,7 @@ def lag_1(points: Floats) -> float:
 
 def autocorrelated(points: Floats) -> Refused | None:
     """Values whose neighbours are alike have limits that are far too narrow."""
-    found, chance = lag_1(points), stats.norm.isf(ALIKE) / sqrt(len(points))
+    found, chance = lag_1(points), float(-ndtri(ALIKE)) / sqrt(len(points))
     if found <= max(MOST_LAG_1, chance):
         return None
     text = f"Neighbouring values are alike (lag-1 correlation {found:.2f}, at most {max(MOST_LAG_1, chance):.2f} allowed), "
@@ -81,14 +81,14 @@ def unresolved(points: Floats, sigma: float, resolution: float | None) -> Refuse
 def unstable(chart: Chart) -> Refused | None:
     """A point further out, or more signals, than a stable process gives by chance; of long series some are expected."""
     away = np.abs(chart.points - chart.centre) / chart.sigma
-    if stats.norm.sf(away.max()) * 2 * len(away) < BY_CHANCE:
+    if ndtr(-away.max()) * 2 * len(away) < BY_CHANCE:
         text = f"The process is not stable: a point of {len(away)} is {away.max():.1f} sigma from the centre"
         return Refused("unstable", f"{text}; an index would describe no process that exists.")
     for number, test in enumerate(TESTS, 1):
         if test.rate is None:
             continue
         seen = _occasions([one.last for one in chart.signals if one.test == number])
-        if seen and stats.poisson.sf(seen - 1, test.rate * len(chart.points)) < BY_CHANCE:
+        if seen and pdtrc(seen - 1, test.rate * len(chart.points)) < BY_CHANCE:
             text = f"The process is not stable: {test.text}, {seen} time{'s' * (seen > 1)} in {len(chart.points)} points"
             return Refused("unstable", f"{text}; an index would describe no process that exists.")
     return None
@@ -112,7 +112,7 @@ def anderson_darling_chance(points: Floats) -> float:
     """The chance of values as far from normal, mean and spread estimated from them (Stephens' approximation)."""
     n = len(points)
     ordered = np.sort((points - points.mean()) / points.std(ddof=1))
-    low, high = stats.norm.logcdf(ordered), stats.norm.logsf(ordered[::-1])
+    low, high = log_ndtr(ordered), log_ndtr(-ordered[::-1])
     squared = -n - float(((2 * np.arange(1, n + 1) - 1) * (low + high)).sum()) / n
     a = squared * (1 + 0.75 / n + 2.25 / n**2)
     if a >= 0.6:
