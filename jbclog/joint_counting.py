@@ -20,6 +20,8 @@ import warnings
 from pathlib import Path
 from typing import Final
 
+import pyarrow as pa
+
 from jbclog.analysis import open_run
 from jbclog.analysis.features import joint_count
 from jbclog.errors import RecordError
@@ -27,7 +29,7 @@ from jbclog.errors import RecordError
 ENDED_S: Final = 1.5
 LEAST_PAUSE_S, MOST_PAUSE_S = 1.0, 60.0
 LEAST_JOINT_S: Final = 0.5
-REST: Final = 4
+REST: Final = 9
 NICENESS: Final = 19
 BEGIN_S: Final = 5.0  # before there can be anything to find
 STDIN: Final = 0
@@ -43,6 +45,8 @@ def main(arguments: list[str]) -> int:
     """The process. `arguments`: the run's folder, and how many joints are wanted."""
     folder, wanted = Path(arguments[0]), int(arguments[1])
     os.nice(NICENESS)
+    pa.set_cpu_count(1)  # beside a recorder that needs its cores
+    pa.set_io_thread_count(1)
     warnings.simplefilter("ignore")  # of damage: what is not there is not counted
     try:
         asked = _look_on(folder, wanted)

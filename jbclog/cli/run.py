@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -129,5 +129,6 @@ def _facts(result: Result) -> dict[str, object]:
         "exit_code": result.exit_code.value,
         "findings": [{"code": one.code.value, "text": one.text} for one in in_order(result.findings)],
         "rules": [rule for rule in manifest.verdict_rules if rule["result"] != "pass"],
+        "goals": [asdict(goal) for goal in manifest.goals],
         "safe_state": {facts.name: facts.safe_state for facts in manifest.stations},
     }

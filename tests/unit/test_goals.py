@@ -170,7 +170,7 @@ def test_who_counts_rests_longer_than_it_works_and_while_nothing_can_have_come()
     assert pause_s(missing=1, ports=2, took_s=0.1) == LEAST_PAUSE_S
     assert pause_s(missing=60, ports=2, took_s=0.1) == 15.0
     assert pause_s(missing=10_000, ports=2, took_s=0.1) == MOST_PAUSE_S
-    assert pause_s(missing=1, ports=0, took_s=20.0) == 80.0
+    assert pause_s(missing=1, ports=0, took_s=20.0) == 180.0
 
 
 # -- what it comes to -----------------------------------------------------------------------------------------------------------
