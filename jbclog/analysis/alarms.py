@@ -168,7 +168,11 @@ def alarms_of(run: Run) -> Alarms:
         episodes += flag_episodes(events, reads.get(place, ()))
     found, given = incidents(episodes, _lost_flags(told), _tell_flags(stations)), acknowledged_in(run)
     at = _acknowledged_us(found, given)
-    spanned = [figures(name, detector, episodes, *spans.get(name, (None, None)), at) for name in known for detector in Detector]
+    spanned = [
+        figures(name, detector, episodes, *spans.get(name, (None, None)), acknowledged_us=at)
+        for name in known
+        for detector in Detector
+    ]
     return Alarms(found, spanned, list(_live_differences(episodes, told, stations)), given)
 
 
