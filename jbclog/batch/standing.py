@@ -47,7 +47,7 @@ class JobStanding:
 
 @dataclass(slots=True)
 class Standing:
-    """How the batch stands. `stopped_by` is the job whose failure stopped the line in this sitting."""
+    """How the batch stands. `stopped_by` is the job whose failure stopped the line in this sitting, `closing` how it ended."""
 
     jobs: dict[str, JobStanding] = field(default_factory=dict)
     policies: dict[str, OnFailure] = field(default_factory=dict)
@@ -58,6 +58,7 @@ class Standing:
     ended_by: str | None = None
     is_finished: bool = False
     last: str = ""
+    closing: str = ""
 
     def running(self) -> list[JobStanding]:
         return [job for job in self.jobs.values() if job.state is State.RUNNING]
@@ -78,8 +79,8 @@ class Standing:
             self._reopen()
         elif entry.kind == Kind.SIGNAL:
             self.ended_by = entry.text
-        elif entry.kind == Kind.FINISH:
-            self.is_finished = True
+        elif entry.kind in (Kind.CLOSE, Kind.FINISH):
+            self.is_finished, self.closing = entry.kind == Kind.FINISH, entry.text
         elif entry.job is not None:
             self._of_job(entry, entry.job)
 

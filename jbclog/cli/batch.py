@@ -71,6 +71,7 @@ def batch(
             tell_json(facts(shift, out, code))
         else:
             tell(table(shift, out))
+            note(shift.standing.closing)
             note(f"journal: {shift.journal.folder / NAME}; exit code {code}")
     raise typer.Exit(code)
 

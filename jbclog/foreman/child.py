@@ -55,6 +55,7 @@ class Told:
 
     def begun(self, folder: Path) -> None:
         self._papers.begun(folder)
+        self._began = time.monotonic()
 
     def happened(self, event: EventRow) -> None:
         self._units += event.kind == UNIT_ENDS

@@ -95,7 +95,7 @@ def _job(file: JobsFile, job: JobTable, stations: Sequence[str], out: Path) -> J
         file.recipe(job),
         tuple(stations),
         None if job.duration is None else span_s(job.duration),
-        cast(float | str | None, job.rate),
+        _rate(job.rate),
         metadata,
         wire=job.wire,
         allow_omega_write=job.allow_omega_write,
@@ -103,6 +103,10 @@ def _job(file: JobsFile, job: JobTable, stations: Sequence[str], out: Path) -> J
         until_joints=job.joints,
     )
     return Job(wanted, out.absolute(), job.name)
+
+
+def _rate(value: object) -> float | str | None:
+    return float(value) if isinstance(value, int | float) else cast(str | None, value)
 
 
 def _plan(file: JobsFile, place: int, order: Order, problems: list[Problem]) -> Plan | None:

@@ -12,6 +12,7 @@ from recorded_run import RecordedRun
 from jbclog.batch.jobs_file import JobsFile, load_jobs, parse_jobs
 from jbclog.batch.turn import OnFailure
 from jbclog.errors import Problems
+from jbclog.foreman.child import ORDER
 from jbclog.foreman.order import Orders, orders_of
 from jbclog.plan import make_plan
 
@@ -143,6 +144,13 @@ def test_what_a_job_says_is_what_its_run_is_told() -> None:
     )
     assert said.tags == {"batch": "night", "job": "a", "shift": "night"}
     assert orders.turns[0].on_failure is OnFailure.STOP
+
+
+@pytest.mark.parametrize("rate", ['"fit"', '"max"', "2", "2.5"])
+def test_what_a_job_is_told_comes_to_its_process_as_it_is(rate: str) -> None:
+    lines = ['operator = "Ä. Rossi"', 'tips = ["T1"]', 'tags = { shift = "night" }', "allow_omega_write = true"]
+    order = ordered(HEAD + JOB.replace('"fit"', rate) + "\n".join(lines)).orders["a"]
+    assert ORDER.validate_json(ORDER.dump_json(order)) == order
 
 
 def test_the_other_ends_of_a_run_and_the_reader_that_two_jobs_share() -> None:
