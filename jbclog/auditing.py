@@ -20,11 +20,13 @@ from typing import Final
 from jbclog import reach
 from jbclog.audit.book import Book, add, auditing, read_book
 from jbclog.audit.fleet import FleetAudit
-from jbclog.audit.observed import Entry, Observation
+from jbclog.audit.gathering import fleet_of
+from jbclog.audit.observed import Observation
+from jbclog.audit.tasks import Task
 from jbclog.counting.asking import Wanted
 from jbclog.counting.looking import Looking, Told
 from jbclog.errors import RecordError
-from jbclog.recipe.line import Line
+from jbclog.recipe.line import Line, StationSpec
 
 STOPPED: Final = "the audit was stopped before it was asked"
 
@@ -38,11 +40,6 @@ class Audited:
     seen: list[Observation] = field(default_factory=list)
     unkept: list[Observation] = field(default_factory=list)
     trouble: list[str] = field(default_factory=list)
-
-    @property
-    def entries(self) -> list[Entry]:
-        """The ledger's, and behind them what could not be put there."""
-        return [*self.book.entries, *self.unkept]
 
 
 def audit_lines(lines: Sequence[Line], ledger: Path, looking: Looking, told: Told) -> Audited:
@@ -104,8 +101,7 @@ def _wanted(lines: Sequence[Line], audited: Audited) -> list[Wanted]:
     last = {(one.line, one.station): one.time for one in audited.book.observations if one.seen}
     return [
         Wanted(audited.time, line.name, reach.target_of(line, station.name), last.get((line.name, station.name)))
-        for line in lines
-        for station in line.stations
+        for line, station in _stations(lines)
     ]
 
 
@@ -115,16 +111,18 @@ def _not_asked(wanted: Sequence[Wanted], audited: Audited) -> Iterator[Observati
     return (one.unseen(audited.time, STOPPED) for one in wanted if (one.line, one.target.name) not in asked)
 
 
-def fleet_audit(audited: Audited, lines: Sequence[Line], tasks: Sequence[object]) -> FleetAudit:
-    """All that follows from it."""
-    from jbclog.audit.fleet import Meter, StationAudit
-    from jbclog.audit.interval import NOTHING
-    from jbclog.audit.odometer import Odometer
+def fleet_audit(audited: Audited, lines: Sequence[Line], tasks: Sequence[Task]) -> FleetAudit:
+    """All that follows from it, and from all that the ledger has of these stations."""
+    watts = {
+        (line.name, station.name): station.rated_power_w
+        for line in lines
+        for station in line.stations
+        if station.rated_power_w is not None
+    }
+    order = {(line.name, station.name): place for place, (line, station) in enumerate(_stations(lines))}
+    seen = sorted(audited.seen, key=lambda one: order[one.line, one.station])
+    return fleet_of(audited.book, seen, audited.time, tasks, watts, audited.unkept)
 
-    rows = [
-        StationAudit(one.line, one.station, one.url, one.seen, one.why, one.source, one.time, 0, one.identity,
-            tuple(Meter(c.port, c.counter, c.unit, c, Odometer(NOTHING, one.time, 0, True), None, None) for c in one.counts),
-            errors=one.errors)
-        for one in audited.seen
-    ]
-    return FleetAudit(lines[0].name, audited.time, str(audited.book.path), audited.book.head, tuple(rows), audited.book.sentences)
+
+def _stations(lines: Sequence[Line]) -> Iterator[tuple[Line, StationSpec]]:
+    return ((line, station) for line in lines for station in line.stations)

@@ -8,7 +8,6 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from jbclog.audit.book import Book
 from jbclog.audit.drift import drifts
 from jbclog.audit.due import TaskState, states_of
-from jbclog.audit.elapsed import seconds
 from jbclog.audit.fleet import Drift, FleetAudit, Meter, StationAudit
 from jbclog.audit.history import History, histories
 from jbclog.audit.interval import Interval
@@ -108,8 +107,8 @@ def _meters(now: Observation, history: History, traces: Traces) -> Iterator[Mete
 
 
 def _meter(trace: Trace, read: Count | None, history: History) -> Meter:
-    times = [seconds(point.time) for point in trace.points]
-    is_in_order = all(history.elapsed.is_right(point.look) for point in trace.points)
+    is_right = history.elapsed.is_right
+    times = [history.times[point.look] if is_right(point.look) else math.nan for point in trace.points]
     return Meter(
         port=trace.port,
         counter=trace.counter,
@@ -117,7 +116,7 @@ def _meter(trace: Trace, read: Count | None, history: History) -> Meter:
         read=read,
         odometer=trace.odometer,
         last=trace.differences[-1] if trace.differences else None,
-        per_day=per_day(trace, times) if is_in_order else None,
+        per_day=per_day(trace, times),
     )
 
 

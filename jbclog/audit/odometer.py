@@ -6,6 +6,7 @@ and last one, however many there were in between, so that its sum is as narrow a
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
@@ -151,9 +152,10 @@ class Trace:
 def per_day(trace: Trace, times: Sequence[float], days: float = 28.0) -> Interval | None:
     """The pace over about the last `days`, from the latest point that is at least that long ago, or from the first; else None.
 
-    `times` are those of the points, in seconds since 1970.
+    `times` are those of the points, in seconds since 1970, NaN where the clock was wrong.
     """
     last = len(times) - 1
-    begin = max((place for place, time in enumerate(times) if times[last] - time >= days * 86400), default=0)
+    right = [place for place, time in enumerate(times) if not math.isnan(time)]
+    begin = max((place for place in right if times[last] - times[place] >= days * 86400), default=right[0] if right else 0)
     lasted = (times[last] - times[begin]) / 86400
     return trace.between(begin, last).per(lasted) if lasted >= 1 else None

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from imports import Import, imports_of, room_of, room_of_file
+from imports import Import, imports_of, parsed, room_of, room_of_file
 
 import jbclog
 
@@ -39,7 +39,7 @@ MAY_USE = {
     "features": "judge rows",
     "episodes": "rows errors",
     "verifying": "record rows errors",
-    "audit": "record recipe rows errors cells shown",
+    "audit": "record recipe rows errors cells shown locked",
     "analysis": "record judge episodes features spc rows tape errors",
     "report": "analysis judge joint_evidence spc record recipe commands rows errors cells shown",
     # top: what puts the rooms together, below the command line
@@ -157,7 +157,7 @@ PACKAGES = sorted(path for path in PACKAGE.glob("*/__init__.py"))
 
 
 def docstring(path: Path) -> str:
-    return ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))) or ""
+    return ast.get_docstring(parsed(path)) or ""
 
 
 @pytest.mark.parametrize("path", PACKAGES, ids=lambda path: path.parent.name)
