@@ -18,6 +18,7 @@ import pyarrow.compute as pc
 
 from jbclog.analysis.alarm_rows import stations_of
 from jbclog.analysis.joint_table import JOINTS_SCHEMA, read_joints
+from jbclog.analysis.left_metrics import left_metrics, metric_table
 from jbclog.features import DEFINITIONS, Measured, Series, Wire, find_joints, heat_of, measure_port
 from jbclog.features.port_rows import COLUMNS, PUSHING, WORKING, Clock, PortRows, kind_of, series_of
 from jbclog.features.recovery import Dip
@@ -30,28 +31,36 @@ from jbclog.rows import StationFacts
 if TYPE_CHECKING:
     from jbclog.analysis.run import Run
 
-METRICS: Final = {
-    "station": "str",
-    "port": "int64",
-    "metric": "str",
-    "value": "Float64",
-    "unit": "str",
-    "n": "int64",
-    "coverage": "Float64",
-    "resolution": "Float64",
-    "why": "str",
-}
 ORDER_TO_WORK: Final = {"tip": "00000", "air": "00001"}  # status words of W-PS (manuals 000, 001, 002)
 
 
 def metrics_of(run: Run, station: str | None = None) -> pd.DataFrame:
-    """A row for each metric of each port: value or the reason why there is none, unit, n, coverage in per cent, resolution."""
+    """A row for each metric of each port: value or the reason why there is none, unit, n, coverage in per cent, resolution.
+
+    As the report left them, or computed anew.
+    """
+    try:
+        left = left_metrics(run.folder, manifest_sha256(run.folder)) if run.manifest.state == "sealed" else None
+    except OSError:
+        left = None
+    if left is not None:
+        return left if station is None else left[left["station"] == station].reset_index(drop=True)
     rows = [
-        {"station": facts.name, "port": port, "metric": figure.name, **_without_name(asdict(figure))}
+        {"station": facts.name, "port": port, **_named(asdict(figure))}
         for facts, port, measured, _ in _measured(run, station)
         for figure in measured.figures
     ]
-    return pd.DataFrame(rows, columns=list(METRICS)).astype(METRICS)
+    return metric_table(rows)
+
+
+def joints_and_metrics(run: Run) -> tuple[pa.Table, list[dict[str, object]]]:
+    """The joints of a run as `joints_table` has them, and the rows of `metrics_of`, from one pass over the samples."""
+    joints: list[dict[str, object]] = []
+    metrics: list[dict[str, object]] = []
+    for facts, port, measured, moments in _measured(run, None):
+        joints += [_row(facts, port, number, dip, moments) for number, dip in enumerate(measured.dips, 1)]
+        metrics += [{"station": facts.name, "port": port, **_named(asdict(figure))} for figure in measured.figures]
+    return pa.Table.from_pylist(joints, schema=JOINTS_SCHEMA), metrics
 
 
 def definitions() -> pd.DataFrame:
@@ -79,8 +88,9 @@ def joints_of(run: Run, station: str | None = None) -> pa.Table:
     return left if station is None else left.filter(pc.equal(left["station"], station))
 
 
-def _without_name(figure: dict[str, object]) -> dict[str, object]:
-    return {key: value for key, value in figure.items() if key != "name"}
+def _named(figure: dict[str, object]) -> dict[str, object]:
+    """A figure's name is the metric's."""
+    return {"metric" if key == "name" else key: value for key, value in figure.items()}
 
 
 class _Moments:

@@ -14,6 +14,7 @@ import pyarrow as pa
 from jbclog.analysis.asked import Asked, Moment, asked, frame
 from jbclog.errors import RecordError
 from jbclog.record.damage import Damage
+from jbclog.record.manifest import NAME as MANIFEST
 from jbclog.record.manifest import Manifest, read_manifest
 from jbclog.record.parts import groups_of, part_paths, parts_through
 from jbclog.record.schema import SCHEMAS
@@ -35,6 +36,7 @@ class Run:
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
+        self._sealed: tuple[tuple[int, ...], Manifest] | None = None
 
     def _repr_html_(self) -> str:
         from jbclog.analysis.shown import run_html
@@ -50,7 +52,27 @@ class Run:
 
     @property
     def manifest(self) -> Manifest:
-        """The manifest as it is now; for a run that was cut off before it had one, an empty one."""
+        """The manifest as it is now; for a run that was cut off before it had one, an empty one.
+
+        One that is sealed is read again only when its file is another one: every table asks for it.
+        """
+        before = self._seen()
+        if self._sealed is None or before is None or self._sealed[0] != before:
+            manifest = self._read_manifest()
+            if manifest.state != "sealed" or before is None:
+                return manifest
+            self._sealed = before, manifest
+        return self._sealed[1]
+
+    def _seen(self) -> tuple[int, ...] | None:
+        """Which file the manifest is now; None where there is none."""
+        try:
+            there = (self.folder / MANIFEST).stat()
+        except OSError:
+            return None
+        return there.st_ino, there.st_mtime_ns, there.st_ctime_ns, there.st_size
+
+    def _read_manifest(self) -> Manifest:
         try:
             manifest = read_manifest(self.folder)
             expect_manifest_unchanged(self.folder)
@@ -156,6 +178,7 @@ class Run:
     def metrics(self, station: str | None = None) -> pd.DataFrame:
         """A row for each metric of each port: `metric, value, unit, n, coverage, resolution, why`; no value, then a reason.
 
+        From `report.json` where `report` of this version has written it for this manifest, else computed anew.
         `metric_definitions()` tells what each of them means.
         """
         from jbclog.analysis.features import metrics_of

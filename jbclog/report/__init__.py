@@ -1,10 +1,11 @@
 """REPORT. One run as a page that opens offline, and the same facts as JSON.
 
 Owns: what the report says and in which order; the figures; the page. `write_report` is the whole of it.
-Never: changes the record, asks a station, uses pyplot (its state is global), or lets text from outside
-become markup. The same run gives the same bytes.
-May use: `analysis`, `judge`, `joint_evidence`, `record`, `recipe`, `commands`, `rows`, `cells`, `shown`, `errors`; matplotlib and jinja2.
-Start reading: `write.py`, then `facts.py`; `trace.py` and `figure.py` draw.
+Never: changes the record, asks a station, loads a plotting library (it took nine tenths of a report's time), or lets text
+from outside become markup. The same run gives the same bytes.
+May use: `analysis`, `judge`, `joint_evidence`, `spc`, `record`, `recipe`, `commands`, `rows`, `cells`, `shown`, `errors`; jinja2,
+fontTools and matplotlib's font files.
+Start reading: `write.py`, then `facts.py`; `trace.py` and `figure.py` draw; `svg.py` and `pdf_file.py` write drawings down.
 """
 
 from jbclog.report.write import verify_report, write_report

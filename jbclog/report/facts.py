@@ -8,6 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from jbclog.judge import Bound
+from jbclog.report.alarms import AlarmFacts
 
 SCHEMA = 1
 
@@ -114,6 +115,22 @@ class AirFacts:
 
 
 @dataclass(slots=True)
+class JointFacts:
+    """The joints of a port: `figures` are metrics with n, coverage, resolution and `why` there is no value (`features`).
+
+    `signals`: points of the chart that are out of the ordinary; None where it has no limits, `refused` then says why, and
+    `refused_kind` in a word.
+    """
+
+    figures: dict[str, dict[str, object]]
+    found: int
+    signals: int | None
+    refused: str | None
+    refused_kind: str | None
+    chart: Figure | None
+
+
+@dataclass(slots=True)
 class PortFacts:
     """One port: what was in it, what was measured, how it was left (`safety.py`); `late_p99_ms` grows with a port's place."""
 
@@ -134,6 +151,8 @@ class PortFacts:
     left_means: str
     left_warns: bool
     figures: list[Figure]
+    joints: JointFacts | None = None  # of what makes none
+    verification: dict[str, object] | None = None  # the tip verification that it stood on when the run began
 
 
 @dataclass(slots=True)
@@ -194,6 +213,9 @@ class Facts:
     host: dict[str, object]
     overview: Figure | None  # where there are several ports
     stations: list[StationReport]
+    alarms: AlarmFacts
+    units: list[dict[str, object]]  # joints and recovery of each; empty where nobody named a unit
+    metrics: list[dict[str, object]]
     events: list[dict[str, object]]
     events_left: Left | None
     settings: list[dict[str, object]]

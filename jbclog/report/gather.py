@@ -6,7 +6,6 @@ from collections.abc import Iterator
 from dataclasses import asdict, replace
 from datetime import datetime
 from hashlib import sha256
-from pathlib import Path
 
 from jbclog import __version__
 from jbclog.analysis import Run
@@ -18,7 +17,20 @@ from jbclog.record.lineage import short_head
 from jbclog.record.manifest import Manifest, manifest_sha256
 from jbclog.report.air import COLUMNS as AIR
 from jbclog.report.air import tells_air
-from jbclog.report.facts import NOT_CLAIMED, NOT_CLAIMED_SHORT, REPRODUCE, SCHEMA, TO_SIGN, Facts, Figure, Reason, StationReport
+from jbclog.report.alarms import alarm_facts
+from jbclog.report.facts import (
+    NOT_CLAIMED,
+    NOT_CLAIMED_SHORT,
+    REPRODUCE,
+    SCHEMA,
+    TO_SIGN,
+    Facts,
+    Figure,
+    Reason,
+    StationReport,
+    VerdictFacts,
+)
+from jbclog.report.joints import Joints, unit_rows
 from jbclog.report.marks import happenings
 from jbclog.report.overview import Overview
 from jbclog.report.plates import Plates
@@ -35,7 +47,7 @@ CROWD = 12  # with more ports than these each has one figure, and a closer one o
 COLUMNS = ("time", "tick", "port", "late_us", "quality", "temperature_c", "power_permille", "status", "set_c")
 
 
-def gather(run: Run, plates: Plates | None = None) -> Facts:
+def gather(run: Run, joints: Joints, plates: Plates) -> Facts:
     """Everything that the report of `run` says; what is to be printed is drawn onto `plates`.
 
     Raises `RecordError` for a run that is still open.
@@ -46,9 +58,10 @@ def gather(run: Run, plates: Plates | None = None) -> Facts:
     events, settings_left = event_rows(run.events()), setting_rows(run.settings())
     ledger, reasons = ledger_rows(manifest.ledger)
     head = manifest_sha256(folder)
-    overview = Overview(round((manifest.t0_utc or 0.0) * 1e6)) if plates is None else plates.overview_from(manifest.t0_utc or 0.0)
-    stations, names = list(_stations(run, folder, plates, overview)), [facts.name for facts in manifest.stations]
+    overview = plates.overview_from(manifest.t0_utc or 0.0)
     verdict, said = verdict_facts(folder, manifest), read_annotations(folder)
+    stations = list(_stations(run, joints, plates, verdict))
+    names = [facts.name for facts in manifest.stations]
     if is_cut_off(manifest):
         verdict.reasons[1:1] = list(_not_made_safe(stations))
     return Facts(
@@ -74,6 +87,9 @@ def gather(run: Run, plates: Plates | None = None) -> Facts:
         host=dict(manifest.host),
         overview=_overview(overview),
         stations=stations,
+        alarms=alarm_facts(run),
+        units=unit_rows(joints),
+        metrics=joints.metrics,
         events=events[0],
         events_left=events[1],
         settings=by_station(settings_left[0], names),
@@ -92,9 +108,9 @@ def gather(run: Run, plates: Plates | None = None) -> Facts:
     )
 
 
-def _stations(run: Run, folder: Path, plates: Plates | None, overview: Overview) -> Iterator[StationReport]:
+def _stations(run: Run, joints: Joints, plates: Plates, verdict: VerdictFacts) -> Iterator[StationReport]:
     """One station after the other, so that only one station's samples are in memory."""
-    manifest = run.manifest
+    manifest, folder = run.manifest, run.folder
     t0_utc_us = round((manifest.t0_utc or 0.0) * 1e6)
     ports = sum(len(facts.ports) for facts in manifest.stations)
     context = Context(
@@ -106,7 +122,9 @@ def _stations(run: Run, folder: Path, plates: Plates | None, overview: Overview)
         is_cut_off(manifest),
         tuple(steps_of(folder)),
         plates,
-        overview,
+        joints,
+        {(one.station, one.port): one for one in manifest.verifications},
+        verdict.rules,
         ports > CROWD,
         most_stretches(ports),
     )

@@ -1,18 +1,99 @@
-"""`joints.parquet`: every joint of the run, as `Run.joints` finds them."""
+"""What a report says of the joints: `joints.parquet` as `Run.joints` finds them, their figures by port and by unit, their chart."""
 
 from __future__ import annotations
 
-from pathlib import Path
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from typing import Final
 
-from jbclog.analysis import open_run
-from jbclog.analysis.features import joints_table
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+from numpy.typing import NDArray
+
+from jbclog.analysis import Run
+from jbclog.analysis.features import joints_and_metrics
 from jbclog.analysis.joint_table import FILE as JOINTS
-from jbclog.analysis.joint_table import as_bytes
+from jbclog.analysis.joint_table import JOINTS_SCHEMA, as_bytes
 from jbclog.record.manifest import manifest_sha256
+from jbclog.report.facts import Figure, JointFacts
+from jbclog.report.joint_chart import Charted, charted, draw_chart
+from jbclog.report.style import NARROW, WIDE
+from jbclog.report.svg import svg_text
+from jbclog.report.text import iso
 
-__all__ = ["JOINTS", "joints_bytes"]
+__all__ = ["COLUMNS", "JOINTS", "Joints", "joint_facts", "joints_of", "unit_rows"]
+
+UNIT: Final = "unit"
+COLUMNS: Final = (UNIT, *JOINTS_SCHEMA.names)  # of tables/joints.csv
+METRICS: Final = ("joints", "recovery_s", "recovery_p95_s", "joint_depth_c", "joint_dwell_s", "joint_energy_permille_s")
+OF_JOINTS: Final = "joints"
+
+Row = dict[str, object]
+Floats = NDArray[np.float64]
 
 
-def joints_bytes(folder: Path) -> bytes:
-    """What `joints.parquet` of this run holds; the same run gives the same bytes. Raises `RecordError`."""
-    return as_bytes(joints_table(open_run(folder)), manifest_sha256(folder))
+@dataclass(frozen=True, slots=True)
+class Joints:
+    """All joints of a run: the table, its file, the run's metrics, and the unit that was on the bench at each."""
+
+    table: pa.Table
+    parquet: bytes
+    metrics: list[Row]
+    units: list[str | None]
+
+    def rows(self) -> list[Row]:
+        """A row for each with its unit: for spreadsheets."""
+        plain = self.table.to_pylist()
+        return [{**row, UNIT: unit, **_times(row)} for row, unit in zip(plain, self.units, strict=True)]
+
+
+def joints_of(run: Run) -> Joints:
+    """Found anew from the samples; the same run gives the same bytes. Raises `RecordError`."""
+    table, metrics = joints_and_metrics(run)
+    units = run.unit_at(pd.Series(table["start"].to_pandas())).tolist() if table.num_rows else []
+    serials = [None if pd.isna(serial) else str(serial) for serial in units]
+    return Joints(table, as_bytes(table, manifest_sha256(run.folder)), metrics, serials)
+
+
+def joint_facts(found: Joints, station: str, port: int, file: str) -> tuple[JointFacts, Charted] | None:
+    """The figures of one port and its chart, whose file begins with `file`; None for what makes no joints."""
+    told = {str(row["metric"]): row for row in found.metrics if row["station"] == station and row["port"] == port}
+    mine = [row for row in found.table.select(["station", "port", "recovery_s"]).to_pylist() if _is_of(row, station, port)]
+    if OF_JOINTS not in told or (told[OF_JOINTS]["why"] is not None and not mine):
+        return None
+    resolution = told["recovery_s"]["resolution"]
+    recovery = np.array([np.nan if row["recovery_s"] is None else row["recovery_s"] for row in mine], dtype=np.float64)
+    chart = charted(recovery, resolution if isinstance(resolution, float) else None)
+    figure = None
+    if chart.is_worth_it:
+        wide, narrow = (svg_text(draw_chart(chart, form)) for form in (WIDE, NARROW))
+        figure = Figure(f"figures/{file}-joints.svg", chart.caption, f"{station}, port {port}: {chart.caption}", wide, narrow)
+    facts = JointFacts({name: told[name] for name in METRICS if name in told}, len(mine), chart.signals, *chart.why, figure)
+    return facts, chart
+
+
+def unit_rows(found: Joints) -> list[Row]:
+    """For each unit of which joints are known, in the order in which they came: how many, and their recovery."""
+    recovery = found.table["recovery_s"].to_pylist()
+    by_unit: dict[str | None, list[float | None]] = {}
+    for unit, seconds in zip(found.units, recovery, strict=True):
+        by_unit.setdefault(unit, []).append(seconds)
+    if not any(by_unit):  # nobody named a unit
+        return []
+    return [{UNIT: unit, "joints": len(these), **_recovery(these)} for unit, these in by_unit.items()]
+
+
+def _recovery(seconds: Sequence[float | None]) -> Row:
+    known = [one for one in seconds if one is not None]
+    middle, slowest = (round(float(np.median(known)), 3), max(known)) if known else (None, None)
+    return {"recovery_n": len(known), "recovery_p50_s": middle, "recovery_slowest_s": slowest}
+
+
+def _is_of(row: Mapping[str, object], station: str, port: int) -> bool:
+    return row["station"] == station and row["port"] == port
+
+
+def _times(row: Mapping[str, object]) -> Row:
+    return {name: iso(moment) for name in ("start", "end") if isinstance(moment := row[name], datetime)}

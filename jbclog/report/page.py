@@ -16,9 +16,12 @@ from urllib.parse import quote
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
+from jbclog.report.alarms import WITNESSES
 from jbclog.report.facts import Zoom
-from jbclog.report.text import bound_text, clock, measured, number, stamp, together
+from jbclog.report.joint_words import jointed, remark
+from jbclog.report.text import bound_text, clock, interval, measured, number, stamp, together
 from jbclog.report.timescale import duration_text
+from jbclog.report.verified import short
 
 PLAIN_IN_ADDRESS = " !$'()*+,-./:;=@_?[]{}|^~"
 SIGNS = {
@@ -28,6 +31,7 @@ SIGNS = {
     "INCONCLUSIVE": ("inconclusive", "?"),
     "NOT JUDGED": ("notjudged", "–"),
 }
+MOST_ALARMS, MOST_UNITS = 200, 200
 RESULT_SIGNS = {"pass": "✓", "fail": "✕", "missing": "?", "deviation": "△", "not applicable": "–", "none": "–"}
 
 ENDINGS = {
@@ -40,7 +44,7 @@ ENDINGS = {
 
 def render(document: Mapping[str, object], figures: Mapping[str, tuple[str, str]], zooms: Mapping[str, Zoom]) -> str:
     """The page of a report. `figures` gives for a figure's file name its wide and its narrow SVG, `zooms` data to look closer."""
-    uris = {file: tuple(map(data_uri, pair)) for file, pair in figures.items()}
+    uris = {file: tuple(map(cache(data_uri), pair)) for file, pair in figures.items()}
     script = files("jbclog.report").joinpath("templates", "zoom.js").read_text("utf-8")
     seal = base64.b64encode(sha256(script.encode()).digest()).decode()
     page = _environment().get_template("report.html")
@@ -49,7 +53,17 @@ def render(document: Mapping[str, object], figures: Mapping[str, tuple[str, str]
 
 def data_uri(svg: str) -> str:
     """An SVG document as an address that holds it; only what an address or an attribute could mistake is written otherwise."""
-    return "data:image/svg+xml," + quote(" ".join(svg.split()), safe=PLAIN_IN_ADDRESS)
+    return "data:image/svg+xml," + " ".join(svg.split()).translate(_IN_ADDRESS)
+
+
+class _Quoted(dict[int, str]):
+    """What stands for a character in an address, worked out once for each."""
+
+    def __missing__(self, code: int) -> str:
+        return self.setdefault(code, quote(chr(code), safe=PLAIN_IN_ADDRESS))
+
+
+_IN_ADDRESS = _Quoted()
 
 
 @cache
@@ -67,8 +81,13 @@ def _environment() -> Environment:
         place=place,
         bound=bound_text,
         own=_own,
+        interval=interval,
+        jointed=jointed,
+        remark=remark,
+        verified=short,
     )
     environment.globals.update(signs=SIGNS, result_signs=RESULT_SIGNS, endings=ENDINGS)
+    environment.globals.update(witnesses=WITNESSES, most_alarms=MOST_ALARMS, most_units=MOST_UNITS)
     return environment
 
 

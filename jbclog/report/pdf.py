@@ -14,9 +14,11 @@ from jbclog.report.facts import Facts, StationReport
 from jbclog.report.letters import LACKING_MEANS, width_in
 from jbclog.report.page import ENDINGS, RESULT_SIGNS, SIGNS, place
 from jbclog.report.paper import INNER, SIDE, WIDTH, Cell, Paper, Type, lacks_letters, pdf_bytes
+from jbclog.report.pdf_tables import alarm_tables, joint_tables
 from jbclog.report.plates import Plates
 from jbclog.report.text import bound_text, clean, clock, measured, stamp, together
 from jbclog.report.timescale import duration_text
+from jbclog.report.verified import short
 
 COLOURS = {
     "ACCEPT": ("#0a6648", "#e7f4ee"),
@@ -29,6 +31,19 @@ RESULT_COLOURS = {"fail": "#8f1f06", "missing": "#3b3b85", "deviation": "#6b4b00
 MOST_REASONS, MOST_RULES, MOST_EVENTS = 6, 120, 120
 COLUMNS = 4  # of what was said of the run
 SUMMARY = ("Rule", ">Limit", ">Kept by", ">Worst", ">95 % bound", "Where", "Result")
+STATIONS = (
+    "Station",
+    "Model",
+    "Port",
+    ">Readings",
+    ">Longest gap",
+    ">Idle error",
+    ">Idle sd",
+    ">Alarms",
+    "Tip verified",
+    "Safe state",
+    "Tool",
+)
 RULES = ("Rule", "Where", ">Limit", ">Observed", ">95 % bound", "Result", "In words")
 TEXT, SMALL, QUIET, HEAD = Type(8), Type(7), Type(7, colour=style.QUIET), Type(7, bold=True, colour=style.QUIET)
 
@@ -178,13 +193,11 @@ def _rule(rule: Row) -> list[Cell]:
 
 
 def _stations(stations: Sequence[StationReport]) -> tuple[list[Cell], list[list[Cell]]]:
-    titles = _titles(
-        ["Station", "Model", "Port", ">Readings", ">Longest gap", ">Idle error", ">Idle sd", ">Alarms", "Safe state", "Tool"]
-    )
+    titles = _titles(STATIONS)
     rows = [
         [station.name, station.model or "not known", str(port.port), measured(port.recorded.coverage_percent, "%"),
          measured(port.recorded.longest_gap_s, "s"), measured(_round(port.tip.idle_error_c), "°C"),
-         measured(_round(port.tip.idle_sd_c), "°C"), str(port.alarms), port.left, port.tool or "–"]
+         measured(_round(port.tip.idle_sd_c), "°C"), str(port.alarms), short(port.verification), port.left, port.tool or "–"]
         for station in stations for port in station.ports
     ]  # fmt: skip
     return titles, [[Cell(clean(word), SMALL, right=3 <= column <= 7) for column, word in enumerate(row)] for row in rows]
@@ -195,6 +208,8 @@ def _back(paper: Paper, facts: Facts) -> None:
     paper.table(*_stations(facts.stations))
     if facts.verdict.summary:
         _unkept(paper, facts.verdict.rules)
+    joint_tables(paper, facts)
+    alarm_tables(paper, facts)
     graver = [event for event in facts.events if event["severity"] != "info"]
     if graver:
         paper.heading("What happened")

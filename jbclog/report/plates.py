@@ -9,10 +9,9 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from jbclog.report import style
-from jbclog.report.figure import draw
+from jbclog.report.drawing import Drawing
 from jbclog.report.overview import Overview
 from jbclog.report.paper import INNER, SIDE, Paper, Type, wrapped
-from jbclog.report.trace import Trace
 
 HEAD, TEXT = Type(10, bold=True), Type(7, colour=style.QUIET)
 
@@ -29,9 +28,9 @@ class Plates:
         self.overview = Overview(round(t0_utc_s * 1e6))
         return self.overview
 
-    def add(self, heading: str, caption: str, trace: Trace) -> None:
+    def add(self, heading: str, caption: str, drawing: Drawing) -> None:
         """A figure with what stands above it, all on one sheet."""
-        drawing, lines = draw(trace, style.PRINT), wrapped(caption, TEXT, INNER)
+        lines = wrapped(caption, TEXT, INNER)
         self.paper.need(HEAD.line_in + len(lines) * TEXT.line_in + drawing.height / 72 + 0.2)
         self.paper.put(heading, SIDE, HEAD)
         self.paper.skip(HEAD.line_in)

@@ -13,20 +13,22 @@ from jbclog.judge.stepped import Step
 from jbclog.report.air import air_facts, tells_air
 from jbclog.report.captions import caption, closer_caption, description
 from jbclog.report.closer import closer
-from jbclog.report.facts import Figure, PortFacts, PowerFacts, RecordedFacts, TipFacts
-from jbclog.report.figure import figure_svg
+from jbclog.report.facts import Figure, JointFacts, PortFacts, PowerFacts, RecordedFacts, TipFacts
+from jbclog.report.figure import draw, figure_svg
+from jbclog.report.joint_chart import draw_chart
+from jbclog.report.joints import Joints, joint_facts
 from jbclog.report.marks import Happening, limits_of, marks_of
-from jbclog.report.overview import Overview
 from jbclog.report.plates import Plates
 from jbclog.report.safety import left
 from jbclog.report.spans import Span
 from jbclog.report.states import states_facts
-from jbclog.report.style import NARROW, WIDE
+from jbclog.report.style import NARROW, PRINT, WIDE
 from jbclog.report.text import clean, iso
 from jbclog.report.timescale import moment
 from jbclog.report.trace import Floats, Grid, Limit, Trace, trace
+from jbclog.report.verified import verification_facts
 from jbclog.report.zoom import MOST_STRETCHES, zoom_of
-from jbclog.rows import StationFacts
+from jbclog.rows import StationFacts, TipCheck
 
 MOST_GAPS = 50
 
@@ -42,10 +44,12 @@ class Context:
     settings: pd.DataFrame
     measures: Mapping[tuple[str, int], PortMeasure]
     ledger: Mapping[str, Mapping[str, PortLedger]]
-    cut_off: bool = False
-    steps: tuple[Step, ...] = ()
-    plates: Plates | None = None
-    overview: Overview | None = None
+    cut_off: bool
+    steps: tuple[Step, ...]
+    plates: Plates
+    joints: Joints
+    checks: Mapping[tuple[str, int], TipCheck]
+    rules: Sequence[Mapping[str, object]]
     crowded: bool = False
     zoom: int = MOST_STRETCHES
 
@@ -62,8 +66,10 @@ def port_facts(facts: StationFacts, port: int, file: str, rows: pd.DataFrame, co
     ledger = context.ledger.get(facts.name, {}).get(str(port), {})
     celsius, status = facts.last_temperature_c.get(port, _last(drawn.temperature)), _last_word(rows["status"])
     how, recorded = left(facts, port, celsius, status, context.cut_off), _recorded(rows, drawn, measure, ledger, signals)
-    if context.overview is not None and len(rows):
-        context.overview.add(clean(f"{facts.name} · {port}"), drawn, recorded.coverage_percent)
+    if context.plates.overview is not None and len(rows):
+        context.plates.overview.add(clean(f"{facts.name} · {port}"), drawn, recorded.coverage_percent)
+    check, has_tip = context.checks.get((facts.name, port)), not drawn.states and drawn.air is None
+    figures = _figures(file, f"{facts.name}, port {port}", drawn, context) if len(rows) else []
     return PortFacts(
         port=port,
         tool=facts.tools.get(port),
@@ -81,7 +87,9 @@ def port_facts(facts: StationFacts, port: int, file: str, rows: pd.DataFrame, co
         left=how.word,
         left_means=how.meaning,
         left_warns=how.warn,
-        figures=_figures(file, f"{facts.name}, port {port}", drawn, context) if len(rows) else [],
+        figures=figures,
+        joints=_joints(facts.name, port, file, context) if has_tip else None,
+        verification=verification_facts(check, context.rules, facts.name, port) if has_tip or check is not None else None,
     )
 
 
@@ -158,11 +166,20 @@ def _figures(file: str, place: str, drawn: Trace, context: Context) -> list[Figu
         part, why = near
         text = closer_caption(part, why)
         figures.append(_figure(f"figures/{file}-closer.svg", text, f"{place}: {text}", part, context.crowded))
-    if context.plates is not None:
-        for one, what in zip(figures, (drawn, None if near is None else near[0]), strict=False):
-            assert what is not None
-            context.plates.add(clean(place), one.caption, what)
+    for one, what in zip(figures, (drawn, *([near[0]] if near else ())), strict=True):
+        context.plates.add(clean(place), one.caption, draw(what, PRINT))
     return figures
+
+
+def _joints(station: str, port: int, file: str, context: Context) -> JointFacts | None:
+    """The joints of a port; of a crowd only charts on which something stands out go onto paper."""
+    found = joint_facts(context.joints, station, port, file)
+    if found is None:
+        return None
+    facts, chart = found
+    if facts.chart is not None and (facts.signals or not context.crowded):
+        context.plates.add(clean(f"{station}, port {port}, joints"), facts.chart.caption, draw_chart(chart, PRINT))
+    return facts
 
 
 def _figure(file: str, text: str, alt: str, drawn: Trace, crowded: bool) -> Figure:

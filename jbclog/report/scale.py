@@ -39,13 +39,14 @@ class Scale:
         return [self.low, self.knee, self.high], [self.start, self.start + COARSE * (self.end - self.start), self.end]
 
 
-def round_marks(low: float, high: float, most: int) -> list[float]:
-    """Round whole numbers from `low` to `high`, some `most` of them, not more."""
+def round_marks(low: float, high: float, most: int, *, whole: bool = True) -> list[float]:
+    """Round numbers from `low` to `high`, some `most` of them, not more; only `whole` ones if wanted."""
     least = max((high - low) / most, 1e-9)
-    power = max(floor(log10(least)), 0)
-    steps = [one * 10**exponent for exponent in (power, power + 1) for one in ROUND]
+    power = floor(log10(least))
+    power = max(power, 0) if whole else power
+    steps = [one * 10.0**exponent for exponent in (power, power + 1) for one in ROUND]
     step = next(one for one in steps if one >= least - 1e-9)
-    return [float(n * step) for n in range(ceil(low / step - 1e-9), floor(high / step + 1e-9) + 1)]
+    return [round(n * step, 9) for n in range(ceil(low / step - 1e-9), floor(high / step + 1e-9) + 1)]
 
 
 def spread(places: list[float], least: float, bottom: float, top: float) -> list[float]:

@@ -10,6 +10,9 @@ from collections.abc import Mapping, Sequence
 from typing import Final
 
 from jbclog.cells import csv_text
+from jbclog.report.alarms import COLUMNS as ALARMS
+from jbclog.report.joints import COLUMNS as JOINTS
+from jbclog.report.text import clean
 
 Row = Mapping[str, object]
 
@@ -39,18 +42,29 @@ TABLES: Final[Mapping[str, Sequence[str]]] = {
     "settings": ("time", "station", "port", "tool", "setting", "unit", "requested", "written", "readback", "nak", "outcome"),
     "counters": ("station", "port", "counter", "unit", "first", "last", "difference", "readings", "note"),
     "ledger": ("station", "port", "signal", "due", "ok"),
+    "alarms": ALARMS,
+    "joints": JOINTS,
+    "metrics": ("station", "port", "metric", "value", "unit", "n", "coverage", "resolution", "why"),
+    "units": ("unit", "joints", "recovery_n", "recovery_p50_s", "recovery_slowest_s"),
 }
 """Columns by table; the ledger has one more for each reason that occurs."""
 
 
-def csv_tables(document: Mapping[str, object]) -> dict[str, str]:
-    """Each table's text by its name, from the facts as plain data."""
-    rows = {name: _listed(document.get(name)) for name in ("events", "settings", "counters")}
+def csv_tables(document: Mapping[str, object], joints: Sequence[Row] = ()) -> dict[str, str]:
+    """Each table's text by its name, from the facts as plain data and a row for each joint."""
+    rows = {name: _listed(document.get(name)) for name in ("events", "settings", "counters", "metrics", "units")}
+    incidents = _listed(_mapping(document.get("alarms")).get("incidents"))
+    rows["alarms"] = [row for incident in incidents for row in _listed(incident["episodes"])]
+    rows["joints"] = [{**row, "unit": _clean(row["unit"])} for row in joints]
     reasons = [str(reason) for reason in _items(document["ledger_reasons"])]
     rows["ledger"] = [{**row, **_mapping(row["reasons"])} for row in _listed(document["ledger"])]
     rows["rules"] = [_rule(row) for row in _listed(_mapping(document["verdict"])["rules"])]
     rows["ports"] = [_port(station, port) for station in _listed(document["stations"]) for port in _listed(station["ports"])]
     return {name: csv_text([*columns, *(reasons if name == "ledger" else [])], rows[name]) for name, columns in TABLES.items()}
+
+
+def _clean(text: object) -> object:
+    return clean(text) if isinstance(text, str) else text
 
 
 def _rule(row: Row) -> Row:

@@ -8,7 +8,7 @@ from math import floor
 
 from jbclog.shown import clean, cleaned, number, stamp, together
 
-__all__ = ["bound_text", "clean", "cleaned", "clock", "iso", "measured", "number", "stamp", "together"]
+__all__ = ["bound_text", "clean", "cleaned", "clock", "interval", "iso", "measured", "number", "stamp", "together"]
 
 
 def iso(moment: datetime | None) -> str | None:
@@ -21,6 +21,16 @@ def clock(text: str | None, *, with_day: bool = False) -> str:
     if text is None:
         return ""
     return f"{text[5:10]} {text[11:23]}" if with_day else text[11:23]
+
+
+def interval(row: Mapping[str, object], earliest: str, latest: str) -> str:
+    """``14:15:30.372 to 30.478``: between two readings; a dash for what has not been."""
+    first, last = (None if row.get(name) is None else clock(str(row[name])) for name in (earliest, latest))
+    if last is None:
+        return "–"
+    if first is None or first == last:
+        return last
+    return f"{first} to {last[6:] if first[:6] == last[:6] else last}"
 
 
 def measured(value: object, unit: str) -> str:

@@ -16,9 +16,9 @@ from jbclog.analysis import open_run
 from jbclog.errors import RecordError
 from jbclog.record.durable import write_whole
 from jbclog.record.folder import expect_no_links
-from jbclog.report.facts import Facts
+from jbclog.report.facts import Facts, Figure
 from jbclog.report.gather import gather
-from jbclog.report.joints import JOINTS, joints_bytes
+from jbclog.report.joints import JOINTS, joints_of
 from jbclog.report.page import render
 from jbclog.report.pdf import report_pdf
 from jbclog.report.plates import Plates
@@ -26,6 +26,7 @@ from jbclog.report.spreadsheet import csv_tables
 from jbclog.report.text import cleaned
 from jbclog.report.verdict import judged_otherwise
 
+DRAWINGS = ("wide", "narrow", "zoom")
 PAGE, DATA, PAPER, TABLES = "report.html", "report.json", "report.pdf", "tables"
 
 
@@ -47,35 +48,43 @@ def verify_report(folder: Path | str) -> list[str]:
 
 def report_files(folder: Path) -> dict[str, bytes]:
     """Every file of a report by its name, as bytes."""
-    plates = Plates()
-    facts = gather(open_run(folder), plates)
-    document = as_document(facts)
-    overview = [] if facts.overview is None else [facts.overview]
-    drawn = {figure.file: (figure.wide, figure.narrow) for figure in overview} | {
-        figure.file: (figure.wide, figure.narrow) for station in facts.stations for port in station.ports for figure in port.figures
-    }
-    ports = [port for station in facts.stations for port in station.ports]
-    zooms = {one.file: one.zoom for port in ports for one in port.figures if one.zoom is not None}
+    run, plates = open_run(folder), Plates()
+    joints = joints_of(run)
+    facts = gather(run, joints, plates)
+    document, figures = as_document(facts), figures_of(facts)
+    drawn = {figure.file: (figure.wide, figure.narrow) for figure in figures}
+    zooms = {figure.file: figure.zoom for figure in figures if figure.zoom is not None}
     files = {
         **{file: wide.encode() for file, (wide, _) in drawn.items()},
         PAGE: render(document, drawn, zooms).encode(),
         PAPER: report_pdf(facts, plates),
-        JOINTS: joints_bytes(folder),
-        **{f"{TABLES}/{name}.csv": text.encode() for name, text in csv_tables(document).items()},
+        JOINTS: joints.parquet,
+        **{f"{TABLES}/{name}.csv": text.encode() for name, text in csv_tables(document, joints.rows()).items()},
     }
     vouched = {**document, "written": {name: hashlib.sha256(content).hexdigest() for name, content in sorted(files.items())}}
     return {**files, DATA: (json.dumps(vouched, indent=1, ensure_ascii=False, allow_nan=False) + "\n").encode()}
 
 
+def figures_of(facts: Facts) -> list[Figure]:
+    """Every figure of a report."""
+    ports = [port for station in facts.stations for port in station.ports]
+    charts = [port.joints.chart for port in ports if port.joints is not None]
+    return [one for one in (facts.overview, *(one for port in ports for one in port.figures), *charts) if one is not None]
+
+
 def as_document(facts: Facts) -> Mapping[str, object]:
     """The facts as plain data without the drawings, every text cleaned; `report.json` and the page are made of it."""
-    document = asdict(facts)
-    ports = [port for station in document["stations"] for port in station["ports"]]
-    for figure in [*(figure for port in ports for figure in port["figures"]), *filter(None, [document["overview"]])]:
-        del figure["wide"], figure["narrow"], figure["zoom"]
-    plain = cleaned(document)
+    plain = cleaned(_without_drawings(asdict(facts)))
     assert isinstance(plain, dict)
     return plain
+
+
+def _without_drawings(value: object) -> object:
+    """Where a figure stands in it, its file and what it says."""
+    if isinstance(value, dict):
+        is_figure = {"file", "wide", "narrow"} <= value.keys()
+        return {key: _without_drawings(one) for key, one in value.items() if not (is_figure and key in DRAWINGS)}
+    return [_without_drawings(one) for one in value] if isinstance(value, list) else value
 
 
 def _difference(path: Path, content: bytes) -> str | None:

@@ -29,8 +29,9 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_every_table_is_there_with_its_columns(run: Path) -> None:
     for name, columns in TABLES.items():
         found = rows(run, name)
-        assert found, name
-        assert list(found[0])[: len(columns)] == list(columns)
+        assert found or name in ("alarms", "units"), name  # nobody named a unit, and nothing need go wrong
+        head = (run / "tables" / f"{name}.csv").read_text("utf-8-sig").splitlines()[0].split(",")
+        assert head[: len(columns)] == list(columns)
         assert all(None not in row and None not in row.values() for row in found)  # as many cells as titles
 
 

@@ -31,6 +31,7 @@ ELEMENTS = {
     *("figure", "figcaption", "img", "script"),
 }
 ATTRIBUTES = {"lang", "charset", "name", "content", "http-equiv", "class", "id", "href", "src", "alt"}
+BESIDE = ("tables/joints.csv", "tables/metrics.csv", "joints.parquet")  # files of the report itself
 ATTRIBUTES |= {"data-what", "data-start", "data-end", "data-lines", "data-zoom"}
 
 
@@ -131,7 +132,7 @@ def test_the_page_needs_nothing_but_itself(recorded: Path) -> None:
     assert [attrs for tag, attrs in page.elements if tag == "script"] == [{}]  # ours, in the page
     assert not [tag for tag, _ in page.elements if tag in ("link", "iframe", "object", "embed", "form", "base", "svg")]
     sources = [attrs.get("src") for tag, attrs in page.elements if tag == "img"]
-    assert len(sources) == 8  # of three ports and of the run at a glance, each in two sizes
+    assert len(sources) == 14  # of three ports, their joints and the run at a glance, each in two sizes
     assert all(source is not None and source.startswith("data:image/svg+xml,") for source in sources)
     style = "".join(page.words)
     assert "@import" not in style
@@ -188,7 +189,7 @@ def test_text_from_outside_is_shown_and_cannot_act(tmp_path: Path, text: str) ->
     assert [attrs for tag, attrs in page.elements if tag == "script"] == [{}]
     assert page.text_of_script == (files("jbclog.report") / "templates" / "zoom.js").read_text("utf-8")
     assert {name for _, attrs in page.elements for name in attrs} <= ATTRIBUTES
-    assert all(str(attrs["href"]).startswith("#") for _, attrs in page.elements if "href" in attrs)
+    assert all(str(attrs["href"]).startswith("#") or attrs["href"] in BESIDE for _, attrs in page.elements if "href" in attrs)
     html, data = (folder / "report.html").read_text("utf-8"), (folder / "report.json").read_text("utf-8")
     for shown in (html, data):
         assert not re.search("[\x00-\x08\x0b-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069]", shown)
@@ -275,7 +276,7 @@ def test_the_verdict_names_stations_and_not_their_devices(text: str, shown: str)
 
 def test_paper_has_the_wide_figure_and_a_phone_the_narrow_one(tmp_path: Path) -> None:
     page, _ = report(sealed(tmp_path))
-    assert [attrs["class"] for tag, attrs in page.elements if tag == "img"] == ["wide", "narrow"]
+    assert [attrs["class"] for tag, attrs in page.elements if tag == "img"] == ["wide", "narrow"] * 2  # and of its joints
 
 
 def test_lateness_is_said_of_the_port_that_is_asked_first(tmp_path: Path) -> None:

@@ -1,0 +1,95 @@
+"""What a report says of the run's alarms: episodes as the three witnesses have them, what was acknowledged since, and figures.
+
+From the same functions as `jbclog alarms` (`analysis/alarms.py`); acknowledgements stand in annotations.jsonl, whose head is named.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+from jbclog.analysis import Run
+from jbclog.analysis.alarms import TABLE, Alarms
+
+WITNESSES: Final = {"A": "flag", "B": "samples", "C": "excursion"}
+COLUMNS: Final = tuple(TABLE)  # of tables/alarms.csv
+AFTERWARDS: Final = "C"
+
+Row = dict[str, object]
+
+
+@dataclass(slots=True)
+class AlarmFacts:
+    """Incidents with their episodes, the figures of each station by each witness, and on what the witnesses do not agree.
+
+    `waiting`: how many alarms of the station or of our samples nobody has acknowledged; `excursions`: incidents that only the
+    samples afterwards show, which are no alarms.
+    """
+
+    incidents: list[Row]
+    figures: list[Row]
+    findings: list[str]
+    waiting: int
+    excursions: int
+
+    @property
+    def rows(self) -> list[Row]:
+        """A row for each episode, with the columns of `Run.alarms()`."""
+        return [row for incident in self.incidents for row in _episodes(incident)]
+
+
+def alarm_facts(run: Run) -> AlarmFacts:
+    """The alarms of a sealed run. Raises `RecordError`."""
+    found = run.alarm_findings()
+    incidents = _incidents(found)
+    return AlarmFacts(
+        incidents=incidents,
+        figures=[row for row in found.figure_rows() if row["count"] and row["detector"] != AFTERWARDS],
+        findings=found.findings(),
+        waiting=sum(row["waiting"] is True for row in incidents),
+        excursions=sum(not row["is_alarm"] for row in incidents),
+    )
+
+
+def _incidents(found: Alarms) -> list[Row]:
+    rows: dict[object, list[Row]] = {}
+    for row in found.rows():
+        rows.setdefault(row["incident"], []).append(row)
+    return [_incident(rows[one.number], one.name, waiting=found.is_waiting(one)) for one in found.incidents]
+
+
+def _incident(episodes: Sequence[Row], name: str, *, waiting: bool) -> Row:
+    """An incident by the episode that stands for it."""
+    chosen = next(row for row in episodes if row["episode"] == name)
+    told = ("station", "port", "side", "onset_earliest", "onset", "end_earliest", "end", "end_reason", "seconds", "finding")
+    said = ("acknowledged_by", "acknowledged_at", "acknowledged_why")
+    return {
+        "number": chosen["incident"],
+        "name": name,
+        **{key: chosen[key] for key in (*told, *said)},
+        "limit_c": next((row["limit_c"] for row in episodes if row["limit_c"] is not None), None),
+        "peak_c": next((row["peak_c"] for row in (chosen, *episodes) if row["peak_c"] is not None), None),
+        "state": _state(episodes),
+        "is_alarm": any(row["detector"] != AFTERWARDS for row in episodes),
+        "waiting": waiting,
+        "witnesses": _witnesses(episodes),
+        "episodes": [dict(row) for row in episodes],
+    }
+
+
+def _episodes(incident: Row) -> list[Row]:
+    episodes = incident["episodes"]
+    assert isinstance(episodes, list)
+    return episodes
+
+
+def _state(episodes: Sequence[Row]) -> str:
+    states = {str(row["state"]) for row in episodes}
+    return next((state for state in ("active", "uncertain") if state in states), "cleared")
+
+
+def _witnesses(episodes: Sequence[Row]) -> str:
+    """``A, B ×2``."""
+    counts = {letter: sum(row["detector"] == letter for row in episodes) for letter in WITNESSES}
+    return ", ".join(f"{letter} ×{count}" if count > 1 else letter for letter, count in counts.items() if count)
