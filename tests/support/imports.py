@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
@@ -15,12 +16,18 @@ class Import(NamedTuple):
     module: str
 
 
+@cache
+def parsed(path: Path) -> ast.Module:
+    """The file, parsed once however many tests look at it."""
+    return ast.parse(path.read_text(encoding="utf-8"))
+
+
 def imports_of(path: Path, root: Path) -> Iterator[Import]:
     """Every import of the file, those inside functions and under TYPE_CHECKING too; `root` is left out of the places.
 
     ``from a import b`` is told as ``a.b``, because `b` may be a module.
     """
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    for node in ast.walk(parsed(path)):
         place = f"{path.relative_to(root)}:{getattr(node, 'lineno', 0)}"
         if isinstance(node, ast.Import):
             yield from (Import(place, alias.name) for alias in node.names)

@@ -18,6 +18,7 @@ from codes import PORTS, codes_of
 from commands_page import printed_code
 from converse import Pair
 from domains import as_written, every_text, meant, values_to_write
+from each_row import each_row
 
 import jbclog.commands
 from jbclog.commands.command import Command, Effect, Limits, Scope
@@ -34,10 +35,8 @@ from jbclog.station.robot import Station
 EVERY = [(family, command) for family in FAMILIES.values() for command in family.commands.values()]
 
 
-def _walk(*chosen: tuple[Family, Command]) -> pytest.MarkDecorator:
-    return pytest.mark.parametrize(
-        ("family", "command"), [pytest.param(family, command, id=f"{family.name}-{command.name}") for family, command in chosen]
-    )
+def _walk(*chosen: tuple[Family, Command]) -> Callable[[Callable[[Family, Command], None]], Callable[[], None]]:
+    return each_row((f"{family.name}-{command.name}", (family, command)) for family, command in chosen)
 
 
 every_command = _walk(*EVERY)

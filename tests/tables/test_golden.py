@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import pytest
+from each_row import each_row
 from golden import FIELDS, FRAMES, LISTED, OFF, Field, Golden, Listed, letters
 
 from jbclog import quantities
@@ -19,9 +20,9 @@ FAMILIES_OF = {
     "004": ("ucr",),
 }
 
-every = pytest.mark.parametrize("golden", FRAMES, ids=lambda golden: f"{golden.where} {golden.text}")
-every_field = pytest.mark.parametrize("field", FIELDS, ids=lambda field: f"{field.where} {field.text.decode('ascii')}")
-every_listed = pytest.mark.parametrize("listed", LISTED, ids=lambda listed: f"{listed.where} {listed.command} {listed.printed}")
+every = each_row((f"{golden.where} {golden.text}", (golden,)) for golden in FRAMES)
+every_field = each_row((f"{field.where} {field.text.decode('ascii')}", (field,)) for field in FIELDS)
+every_listed = each_row((f"{listed.where} {listed.command} {listed.printed}", (listed,)) for listed in LISTED)
 
 
 def _families(seed: str) -> list[Family]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 
-import pytest
+from each_row import each_row
 
 from jbclog.commands.command import Command, Scope
 from jbclog.commands.family import FAMILIES
@@ -43,12 +43,12 @@ TABLES = {
 """Sections that are about no single command."""
 
 PLACE = {Scope.STATION: "", Scope.PORT: "x", Scope.TOOL: "xy"}
-CITED = [
-    pytest.param(command, id=f"{family.name}-{command.name}")
+every_cited = each_row(
+    (f"{family.name}-{command.name}", (command,))
     for family in FAMILIES.values()
     for command in family.commands.values()
     if command.manual.startswith(tuple(TABLES))
-]
+)
 
 
 def _printed(command: Command) -> Iterator[tuple[str, str]]:
@@ -58,7 +58,7 @@ def _printed(command: Command) -> Iterator[tuple[str, str]]:
         yield from ((manual, section) for section in sections.split(", "))
 
 
-@pytest.mark.parametrize("command", CITED)
+@every_cited
 def test_a_section_that_is_cited_is_about_the_command(command: Command) -> None:
     own = {f"{header}{command.letters}{PLACE[command.scope]}" for header in command.access.upper()}
     for manual, section in _printed(command):
@@ -66,7 +66,7 @@ def test_a_section_that_is_cited_is_about_the_command(command: Command) -> None:
         assert code in own or section in TABLES[manual], f"{manual} {section}"
 
 
-@pytest.mark.parametrize("command", CITED)
+@every_cited
 def test_every_command_cites_a_section_of_its_own_or_the_list(command: Command) -> None:
     cited = list(_printed(command))
     tables = [(manual, section) for manual, section in cited if section in TABLES.get(manual, ())]

@@ -6,12 +6,13 @@ What it means in the product's tables, and that the product writes the same byte
 from __future__ import annotations
 
 import pytest
+from each_row import each_row
 from golden import FRAMES, JBC, WHOLE, Golden, framed, seed_003, seed_004, with_check_byte
 
 from jbclog.protocol.frame import Frame
 from jbclog.protocol.reader import FrameReader
 
-every = pytest.mark.parametrize("golden", FRAMES, ids=lambda golden: f"{golden.where} {golden.text}")
+every = each_row((f"{golden.where} {golden.text}", (golden,)) for golden in FRAMES)
 
 
 @pytest.mark.parametrize(("where", "page", "printed", "wire"), WHOLE)

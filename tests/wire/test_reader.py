@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pytest
+from each_row import each_row
 from golden import FRAMES as GOLDEN
 from golden import wire_of, with_check_byte
 
@@ -10,6 +11,7 @@ from jbclog.protocol.frame import Frame
 from jbclog.protocol.reader import LONGEST, MOST_HELD, SHORTEST, Corrupt, FrameReader
 
 FRAMES = sorted({wire for golden in GOLDEN for wire in (golden.bare, golden.addressed)})
+every_frame = each_row((repr(wire), (wire,)) for wire in FRAMES)
 TIP = b"\x020100ATT100183\x03\x4a"
 TIP_FRAME = Frame("A", "TT100183", 1, 0)
 
@@ -28,7 +30,7 @@ def test_frames_back_to_back() -> None:
     assert reader.garbage == 0
 
 
-@pytest.mark.parametrize("wire", FRAMES)
+@every_frame
 def test_a_frame_in_every_two_pieces(wire: bytes) -> None:
     reader = FrameReader()
     for cut in range(len(wire)):
@@ -37,7 +39,7 @@ def test_a_frame_in_every_two_pieces(wire: bytes) -> None:
     assert reader.garbage == 0
 
 
-@pytest.mark.parametrize("wire", FRAMES)
+@every_frame
 def test_a_lost_byte_costs_only_its_frame(wire: bytes) -> None:
     """Whichever byte is lost, the frame behind is given; and what is given of the damaged one is nothing, or was true."""
     for place in range(len(wire)):
@@ -51,7 +53,7 @@ def _meaning(wire: bytes) -> tuple[str, str, int | None, int | None]:
     return frame.header, frame.text, frame.source, frame.target
 
 
-@pytest.mark.parametrize("wire", FRAMES)
+@every_frame
 def test_a_flipped_bit_is_never_believed(wire: bytes) -> None:
     """Exhaustive, and the frame behind is given whatever the flip made of this one."""
     for bit in range(8 * len(wire)):
@@ -61,7 +63,7 @@ def test_a_flipped_bit_is_never_believed(wire: bytes) -> None:
         assert _read(bytes(flipped) + TIP) == [TIP_FRAME]
 
 
-@pytest.mark.parametrize("wire", FRAMES)
+@every_frame
 def test_a_doubled_byte_costs_only_its_frame(wire: bytes) -> None:
     for place in range(len(wire)):
         found = _read(wire[: place + 1] + wire[place:] + TIP)
@@ -69,7 +71,7 @@ def test_a_doubled_byte_costs_only_its_frame(wire: bytes) -> None:
         assert all(wire_of(frame) == wire for frame in found[:-1])  # a doubled STX or check byte does no harm
 
 
-@pytest.mark.parametrize("wire", FRAMES)
+@every_frame
 def test_the_rest_of_a_frame_whose_beginning_was_missed(wire: bytes) -> None:
     for place in range(1, len(wire)):
         assert _read(wire[place:] + TIP) == [TIP_FRAME]

@@ -1,0 +1,42 @@
+"""A test over every row of a table, as one test: all rows are tried, and those that fail are told by name.
+
+A test of its own for each of thousands of rows costs more in being collected and reported than in being run.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+
+import pytest
+
+SHOWN = 5
+"""So many failures are told whole; of the others the name."""
+
+
+def each_row(rows: Iterable[tuple[str, tuple[object, ...]]]) -> Callable[[Callable[..., None]], Callable[[], None]]:
+    """Of rows (name, what the test is called with)."""
+    table = list(rows)
+    assert table, "a table without rows proves nothing"
+
+    def over(test: Callable[..., None]) -> Callable[[], None]:
+        def every_row() -> None:
+            failed = [(name, why) for name, row in table if (why := _failure(test, row)) is not None]
+            for name, why in failed:
+                why.add_note(f"row: {name}")
+            if failed:
+                text = f"{len(failed)} of {len(table)} rows: {', '.join(name for name, _ in failed)}"
+                raise BaseExceptionGroup(text, [why for _, why in failed][:SHOWN])
+
+        every_row.__name__, every_row.__qualname__ = test.__name__, test.__qualname__
+        every_row.__module__, every_row.__doc__ = test.__module__, test.__doc__
+        return every_row
+
+    return over
+
+
+def _failure(test: Callable[..., None], row: tuple[object, ...]) -> BaseException | None:
+    try:
+        test(*row)
+    except (Exception, pytest.fail.Exception) as why:  # the second is what `pytest.raises` ends with
+        return why
+    return None

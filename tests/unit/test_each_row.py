@@ -1,0 +1,30 @@
+"""A test over a table tries every row, and fails where one does."""
+
+from __future__ import annotations
+
+import pytest
+from each_row import each_row
+
+
+def test_every_row_is_tried_and_each_that_fails_is_named() -> None:
+    tried: list[int] = []
+
+    @each_row((f"row {number}", (number,)) for number in range(20))
+    def test_not_a_seven(number: int) -> None:
+        """As it is written."""
+        tried.append(number)
+        assert number % 10 != 7
+        if number == 9:
+            with pytest.raises(ValueError, match="nothing raises it"):
+                pass
+
+    with pytest.raises(BaseExceptionGroup, match="3 of 20 rows: row 7, row 9, row 17") as failed:
+        test_not_a_seven()
+    assert tried == list(range(20))
+    assert [one.__notes__ for one in failed.value.exceptions] == [["row: row 7"], ["row: row 9"], ["row: row 17"]]
+    assert (test_not_a_seven.__name__, test_not_a_seven.__doc__) == ("test_not_a_seven", "As it is written.")
+
+
+def test_a_table_without_rows_is_no_test() -> None:
+    with pytest.raises(AssertionError, match="proves nothing"):
+        each_row(())
