@@ -18,8 +18,8 @@ from typing import Final, overload
 import pandas as pd
 
 from jbclog.analysis.asked import Moment, utc
-from jbclog.analysis.features import METRICS
 from jbclog.analysis.joint_table import JOINTS_SCHEMA
+from jbclog.analysis.left_metrics import METRICS
 from jbclog.analysis.run import Run, open_run
 from jbclog.errors import RecordError, UsageError
 from jbclog.record.finding_runs import Filter, Found, Unreadable, find
