@@ -169,8 +169,9 @@ def alarms_of(run: Run) -> Alarms:
     found, given = incidents(episodes, _lost_flags(told), _tell_flags(stations)), acknowledged_in(run)
     at = _acknowledged_us(found, given)
     spanned = [
-        figures(name, detector, episodes, *spans.get(name, (None, None)), acknowledged_us=at)
+        figures(name, detector, episodes, begin, end, at)
         for name in known
+        for begin, end in [spans.get(name, (None, None))]
         for detector in Detector
     ]
     return Alarms(found, spanned, list(_live_differences(episodes, told, stations)), given)
