@@ -23,7 +23,6 @@ from typing import Final
 from jbclog import reach
 from jbclog.audit.observed import Observation
 from jbclog.counting.asking import Wanted, look
-from jbclog.counting.recorded import observed_in
 from jbclog.drive import blocking
 from jbclog.drive.blocking import Port
 from jbclog.effects import Heard, RunEnded, Steps, Wish, relay
@@ -88,16 +87,18 @@ class Looking:
     def _look(self, wanted: Wanted) -> Observation:
         run = run_that_holds(wanted.target.url)
         if run is not None:
-            return observed_in(run, wanted, _now())
+            return _in_run(run, wanted)
         try:
             seen = self._ask(wanted)
         except PortBusy as busy:
             run = _run_with(busy.process) or run_that_holds(wanted.target.url)
-            return wanted.unseen(_text(_now()), str(busy)) if run is None else observed_in(run, wanted, _now())
+            return wanted.unseen(_text(_now()), str(busy)) if run is None else _in_run(run, wanted)
         except (StartRefused, LinkError, StationError) as error:
             return wanted.unseen(_text(_now()), str(error))
+        if "://" not in wanted.target.url:
+            return seen  # the lock has kept runs out
         run = run_that_holds(wanted.target.url)  # behind a server of ports that takes two clients it may have begun meanwhile
-        return seen if run is None else observed_in(run, wanted, _now())
+        return seen if run is None else _in_run(run, wanted)
 
     def _ask(self, wanted: Wanted) -> Observation:
         steps = relay(look(wanted, utc_of), self._unless_stopped)
@@ -129,6 +130,12 @@ def _open(wanted: Wanted) -> Port:
     if sharers:
         raise PortBusy(f"{target.url} is open in {in_words_all(sharers)}; end that first", sharers[0])
     return ReadOnly(reach.means.open_port(target.url, target.line), reach.only_reads_for(target.family))
+
+
+def _in_run(run: Path, wanted: Wanted) -> Observation:
+    from jbclog.counting.recorded import observed_in  # what reads a record is loaded only where there is one
+
+    return observed_in(run, wanted, _now())
 
 
 def _run_with(process: int | None) -> Path | None:
