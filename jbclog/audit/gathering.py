@@ -63,7 +63,8 @@ def _row(
     traces = traces_of(history)
     last = history.looks[-1] if history.looks else None
     who = now.identity or (last.identity if last else None)
-    past = Past(traces.now, history.looks, now.time, watts)
+    past = Past(traces.now, history.looks, now.time, watts, history.elapsed.is_right)
+    work = [trace for (_, name), trace in sorted(traces.now.items()) if name == WORK]
     return StationAudit(
         line=now.line,
         station=now.station,
@@ -79,7 +80,7 @@ def _row(
         use=use_of(past),
         errors=now.errors if now.seen else None,
         drifts=tuple(drifted),
-        weeks=weeks_of([trace for (_, name), trace in sorted(traces.now.items()) if name == WORK], now.time),
+        weeks=weeks_of(work, now.time, history.elapsed.is_right),
         notes=tuple(_notes(now, traces)),
     )
 

@@ -19,6 +19,8 @@ NAMES: Final = ("idle_hot_h", "idle_hot_percent", "idle_hot_kwh")
 STRETCH_DAYS, FEWEST, LEAST_JOINTS = 7.0, 4, 20.0
 NO_JOINTS: Final = "this station counts no joints, so that its working hours cannot be told from idle ones"
 
+NONE_SURE: Final = "no idle hour is sure: what is known of hours and joints leaves room for none"
+
 Each = Sequence[Stretch | None]
 
 
@@ -38,6 +40,9 @@ def idle_of(work: Each, joints: Each, rated_power_w: float | None) -> Iterator[U
         yield from (unknown(name, f"not enough data: {fewest} of {FEWEST} weeks with joints") for name in NAMES)
         return
     hours = sum((_beyond(*port, min(one)) for port, one in zip(ports, paces, strict=True)), NOTHING)
+    if hours.low <= 0:
+        yield from (unknown(name, NONE_SURE) for name in NAMES)
+        return
     yield from _figures(hours, [one for one, _ in ports], rated_power_w)
 
 

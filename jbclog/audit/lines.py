@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Final
 
+from jbclog.audit.ending import ABSENT
 from jbclog.audit.fleet import FLEET, FleetAudit, Meter, StationAudit, UseFigure, Week
 from jbclog.audit.interval import NOTHING
 from jbclog.audit.odometer import Difference
@@ -91,7 +92,8 @@ def fleet_weeks(audit: FleetAudit) -> list[tuple[Week, int]]:
 def _together(weeks: Sequence[Week]) -> tuple[Week, int]:
     known = [week.per_day for week in weeks if week.per_day is not None]
     hours = sum(known, NOTHING) if known else None
-    return Week(weeks[0].begin, hours, any(week.is_spread for week in weeks)), len(known)
+    spread = sum(week.is_spread for week in weeks)
+    return Week(weeks[0].begin, hours, spread > len(known) / 4), len(known)
 
 
 # -- drift -------------------------------------------------------------------------------------------------------------------
@@ -128,22 +130,30 @@ def _setting(name: str) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Mark:
-    """A difference that is not plainly one, at a station."""
+    """Differences of one port that are no plain ones and of which the same is said; each with its unit."""
 
     station: str
-    difference: Difference
-    unit: str
+    port: int
+    begin: str
+    end: str
+    kind: str
+    text: str
+    rule: str
+    is_doubtful: bool
+    counters: tuple[tuple[str, Difference], ...]
 
 
 def marks(audit: FleetAudit) -> list[Mark]:
     """All of them, the latest first."""
-    found = [
-        Mark(station.station, mark, "" if meter.unit == "count" else meter.unit)
-        for station in audit.stations
-        for meter in station.meters
-        for mark in meter.odometer.marks
-    ]
-    return sorted(found, key=lambda one: (one.difference.end, one.station), reverse=True)
+    found: dict[tuple[str, int, str, str, str, str, str, bool], list[tuple[str, Difference]]] = {}
+    for station in audit.stations:
+        for meter in station.meters:
+            for one in meter.odometer.marks:
+                kind = one.kind.value.replace("_", "-")
+                said = (station.station, one.port, one.begin, one.end, kind, one.text, one.rule.replace("_", " "), one.is_doubtful)
+                found.setdefault(said, []).append(("" if meter.unit == "count" else meter.unit, one))
+    together = [Mark(*said, tuple(counters)) for said, counters in found.items()]
+    return sorted(together, key=lambda one: (one.end, one.station, one.port), reverse=True)
 
 
 def meters(audit: FleetAudit) -> Iterator[tuple[StationAudit, Meter]]:
@@ -151,6 +161,14 @@ def meters(audit: FleetAudit) -> Iterator[tuple[StationAudit, Meter]]:
     for station in audit.stations:
         for meter in station.meters:
             if meter.odometer.first or meter.odometer.total.high > 1 or meter.read is None or meter.read.value is None:
+                yield station, meter
+
+
+def unread(audit: FleetAudit) -> Iterator[tuple[StationAudit, Meter]]:
+    """Each counter that a station has and did not tell, or on which no two reads agreed."""
+    for station in audit.stations:
+        for meter in station.meters:
+            if meter.read is not None and meter.read.value is None and meter.read.why != ABSENT:
                 yield station, meter
 
 

@@ -16,7 +16,7 @@ from jbclog import __version__
 from jbclog.audit import plots, words
 from jbclog.audit.fleet import FleetAudit
 from jbclog.audit.glance import at_a_glance
-from jbclog.audit.lines import MOST_MARKS, Notes, courses, drift_rows, error_rows, fleet_weeks, marks, meters, use_rows
+from jbclog.audit.lines import MOST_MARKS, Notes, courses, drift_rows, error_rows, fleet_weeks, marks, meters, unread, use_rows
 from jbclog.audit.titles import TITLES
 from jbclog.shown import clean, number, stamp, together
 
@@ -35,7 +35,7 @@ def page_of(audit: FleetAudit) -> str:
             audit=audit,
             glance=at_a_glance(audit),
             uses=rows,
-            most=plots.nice(max((w.per_day.middle for row in rows for w in row.station.weeks if w.per_day), default=1.0)),
+            most=plots.scale_of(week for row in rows for week in row.station.weeks),
             notes=notes,
             weeks=weeks,
             drawn=len(courses(audit)),
@@ -43,6 +43,7 @@ def page_of(audit: FleetAudit) -> str:
             marks=marks(audit),
             most_marks=MOST_MARKS,
             meters=list(meters(audit)),
+            unread=list(unread(audit)),
             is_open=len(audit.stations) <= COUNTS_MOST,
             errors=list(error_rows(audit)),
             titles=TITLES,

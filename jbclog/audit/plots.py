@@ -139,25 +139,26 @@ def spent(work: float, sleep: float, no_tool: float, label: str) -> Markup:
 def course(weeks: Sequence[Week], most: float, label: str) -> Markup:
     """A year of weeks as columns, `most` hours a day at the top; pale where long times without a reading were spread evenly."""
     width, height = 3.0 * len(weeks), 26.0
-    columns = [_Column(3.0 * at, 2.2, week, height - 1, (height - 1) / most) for at, week in enumerate(weeks)]
+    columns = [_Column(3.0 * at, 2.2, week, height - 1, (height - 1) / most, height - 1) for at, week in enumerate(weeks)]
     return svg(width, height, label, [*_drawn(columns), _line(0, height - 0.5, width, height - 0.5, LINE)], "course")
 
 
 @dataclass(frozen=True, slots=True)
 class _Column:
-    """A week's hours a day as a column that stands on `bottom`; nothing where they are not known."""
+    """A week's hours a day as a column that stands on `bottom`, `most` high at most; nothing where they are not known."""
 
     x: float
     width: float
     week: Week
     bottom: float
     scale: float
+    most: float
 
     @property
     def path(self) -> str:
         if self.week.per_day is None:
             return ""
-        tall = self.week.per_day.middle * self.scale
+        tall = min(self.week.per_day.middle * self.scale, self.most)
         return f"M{self.x:.1f} {self.bottom:g}v{-tall:.1f}h{self.width:.1f}v{tall:.1f}z"
 
     @property
@@ -166,9 +167,8 @@ class _Column:
         hours = self.week.per_day
         if hours is None or hours.width * self.scale < 3:
             return ""
-        return (
-            f"M{self.x + self.width / 2:.1f} {self.bottom - hours.low * self.scale:.1f}V{self.bottom - hours.high * self.scale:.1f}"
-        )
+        low, high = (self.bottom - min(end * self.scale, self.most) for end in (hours.low, hours.high))
+        return f"M{self.x + self.width / 2:.1f} {low:.1f}V{high:.1f}"
 
 
 def _drawn(columns: Sequence[_Column]) -> list[str]:
@@ -181,21 +181,26 @@ def _drawn(columns: Sequence[_Column]) -> list[str]:
 
 
 def fleet_course(weeks: Sequence[tuple[Week, int]], of: int, wide: bool) -> Markup:
-    """The fleet's year: port hours a day, week by week, with an axis; pale where not all of its stations are known.
+    """The fleet's year: port hours a day, week by week, with an axis; pale where few of its stations are known.
 
     `weeks` are sums over the stations that are known that week, with how many those are.
     """
     width, height, left, bottom = (940.0, 190.0, 44.0, 160.0) if wide else (360.0, 190.0, 34.0, 160.0)
     size, room = 12.0, (width - left) / max(len(weeks), 1)
-    most = nice(max((week.per_day.high for week, _ in weeks if week.per_day is not None), default=1.0))
+    most = scale_of(week for week, _ in weeks)
     parts = [part for share in (0.0, 0.5, 1.0) for part in _level(share * most, bottom - share * 145, left, width, size)]
-    shown = [replace(week, is_spread=week.is_spread or known < of) for week, known in weeks]
-    columns = [_Column(left + (at + 0.1) * room, room * 0.8, week, bottom, 145 / most) for at, week in enumerate(shown)]
+    shown = [replace(week, is_spread=week.is_spread or known < 0.75 * of) for week, known in weeks]
+    columns = [_Column(left + (at + 0.1) * room, room * 0.8, week, bottom, 145 / most, 150) for at, week in enumerate(shown)]
     parts += [*_drawn(columns), f'<path d="{"".join(one.whisker for one in columns)}" stroke="{INK}"/>']
     for at, week in enumerate(shown):
         parts += _month(left + at * room, bottom, week.begin, shown[max(at - 1, 0)].begin, size, wide)
     label = f"port hours worked a day, week by week, {len(weeks)} weeks"
     return svg(width, height, label, parts, "wide" if wide else "narrow")
+
+
+def scale_of(weeks: Iterable[Week]) -> float:
+    """A round number of hours a day above what was surely worked in any week; what may have been is cut off there."""
+    return nice(1.1 * max((week.per_day.low for week in weeks if week.per_day is not None), default=1.0))
 
 
 def _level(value: float, y: float, left: float, width: float, size: float) -> list[str]:

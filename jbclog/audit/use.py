@@ -15,7 +15,7 @@ from jbclog.audit.idle import idle_of
 from jbclog.audit.interval import Interval
 from jbclog.audit.observed import Observation
 from jbclog.audit.odometer import Trace
-from jbclog.audit.stretch import Stretch, last, ratio, sum_of, whole, window, within
+from jbclog.audit.stretch import Believed, Stretch, last, ratio, sum_of, whole, window, within
 from jbclog.audit.titles import known, unknown
 from jbclog.audit.trouble import errors_of
 
@@ -39,6 +39,7 @@ class Past:
     looks: Sequence[Observation]
     now: str
     rated_power_w: float | None = None
+    believed: Believed = lambda look: True
 
     @property
     def ports(self) -> tuple[int, ...]:
@@ -46,7 +47,7 @@ class Past:
 
     def of(self, port: int, *counters: str) -> Stretch | None:
         """All of the first of these counters that was read twice at this port."""
-        found = (whole(self.traces.get((port, name))) for name in counters)
+        found = (whole(self.traces.get((port, name)), self.believed) for name in counters)
         return next((one for one in found if one is not None), None)
 
     def last_year(self, port: int, *counters: str) -> Stretch | None:
@@ -130,7 +131,7 @@ def _wire(past: Past, ports: Sequence[int]) -> Iterator[UseFigure]:
         yield from (unknown(name, "this station feeds no wire") for name in ("mm_a_joint", "mm_a_joint_before"))
         return
     newest = [(last(one), last(fed)) for one, fed in pairs]
-    before = [(replace(one, end=one.end - 1), replace(fed, end=fed.end - 1)) for one, fed in pairs]
+    before = [(one.part(0, -1), fed.part(0, -1)) for one, fed in pairs if one.n > 1 and fed.n > 1]
     for name, some in (("mm_a_joint", newest), ("mm_a_joint_before", before)):
         length, fed_often = [one for one, _ in some], [fed for _, fed in some]
         yield _figure(name, length, ratio(sum_of(length), sum_of(fed_often)), "nothing was fed")

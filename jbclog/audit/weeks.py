@@ -15,17 +15,18 @@ from typing import Final
 from jbclog.audit.fleet import Week
 from jbclog.audit.interval import NOTHING, Interval
 from jbclog.audit.odometer import Join, Point, Trace
-from jbclog.audit.stretch import moment
+from jbclog.audit.stretch import Believed, Stretch, moment, whole
 
 WEEKS, DAYS = 53, 7
 FAR: Final = timedelta(days=10)
 
 
-def weeks_of(each: Sequence[Trace | None], now: str) -> tuple[Week, ...]:
+def weeks_of(each: Sequence[Trace], now: str, believed: Believed = lambda look: True) -> tuple[Week, ...]:
     """The last 53 weeks up to `now`, oldest first, of ports with these working hours; none where nothing was read twice."""
-    if not any(one is not None and len(one.points) > 1 for one in each):
+    stretches = [whole(one, believed) for one in each]
+    if not any(stretches):
         return ()
-    courses = [_Course(one) for one in each]
+    courses = [_Course(one) for one in stretches]
     end = moment(now)
     begins = [end - timedelta(days=DAYS * (WEEKS - week)) for week in range(WEEKS)]
     return tuple(_week(courses, begin, begin + timedelta(days=DAYS)) for begin in begins)
@@ -42,12 +43,13 @@ def _week(courses: Sequence[_Course], begin: datetime, end: datetime) -> Week:
 class _Course:
     """What a counter had reached at each reading, at least and at most, and how fine it is."""
 
-    def __init__(self, trace: Trace | None) -> None:
-        points = trace.points if trace is not None and len(trace.points) > 1 else []
-        self.times = [moment(point.time) for point in points]
+    def __init__(self, stretch: Stretch | None) -> None:
+        places = [] if stretch is None else stretch.places
+        points = [] if stretch is None else stretch.trace.points
+        self.times = [moment(points[place].time) for place in places]
         self.far = [pair for pair in pairwise(self.times) if pair[1] - pair[0] > FAR]
-        self.fine = trace.step if trace is not None else 0.0
-        grown = [_grown(*pair) for pair in pairwise(points)]
+        self.fine = 0.0 if stretch is None else stretch.trace.step
+        grown = [_over(points[begin : end + 1]) for begin, end in pairwise(places)]
         self.low = [0.0, *accumulate(one.low for one in grown)]
         self.high = [0.0, *accumulate(one.high for one in grown)]
 
@@ -68,6 +70,13 @@ class _Course:
     def is_spread(self, begin: datetime, end: datetime) -> bool:
         """Whether two readings that are far apart have a part of this time between them."""
         return any(before < end and after > begin for before, after in self.far)
+
+
+def _over(points: Sequence[Point]) -> Interval:
+    """From one reading over those that are not believed to the next, but never more than went by."""
+    grown = sum((_grown(*pair) for pair in pairwise(points)), NOTHING)
+    hours = (moment(points[-1].time) - moment(points[0].time)) / timedelta(hours=1)
+    return Interval(grown.low, min(grown.high, max(hours, grown.low)))
 
 
 def _grown(before: Point, after: Point) -> Interval:

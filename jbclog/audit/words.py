@@ -8,6 +8,7 @@ from typing import Final
 
 from jbclog.audit.due import Due, State, TaskState
 from jbclog.audit.interval import Interval
+from jbclog.audit.tasks import DAYS
 from jbclog.shown import number
 
 STATES: Final = {
@@ -18,6 +19,9 @@ STATES: Final = {
     State.FINE: ("fine", "✓", "fine"),
 }
 """Of each state its class on the page, a sign that needs no colour, and a word."""
+
+OFF_SCALE: Final = 1000  # per cent, from which on it matters no more how many
+USED_UP: Final = "its life is used up"
 
 COUNTERS: Final = {
     "plugged_h": "plugged in",
@@ -48,6 +52,8 @@ def percent(value: Interval | None) -> str:
     if value is None:
         return "–"
     low = floor(value.low + 1e-9)
+    if low >= OFF_SCALE:
+        return f"over {number(OFF_SCALE)} %"
     return f"{span(Interval(low, floor(value.high + 1e-9)))} %" if value.is_bounded else f"{number(low)} % or more"
 
 
@@ -59,10 +65,15 @@ def of_life(task: TaskState) -> str:
 
 
 def window(task: TaskState) -> str:
-    """``2027-03-12 to 2027-06-04``: never one day. Where there is no range, why."""
-    if task.due is None:
-        return task.why or "not known"
-    return _range(task.due)
+    """``2027-03-12 to 2027-06-04``: one day only where the calendar says so. Where there is no range, why."""
+    if task.due is not None:
+        return _by_calendar(task) if task.counter == DAYS else _range(task.due)
+    return USED_UP if task.state in (State.DUE, State.OVERDUE) else task.why or "not known"
+
+
+def _by_calendar(task: TaskState) -> str:
+    since = "since " if task.state in (State.DUE, State.OVERDUE) else ""
+    return f"{since}{day(task.due.p50 if task.due else None)}, by the calendar"
 
 
 def _range(due: Due) -> str:

@@ -43,7 +43,7 @@ def task(at: int, percent: float, *, doubt: float = 0.5, pace: float = 0.4, audi
     state = next((state for limit, state in states.items() if percent >= limit), State.FINE)
     days = (100 - percent) / pace
     due = None if audits < 4 or days < 0 else Due(on(days * 0.85), on(days), on(days * 1.2) if days < 400 else None)
-    why = "" if due else f"not enough data: {audits} of 4 audits" if audits < 4 else "used up"
+    why = "" if due else f"not enough data: {audits} of 4 audits" if audits < 4 else ""
     found = TaskState(name, title, port, counter, unit, life, used, used.per(life / 100), state, ago(120), at % 2 == 0)
     return replace(found, due=due, why=why, part="T-0231" if counter == "work_h" else "")
 

@@ -76,8 +76,21 @@ def test_hours_that_were_lost_to_a_reset_have_a_range_or_no_middle_at_all() -> N
     reset = then(went("work_h", [(30, 500)]), 0, 3, Join.FROM_ZERO, Interval(0, 50))
     assert figures(reset)["work_h_last"].range == Interval(3, 54)
     lost = then(went("work_h", [(30, 500)]), 0, 3, Join.LOOSE, Interval(0, inf))
-    found = figures(lost)["work_h_last"]
+    assert figures(lost)["work_h_last"].range == Interval(0, 720)  # no more than went by
+    feeds = then(went("dispensed_cycles", [(30, 500)]), 0, 3, Join.LOOSE, Interval(0, inf))
+    found = figures(feeds)["joints_a_day"]
     assert (found.value, found.range, found.why) == (None, Interval(0, inf), "nothing bounds it from above")
+
+
+def test_a_reading_with_a_wrong_clock_is_read_over() -> None:
+    right = {(1, "work_h"): went("work_h", [(30, 500), (-160, 560), (0, 680)])}
+    found = {one.name: one for one in use_of(Past(right, (), ago(0), believed=lambda look: look != 1))}
+    assert found["work_h_last"].range == Interval(179, 181)
+    assert found["work_h_last"].days == 30
+    assert found["work_h_a_day_30"].value == 6
+    weeks = weeks_of(list(right.values()), ago(0), lambda look: look != 1)
+    assert weeks[-1].per_day is not None
+    assert 6.0 in weeks[-1].per_day
 
 
 def test_ports_stand_together_and_alone() -> None:
