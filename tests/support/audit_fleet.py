@@ -150,7 +150,11 @@ class SimStation:
 
     def when(self, key: tuple[int, str], amount: float) -> float:
         """The hour at which `amount` really is reached."""
-        return float(np.interp(amount, self.grown[key], np.arange(len(self.grown[key]))))
+        grown = self.grown[key]
+        after = int(np.searchsorted(grown, amount))
+        if after == 0 or after >= len(grown):
+            return float(min(after, len(grown)))
+        return after - float((grown[after] - amount) / (grown[after] - grown[after - 1]))
 
     def unit(self, hour: float) -> Unit:
         return next(one for one in reversed(self.units) if one.hour <= hour)
