@@ -149,6 +149,12 @@ class Papers:
             return cast(Said, build(Said, self._read(SAID)))
         return None
 
+    def ended_at(self) -> float | None:
+        """When it said its last words, seconds since 1970; None where it did not."""
+        with contextlib.suppress(OSError):
+            return (self.folder / SAID).stat().st_mtime
+        return None
+
     def events(self, since: int) -> tuple[list[EventRow], int]:
         """The events that were told from the byte `since` on, and where the next ones begin."""
         try:

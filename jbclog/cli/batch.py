@@ -38,11 +38,12 @@ def batch(
     out: Path = options.OUT,
     as_json: bool = options.AS_JSON,
 ) -> None:
-    """Carry out a queue of jobs: in turn on one station, side by side on different ones.
+    """Carry out a queue of jobs on the stations of a line.
 
-    Each job is a run with a folder of its own. Every file is checked before the first job begins. Ctrl-C ends the jobs that
-    run, with their tools safe. A batch that was interrupted or killed goes on where it was when it is started again; a job
-    that was half done is done again as a new run. On stdout: a table of the jobs, what came of them, and their runs' folders.
+    In turn on one station, side by side on different ones; each job is a run with a folder of its own. Every file is checked
+    before the first job begins. Ctrl-C ends the jobs that run, with their tools safe. A batch that was interrupted or killed
+    goes on where it was when it is started again; a job that was half done is done again as a new run. On stdout: a table of
+    the jobs, what came of them, and their runs' folders.
 
     \b
     Example:

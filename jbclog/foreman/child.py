@@ -22,6 +22,7 @@ from jbclog.batch.papers import Now, Papers, PortNow, Said
 from jbclog.dossier import Result
 from jbclog.drive.typed import open_source
 from jbclog.errors import JbclogError
+from jbclog.foreman.carried import Carried
 from jbclog.foreman.order import Order
 from jbclog.job import carry_out
 from jbclog.outcome import in_order
@@ -133,6 +134,8 @@ def main(arguments: list[str]) -> int:
 def _carry_out(papers: Papers) -> Said:
     order = ORDER.validate_json(papers.job())
     units = None if order.units_from is None else open_source(order.units_from)
+    if units is not None and order.first_unit is not None:
+        units = Carried(units, order.first_unit)
     told = Told(papers)
     try:
         return _said(carry_out(order.job, told, units=units, missed=told.missed))

@@ -12,13 +12,14 @@ import subprocess
 import sys
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final, Protocol
 
 from jbclog.batch.entry import State
 from jbclog.batch.papers import NOTES, Papers
 from jbclog.errors import RecordError, Unsafe
+from jbclog.foreman.carried import carried
 from jbclog.foreman.child import ORDER
 from jbclog.foreman.order import Order
 from jbclog.outcome import Exit, Status
@@ -78,7 +79,7 @@ class ProcessHands:
 
     def start(self, name: str, attempt: int) -> None:
         papers = self.papers(name, attempt)
-        descriptor = papers.make(ORDER.dump_json(self._orders[name]))
+        descriptor = papers.make(ORDER.dump_json(self._order(name)))
         try:
             with (papers.folder / NOTES).open("ab") as notes:
                 # -P: a file of the user's in the current folder must not pass for a module
@@ -93,6 +94,15 @@ class ProcessHands:
                 )
         finally:
             os.close(descriptor)
+
+    def _order(self, name: str) -> Order:
+        """With the serial that the last job at its reader left to it."""
+        order = self._orders[name]
+        same = [other for other, one in self._orders.items() if one.units_from == order.units_from]
+        if order.units_from is None:
+            return order
+        before = [Papers(path) for path in (self._folder / "jobs").glob("*") if path.name.rpartition("-")[0] in same]
+        return replace(order, first_unit=carried(before))
 
     def runs(self, name: str, attempt: int) -> bool:
         papers = self.papers(name, attempt)

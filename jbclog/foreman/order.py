@@ -21,10 +21,11 @@ from jbclog.recipe.toml import shortened
 
 @dataclass(frozen=True, slots=True)
 class Order:
-    """A job, and where it reads the serials of its units."""
+    """A job, where it reads the serials of its units, and the one that was read already."""
 
     job: Job
     units_from: str | None = None
+    first_unit: str | None = None
 
 
 @dataclass(frozen=True, slots=True)
