@@ -6,23 +6,33 @@ import inspect
 import subprocess
 import sys
 import time
+from functools import cache
 from importlib import import_module
 from pathlib import Path
 
 import pytest
 from command import jbclog
+from typer.testing import CliRunner
 from verbs import HELP, VERBS, calls, wrong
 
 import jbclog as package
+from jbclog.cli.app import app
 
 HELP_S = 0.25
 PACKAGE = Path(package.__file__).parent
 ROOMS = sorted(path.parent.name for path in PACKAGE.glob("*/__init__.py"))
 
 
+@cache
+def shown_here(*arguments: str) -> subprocess.CompletedProcess[str]:
+    """What the program says, without a process for each question."""
+    ended = CliRunner().invoke(app, arguments, terminal_width=78)  # as in a window of 80
+    return subprocess.CompletedProcess(arguments, ended.exit_code, ended.stdout, ended.stderr)
+
+
 @pytest.mark.parametrize("verb", VERBS)
 def test_help_ends_with_an_example_that_could_be_typed(verb: str) -> None:
-    shown = jbclog(verb, "--help")
+    shown = shown_here(verb, "--help")
     assert shown.returncode == 0
     assert shown.stderr == ""
     example = HELP[verb].partition("Example:\n")[2].strip()
@@ -34,12 +44,21 @@ def test_help_ends_with_an_example_that_could_be_typed(verb: str) -> None:
 
 @pytest.mark.parametrize("verb", VERBS)
 def test_the_list_of_verbs_shows_each_first_sentence_whole(verb: str) -> None:
-    assert HELP[verb].splitlines()[0] in jbclog("--help").stdout
+    assert HELP[verb].splitlines()[0] in shown_here("--help").stdout
+
+
+def test_a_process_of_its_own_says_the_same() -> None:
+    for arguments in (("--help",), ("run", "-h")):
+        shown = jbclog(*arguments)
+        assert (shown.returncode, shown.stderr) == (0, "")
+        assert (
+            shown.stdout.partition("\n\n")[2] == shown_here(*arguments).stdout.partition("\n\n")[2]
+        )  # but for the name in "Usage:"
 
 
 def test_help_names_every_option_that_there_is() -> None:
     for verb, options in VERBS.items():
-        shown = jbclog(verb, "-h").stdout
+        shown = shown_here(verb, "-h").stdout
         assert [option for option in options if option not in shown] == []
 
 
