@@ -160,7 +160,9 @@ def test_a_file_of_a_sealed_run_altered_in_places(sealed: Path, report: dict[str
 @pytest.mark.campaign
 @pytest.mark.timeout(3600)
 @pytest.mark.parametrize("name", FILES)
-def test_a_file_of_a_sealed_run_altered_everywhere(sealed: Path, tmp_path: Path, name: str, counted: Callable[..., None]) -> None:
+def test_a_file_of_a_sealed_run_altered_everywhere(
+    sealed: Path, report: dict[str, bytes], tmp_path: Path, name: str, counted: Callable[..., None]
+) -> None:
     count = walk(sealed, report, tmp_path, name, long=True)
     assert count.wrong == 0
     counted(alterations=count.tried, wrong=count.wrong)
