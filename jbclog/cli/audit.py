@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Final
 import typer
 
 from jbclog.cli import options
-from jbclog.cli.output import ends_with_errors_told, note, tell
+from jbclog.cli.output import ends_with_errors_told, is_terminal, note, tell
 from jbclog.errors import UsageError
 
 if TYPE_CHECKING:
@@ -42,9 +42,10 @@ def audit(
         None, "--fail-on", metavar="LIST", help="What ends with 1 or 3: overdue, due, soon, suspect, drift, unseen; or none."
     ),
     print_timer: bool = typer.Option(False, "--print-timer", help="Show how cron, systemd and Windows call it; ask nothing."),
+    quiet: bool = typer.Option(False, "--quiet", "-q", help="Say nothing where the exit code is 0."),
     as_json: bool = options.AS_JSON,
 ) -> None:
-    """Read the stations' counters and say what is due for maintenance.
+    """Read the counters and say which maintenance is due.
 
     Made for a timer. Nothing but questions can go out, and none that clears anything. A counter counts when two of at most three
     reads agree. A station that a run has is not asked: its counters are taken from the run's record. What was read is put at the
@@ -69,7 +70,8 @@ def audit(
     _check_folders({"--html": html, "--csv": csv})
     end = _audited(lines, ledger, known, fatal)
     end.write(html, csv)
-    end.tell(as_json=as_json)
+    if end.code or not quiet:
+        end.tell(as_json=as_json)
     if end.code:
         raise typer.Exit(end.code)
 
@@ -136,7 +138,8 @@ def _audited(lines: Sequence[Line], ledger: Path, tasks: Sequence[Task], fail_on
 
     with Signals((signal.SIGINT, signal.SIGTERM)) as signals:
         signals.tell(stop)
-        note(f"asking {sum(len(one.stations) for one in lines)} stations, {AT_ONCE} at a time")
+        if is_terminal():
+            note(f"asking {sum(len(one.stations) for one in lines)} stations, {AT_ONCE} at a time")
         audited = audit_lines(lines, ledger, looking, _note_unseen)
     return End(fleet_audit(audited, lines, tasks), audited.trouble, fail_on, next(iter(heard), None))
 

@@ -44,7 +44,7 @@ def maintenance(
     tasks: Path | None = typer.Option(None, "--tasks", metavar="FILE", help="The tasks file, for tasks of other names."),
     as_json: bool = options.AS_JSON,
 ) -> None:
-    """Tell the counter audit's ledger what was done, or list what was told.
+    """Tell the ledger what was done to a station, or list it.
 
     `done` puts a fact at the end of the ledger, with who told it and when; `jbclog audit` counts a task's life from there. The
     tasks counters-reset and station-replaced tell what happened to the counters themselves. Nothing is changed or taken back: a

@@ -40,8 +40,8 @@ def timers_text(timed: Timed) -> str:
 
 def cron_line(timed: Timed) -> str:
     """A line for `crontab -e`. A % would end the command there."""
-    call = " ".join(map(shlex.quote, timed.call)).replace("%", "\\%")
-    return f"{MINUTE} {HOUR} * * * {call} >/dev/null"
+    call = " ".join(map(shlex.quote, (*timed.call, "--quiet"))).replace("%", "\\%")
+    return f"{MINUTE} {HOUR} * * * {call}"
 
 
 def service_text(timed: Timed) -> str:
@@ -77,7 +77,7 @@ WantedBy=timers.target
 
 def _cron(timed: Timed) -> list[str]:
     return [
-        "# cron: add this line with `crontab -e`. What goes wrong is told on stderr, which cron mails; the exit code says what.",
+        "# cron: add this line with `crontab -e`. It says nothing where nothing is due and all went well; else cron mails it.",
         cron_line(timed),
     ]
 

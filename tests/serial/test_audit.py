@@ -79,6 +79,18 @@ def test_every_station_is_read_and_none_written_or_cleared(bench: Bench, tmp_pat
     assert (tmp_path / "a.csv").read_text(encoding="utf-8-sig").startswith("schema,audit,line,station,")
 
 
+def test_for_cron_it_says_nothing_where_all_is_fine(bench: Bench, tmp_path: Path) -> None:
+    ended = audit(bench.line, tmp_path / "counters.jsonl", "--quiet")
+    assert (ended.exit_code, ended.output) == (0, "")
+    tasks = tmp_path / "tasks.toml"
+    tasks.write_text('[[task]]\nname = "old"\nlife_days = 30\n', encoding="utf-8")
+    done = ("maintenance", "done", "-s", "dde-1", "--task", "old", "--at", "2024-01-01", "--by", "W")
+    CliRunner().invoke(app, [*done, "--tasks", str(tasks), "--ledger", str(tmp_path / "counters.jsonl")])
+    ended = audit(bench.line, tmp_path / "counters.jsonl", "--quiet", "--tasks", tasks)
+    assert ended.exit_code == 1
+    assert "OVERDUE" in ended.stdout
+
+
 def test_two_audits_in_a_row_agree(bench: Bench, tmp_path: Path) -> None:
     ledger = tmp_path / "counters.jsonl"
     assert audit(bench.line, ledger).exit_code == 0
