@@ -14,15 +14,15 @@ from jbclog.cli.place import expect_run
 @ends_with_errors_told
 def report(
     run: Path = options.RUN,
-    verify: bool = typer.Option(False, "--verify", help="Write nothing: make the report again and compare."),
+    verify: bool = typer.Option(False, "--verify", help="Write nothing: make report and verdict again and compare."),
     as_json: bool = options.AS_JSON,
 ) -> None:
     """Write a run's report: page, PDF to sign, JSON and tables.
 
     report.html, report.pdf, report.json, the figures and, for spreadsheets, tables/*.csv are put into the run's folder. The page
     opens without a network, prints on A4, and its figures can be looked at closer; all of them name the manifest that they were
-    made from. Made again from the same run it has the same bytes: --verify does so, writes
-    nothing, and ends with 1 where a file differs.
+    made from. Made again from the same run it has the same bytes, and the verdict comes out the same: --verify does both, writes
+    nothing, and ends with 1 where a file or a rule differs.
 
     \b
     Example:

@@ -209,3 +209,7 @@ def test_help_is_light() -> None:
 def test_the_recorder_loads_no_heavy_room() -> None:
     path = "import jbclog.cli.run, jbclog.cli.progress, jbclog.plan, jbclog.conduct, jbclog.record.seal"
     assert loaded_by(path, *HEAVY, "scipy", "jbclog.features", "jbclog.sim", "jbclog.analysis", "jbclog.report", "rich") == set()
+
+
+def test_joints_are_looked_for_at_the_end_of_a_run_without_the_heavy_rooms() -> None:
+    assert loaded_by("import jbclog.joint_evidence", *HEAVY, "jbclog.analysis", "jbclog.report") == set()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -13,9 +14,9 @@ from alarm_series import Series, being_recorded
 from recorded_run import RecordedRun
 from virtual_run import RECIPE, line_text
 
-from jbclog.analysis import open_run
+from jbclog.analysis import features, open_run
 from jbclog.analysis.joint_table import JOINTS_SCHEMA
-from jbclog.features import DEFINITIONS
+from jbclog.features import DEFINITIONS, measure_port
 from jbclog.plan import Wanted, make_plan
 from jbclog.record.manifest import manifest_sha256
 from jbclog.report import write_report
@@ -85,6 +86,36 @@ def test_the_file_is_what_was_found_and_names_its_manifest(soldered: Path) -> No
     assert len(pd.read_parquet(path)) == len(before)
     path.write_bytes(b"no parquet")
     pd.testing.assert_frame_equal(run.joints(), before)
+    path.unlink()
+
+
+def test_metrics_that_a_report_left_are_taken_and_others_are_not(soldered: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    run = open_run(soldered)
+    path = soldered / "report.json"
+    path.unlink(missing_ok=True)
+    before = run.metrics()
+    write_report(soldered)
+    text, computed = path.read_text(encoding="utf-8"), []
+    monkeypatch.setattr(features, "measure_port", lambda *those: computed.append(1) or measure_port(*those))
+    pd.testing.assert_frame_equal(run.metrics(), before)
+    pd.testing.assert_frame_equal(run.metrics("dde-1"), before)
+    assert run.metrics("another").empty
+    assert not computed
+    one = json.loads(text)
+    others = (
+        {**one, "manifest_sha256": "0" * 64},
+        {**one, "jbclog": "0.0.1"},
+        {**one, "metrics": None},
+        {**one, "metrics": [{**one["metrics"][0], "n": None}]},
+        {**one, "metrics": [{**one["metrics"][0], "value": "much"}]},
+        [one],
+    )
+    for number, other in enumerate(others, 1):
+        path.write_text(json.dumps(other), encoding="utf-8")
+        pd.testing.assert_frame_equal(run.metrics(), before)
+        assert len(computed) == number
+    path.write_text("[" * 100_000, encoding="utf-8")
+    pd.testing.assert_frame_equal(run.metrics(), before)
     path.unlink()
 
 
