@@ -17,6 +17,7 @@ from jbclog.recipe.line import IS_A_RECIPE, Line, Replay, StationSpec, load_line
 from jbclog.recipe.load import IS_A_LINE, load_recipe
 from jbclog.recipe.model import Recipe
 from jbclog.recipe.settings import Setting, condition_of, foreign_keys, settings_for, station_settings_for
+from jbclog.recipe.url import is_served_here
 from jbclog.rows import JOINTS, UNITS, Goal
 from jbclog.scheduler import Demand
 from jbclog.session.order import AS_FAST_AS_POSSIBLE, AS_FIT, Order
@@ -24,6 +25,11 @@ from jbclog.session.pace import rate_problem, readings_for
 
 PORTS = (1, 2, 3, 4)  # that any station can have
 ANSWERING_PORTS = (1,)  # what is reckoned with where only the station knows its ports
+NOT_BESIDE_REPLAY = (
+    "may be a real station, which must not be asked at the pace of [replay]: only `jbclog replay` writes that table, with urls "
+    "below the file's own folder or on this machine; take it out"
+)
+PSEUDO_TERMINALS = ("/dev/pts/", "/dev/ttys")
 
 
 @dataclass(frozen=True, slots=True)
@@ -300,6 +306,8 @@ def _unused(line: Line, chosen: list[StationSpec], wanted: Wanted) -> Iterator[P
 
 def _mismatches(line: Line, station: StationPlan) -> Iterator[Problem]:
     spec, recipe = station.spec, station.recipe
+    if line.replay is not None:
+        yield from _beside_replay(line, spec)
     if station.family is not None and station.family.name not in recipe.families:
         families = ", ".join(recipe.families)
         yield recipe.problem(("recipe", "families"), f"{families}: not for {spec.name}, whose family is {spec.family}")
@@ -310,6 +318,15 @@ def _mismatches(line: Line, station: StationPlan) -> Iterator[Problem]:
     problem = rate_problem(spec.name, rate_hz, demand, station.turnaround_s)
     if problem:
         yield Problem(str(line.path), None, f"station {spec.name}", problem.removeprefix(f"{spec.name}: "))
+
+
+def _beside_replay(line: Line, spec: StationSpec) -> Iterator[Problem]:
+    """[replay] makes the recorder's time go at another pace, its patience with it: no real station may be asked so."""
+    place, leads_to = f"station {spec.name}", Path(spec.url).resolve() if spec.is_device else Path()
+    if not is_served_here(spec.written_url):
+        yield Problem(str(line.path), None, place, f"its url {spec.written_url} {NOT_BESIDE_REPLAY}")
+    elif leads_to.is_char_device() and not str(leads_to).startswith(PSEUDO_TERMINALS):
+        yield Problem(str(line.path), None, place, f"its url {spec.written_url} leads to {leads_to}, and {NOT_BESIDE_REPLAY}")
 
 
 def _missing_metadata(stations: Sequence[StationPlan], wanted: Wanted) -> Iterator[Problem]:

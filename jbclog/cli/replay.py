@@ -93,10 +93,14 @@ def replay(
 
 
 def _serve(recording: Recording, folder: Path, tcp: str | None, speed: float) -> None:
+    from jbclog.recipe.url import is_this_host
     from jbclog.replaying.served import serve
     from jbclog.sim.setup import SERVED_LINE, tcp_of
 
-    server, stations = serve(recording, folder, tcp_of(tcp) if tcp else None, speed)
+    served_on = tcp_of(tcp) if tcp else None
+    if served_on is not None and not is_this_host(served_on[0]):
+        raise UsageError(f"--tcp {tcp}: a recorded run is served on this machine only, as 127.0.0.1:PORT")
+    server, stations = serve(recording, folder, served_on, speed)
     server.stop_on_signals()
     tell(str(folder / SERVED_LINE))
     count = len(stations)

@@ -64,9 +64,8 @@ def run(
     fine (exit code 1).
 
     \b
-    Examples:
+    Example:
       jbclog run profiles/recipes/sn100c-tht.toml --line virtual/line.toml --duration 15m --operator "A. Rossi" --order 88123
-      jbclog run profiles/recipes/sn100c-tht.toml --line virtual/line.toml --units - --until-units 40 --duration 8h
     """
     never_wait()
     several = {"--unit": [*unit, *listed(units)], "--tag": tag, "--wire-lot": wire_lot, "--flux-lot": flux_lot, "--tip": tip}

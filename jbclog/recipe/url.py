@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from ipaddress import ip_address
 from pathlib import PurePosixPath
 from urllib.parse import urlsplit
 
@@ -40,6 +41,21 @@ def url_problem(value: str) -> str | None:
     if scheme in ("socket", "rfc2217") and not _has_host_and_port(value):
         return f"{shown(value)} is not allowed; {scheme}://HOST:PORT"
     return None
+
+
+def is_served_here(url: str) -> bool:
+    """Whether it is where stations are served on this machine: a relative path, or a TCP port of its own."""
+    if is_path(url):
+        return not PurePosixPath(url).is_absolute()
+    return scheme_of(url) == "socket" and is_this_host(urlsplit(url).hostname or "")
+
+
+def is_this_host(host: str) -> bool:
+    """Whether that is what this machine calls itself, and nobody else can be meant."""
+    try:
+        return host == "localhost" or ip_address(host).is_loopback
+    except ValueError:
+        return False
 
 
 def _has_host_and_port(url: str) -> bool:

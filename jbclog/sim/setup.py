@@ -49,7 +49,8 @@ def set_up(
     _make(folder)
     try:
         server.open()
-        served_line.write_text(_served_text(line, [link.url for link in links], replay), encoding="utf-8")
+        urls = [_url_in(folder, link, replay) for link in links]
+        served_line.write_text(_served_text(line, urls, replay), encoding="utf-8")
     except BaseException as error:
         server.close()
         if isinstance(error, OSError):
@@ -77,10 +78,17 @@ def tcp_of(text: str) -> Tcp:
 
 
 def _served_text(line: Line, urls: Sequence[str], replay: Replay | None) -> str:
-    """The text of a line file like `line` with these urls, all paths absolute."""
+    """The text of a line file like `line` with these urls."""
     stations = [(station.model_copy(update={"url": url}), "") for station, url in zip(line.stations, urls, strict=True)]
     by = "sim" if replay is None else "replay"
     return line_text(line.name, stations, f"Virtual stations, made by jbclog {by} from {line.path}", replay)
+
+
+def _url_in(folder: Path, link: Link, replay: Replay | None) -> str:
+    """Beside [replay] it must be seen that nothing but a served station is meant: its path is relative."""
+    if replay is None or not isinstance(link, PtyLink):
+        return link.url
+    return str(link.path.relative_to(folder.absolute()))
 
 
 def _tcp_links(line: Line, tcp: Tcp, waiter: Waiter) -> list[Link]:

@@ -10,7 +10,7 @@ from taped import recorded
 from virtual_run import line_text
 
 from jbclog.clock import VirtualClock
-from jbclog.errors import RecordError, UsageError
+from jbclog.errors import Problems, RecordError, UsageError
 from jbclog.plan import Wanted, make_plan, orders
 from jbclog.recipe.line import load_line
 from jbclog.record.manifest import Manifest, Metadata, write_manifest
@@ -79,6 +79,35 @@ def test_the_line_file_has_the_recipe_that_ran_the_rate_that_came_of_it_and_the_
     assert order.is_replay
     (reply, *_) = station.receive(b"\x020001RSMN\x03\x02", VirtualClock().monotonic())
     assert reply.data.startswith(b"\x020100ASMN")
+
+
+@pytest.mark.parametrize(
+    ("url", "is_fine"),
+    [
+        ("dde-1", True),
+        ("socket://127.0.0.1:7001", True),
+        ("socket://localhost:7001", True),
+        ("socket://[::1]:7001", True),
+        ("socket://10.0.0.7:7001", False),
+        ("rfc2217://localhost:7001", False),
+        ("/dev/ttyUSB0", False),
+        ("COM3", False),
+        ("linked", False),
+    ],
+)
+def test_no_real_station_is_asked_at_the_pace_of_a_recorded_one(folder: Path, tmp_path: Path, url: str, is_fine: bool) -> None:
+    """A table [replay] that somebody wrote by hand would make the recorder as impatient as it is fast."""
+    server, _ = serve(with_manifest(folder, facts("dde-1", 0.1, 25)), tmp_path / "served", speed=10.0)
+    server.close()
+    path = tmp_path / "served" / "line.toml"
+    path.write_text(path.read_text().replace('url = "dde-1"', f'url = "{url}"'))
+    (tmp_path / "served" / "linked").symlink_to("/dev/null")  # a device that is no pseudo-terminal
+    assert load_line(path).replay is not None  # as it stands in old runs, it can be read
+    if is_fine:
+        make_plan(Wanted(path))
+    else:
+        with pytest.raises(Problems, match="must not be asked at the pace of"):
+            make_plan(Wanted(path))
 
 
 def test_a_speed_that_cannot_be_kept_is_refused_with_the_one_that_can(folder: Path, tmp_path: Path) -> None:
