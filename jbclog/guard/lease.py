@@ -11,9 +11,11 @@ from pathlib import Path
 from typing import Final
 
 from jbclog.guard import whereabouts
+from jbclog.record.chained import read_whole
 from jbclog.same_port import is_one_port
 
 NAME: Final = "lease.json"
+FLAGS: Final = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC | os.O_NOFOLLOW
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,10 +77,11 @@ def keep(folder: Path, stations: Iterable[StationLease]) -> None:
 
 
 def _put(path: Path, text: str) -> None:
-    """The old lease or the new one, never half of one, and nothing beside it. Raises `OSError`."""
+    """The old lease or the new one, never half of one, and nothing beside it; never through a link. Raises `OSError`."""
     beside = path.with_name(f"{NAME}.new")
+    beside.unlink(missing_ok=True)
     try:
-        with beside.open("w", encoding="utf-8") as file:
+        with os.fdopen(os.open(beside, FLAGS, 0o644), "w", encoding="utf-8") as file:
             file.write(text)
             file.flush()
             os.fsync(file.fileno())
@@ -101,7 +104,7 @@ def _sync(folder: Path) -> None:
 def kept(folder: Path) -> list[StationLease]:
     """What stands in the lease in this folder, as far as it can be read; nothing where there is none."""
     try:
-        lines = (folder / NAME).read_text(encoding="utf-8").splitlines()
+        lines = read_whole(folder / NAME).decode().splitlines()
     except (OSError, ValueError):
         return []
     found = []

@@ -27,7 +27,7 @@ from jbclog.record.schema import SCHEMAS, TABLES
 from jbclog.record.units import units_of
 from jbclog.rows import SIGNAL_COLUMNS, quality_of
 
-OF_REPORT: Final = ("figures", "tables")  # folders that a report makes, and that may be left of it
+MAY_BE_EMPTY: Final = ("recipes", wire.FOLDER, "figures", "tables")  # a crash at the start, or a report, leaves them so
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,7 +105,7 @@ def _there(folder: Path, below: str = "") -> Iterator[str]:
             continue
         if not path.is_dir() or path.is_symlink():
             yield name
-        elif _is_empty(path) and name not in OF_REPORT:
+        elif _is_empty(path) and name not in MAY_BE_EMPTY:
             yield f"{name}/"
         else:
             yield from _there(path, f"{name}/")

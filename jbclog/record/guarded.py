@@ -22,6 +22,7 @@ from jbclog.errors import RecordError
 from jbclog.locked import lock_of
 from jbclog.record.batches import decode, encode
 from jbclog.record.chain import Chain
+from jbclog.record.chained import read_whole
 from jbclog.record.parts import row_groups, through, write_part
 from jbclog.rows import EventRow, Severity, StationFacts
 
@@ -66,18 +67,23 @@ def was_lost(folder: Path) -> bool:
 
 def tidy(folder: Path) -> None:
     """Give back the room that the diary did not need; where nothing is in it there is none. Raises `OSError`."""
+    path = folder / DIARY
     with suppress(FileNotFoundError):
-        written = (folder / DIARY).read_bytes().rstrip(BLANK)
+        written = read_whole(path).rstrip(BLANK)
         if not written:
-            (folder / DIARY).unlink()
-        else:
-            os.truncate(folder / DIARY, len(written) + 1)
+            path.unlink()
+            return
+        descriptor = os.open(path, os.O_WRONLY | os.O_CLOEXEC | os.O_NOFOLLOW)
+        try:
+            os.ftruncate(descriptor, len(written) + 1)
+        finally:
+            os.close(descriptor)
 
 
 def diary(folder: Path) -> list[EventRow]:
     """The lines of the guard's diary that can be read, as events; nothing where no guard took over."""
     try:
-        lines = (folder / DIARY).read_text(encoding="utf-8").splitlines()
+        lines = read_whole(folder / DIARY).decode().splitlines()
     except FileNotFoundError:
         return []
     return [event for line in lines if (event := _event(line)) is not None]

@@ -19,6 +19,7 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from jbclog.record import guarded
+from jbclog.record.chained import read_whole
 from jbclog.record.parts import part_paths
 from jbclog.rows import EventRow, Severity, StationFacts
 
@@ -59,7 +60,7 @@ def leases(folder: Path) -> dict[str, Lease]:
     """The lease that is open in the folder, as far as it can be read."""
     found: dict[str, Lease] = {}
     with suppress(OSError, ValueError):
-        for line in (folder / guarded.LEASE).read_text(encoding="utf-8").splitlines():
+        for line in read_whole(folder / guarded.LEASE).decode().splitlines():
             with suppress(ValueError, KeyError, TypeError):
                 told = json.loads(line)
                 found[str(told["name"])] = Lease(tuple(int(port) for port in told.get("ports", ())), bool(told.get("feeds")))

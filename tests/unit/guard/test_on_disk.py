@@ -9,6 +9,7 @@ import os
 import shutil
 import threading
 import time
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -76,6 +77,37 @@ def test_a_port_is_the_same_by_whatever_link(tmp_path: Path) -> None:
     assert replace(lease(), url=str(device)).is_at(str(link))
     assert not replace(lease(), url=str(device)).is_at(str(tmp_path / "ttyY"))
     assert replace(lease(), url="socket://h:1").is_at("socket://h:1")
+
+
+@pytest.mark.parametrize("name", [NAME, f"{NAME}.new"])
+def test_a_lease_is_never_written_through_a_link(tmp_path: Path, name: str) -> None:
+    folder, foreign = tmp_path / "run", tmp_path / "foreign"
+    folder.mkdir()
+    foreign.write_text("somebody's")
+    (folder / name).symlink_to(foreign)
+    keep(folder, [lease("a")])
+    assert foreign.read_text() == "somebody's"
+    assert [one.name for one in kept(folder)] == ["a"]
+    assert [path.name for path in folder.iterdir()] == [NAME]
+    assert not (folder / NAME).is_symlink()
+
+
+@pytest.mark.parametrize("name", [NAME, guarded.DIARY])
+def test_nothing_is_read_or_cut_through_a_link_and_no_pipe_is_waited_for(tmp_path: Path, name: str) -> None:
+    folder, foreign = tmp_path / "run", tmp_path / "foreign"
+    folder.mkdir()
+    foreign.write_text(f"{lease('a').to_json()}\n\n\n")
+    (folder / name).symlink_to(foreign)
+    for look in (kept, left_hot.leases, guarded.diary, guarded.tidy):
+        with suppress(OSError):
+            assert not look(folder)
+    with pytest.raises(OSError, match="symbolic links"):
+        Diary(folder).reserve(1) if name == guarded.DIARY else os.open(folder / name, os.O_RDONLY | os.O_NOFOLLOW)
+    assert foreign.read_text().endswith("\n\n\n")
+    (folder / name).unlink()
+    os.mkfifo(folder / name)
+    for look in (kept, left_hot.leases):
+        assert not look(folder)
 
 
 # -- where leases are open -----------------------------------------------------------------------------------------------
