@@ -88,8 +88,8 @@ def _verdicts(by_port: Mapping[int, Sequence[Span]], resets: Resets) -> dict[int
     """By port. A reset that no counter shows is thinkable beside a port that was reset, or where the whole station allows it."""
     seen = {port: _shown(group, resets.stated_h(port)) for port, group in by_port.items()}
     can_hide = [port for port, group in by_port.items() if _can_hide(group)]
-    moved = any(not one.is_unchanged for group in by_port.values() for one in group)
-    if Reset.YES in seen.values() or (len(can_hide) == len(by_port) and moved):
+    counted = any(one.after.shown.high > 0 for group in by_port.values() for one in group)
+    if Reset.YES in seen.values() or (len(can_hide) == len(by_port) and counted):
         seen |= {port: Reset.MAYBE for port in can_hide if seen[port] is Reset.NO}
     return seen
 
