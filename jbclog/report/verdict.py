@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
+from jbclog import __version__
 from jbclog.errors import Problems, UsageError
 from jbclog.joint_evidence import joint_evidence
 from jbclog.judge import Acceptance, Evidence, Judgement, Result, Rule, Verdict, asks_for_joints, judge
@@ -77,14 +78,12 @@ def judged_otherwise(folder: Path, manifest: Manifest) -> list[str]:
         return []
     judgement = judge_now(folder, manifest)
     before, now = _results(manifest.verdict_rules), _results(judgement.rules_as_dicts())
-    found = [
-        f"verdict: {_named(place)}: was {before.get(place)}, its record gives {now.get(place)}"
-        for place in {**before, **now}
-        if before.get(place) != now.get(place)
-    ]
+    differing = [(_named(place), before.get(place), now.get(place)) for place in {**before, **now}]
     if judgement.verdict != manifest.verdict:
-        found.insert(0, f"verdict: was {manifest.verdict}, its record gives {judgement.verdict}")
-    return found
+        differing.insert(0, ("", manifest.verdict, judgement.verdict))
+    version = manifest.host.get("jbclog", "not known")
+    by = "" if version == __version__ else f"; it was judged by jbclog {version}"
+    return [f"verdict{name}: was {was}, its record gives {gives}{by}" for name, was, gives in differing if was != gives]
 
 
 Place = tuple[str, str | None, int | None]
@@ -98,7 +97,7 @@ def _results(rules: Sequence[object]) -> dict[Place, str]:
 
 def _named(place: Place) -> str:
     name, station, port = place
-    return " ".join([name, *([] if station is None else [station]), *([] if port is None else [f"port {port}"])])
+    return f", {name}{'' if station is None else f' of {station}'}{'' if port is None else f' port {port}'}"
 
 
 def _acceptance(folder: Path, recipe: str | None) -> Acceptance | None:

@@ -11,6 +11,7 @@ import pytest
 from recorded_run import RecordedRun
 from virtual_run import RECIPE, line_text
 
+from jbclog import __version__
 from jbclog import joint_evidence as evidence_of
 from jbclog.analysis import open_run
 from jbclog.features import Wire, find_joints
@@ -81,8 +82,11 @@ def test_report_comes_to_the_same_and_says_where_it_does_not(
     write_manifest(folder, manifest)
     assert judged_otherwise(folder, manifest) == [
         "verdict: was INCONCLUSIVE, its record gives ACCEPT",
-        "verdict: recovery_p95 dde-1 port 1: was missing, its record gives pass",
+        "verdict, recovery_p95 of dde-1 port 1: was missing, its record gives pass",
     ]
+    manifest.host["jbclog"] = "0.0.1"
+    assert judged_otherwise(folder, manifest)[0].endswith("gives ACCEPT; it was judged by jbclog 0.0.1")
+    manifest.host["jbclog"] = __version__
     monkeypatch.setattr(write, "report_files", lambda _: {})
     assert verify_report(folder) == judged_otherwise(folder, manifest)
 
