@@ -47,6 +47,20 @@ def _failed_if_skipped(report: Any) -> Any:
     return report
 
 
+WAITING = "serial"
+"""The tests in it wait for real lines most of the time."""
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Spread the files that wait among those that compute, so that the workers do both at any time; the small ones come last."""
+    files = list(dict.fromkeys(item.path for item in items))
+    waiting = [path for path in files if path.parent.name == WAITING]
+    computing = [path for path in files if path.parent.name != WAITING]
+    place = {path: number / len(group) for group in (waiting, computing) for number, path in enumerate(group)}
+    items.sort(key=lambda item: place[item.path] * (0.8 if item.path.parent.name == WAITING else 1.0))
+
+
 COUNTED = "counted "
 
 

@@ -29,7 +29,7 @@ from jbclog.record.manifest import manifest_sha256, read_manifest, write_manifes
 from jbclog.record.parts import part_paths
 from jbclog.report import write_report
 
-STRIDE = 499
+STRIDE = 1499
 
 
 @pytest.fixture(scope="module")
