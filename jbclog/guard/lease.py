@@ -11,10 +11,10 @@ from pathlib import Path
 from typing import Final
 
 from jbclog.guard import whereabouts
-from jbclog.record.chained import read_whole
 from jbclog.same_port import is_one_port
 
 NAME: Final = "lease.json"
+READ: Final = os.O_RDONLY | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK  # no link, and no wait at a pipe
 FLAGS: Final = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC | os.O_NOFOLLOW
 
 
@@ -104,7 +104,8 @@ def _sync(folder: Path) -> None:
 def kept(folder: Path) -> list[StationLease]:
     """What stands in the lease in this folder, as far as it can be read; nothing where there is none."""
     try:
-        lines = read_whole(folder / NAME).decode().splitlines()
+        with os.fdopen(os.open(folder / NAME, READ), encoding="utf-8") as file:
+            lines = file.read().splitlines()
     except (OSError, ValueError):
         return []
     found = []
