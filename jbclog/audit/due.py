@@ -139,7 +139,7 @@ def used_since(trace: Trace, time: str | None) -> Interval:
         return used
     delta = trace.differences[begin - 1].delta.high
     if trace.is_time:
-        delta = min(delta, (seconds(trace.points[begin].time) - moment) / 3600 + 1)
+        delta = min(delta, (seconds(trace.points[begin].time) - moment) / 3600)
     return Interval(used.low, used.high + delta)
 
 

@@ -71,7 +71,7 @@ def _at_look(spans: Sequence[Span], look: int, resets: Resets, ratios: Ratios) -
 
 def _cannot_be(judged: Judged) -> bool:
     """Hours that nothing explains: another station's, perhaps, whose other counters happen to fit."""
-    return judged.span.trait.is_time and judged.rule in ("faster_than_time", "fell_to_what_cannot_be")
+    return judged.span.trait.is_time and judged.rule in ("faster_than_time", "fell_to_what_cannot_be", "fell_alone")
 
 
 def _beside_it(judged: Judged) -> Judged:

@@ -77,7 +77,7 @@ class TaskTable(Table):
 class TasksFile(Table):
     """The whole file."""
 
-    task: Annotated[tuple[TaskTable, ...], FromList] = Field(description="at least one [[task]]", min_length=1)
+    task: Annotated[tuple[TaskTable, ...], FromList] = Field(description="at least one [[task]]")
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,6 +135,8 @@ def _task(table: TaskTable) -> Task:
 def _between(source: TomlText, tables: object) -> Iterator[Problem]:
     """What is wrong between the keys of a task, and between tasks."""
     names: dict[object, int] = {}
+    if tables == []:
+        yield source.problem(("task",), "there is none; at least one [[task]]")
     for place, table in enumerate(tables if isinstance(tables, list) else []):
         if isinstance(table, dict):
             yield from _of_one(source, ("task", place), table)

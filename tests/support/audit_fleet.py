@@ -146,7 +146,13 @@ class SimStation:
         grown = self.grown[key]
         whole = int(hour)
         value = float(grown[whole] + (grown[min(whole + 1, len(grown) - 1)] - grown[whole]) * (hour - whole))
-        return value if key[1].endswith("_h") else math.floor(value * 10 + 1e-6) / 10 if key[1] == "dispensed_mm" else math.floor(value)
+        return (
+            value
+            if key[1].endswith("_h")
+            else math.floor(value * 10 + 1e-6) / 10
+            if key[1] == "dispensed_mm"
+            else math.floor(value)
+        )
 
     def when(self, key: tuple[int, str], amount: float) -> float:
         """The hour at which `amount` really is reached."""
@@ -277,7 +283,9 @@ class Fleet:
             return Count(*key, unit, None, Standing.UNREAD, why="timeout")
         if luck < self.unread + self.moving:
             return Count(*key, unit, None, Standing.MOVING, tuple(station.shown(key, at + late / 600) for late in range(3)))
-        if luck < self.unread + self.moving + self.misread and unit == "h":  # a wrong digit that counts of events may hide for a day
+        if (
+            luck < self.unread + self.moving + self.misread and unit == "h"
+        ):  # a wrong digit that counts of events may hide for a day
             station.happened.append((at, "misread"))
             value = (value + 1000 * int(rng.integers(1, 99))) % 100_000
         return Count(*key, unit, value, values=(value, value))

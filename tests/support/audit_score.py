@@ -1,4 +1,4 @@
-"""How right the audit is about a simulated fleet: its odometers against the truth, its due ranges against when it really was due."""
+"""How right the audit is of a simulated fleet: its odometers against the truth, its due ranges against when it was really due."""
 
 from __future__ import annotations
 
@@ -128,7 +128,9 @@ def due_score(fleet: Fleet, seed: int, stations: int, looks_each: int = 8) -> Du
     return score
 
 
-def _forecasts(station: SimStation, look: int, lives: dict[tuple[int, str], float], seed: int) -> Iterator[tuple[bool, float, bool, float]]:
+def _forecasts(
+    station: SimStation, look: int, lives: dict[tuple[int, str], float], seed: int
+) -> Iterator[tuple[bool, float, bool, float]]:
     now = station.moments[look]
     for key, trace in traces_of(history_of(station, look + 1)).now.items():
         if key not in lives or len(trace.points) < 4 or trace.points[-1].look != look:

@@ -50,7 +50,8 @@ def series(every_h: float, *facts: Fact, **shown: Sequence[Shown]) -> dict[str, 
     """Traces of port 1's counters that showed so at looks so far apart."""
     names = list(shown)
     looks = [
-        seen(place * every_h, dict(zip(names, values, strict=True))) for place, values in enumerate(zip(*shown.values(), strict=True))
+        seen(place * every_h, dict(zip(names, values, strict=True)))
+        for place, values in enumerate(zip(*shown.values(), strict=True))
     ]
     return {name: trace for (_, name), trace in traced(looks, facts).now.items()}
 

@@ -49,7 +49,9 @@ def _most(name: str, hours: float, plugged: int) -> float:
 
 
 @settings(max_examples=400)
-@given(st.tuples(HOURS, HOURS, COUNTS), st.tuples(HOURS, HOURS, COUNTS), st.tuples(*[st.integers(0, 60)] * 3), GAPS, st.integers(0, 2))
+@given(
+    st.tuples(HOURS, HOURS, COUNTS), st.tuples(HOURS, HOURS, COUNTS), st.tuples(*[st.integers(0, 60)] * 3), GAPS, st.integers(0, 2)
+)
 def test_known_is_what_only_one_thing_explains(
     before: tuple[int, ...], other: tuple[int, ...], grown: tuple[int, ...], gap: float, how: int
 ) -> None:
@@ -77,15 +79,16 @@ def _traces(before: list[int], after: list[int], gap: float) -> list[Trace] | No
     return traces if all(trace.differences for trace in traces) else None
 
 
-# -- whole histories: sums against what was really worked -----------------------------------------------------------------------------
+# -- whole histories ----------------------------------------------------------------------------------------------------------------
 
+Steps = list[tuple[float, float, bool]]
 WORKED = st.lists(st.tuples(st.sampled_from([1.0, 24.0, 168.0, 2000.0]), st.floats(0, 1), st.booleans()), min_size=1, max_size=25)
 
 
 @settings(max_examples=200)
 @given(st.floats(0, 99_999), st.floats(0, 99_999), WORKED)
-def test_sums_hold_what_was_worked_and_are_narrow_where_known(plugged: float, cycles: float, steps: list[tuple[float, float, bool]]) -> None:
-    """A box that was on all the time and worked a share of it; any step may begin with a reset."""
+def test_sums_hold_what_was_worked(plugged: float, cycles: float, steps: Steps) -> None:
+    """A box that was always on and worked a share of it; any step may begin with a reset."""
     clock, on, work, events = 0.0, plugged, plugged / 2, int(cycles)
     real_on, real_events = 0.0, 0
     looks = [_look(clock, on, work, events)]
