@@ -79,7 +79,7 @@ def _traces(before: list[int], after: list[int], gap: float) -> list[Trace] | No
     return traces if all(trace.differences for trace in traces) else None
 
 
-# -- whole histories ----------------------------------------------------------------------------------------------------------------
+# -- whole histories ---------------------------------------------------------------------------------------------------------------
 
 Steps = list[tuple[float, float, bool]]
 WORKED = st.lists(st.tuples(st.sampled_from([1.0, 24.0, 168.0, 2000.0]), st.floats(0, 1), st.booleans()), min_size=1, max_size=25)
