@@ -234,9 +234,9 @@ class Facts:
 
 
 NOT_CLAIMED = (
-    "That a solder joint is good: this record shows temperatures and powers, not joints.",
-    "The temperature of the tip's surface, or of the air at the work: it is what the station's own sensor in the tool reports; "
-    "no calibrated thermometer is part of this record.",
+    "That a solder joint is good: joints are found in temperatures and powers, which do not show the solder.",
+    "The temperature of the tip's surface, or of the air at the work: it is what the station's own sensor in the tool reports. "
+    "A calibrated thermometer has to do with it only where a tip verification is cited, and then for the moment of that.",
     "Energy at the tip or in the air: power is in per mille of the station's nominal maximum; "
     "watts appear only where the line file states a rated power.",
     "What happened between two readings: an excursion shorter than the period is seen only if it raised the station's own alarm.",

@@ -36,7 +36,7 @@ RESULT_SIGNS = {"pass": "✓", "fail": "✕", "missing": "?", "deviation": "△"
 
 ENDINGS = {
     "success": "recorded to the end",
-    "aborted": "ended before its stated duration",
+    "aborted": "ended before its stated end",
     "failed": "ended with an error",
     "lost": "cut off",
 }
@@ -47,8 +47,11 @@ def render(document: Mapping[str, object], figures: Mapping[str, tuple[str, str]
     uris = {file: tuple(map(cache(data_uri), pair)) for file, pair in figures.items()}
     script = files("jbclog.report").joinpath("templates", "zoom.js").read_text("utf-8")
     seal = base64.b64encode(sha256(script.encode()).digest()).decode()
+    crowded = sum(first == second for first, second in uris.values()) > 1  # one size for all, as there are many
     page = _environment().get_template("report.html")
-    return page.render(report=document, uris=uris, zooms=zooms, script=Markup(script), script_sha256=seal)  # our own file
+    return page.render(
+        report=document, uris=uris, zooms=zooms, script=Markup(script), script_sha256=seal, crowded=crowded
+    )  # our own file
 
 
 def data_uri(svg: str) -> str:

@@ -16,6 +16,7 @@ from jbclog.report.page import ENDINGS, RESULT_SIGNS, SIGNS, place
 from jbclog.report.paper import INNER, SIDE, WIDTH, Cell, Paper, Type, lacks_letters, pdf_bytes
 from jbclog.report.pdf_tables import alarm_tables, joint_tables
 from jbclog.report.plates import Plates
+from jbclog.report.repeated import told_once
 from jbclog.report.text import bound_text, clean, clock, measured, stamp, together
 from jbclog.report.timescale import duration_text
 from jbclog.report.verified import short
@@ -44,6 +45,7 @@ STATIONS = (
     "Safe state",
     "Tool",
 )
+EVENTS = ("UTC", "Not before", "Where", "Severity", "Kind", "In words")
 RULES = ("Rule", "Where", ">Limit", ">Observed", ">95 % bound", "Result", "In words")
 TEXT, SMALL, QUIET, HEAD = Type(8), Type(7), Type(7, colour=style.QUIET), Type(7, bold=True, colour=style.QUIET)
 
@@ -52,13 +54,15 @@ Row = Mapping[str, object]
 
 def report_pdf(facts: Facts, plates: Plates) -> bytes:
     """The whole document. The same run gives the same bytes: no time of making, no random names."""
-    front, back = Paper(), Paper()
-    _front(front, facts, plates)
-    _back(back, facts)
-    if lacks_letters([*front.sheets, *back.sheets]):
-        back.say(LACKING_MEANS, QUIET)
+    paper = Paper()
+    _front(paper, facts, plates)
+    _summary(paper, facts)
+    plates.set_on(paper)
+    _back(paper, facts)
+    if lacks_letters(paper.sheets):
+        paper.say(LACKING_MEANS, QUIET)
     foot = clean(f"{facts.run} · head {facts.head} · {facts.verdict.word}")
-    return pdf_bytes([*front.sheets, *plates.paper.sheets, *back.sheets], foot, clean(f"{facts.verdict.word} · {facts.run}"))
+    return pdf_bytes(paper.sheets, foot, clean(f"{facts.verdict.word} · {facts.run}"))
 
 
 def _front(paper: Paper, facts: Facts, plates: Plates) -> None:
@@ -203,19 +207,21 @@ def _stations(stations: Sequence[StationReport]) -> tuple[list[Cell], list[list[
     return titles, [[Cell(clean(word), SMALL, right=3 <= column <= 7) for column, word in enumerate(row)] for row in rows]
 
 
-def _back(paper: Paper, facts: Facts) -> None:
+def _summary(paper: Paper, facts: Facts) -> None:
+    """All stations in tables, before their figures."""
     paper.heading("Stations")
     paper.table(*_stations(facts.stations))
-    if facts.verdict.summary:
-        _unkept(paper, facts.verdict.rules)
     joint_tables(paper, facts)
     alarm_tables(paper, facts)
-    graver = [event for event in facts.events if event["severity"] != "info"]
+
+
+def _back(paper: Paper, facts: Facts) -> None:
+    if facts.verdict.summary:
+        _unkept(paper, facts.verdict.rules)
+    graver = told_once([event for event in facts.events if event["severity"] != "info"])
     if graver:
         paper.heading("What happened")
-        paper.table(
-            _titles(["UTC", "Not before", "Where", "Severity", "Kind", "In words"]), [_event(one) for one in graver[:MOST_EVENTS]]
-        )
+        paper.table(_titles(EVENTS), [_event(one) for one in graver[:MOST_EVENTS]])
         if len(graver) > MOST_EVENTS:
             paper.say(f"{len(graver) - MOST_EVENTS} more are in tables/events.csv.", QUIET)
     if facts.annotations:
@@ -238,7 +244,8 @@ def _back(paper: Paper, facts: Facts) -> None:
 def _event(event: Row) -> list[Cell]:
     type_ = Type(7, colour=RESULT_COLOURS["fail"] if event["severity"] in ("error", "critical") else style.INK)
     times = [clock(_text(event["time"]), with_day=True), clock(_text(event["earliest"]), with_day=True)]
-    words = [*times, place(event) or "run", str(event["severity"]), str(event["kind"]), str(event["text"])]
+    often = f" {event['times']} times until {clock(_text(event['until']), with_day=True)}." if "times" in event else ""
+    words = [*times, place(event) or "run", str(event["severity"]), str(event["kind"]), f"{event['text']}{often}"]
     return [Cell(clean(word), type_) for word in words]
 
 

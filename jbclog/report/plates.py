@@ -1,4 +1,4 @@
-"""The figures of a run on paper: each port's heading, figures in a row and drawing, set onto sheets as they come.
+"""The figures of a run on paper: each port's heading, words and drawing, kept until the sheets are filled.
 
 They are drawn while the samples of a port are there, so that only one station's samples are in memory;
 what is kept are thinned curves.
@@ -14,13 +14,33 @@ from jbclog.report.overview import Overview
 from jbclog.report.paper import INNER, SIDE, Paper, Type, wrapped
 
 HEAD, TEXT = Type(10, bold=True), Type(7, colour=style.QUIET)
+BELOW_IN = 0.16
+
+
+@dataclass(frozen=True, slots=True)
+class Plate:
+    """A figure with what stands above it."""
+
+    heading: str
+    caption: str
+    drawing: Drawing
+
+    def set_on(self, paper: Paper) -> None:
+        """All of it on one sheet."""
+        lines = wrapped(self.caption, TEXT, INNER)
+        paper.need(HEAD.line_in + len(lines) * TEXT.line_in + self.drawing.height / 72)
+        paper.put(self.heading, SIDE, HEAD)
+        paper.skip(HEAD.line_in)
+        paper.say(self.caption, TEXT)
+        paper.draw(self.drawing)
+        paper.skip(BELOW_IN)
 
 
 @dataclass(slots=True)
 class Plates:
-    """Sheets of figures."""
+    """The figures in their order."""
 
-    paper: Paper = field(default_factory=Paper)
+    plates: list[Plate] = field(default_factory=list)
     overview: Overview | None = None
 
     def overview_from(self, t0_utc_s: float) -> Overview:
@@ -29,11 +49,11 @@ class Plates:
         return self.overview
 
     def add(self, heading: str, caption: str, drawing: Drawing) -> None:
-        """A figure with what stands above it, all on one sheet."""
-        lines = wrapped(caption, TEXT, INNER)
-        self.paper.need(HEAD.line_in + len(lines) * TEXT.line_in + drawing.height / 72 + 0.2)
-        self.paper.put(heading, SIDE, HEAD)
-        self.paper.skip(HEAD.line_in)
-        self.paper.say(caption, TEXT)
-        self.paper.draw(drawing)
-        self.paper.skip(0.16)
+        """One more figure."""
+        self.plates.append(Plate(heading, caption, drawing))
+
+    def set_on(self, paper: Paper) -> None:
+        """All figures, where the paper is filled to."""
+        paper.skip(BELOW_IN)
+        for plate in self.plates:
+            plate.set_on(paper)
