@@ -20,7 +20,7 @@ WITH_FEEDER = ("ale",)
 
 ENDINGS = {
     "success": (Result.PASS, "The record runs from start to end."),
-    "aborted": (Result.DEVIATION, "The run was ended before its stated duration; what was recorded until then is whole."),
+    "aborted": (Result.DEVIATION, "The run was ended before its stated end; what was recorded until then is whole."),
     "failed": (Result.DEVIATION, "The run ended with an error; what was recorded until then is whole."),
     "lost": (Result.MISSING, "A crash ended the run: its last second and everything after it are not in the record."),
 }

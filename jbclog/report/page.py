@@ -49,9 +49,8 @@ def render(document: Mapping[str, object], figures: Mapping[str, tuple[str, str]
     seal = base64.b64encode(sha256(script.encode()).digest()).decode()
     crowded = sum(first == second for first, second in uris.values()) > 1  # one size for all, as there are many
     page = _environment().get_template("report.html")
-    return page.render(
-        report=document, uris=uris, zooms=zooms, script=Markup(script), script_sha256=seal, crowded=crowded
-    )  # our own file
+    ours = Markup(script)
+    return page.render(report=document, uris=uris, zooms=zooms, script=ours, script_sha256=seal, crowded=crowded)
 
 
 def data_uri(svg: str) -> str:
