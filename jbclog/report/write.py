@@ -14,6 +14,7 @@ from pathlib import Path
 
 from jbclog.analysis import open_run
 from jbclog.errors import RecordError
+from jbclog.record.annotations import NAME as ANNOTATIONS
 from jbclog.record.durable import write_whole
 from jbclog.record.folder import expect_no_links
 from jbclog.report.facts import Facts, Figure
@@ -42,8 +43,20 @@ def write_report(folder: Path | str) -> Path:
 def verify_report(folder: Path | str) -> list[str]:
     """Make the report and the verdict again and compare: a sentence for each file and rule that differs; none: all is as it was."""
     folder = Path(folder)
-    files = [text for name, content in report_files(folder).items() if (text := _difference(folder / name, content))]
-    return [*files, *judged_otherwise(folder, open_run(folder).manifest)]
+    made = report_files(folder)
+    files = [text for name, content in made.items() if (text := _difference(folder / name, content))]
+    return [*_said_since(folder, made[DATA]), *files, *judged_otherwise(folder, open_run(folder).manifest)]
+
+
+def _said_since(folder: Path, now: bytes) -> list[str]:
+    """Why all of it differs, where something was acknowledged or told after the report was made."""
+    try:
+        before = json.loads((folder / DATA).read_bytes())["annotations_head"]
+    except (OSError, ValueError, TypeError, KeyError, RecursionError):
+        return []
+    if before == json.loads(now)["annotations_head"]:
+        return []
+    return [f"{folder / ANNOTATIONS}: something was said since this report was made; `jbclog report {folder}` takes it in"]
 
 
 def report_files(folder: Path) -> dict[str, bytes]:
