@@ -120,6 +120,9 @@ class JobsFile:
     def recipe(self, job: JobTable) -> Path | None:
         return None if job.recipe is None else self.path.absolute().parent / job.recipe
 
+    def reader(self, job: JobTable) -> str | None:
+        return None if job.units_from is None else str(self.path.absolute().parent / job.units_from)
+
     def asked(self, job: JobTable) -> str:
         """All that is asked of a job, as one line of JSON: what is kept, and compared when the batch is gone on with."""
         said = job.model_dump(mode="json", exclude_defaults=True) | {"on_failure": self.policy(job).value}

@@ -47,7 +47,7 @@ def orders_of(file: JobsFile, out: Path) -> Orders:
     chosen = {job.name: tuple(_chosen(file, line, place, job, problems)) for place, job in enumerate(file.jobs)}
     if problems:
         raise Problems(shortened(problems))
-    orders = {job.name: Order(_job(file, job, chosen[job.name], out), job.units_from) for job in file.jobs}
+    orders = {job.name: Order(_job(file, job, chosen[job.name], out), file.reader(job)) for job in file.jobs}
     notes: dict[str, None] = {}
     for place, job in enumerate(file.jobs):
         plan = _plan(file, place, orders[job.name], problems)
@@ -134,6 +134,6 @@ def _each_once(problems: list[Problem]) -> list[Problem]:
 
 
 def _turn(file: JobsFile, job: JobTable, stations: Sequence[str]) -> Turn:
-    reader = () if job.units_from is None else (f"the reader {job.units_from}",)
+    reader = () if job.units_from is None else (f"the reader {file.reader(job)}",)
     at = None if job.at is None else read_at(job.at)
     return Turn(job.name, frozenset((*stations, *reader)), job.after, file.policy(job), at)

@@ -144,6 +144,32 @@ def test_a_signal_ends_what_runs_and_begins_nothing_more(number: signal.Signals,
     assert starts(bench) == ["a", "a", "b"]
 
 
+@pytest.mark.parametrize("policy", OnFailure)
+def test_the_only_job_cut_short_is_left_to_be_gone_on_with(policy: OnFailure) -> None:
+    bench = world(turn("a", "s1", on_failure=policy), a=Fate(0, 100.0))
+    foreman = bench.foreman()
+    bench.watch = lambda name: foreman.interrupt(signal.SIGTERM)
+    assert foreman.work() is Exit.TERMINATED
+    assert bench.disk[-1].kind == Kind.CLOSE
+    bench.watch = lambda name: None
+    assert bench.foreman().work() is Exit.FINE
+    assert starts(bench) == ["a", "a"]
+
+
+@pytest.mark.parametrize("policy", OnFailure)
+@pytest.mark.parametrize("dies", [CRASH, STILLBORN])
+def test_what_died_while_nobody_looked_is_told_and_done_again(policy: OnFailure, dies: str) -> None:
+    bench = world(turn("a", "s1", on_failure=policy), turn("b", "s1", after=("a",)), a=Fate(dies, 30.0))
+    bench.kill_at = 6  # when it runs
+    with pytest.raises(Killed):
+        bench.foreman().work()
+    bench.go_on(60.0)
+    assert bench.foreman().work() is Exit.FINE
+    assert starts(bench) == ["a", "a", "b"]
+    told = [attempt.state.value for attempt in standing_of(bench.disk).jobs["a"].attempts]
+    assert told == ["half done" if dies == CRASH else "failed", "done"]
+
+
 def test_a_worse_end_wins_over_the_signal() -> None:
     bench = world(turn("a", "s1"), turn("b", "s2", after=("a",)), a=Fate(5, 1.0))
     bench.fates = lambda name, attempt: Fate(5, 1.0) if name == "a" else Fate(0, 50.0)
@@ -175,7 +201,7 @@ ENDS = st.builds(Fate, st.sampled_from([0, 0, 0, 1, 3, 4, 5, 143, CRASH, STILLBO
 MEANWHILE = st.tuples(st.sampled_from(["nothing", "time", "power cut"]), st.floats(0.0, 60.0))
 
 
-@settings(deadline=None, max_examples=80)
+@settings(deadline=None, max_examples=40)
 @given(queues(), st.lists(ENDS, min_size=30, max_size=30), st.lists(st.integers(1, 40), max_size=8), MEANWHILE, st.integers(0, 300))
 def test_each_job_comes_to_exactly_one_end_whatever_dies_when(
     turns: list[Turn], ends: list[Fate], kills: list[int], meanwhile: tuple[str, float], signal_at: int
@@ -240,7 +266,7 @@ def expect_one_end_each(bench: World, turns: list[Turn]) -> None:
         assert (job.state is State.SKIPPED) == (one.name in {entry.job for entry in bench.disk if entry.kind == Kind.SKIP})
 
 
-@settings(deadline=None, max_examples=15)
+@settings(deadline=None, max_examples=8)
 @given(queues(), st.lists(ENDS, min_size=30, max_size=30))
 def test_killed_at_each_step_in_turn_it_comes_to_the_same_as_undisturbed(turns: list[Turn], ends: list[Fate]) -> None:
     """With jobs that go on meanwhile: what was done, skipped and failed is the same as if nobody had been killed."""
@@ -267,7 +293,7 @@ def assert_goes_on(bench: World, standing: Standing) -> None:
     assert standing.is_finished or standing.stopped_by is not None
 
 
-@settings(max_examples=50)
+@settings(max_examples=20)
 @given(queues())
 def test_something_can_always_begin_when_nothing_runs(turns: list[Turn]) -> None:
     bench = World(turns, lambda name, attempt: FINE)
