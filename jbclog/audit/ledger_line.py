@@ -75,12 +75,18 @@ def _seen(plain: Plain) -> Observation:
         **{name: _text(plain[name]) for name in TEXTS},
         seen=plain["seen"],
         seq=plain["seq"],
-        identity=cast(Identity | None, build(Identity | None, plain["identity"])),
+        identity=None if plain["identity"] is None else cast(Identity, build(Identity, plain["identity"])),
         errors=cast(Errors, build(Errors, plain["errors"])),
         counts=tuple(_all_counts(plain)),
-        tools=cast("dict[int, str]", build(dict[int, str], plain["tools"])),
-        parameters=cast("dict[str, str]", build(dict[str, str], plain["parameters"])),
+        tools={int(port): tool for port, tool in _texts(plain["tools"]).items()},
+        parameters=_texts(plain["parameters"]),
     )
+
+
+def _texts(table: object) -> dict[str, str]:
+    if not isinstance(table, dict) or not all(type(text) is str for text in table.values()):
+        raise Misfit("a table of texts")
+    return table
 
 
 def _text(said: object) -> str:

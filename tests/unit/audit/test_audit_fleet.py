@@ -24,8 +24,6 @@ OTHERS = [
 ]
 IDS = [f"{pattern.__name__}-{every:.0f}h-{seed}" for pattern, every, seed in OTHERS]
 Counted = Callable[..., None]
-
-
 Pattern = Callable[[np.random.Generator, int], Used]
 
 

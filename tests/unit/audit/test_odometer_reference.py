@@ -48,7 +48,7 @@ def _most(name: str, hours: float, plugged: int) -> float:
     return rate * (min(hours * 1.01, plugged + 1) if plugged >= 0 else hours * 1.01)
 
 
-@settings(max_examples=400)
+@settings(max_examples=250)
 @given(
     st.tuples(HOURS, HOURS, COUNTS), st.tuples(HOURS, HOURS, COUNTS), st.tuples(*[st.integers(0, 60)] * 3), GAPS, st.integers(0, 2)
 )
@@ -85,7 +85,7 @@ Steps = list[tuple[float, float, bool]]
 WORKED = st.lists(st.tuples(st.sampled_from([1.0, 24.0, 168.0, 2000.0]), st.floats(0, 1), st.booleans()), min_size=1, max_size=25)
 
 
-@settings(max_examples=200)
+@settings(max_examples=100)
 @given(st.floats(0, 99_999), st.floats(0, 99_999), WORKED)
 def test_sums_hold_what_was_worked(plugged: float, cycles: float, steps: Steps) -> None:
     """A box that was always on and worked a share of it; any step may begin with a reset."""
