@@ -13,18 +13,19 @@ import shutil
 import sys
 import tarfile
 import tempfile
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime, timedelta
-from itertools import pairwise
 from pathlib import Path
 
-import numpy as np
 import pytest
+from audit_fleet import Fleet, SimStation, iso
 from recorded_run import RecordedRun
 
 from jbclog import __version__, dossier
+from jbclog.audit.book import add
+from jbclog.audit.observed import Fact, Observation
 from jbclog.clock import VirtualClock
 from jbclog.plan import Metadata, Wanted, make_plan
 from jbclog.record import folder as folders
@@ -155,60 +156,79 @@ def capability() -> Iterator[Example]:
         yield Example(began, 60, stations, metadata=Metadata("A. Rossi", "88140", "controller C4", tips=tips))
 
 
-VISITS = (0, 41, 84, 125, 168, 209, 252, 293, 336, 380, 540, 582, 623, 666, 707, 728)
-"""Days after the first of the counters' readings; for five months nobody looked."""
-RESET, RESTARTED, REFUSED = 293, 270, 582  # the day it was seen, the day it was done; work hours are not told that day
-FEEDS_A_DAY, MM_A_FEED = 190, 4.9
-WORK_H_A_DAY = {"dde-1": 6.2, "ale-1": 4.4}
+# -- a ledger of the counter audit --------------------------------------------------------------------------------------------
+
+LOOKED_AT = {"ale-1": (32, 48), "dde-1": (2, 168), "dde-2": (3, 168), "ucr-1": (38, 168)}
+"""The stations of the ledger: which of the simulated fleet's each is, and how many hours lie between two looks. One has a feeder
+whose counters run over, one was reset twice, one was exchanged and nobody told, at one nothing happened."""
+
+TASKS = """# What has to be done after how much use.
+[[task]]
+name = "tip-change"
+title = "Change the tip"
+counter = "work_h"
+life_h = 300
+
+[[task]]
+name = "handpiece"
+title = "Change the handpiece"
+counter = "plugged_h"
+life_h = 3200
+
+[[task]]
+name = "rollers"
+title = "Change the feeder's rollers"
+counter = "dispensed_mm"
+life_m = 3000
+
+[[task]]
+name = "verification"
+title = "Verify the tip temperature"
+life_days = 90
+"""
 
 
-def worked_days() -> list[float]:
-    """How many days each station had worked by each visit."""
-    days, pace = [0.0], random.Random(20241118)
-    for before, after in pairwise(VISITS):
-        days.append(days[-1] + (after - before) * 5 / 7 * pace.uniform(0.8, 1.15))
-    return days
-
-
-def counters() -> Iterator[Example]:
-    """Two years in sixteen glances: dde-1 is reset, the feeder's cycles of ale-1 roll over after 99999, an answer is refused."""
-    days = worked_days()
-    for day, worked in zip(VISITS, days, strict=True):
-        since = worked if day < RESET else worked - float(np.interp(RESTARTED, VISITS, days))
-        fed = round(worked * FEEDS_A_DAY)
-        dde = _counts(4200 if day < RESET else 0, since, 9.0, WORK_H_A_DAY["dde-1"])
-        ale = _counts(900, worked, 9.0, WORK_H_A_DAY["ale-1"]) | {
-            "dispensed_cycles": (31_000 + fed) % 100_000,
-            "dispensed_length": round((31_000 + fed) * MM_A_FEED, 1),
-        }
-        refused = _fault("nak", 0, 60, 'command = "work_hours"\ncode = 3') if day == REFUSED else ""
-        stations = (
-            Station("dde-1", _told(dde)),
-            Station("ale-1", 'model = "ALE"\n' + _told(ale) + refused, "ale"),
-        )
-        began = datetime(2024, 11, 18, 6, 0, tzinfo=UTC) + timedelta(days=day)
-        yield Example(began, 4, stations, rate=1.0, metadata=Metadata("maintenance"))
-
-
-def _counts(before_h: float, days: float, plugged: float, work: float) -> dict[str, float]:
-    """What a station shows after so many working days of so many hours."""
+def simulated() -> dict[str, SimStation]:
+    """Two years of audits, with the truth beside."""
     return {
-        "plugged_hours": int(before_h + days * plugged),
-        "work_hours": int((before_h + days * plugged) * work / plugged),
-        "sleep_hours": int((before_h + days * plugged) * (plugged - work) / plugged * 0.8),
-        "sleep_cycles": int((before_h / plugged + days) * 14),
+        name: Fleet(every_h=every_h, years=2, misread=0, clocks=0.15).station(11, number)
+        for name, (number, every_h) in LOOKED_AT.items()
     }
 
 
-def _told(counts: Mapping[str, float]) -> str:
-    return "joints_per_minute = 0\n[station.sim.counters]\n" + "\n".join(f"{name} = {value}" for name, value in counts.items())
+def ledger(home: Path = HOME) -> None:
+    """The ledger and its tasks file, as one file."""
+    folder = home / "counters"
+    folder.mkdir(parents=True, exist_ok=True)
+    told = sorted((one for name, station in simulated().items() for one in _told(name, station)), key=lambda one: one[0])
+    add(folder / "counters.jsonl", [entry for _, entry in told])
+    (folder / "tasks.toml").write_text(TASKS)
+    pack(folder)
+
+
+def _told(name: str, station: SimStation) -> list[tuple[str, Observation | Fact]]:
+    """What was seen, what people told of it, and that they changed each tip when it was nearly used up; each with when it was.
+
+    That is not the time that a line has: the clock was wrong now and then.
+    """
+    facts = list(station.facts)
+    for port in sorted({port for port, _ in station.grown}):
+        worked = station.true((port, "work_h"), station.moments[-1])
+        facts += [_changed(station, port, number) for number in range(1, int(worked / 290) + 1)]
+    seen = zip(map(iso, station.moments), station.seen, strict=True)
+    entries: list[tuple[str, Observation | Fact]] = [*seen, *((fact.time, fact) for fact in facts)]
+    return [(when, replace(one, line="bench-3", station=name)) for when, one in entries]
+
+
+def _changed(station: SimStation, port: int, number: int) -> Fact:
+    when = iso(station.when((port, "work_h"), 290.0 * number))
+    return Fact(when, when, "A. Rossi", "", "", "tip-change", port, f"T-{100 * port + number}")
 
 
 EXAMPLES: dict[str, Callable[[], Iterator[Example]]] = {
     "alarm": alarm,
     "joints": joints,
     "capability": capability,
-    "counters": counters,
 }
 
 
@@ -254,7 +274,9 @@ def _of_nobody(entry: tarfile.TarInfo) -> tarfile.TarInfo:
 
 
 def main(names: list[str], home: Path = HOME) -> None:
-    for name in names or EXAMPLES:
+    if not names or "counters" in names:
+        ledger(home)
+    for name in [name for name in names if name != "counters"] or ([] if names else EXAMPLES):
         shutil.rmtree(home / name, ignore_errors=True)
         for number, one in enumerate(EXAMPLES[name]()):
             print(record(one, home / name, number))
