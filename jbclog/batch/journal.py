@@ -30,6 +30,7 @@ SUFFIX: Final = ".batch"
 FIRST: Final = sha256(NAME.encode())
 STAMP: Final = "%Y%m%dT%H%M%SZ"
 CUT_OFF: Final = "cut off"
+AT_A_LOSS: Final = "nothing more begins. Jobs that run go on, and end by themselves; started again, the batch goes on"
 
 
 def home_of(out: Path, jobs_file: Path) -> Path:
@@ -61,7 +62,8 @@ class Journal:
         try:
             add_line(self.folder / NAME, FIRST, _parsed, made)
         except OSError as error:
-            raise RecordError(f"{self.folder / NAME} cannot be written: {error.strerror or error}") from error
+            text = f"{self.folder / NAME} cannot be written: {error.strerror or error}; {AT_A_LOSS}"
+            raise RecordError(text) from error
         self.standing.take(kept[-1])
 
 

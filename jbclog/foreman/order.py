@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import cast
+from typing import Final, cast
 
 from jbclog.batch.due import read_at
 from jbclog.batch.jobs_file import JobsFile, JobTable
@@ -17,6 +18,17 @@ from jbclog.plan import Metadata, Plan, Wanted
 from jbclog.recipe.line import AUTO, Line, load_line
 from jbclog.recipe.spans import span_s
 from jbclog.recipe.toml import shortened
+
+KEYS: Final = {
+    "--operator": 'operator = "…"',
+    "--order": 'order = "…"',
+    "--product": 'product = "…"',
+    "--unit": 'serials = ["…"]',
+    "--tip": 'tips = ["…"]',
+    "--wire-lot": 'wire_lots = ["…"]',
+    "--flux-lot": 'flux_lots = ["…"]',
+}
+_TAG: Final = re.compile(r"--tag (\S+)=…")
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,10 +131,18 @@ def _plan(file: JobsFile, place: int, order: Order, problems: list[Problem]) -> 
     try:
         return order.job.plan()
     except Problems as error:
-        problems += [file.problem(place, (), str(problem)) for problem in error.problems]
+        problems += [file.problem(place, (), in_keys(str(problem))) for problem in error.problems]
     except UsageError as error:
-        problems.append(file.problem(place, (), str(error)))
+        problems.append(file.problem(place, (), in_keys(str(error))))
     return None
+
+
+def in_keys(text: str) -> str:
+    """A sentence about what a run was not told, with the keys of a jobs file for the options of the command line."""
+    text = _TAG.sub(r'tags = { \1 = "…" }', text)
+    for option, key in KEYS.items():
+        text = text.replace(f"{option} …", key)
+    return text.replace("--tip ", "tips: ")
 
 
 def _each_once(problems: list[Problem]) -> list[Problem]:

@@ -9,36 +9,59 @@ import signal
 from pathlib import Path
 
 import pytest
-from batch_trial import JOBS, Trial, disturbed, faults, running, write_batch
+from batch_trial import Trial, disturbed, faults, recording, write_batch
 from command import WireLog, is_sampling, jbclog, started, until
+
+from jbclog.record.check import check
 
 Bench = tuple[Path, WireLog]
 STAND = "WPS100001"
 
 
 def test_killed_and_started_again_every_job_is_done_once(bench: Bench, tmp_path: Path) -> None:
-    """A job is killed, then the foreman, then both are let be: nothing is lost, nothing done twice."""
+    """A job is killed, then the foreman: nothing is lost, nothing done twice, and what was half done is told."""
     line, wire = bench
-    jobs = write_batch(tmp_path, line, seconds=2.5)
+    jobs = write_batch(tmp_path, line, seconds=2.5, count=3)
     out = tmp_path / "runs"
     first = started("batch", jobs, "--out", out)
-    assert until(lambda: is_sampling(out))
-    victim = running(out)[0]
-    os.kill(victim, signal.SIGKILL)
+    assert until(lambda: bool(recording(out)))
+    os.kill(recording(out)[0], signal.SIGKILL)
     first.kill()
     first.communicate()
     again = jbclog("batch", jobs, "--out", out, "--resume", "--json", timeout=90)
     told = json.loads(again.stdout)
     assert again.returncode == 0, again.stderr
     assert "is recovered and recorded as half done, and the job is done again" in again.stderr
-    assert {job["name"]: job["state"] for job in told["jobs"]} == {name: "done" for name, _, _ in JOBS}
+    assert {job["name"]: job["state"] for job in told["jobs"]} == dict.fromkeys(("a1", "a2", "b1"), "done")
     assert [run["state"] for job in told["jobs"] for run in job["runs"]].count("half done") == 1
     assert faults(Trial(out)) == []
-    for station in ("dde-1", "ucr-1", "ale-1"):
+    for station in ("dde-1", "ucr-1"):
         assert STAND in wire.writes(station)[-2:]
     anew = jbclog("batch", jobs, "--out", out, "--resume")
     assert anew.returncode == 2
     assert "there is no batch to go on with, the last one was finished at" in anew.stderr
+
+
+@pytest.mark.campaign
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 143)])
+def test_a_signal_ends_what_runs_with_its_tools_safe(bench: Bench, tmp_path: Path, number: signal.Signals, code: int) -> None:
+    line, wire = bench
+    out = tmp_path / "runs"
+    batch = started("batch", write_batch(tmp_path, line, seconds=60.0), "--out", out, "--json")
+    assert until(lambda: is_sampling(out) and len(recording(out)) == 2)
+    batch.send_signal(number)
+    batch.send_signal(number)  # impatience changes nothing
+    said, notes = batch.communicate(timeout=40)
+    told = json.loads(said)
+    assert (batch.returncode, told["exit_code"], told["finished"]) == (code, code, False), notes
+    states = {job["name"]: job["state"] for job in told["jobs"]}
+    assert states == {"a1": "half done", "a2": "not started", "b1": "half done", "c1": "not started"}
+    for job in told["jobs"]:
+        for run in job["runs"]:
+            assert check(Path(run["run"])) == []
+    for station in ("dde-1", "ucr-1"):
+        assert STAND in wire.writes(station)[-2:]
+    assert wire.writes("ale-1") == []
 
 
 @pytest.mark.campaign

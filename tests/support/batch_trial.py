@@ -48,11 +48,11 @@ MOST_SITTINGS = 25
 ENDS_S = 90.0
 
 
-def write_batch(folder: Path, line: Path, seconds: float = 2.0, on_failure: str = "stop") -> Path:
+def write_batch(folder: Path, line: Path, seconds: float = 2.0, count: int = len(JOBS)) -> Path:
     """A jobs file of short jobs, with a recipe that judges nothing."""
     (folder / "quick.toml").write_text(RECIPE)
-    text = f'[batch]\nline = "{line}"\non_failure = "{on_failure}"\n'
-    for name, station, after in JOBS:
+    text = f'[batch]\nline = "{line}"\non_failure = "stop"\n'
+    for name, station, after in JOBS[:count]:
         text += f'[[job]]\nname = "{name}"\nrecipe = "quick.toml"\nstations = ["{station}"]\nduration = "{seconds}s"\n'
         text += f'after = ["{after}"]\n' if after else ""
     path = folder / "quick-night.toml"
@@ -121,6 +121,12 @@ def running(out: Path) -> list[int]:
     """The processes of jobs that run now."""
     papers = [Papers(path) for path in out.glob("*.batch/*/jobs/*")]
     return [process for one in papers if one.is_held() and (process := one.process()) is not None]
+
+
+def recording(out: Path) -> list[int]:
+    """Those whose run has a folder."""
+    papers = [Papers(path) for path in sorted(out.glob("*.batch/*/jobs/*"))]
+    return [process for one in papers if one.is_held() and one.run() and (process := one.process()) is not None]
 
 
 def faults(trial: Trial) -> list[str]:

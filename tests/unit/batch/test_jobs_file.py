@@ -126,6 +126,17 @@ def test_a_recipe_that_is_wrong_is_told_once_however_many_jobs_have_it(tmp_path:
     assert len(raised.value.problems) == 1
 
 
+def test_what_a_recipe_requires_is_asked_for_in_the_keys_of_the_file(tmp_path: Path) -> None:
+    recipe = tmp_path / "strict.toml"
+    required = 'required = ["operator", "order", "wire_lot", "unit", "tag.blade"]'
+    recipe.write_text(f'[recipe]\nname = "x"\nrevision = 1\nfamilies = ["dde"]\n[metadata]\n{required}\n')
+    with pytest.raises(Problems) as raised:
+        ordered(HEAD + JOB.replace(str(RECIPES / "sac305-smd.toml"), str(recipe)))
+    (problem,) = raised.value.problems
+    keys = 'operator = "…" order = "…" wire_lots = ["…"] serials = ["…"] tags = { blade = "…" }'
+    assert str(problem) == f"/nowhere/night.toml:3: job[1]: {recipe}:6: metadata.required: give {keys}"
+
+
 def test_what_a_job_says_is_what_its_run_is_told() -> None:
     lines = ['operator = "A. Rossi"', 'order = "7"', 'wire_lots = ["L1"]', 'tips = ["dde-1:2=T1"]', 'serials = ["S1"]']
     orders = ordered(HEAD + JOB + "\n".join([*lines, 'tags = { shift = "night" }', "wire = true"]))

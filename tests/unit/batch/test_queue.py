@@ -206,6 +206,12 @@ MEANWHILE = st.tuples(st.sampled_from(["nothing", "time", "power cut"]), st.floa
 def test_each_job_comes_to_exactly_one_end_whatever_dies_when(
     turns: list[Turn], ends: list[Fate], kills: list[int], meanwhile: tuple[str, float], signal_at: int
 ) -> None:
+    each_job_comes_to_one_end(turns, ends, kills, meanwhile, signal_at)
+
+
+def each_job_comes_to_one_end(
+    turns: list[Turn], ends: list[Fate], kills: list[int], meanwhile: tuple[str, float], signal_at: int
+) -> None:
     left = list(ends)
     bench = World(turns, lambda name, attempt: left.pop() if left else FINE)
     bench.watch = lambda name: expect_its_turn(bench, turns, name)
@@ -226,6 +232,16 @@ def test_each_job_comes_to_exactly_one_end_whatever_dies_when(
             break
     assert bench.wrong == []
     expect_one_end_each(bench, turns)
+
+
+@pytest.mark.campaign
+@pytest.mark.timeout(3600)
+@settings(deadline=None, max_examples=4000)
+@given(queues(), st.lists(ENDS, min_size=30, max_size=30), st.lists(st.integers(1, 40), max_size=8), MEANWHILE, st.integers(0, 300))
+def test_the_same_of_many_more(
+    turns: list[Turn], ends: list[Fate], kills: list[int], meanwhile: tuple[str, float], signal_at: int
+) -> None:
+    each_job_comes_to_one_end(turns, ends, kills, meanwhile, signal_at)
 
 
 def expect_its_turn(bench: World, turns: list[Turn], name: str) -> None:
