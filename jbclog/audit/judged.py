@@ -9,7 +9,7 @@ from jbclog.audit.odometer import Join, Kind
 from jbclog.audit.span import Span
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)  # as `Span`: made too often to be frozen
 class Judged:
     """A span and what it means. `lost` is, of a counter that was reset, what it had counted since the last reading before it;
     where the join is loose, all that is known."""

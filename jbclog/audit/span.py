@@ -19,7 +19,7 @@ class Reading:
     shown: Interval
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)  # a frozen one takes three times as long to make, and there are hundreds of thousands
 class Span:
     """From `before` to `after`. `elapsed_h`: at most. `most`: what can have been worked at the fastest plausible pace; `usual`:
     at twice the fastest that was seen. `grown`: by how much the readings differ, two of a moving one each way."""
