@@ -54,6 +54,9 @@ def main() -> int:
     except RecordError as error:
         say(str(error))
         return error.exit_code
+    except OSError as error:
+        say(f"{folder}: no guard can be there: {error}")
+        return RecordError.exit_code
     if left:
         let_go(STDERR)
         _go_on(folder, left, shelf, diary)

@@ -243,6 +243,10 @@ def _lacking(path: Path) -> Iterator[str]:
         cut = wire.mend(path)
         if cut:
             yield f"{name}: its last {cut} bytes were no whole block, and were cut off."
+        if not path.stat().st_size:
+            path.unlink()  # a file in which nothing stands is no wire record
+            yield f"{name}: nothing of it was written."
+            return
         yield from (f"{name}: {text}." for text in wire_check.losses(path))
         if not wire.is_done(path):
             yield f"{name} ends before its session did: at most its last {AT_RISK_S:g} s is missing, or what wire.failed says."

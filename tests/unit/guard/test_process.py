@@ -104,6 +104,15 @@ def test_one_that_does_not_start_says_so(tmp_path: Path) -> None:
         guard.await_ready()
 
 
+def test_one_that_cannot_lock_its_folder_says_why_in_a_sentence(tmp_path: Path) -> None:
+    (tmp_path / LOCK).symlink_to(tmp_path / "elsewhere")  # as a full disk would, this refuses the lock's file
+    command = [sys.executable, "-m", "jbclog.guard", str(tmp_path), "--recorder", str(os.getpid())]
+    done = subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, text=True, check=False, timeout=60)
+    assert done.returncode == 4
+    assert "no guard can be there: " in done.stderr
+    assert "Traceback" not in done.stderr
+
+
 def test_one_that_was_killed_is_missed_at_the_next_renewal(guard: GuardProcess) -> None:
     guard.renew()
     os.kill(guard.pid, signal.SIGKILL)

@@ -64,6 +64,16 @@ def test_it_tells_samples_events_settings_counters_and_lines_of_wires_apart(aban
     assert read_manifest(abandoned).wire == "whole"
 
 
+def test_a_wire_of_which_nothing_was_written_is_told_and_not_kept(abandoned: Path) -> None:
+    write_wire(abandoned)
+    empty = abandoned / "wire" / "b.tsv.gz"
+    empty.touch()
+    recover(abandoned)
+    assert not empty.exists()
+    assert read_manifest(abandoned).wire == "wire/b.tsv.gz: nothing of it was written."
+    assert check(abandoned) == []
+
+
 def test_twice_changes_not_a_byte(abandoned: Path) -> None:
     recover(abandoned)
     before = contents(abandoned)
