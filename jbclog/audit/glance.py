@@ -109,6 +109,12 @@ def _reasons(audit: FleetAudit, rows: Sequence[Row]) -> list[str]:
     if audit.wrong:
         found.append(f"The ledger is damaged: {counted(len(audit.wrong), 'line')} of it count for nothing")
     found += [_reason(row.station, task) for row in rows for task in row.tasks if task.state is State.SOON]
+    found += [
+        f"{place(row.station.station, task.port)}: {task.title}, {task.why or 'not known'}"
+        for row in rows
+        for task in row.tasks
+        if task.state is State.UNKNOWN
+    ]
     return found or [_calm(audit)]
 
 

@@ -27,8 +27,8 @@ TITLES: Final = {
     "no_tool_percent": Title("Without a tool", "%", "of the hours plugged in, last year"),
     "joints_a_day": Title("Joints a day", "a day", "feeds of wire, or desoldering cycles; calendar days, last year"),
     "joints_a_work_h": Title("Joints a working hour", "1/h", "feeds of wire, or desoldering cycles, last year"),
-    "mm_a_joint": Title("Wire a joint", "mm", "between the last two readings"),
-    "mm_a_joint_before": Title("Wire a joint, before that", "mm", "last year"),
+    "mm_a_joint": Title("Wire a joint", "mm", "of the last 30 days, or between the last two readings"),
+    "mm_a_joint_before": Title("Wire a joint, before that", "mm", "of the year before that"),
     "idle_hot_h": Title(
         "Hot for nothing, at least",
         "h",

@@ -130,11 +130,22 @@ def _wire(past: Past, ports: Sequence[int]) -> Iterator[UseFigure]:
     if not pairs:
         yield from (unknown(name, "this station feeds no wire") for name in ("mm_a_joint", "mm_a_joint_before"))
         return
-    newest = [(last(one), last(fed)) for one, fed in pairs]
-    before = [(one.part(0, -1), fed.part(0, -1)) for one, fed in pairs if one.n > 1 and fed.n > 1]
-    for name, some in (("mm_a_joint", newest), ("mm_a_joint_before", before)):
+    late = [(lately(one, past.now), lately(fed, past.now)) for one, fed in pairs]
+    early = [(before(one, new), before(fed, made)) for (one, fed), (new, made) in zip(pairs, late, strict=True)]
+    for name, some in (("mm_a_joint", late), ("mm_a_joint_before", early)):
         length, fed_often = [one for one, _ in some], [fed for _, fed in some]
-        yield _figure(name, length, ratio(sum_of(length), sum_of(fed_often)), "nothing was fed")
+        known_mm = ratio(sum_of(length), sum_of(fed_often)) if are_all(length) and are_all(fed_often) else None
+        yield _figure(name, length, known_mm, "nothing was fed")
+
+
+def lately(one: Stretch, now: str) -> Stretch:
+    """About the last 30 days; the last difference alone where readings are rarer."""
+    return window(one, now, MONTH) or last(one)
+
+
+def before(one: Stretch, later: Stretch) -> Stretch | None:
+    """What is before a later part of it; None where that is all."""
+    return one.part(0, one.n + 1 - later.n) if one.n > later.n else None
 
 
 # -- as figures -------------------------------------------------------------------------------------------------------------

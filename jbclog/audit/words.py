@@ -60,8 +60,8 @@ def percent(value: Interval | None) -> str:
 def of_life(task: TaskState) -> str:
     """``1 640 to 1 642 of 2 000 h``; millimetres as metres."""
     scale, unit = (1000.0, "m") if task.unit == "mm" else (1.0, "" if task.unit == "count" else task.unit)
-    used = "–" if task.used is None else span(task.used.per(scale))
-    return f"{used} of {number(task.life / scale)} {unit}".rstrip()
+    life = f"{number(task.life / scale)} {unit}".rstrip()
+    return f"not known, of {life}" if task.used is None else f"{span(task.used.per(scale))} of {life}"
 
 
 def window(task: TaskState) -> str:

@@ -146,11 +146,14 @@ def test_a_few_weeks_are_no_pace() -> None:
 
 
 def test_wire_a_joint_and_what_it_was_before() -> None:
-    wire = went("dispensed_mm", [(21, 0), (14, 5000), (7, 10_000), (0, 16_000)])
-    feeds = went("dispensed_cycles", [(21, 0), (14, 1000), (7, 2000), (0, 3000)])
+    wire = went("dispensed_mm", [(90, 0), (60, 5000), (28, 10_000), (14, 13_000), (0, 16_000)])
+    feeds = went("dispensed_cycles", [(90, 0), (60, 1000), (28, 2000), (14, 2500), (0, 3000)])
     found = figures(wire, feeds)
     assert (found["mm_a_joint"].value, found["mm_a_joint_before"].value) == (6, 5)
+    assert found["mm_a_joint"].n == 2
     assert figures(steady("work_h", 5.0))["mm_a_joint"].why == "this station feeds no wire"
+    short = figures(went("dispensed_mm", [(9, 0), (0, 60)]), went("dispensed_cycles", [(9, 0), (0, 10)]))
+    assert (short["mm_a_joint"].value, short["mm_a_joint_before"].value) == (6, None)
 
 
 # -- errors ---------------------------------------------------------------------------------------------------------------------
