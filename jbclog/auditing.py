@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Final
@@ -21,23 +21,30 @@ from jbclog import reach
 from jbclog.audit.book import Book, add, auditing, read_book
 from jbclog.audit.fleet import FleetAudit
 from jbclog.audit.gathering import fleet_of
-from jbclog.audit.observed import Observation
+from jbclog.audit.ledger_line import written
+from jbclog.audit.observed import Entry, Observation
 from jbclog.audit.tasks import Task
 from jbclog.counting.asking import Wanted
 from jbclog.counting.looking import Looking, Told
 from jbclog.errors import RecordError
 from jbclog.recipe.line import Line, StationSpec
+from jbclog.record.chained import sha256
 
 STOPPED: Final = "the audit was stopped before it was asked"
 
 
 @dataclass(slots=True)
 class Audited:
-    """What came of it. `seen` has an observation of every station of the lines; `trouble` says what is wrong with the ledger."""
+    """What came of it. `seen` has an observation of every station of the lines.
+
+    `kept` are those that were put in the ledger, `unkept` those that could not be; `book` is the ledger with them, `trouble` says
+    what is wrong with it.
+    """
 
     time: str
     book: Book
     seen: list[Observation] = field(default_factory=list)
+    kept: list[Entry] = field(default_factory=list)
     unkept: list[Observation] = field(default_factory=list)
     trouble: list[str] = field(default_factory=list)
 
@@ -60,17 +67,17 @@ def audit_lines(lines: Sequence[Line], ledger: Path, looking: Looking, told: Tol
         def take(seen: Observation) -> None:
             audited.seen.append(seen)
             try:
-                add(ledger, [seen])
+                audited.kept += add(ledger, [seen])
             except RecordError:  # a disk may be full for a moment; it is tried again
                 audited.unkept.append(seen)
             told(seen)
 
         looking.all(wanted, take)
         _keep_the_rest(ledger, audited)
-        audited.book = _read(ledger, audited)
+    if audited.kept:  # a ledger of years is read but once
+        head = sha256(written(audited.kept[-1]))
+        audited.book = replace(audited.book, entries=[*audited.book.entries, *audited.kept], head=head)
     audited.seen += list(_not_asked(wanted, audited))
-    audited.trouble += [] if audited.book.is_sound else audited.book.sentences
-    audited.trouble[:] = dict.fromkeys(audited.trouble)
     return audited
 
 
@@ -91,7 +98,7 @@ def _keep_the_rest(ledger: Path, audited: Audited) -> None:
     unkept, audited.unkept = audited.unkept, []
     if unkept:
         try:
-            add(ledger, unkept)
+            audited.kept += add(ledger, unkept)
         except RecordError as error:
             audited.unkept = unkept
             audited.trouble.append(str(error))

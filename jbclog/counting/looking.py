@@ -23,6 +23,7 @@ from typing import Final
 from jbclog import reach
 from jbclog.audit.observed import Observation
 from jbclog.counting.asking import Wanted, look
+from jbclog.counting.harmless import harmless_for
 from jbclog.drive import blocking
 from jbclog.drive.blocking import Port
 from jbclog.effects import Heard, RunEnded, Steps, Wish, relay
@@ -129,7 +130,7 @@ def _open(wanted: Wanted) -> Port:
     sharers = sharers_of(target.url)
     if sharers:
         raise PortBusy(f"{target.url} is open in {in_words_all(sharers)}; end that first", sharers[0])
-    return ReadOnly(reach.means.open_port(target.url, target.line), reach.only_reads_for(target.family))
+    return ReadOnly(reach.means.open_port(target.url, target.line), harmless_for(target.family))
 
 
 def _in_run(run: Path, wanted: Wanted) -> Observation:

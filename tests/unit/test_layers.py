@@ -46,7 +46,7 @@ MAY_USE = {
     "outcome": "rows errors",
     "reach": "byhand commands protocol recipe record drive transport clock effects wire errors",
     "counting": "audit analysis reach byhand commands quantities record drive transport rows effects same_port errors",
-    "auditing": "audit counting reach recipe errors",
+    "auditing": "audit counting reach recipe record errors",
     "line_safe": "reach byhand commands recipe record guard drive errors",
     "search": "finding record drive transport clock wire errors",
     "found_line": "finding recipe transport",
