@@ -6,6 +6,8 @@ import json
 import os
 import random
 import signal
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -16,6 +18,7 @@ from jbclog.record.check import check
 
 Bench = tuple[Path, WireLog]
 STAND = "WPS100001"
+KILLED_BATCH = str(Path(__file__).parents[1] / "support" / "killed_batch.py")
 
 
 def test_killed_and_started_again_every_job_is_done_once(bench: Bench, tmp_path: Path) -> None:
@@ -62,6 +65,20 @@ def test_a_signal_ends_what_runs_with_its_tools_safe(bench: Bench, tmp_path: Pat
     for station in ("dde-1", "ucr-1"):
         assert STAND in wire.writes(station)[-2:]
     assert wire.writes("ale-1") == []
+
+
+@pytest.mark.campaign
+@pytest.mark.timeout(3600)
+@pytest.mark.parametrize("step", range(1, 140, 3))
+def test_killed_at_each_step_every_job_is_done_once(bench: Bench, tmp_path: Path, step: int) -> None:
+    jobs, out = write_batch(tmp_path, bench[0], seconds=1.0, count=3), tmp_path / "runs"
+    killed = [sys.executable, KILLED_BATCH, str(step), "batch", str(jobs), "--out", str(out)]
+    first = subprocess.run(killed, capture_output=True, text=True, timeout=90, check=False)
+    if first.returncode >= 0:
+        pytest.fail(f"it was finished before step {step}")
+    again = jbclog("batch", jobs, "--out", out, timeout=90)
+    assert again.returncode == 0, again.stderr
+    assert faults(Trial(out)) == []
 
 
 @pytest.mark.campaign
