@@ -23,7 +23,7 @@ def annotate(
     ),
     as_json: bool = options.AS_JSON,
 ) -> None:
-    """Say something of a sealed run, for good: who, when, what, why.
+    """Say something of a sealed run, for good.
 
     The record itself never changes. What is said later is added to annotations.jsonl in the run's folder, each line with the
     hash of the one before it; `check` finds what was changed there. Nothing can be taken back: say what is right behind it.

@@ -26,7 +26,7 @@ def compare(
     plot: Path | None = typer.Option(None, "--plot", metavar="FILE", help="Draw both: a .png, .svg or .pdf file."),
     as_json: bool = options.AS_JSON,
 ) -> None:
-    """Show two runs side by side: recipe, settings, metrics, alarms.
+    """Show two runs side by side, and what differs.
 
     Differences are the second minus the first. Whether two tips idle the same is asked by two one-sided tests within --margin
     (TOST, 5 %): equivalent, different, or not known. That nothing was found to differ is no proof that nothing does.

@@ -44,7 +44,7 @@ def replay(
     ),
     as_json: bool = options.AS_JSON,
 ) -> None:
-    """Serve a run that was recorded with --wire as virtual stations.
+    """Serve a run recorded with --wire as virtual stations.
 
     Each answers as it did then: with the same bytes after the same time, corrupt, late, or not at all; a link that was lost
     is lost again. No answer from behind a recorded write is given before that write comes; a question that comes once more
