@@ -9,7 +9,7 @@ from typing import Final
 from jbclog.audit.ending import ABSENT
 from jbclog.audit.fleet import FLEET, FleetAudit, Meter, StationAudit, UseFigure, Week
 from jbclog.audit.interval import NOTHING
-from jbclog.audit.odometer import Difference
+from jbclog.audit.odometer import Difference, Kind
 from jbclog.audit.words import listed, span
 
 MOST_MARKS: Final = 200
@@ -144,16 +144,26 @@ class Mark:
 
 
 def marks(audit: FleetAudit) -> list[Mark]:
-    """All of them, the latest first."""
+    """All of them, the latest first; without roll-overs that left no doubt (`turns`)."""
     found: dict[tuple[str, int, str, str, str, str, str, bool], list[tuple[str, Difference]]] = {}
     for station in audit.stations:
         for meter in station.meters:
-            for one in meter.odometer.marks:
+            for one in filter(_is_told, meter.odometer.marks):
                 kind = one.kind.value.replace("_", "-")
                 said = (station.station, one.port, one.begin, one.end, kind, one.text, one.rule.replace("_", " "), one.is_doubtful)
                 found.setdefault(said, []).append(("" if meter.unit == "count" else meter.unit, one))
     together = [Mark(*said, tuple(counters)) for said, counters in found.items()]
     return sorted(together, key=lambda one: (one.end, one.station, one.port), reverse=True)
+
+
+def _is_told(one: Difference) -> bool:
+    return one.kind is not Kind.ROLL_OVER or not one.is_known
+
+
+def turns(audit: FleetAudit) -> list[tuple[StationAudit, Meter, int]]:
+    """Counters that ran over after their last number and left no doubt about it, with how often."""
+    every = [(station, meter, [one for one in meter.odometer.marks if not _is_told(one)]) for station, meter in meters(audit)]
+    return [(station, meter, len(over)) for station, meter, over in every if over]
 
 
 def meters(audit: FleetAudit) -> Iterator[tuple[StationAudit, Meter]]:

@@ -16,7 +16,19 @@ from jbclog import __version__
 from jbclog.audit import plots, words
 from jbclog.audit.fleet import FleetAudit
 from jbclog.audit.glance import at_a_glance
-from jbclog.audit.lines import MOST_MARKS, Notes, courses, drift_rows, error_rows, fleet_weeks, marks, meters, unread, use_rows
+from jbclog.audit.lines import (
+    MOST_MARKS,
+    Notes,
+    courses,
+    drift_rows,
+    error_rows,
+    fleet_weeks,
+    marks,
+    meters,
+    turns,
+    unread,
+    use_rows,
+)
 from jbclog.audit.titles import TITLES
 from jbclog.shown import clean, number, stamp, together
 
@@ -43,6 +55,7 @@ def page_of(audit: FleetAudit) -> str:
             marks=marks(audit),
             most_marks=MOST_MARKS,
             meters=list(meters(audit)),
+            turns=turns(audit),
             unread=list(unread(audit)),
             is_open=len(audit.stations) <= COUNTS_MOST,
             errors=list(error_rows(audit)),
