@@ -44,7 +44,7 @@ class Looking:
     def __init__(self, at_once: int = AT_ONCE) -> None:
         self._at_once = at_once
         self._stop = Event()
-        self._done: queue.SimpleQueue[Observation | BaseException | None] = queue.SimpleQueue()
+        self._done: queue.SimpleQueue[Observation | None] = queue.SimpleQueue()
 
     def stop(self) -> None:
         """To be called from anywhere, a signal included."""
@@ -64,8 +64,6 @@ class Looking:
             try:
                 while left:
                     done = self._done.get()
-                    if isinstance(done, BaseException):
-                        raise done
                     if done is None:
                         left -= 1
                     else:
@@ -80,10 +78,18 @@ class Looking:
                 if self.is_stopped:
                     break
                 with suppress(RunEnded):
-                    self._done.put(self._look(wanted))
-        except BaseException as error:  # told in the thread that waits for all of them
-            self._done.put(error)
-        self._done.put(None)
+                    self._done.put(self._surely(wanted))
+        finally:
+            self._done.put(None)
+
+    def _surely(self, wanted: Wanted) -> Observation:
+        """Whatever goes wrong with one station, the others are read."""
+        try:
+            return self._look(wanted)
+        except RunEnded:
+            raise
+        except Exception as error:
+            return wanted.unseen(_text(_now()), f"internal error, {type(error).__name__}: {error} (please report it)")
 
     def _look(self, wanted: Wanted) -> Observation:
         run = run_that_holds(wanted.target.url)

@@ -6,11 +6,14 @@ The run's own station is the one on the same port; what it is called there does 
 from __future__ import annotations
 
 import json
+import sqlite3
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, NamedTuple, cast
+
+from pyarrow import ArrowException
 
 from jbclog.audit.observed import Count, Errors, Identity, Observation, Standing
 from jbclog.commands.command import Scope
@@ -63,7 +66,7 @@ def observed_in(folder: Path, wanted: Wanted, now: datetime) -> Observation:
         if record is None or (not counts and record.family is not None and record.family.counters):
             return replace(wanted.unseen(_text(now), _nothing_yet(folder, record)), source=source)
         return _observation(wanted, record, counts, source)
-    except JbclogError as error:
+    except (JbclogError, OSError, sqlite3.Error, ArrowException) as error:
         return replace(wanted.unseen(_text(now), f"the run {folder} has it, and its record cannot be read: {error}"), source=source)
 
 
