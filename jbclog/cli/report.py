@@ -19,10 +19,11 @@ def report(
 ) -> None:
     """Write a run's report: page, PDF to sign, JSON and tables.
 
-    report.html, report.pdf, report.json, the figures and, for spreadsheets, tables/*.csv are put into the run's folder. The page
-    opens without a network, prints on A4, and its figures can be looked at closer; all of them name the manifest that they were
-    made from. Made again from the same run it has the same bytes, and the verdict comes out the same: --verify does both, writes
-    nothing, and ends with 1 where a file or a rule differs.
+    The verdict with its rules, joints and their recovery, alarms as episodes with what was acknowledged, the tip verification of
+    each port, and all that was read, set, counted and lost. report.html, report.pdf, report.json, the figures and, for
+    spreadsheets, tables/*.csv are put into the run's folder. The page opens without a network, prints on A4, and its figures can
+    be looked at closer; all of them name the manifest that they were made from. Made again from the same run it has the same
+    bytes, and the verdict comes out the same: --verify does both, writes nothing, and ends with 1 where a file or a rule differs.
 
     \b
     Example:

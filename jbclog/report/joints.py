@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 import pandas as pd
 import pyarrow as pa
-from numpy.typing import NDArray
+import pyarrow.compute as pc
 
 from jbclog.analysis import Run
 from jbclog.analysis.features import joints_and_metrics
@@ -31,7 +31,6 @@ METRICS: Final = ("joints", "recovery_s", "recovery_p95_s", "joint_depth_c", "jo
 OF_JOINTS: Final = "joints"
 
 Row = dict[str, object]
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,17 +59,17 @@ def joints_of(run: Run) -> Joints:
 def joint_facts(found: Joints, station: str, port: int, file: str) -> tuple[JointFacts, Charted] | None:
     """The figures of one port and its chart, whose file begins with `file`; None for what makes no joints."""
     told = {str(row["metric"]): row for row in found.metrics if row["station"] == station and row["port"] == port}
-    mine = [row for row in found.table.select(["station", "port", "recovery_s"]).to_pylist() if _is_of(row, station, port)]
-    if OF_JOINTS not in told or (told[OF_JOINTS]["why"] is not None and not mine):
+    of_port = pc.and_(pc.equal(found.table["station"], station), pc.equal(found.table["port"], port))
+    recovery = np.asarray(found.table["recovery_s"].filter(of_port).to_numpy(), dtype=np.float64)  # null: NaN
+    if OF_JOINTS not in told or (told[OF_JOINTS]["why"] is not None and not len(recovery)):
         return None
     resolution = told["recovery_s"]["resolution"]
-    recovery = np.array([np.nan if row["recovery_s"] is None else row["recovery_s"] for row in mine], dtype=np.float64)
     chart = charted(recovery, resolution if isinstance(resolution, float) else None)
     figure = None
     if chart.is_worth_it:
         wide, narrow = (svg_text(draw_chart(chart, form)) for form in (WIDE, NARROW))
         figure = Figure(f"figures/{file}-joints.svg", chart.caption, f"{station}, port {port}: {chart.caption}", wide, narrow)
-    facts = JointFacts({name: told[name] for name in METRICS if name in told}, len(mine), chart.signals, *chart.why, figure)
+    facts = JointFacts({name: told[name] for name in METRICS if name in told}, len(recovery), chart.signals, *chart.why, figure)
     return facts, chart
 
 
@@ -89,10 +88,6 @@ def _recovery(seconds: Sequence[float | None]) -> Row:
     known = [one for one in seconds if one is not None]
     middle, slowest = (round(float(np.median(known)), 3), max(known)) if known else (None, None)
     return {"recovery_n": len(known), "recovery_p50_s": middle, "recovery_slowest_s": slowest}
-
-
-def _is_of(row: Mapping[str, object], station: str, port: int) -> bool:
-    return row["station"] == station and row["port"] == port
 
 
 def _times(row: Mapping[str, object]) -> Row:

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, lru_cache
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Final
@@ -50,18 +50,20 @@ class Face:
         """How wide a text is, in sizes of the font."""
         return sum(self.advances.get(ord(letter), 0) for letter in text) / self.units
 
-    def subset(self, letters: Iterable[str]) -> bytes:
-        """The font with nothing but these letters, each by the number that it had."""
-        options = Options(retain_gids=True, hinting=False, layout_features=[], notdef_outline=True, recalc_timestamp=False)
-        options.drop_tables += NOT_PRINTED
-        with TTFont(self.path, lazy=True, recalcTimestamp=False) as font:
-            subsetter = Subsetter(options)
-            subsetter.populate(unicodes=sorted(map(ord, letters)))
-            subsetter.subset(font)
-            del font["cmap"]
-            out = io.BytesIO()
-            font.save(out, reorderTables=False)
-        return out.getvalue()
+
+@lru_cache(16)
+def font_program(bold: bool, letters: frozenset[str]) -> bytes:
+    """The font with nothing but these letters, each by the number that it had; kept, as many reports have the same letters."""
+    options = Options(retain_gids=True, hinting=False, layout_features=[], notdef_outline=True, recalc_timestamp=False)
+    options.drop_tables += NOT_PRINTED
+    with TTFont(face(bold).path, lazy=True, recalcTimestamp=False) as font:
+        subsetter = Subsetter(options)
+        subsetter.populate(unicodes=sorted(map(ord, letters)))
+        subsetter.subset(font)
+        del font["cmap"]
+        out = io.BytesIO()
+        font.save(out, reorderTables=False)
+    return out.getvalue()
 
 
 @cache

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from typing import Final
 
 from jbclog.report.drawing import Drawing, Floats, Mark, Shape, Stroke, Words
-from jbclog.report.letters import drawable, face
+from jbclog.report.letters import drawable, face, font_program
 
 COMPRESSION: Final = 6
 FONT_NAMES: Final = {False: "F1", True: "F2"}
@@ -123,7 +123,7 @@ def _colour(colour: str) -> str:
 def _font(file: _File, bold: bool, letters: set[str]) -> int:
     """A composite font of the glyphs in use, by their own numbers (ISO 32000-1, 9.7)."""
     one, name = face(bold), BASE_NAMES[bold]
-    packed = one.subset(letters)
+    packed = font_program(bold, frozenset(letters))
     program = file.stream(packed, f"/Length1 {len(packed)} ")
     box = " ".join(str(one.scaled(edge)) for edge in one.box)
     descriptor = file.put(
