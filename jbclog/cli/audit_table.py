@@ -67,7 +67,13 @@ def _below(row: Row) -> Iterator[tuple[str, str]]:
 
 def _task(task: TaskState) -> str:
     part = f" ({task.part})" if task.part else ""
+    if task.percent is None:
+        return f"{_place(task.port)}{task.title or task.task}{part}: {task.why or 'not known'} (life: {_life(task)})"
     return f"{_place(task.port)}{task.title or task.task}{part}: {percent(task.percent)}, {of_life(task)}; {_due(task)}"
+
+
+def _life(task: TaskState) -> str:
+    return of_life(task).partition(" of ")[2]
 
 
 def _due(task: TaskState) -> str:

@@ -157,6 +157,14 @@ def test_the_table_tells_what_was_not_read() -> None:
     assert "unread    port 1 plugged_h: timeout" in unread
 
 
+def test_what_nobody_told_is_said_without_a_number() -> None:
+    told = replace(
+        fleets.task(5, 20), used=None, percent=None, state=State.UNKNOWN, due=None, why="nobody told when it was done last"
+    )
+    seen = "\n".join(lines(fleets.fleet(replace(FINE, tasks=(told,)))))
+    assert "not known Tip temperature verified: nobody told when it was done last (life: 90 d)" in seen
+
+
 def test_names_from_outside_stay_on_their_line() -> None:
     one = replace(FINE, notes=tuple(HOSTILE))
     told = list(lines(fleets.fleet(one)))
