@@ -54,7 +54,7 @@ def test_who_is_logged_in_did_it_now_where_nobody_says_else(ledger: Path, monkey
         (("done", "-s", "dde-2", *DONE), "has no station of that name; did you mean dde-1?"),
         (("done", "-s", "qqqq", *DONE), "has no station of that name; there are ale-1, dde-1"),
         (("done", "-s", "ale-1", *DONE), "several lines have one of that name; give bench-3/ale-1 or hall/ale-1"),
-        (("done", "-s", "dde-1", "--task", "tip-chnge"), "there is no task of that name; did you mean tip-change, cartridge-change?; a tasks file"),
+        (("done", "-s", "dde-1", "--task", "tip-chnge"), "did you mean tip-change, cartridge-change?; a tasks file"),
         (("done", "-s", "dde-1"), "give `done` with --station and --task, or `list`"),
         (("undo",), "give `done` with --station and --task, or `list`"),
         (("done", "-s", "dde-1", *DONE, "--at", "2126-01-01"), "that is still to come"),
