@@ -34,6 +34,7 @@ from jbclog.record.manifest import read_manifest
 from jbclog.record.recover import recover
 
 SEED = random.randrange(1 << 32)
+LEAST_STEPS = 40  # that every recovery takes
 DURATION_S = 2.0
 LATEST_S = {"start": 1.5, "questions": DURATION_S + 1.5}
 PROGRAM = [sys.executable, "-c", "from jbclog.cli import main; main()"]
@@ -220,7 +221,7 @@ def recover_killed(cut_off: tuple[Path, killed_run.Rows], home: Path, first: int
 
 
 def test_a_recovery_killed_at_a_step(cut_off: tuple[Path, killed_run.Rows], tmp_path: Path) -> None:
-    step = 3 + SEED % 50
+    step = 3 + SEED % LEAST_STEPS
     assert recover_killed(cut_off, tmp_path, step, 1, step + 1) == 1
 
 
