@@ -15,8 +15,10 @@ from pathlib import Path
 from jbclog.analysis import open_run
 from jbclog.errors import RecordError
 from jbclog.record.annotations import NAME as ANNOTATIONS
+from jbclog.record.annotations import read as read_annotations
 from jbclog.record.durable import write_whole
 from jbclog.record.folder import expect_no_links
+from jbclog.record.manifest import manifest_sha256
 from jbclog.report.facts import Facts, Figure
 from jbclog.report.gather import gather
 from jbclog.report.joints import JOINTS, joints_of
@@ -43,18 +45,18 @@ def write_report(folder: Path | str) -> Path:
 def verify_report(folder: Path | str) -> list[str]:
     """Make the report and the verdict again and compare: a sentence for each file and rule that differs; none: all is as it was."""
     folder = Path(folder)
-    made = report_files(folder)
-    files = [text for name, content in made.items() if (text := _difference(folder / name, content))]
-    return [*_said_since(folder, made[DATA]), *files, *judged_otherwise(folder, open_run(folder).manifest)]
+    files = [text for name, content in report_files(folder).items() if (text := _difference(folder / name, content))]
+    return [*_said_since(folder), *files, *judged_otherwise(folder, open_run(folder).manifest)]
 
 
-def _said_since(folder: Path, now: bytes) -> list[str]:
+def _said_since(folder: Path) -> list[str]:
     """Why all of it differs, where something was acknowledged or told after the report was made."""
     try:
-        before = json.loads((folder / DATA).read_bytes())["annotations_head"]
+        before = json.loads((folder / DATA).read_bytes())
+        made_from, head = before["manifest_sha256"], before["annotations_head"]
     except (OSError, ValueError, TypeError, KeyError, RecursionError):
         return []
-    if before == json.loads(now)["annotations_head"]:
+    if made_from != manifest_sha256(folder) or head == read_annotations(folder).head:
         return []
     return [f"{folder / ANNOTATIONS}: something was said since this report was made; `jbclog report {folder}` takes it in"]
 

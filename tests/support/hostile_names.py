@@ -66,6 +66,9 @@ def steers(text: str) -> list[str]:
     return sorted({ascii(sign) for sign in MOVES.findall(text)})
 
 
+BESIDE = ("tables/joints.csv", "tables/metrics.csv", "joints.parquet")  # files that a report writes beside its page
+
+
 class Acting(HTMLParser):
     """Collects what in a page could act: elements that load or run, handlers, addresses that are not of the page itself."""
 
@@ -82,7 +85,7 @@ class Acting(HTMLParser):
         if tag in ("script", "iframe", "object", "embed", "link", "form", "base", "svg", "math", "template"):
             self._elements.append(f"<{tag}>")
         for name, value in attrs:
-            if name.startswith("on") or (name == "href" and not str(value).startswith("#")):
+            if name.startswith("on") or (name == "href" and not str(value).startswith("#") and value not in BESIDE):
                 self.found.append(f"{tag} {name}={value}")
             if name in ("src", "srcset") and not str(value).startswith("data:image/"):
                 self.found.append(f"{tag} {name}={value}")
