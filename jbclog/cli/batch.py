@@ -51,8 +51,8 @@ def batch(
     """
     from jbclog.batch.due import SystemZone
     from jbclog.batch.jobs_file import load_jobs
-    from jbclog.batch.journal import NAME, home_of, iso
-    from jbclog.cli.batch_told import facts, table
+    from jbclog.batch.journal import NAME, home_of
+    from jbclog.cli.batch_told import facts, local, table
     from jbclog.foreman.hold import hold
     from jbclog.foreman.order import orders_of
     from jbclog.foreman.shift import take
@@ -65,7 +65,7 @@ def batch(
     orders = orders_of(load_jobs(jobs, line), out)
     for text in orders.notes:
         note(f"note: {text}")
-    with hold(home_of(out, jobs), jobs, iso(time.time())):
+    with hold(home_of(out, jobs), jobs, local(time.time())):
         shift = take(orders, out, means, SystemZone(), resume=resume, anew=anew)
         code = _carry_out(shift, means, show_first=resume, as_json=as_json)
         if as_json:

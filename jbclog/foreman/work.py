@@ -185,7 +185,8 @@ class Foreman:
             )
         )
         self._shown.ended(job)
-        if self.standing.stopped_by == job.name and not is_old and self.standing.ended_by is None:
+        is_stopping = self.standing.stopped_by == job.name and self.standing.ended_by is None and not is_old
+        if is_stopping and self.standing.waiting():
             self._shown.told(f"{job.name} stops the line: nothing more begins, and what runs is let run to its end")
 
     def _is_again(self, job: JobStanding, came: Came, *, is_old: bool) -> bool:
