@@ -8,6 +8,7 @@ import random
 import signal
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -70,7 +71,7 @@ def test_a_signal_ends_what_runs_with_its_tools_safe(bench: Bench, tmp_path: Pat
 @pytest.mark.campaign
 @pytest.mark.timeout(3600)
 @pytest.mark.parametrize("step", range(1, 110, 3))
-def test_killed_at_each_step_every_job_is_done_once(bench: Bench, tmp_path: Path, step: int) -> None:
+def test_killed_at_each_step_every_job_is_done_once(bench: Bench, tmp_path: Path, step: int, counted: Callable[..., None]) -> None:
     jobs, out = write_batch(tmp_path, bench[0], seconds=1.0, count=3), tmp_path / "runs"
     killed = [sys.executable, KILLED_BATCH, str(step), "batch", str(jobs), "--out", str(out)]
     first = subprocess.run(killed, capture_output=True, text=True, timeout=90, check=False)
@@ -78,12 +79,19 @@ def test_killed_at_each_step_every_job_is_done_once(bench: Bench, tmp_path: Path
         pytest.fail(f"it was finished before step {step}")
     again = jbclog("batch", jobs, "--out", out, timeout=90)
     assert again.returncode == 0, again.stderr
-    assert faults(Trial(out)) == []
+    wrong = faults(Trial(out))
+    counted(foremen_killed=1, wrong=len(wrong))
+    assert wrong == []
 
 
 @pytest.mark.campaign
 @pytest.mark.timeout(3600)
 @pytest.mark.parametrize("seed", range(40))
-def test_whatever_is_killed_when_every_job_is_done_once(bench: Bench, tmp_path: Path, seed: int) -> None:
+def test_whatever_is_killed_when_every_job_is_done_once(
+    bench: Bench, tmp_path: Path, seed: int, counted: Callable[..., None]
+) -> None:
     trial = disturbed(tmp_path, bench[0], random.Random(seed), kills=4)
+    kills, runs = trial.kills, trial.runs()
+    counted(batches=1, sittings=trial.sittings, foremen_killed=kills["foreman"], jobs_killed=kills["job"], terminated=kills["term"])
+    counted(runs=len(runs), runs_half_done=runs.count("half done"), jobs_lost_or_done_twice=0, wrong=len(trial.wrong))
     assert trial.wrong == []

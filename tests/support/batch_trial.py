@@ -77,6 +77,10 @@ class Trial:
     def standing(self) -> Standing:
         return standing_of(read(self.journal))
 
+    def runs(self) -> list[str]:
+        """How each attempt came out."""
+        return [attempt.state.value for job in self.standing().jobs.values() for attempt in job.attempts]
+
 
 def disturbed(folder: Path, line: Path, dice: random.Random, kills: int) -> Trial:
     """Carry a batch out, with so many kills at random moments, until it is finished."""
