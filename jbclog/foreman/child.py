@@ -25,7 +25,7 @@ from jbclog.errors import JbclogError
 from jbclog.foreman.carried import Carried
 from jbclog.foreman.order import Order
 from jbclog.job import carry_out
-from jbclog.outcome import in_order
+from jbclog.outcome import Exit, in_order
 from jbclog.rows import EventRow
 from jbclog.session.order import Desk
 
@@ -145,7 +145,8 @@ def _carry_out(papers: Papers) -> Said:
 
 def _said(result: Result) -> Said:
     findings = [finding.text for finding in in_order(result.findings)]
-    broken = [rule for rule in result.manifest.verdict_rules if rule["result"] in BROKEN]
+    is_told = result.exit_code is Exit.NOT_FINE  # worse ones say already why there is no better verdict
+    broken = [rule for rule in result.manifest.verdict_rules if is_told and rule["result"] in BROKEN]
     reasons = [*dict.fromkeys(f"{rule['station'] or 'run'}: {rule['text']}".rstrip(".") for rule in broken)]
     more = [f"{len(reasons) - REASONS_MOST} more reasons"] if len(reasons) > REASONS_MOST else []
     return Said(result.exit_code.value, result.manifest.verdict, [*findings, *reasons[:REASONS_MOST], *more], str(result.folder))

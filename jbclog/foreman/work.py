@@ -140,7 +140,8 @@ class Foreman:
             return
         if self.standing.ended_by is None:
             self._note(Kind.SIGNAL, f"{self._signal.name} received: nothing more begins, and what runs ends with its tools safe.")
-            self._shown.told(f"{self._signal.name}: nothing more begins; the jobs that run make their tools safe and end")
+            running = "; the jobs that run make their tools safe and end" if self.standing.running() else ""
+            self._shown.told(f"{self._signal.name}: nothing more begins{running}")
         for job in self.standing.running():
             if job.name not in self._asked and self._hands.ask_to_end(*_attempt(job), self._signal):
                 self._asked.add(job.name)
