@@ -169,12 +169,12 @@ def add_lines(path: Path, first: str, parse: Parse[L], items: Iterable[Item], ma
         before = _end_of(descriptor, parse)
         lines = lines_in(before)
         last = next((said.seq for line in reversed(lines) if (said := parse(line)) is not None), 0)
-        previous, data = sha256(lines[-1]) if lines else first, b""
+        previous, made = sha256(lines[-1]) if lines else first, list[bytes]()
         for seq, item in enumerate(items, last + 1):
-            line = make(item, seq, previous)
-            previous, data = sha256(line), data + line + b"\n"
-        if data:
-            _add(descriptor, before, data[:-1])
+            made.append(make(item, seq, previous))
+            previous = sha256(made[-1])
+        if made:
+            _add(descriptor, before, b"\n".join(made))
     sync_folder(path.parent)
 
 
@@ -202,7 +202,7 @@ def _locked(path: Path) -> Iterator[int]:
 
 def _add(descriptor: int, before: bytes, line: bytes) -> None:
     """Put the line at the end, on a line of its own also behind one that was cut off, and see that it lasts."""
-    data = (b"" if not before or before.endswith(b"\n") else b"\n") + line + b"\n"
+    data = memoryview((b"" if not before or before.endswith(b"\n") else b"\n") + line + b"\n")
     while data:
         data = data[os.write(descriptor, data) :]
     os.fsync(descriptor)
