@@ -14,8 +14,8 @@ from jbclog.cli.unheld import never_wait
 from jbclog.errors import UsageError
 
 if TYPE_CHECKING:
-    from jbclog.foreman.shift import Shift
-    from jbclog.foreman.work import Means
+    from jbclog.cli.batch_shown import Lines, Screen
+    from jbclog.foreman.work import Foreman
 
 
 @ends_with_errors_told
@@ -52,7 +52,8 @@ def batch(
     from jbclog.batch.due import SystemZone
     from jbclog.batch.jobs_file import load_jobs
     from jbclog.batch.journal import NAME, home_of
-    from jbclog.cli.batch_told import facts, local, table
+    from jbclog.cli.batch_shown import shown_by
+    from jbclog.cli.batch_told import beginning, facts, intentions, local, table
     from jbclog.foreman.hold import hold
     from jbclog.foreman.order import orders_of
     from jbclog.foreman.shift import take
@@ -67,29 +68,26 @@ def batch(
         note(f"note: {text}")
     with hold(home_of(out, jobs), jobs, local(time.time())):
         shift = take(orders, out, means, SystemZone(), resume=resume, anew=anew)
-        code = _carry_out(shift, means, show_first=resume, as_json=as_json)
+        for text in (*beginning(shift), *(intentions(shift) if resume else ())):
+            note(text)
+        shown = shown_by(shift, quiet=as_json)  # a table from here on
+        foreman = shift.foreman(shown, means)
+        code = _carry_out(foreman, shown)
         if as_json:
             tell_json(facts(shift, out, code))
         else:
             tell(table(shift, out))
-            note(shift.standing.closing)
             note(f"journal: {shift.journal.folder / NAME}; exit code {code}")
+        foreman.finish()
+        note(shift.standing.closing)
     raise typer.Exit(code)
 
 
-def _carry_out(shift: Shift, means: Means, *, show_first: bool, as_json: bool) -> int:
-    """Carry it out, as far as it goes; give the exit code."""
-    from jbclog.cli.batch_shown import shown_by
-    from jbclog.cli.batch_told import beginning, intentions
+def _carry_out(foreman: Foreman, shown: Lines | Screen) -> int:
+    """As far as it goes; give the exit code. What follows are last words, which no signal ends."""
     from jbclog.conduct import heard
     from jbclog.drive.signals import Signals
 
-    for text in beginning(shift):
-        note(text)
-    for text in intentions(shift) if show_first else ():
-        note(text)
-    shown = shown_by(shift, quiet=as_json)
-    foreman = shift.foreman(shown, means)
     with Signals(heard(), for_good=True) as signals:
         signals.tell(foreman.interrupt)
         try:

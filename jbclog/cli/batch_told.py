@@ -107,7 +107,7 @@ def facts(shift: Shift, out: Path, code: int) -> dict[str, object]:
     return {
         "batch": str(shift.orders.file.path),
         "journal": str(shift.journal.folder / "journal.jsonl"),
-        "finished": standing.is_finished,
+        "finished": not standing.is_open(),
         "exit_code": code,
         "jobs": [_job_facts(shift, job, out) for job in _in_file_order(shift)],
     }

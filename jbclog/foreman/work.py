@@ -204,12 +204,17 @@ class Foreman:
 
     def _give_up(self) -> None:
         standing = self.standing
-        if not standing.is_open():
+        if standing.is_open():
+            why = "The batch was interrupted" if standing.ended_by is not None else f"{standing.stopped_by} stopped the line"
+            self._note(Kind.CLOSE, f"{why}; started again, it goes on.")
+
+    def finish(self) -> None:
+        """What came of the jobs has been told; where all have come to their ends the next start begins anew.
+
+        Not before: killed in between, the next start must tell it and not do it all once more.
+        """
+        if not self.standing.is_open():
             self._note(Kind.FINISH, "Every job has come to its end.")
-        elif standing.ended_by is not None:
-            self._note(Kind.CLOSE, "The batch was interrupted; started again, it goes on.")
-        else:
-            self._note(Kind.CLOSE, f"{standing.stopped_by} stopped the line; started again, the batch goes on.")
 
     def exit_code(self) -> Exit:
         """The most severe of what came of the jobs, and of the batch that was cut short."""

@@ -111,7 +111,16 @@ class World:
         return next((one for one in self.processes if (one.name, one.attempt) == (name, attempt)), None)
 
     def foreman(self) -> Foreman:
-        return Foreman(in_turn(self.turns), Memory(self), WorldHands(self), Unseen(), Means(lambda: self.now, self.pause))
+        return Whole(in_turn(self.turns), Memory(self), WorldHands(self), Unseen(), Means(lambda: self.now, self.pause))
+
+
+class Whole(Foreman):
+    """With what is done when what came of the jobs has been told."""
+
+    def work(self) -> Exit:
+        code = super().work()
+        self.finish()
+        return code
 
 
 class Utc:

@@ -15,6 +15,7 @@ from jbclog.batch.entry import RECORDED, Kind, State
 from jbclog.batch.queue import whats_next
 from jbclog.batch.standing import Standing, standing_of
 from jbclog.batch.turn import OnFailure, Turn, circle, in_turn
+from jbclog.foreman.work import Foreman
 from jbclog.outcome import Exit
 
 STOP, SKIP, CONTINUE = OnFailure.STOP, OnFailure.SKIP, OnFailure.CONTINUE
@@ -168,6 +169,15 @@ def test_what_died_while_nobody_looked_is_told_and_done_again(policy: OnFailure,
     assert starts(bench) == ["a", "a", "b"]
     told = [attempt.state.value for attempt in standing_of(bench.disk).jobs["a"].attempts]
     assert told == ["half done" if dies == CRASH else "failed", "done"]
+
+
+def test_killed_before_it_could_tell_what_came_of_it_it_tells_it_and_does_nothing_again() -> None:
+    bench = world(turn("a", "s1"), turn("b", "s1"), b=Fate(1))
+    assert Foreman.work(bench.foreman()) is Exit.NOT_FINE  # and there it dies
+    assert not standing_of(bench.disk).is_finished
+    assert bench.foreman().work() is Exit.NOT_FINE
+    assert starts(bench) == ["a", "b"]
+    assert standing_of(bench.disk).is_finished
 
 
 def test_a_worse_end_wins_over_the_signal() -> None:
