@@ -22,10 +22,13 @@ from jbclog.audit.book import Book, add, auditing, read_book
 from jbclog.audit.fleet import FleetAudit
 from jbclog.audit.gathering import fleet_of
 from jbclog.audit.ledger_line import written
-from jbclog.audit.observed import Entry, Observation
+from jbclog.audit.observed import Entry, Fact, Observation
 from jbclog.audit.tasks import Task
+from jbclog.audit.trouble import counted_until
 from jbclog.counting.asking import Wanted
 from jbclog.counting.looking import Looking, Told
+from jbclog.counting.past_runs import PastRuns, past_runs
+from jbclog.counting.verified import verified, with_never
 from jbclog.errors import RecordError
 from jbclog.recipe.line import Line, StationSpec
 from jbclog.record.chained import sha256
@@ -37,8 +40,8 @@ STOPPED: Final = "the audit was stopped before it was asked"
 class Audited:
     """What came of it. `seen` has an observation of every station of the lines.
 
-    `kept` are those that were put in the ledger, `unkept` those that could not be; `book` is the ledger with them, `trouble` says
-    what is wrong with it.
+    `kept` are those that were put in the ledger, `unkept` those that could not be; `book` is the ledger with them. `verified` is
+    what the verifications beside the runs tell. `trouble` says what is wrong with all of these.
     """
 
     time: str
@@ -46,11 +49,12 @@ class Audited:
     seen: list[Observation] = field(default_factory=list)
     kept: list[Entry] = field(default_factory=list)
     unkept: list[Observation] = field(default_factory=list)
+    verified: list[Fact] = field(default_factory=list)
     trouble: list[str] = field(default_factory=list)
 
 
-def audit_lines(lines: Sequence[Line], ledger: Path, looking: Looking, told: Told) -> Audited:
-    """Look at every station of `lines`; `told` is called with each as it was seen.
+def audit_lines(lines: Sequence[Line], ledger: Path, looking: Looking, told: Told, runs: Path | None = None) -> Audited:
+    """Look at every station of `lines`; `told` is called with each as it was seen. `runs` is the folder of their runs.
 
     Raises `AuditGoesOn` where another audit is at work with this ledger; then nothing was asked.
     """
@@ -63,8 +67,10 @@ def audit_lines(lines: Sequence[Line], ledger: Path, looking: Looking, told: Tol
         audited.book = _read(ledger, audited)
         audited.trouble += [] if audited.book.is_sound else audited.book.sentences
         wanted = _wanted(lines, audited)
+        past = _past(runs, wanted, audited)
 
         def take(seen: Observation) -> None:
+            seen = past.with_errors(seen)
             audited.seen.append(seen)
             try:
                 audited.kept += add(ledger, [seen])
@@ -105,11 +111,31 @@ def _keep_the_rest(ledger: Path, audited: Audited) -> None:
 
 
 def _wanted(lines: Sequence[Line], audited: Audited) -> list[Wanted]:
-    last = {(one.line, one.station): one.time for one in audited.book.observations if one.seen}
+    looks: dict[tuple[str, str], list[Observation]] = {}
+    for one in audited.book.observations:
+        if one.seen:
+            looks.setdefault((one.line, one.station), []).append(one)
     return [
-        Wanted(audited.time, line.name, reach.target_of(line, station.name), last.get((line.name, station.name)))
+        Wanted(
+            audited.time,
+            line.name,
+            reach.target_of(line, station.name),
+            counted_until(looks.get((line.name, station.name), []), audited.time),
+        )
         for line, station in _stations(lines)
     ]
+
+
+def _past(runs: Path | None, wanted: Sequence[Wanted], audited: Audited) -> PastRuns:
+    """What the folder of runs tells, before any station is asked."""
+    if runs is None:
+        return PastRuns()
+    places = [(one.line, one.target.name) for one in wanted]
+    audited.verified, wrong = verified(runs, places)
+    since = {place: one.since for place, one in zip(places, wanted, strict=True) if one.since is not None}
+    past = past_runs(runs, since, audited.time)
+    audited.trouble += [*wrong, *past.trouble]
+    return past
 
 
 def _not_asked(wanted: Sequence[Wanted], audited: Audited) -> Iterator[Observation]:
@@ -118,8 +144,8 @@ def _not_asked(wanted: Sequence[Wanted], audited: Audited) -> Iterator[Observati
     return (one.unseen(audited.time, STOPPED) for one in wanted if (one.line, one.target.name) not in asked)
 
 
-def fleet_audit(audited: Audited, lines: Sequence[Line], tasks: Sequence[Task]) -> FleetAudit:
-    """All that follows from it, and from all that the ledger has of these stations."""
+def fleet_audit(audited: Audited, lines: Sequence[Line], tasks: Sequence[Task], runs: Path | None = None) -> FleetAudit:
+    """All that follows from it, and from all that the ledger and the folder `runs` have of these stations."""
     watts = {
         (line.name, station.name): station.rated_power_w
         for line in lines
@@ -128,7 +154,8 @@ def fleet_audit(audited: Audited, lines: Sequence[Line], tasks: Sequence[Task]) 
     }
     order = {(line.name, station.name): place for place, (line, station) in enumerate(_stations(lines))}
     seen = sorted(audited.seen, key=lambda one: order[one.line, one.station])
-    return fleet_of(audited.book, seen, audited.time, tasks, watts, audited.unkept)
+    tasks = tasks if runs is None else with_never(tasks, runs)
+    return fleet_of(audited.book, seen, audited.time, tasks, watts, [*audited.unkept, *audited.verified])
 
 
 def _stations(lines: Sequence[Line]) -> Iterator[tuple[Line, StationSpec]]:

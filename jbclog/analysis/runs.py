@@ -148,8 +148,8 @@ def open_runs(
     path = Path(folder)
     if not path.is_dir():
         raise RecordError(f"{path} is not there, or is no folder")
-    known = {one.name for one in fields(Filter)} - {"since", "until", "tags"}
+    known = {one.name for one in fields(Filter)} - {"since", "until", "ended_since", "tags"}
     unknown = sorted(texts.keys() - known)
     if unknown:
         raise UsageError(f"runs cannot be filtered by {', '.join(unknown)}; by {', '.join(sorted(known))}, since, until and tags")
-    return Runs(path, Filter(since=utc(since), until=utc(until), tags=tags or {}, **texts))
+    return Runs(path, Filter(since=utc(since), until=utc(until), ended_since=None, tags=tags or {}, **texts))

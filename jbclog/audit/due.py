@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import math
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from enum import StrEnum
@@ -18,7 +19,7 @@ from jbclog.audit.tasks import DAYS, Task
 
 LEAST_AUDITS: Final = 4
 OVERDUE_PERCENT: Final = 120.0
-NOT_TOLD: Final = "nobody told when it was done last: counted since the first audit"
+SINCE_FIRST: Final = "counted since the first audit"
 
 
 class State(StrEnum):
@@ -45,7 +46,8 @@ class TaskState:
     """One task of one station; `port` null where it is of the whole station.
 
     `used` and `percent` are intervals; null where nothing is known. `since` is when it was done last, or else since when it is
-    counted (`is_told` false). `due` null says why in `why`: ``not enough data: 2 of 4 audits``.
+    counted (`is_told` false). `due` null says why in `why`: ``not enough data: 2 of 4 audits``. `told_by` says from where it is
+    known when it was done; empty where the ledger has it.
     """
 
     task: str
@@ -62,13 +64,19 @@ class TaskState:
     part: str = ""
     due: Due | None = None
     why: str = ""
+    told_by: str = ""
 
 
 def states_of(task: Task, traces: Sequence[Trace], facts: Sequence[Fact], now: str) -> Iterator[TaskState]:
-    """The task at every port that has its counter, or once for the station. `facts` are the station's, oldest first."""
+    """The task at every port that has its counter, or once for the station. `facts` are the station's, oldest first.
+
+    Those that are not in the ledger (`seq` 0) come where they belong by when they were told.
+    """
     done = [fact for fact in facts if fact.task == task.name]
+    if not all(fact.seq for fact in done):
+        done.sort(key=lambda fact: seconds(fact.told))
     if task.counter == DAYS:
-        yield _of_days(task, done[-1] if done else None, now)
+        yield _of_days(task, traces, done, now)
         return
     counted = [trace for trace in traces if trace.counter == task.counter and trace.points]
     groups = [counted] if task.of_station and counted else [[trace] for trace in counted]
@@ -91,15 +99,37 @@ def _stands(task: Task, used: Interval) -> State:
 # -- by the calendar ------------------------------------------------------------------------------------------------------------
 
 
-def _of_days(task: Task, done: Fact | None, now: str) -> TaskState:
+def _of_days(task: Task, traces: Sequence[Trace], told: Sequence[Fact], now: str) -> TaskState:
     state = TaskState(task.name, task.title, None, DAYS, "d", task.life, None, None, State.UNKNOWN, None, is_told=False)
+    done = _longest_ago({trace.port for trace in traces}, told)
     if done is None:
-        return replace(state, why="nobody told when it was done last")
-    days = max(0.0, (seconds(now) - seconds(done.time)) / DAY)
+        return _never(state, task, min((trace.points[0].time for trace in traces if trace.points), key=seconds, default=now), now)
+    days = _days(done.time, now)
     date = _date(seconds(done.time) + task.life * DAY)
-    return _with_used(
-        replace(state, since=done.time, is_told=True, part=done.part, due=Due(date, date, date)), task, Interval(days, days)
-    )
+    state = replace(state, since=done.time, is_told=True, part=done.part, told_by=_source(done), due=Due(date, date, date))
+    return _with_used(state, task, Interval(days, days))
+
+
+def _longest_ago(ports: Collection[int], told: Sequence[Fact]) -> Fact | None:
+    """The last fact of each port; of these the oldest, for a station is done when all of it is. Ports that nobody told of aside."""
+    last = [next((fact for fact in reversed(told) if fact.port in (None, port)), None) for port in sorted(ports)]
+    found = [fact for fact in last if fact is not None] or list(told[-1:])
+    return min(found, key=lambda fact: seconds(fact.time), default=None)
+
+
+def _never(state: TaskState, task: Task, first: str, now: str) -> TaskState:
+    """Nobody told of it: it cannot have been done for longer than there are audits, and before that nothing is known."""
+    at_least = Interval(_days(first, now), math.inf)
+    waited = _with_used(replace(state, since=first, why=f"{task.never}: {SINCE_FIRST}"), task, at_least)
+    return replace(state, why=task.never) if waited.state is State.UNKNOWN else waited
+
+
+def _days(begin: str, end: str) -> float:
+    return max(0.0, (seconds(end) - seconds(begin)) / DAY)
+
+
+def _source(done: Fact) -> str:
+    return "" if done.seq else done.text
 
 
 def _with_used(state: TaskState, task: Task, used: Interval) -> TaskState:
@@ -116,11 +146,11 @@ def _of_counter(task: Task, group: Sequence[Trace], port: int | None, done: Fact
     unit = {"h": "h", "mm": "mm"}.get(task.counter.rpartition("_")[2], "count")
     state = TaskState(task.name, task.title, port, task.counter, unit, task.life, None, None, State.UNKNOWN, begin, is_told=False)
     if told is not None:
-        state = replace(state, since=told.time, is_told=True, part=told.part)
+        state = replace(state, since=told.time, is_told=True, part=told.part, told_by=_source(told))
     elif done is not None:
         state = replace(state, why="the station is another since it was done last: counted since this one was first seen")
     else:
-        state = replace(state, why=NOT_TOLD)
+        state = replace(state, why=f"{task.never}: {SINCE_FIRST}")
     state = _with_used(state, task, used)
     return state if state.state in (State.DUE, State.OVERDUE) else _foreseen(state, group)
 

@@ -48,12 +48,14 @@ class Identity:
 class Errors:
     """The station's error and its ports' as they were read now (null: not read), and how many events of each kind since last time.
 
-    `events` are from the records of runs, by kind (``port.error``, ``station.error``, ...); null where no record tells.
+    `events` are from the records of runs, by kind (``port.error``, ``station.error``, ...); null where no record tells. They are
+    counted up to `until`, from which on the next audit counts; null where no records were looked at.
     """
 
     station: str | None = None
     ports: dict[int, str] = field(default_factory=dict)
     events: dict[str, int] | None = None
+    until: str | None = None
 
 
 @dataclass(frozen=True, slots=True)

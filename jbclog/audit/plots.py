@@ -17,6 +17,7 @@ from markupsafe import Markup
 from jbclog.audit.due import Due, State
 from jbclog.audit.fleet import Week
 from jbclog.audit.interval import Interval
+from jbclog.shown import clean
 
 INK, QUIET, LINE, PALE = "#1c2733", "#5d6b7a", "#c3ced8", "#eef1f4"
 WORK, WORK_PALE = "#0b4f8a", "#b5d2ec"
@@ -40,7 +41,7 @@ MONTHS: Final = ("Jan", "Feb", "Mar", "Apr", "May", "Jun", "Jul", "Aug", "Sep", 
 def svg(width: float, height: float, label: str, parts: Iterable[str], style: str = "") -> Markup:
     """A drawing with what it says to those who do not see it."""
     head = f'<svg class="{style}" viewBox="0 0 {width:g} {height:g}" width="{width:g}" height="{height:g}" role="img" aria-label="'
-    return Markup(head) + label + Markup('">' + "".join(parts) + "</svg>")  # the label is escaped, the parts are our own numbers
+    return Markup(head) + clean(label) + Markup('">' + "".join(parts) + "</svg>")  # escaped; the parts are our numbers
 
 
 def _rect(x: float, y: float, width: float, height: float, fill: str, outline: str = "") -> str:

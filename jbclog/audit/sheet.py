@@ -86,7 +86,7 @@ def _task(task: TaskState) -> Row:
         "state": task.state.value,
         "since": task.since,
         "part": task.part,
-        "text": task.why or task.title,
+        "text": task.why or task.told_by or task.title,
     }
     due = task.due
     return row | ({} if due is None else {"due_p10": due.p10, "due_p50": due.p50, "due_p90": due.p90})

@@ -82,7 +82,7 @@ class TasksFile(Table):
 
 @dataclass(frozen=True, slots=True)
 class Task:
-    """What has to be done after `life` of `counter` (its own unit; of ``days`` days)."""
+    """What has to be done after `life` of `counter` (its own unit; of ``days`` days). `never` says that nobody told of it yet."""
 
     name: str
     title: str
@@ -92,6 +92,7 @@ class Task:
     families: tuple[str, ...] | None = None
     stations: tuple[str, ...] | None = None
     of_station: bool = False
+    never: str = "nobody told when it was done last"
 
     def is_of(self, station: str, family: str | None) -> bool:
         """Whether this station has it."""

@@ -12,6 +12,7 @@ from math import sqrt
 from statistics import NormalDist
 from typing import Final
 
+from jbclog.audit.elapsed import seconds
 from jbclog.audit.fleet import UseFigure
 from jbclog.audit.interval import Interval
 from jbclog.audit.observed import Observation
@@ -21,6 +22,7 @@ from jbclog.audit.titles import known, unknown
 FEWEST: Final = 3
 NO_RECORD: Final = "no run was recorded that would tell"
 DOUBT: Final = 0.05  # to each side
+SET_BACK_S: Final = 86400.0  # a mark that lies further ahead than this is of a wrong clock
 
 
 def errors_of(looks: Sequence[Observation]) -> Iterator[UseFigure]:
@@ -32,6 +34,16 @@ def errors_of(looks: Sequence[Observation]) -> Iterator[UseFigure]:
     else:
         yield unknown("errors_last", NO_RECORD)
     yield _apart(sum(count_of(now) for _, now in told), sum(_plugged(*pair) for pair in told), len(told), looks)
+
+
+def counted_until(looks: Sequence[Observation], now: str) -> str | None:
+    """From when on errors are to be counted at one station: where the looks at it ended to count, or when it was last seen.
+
+    A clock that is set back a little counts nothing twice; a mark of a clock that was far ahead does not count. None: never seen.
+    """
+    marks = [look.errors.until for look in looks if look.errors.until is not None] or [look.time for look in looks]
+    latest = seconds(now) + SET_BACK_S
+    return max((mark for mark in marks if seconds(mark) <= latest), key=seconds, default=None)
 
 
 def count_of(look: Observation) -> int:

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
 LEDGER = typer.Option(None, "--ledger", metavar="FILE", help="The ledger: made where it is not there, only ever added to.")
 LINES = typer.Option([], "--line", "-l", metavar="FILE", help="The line file; may be repeated.", show_default=False)
+RUNS = typer.Option(None, "--runs", metavar="DIR", help="The runs: errors since last time, tip verifications.", show_default=False)
 HTML = typer.Option(None, "--html", metavar="FILE", help="Write a page with a row per station.", show_default=False)
 LINE_PLACE: Final = Path("/etc/jbclog/line.toml")
 LEDGER_PLACE: Final = Path("/var/lib/jbclog/counters.jsonl")
@@ -36,6 +37,7 @@ def audit(
     tasks: Path | None = typer.Option(
         None, "--tasks", metavar="FILE", help="Maintenance tasks: what has which life (TOML).", show_default=False
     ),
+    runs: Path | None = RUNS,
     html: Path | None = HTML,
     csv: Path | None = typer.Option(None, "--csv", metavar="FILE", help="Write everything as CSV.", show_default=False),
     fail_on: str | None = typer.Option(
@@ -49,17 +51,18 @@ def audit(
 
     Made for a timer. Nothing but questions can go out, and none that clears anything. A counter counts when two of at most three
     reads agree. A station that a run has is not asked: its counters are taken from the run's record. What was read is put at the
-    end of the ledger at once; what was worked since the first audit is summed over resets and roll-overs.
+    end of the ledger at once; what was worked since the first audit is summed over resets and roll-overs. With --runs, each error
+    that a run saw counts once, at the next audit, and `jbclog verify` tells when a tip was verified last.
 
     Ends with 1 where something is due or suspect, 3 where a station did not answer, 4 where the ledger is damaged or could not be
     written; what was read is told all the same.
 
     \b
     Example:
-      jbclog audit --line line.toml --ledger counters.jsonl --tasks profiles/tasks/bench.toml --html audit.html
+      jbclog audit --line line.toml --ledger counters.jsonl --tasks profiles/tasks/bench.toml --runs runs --html audit.html
     """
     if print_timer:
-        files = {"--ledger": ledger or LEDGER_PLACE, "--tasks": tasks, "--html": html, "--csv": csv}
+        files = {"--ledger": ledger or LEDGER_PLACE, "--tasks": tasks, "--runs": runs, "--html": html, "--csv": csv}
         _tell_timers(line, files, fail_on)
         return
     if not line or ledger is None:
@@ -68,7 +71,7 @@ def audit(
     lines = _lines(line)
     known = _tasks(tasks)
     _check_folders({"--html": html, "--csv": csv})
-    end = _audited(lines, ledger, known, fatal)
+    end = _audited(lines, ledger, known, fatal, runs)
     end.write(html, csv)
     if end.code or not quiet:
         end.tell(as_json=as_json)
@@ -124,7 +127,7 @@ def _check_folders(files: dict[str, Path | None]) -> None:
 # -- looking ----------------------------------------------------------------------------------------------------------------
 
 
-def _audited(lines: Sequence[Line], ledger: Path, tasks: Sequence[Task], fail_on: Collection[Finding]) -> End:
+def _audited(lines: Sequence[Line], ledger: Path, tasks: Sequence[Task], fail_on: Collection[Finding], runs: Path | None) -> End:
     from jbclog.auditing import audit_lines, fleet_audit
     from jbclog.cli.audit_end import End
     from jbclog.counting.looking import AT_ONCE, Looking
@@ -140,8 +143,8 @@ def _audited(lines: Sequence[Line], ledger: Path, tasks: Sequence[Task], fail_on
         signals.tell(stop)
         if is_terminal():
             note(f"asking {sum(len(one.stations) for one in lines)} stations, {AT_ONCE} at a time")
-        audited = audit_lines(lines, ledger, looking, _note_unseen)
-    return End(fleet_audit(audited, lines, tasks), audited.trouble, fail_on, next(iter(heard), None))
+        audited = audit_lines(lines, ledger, looking, _note_unseen, runs)
+    return End(fleet_audit(audited, lines, tasks, runs), audited.trouble, fail_on, next(iter(heard), None))
 
 
 def _note_unseen(seen: Observation) -> None:

@@ -55,7 +55,7 @@ def _read(meter: Meter) -> str:
 def _below(row: Row) -> Iterator[tuple[str, str]]:
     """A word and a sentence for what is to be done, then for what is to be looked at."""
     one = row.station
-    yield from ((STATES[task.state][2], _task(task)) for task in row.tasks if task.state is not State.FINE)
+    yield from ((STATES[task.state][2], _task(task)) for task in row.tasks if task.state is not State.FINE or task.told_by)
     yield from (("suspect", f"{_place(doubt.port)}{doubt.counter}: {doubt.text}") for doubt in one.doubts)
     if one.seen:
         yield from (("unread", text) for text in map(_unread, one.meters) if text)
@@ -69,7 +69,8 @@ def _task(task: TaskState) -> str:
     part = f" ({task.part})" if task.part else ""
     if task.percent is None:
         return f"{_place(task.port)}{task.title or task.task}{part}: {task.why or 'not known'} (life: {_life(task)})"
-    return f"{_place(task.port)}{task.title or task.task}{part}: {percent(task.percent)}, {of_life(task)}; {_due(task)}"
+    told = f"; {task.told_by}" if task.told_by else ""
+    return f"{_place(task.port)}{task.title or task.task}{part}: {percent(task.percent)}, {of_life(task)}; {_due(task)}{told}"
 
 
 def _life(task: TaskState) -> str:
@@ -97,6 +98,8 @@ def _errors(one: StationAudit) -> Iterator[str]:
     if one.errors.station is not None and one.errors.station not in NO_ERROR:
         yield one.errors.station
     yield from (f"{_place(port)}{text}" for port, text in one.errors.ports.items() if text not in NO_ERROR)
+    if one.errors.events:
+        yield "since last time, as runs saw: " + ", ".join(f"{count} {kind}" for kind, count in one.errors.events.items())
 
 
 def _place(port: int | None) -> str:

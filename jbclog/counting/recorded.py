@@ -19,6 +19,7 @@ from jbclog.audit.observed import Count, Errors, Identity, Observation, Standing
 from jbclog.commands.command import Scope
 from jbclog.commands.family import FAMILIES, Family
 from jbclog.counting.asking import Wanted, is_parameter, parameter_name
+from jbclog.counting.past_runs import counted_to, error_events
 from jbclog.errors import JbclogError, RecordError
 from jbclog.record.from_json import Misfit, build
 from jbclog.record.stock import Stock
@@ -30,7 +31,6 @@ if TYPE_CHECKING:
 
 FRESH: Final = timedelta(hours=1)  # the counters' own resolution
 NOW: Final = timedelta(minutes=2)  # what was read of errors before is no more "now"
-COUNTED: Final = ("error", "critical")  # severities of events
 
 
 class _Told(NamedTuple):
@@ -108,7 +108,7 @@ def _observation(wanted: Wanted, record: _Record, counts: list[_Told], source: s
         counts=tuple(map(_count, counts)),
         tools=dict(facts.tools),
         parameters=dict(_parameters(record)),
-        errors=_errors(record, wanted.since),
+        errors=_errors(record, wanted),
     )
 
 
@@ -146,7 +146,7 @@ def _parameters(record: _Record) -> Iterator[tuple[str, str]]:
             yield parameter_name(setting, None if command.scope is Scope.STATION else int(port)), readback
 
 
-def _errors(record: _Record, since: str | None) -> Errors:
+def _errors(record: _Record, wanted: Wanted) -> Errors:
     family, name = record.family, record.facts.name
     rows = record.run.samples(name, start=record.now - NOW, columns=["port", "station_error", "port_error"])
     stations, ports = rows["station_error"].dropna(), rows.dropna(subset=["port_error"])
@@ -154,10 +154,9 @@ def _errors(record: _Record, since: str | None) -> Errors:
         return Errors()
     station = family.station_errors.text(int(stations.iloc[-1])) if len(stations) else None
     codes = {int(port): int(code) for port, code in zip(ports["port"], ports["port_error"], strict=True)}
-    events = record.run.events(name, start=since)
-    counted = events[events["severity"].isin(COUNTED)]["kind"].value_counts()
-    told = {port: family.port_errors.text(code) for port, code in codes.items()}
-    return Errors(station, told, {str(kind): int(count) for kind, count in counted.items()})
+    until = max(counted_to(wanted.audit), wanted.since or "")
+    events = error_events(record.run, name, wanted.since, until)
+    return Errors(station, {port: family.port_errors.text(code) for port, code in codes.items()}, dict(events), until)
 
 
 def _text(moment: datetime) -> str:

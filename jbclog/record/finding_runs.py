@@ -30,6 +30,8 @@ from jbclog.record.units import late_serials
 RUNNING, CRASHED, SEALED = "running", "crashed", "sealed"
 STARTED: Final = "%Y%m%dT%H%M%SZ"  # as a folder's name begins
 STARTED_LENGTH: Final = 16
+OVER: Final = b'\n "state": "sealed"'
+ENDED: Final = re.compile(rb'\n "ended": "([0-9T:.+-]+)"')  # of the run itself: what is in it is indented more
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,6 +101,8 @@ class Unreadable:
 class Filter:
     """What is sought; None fits all. Times are those of a run's start, `since` included, `until` not, both with a zone.
 
+    Of `ended_since` are runs that ended then or later, or did not end; to leave out the others takes the end of a manifest only.
+
     A recipe is ``NAME`` or ``NAME@REVISION``, a tip its ID, with or without its place.
     """
 
@@ -117,6 +121,7 @@ class Filter:
     state: str | None = None
     since: datetime | None = None
     until: datetime | None = None
+    ended_since: datetime | None = None
 
     def fits(self, run: Found) -> bool:
         """Whether `run` is one of those that are sought."""
@@ -135,7 +140,9 @@ class Filter:
             (self.state, [run.state, run.exit_status]),
             *((text, [run.tags.get(name)]) for name, text in self.tags.items()),
         ]
-        return all(text is None or _fits(text, those) for text, those in sought) and self._is_within(run.started)
+        if any(text is not None and not _fits(text, those) for text, those in sought):
+            return False
+        return self._is_within(run.started) and not self._has_ended(run.ended)
 
     def may_have(self, folder: Path) -> bool:
         """Whether the run in a folder with this name can have begun when it is to have begun."""
@@ -150,6 +157,17 @@ class Filter:
         sought += [None if has_annotations else self.unit, self.verdict and self.verdict.upper()]
         texts = (text for text in (*sought, *self.tags.values()) if text and "*" not in text)
         return all(json.dumps(text, ensure_ascii=False).encode() in data for text in texts)
+
+    def had_ended(self, data: bytes) -> bool:
+        """Whether the bytes of a manifest are those of a run that was over before `ended_since`."""
+        if self.ended_since is None or OVER not in data:
+            return False
+        found = ENDED.search(data)
+        return found is not None and self._has_ended(found[1].decode())
+
+    def _has_ended(self, ended: str | None) -> bool:
+        """Raises ValueError for what is no time."""
+        return self.ended_since is not None and ended is not None and datetime.fromisoformat(ended) < self.ended_since
 
     def _is_within(self, started: str | None) -> bool:
         if self.since is None and self.until is None:
@@ -175,6 +193,8 @@ def summary_of(folder: Path, wanted: Filter = ALL) -> Found | Unreadable | None:
     path = folder / NAME
     try:
         data = path.read_bytes()
+        if wanted.had_ended(data):
+            return None
         changed = why_changed(data)
         if changed is None and not wanted.may_be_in(data, has_annotations=(folder / ANNOTATIONS).exists()):
             return None

@@ -45,7 +45,7 @@ MAY_USE = {
     # top: what puts the rooms together, below the command line
     "outcome": "rows errors",
     "reach": "byhand commands protocol recipe record drive transport clock effects wire errors",
-    "counting": "audit analysis reach byhand commands quantities record drive transport rows effects same_port errors",
+    "counting": "audit analysis reach byhand commands quantities record verifying drive transport rows effects same_port errors",
     "auditing": "audit counting reach recipe record errors",
     "line_safe": "reach byhand commands recipe record guard drive errors",
     "search": "finding record drive transport clock wire errors",

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from looked import at, series, told
+from looked import at, seen, series, told, traced
 
 from jbclog.audit.due import State, TaskState, states_of, used_since
 from jbclog.audit.forecast import forecast
@@ -91,6 +92,34 @@ def test_days_are_of_the_calendar() -> None:
 
 
 # -- when it will be due ----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("days", "expected", "percent"),
+    [(0, State.UNKNOWN, None), (23, State.UNKNOWN, None), (24, State.SOON, 80), (30, State.DUE, 100), (36, State.OVERDUE, 120)],
+)
+def test_what_was_never_done_waits_since_the_first_audit(days: int, expected: State, percent: float | None) -> None:
+    found = state(worked(1, 1), task=CHECK, now=24.0 * days)
+    assert (found.state, found.percent and found.percent.low, found.due) == (expected, percent, None)
+    assert found.why.startswith("nobody told when it was done last")
+
+
+def test_a_station_is_done_when_all_of_it_is() -> None:
+    ports = [one for _, one in sorted(traced([seen(0, {"work_h": 1, "2.work_h": 1})]).now.items())]
+    days = [(told(0, "check"), 10), (told(24, "check", 1), 10), (told(48, "check", 2), 9), (told(72, "check"), 7)]
+    for count in range(1, len(days) + 1):
+        (found,) = states_of(CHECK, ports, [fact for fact, _ in days[:count]], at(240))
+        assert found.used == Interval(days[count - 1][1], days[count - 1][1])
+    (found,) = states_of(CHECK, ports, [told(24, "check", 1)], at(240))
+    assert found.since == at(24)  # of the other port nobody told
+
+
+def test_facts_from_beside_the_ledger_come_where_they_were_told() -> None:
+    in_ledger = [replace(told(48, "check"), seq=1), replace(told(24, "check"), seq=2, told=at(72))]  # put right later
+    beside = replace(told(60, "check", 1), text="line 4 of verifications.jsonl")
+    assert state(worked(1), *in_ledger, beside, task=CHECK).since == at(24)
+    found = state(worked(1), *in_ledger, replace(beside, time=at(80), told=at(80)), task=CHECK)
+    assert (found.since, found.told_by) == (at(80), "line 4 of verifications.jsonl")
 
 
 def test_from_four_audits_on_there_is_a_range() -> None:

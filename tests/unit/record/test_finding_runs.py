@@ -23,6 +23,7 @@ FULL = Manifest(
     exit_code=0,
     verdict="ACCEPT",
     started="2026-11-21T01:30:00.500000Z",
+    ended="2026-11-21T01:59:59.000000Z",
     line=LineFile("bench-3", "line.toml", "ab"),
     recipes=[RecipeFile("recipes/a.toml", "cd", "sn100c-tht", 7)],
     metadata=SAID,
@@ -80,6 +81,7 @@ FITTING = [
     Filter(verdict="accept"),
     Filter(state="success"),
     Filter(until=utc("2026-11-21T01:30:01")),
+    Filter(order="88123", ended_since=utc("2026-11-21T01:59:59")),
     Filter(operator="A. Rossi", order="88123", since=utc("2026-11-21T01:30:00.5")),
 ]
 
@@ -90,6 +92,7 @@ def test_a_run_is_found_by_anything_that_was_said_of_it(runs: Path, wanted: Filt
 
 
 NOT_FITTING = [
+    Filter(order="88123", ended_since=utc("2026-11-21T02:00:00")),
     Filter(operator="Rossi"),
     Filter(order="881"),
     Filter(unit="SN"),
