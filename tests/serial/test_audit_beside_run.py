@@ -1,0 +1,102 @@
+"""A run that starts while an audit has its port, and an audit that starts while a run has it: one of them wins, both say so."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+from command import RECIPE, WireLog, is_sampling, jbclog, started, until
+from typer.testing import CliRunner
+
+from jbclog.audit.book import read_book
+from jbclog.audit.observed import Observation
+from jbclog.cli.app import app
+from jbclog.counting import looking
+from jbclog.counting.asking import Wanted
+from jbclog.drive.blocking import Port
+from jbclog.sim.process import SimProcess
+
+SOURCE = """[line]
+name = "bench"
+[[station]]
+name = "ucr-1"
+url = "ucr-1"
+family = "ucr"
+[station.sim]
+wire = false
+tool = 9
+"""
+
+
+class Bench:
+    """One virtual station on a real pseudo-terminal, and what it was asked."""
+
+    def __init__(self, folder: Path, stations: SimProcess) -> None:
+        self.folder, self.line, self.log = folder, stations.line_path, WireLog(folder / "wire.jsonl")
+
+    def run(self) -> tuple[str | Path, ...]:
+        return ("run", RECIPE, "--line", self.line, "--out", self.folder / "runs", "-d", "60s")
+
+    def audit(self) -> tuple[int, str]:
+        ledger = self.folder / "counters.jsonl"
+        ended = CliRunner().invoke(app, ["audit", "--line", str(self.line), "--ledger", str(ledger), "--json"])
+        assert json.loads(ended.stdout)["exit_code"] == ended.exit_code
+        return ended.exit_code, ended.stderr
+
+    @property
+    def seen(self) -> Observation:
+        return read_book(self.folder / "counters.jsonl").observations[-1]
+
+
+@pytest.fixture
+def bench(tmp_path: Path) -> Iterator[Bench]:
+    (tmp_path / "source.toml").write_text(SOURCE, encoding="utf-8")
+    with SimProcess(tmp_path / "source.toml", tmp_path / "bench", log=tmp_path / "wire.jsonl") as stations:
+        yield Bench(tmp_path, stations)
+
+
+def when_open(monkeypatch: pytest.MonkeyPatch, act: Callable[[], None]) -> None:
+    """Do that while the audit has the port, before it asks anything."""
+    real = looking._open
+
+    def opened(wanted: Wanted) -> Port:
+        port = real(wanted)
+        act()
+        return port
+
+    monkeypatch.setattr(looking, "_open", opened)
+
+
+def test_the_audit_was_first(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The run is refused, says who has the port, and sends nothing; the audit reads all of it."""
+    runs: list[subprocess.CompletedProcess[str]] = []
+    when_open(monkeypatch, lambda: runs.append(jbclog(*bench.run())))
+    code, notes = bench.audit()
+    (run,) = runs
+    assert (run.returncode, "is in use by process" in run.stderr) == (3, True), run.stderr
+    assert "no tool was touched" in run.stderr
+    assert (code, notes, bench.seen.source) == (0, "", "wire")
+    assert bench.log.writes("ucr-1") == []
+
+
+def test_the_run_was_first(bench: Bench) -> None:
+    """The run goes on as if nobody had come, and the audit takes from its record what it has, or says that it has nothing yet."""
+    run = started(*bench.run())
+    try:
+        assert until(lambda: bench.log.path.exists() and len(bench.log.questions("ucr-1")) > 0)
+        code, notes = bench.audit()
+        assert bench.seen.source.startswith("run:")
+        if not bench.seen.seen:
+            assert code == 3
+            assert "it was left alone. Audit again in a minute" in notes
+        assert until(lambda: is_sampling(bench.folder / "runs"))
+        assert bench.audit() == (0, "")
+        assert (bench.seen.seen, bench.seen.source.startswith("run:")) == (True, True)
+    finally:
+        run.terminate()
+        _, told = run.communicate(timeout=20)
+    assert run.returncode == 143, told
+    assert (bench.audit()[0], bench.seen.source) == (0, "wire")
