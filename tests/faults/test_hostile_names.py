@@ -15,6 +15,7 @@ from pathlib import Path
 
 import pytest
 import recorded_run
+from each_row import each_row
 from hostile_names import ALLOWED_NAME, HOSTILE, Acting, steers
 from make_run import make_run
 from recorded_run import RecordedRun
@@ -36,6 +37,13 @@ from jbclog.sim.virtual import VirtualStation
 
 PACKAGE = Path(jbclog.__file__).parent
 every_text = pytest.mark.parametrize("text", HOSTILE.values(), ids=HOSTILE)
+
+
+def every_text_in(*places: str) -> Callable[[Callable[[str, str], None]], Callable[[], None]]:
+    """In each of these places."""
+    return each_row((f"{place}, {name}", (place, text)) for place in places for name, text in HOSTILE.items())
+
+
 JOINED = " ".join(HOSTILE.values())
 
 LINE = """[line]
@@ -82,8 +90,7 @@ def told(read: Callable[[str, Path], object], text: str) -> str | None:
     return None
 
 
-@every_text
-@pytest.mark.parametrize("place", ["line", "station"])
+@every_text_in("line", "station")
 def test_names_in_a_line_file(place: str, text: str) -> None:
     names = {"line": "bench", "station": "dde-1", "url": "/dev/x"} | {place: text}
     wrong = told(parse_line, LINE.format(**{name: quoted(value) for name, value in names.items()}))
@@ -91,8 +98,7 @@ def test_names_in_a_line_file(place: str, text: str) -> None:
     assert steers(wrong or "") == []
 
 
-@every_text
-@pytest.mark.parametrize("place", ["name", "required", "key", "family"])
+@every_text_in("name", "required", "key", "family")
 def test_names_in_a_recipe(place: str, text: str) -> None:
     recipe = RECIPE.format(
         name=quoted(text if place == "name" else "job"), required=quoted(f"tag.{text}") if place == "required" else ""

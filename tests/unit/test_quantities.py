@@ -7,6 +7,7 @@ import math
 import re
 
 import pytest
+from each_row import each_row
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -79,8 +80,7 @@ NEVER_FIVE_DIGITS = [
 ]
 
 
-@pytest.mark.parametrize("quantity", OF_DIGITS, ids=repr)
-@pytest.mark.parametrize("field", NEVER_FIVE_DIGITS)
+@each_row((f"{quantity!r} {field!r}", (quantity, field)) for quantity in OF_DIGITS for field in NEVER_FIVE_DIGITS)
 def test_what_is_never_a_value(quantity: Quantity, field: str) -> None:
     with pytest.raises(ValueError, match=re.escape(repr(field))):  # the message shows what came
         quantity.decode(field)

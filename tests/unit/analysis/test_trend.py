@@ -4,19 +4,22 @@ from __future__ import annotations
 
 import json
 import re
+from collections.abc import Iterator
 from pathlib import Path
 from shutil import copytree
 
 import numpy as np
+import pandas as pd
 import pytest
 from many_runs import many_runs, one_run, told
 from typer.testing import CliRunner, Result
 
 from jbclog import spc
-from jbclog.analysis import open_runs
+from jbclog.analysis import Run, features, open_runs
 from jbclog.analysis.trend import metric_unit, title_of, trends
 from jbclog.cli.app import app
 from jbclog.errors import UsageError
+from jbclog.record.manifest import NAME
 
 STEADY = list(np.random.default_rng(5).normal(1.5, 0.8, 32))
 
@@ -27,6 +30,22 @@ def home(tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("runs")
     many_runs(out, STEADY)
     return out
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _measured_once() -> Iterator[None]:
+    """A sealed run is measured once for all tests: they are of what is made of the figures, not of the measuring."""
+    measure, kept = features.metrics_of, dict[tuple[bytes, str | None], pd.DataFrame]()
+
+    def once(run: Run, station: str | None = None) -> pd.DataFrame:
+        manifest = (run.folder / NAME).read_bytes()  # it holds the digests of all that is measured
+        if (manifest, station) not in kept:
+            kept[manifest, station] = measure(run, station)
+        return kept[manifest, station].copy()
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(features, "metrics_of", once)
+        yield
 
 
 def trend(*words: str | Path) -> Result:
