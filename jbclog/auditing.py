@@ -33,6 +33,7 @@ from jbclog.errors import RecordError
 from jbclog.recipe.line import Line, StationSpec
 from jbclog.record.chained import sha256
 
+MOST_TOLD: Final = 5
 STOPPED: Final = "the audit was stopped before it was asked"
 
 
@@ -65,17 +66,14 @@ def audit_lines(lines: Sequence[Line], ledger: Path, looking: Looking, told: Tol
         except RecordError as error:  # where no lock can be made no ledger can be written; what is seen is told all the same
             audited.trouble.append(str(error))
         audited.book = _read(ledger, audited)
-        audited.trouble += [] if audited.book.is_sound else audited.book.sentences
+        audited.trouble += _wrong_with(audited.book)
         wanted = _wanted(lines, audited)
         past = _past(runs, wanted, audited)
 
         def take(seen: Observation) -> None:
             seen = past.with_errors(seen)
             audited.seen.append(seen)
-            try:
-                audited.kept += add(ledger, [seen])
-            except RecordError:  # a disk may be full for a moment; it is tried again
-                audited.unkept.append(seen)
+            _keep(ledger, seen, audited)
             told(seen)
 
         looking.all(wanted, take)
@@ -100,10 +98,26 @@ def _read(ledger: Path, audited: Audited) -> Book:
         return audited.book
 
 
+def _wrong_with(book: Book) -> Sequence[str]:
+    if book.is_sound or book.is_foreign:  # which is said when nothing can be kept
+        return ()
+    more = len(book.sentences) - MOST_TOLD
+    return [*book.sentences[:MOST_TOLD], *([f"{book.path}: {more} other lines of it are wrong"] if more > 0 else [])]
+
+
+def _keep(ledger: Path, seen: Observation, audited: Audited) -> None:
+    try:
+        audited.book.expect_ledger()
+        audited.kept += add(ledger, [seen])
+    except RecordError:  # a disk may be full for a moment; it is tried again
+        audited.unkept.append(seen)
+
+
 def _keep_the_rest(ledger: Path, audited: Audited) -> None:
     unkept, audited.unkept = audited.unkept, []
     if unkept:
         try:
+            audited.book.expect_ledger()
             audited.kept += add(ledger, unkept)
         except RecordError as error:
             audited.unkept = unkept

@@ -52,6 +52,16 @@ class Book:
         return all("cut off" in text for _, text in self.wrong)
 
     @property
+    def is_foreign(self) -> bool:
+        """Whether the file is something else: it has lines, and not one of them is a ledger's."""
+        return not self.entries and not self.is_sound
+
+    def expect_ledger(self) -> None:
+        """Raise `RecordError` where it is something else, such as a line file: nothing is put behind that."""
+        if self.is_foreign:
+            raise RecordError(f"{self.path} is no ledger: no line of it is one. Nothing was put behind it; name another file")
+
+    @property
     def sentences(self) -> tuple[str, ...]:
         return tuple(f"{self.path}: line {number} {text}" for number, text in self.wrong)
 

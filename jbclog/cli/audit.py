@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Final
 import typer
 
 from jbclog.cli import options
+from jbclog.cli.audit_files import check_files
 from jbclog.cli.output import ends_with_errors_told, is_terminal, note, tell
 from jbclog.errors import UsageError
 
@@ -70,7 +71,7 @@ def audit(
     fatal = _findings(fail_on)
     lines = _lines(line)
     known = _tasks(tasks)
-    _check_folders({"--html": html, "--csv": csv})
+    check_files({"--html": html, "--csv": csv}, [ledger, *line, *([] if tasks is None else [tasks])])
     end = _audited(lines, ledger, known, fatal, runs)
     end.write(html, csv)
     if end.code or not quiet:
@@ -115,13 +116,6 @@ def _findings(text: str | None) -> tuple[Finding, ...]:
     if unknown or not names:
         raise UsageError(f"--fail-on {text}: give some of {', '.join(Finding)}, or none")
     return tuple(Finding(name) for name in names if name != "none")
-
-
-def _check_folders(files: dict[str, Path | None]) -> None:
-    """Before anything is asked: the files can be where they are wanted."""
-    for option, path in files.items():
-        if path is not None and not path.absolute().parent.is_dir():
-            raise UsageError(f"{option} {path}: there is no folder {path.absolute().parent}")
 
 
 # -- looking ----------------------------------------------------------------------------------------------------------------

@@ -66,6 +66,7 @@ def maintenance(
     from jbclog.audit.observed import Fact
 
     book = _read(ledger)
+    book.expect_ledger()
     place = place_of(station, book, _places(line))
     now = datetime.now(UTC)
     when = _utc(now if at is None else _moment(at, now))

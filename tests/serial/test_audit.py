@@ -250,3 +250,42 @@ def test_the_ledger_is_shared_with_maintenance(bench: Bench, tmp_path: Path) -> 
     assert "dde-1 port 1  tip-change  T-17  by A. Rossi  kept as line 4" in told.stdout
     assert audit(bench.line, ledger).exit_code == 0
     assert read_book(ledger).wrong == []
+
+
+@pytest.mark.parametrize(
+    ("option", "file", "says"),
+    [
+        ("--csv", "counters.jsonl", "which it would take the place of"),
+        ("--html", "bench/../counters.jsonl", "which it would take the place of"),
+        ("--csv", "line.toml", "which it would take the place of"),
+        ("--csv", "-", "--json writes everything to stdout"),
+        ("--html", "to_null", "a device or a link"),
+        ("--html", "bench", "a folder"),
+        ("--html", "gone/a.html", "there is no folder"),
+    ],
+)
+def test_nothing_but_a_page_is_written_over(
+    bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, option: str, file: str, says: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "bench").mkdir()
+    (tmp_path / "to_null").symlink_to("/dev/null")
+    (tmp_path / "counters.jsonl").write_bytes(b"")
+    copied = tmp_path / "line.toml"
+    copied.write_text(bench.line.read_text(encoding="utf-8"), encoding="utf-8")
+    ended = audit(copied, Path("counters.jsonl"), option, file)
+    assert (ended.exit_code, says in ended.stderr) == (2, True), ended.stderr
+    assert [bench.questions(name) for name in STATIONS] == [[]] * 3
+
+
+def test_what_is_no_ledger_is_never_added_to(bench: Bench, tmp_path: Path) -> None:
+    other = tmp_path / "other.toml"
+    other.write_text('[line]\nname = "other"\n', encoding="utf-8")
+    ended = audit(bench.line, other, "--json")
+    assert ended.exit_code == 4
+    assert json.loads(ended.stdout)["trouble"] == [
+        f"{other} is no ledger: no line of it is one. Nothing was put behind it; name another file"
+    ]
+    done = ("maintenance", "done", "-s", "dde-1", "--task", "service", "--by", "W", "--line", str(bench.line))
+    assert CliRunner().invoke(app, [*done, "--ledger", str(other)]).exit_code == 4
+    assert other.read_text(encoding="utf-8") == '[line]\nname = "other"\n'
