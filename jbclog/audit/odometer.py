@@ -31,7 +31,7 @@ DOUBTFUL: Final = frozenset({Kind.IMPOSSIBLE, Kind.SUSPECT})
 PLAIN: Final = frozenset({Kind.NORMAL, Kind.ZERO})
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)  # as `Interval`: never changed, and made too often to be frozen
 class Difference:
     """Between two readings, of what kind, and by which rule (its name, and a sentence).
 
@@ -78,7 +78,7 @@ class Join(StrEnum):
     LOOSE = "loose"  # only bounds are known
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)  # as `Difference`
 class Point:
     """A reading with what led to it. `shown` counts on over roll-overs; `lost` is what a reset took, or all that is known."""
 

@@ -9,9 +9,15 @@ from jbclog.audit.interval import Interval
 from jbclog.audit.traits import DRIFT, Trait
 
 MANY = 1000  # roll-overs; beyond it nobody counts
+LEAST_HOURS = 4.0  # a pace is not told of fewer
 
 
-@dataclass(frozen=True, slots=True)
+def top_of(modulus: float, trait: Trait) -> float:
+    """The last number before it rolls over."""
+    return modulus - (trait.step or 1.0)
+
+
+@dataclass(slots=True)  # as `Interval`: never changed, and made too often to be frozen
 class Reading:
     """What a counter showed at a look (its number in the station's history): two values where it was moving."""
 
@@ -45,8 +51,7 @@ class Span:
 
     @property
     def top(self) -> float:
-        """The last number before it rolls over."""
-        return self.modulus - (self.trait.step or 1.0)
+        return top_of(self.modulus, self.trait)
 
     @property
     def can_go_on(self) -> bool:

@@ -6,10 +6,12 @@ known at first sight.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import math
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from jbclog.audit.companion import OPEN, Ratios, ratios_of
+from jbclog.audit.counted_on import counted_on
 from jbclog.audit.elapsed import seconds
 from jbclog.audit.history import History, Key
 from jbclog.audit.interval import NOTHING, Interval
@@ -18,13 +20,14 @@ from jbclog.audit.judging import Resets, judge
 from jbclog.audit.misread import MakeSpan, misread
 from jbclog.audit.observed import REPLACED, RESET
 from jbclog.audit.odometer import Difference, Join, Kind, Point, Trace
+from jbclog.audit.plainly import Counter, difference, is_plain, lasted_h
 from jbclog.audit.replaced import replaced
 from jbclog.audit.sentences import RULES
-from jbclog.audit.span import Reading, Span
+from jbclog.audit.span import LEAST_HOURS, Reading, Span
 from jbclog.audit.traits import DRIFT, modulus_of, trait_of
 
 MARGIN = 2.0  # by which a counter may go faster than it ever was seen to
-LEAST_HOURS, LEAST_SEEN = 4.0, 3
+LEAST_SEEN = 3
 UNSURE = frozenset({*OPEN, "rolled_over_or_reset"})
 
 
@@ -43,7 +46,8 @@ def traces_of(history: History) -> Traces:
     first.go()
     if not any(one.rule in UNSURE for judged in first.judged for one in judged):
         return first.traces
-    second = _Pass(history, _paces(first.judged), ratios_of(first.judged))
+    judged = [*first.judged, *first.plain()]
+    second = _Pass(history, _paces(judged), ratios_of(judged))
     second.go()
     return second.traces
 
@@ -65,25 +69,60 @@ class _Pass:
         self.history, self.paces, self.ratios = history, paces, ratios
         self.traces = Traces(history)
         self.judged: list[list[Judged]] = []
-        self._moduli = {key: modulus_of(key[1], (one.shown.high for one in found)) for key, found in history.readings.items()}
+        self._counters = {key: self._counter(key, found) for key, found in history.readings.items()}
         self._left_out = {key: misread(found, self._maker(key)) for key, found in history.readings.items()}
+        self._odd = frozenset[int]().union(*self._left_out.values())
+        self._by_look: list[dict[Key, Reading]] = [{} for _ in history.looks]
+        self._plain: list[int] = []
         self._last: dict[Key, Reading] = {}
         self._of_other: dict[Key, Reading] = {}
         self._resets = Resets()
         self._turns: dict[Key, float] = {}
 
+    def _counter(self, key: Key, found: Sequence[Reading]) -> Counter:
+        return Counter(key, trait_of(key[1]), modulus_of(key[1], (one.shown.high for one in found)), self.paces.get(key))
+
     def go(self) -> None:
         """All looks."""
-        by_look: list[list[tuple[Key, Reading]]] = [[] for _ in self.history.looks]
         for key, found in self.history.readings.items():
             for reading in found:
-                by_look[reading.look].append((key, reading))
-        for look, readings in enumerate(by_look):
-            self._look(look, readings)
+                self._by_look[reading.look][key] = reading
+        for look, readings in enumerate(self._by_look):
+            if self._is_plain(look, readings):
+                self._go_on(look, readings)
+            else:
+                self._look(look, readings)
 
-    def _look(self, look: int, readings: list[tuple[Key, Reading]]) -> None:
-        fitting = [(key, one) for key, one in readings if look not in self._left_out[key]]
-        spans = self._spans(fitting)
+    # -- where nothing happened -----------------------------------------------------------------------------------------------
+
+    def _is_plain(self, look: int, readings: Mapping[Key, Reading]) -> bool:
+        if not look or look in self._odd or self._replaced(look, ()) is not None:
+            return False
+        elapsed_h = self.history.elapsed.at_most_h(look - 1, look)
+        return math.isfinite(elapsed_h) and is_plain(look, self._last, readings, self._counters, elapsed_h)
+
+    def _go_on(self, look: int, readings: Mapping[Key, Reading]) -> None:
+        begin, end = self.history.looks[look - 1].time, self.history.looks[look].time
+        for key, one in readings.items():
+            trace, by = self.traces.now[key], self._turns.get(key, 0.0)
+            shown = Interval(one.shown.low + by, one.shown.high + by) if by else one.shown
+            trace.points.append(Point(look, end, shown))
+            trace.differences.append(difference(self._counters[key], self._last[key], one, begin, end))
+        self._last |= readings
+        self._plain.append(look)
+
+    def plain(self) -> Iterator[list[Judged]]:
+        """What these looks tell of counters of events, judged."""
+        for look in self._plain:
+            before, now = self._by_look[look - 1], self._by_look[look]
+            events = (key for key in now if not self._counters[key].is_time)
+            yield [counted_on(self._span_of(key, before, now)) for key in events]
+
+    # -- where anything did ---------------------------------------------------------------------------------------------------
+
+    def _look(self, look: int, readings: Mapping[Key, Reading]) -> None:
+        fitting = {key: one for key, one in readings.items() if look not in self._left_out[key]}
+        spans = [self._span_of(key, self._last, fitting) for key in fitting if key in self._last]
         rule = self._replaced(look, spans) if look else None
         if rule is not None:
             self._begin_again()
@@ -93,7 +132,7 @@ class _Pass:
             self.judged.append(judged)
             for found in judged:
                 self._keep(found)
-        for key, one in readings:
+        for key, one in readings.items():
             self._note(key, one, rule)
 
     def _replaced(self, look: int, spans: Sequence[Span]) -> str | None:
@@ -116,27 +155,20 @@ class _Pass:
     # -- spans --------------------------------------------------------------------------------------------------------------
 
     def _maker(self, key: Key) -> MakeSpan:
-        return lambda before, after: self._span(key, before, after, None)
+        return lambda before, after: self._span(key, before, after)
 
-    def _spans(self, readings: list[tuple[Key, Reading]]) -> list[Span]:
-        now = dict(readings)
-        return [self._span(key, self._last[key], one, self._hours(key, now)) for key, one in readings if key in self._last]
+    def _span_of(self, key: Key, last: Mapping[Key, Reading], now: Mapping[Key, Reading]) -> Span:
+        """With what counters of time tell of it."""
+        look, elapsed_h = last[key].look, self.history.elapsed.at_most_h(last[key].look, now[key].look)
+        return self._span(key, last[key], now[key], lasted_h(self._counters[key].hours, last, now, look, elapsed_h))
 
-    def _hours(self, key: Key, now: Mapping[Key, Reading]) -> float | None:
-        """How long a counter of events can have counted, by the counter of time that it goes with; None where none tells."""
-        for name in trait_of(key[1]).hours:
-            before, after = self._last.get((key[0], name)), now.get((key[0], name))
-            if before and after and before.look == self._last[key].look and after.shown.high >= before.shown.low:
-                return after.shown.high - before.shown.low + 1.0
-        return None
-
-    def _span(self, key: Key, before: Reading, after: Reading, hours: float | None) -> Span:
-        trait, elapsed = trait_of(key[1]), self.history.elapsed.at_most_h(before.look, after.look)
-        lasted = elapsed * DRIFT if hours is None else min(elapsed * DRIFT, hours)
-        most = elapsed * DRIFT if trait.is_time else lasted * trait.fastest
-        usual = min(most, self.paces[key] * max(lasted, LEAST_HOURS)) if key in self.paces else most
+    def _span(self, key: Key, before: Reading, after: Reading, lasted: float = math.inf) -> Span:
+        counter, elapsed = self._counters[key], self.history.elapsed.at_most_h(before.look, after.look)
+        lasted = min(lasted, elapsed * DRIFT)
+        most = lasted if counter.is_time else lasted * counter.fastest
+        usual = most if counter.pace is None else min(most, counter.pace * max(lasted, LEAST_HOURS))
         grown = Interval(after.shown.low - before.shown.high, after.shown.high - before.shown.low)
-        return Span(*key, trait, self._moduli[key], before, after, elapsed, most, usual, grown)
+        return Span(*key, counter.trait, counter.modulus, before, after, elapsed, most, usual, grown)
 
     # -- what comes of it ---------------------------------------------------------------------------------------------------
 
@@ -161,13 +193,13 @@ class _Pass:
         elif key not in self.traces.now:
             trace = Trace(*key, trait_of(key[1]).step, [Point(reading.look, time, reading.shown)])
             if rule is not None and key in self._of_other:
-                span = self._span(key, self._of_other[key], reading, None)
+                span = self._span(key, self._of_other[key], reading)
                 trace.aside.append(self._difference(Judged(span, Kind.REPLACED, rule)))
             self.traces.now[key], self._last[key] = trace, reading
 
     def _leave_out(self, key: Key, reading: Reading) -> None:
         if key in self.traces.now:
-            span = self._span(key, self._last[key], reading, None)
+            span = self._span(key, self._last[key], reading)
             self.traces.now[key].aside.append(self._difference(Judged(span, Kind.SUSPECT, "left_out", Join.LOOSE, is_known=False)))
 
     def _difference(self, one: Judged) -> Difference:
