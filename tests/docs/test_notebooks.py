@@ -43,14 +43,10 @@ def test_reading_a_run_finds_the_newest_and_its_alarm(run: Path, monkeypatch: py
         assert has_picture(node, cell), cell
 
 
-def test_the_run_can_be_named(run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("JBCLOG_RUN", str(run))
-    assert run.name in shown(executed(NOTEBOOKS[0], tmp_path), "open")
-
-
-def test_a_run_in_which_nothing_happened_can_be_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_run_that_is_named_is_read_also_where_nothing_happened(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     quiet = seal(tmp_path, [station(rows=300)], table(samples(300)))
     monkeypatch.setenv("JBCLOG_RUN", str(quiet))
     node = executed(NOTEBOOKS[0], tmp_path)
+    assert quiet.name in shown(node, "open")
     assert not next(one for one in node.cells if one.id == "around").outputs
     assert "dde-1" in shown(node, "count")

@@ -73,11 +73,12 @@ def test_ended_during_an_outage_that_passes(at_s: float) -> None:
     assert_safe(run)
 
 
+@pytest.mark.parametrize("every", [2, pytest.param(1, marks=pytest.mark.campaign)])
 @pytest.mark.parametrize("kind", ["silence", "dropout", "nak"])
-def test_ended_in_the_moment_in_which_it_goes_away(kind: str) -> None:
+def test_ended_in_the_moment_in_which_it_goes_away(kind: str, every: int) -> None:
     """The end is told once: neither a question that is never answered nor the search for the station swallows it."""
     keys = {"silence": {"for_s": 1.5}, "dropout": {"for_s": 1.5}, "nak": {"for_s": 1.5, "code": 5}}[kind]
-    for step in range(60):
+    for step in range(0, 60, every):
         run = prepare(line_text(fault(kind, at_s=4, **keys)), duration_s=None)
         run.at(3.95 + 0.01 * step, lambda run=run: run.driver.end("SIGTERM"))
         run.at(60, lambda: pytest.fail("it was never ended"))
