@@ -7,6 +7,7 @@ somebody harmed the file. Whoever reads it has `wrong`, and ends with exit code 
 
 from __future__ import annotations
 
+import errno
 import os
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
@@ -73,7 +74,7 @@ def read_book(path: Path) -> Book:
     except FileNotFoundError:
         return Book(path)
     except OSError as error:
-        raise RecordError(f"{path} cannot be read: {error.strerror or error}") from error
+        raise RecordError(f"{path} cannot be read: {_why(error)}") from error
     found: Chain[Entry] = chain_in(data, FIRST, read_line, what="line of a ledger", of_first="a ledger's beginning")
     return Book(path, found.said, found.wrong, found.head)
 
@@ -95,8 +96,12 @@ def add(path: Path, entries: Iterable[Entry]) -> list[Entry]:
             sync_folder(path.parent.absolute().parent)
         add_lines(path, FIRST, read_line, entries, made)
     except OSError as error:
-        raise RecordError(f"{path} cannot be written: {error.strerror or error}") from error
+        raise RecordError(f"{path} cannot be written: {_why(error)}") from error
     return kept
+
+
+def _why(error: OSError) -> str:
+    return "it is a link; name the file itself" if error.errno == errno.ELOOP else error.strerror or str(error)
 
 
 @contextmanager

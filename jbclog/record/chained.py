@@ -9,10 +9,12 @@ Loads nothing heavy, so that a guard and a safe verb can write such files too.
 
 from __future__ import annotations
 
+import errno
 import fcntl
 import hashlib
 import json
 import os
+import stat
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -69,9 +71,11 @@ def fields_of(line: bytes) -> dict[str, object]:
 
 
 def read_whole(path: Path) -> bytes:
-    """The file's bytes; never through a link, and never a wait at what is no file. Raises OSError."""
+    """The file's bytes; never through a link, and never a wait at what is no file, nor its bytes without end. Raises OSError."""
     descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK)
     with os.fdopen(descriptor, "rb") as file:
+        if not stat.S_ISREG(os.fstat(descriptor).st_mode):
+            raise OSError(errno.EINVAL, "it is no file but a device or a pipe")
         return file.read()
 
 

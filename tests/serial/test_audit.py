@@ -278,6 +278,19 @@ def test_nothing_but_a_page_is_written_over(
     assert [bench.questions(name) for name in STATIONS] == [[]] * 3
 
 
+@pytest.mark.parametrize(("file", "says"), [("/dev/zero", "no file but a device"), ("folder", "Is a directory"), ("link", "link")])
+def test_a_ledger_that_is_no_file_takes_nothing_from_what_is_told(bench: Bench, tmp_path: Path, file: str, says: str) -> None:
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "link").symlink_to("elsewhere.jsonl")
+    ended = audit(bench.line, tmp_path / file, "--json")
+    assert ended.exit_code == 4
+    told = json.loads(ended.stdout)
+    assert [one["seen"] for one in told["stations"]] == [True] * 3
+    assert f"{tmp_path / file} cannot be read: " in told["trouble"][0]
+    assert says in told["trouble"][0]
+    assert not (tmp_path / "elsewhere.jsonl").exists()
+
+
 def test_what_is_no_ledger_is_never_added_to(bench: Bench, tmp_path: Path) -> None:
     other = tmp_path / "other.toml"
     other.write_text('[line]\nname = "other"\n', encoding="utf-8")
