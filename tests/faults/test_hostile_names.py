@@ -381,6 +381,7 @@ def test_a_folder_for_runs_may_be_a_link_that_the_user_made(tmp_path: Path) -> N
 PRINTS = {
     "cli/output.py": "cleans",
     "cli/app.py": "the version",
+    "joint_counting.py": "a child's, whose words become an event's, which are cleaned where they are shown",
     "record/seal.py": "a child's, told to its parent through a pipe and printed by it",
     "sim/__main__.py": "a child's, whose sentences are cleaned where they are made",
 }
