@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from datetime import datetime
 from typing import Final
 
 from jbclog.report import style
@@ -178,11 +179,11 @@ def lacks_letters(sheets: Sequence[Drawing]) -> bool:
     return any(isinstance(mark, Words) and LACKING in mark.text for sheet in sheets for mark in sheet.marks)
 
 
-def pdf_bytes(sheets: Sequence[Drawing], foot: str, title: str) -> bytes:
+def pdf_bytes(sheets: Sequence[Drawing], foot: str, title: str, dated: datetime) -> bytes:
     """The sheets as a PDF, each with its foot and number: the same sheets give the same bytes."""
     type_ = Type(6.5, colour=style.QUIET)
     for number, sheet in enumerate(sheets, 1):
         paper = Paper([sheet], HEIGHT - 0.45)
         paper.put(foot, SIDE, type_)
         paper.put(f"{number} of {len(sheets)}", WIDTH - SIDE, type_, right=True)
-    return pdf_file(sheets, title)
+    return pdf_file(sheets, title, dated)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from datetime import UTC, datetime
 
 from jbclog.report import style
 from jbclog.report.drawing import Stroke
@@ -47,6 +48,7 @@ STATIONS = (
 )
 EVENTS = ("UTC", "Not before", "Where", "Severity", "Kind", "In words")
 RULES = ("Rule", "Where", ">Limit", ">Observed", ">95 % bound", "Result", "In words")
+UNKNOWN = datetime(1970, 1, 1, tzinfo=UTC)
 TEXT, SMALL, QUIET, HEAD = Type(8), Type(7), Type(7, colour=style.QUIET), Type(7, bold=True, colour=style.QUIET)
 
 Row = Mapping[str, object]
@@ -62,7 +64,13 @@ def report_pdf(facts: Facts, plates: Plates) -> bytes:
     if lacks_letters(paper.sheets):
         paper.say(LACKING_MEANS, QUIET)
     foot = clean(f"{facts.run} · head {facts.head} · {facts.verdict.word}")
-    return pdf_bytes(paper.sheets, foot, clean(f"{facts.verdict.word} · {facts.run}"))
+    return pdf_bytes(paper.sheets, foot, clean(f"{facts.verdict.word} · {facts.run}"), _dated(facts))
+
+
+def _dated(facts: Facts) -> datetime:
+    """When the run ended, else when it began: the file bears the record's time, not that of its making."""
+    told = facts.ended or facts.started
+    return UNKNOWN if told is None else datetime.fromisoformat(told)
 
 
 def _front(paper: Paper, facts: Facts, plates: Plates) -> None:

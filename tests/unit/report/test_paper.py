@@ -9,6 +9,7 @@ import re
 import subprocess
 import sys
 import zlib
+from datetime import UTC, datetime
 from pathlib import Path
 
 import pytest
@@ -54,7 +55,9 @@ def test_it_holds_no_time_of_making_and_no_name_of_a_machine(tmp_path: Path) -> 
     write_report(run)
     data = (run / "report.pdf").read_bytes()
     assert data.startswith(b"%PDF-")
-    assert b"CreationDate" not in data
+    ended = json.loads((run / "report.json").read_text("utf-8"))["ended"]
+    assert re.findall(rb"/CreationDate \(([^)]*)\)", data) == [f"D:{re.sub(r'[-:T]', '', ended)[:14]}Z".encode()]
+    assert not re.search(rb"/(ModDate|Producer|Author)", data)
     assert b"/JavaScript" not in data
     assert str(tmp_path).encode() not in data
 
@@ -102,7 +105,7 @@ def test_a_long_table_goes_over_sheets_with_its_head_on_each() -> None:
     placed = [box for sheet in paper.sheets for box in boxes(sheet)]
     assert max(box.bottom for box in placed) < 72 * (HEIGHT - 0.45)  # nothing runs into the foot
     assert max(box.right for box in placed) < 72 * (WIDTH - 0.59)
-    assert b"/Count %d " % len(sheets) in pdf_bytes(paper.sheets, "foot", "title")
+    assert b"/Count %d\n" % len(sheets) in pdf_bytes(paper.sheets, "foot", "title", datetime(2026, 9, 21, tzinfo=UTC))
 
 
 def test_sheets_are_a4_and_letters_are_in_the_file(tmp_path: Path) -> None:
