@@ -148,7 +148,7 @@ def _of_counter(task: Task, group: Sequence[Trace], port: int | None, done: Fact
     if told is not None:
         state = replace(state, since=told.time, is_told=True, part=told.part, told_by=_source(told))
     elif done is not None:
-        state = replace(state, why="the station is another since it was done last: counted since this one was first seen")
+        state = replace(state, why="it was done before this station was first seen: counted since then")
     else:
         state = replace(state, why=f"{task.never}: {SINCE_FIRST}")
     state = _with_used(state, task, used)

@@ -31,6 +31,15 @@ def place_of(wanted: str, book: Book, also: Iterable[Place] = ()) -> Place:
     raise UsageError(f"--station {wanted}: {book.path} has no station of that name; {_near(wanted, {name for _, name in known})}")
 
 
+def expect_port(port: int | None, place: Place, book: Book) -> None:
+    """Raise `UsageError` where the station, as it was seen last, has no such port: what is told of it would count for nothing."""
+    last = next((one for one in reversed(book.observations) if one.seen and (one.line, one.station) == place), None)
+    ports = sorted({count.port for count in last.counts}) if last is not None else []
+    if port is not None and ports and port not in ports:
+        has = f"its port is {ports[0]}" if len(ports) == 1 else f"its ports are {', '.join(map(str, ports))}"
+        raise UsageError(f"--port {port}: {place[1]} has no such port; {has}")
+
+
 def task_of(wanted: str, book: Book, names: Sequence[str] | None = None) -> str:
     """The task of that name, of the tasks file or else the usual ones, or that was told before. Raises `UsageError`."""
     known = {*STATED, *(fact.task for fact in book.facts), *(USUAL if names is None else names)}

@@ -54,7 +54,7 @@ Counter = Literal[
     "suction_cycles",
     "dispensed_mm",
 ]
-Life = Annotated[float | None, Field(gt=0, le=1e9)]
+Life = Annotated[float | None, Field(ge=0.01, le=1e9)]
 Texts = Annotated[tuple[str, ...] | None, FromList]
 
 
@@ -64,10 +64,10 @@ class TaskTable(Table):
     name: Name = Field(description=NAME_ALLOWED)
     title: str = Field(default="", max_length=80, description="at most 80 characters")
     counter: Counter | None = Field(default=None, description=f"one of {', '.join(ALL_COUNTERS)}")
-    life_h: Life = Field(default=None, description="hours, more than 0")
-    life_cycles: Life = Field(default=None, description="cycles, more than 0")
-    life_m: Life = Field(default=None, description="metres, more than 0")
-    life_days: Life = Field(default=None, description="days, more than 0")
+    life_h: Life = Field(default=None, description="hours, 0.01 or more")
+    life_cycles: Life = Field(default=None, description="cycles, 0.01 or more")
+    life_m: Life = Field(default=None, description="metres, 0.01 or more")
+    life_days: Life = Field(default=None, description="days, 0.01 or more")
     warn_percent: float = Field(default=80.0, gt=0, le=100, description="more than 0, at most 100")
     families: Families | None = Field(default=None, description="a list of families")
     stations: Texts = Field(default=None, description="a list of names of stations")

@@ -62,12 +62,15 @@ def maintenance(
         return
     if word != DONE or station is None or task is None:
         raise UsageError("maintenance: give `done` with --station and --task, or `list`")
-    from jbclog.audit.naming import place_of, task_of
+    if by is not None and not by.strip():
+        raise UsageError("--by: say who did it")
+    from jbclog.audit.naming import expect_port, place_of, task_of
     from jbclog.audit.observed import Fact
 
     book = _read(ledger)
     book.expect_ledger()
     place = place_of(station, book, _places(line))
+    expect_port(port, place, book)
     now = datetime.now(UTC)
     when = _utc(now if at is None else _moment(at, now))
     known = task_of(task, book, _names(tasks))

@@ -9,7 +9,7 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from jbclog.audit.book import add, read_book
-from jbclog.audit.observed import Fact, Observation
+from jbclog.audit.observed import Count, Fact, Observation
 from jbclog.cli.app import app
 
 AT = "2026-11-21T06:17:00.000+00:00"
@@ -17,7 +17,8 @@ DONE = ("--task", "tip-change", "--tip", "T-17", "--port", "1", "--by", "A. Ross
 
 
 def seen(line: str, station: str) -> Observation:
-    return Observation(AT, AT, line, station, f"/dev/{station}", True)
+    counts = tuple(Count(port, "work_h", "h", 5.0) for port in (1, 2))
+    return Observation(AT, AT, line, station, f"/dev/{station}", True, counts=counts)
 
 
 @pytest.fixture
@@ -56,6 +57,8 @@ def test_who_is_logged_in_did_it_now_where_nobody_says_else(ledger: Path, monkey
         (("done", "-s", "ale-1", *DONE), "several lines have one of that name; give bench-3/ale-1 or hall/ale-1"),
         (("done", "-s", "dde-1", "--task", "tip-chnge"), "did you mean tip-change, cartridge-change?; a tasks file"),
         (("done", "-s", "dde-1"), "give `done` with --station and --task, or `list`"),
+        (("done", "-s", "dde-1", "--task", "service", "--port", "4"), "--port 4: dde-1 has no such port; its ports are 1, 2"),
+        (("done", "-s", "dde-1", "--task", "service", "--by", " "), "--by: say who did it"),
         (("undo",), "give `done` with --station and --task, or `list`"),
         (("done", "-s", "dde-1", *DONE, "--at", "2126-01-01"), "that is still to come"),
         (("done", "-s", "dde-1", *DONE, "--at", "yesterday"), "give a day such as"),
