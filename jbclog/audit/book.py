@@ -15,6 +15,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Final
 
+from jbclog.audit.heaps import uncollected
 from jbclog.audit.ledger_line import read_line, written
 from jbclog.audit.observed import Entry, Fact, Observation
 from jbclog.errors import RecordError, UsageError
@@ -75,7 +76,8 @@ def read_book(path: Path) -> Book:
         return Book(path)
     except OSError as error:
         raise RecordError(f"{path} cannot be read: {_why(error)}") from error
-    found: Chain[Entry] = chain_in(data, FIRST, read_line, what="line of a ledger", of_first="a ledger's beginning")
+    with uncollected():
+        found: Chain[Entry] = chain_in(data, FIRST, read_line, what="line of a ledger", of_first="a ledger's beginning")
     return Book(path, found.said, found.wrong, found.head)
 
 

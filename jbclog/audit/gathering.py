@@ -9,6 +9,7 @@ from jbclog.audit.book import Book
 from jbclog.audit.drift import drifts
 from jbclog.audit.due import TaskState, states_of
 from jbclog.audit.fleet import Drift, FleetAudit, Meter, StationAudit
+from jbclog.audit.heaps import uncollected
 from jbclog.audit.history import History, histories
 from jbclog.audit.interval import Interval
 from jbclog.audit.observed import Count, Entry, Observation
@@ -24,6 +25,7 @@ Place = tuple[str, str]
 TOLD = DOUBTFUL | {Kind.RESET, Kind.REPLACED}
 
 
+@uncollected()
 def fleet_of(
     book: Book,
     seen: Sequence[Observation],

@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from dataclasses import asdict, fields
+from functools import cache, lru_cache
 from typing import Final, cast
 
 from jbclog.audit.observed import Count, Entry, Errors, Fact, Identity, Observation, Standing
@@ -20,6 +21,7 @@ OWN: Final = b', "sha256": "'
 TEXTS: Final = ("time", "audit", "line", "station", "url", "why", "source", "prev_sha256")
 
 
+@cache
 def unit_of(counter: str) -> str:
     """By its name: ``h``, ``mm`` or ``count``."""
     return {"h": "h", "mm": "mm"}.get(counter.rpartition("_")[2], "count")
@@ -75,12 +77,39 @@ def _seen(plain: Plain) -> Observation:
         **{name: _text(plain[name]) for name in TEXTS},
         seen=plain["seen"],
         seq=plain["seq"],
-        identity=None if plain["identity"] is None else cast(Identity, build(Identity, plain["identity"])),
-        errors=cast(Errors, build(Errors, plain["errors"])),
+        identity=None if plain["identity"] is None else _identity(plain["identity"]),
+        errors=_errors(plain["errors"]),
         counts=tuple(_all_counts(plain)),
         tools={int(port): tool for port, tool in _texts(plain["tools"]).items()},
         parameters=_texts(plain["parameters"]),
     )
+
+
+_same = lru_cache(maxsize=1024)(Identity)
+
+
+def _identity(said: object) -> Identity:
+    """Of a long ledger most are like one before."""
+    plain = _table(said)
+    texts = [plain.get(name) for name in ("family", "model", "software", "uid")]
+    if texts[0] is None or not all(one is None or isinstance(one, str) for one in texts):
+        raise Misfit("an identity")
+    return _same(*cast("list[str]", texts))
+
+
+def _errors(said: object) -> Errors:
+    plain = _table(said)
+    station, events = plain.get("station"), plain.get("events")
+    if events is not None and not all(type(count) is int for count in _table(events).values()):
+        raise Misfit("numbers of events")
+    ports = {int(port): text for port, text in _texts(plain.get("ports", {})).items()}
+    return Errors(None if station is None else _text(station), ports, cast("dict[str, int] | None", events))
+
+
+def _table(said: object) -> Plain:
+    if not isinstance(said, dict):
+        raise Misfit("a table")
+    return said
 
 
 def _texts(table: object) -> dict[str, str]:
@@ -96,7 +125,10 @@ def _text(said: object) -> str:
 
 
 def _all_counts(plain: Plain) -> list[Count]:
-    found = [Count(int(port), name, unit_of(name), _number(said)) for port, name, said in _each(plain, "counts")]
+    found = []
+    for port, counters in cast("dict[str, dict[str, object]]", plain.get("counts", {})).items():
+        number = int(port)
+        found += [Count(number, name, unit_of(name), _number(said)) for name, said in counters.items()]
     for port, name, said in _each(plain, "moving"):
         values = tuple(_number(one) for one in cast("list[object]", said))
         found.append(Count(int(port), name, unit_of(name), None, Standing.MOVING, values))
@@ -111,6 +143,8 @@ def _each(plain: Plain, table: str) -> list[tuple[str, str, object]]:
 
 
 def _number(said: object) -> float:
+    if type(said) is float:  # most are
+        return said
     if isinstance(said, bool) or not isinstance(said, int | float):
         raise Misfit("a number")
     return float(said)
