@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 import signal
+import time
 from collections.abc import Iterator
+from datetime import UTC, date, datetime, timedelta
 from pathlib import Path
 
 import pytest
@@ -16,8 +18,12 @@ from jbclog.analysis import open_run
 from jbclog.audit.book import auditing, read_book
 from jbclog.audit.observed import Observation, Standing
 from jbclog.cli.app import app
-from jbclog.counting import looking
+from jbclog.counting import looking, past_runs
+from jbclog.record.live import LiveStore
+from jbclog.record.manifest import LineFile, Manifest, write_manifest
+from jbclog.rows import EventRow, Severity, StationFacts
 from jbclog.sim.process import SimProcess
+from jbclog.verifying import Given, keep, own_of, verify
 
 STATIONS = ("dde-1", "ucr-1", "jtse-1")
 SOURCE = '[line]\nname = "bench"\n' + "".join(
@@ -302,3 +308,41 @@ def test_what_is_no_ledger_is_never_added_to(bench: Bench, tmp_path: Path) -> No
     done = ("maintenance", "done", "-s", "dde-1", "--task", "service", "--by", "W", "--line", str(bench.line))
     assert CliRunner().invoke(app, [*done, "--ledger", str(other)]).exit_code == 4
     assert other.read_text(encoding="utf-8") == '[line]\nname = "other"\n'
+
+
+def test_what_runs_saw_since_last_time_counts_once(bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(past_runs, "LAG", timedelta(0))
+    ledger, out = tmp_path / "counters.jsonl", tmp_path / "runs"
+    tasks = tmp_path / "tasks.toml"
+    tasks.write_text('[[task]]\nname = "verification"\nlife_days = 30\nstations = ["dde-1"]\n', encoding="utf-8")
+    ended = audit(bench.line, ledger, "--runs", out, "--tasks", tasks)
+    assert (ended.exit_code, f"{out}: there is no such folder of runs" in ended.stderr) == (4, True)
+    assert f"never verified, as far as {out / 'verifications.jsonl'} and the ledger tell" in ended.stdout
+    _a_run_with_an_error(out)
+    _a_verification(out)
+    ended = audit(bench.line, ledger, "--runs", out, "--tasks", tasks)
+    assert (ended.exit_code, ended.stderr) == (0, "")
+    assert "since last time, as runs saw: 1 port.error" in ended.stdout
+    assert f"port 1 verified by W, PASS: line 1 of {out / 'verifications.jsonl'}" in ended.stdout
+    assert observed(ledger)["dde-1"].errors.events == {"port.error": 1}
+    assert observed(ledger)["ucr-1"].errors.events is None
+    assert "since last time" not in audit(bench.line, ledger, "--runs", out).stdout
+
+
+def _a_run_with_an_error(out: Path) -> None:
+    folder = out / "20261121T013000Z-bench-abcd"
+    folder.mkdir(parents=True)
+    line = LineFile("bench", "line.toml", "0" * 64)
+    stations = [StationFacts("dde-1", "url", "dde", "DDE", "1", ports=[1], tools={})]
+    write_manifest(folder, Manifest(folder.name, started="2026-11-21T01:30:00.000000Z", line=line, stations=stations))
+    store = LiveStore(folder, seal_every_s=None)
+    store.start()
+    store.event(EventRow(int(time.time() * 1e6), "port.error", Severity.ERROR, "it happened", "dde-1", 1))
+    store.commit_now()
+    store.close()
+    store.release()
+
+
+def _a_verification(out: Path) -> None:
+    given = Given("dde-1", 1, 351.0, "TC-7", date(2127, 3, 1), "T-17", "W")
+    keep(out, verify(given, own_of([350.0] * 12, 350.0), datetime.now(UTC)))
