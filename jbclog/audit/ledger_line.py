@@ -99,11 +99,12 @@ def _identity(said: object) -> Identity:
 
 def _errors(said: object) -> Errors:
     plain = _table(said)
-    station, events = plain.get("station"), plain.get("events")
+    station, events, until = plain.get("station"), plain.get("events"), plain.get("until")
     if events is not None and not all(type(count) is int for count in _table(events).values()):
         raise Misfit("numbers of events")
     ports = {int(port): text for port, text in _texts(plain.get("ports", {})).items()}
-    return Errors(None if station is None else _text(station), ports, cast("dict[str, int] | None", events))
+    texts = [None if one is None else _text(one) for one in (station, until)]
+    return Errors(texts[0], ports, cast("dict[str, int] | None", events), texts[1])
 
 
 def _table(said: object) -> Plain:

@@ -8,7 +8,18 @@ from pathlib import Path
 
 import pytest
 
-NAMES = ("wire_use", "own_profile", "many_stations", "one_unpaced", "memory", "help", "wire_record", "open_run", "audit", "old_ledger")
+NAMES = (
+    "wire_use",
+    "own_profile",
+    "many_stations",
+    "one_unpaced",
+    "memory",
+    "help",
+    "wire_record",
+    "open_run",
+    "audit",
+    "old_ledger",
+)
 LONGEST_S = 300
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 
 import pytest
@@ -30,7 +30,7 @@ SEEN = Observation(
     counts=COUNTS,
     tools={1: "T245", 2: "none"},
     parameters={"1.sleep_delay_min": "5"},
-    errors=Errors("0", {1: "0"}, {"port.error": 2}),
+    errors=Errors("0", {1: "0"}, {"port.error": 2}, "2026-11-21T05:00:00+00:00"),
 )
 SILENT = replace(SEEN, seen=False, why="no answer", identity=None, counts=(), tools={}, parameters={}, errors=Errors())
 DONE = Fact("2026-11-20T05:00:00+00:00", "2026-11-21T05:00:00+00:00", "A. Rossi", "bench-3", "dde-1", "tip-change", 1, "TIP-0231")
@@ -47,6 +47,15 @@ def test_what_is_put_in_comes_out(path: Path) -> None:
     assert book.entries == kept
     assert [replace(one, seq=0, prev_sha256="") for one in kept] == [SEEN, DONE, SILENT]
     assert ([one.seq for one in kept], book.wrong, book.is_sound) == ([1, 2, 3], [], True)
+
+
+def test_no_field_of_it_is_lost() -> None:
+    """What is read field by field has all the fields that there are, each with something in it."""
+    assert SEEN.identity is not None
+    every = replace(SEEN, identity=replace(SEEN.identity, uid="U-17"), seq=1, prev_sha256="0" * 64, why="late")
+    parts = (every, every.identity, every.errors)
+    assert all(getattr(part, one.name) for part in parts for one in fields(part))  # type: ignore[arg-type]  # it has one
+    assert read_line(written(every)) == every
 
 
 def test_a_line_is_as_it_was_published(path: Path) -> None:
