@@ -5,10 +5,12 @@ from __future__ import annotations
 import fcntl
 import os
 import select
+import signal
 import subprocess
 import sys
 import time
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Final
 
@@ -26,6 +28,16 @@ UNANSWERED_MOST: Final = 10  # renewals; five seconds of a recorder that goes on
 PIPE_SIZE: Final = 1 << 20  # what Linux gives anybody: the leases of a line of any size, while the guard is starting
 
 
+@contextmanager
+def _deaf() -> Iterator[None]:
+    """What is started here is deaf to what ends a run, from its first instruction on: Ctrl-C reaches all processes of a terminal."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGINT, signal.SIGTERM, signal.SIGHUP))
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
 class GuardLost(Exception):
     """The guard does not take what it is told, or does not answer: it has died, or stands still."""
 
@@ -40,9 +52,10 @@ class GuardProcess:
         # -P: a file of the user's in the current folder must not pass for a module
         command = [sys.executable, "-P", "-m", "jbclog.guard", str(folder), "--recorder", str(os.getpid())]
         try:
-            self._process = subprocess.Popen(
-                command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True, bufsize=0
-            )
+            with _deaf():
+                self._process = subprocess.Popen(
+                    command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True, bufsize=0
+                )
         except OSError as error:
             raise StartRefused(f"the guard could not be started ({error}); --no-guard runs without one") from error
         assert self._process.stdin is not None

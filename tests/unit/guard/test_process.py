@@ -98,6 +98,14 @@ def test_no_signal_that_ends_a_run_ends_it(guard: GuardProcess, number: signal.S
     assert os.getsid(guard.pid) == guard.pid != os.getsid(0)  # nor what a terminal does
 
 
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_nor_does_one_that_comes_while_it_is_started(number: signal.Signals, tmp_path: Path) -> None:
+    guard = GuardProcess(tmp_path)
+    os.kill(guard.pid, number)  # long before its program is read
+    guard.await_ready()
+    guard.end()
+
+
 def test_one_that_does_not_start_says_so(tmp_path: Path) -> None:
     guard = GuardProcess(tmp_path / "not there")
     with pytest.raises(StartRefused, match="--no-guard"):
