@@ -30,7 +30,7 @@ PIPE_SIZE: Final = 1 << 20  # what Linux gives anybody: the leases of a line of 
 
 @contextmanager
 def _deaf() -> Iterator[None]:
-    """What is started here is deaf to what ends a run, from its first instruction on: Ctrl-C reaches all processes of a terminal."""
+    """What is started here is deaf to what ends a run, from its first step on: Ctrl-C reaches all processes of a terminal."""
     before = signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGINT, signal.SIGTERM, signal.SIGHUP))
     try:
         yield
