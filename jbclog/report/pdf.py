@@ -74,20 +74,35 @@ def _dated(facts: Facts) -> datetime:
 
 
 def _front(paper: Paper, facts: Facts, plates: Plates) -> None:
+    """What a signer needs on the first sheet: with the run at a glance and all rules where they leave room to sign, else below."""
+    for glance, rules in ((True, True), (False, True), (False, False)):
+        front = Paper()
+        _opening(front, facts)
+        _parts(front, facts, plates, glance, rules)
+        _signatures(front, facts)
+        if len(front.sheets) == 1:
+            break
+    _parts(front, facts, plates, not glance, not rules)
+    paper.sheets, paper.y = front.sheets, front.y
+
+
+def _opening(paper: Paper, facts: Facts) -> None:
     paper.need(1.0)
     paper.put("jbclog process record", SIDE, QUIET)
     paper.put(clean(facts.run), WIDTH - SIDE, QUIET, right=True)
     paper.skip(0.2)
     _verdict(paper, facts)
     _head(paper, facts)
-    if facts.overview is not None and plates.overview is not None:
+
+
+def _parts(paper: Paper, facts: Facts, plates: Plates, glance: bool, rules: bool) -> None:
+    if glance and facts.overview is not None and plates.overview is not None:
         paper.heading("At a glance", plates.overview.height_in + 0.3)
         paper.say(facts.overview.caption, QUIET)
         paper.draw(plates.overview.draw(style.PRINT))
         paper.skip(0.05)
-    if facts.verdict.rules:
+    if rules and facts.verdict.rules:
         _rests_on(paper, facts)
-    _signatures(paper, facts)
 
 
 def _verdict(paper: Paper, facts: Facts) -> None:

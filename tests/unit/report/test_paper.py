@@ -134,3 +134,21 @@ def test_letters_that_the_font_lacks_are_told_and_not_lost_in_silence(tmp_path: 
     run = seal(tmp_path, [station(rows=300)], table(samples(300)), metadata=Metadata("王小明", "4711", "µ-board"))
     write_report(run)  # a warning would be an error here
     assert "王小明" in (run / "report.html").read_text("utf-8")
+
+
+@pytest.mark.parametrize("stations", [1, 12])
+def test_who_signs_has_the_verdict_its_rules_and_the_places_on_the_first_sheet(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, stations: int
+) -> None:
+    seen: list[list[str]] = []
+    monkeypatch.setattr("jbclog.report.paper.pdf_file", lambda sheets, *_: seen.extend(map(texts, sheets)) or b"%PDF-")
+    names = [f"dde-{number}" for number in range(1, stations + 1)]
+    columns = [samples(300, name, port, 5.0, seed) for seed, name in enumerate(names) for port in (1, 2)]
+    facts = [station(name, (1, 2), 300, 5.0) for name in names]
+    rules = [limit(side, text, station_name=name) for name in names for side, text in (("high", "380"), ("low", "300"))]
+    write_report(seal(tmp_path, facts, table(*columns), [alarm(12, "dde-1")], rules))
+    assert {"What the verdict rests on", "Reviewed", "Approved", "Signature"} <= set(seen[0])
+    assert sum(sheet.count("At a glance") for sheet in seen) == 1
+    assert sum(sheet.count("What the verdict rests on") for sheet in seen) == 1
+    assert sum(sheet.count("Reviewed") for sheet in seen) == 1
+    assert ("At a glance" in seen[0]) == (stations == 1)
