@@ -22,7 +22,6 @@ from jbclog.audit.book import Book, add, auditing, read_book
 from jbclog.audit.fleet import FleetAudit
 from jbclog.audit.gathering import fleet_of
 from jbclog.audit.ledger_line import written
-from jbclog.audit.observed import Entry, Fact, Observation
 from jbclog.audit.tasks import Task
 from jbclog.audit.trouble import counted_until
 from jbclog.counting.asking import Wanted
@@ -30,6 +29,7 @@ from jbclog.counting.looking import Looking, Told
 from jbclog.counting.past_runs import PastRuns, past_runs
 from jbclog.counting.verified import verified, with_never
 from jbclog.errors import RecordError
+from jbclog.odometer.observed import Entry, Fact, Observation
 from jbclog.recipe.line import Line, StationSpec
 from jbclog.record.chained import sha256
 

@@ -17,9 +17,9 @@ from typing import Final
 
 from jbclog.audit.heaps import uncollected
 from jbclog.audit.ledger_line import read_line, written
-from jbclog.audit.observed import Entry, Fact, Observation
 from jbclog.errors import RecordError, UsageError
 from jbclog.locked import lock_of
+from jbclog.odometer.observed import Entry, Fact, Observation
 from jbclog.record.chained import Chain, add_lines, chain_in, read_whole, sha256
 from jbclog.record.durable import sync_folder
 

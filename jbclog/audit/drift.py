@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from jbclog.audit.fleet import BEFORE, FLEET, Drift
-from jbclog.audit.observed import Observation
+from jbclog.odometer.observed import Observation
 
 FEWEST: Final = 3
 MAJORITY: Final = 3 / 4

@@ -9,13 +9,13 @@ from datetime import UTC, datetime
 from enum import StrEnum
 from typing import Final
 
-from jbclog.audit.elapsed import seconds
 from jbclog.audit.forecast import Forecast, forecast
-from jbclog.audit.interval import NOTHING, Interval
-from jbclog.audit.observed import Fact
-from jbclog.audit.odometer import Trace
 from jbclog.audit.pace import DAY, Step, pace_of
 from jbclog.audit.tasks import DAYS, Task
+from jbclog.odometer.elapsed import seconds
+from jbclog.odometer.interval import NOTHING, Interval
+from jbclog.odometer.observed import Fact
+from jbclog.odometer.odometer import Trace
 
 LEAST_AUDITS: Final = 4
 OVERDUE_PERCENT: Final = 120.0

@@ -8,7 +8,7 @@ from typing import Final
 
 from jbclog.audit.due import State
 from jbclog.audit.fleet import FleetAudit, StationAudit
-from jbclog.audit.observed import Standing
+from jbclog.odometer.observed import Standing
 
 ABSENT: Final = "nak4"  # the station does not have that counter
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from jbclog.audit.due import State, TaskState
-from jbclog.audit.interval import Interval
-from jbclog.audit.observed import Count, Errors, Fact, Identity
-from jbclog.audit.odometer import Difference, Odometer
+from jbclog.odometer.interval import Interval
+from jbclog.odometer.observed import Count, Errors, Fact, Identity
+from jbclog.odometer.odometer import Difference, Odometer
 
 BEFORE, FLEET = "before", "fleet"
 

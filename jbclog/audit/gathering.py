@@ -10,14 +10,14 @@ from jbclog.audit.drift import drifts
 from jbclog.audit.due import TaskState, states_of
 from jbclog.audit.fleet import Drift, FleetAudit, Meter, StationAudit
 from jbclog.audit.heaps import uncollected
-from jbclog.audit.history import History, histories
-from jbclog.audit.interval import Interval
-from jbclog.audit.observed import Count, Entry, Observation
-from jbclog.audit.odometer import DOUBTFUL, Difference, Kind, Odometer, Trace, per_day
 from jbclog.audit.tasks import Task
-from jbclog.audit.tracing import Traces, traces_of
 from jbclog.audit.use import WORK, Past, use_of
 from jbclog.audit.weeks import weeks_of
+from jbclog.odometer.history import History, histories
+from jbclog.odometer.interval import Interval
+from jbclog.odometer.observed import Count, Entry, Observation
+from jbclog.odometer.odometer import DOUBTFUL, Difference, Kind, Odometer, Trace, per_day
+from jbclog.odometer.tracing import Traces, traces_of
 
 Place = tuple[str, str]
 """Line and station."""

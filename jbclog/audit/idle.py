@@ -11,9 +11,9 @@ from collections.abc import Iterator, Sequence
 from typing import Final
 
 from jbclog.audit.fleet import UseFigure
-from jbclog.audit.interval import NOTHING, Interval
 from jbclog.audit.stretch import Stretch, parted, sum_of
 from jbclog.audit.titles import known, unknown
+from jbclog.odometer.interval import NOTHING, Interval
 
 NAMES: Final = ("idle_hot_h", "idle_hot_percent", "idle_hot_kwh")
 STRETCH_DAYS, FEWEST, LEAST_JOINTS = 7.0, 4, 20.0

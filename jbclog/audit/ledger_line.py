@@ -12,7 +12,7 @@ from dataclasses import asdict, fields
 from functools import cache, lru_cache
 from typing import Final, cast
 
-from jbclog.audit.observed import Count, Entry, Errors, Fact, Identity, Observation, Standing
+from jbclog.odometer.observed import Count, Entry, Errors, Fact, Identity, Observation, Standing
 from jbclog.record.chained import line_of, sha256
 from jbclog.record.from_json import Misfit, build
 

@@ -8,9 +8,9 @@ from typing import Final
 
 from jbclog.audit.ending import ABSENT
 from jbclog.audit.fleet import FLEET, FleetAudit, Meter, StationAudit, UseFigure, Week
-from jbclog.audit.interval import NOTHING
-from jbclog.audit.odometer import Difference, Kind
 from jbclog.audit.words import listed, span
+from jbclog.odometer.interval import NOTHING
+from jbclog.odometer.odometer import Difference, Kind
 
 MOST_MARKS: Final = 200
 SUPERSCRIPTS: Final = str.maketrans("0123456789", "⁰¹²³⁴⁵⁶⁷⁸⁹")

@@ -7,8 +7,8 @@ from collections.abc import Iterable, Sequence
 from typing import Final
 
 from jbclog.audit.book import Book
-from jbclog.audit.observed import STATED
 from jbclog.errors import UsageError
+from jbclog.odometer.observed import STATED
 
 USUAL: Final = ("tip-change", "cartridge-change", "pump-filter", "feeder-rollers", "feeder-cutter", "verification", "service")
 """Tasks that can be told without a tasks file."""

@@ -16,7 +16,7 @@ from markupsafe import Markup
 
 from jbclog.audit.due import Due, State
 from jbclog.audit.fleet import Week
-from jbclog.audit.interval import Interval
+from jbclog.odometer.interval import Interval
 from jbclog.shown import clean
 
 INK, QUIET, LINE, PALE = "#1c2733", "#5d6b7a", "#c3ced8", "#eef1f4"

@@ -14,8 +14,8 @@ from typing import Final
 
 from jbclog.audit.due import TaskState
 from jbclog.audit.fleet import FleetAudit, Meter, StationAudit
-from jbclog.audit.interval import Interval
 from jbclog.cells import csv_text
+from jbclog.odometer.interval import Interval
 
 SCHEMA: Final = 1
 COLUMNS: Final = (

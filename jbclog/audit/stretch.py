@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 from datetime import datetime, timedelta
 from functools import lru_cache
 
-from jbclog.audit.interval import NOTHING, Interval
-from jbclog.audit.odometer import Trace
+from jbclog.odometer.interval import NOTHING, Interval
+from jbclog.odometer.odometer import Trace
 
 ABOUT = 1.5  # a window of 30 days is one of 20 to 45: readings are when they are
 

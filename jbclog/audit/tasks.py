@@ -24,8 +24,8 @@ from typing import Annotated, Final, Literal
 
 from pydantic import Field
 
-from jbclog.audit.observed import STATED
 from jbclog.errors import Problem, Problems
+from jbclog.odometer.observed import STATED
 from jbclog.recipe.fields import Families
 from jbclog.recipe.keys import KeyPath
 from jbclog.recipe.schema import NAME_ALLOWED, FromList, Name, Table, read_table

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 from jbclog.audit.fleet import UseFigure
-from jbclog.audit.interval import Interval
+from jbclog.odometer.interval import Interval
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,12 +12,12 @@ from math import sqrt
 from statistics import NormalDist
 from typing import Final
 
-from jbclog.audit.elapsed import seconds
 from jbclog.audit.fleet import UseFigure
-from jbclog.audit.interval import Interval
-from jbclog.audit.observed import Observation
 from jbclog.audit.stretch import moment
 from jbclog.audit.titles import known, unknown
+from jbclog.odometer.elapsed import seconds
+from jbclog.odometer.interval import Interval
+from jbclog.odometer.observed import Observation
 
 FEWEST: Final = 3
 NO_RECORD: Final = "no run was recorded that would tell"

@@ -12,12 +12,12 @@ from typing import Final, TypeGuard
 
 from jbclog.audit.fleet import UseFigure
 from jbclog.audit.idle import idle_of
-from jbclog.audit.interval import Interval
-from jbclog.audit.observed import Observation
-from jbclog.audit.odometer import Trace
 from jbclog.audit.stretch import Believed, Stretch, last, ratio, sum_of, whole, window, within
 from jbclog.audit.titles import known, unknown
 from jbclog.audit.trouble import errors_of
+from jbclog.odometer.interval import Interval
+from jbclog.odometer.observed import Observation
+from jbclog.odometer.odometer import Trace
 
 YEAR, MONTH = 365.0, 30.0
 WORK: Final = "work_h"

@@ -13,9 +13,9 @@ from itertools import accumulate, pairwise
 from typing import Final
 
 from jbclog.audit.fleet import Week
-from jbclog.audit.interval import NOTHING, Interval
-from jbclog.audit.odometer import Join, Point, Trace
 from jbclog.audit.stretch import Believed, Stretch, moment, whole
+from jbclog.odometer.interval import NOTHING, Interval
+from jbclog.odometer.odometer import Join, Point, Trace
 
 WEEKS, DAYS = 53, 7
 FAR: Final = timedelta(days=10)

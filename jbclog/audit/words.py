@@ -7,8 +7,8 @@ from math import floor, isfinite
 from typing import Final
 
 from jbclog.audit.due import Due, State, TaskState
-from jbclog.audit.interval import Interval
 from jbclog.audit.tasks import DAYS
+from jbclog.odometer.interval import Interval
 from jbclog.shown import number
 
 STATES: Final = {

@@ -17,9 +17,9 @@ from jbclog.errors import UsageError
 
 if TYPE_CHECKING:
     from jbclog.audit.ending import Finding
-    from jbclog.audit.observed import Observation
     from jbclog.audit.tasks import Task
     from jbclog.cli.audit_end import End
+    from jbclog.odometer.observed import Observation
     from jbclog.recipe.line import Line
 
 LEDGER = typer.Option(None, "--ledger", metavar="FILE", help="The ledger: made where it is not there, only ever added to.")

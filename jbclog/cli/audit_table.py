@@ -9,8 +9,8 @@ from jbclog.audit.due import State, TaskState
 from jbclog.audit.ending import ABSENT
 from jbclog.audit.fleet import FleetAudit, Meter, StationAudit
 from jbclog.audit.glance import Row, at_a_glance
-from jbclog.audit.observed import Standing
 from jbclog.audit.words import STATES, day, of_life, percent, window
+from jbclog.odometer.observed import Standing
 from jbclog.shown import clean
 
 NO_ERROR: Final = frozenset({"ok", "normal, ready"})

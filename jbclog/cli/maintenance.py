@@ -18,7 +18,7 @@ from jbclog.errors import RecordError, UsageError
 if TYPE_CHECKING:
     from jbclog.audit.book import Book
     from jbclog.audit.naming import Place
-    from jbclog.audit.observed import Fact
+    from jbclog.odometer.observed import Fact
 
 DONE, LIST = "done", "list"
 STATION = typer.Option(None, "--station", "-s", metavar="NAME", help="Which station; LINE/NAME where two lines have it.")
@@ -65,7 +65,7 @@ def maintenance(
     if by is not None and not by.strip():
         raise UsageError("--by: say who did it")
     from jbclog.audit.naming import expect_port, place_of, task_of
-    from jbclog.audit.observed import Fact
+    from jbclog.odometer.observed import Fact
 
     book = _read(ledger)
     book.expect_ledger()

@@ -10,12 +10,12 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from typing import Final
 
-from jbclog.audit.observed import Count, Errors, Identity, Observation, Standing
 from jbclog.byhand.contact import NO_TOOL, NOWHERE, PORTS, Place, Target, meet
 from jbclog.commands.command import Command, Effect, Scope
 from jbclog.commands.family import OMEGA, Family
 from jbclog.counting.twice import Answer, Asking
 from jbclog.effects import Steps
+from jbclog.odometer.observed import Count, Errors, Identity, Observation, Standing
 from jbclog.quantities import text_of
 
 QUESTIONS: Final = 400  # more than a station of four ports is asked

@@ -21,13 +21,13 @@ from threading import Event
 from typing import Final
 
 from jbclog import reach
-from jbclog.audit.observed import Observation
 from jbclog.counting.asking import Wanted, look
 from jbclog.counting.harmless import harmless_for
 from jbclog.drive import blocking
 from jbclog.drive.blocking import Port
 from jbclog.effects import Heard, RunEnded, Steps, Wish, relay
 from jbclog.errors import LinkError, PortBusy, StartRefused, StationError
+from jbclog.odometer.observed import Observation
 from jbclog.record.holding import run_of, run_that_holds
 from jbclog.same_port import PortPlace, place_of
 from jbclog.transport import ReadOnly

@@ -15,8 +15,8 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from jbclog.audit.observed import Observation
 from jbclog.errors import JbclogError, RecordError
+from jbclog.odometer.observed import Observation
 from jbclog.record.finding_runs import Filter, Found, Unreadable, find
 
 if TYPE_CHECKING:

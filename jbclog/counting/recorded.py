@@ -15,12 +15,12 @@ from typing import TYPE_CHECKING, Final, NamedTuple, cast
 
 from pyarrow import ArrowException
 
-from jbclog.audit.observed import Count, Errors, Identity, Observation, Standing
 from jbclog.commands.command import Scope
 from jbclog.commands.family import FAMILIES, Family
 from jbclog.counting.asking import Wanted, is_parameter, parameter_name
 from jbclog.counting.past_runs import counted_to, error_events
 from jbclog.errors import JbclogError, RecordError
+from jbclog.odometer.observed import Count, Errors, Identity, Observation, Standing
 from jbclog.record.from_json import Misfit, build
 from jbclog.record.stock import Stock
 from jbclog.rows import StationFacts

@@ -8,9 +8,9 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Final
 
-from jbclog.audit.observed import Fact
 from jbclog.audit.tasks import Task
 from jbclog.errors import RecordError
+from jbclog.odometer.observed import Fact
 from jbclog.verifying.book import NAME, Book, read_book
 from jbclog.verifying.cited import last_valid, places_of
 from jbclog.verifying.verification import Verification

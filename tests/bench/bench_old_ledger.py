@@ -22,8 +22,8 @@ from audit_fleet import Fleet
 
 from jbclog.audit.book import add, read_book
 from jbclog.audit.gathering import fleet_of
-from jbclog.audit.observed import Entry
 from jbclog.audit.tasks import load_tasks
+from jbclog.odometer.observed import Entry
 
 TASKS = Path(__file__).parents[2] / "profiles" / "tasks" / "bench.toml"
 LIMIT_S, LIMIT_MB, RATIO = 15.0, 600.0, 20.0

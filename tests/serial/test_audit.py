@@ -16,11 +16,11 @@ from typer.testing import CliRunner, Result
 
 from jbclog.analysis import open_run
 from jbclog.audit.book import auditing, read_book
-from jbclog.audit.observed import Observation, Standing
 from jbclog.cli.app import app
 from jbclog.counting import looking, past_runs
 from jbclog.counting.asking import Wanted
 from jbclog.drive.blocking import Port
+from jbclog.odometer.observed import Observation, Standing
 from jbclog.record.live import LiveStore
 from jbclog.record.manifest import LineFile, Manifest, write_manifest
 from jbclog.rows import EventRow, Severity, StationFacts

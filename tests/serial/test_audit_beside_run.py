@@ -12,11 +12,11 @@ from command import RECIPE, WireLog, is_sampling, jbclog, started, until
 from typer.testing import CliRunner
 
 from jbclog.audit.book import read_book
-from jbclog.audit.observed import Observation
 from jbclog.cli.app import app
 from jbclog.counting import looking
 from jbclog.counting.asking import Wanted
 from jbclog.drive.blocking import Port
+from jbclog.odometer.observed import Observation
 from jbclog.sim.process import SimProcess
 
 SOURCE = """[line]

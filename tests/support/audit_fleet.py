@@ -14,7 +14,7 @@ from datetime import UTC, datetime, timedelta
 import numpy as np
 from numpy.typing import NDArray
 
-from jbclog.audit.observed import REPLACED, Count, Fact, Identity, Observation, Standing
+from jbclog.odometer.observed import REPLACED, Count, Fact, Identity, Observation, Standing
 
 Hours = NDArray[np.float64]
 BEGIN = datetime(2024, 1, 1, tzinfo=UTC)

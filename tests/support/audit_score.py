@@ -11,9 +11,9 @@ import numpy as np
 from audit_fleet import BEGIN, YEAR, Fleet, SimStation, iso
 
 from jbclog.audit.due import foresee, used_since
-from jbclog.audit.history import History
-from jbclog.audit.odometer import Trace
-from jbclog.audit.tracing import traces_of
+from jbclog.odometer.history import History
+from jbclog.odometer.odometer import Trace
+from jbclog.odometer.tracing import traces_of
 
 LIVES = {
     "work_h": (100, 700),

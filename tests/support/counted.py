@@ -6,9 +6,9 @@ from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime, timedelta
 from itertools import pairwise
 
-from jbclog.audit.interval import Interval
-from jbclog.audit.observed import Count, Errors, Identity, Observation
-from jbclog.audit.odometer import Difference, Join, Kind, Point, Trace
+from jbclog.odometer.interval import Interval
+from jbclog.odometer.observed import Count, Errors, Identity, Observation
+from jbclog.odometer.odometer import Difference, Join, Kind, Point, Trace
 
 NOW = datetime(2026, 11, 21, 6, 0, tzinfo=UTC)
 

@@ -12,11 +12,11 @@ from counted import NOW, ago, between, went
 
 from jbclog.audit.due import Due, State, TaskState
 from jbclog.audit.fleet import BEFORE, FLEET, Drift, FleetAudit, Meter, StationAudit
-from jbclog.audit.interval import Interval
-from jbclog.audit.observed import Count, Errors, Fact, Identity
-from jbclog.audit.odometer import Difference, Kind, Trace
 from jbclog.audit.use import Past, use_of
 from jbclog.audit.weeks import weeks_of
+from jbclog.odometer.interval import Interval
+from jbclog.odometer.observed import Count, Errors, Fact, Identity
+from jbclog.odometer.odometer import Difference, Kind, Trace
 
 LIVES = (
     ("tip-change", "Tip change", 1, "work_h", "h", 400.0),

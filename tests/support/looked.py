@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime, timedelta
 
-from jbclog.audit.history import History
 from jbclog.audit.ledger_line import unit_of
-from jbclog.audit.observed import Count, Fact, Identity, Observation, Standing
-from jbclog.audit.odometer import Difference, Trace
-from jbclog.audit.tracing import Traces, traces_of
+from jbclog.odometer.history import History
+from jbclog.odometer.observed import Count, Fact, Identity, Observation, Standing
+from jbclog.odometer.odometer import Difference, Trace
+from jbclog.odometer.tracing import Traces, traces_of
 
 BEGIN = datetime(2026, 1, 5, 5, tzinfo=UTC)
 WHO = Identity("dde", "DDE", "8886412")

@@ -25,8 +25,8 @@ from recorded_run import RecordedRun
 
 from jbclog import __version__, dossier
 from jbclog.audit.book import add
-from jbclog.audit.observed import Fact, Observation
 from jbclog.clock import VirtualClock
+from jbclog.odometer.observed import Fact, Observation
 from jbclog.plan import Metadata, Wanted, make_plan
 from jbclog.record import folder as folders
 

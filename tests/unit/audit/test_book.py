@@ -10,8 +10,8 @@ import pytest
 
 from jbclog.audit.book import AuditGoesOn, add, auditing, read_book
 from jbclog.audit.ledger_line import read_line, written
-from jbclog.audit.observed import Count, Errors, Fact, Identity, Observation, Standing
 from jbclog.errors import RecordError
+from jbclog.odometer.observed import Count, Errors, Fact, Identity, Observation, Standing
 
 COUNTS = (
     Count(1, "work_h", "h", 412.0),

@@ -12,11 +12,11 @@ from looked import at, seen, series, told, traced
 
 from jbclog.audit.due import State, TaskState, states_of, used_since
 from jbclog.audit.forecast import forecast
-from jbclog.audit.interval import Interval
-from jbclog.audit.observed import Fact
-from jbclog.audit.odometer import Trace
 from jbclog.audit.pace import DAY, WEEK, Pace, Step, pace_of
 from jbclog.audit.tasks import Task
+from jbclog.odometer.interval import Interval
+from jbclog.odometer.observed import Fact
+from jbclog.odometer.odometer import Trace
 
 TIP = Task("tip-change", "Change the tip", "work_h", 100.0)
 CHECK = Task("check", "Verify", "days", 30.0)

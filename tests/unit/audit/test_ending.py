@@ -16,11 +16,11 @@ from hostile_names import HOSTILE
 from jbclog.audit.due import State
 from jbclog.audit.ending import USUAL, Finding, exit_code, findings
 from jbclog.audit.fleet import FleetAudit, StationAudit
-from jbclog.audit.interval import Interval
-from jbclog.audit.observed import Count, Standing
 from jbclog.audit.plain import plain_audit
 from jbclog.audit.sheet import COLUMNS, SCHEMA, sheet_of
 from jbclog.cli.audit_table import lines
+from jbclog.odometer.interval import Interval
+from jbclog.odometer.observed import Count, Standing
 
 every_fleet = pytest.mark.parametrize("make", fleets.ALL.values(), ids=fleets.ALL)
 

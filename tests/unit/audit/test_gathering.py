@@ -12,10 +12,10 @@ from jbclog.audit.book import add, read_book
 from jbclog.audit.due import State
 from jbclog.audit.fleet import FleetAudit, StationAudit
 from jbclog.audit.gathering import fleet_of
-from jbclog.audit.interval import Interval
-from jbclog.audit.observed import Entry, Observation, Standing
-from jbclog.audit.odometer import Kind
 from jbclog.audit.tasks import parse_tasks
+from jbclog.odometer.interval import Interval
+from jbclog.odometer.observed import Entry, Observation, Standing
+from jbclog.odometer.odometer import Kind
 
 WEEK = 168.0
 TASKS = parse_tasks('[[task]]\nname = "tip-change"\ncounter = "work_h"\nlife_h = 100\n[[task]]\nname = "check"\nlife_days = 30\n')

@@ -9,8 +9,8 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from jbclog.audit.book import add, read_book
-from jbclog.audit.observed import Count, Fact, Observation
 from jbclog.cli.app import app
+from jbclog.odometer.observed import Count, Fact, Observation
 
 AT = "2026-11-21T06:17:00.000+00:00"
 DONE = ("--task", "tip-change", "--tip", "T-17", "--port", "1", "--by", "A. Rossi")

@@ -9,13 +9,13 @@ import pytest
 from counted import ago, look, then, went
 
 from jbclog.audit.fleet import UseFigure
-from jbclog.audit.interval import Interval
-from jbclog.audit.observed import Observation
-from jbclog.audit.odometer import Join, Trace
 from jbclog.audit.stretch import whole, within
 from jbclog.audit.trouble import poisson_bounds
 from jbclog.audit.use import NO_JOINTS, Past, use_of
 from jbclog.audit.weeks import weeks_of
+from jbclog.odometer.interval import Interval
+from jbclog.odometer.observed import Observation
+from jbclog.odometer.odometer import Join, Trace
 
 WEEKLY = [7.0 * week for week in range(60, -1, -1)]
 

@@ -7,8 +7,8 @@ from audit_bench import MakeBench, See, wanted
 from by_hand import Bench
 
 from jbclog import reach
-from jbclog.audit.observed import Observation
 from jbclog.counting import looking
+from jbclog.odometer.observed import Observation
 
 
 @pytest.fixture

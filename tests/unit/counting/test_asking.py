@@ -6,8 +6,8 @@ import pytest
 from audit_bench import AUDIT, MakeBench, See, count
 from by_hand import says, station_text
 
-from jbclog.audit.observed import Count, Standing
 from jbclog.commands.family import FAMILIES
+from jbclog.odometer.observed import Count, Standing
 
 COUNTED = "[station.sim.counters]\nplugged_hours = 1234\nwork_hours = 812\nsleep_cycles = 99\n"
 ROBOT_OFF = "robot_mode = false"

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from jbclog.audit.observed import Errors, Observation
 from jbclog.audit.trouble import counted_until
 from jbclog.counting.past_runs import LAG, PastRuns, past_runs
+from jbclog.odometer.observed import Errors, Observation
 from jbclog.record.conclude import conclude
 from jbclog.record.live import LiveStore
 from jbclog.record.manifest import LineFile, Manifest, write_manifest

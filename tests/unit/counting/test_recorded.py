@@ -12,12 +12,12 @@ from audit_bench import AUDIT, MakeBench, count, wanted
 from by_hand import station_text
 
 from jbclog import reach
-from jbclog.audit.observed import Observation, Standing
 from jbclog.byhand.contact import Target
 from jbclog.commands.family import FAMILIES
 from jbclog.counting import looking
 from jbclog.counting.asking import Wanted
 from jbclog.counting.recorded import observed_in
+from jbclog.odometer.observed import Observation, Standing
 from jbclog.record.live import LiveStore
 from jbclog.record.manifest import Manifest, write_manifest
 from jbclog.rows import COLUMN, SAMPLE_COLUMNS, CounterRow, EventRow, SettingRow, Severity, StationFacts

@@ -10,9 +10,9 @@ from jbclog.audit.book import Book
 from jbclog.audit.due import State, TaskState
 from jbclog.audit.ending import exit_code
 from jbclog.audit.gathering import fleet_of
-from jbclog.audit.observed import Count, Identity, Observation
 from jbclog.audit.tasks import load_tasks
 from jbclog.counting.verified import verified, with_never
+from jbclog.odometer.observed import Count, Identity, Observation
 from jbclog.verifying import Given, keep, own_of, verify
 
 NOW = datetime(2026, 11, 21, 6, 0, tzinfo=UTC)

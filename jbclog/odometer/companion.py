@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import Final
 
-from jbclog.audit.interval import Interval
-from jbclog.audit.judged import Judged, turned
-from jbclog.audit.odometer import Kind
+from jbclog.odometer.interval import Interval
+from jbclog.odometer.judged import Judged, turned
+from jbclog.odometer.odometer import Kind
 
 Ratios = Mapping[tuple[int, str], Interval]
 """By port and counter: how much a counter grew for each count of its companion, at the least and at the most, with a margin."""

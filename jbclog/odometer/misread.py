@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from jbclog.audit.span import Reading, Span
+from jbclog.odometer.span import Reading, Span
 
 MakeSpan = Callable[[Reading, Reading], Span]
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from jbclog.audit.interval import Interval
-from jbclog.audit.traits import DRIFT, Trait
+from jbclog.odometer.interval import Interval
+from jbclog.odometer.traits import DRIFT, Trait
 
 MANY = 1000  # roll-overs; beyond it nobody counts
 LEAST_HOURS = 4.0  # a pace is not told of fewer

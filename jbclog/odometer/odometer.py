@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Final
 
-from jbclog.audit.interval import NOTHING, Interval
+from jbclog.odometer.interval import NOTHING, Interval
 
 
 class Kind(StrEnum):

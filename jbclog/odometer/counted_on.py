@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from jbclog.audit.interval import Interval
-from jbclog.audit.judged import Judged, loose, turned
-from jbclog.audit.odometer import Kind
-from jbclog.audit.span import Span
+from jbclog.odometer.interval import Interval
+from jbclog.odometer.judged import Judged, loose, turned
+from jbclog.odometer.odometer import Kind
+from jbclog.odometer.span import Span
 
 
 def counted_on(span: Span) -> Judged:

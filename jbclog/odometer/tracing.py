@@ -10,21 +10,21 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
-from jbclog.audit.companion import OPEN, Ratios, ratios_of
-from jbclog.audit.counted_on import counted_on
-from jbclog.audit.elapsed import seconds
-from jbclog.audit.history import History, Key
-from jbclog.audit.interval import NOTHING, Interval
-from jbclog.audit.judged import Judged
-from jbclog.audit.judging import Resets, judge
-from jbclog.audit.misread import MakeSpan, misread
-from jbclog.audit.observed import REPLACED, RESET
-from jbclog.audit.odometer import Difference, Join, Kind, Point, Trace
-from jbclog.audit.plainly import Counter, difference, is_plain, lasted_h
-from jbclog.audit.replaced import replaced
-from jbclog.audit.sentences import RULES
-from jbclog.audit.span import LEAST_HOURS, Reading, Span
-from jbclog.audit.traits import DRIFT, modulus_of, trait_of
+from jbclog.odometer.companion import OPEN, Ratios, ratios_of
+from jbclog.odometer.counted_on import counted_on
+from jbclog.odometer.elapsed import seconds
+from jbclog.odometer.history import History, Key
+from jbclog.odometer.interval import NOTHING, Interval
+from jbclog.odometer.judged import Judged
+from jbclog.odometer.judging import Resets, judge
+from jbclog.odometer.misread import MakeSpan, misread
+from jbclog.odometer.observed import REPLACED, RESET
+from jbclog.odometer.odometer import Difference, Join, Kind, Point, Trace
+from jbclog.odometer.plainly import Counter, difference, is_plain, lasted_h
+from jbclog.odometer.replaced import replaced
+from jbclog.odometer.sentences import RULES
+from jbclog.odometer.span import LEAST_HOURS, Reading, Span
+from jbclog.odometer.traits import DRIFT, modulus_of, trait_of
 
 MARGIN = 2.0  # by which a counter may go faster than it ever was seen to
 LEAST_SEEN = 3

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from jbclog.audit.observed import Identity
-from jbclog.audit.span import Span
+from jbclog.odometer.observed import Identity
+from jbclog.odometer.span import Span
 
 SURELY_ITS_OWN_H = 24.0  # more hours than two stations agree in by chance
 

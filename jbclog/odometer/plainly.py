@@ -9,12 +9,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-from jbclog.audit.history import Key
-from jbclog.audit.interval import Interval
-from jbclog.audit.odometer import Difference, Kind
-from jbclog.audit.sentences import RULES
-from jbclog.audit.span import LEAST_HOURS, Reading, top_of
-from jbclog.audit.traits import DRIFT, Trait
+from jbclog.odometer.history import Key
+from jbclog.odometer.interval import Interval
+from jbclog.odometer.odometer import Difference, Kind
+from jbclog.odometer.sentences import RULES
+from jbclog.odometer.span import LEAST_HOURS, Reading, top_of
+from jbclog.odometer.traits import DRIFT, Trait
 
 Readings = Mapping[Key, Reading]
 

@@ -8,11 +8,11 @@ from dataclasses import replace
 import pytest
 from looked import WHO, at, last, rules, seen, series, told, traced
 
-from jbclog.audit.elapsed import Elapsed
-from jbclog.audit.interval import Interval
-from jbclog.audit.observed import REPLACED, RESET
-from jbclog.audit.odometer import Kind
-from jbclog.audit.sentences import RULES
+from jbclog.odometer.elapsed import Elapsed
+from jbclog.odometer.interval import Interval
+from jbclog.odometer.observed import REPLACED, RESET
+from jbclog.odometer.odometer import Kind
+from jbclog.odometer.sentences import RULES
 
 DAY, WEEK = 24.0, 168.0
 

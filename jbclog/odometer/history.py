@@ -6,10 +6,10 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
 
-from jbclog.audit.elapsed import Elapsed, seconds
-from jbclog.audit.interval import Interval
-from jbclog.audit.observed import Count, Entry, Fact, Observation, Standing
-from jbclog.audit.span import Reading
+from jbclog.odometer.elapsed import Elapsed, seconds
+from jbclog.odometer.interval import Interval
+from jbclog.odometer.observed import Count, Entry, Fact, Observation, Standing
+from jbclog.odometer.span import Reading
 
 Key = tuple[int, str]
 """A counter of a station: port and name."""

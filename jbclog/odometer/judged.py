@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from jbclog.audit.interval import NOTHING, Interval
-from jbclog.audit.odometer import Join, Kind
-from jbclog.audit.span import Span
+from jbclog.odometer.interval import NOTHING, Interval
+from jbclog.odometer.odometer import Join, Kind
+from jbclog.odometer.span import Span
 
 
 @dataclass(slots=True)  # as `Span`: made too often to be frozen

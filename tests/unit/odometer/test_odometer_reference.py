@@ -9,8 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from looked import last, rules, seen, traced
 
-from jbclog.audit.observed import Observation
-from jbclog.audit.odometer import Trace
+from jbclog.odometer.observed import Observation
+from jbclog.odometer.odometer import Trace
 
 FASTEST = {"plugged_h": None, "work_h": None, "sleep_cycles": 60.0}
 HOURS = st.one_of(st.integers(0, 40), st.integers(0, 9000), st.integers(99_900, 99_999))

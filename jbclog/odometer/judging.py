@@ -13,13 +13,13 @@ from dataclasses import dataclass, field
 from enum import Enum
 from itertools import groupby
 
-from jbclog.audit.companion import Ratios, by_companion
-from jbclog.audit.counted_on import counted_on
-from jbclog.audit.interval import Interval
-from jbclog.audit.judged import Judged, loose, since_zero
-from jbclog.audit.odometer import Join, Kind
-from jbclog.audit.span import Span
-from jbclog.audit.traits import DRIFT
+from jbclog.odometer.companion import Ratios, by_companion
+from jbclog.odometer.counted_on import counted_on
+from jbclog.odometer.interval import Interval
+from jbclog.odometer.judged import Judged, loose, since_zero
+from jbclog.odometer.odometer import Join, Kind
+from jbclog.odometer.span import Span
+from jbclog.odometer.traits import DRIFT
 
 
 class Reset(Enum):
