@@ -78,10 +78,10 @@ def _show(run: Path, *, as_json: bool) -> None:
 def _wrong_annotations(run: Path) -> list[str]:
     """Where the file of acknowledgements was changed or cut, a sentence each; a run that is not sealed has none."""
     from jbclog.errors import RecordError
-    from jbclog.record.annotations import NAME, read
+    from jbclog.record.annotations import read
 
     try:
-        return [f"{NAME}: line {number} {wrong}" for number, wrong in read(run).wrong]
+        return read(run).complaints()
     except RecordError:
         return []
 

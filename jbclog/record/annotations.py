@@ -28,6 +28,7 @@ from jbclog.record.chained import add_line, chain_in, fields_of, line_of, read_w
 NAME: Final = "annotations.jsonl"
 MANIFEST: Final = "manifest.json"
 NOTE: Final = "note"
+TIME: Final = "%Y-%m-%dT%H:%M:%S.%fZ"
 LONGEST: Final = 2000  # characters of a text
 WORDS: Final = re.compile(r"[a-z][a-z_]*(\.[a-z][a-z_]*)*")
 
@@ -56,6 +57,10 @@ class Annotations:
     wrong: list[tuple[int, str]] = field(default_factory=list)
     head: str = ""
 
+    def complaints(self) -> list[str]:
+        """What is wrong with the file, a sentence each."""
+        return [f"{NAME}: line {number} {text}" for number, text in self.wrong]
+
 
 def append(folder: Path, *, who: str, what: str, why: str, kind: str = NOTE, utc_s: float | None = None) -> str:
     """Say something of the sealed run in `folder`; give the new head, when it is on the disk. Raises `RecordError`.
@@ -69,7 +74,7 @@ def append(folder: Path, *, who: str, what: str, why: str, kind: str = NOTE, utc
         raise RecordError(f"{kind!r} is no kind of an annotation")
 
     def made(seq: int, previous: str) -> bytes:
-        time = moment.strftime("%Y-%m-%dT%H:%M:%S.%fZ")
+        time = moment.strftime(TIME)
         return line_of(asdict(Annotation(seq, time, kind, texts["who"], texts["what"], texts["why"], previous)))
 
     try:
@@ -96,9 +101,15 @@ def _parsed(line: bytes) -> Annotation | None:
         said = Annotation(**fields_of(line))  # type: ignore[arg-type]  # looked at in the next two lines
         texts = (said.time, said.kind, said.who, said.what, said.why, said.prev_sha256)
         fits = type(said.seq) is int and all(isinstance(text, str) for text in texts)
-        return said if fits and line_of(asdict(said)) == line else None
+        return said if fits and _says_all(said) and line_of(asdict(said)) == line else None
     except (ValueError, TypeError, AttributeError, KeyError, RecursionError):
         return None
+
+
+def _says_all(said: Annotation) -> bool:
+    """Whether somebody says something, why, and when: what nobody said, with no reason, acknowledges nothing. Raises ValueError."""
+    is_time = datetime.fromisoformat(said.time).strftime(TIME) == said.time
+    return is_time and all(text.strip() for text in (said.who, said.what, said.why))
 
 
 def _fit(name: str, text: str) -> str:

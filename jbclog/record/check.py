@@ -66,12 +66,17 @@ def check(folder: Path, head: str | None = None) -> list[Finding]:
 # -- files -----------------------------------------------------------------------------------------------------------
 
 
-def _files(folder: Path, manifest: Manifest) -> Iterator[Finding]:
+def changed_files(folder: Path, manifest: Manifest) -> Iterator[Finding]:
+    """Which files of the manifest are not, byte for byte, what was sealed."""
     for listed in manifest.files:
         try:
             yield from _one_file(folder, listed)
         except (OSError, ValueError) as error:  # not ours to read; a name that no file can have
             yield Finding(listed.path, f"cannot be read: {error}")
+
+
+def _files(folder: Path, manifest: Manifest) -> Iterator[Finding]:
+    yield from changed_files(folder, manifest)
     listed_paths = {file.path for file in manifest.files}
     for file in _there(folder):
         if file not in listed_paths:

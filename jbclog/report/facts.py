@@ -227,6 +227,7 @@ class Facts:
     data_sha256: str  # of the lines "SHA-256  path" of these files, as `sha256sum` prints them
     annotations: list[dict[str, object]]  # what was said since it was sealed
     annotations_head: str
+    annotations_wrong: list[str]  # where that file was changed or cut, a sentence each
     not_claimed: list[str]
     not_claimed_short: list[str]
     to_sign: list[dict[str, str]]

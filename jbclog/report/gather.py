@@ -101,6 +101,7 @@ def gather(run: Run, joints: Joints, plates: Plates) -> Facts:
         data_sha256=_data_sha256(manifest),
         annotations=[asdict(one) for one in said.said],
         annotations_head=said.head,
+        annotations_wrong=said.complaints(),
         not_claimed=list(NOT_CLAIMED),
         not_claimed_short=list(NOT_CLAIMED_SHORT),
         to_sign=[dict(one) for one in TO_SIGN],

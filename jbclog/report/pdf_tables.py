@@ -37,8 +37,10 @@ def alarm_tables(paper: Paper, facts: Facts) -> None:
     """Episodes, on what the witnesses do not agree, and the figures."""
     alarms = facts.alarms
     paper.heading("Alarms")
+    for text in facts.annotations_wrong:
+        paper.say(f"{clean(text)}. What was said since is not vouched for.", BAD)
     if not alarms.incidents:
-        paper.say("No temperature beyond a limit, and no flag that counts.", Type(8))
+        paper.say("No temperature that was read is beyond a limit, and no flag counts.", Type(8))
         return
     paper.say(f"{WITNESSED} {_as_of(facts)}", QUIET)
     ordered = sorted(alarms.incidents, key=lambda one: not one["is_alarm"])

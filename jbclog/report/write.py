@@ -16,9 +16,10 @@ from jbclog.analysis import open_run
 from jbclog.errors import RecordError
 from jbclog.record.annotations import NAME as ANNOTATIONS
 from jbclog.record.annotations import read as read_annotations
+from jbclog.record.check import changed_files
 from jbclog.record.durable import write_whole
 from jbclog.record.folder import expect_no_links
-from jbclog.record.manifest import manifest_sha256
+from jbclog.record.manifest import Manifest, manifest_sha256
 from jbclog.report.facts import Facts, Figure
 from jbclog.report.gather import gather
 from jbclog.report.joints import JOINTS, joints_of
@@ -43,10 +44,20 @@ def write_report(folder: Path | str) -> Path:
 
 
 def verify_report(folder: Path | str) -> list[str]:
-    """Make the report and the verdict again and compare: a sentence for each file and rule that differs; none: all is as it was."""
+    """Make the report and the verdict again and compare: a sentence for each file and rule that differs; none: all is as it was.
+
+    What it is judged by (recipes, line file) and what was said since is held against manifest and chain, too.
+    """
     folder = Path(folder)
     files = [text for name, content in report_files(folder).items() if (text := _difference(folder / name, content))]
-    return [*_said_since(folder), *files, *judged_otherwise(folder, open_run(folder).manifest)]
+    manifest = open_run(folder).manifest
+    return [*_said_since(folder), *files, *_changed(folder, manifest), *judged_otherwise(folder, manifest)]
+
+
+def _changed(folder: Path, manifest: Manifest) -> list[str]:
+    """What is not as it was sealed, or as it was said."""
+    sealed = [f"{folder / one.file}: {one.text}" for one in changed_files(folder, manifest)]
+    return [*sealed, *(f"{folder}/{text}" for text in read_annotations(folder).complaints())]
 
 
 def _said_since(folder: Path) -> list[str]:

@@ -5,12 +5,14 @@ from __future__ import annotations
 import json
 import os
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import asdict
 from pathlib import Path
 
 import pytest
 
 from jbclog.errors import RecordError
-from jbclog.record.annotations import LONGEST, NAME, append, read
+from jbclog.record.annotations import LONGEST, NAME, Annotation, append, read
+from jbclog.record.chained import line_of
 from jbclog.record.manifest import Manifest, manifest_sha256, write_manifest
 
 
@@ -146,3 +148,15 @@ def test_a_line_that_is_no_annotation_is_a_sentence(run: Path, line: str) -> Non
 def test_the_lines_are_plain_json_for_whoever_reads_them(run: Path) -> None:
     say(run)
     assert set(json.loads(lines(run)[0])) == {"seq", "time", "kind", "who", "what", "why", "prev_sha256", "sha256"}
+
+
+@pytest.mark.parametrize(
+    "changed", [{"who": ""}, {"who": " "}, {"why": ""}, {"what": "\t"}, {"time": "yesterday"}], ids=lambda one: "".join(one)
+)
+def test_what_nobody_said_or_with_no_reason_counts_for_nothing_though_its_hash_is_right(run: Path, changed: dict[str, str]) -> None:
+    said = asdict(Annotation(1, "2026-09-21T14:13:20.250000Z", "note", "A. Rossi", "hot", "door open", manifest_sha256(run)))
+    (run / NAME).write_bytes(line_of(said) + b"\n")
+    assert len(read(run).said) == 1
+    (run / NAME).write_bytes(line_of({**said, **changed}) + b"\n")
+    assert read(run).said == []
+    assert read(run).complaints() == ["annotations.jsonl: line 1 is no annotation, or was changed"]

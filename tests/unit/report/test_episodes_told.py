@@ -70,6 +70,20 @@ def test_alarms_are_those_of_their_command_with_what_was_acknowledged_since(tmp_
     assert "not acknowledged" not in html
 
 
+def test_acknowledgements_that_were_changed_are_named_on_the_page_and_by_verify(tmp_path: Path) -> None:
+    folder = hot(tmp_path)
+    name = open_run(folder).alarm_findings().incidents[0].name
+    append(folder, who="A. Rossi", what=name, why="door open", kind=ACKNOWLEDGED, utc_s=1_790_000_900.0)
+    said = folder / "annotations.jsonl"
+    said.write_text(said.read_text("utf-8").replace("A. Rossi", "B. Rossi"), "utf-8")
+    html, facts = told(folder)
+    wrong = "annotations.jsonl: line 1 is no annotation, or was changed"
+    assert facts["annotations_wrong"] == [wrong]
+    assert facts["alarms"]["waiting"] == 1
+    assert html.count(f"{wrong}. What was said since is not vouched for.") == 1
+    assert verify_report(folder) == [f"{folder}/{wrong}"]
+
+
 def test_joints_are_told_by_port_and_by_unit_with_their_chart(tmp_path: Path) -> None:
     begins = [EventRow(micros(s), "unit.begin", Severity.INFO, "", raw=f"SN-{n}") for n, s in enumerate((0, 40, 80), 1)]
     folder = seal(tmp_path, [station(rows=1200)], table(samples(1200)), begins, LIMITS)

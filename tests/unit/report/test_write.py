@@ -126,6 +126,16 @@ def test_the_same_run_gives_the_same_bytes_and_a_changed_report_is_found(recorde
     write_report(recorded)
 
 
+def test_limits_that_were_changed_are_found_though_the_verdict_comes_out_the_same(recorded: Path) -> None:
+    write_report(recorded)
+    for file in (next((recorded / "recipes").iterdir()), recorded / "line.toml"):
+        before = file.read_bytes()
+        file.write_bytes(before + b"# other\n")
+        assert f"{file}: was changed: its SHA-256 is not the manifest's" in verify_report(recorded)
+        file.write_bytes(before)
+    assert verify_report(recorded) == []
+
+
 def test_the_page_needs_nothing_but_itself(recorded: Path) -> None:
     write_report(recorded)
     page = Page((recorded / "report.html").read_text("utf-8"))
