@@ -11,7 +11,7 @@ from datetime import UTC, datetime
 
 from jbclog.report import style
 from jbclog.report.drawing import Stroke
-from jbclog.report.facts import Facts, StationReport
+from jbclog.report.facts import Facts, PortFacts, StationReport
 from jbclog.report.letters import LACKING_MEANS, width_in
 from jbclog.report.page import ENDINGS, RESULT_SIGNS, SIGNS, place
 from jbclog.report.paper import INNER, SIDE, WIDTH, Cell, Paper, Type, lacks_letters, pdf_bytes
@@ -224,10 +224,16 @@ def _stations(stations: Sequence[StationReport]) -> tuple[list[Cell], list[list[
     rows = [
         [station.name, station.model or "not known", str(port.port), measured(port.recorded.coverage_percent, "%"),
          measured(port.recorded.longest_gap_s, "s"), measured(_round(port.tip.idle_error_c), "°C"),
-         measured(_round(port.tip.idle_sd_c), "°C"), str(port.alarms), short(port.verification), port.left, port.tool or "–"]
+         measured(_round(port.tip.idle_sd_c), "°C"), _alarms(port), short(port.verification), port.left, port.tool or "–"]
         for station in stations for port in station.ports
     ]  # fmt: skip
     return titles, [[Cell(clean(word), SMALL, right=3 <= column <= 7) for column, word in enumerate(row)] for row in rows]
+
+
+def _alarms(port: PortFacts) -> str:
+    """How many; none are claimed where nothing was read, or nothing that has alarms."""
+    counts = port.states is None and port.air is None and port.recorded.coverage_percent is not None
+    return str(port.alarms) if counts or port.alarms else "–"
 
 
 def _summary(paper: Paper, facts: Facts) -> None:
