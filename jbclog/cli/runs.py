@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 WIDEST: Final = 30  # cells of a column but the last; --json has all of it
 HEADS: Final = ("started", "line", "recipe", "operator", "order", "product", "units", "verdict", "state", "run")
 NOTHING: Final = "-"
+VERDICTS: Final = ("ACCEPT", "ACCEPT WITH DEVIATIONS", "REJECT", "INCONCLUSIVE", "NOT JUDGED")  # judge.Verdict, which loads slowly
+STATES: Final = ("running", "crashed", "sealed", "success", "aborted", "failed", "lost")
 
 
 @ends_with_errors_told
@@ -56,6 +58,8 @@ def runs(
 
     if not is_folder(folder):
         raise UsageError(f"{folder}: there is no such folder; runs are in `runs/`, or where --out put them")
+    _expect_word("--verdict", verdict and verdict.upper(), VERDICTS)
+    _expect_word("--state", state, STATES)
     wanted = Filter(
         operator=operator,
         order=order,
@@ -74,6 +78,12 @@ def runs(
         until=moment("--until", until, is_end=True),
     )
     _tell(find(folder, wanted), folder, unit=unit, is_sought=wanted != Filter(), as_json=as_json)
+
+
+def _expect_word(option: str, text: str | None, words: Sequence[str]) -> None:
+    """Raises `UsageError`: that no run has a verdict which does not exist would be read as if all were well."""
+    if text is not None and "*" not in text and text not in words:
+        raise UsageError(f"{option} {text}: there are {', '.join(words)}")
 
 
 def moment(option: str, text: str | None, *, is_end: bool = False) -> datetime | None:

@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 from datetime import datetime
 from pathlib import Path
 
-from jbclog.errors import RecordError
+from jbclog.errors import RecordError, UsageError
 from jbclog.record.finding_runs import Found, Unreadable, find
 from jbclog.record.manifest import read_manifest
 from jbclog.verifying.book import Book, read_book
@@ -52,12 +52,16 @@ class Suspect:
 def where_used(out: Path, station: str, port: int | None = None, tip: str | None = None, since: datetime | None = None) -> Suspect:
     """The runs below `out` that used a tip of `station` since the last good verification, or since `since`.
 
-    Raises `RecordError` where the folder or the file of verifications cannot be read.
+    Raises `RecordError` where the folder or the file of verifications cannot be read, `UsageError` where nothing knows the station:
+    under a name that was mistyped nothing is suspect.
     """
     book = read_book(out)
+    _expect_known(out, book, station)
     window = _window(book, station, port, tip, since)
     if window.bad is None and since is None:
         return window
+    if tip is None and window.bad is not None and since is None:
+        tip = window.bad.tip
     for run in find(out):  # by no filter: one that cannot be read might be one of them
         if isinstance(run, Unreadable):
             window.unreadable.append(run)
@@ -68,6 +72,18 @@ def where_used(out: Path, station: str, port: int | None = None, tip: str | None
             except RecordError as error:
                 window.unreadable.append(Unreadable(run.folder, str(error)))
     return window
+
+
+def _expect_known(out: Path, book: Book, station: str) -> None:
+    names: set[str] = {one.station for one in book.all}
+    if station in names or book.wrong:
+        return
+    for run in find(out):
+        if isinstance(run, Unreadable) or station in run.stations:
+            return  # or may be of it
+        names.update(run.stations)
+    known = f"there are {', '.join(sorted(names))}" if names else "there is none yet"
+    raise UsageError(f"{station}: no run in {out} and no verification is of a station of that name; {known}")
 
 
 def _window(book: Book, station: str, port: int | None, tip: str | None, since: datetime | None) -> Suspect:

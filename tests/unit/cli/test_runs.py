@@ -11,8 +11,9 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from jbclog.cli.app import app
-from jbclog.cli.runs import moment
+from jbclog.cli.runs import VERDICTS, moment
 from jbclog.errors import UsageError
+from jbclog.judge import Verdict
 from jbclog.record.check import check
 from jbclog.record.manifest import NAME, LineFile, Manifest, Metadata, RecipeFile, Unit, write_manifest
 from jbclog.rows import StationFacts
@@ -108,6 +109,8 @@ def test_what_people_said_steers_no_terminal(runs: Path) -> None:
         (["nowhere"], "nowhere: there is no such folder"),
         (["--since", "yesterday"], "--since yesterday: give a day such as 2026-11-21"),
         (["--until", "9999-12-31"], "--until 9999-12-31: give a day"),
+        (["--verdict", "rejected"], "--verdict REJECTED: there are ACCEPT, ACCEPT WITH DEVIATIONS, REJECT"),
+        (["--state", "done"], "--state done: there are running, crashed"),
         (["--tag", "shift"], "--tag shift: give it as NAME=VALUE"),
     ],
 )
@@ -115,6 +118,10 @@ def test_wrong_usage(runs: Path, arguments: list[str], why: str) -> None:
     shown = told(*arguments)
     assert shown.exit_code == 2
     assert why in shown.stderr
+
+
+def test_verdicts_are_those_of_the_judge() -> None:
+    assert set(VERDICTS) == {str(one) for one in Verdict}
 
 
 @pytest.mark.parametrize("text", ["2026-11-21T08:00", "2026-11-21 08:00", "2026-11-21T09:00+01:00", "2026-11-21T08:00Z"])

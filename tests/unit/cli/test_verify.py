@@ -167,6 +167,24 @@ def test_a_run_that_names_another_tip_is_not_suspect_and_one_that_names_none_is(
     assert used(tmp_path, "--port", "2")[0] == []  # no verification of that port failed
 
 
+def test_of_the_tip_that_failed_though_no_tip_was_asked_for_and_also_in_another_port(tmp_path: Path) -> None:
+    checked(tmp_path, 0, "fail")
+    ran(tmp_path, 1, tips=["dde-1:1=T-99", "dde-1:2=T-98"])
+    moved = ran(tmp_path, 2, tips=["dde-1:1=T-99", "dde-1:2=T-17"])
+    names, told = used(tmp_path)
+    assert names == [moved]
+    assert told["runs"][0]["ports"] == [2]  # type: ignore[index]  # JSON
+
+
+def test_under_a_mistyped_name_nothing_is_cleared(tmp_path: Path) -> None:
+    checked(tmp_path, 0, "fail")
+    ran(tmp_path, 1)
+    ended = CliRunner().invoke(app, ["where-used", str(tmp_path), "--station", "dde1"])
+    assert ended.exit_code == 2
+    assert "dde1: no run in" in ended.stderr
+    assert "there are dde-1" in ended.stderr
+
+
 def test_another_tips_pass_does_not_clear_the_bad_one(tmp_path: Path) -> None:
     checked(tmp_path, 0, "pass")
     checked(tmp_path, 5, "fail")
