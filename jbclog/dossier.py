@@ -154,6 +154,7 @@ class Dossier:
         self.manifest.goals = [replace(goal, reached=0, text=NOT_STARTED) for goal in self.manifest.goals]
         self.begin()
         for desk in self.desks:
+            desk.station.now = self.clock.monotonic()  # no session has told it the time
             desk.note("station.refused", Severity.ERROR, desk.facts.reason.removeprefix(f"{desk.name}: "))
             desk.publish()
         return self.conclude(self.close())

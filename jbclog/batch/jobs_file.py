@@ -20,8 +20,8 @@ from jbclog.recipe.spans import EXAMPLES, span_s
 from jbclog.recipe.toml import TomlText, hidden, parse, read_text, shortened
 
 IS_NO_BATCH: Final = "this is no jobs file; one has [batch] with the line, and a [[job]] for each job"
-ENDS: Final = ("duration", "units", "joints")
-END_ALLOWED: Final = 'give one end: duration = "15m", units = 40 or joints = 200'
+GOALS: Final = ("units", "joints")  # a duration beside one of them is the bound
+END_ALLOWED: Final = 'give one end: duration = "15m", units = 40 or joints = 200; a duration beside units or joints is its bound'
 _POLICIES: Final = "one of stop, skip, continue"
 LONGEST_TEXT: Final = 200
 MOST: Final = 1_000_000
@@ -171,11 +171,11 @@ def _read_job(source: TomlText, place: int, table: dict[str, object], problems: 
 
 def _of_one(source: TomlText, at: KeyPath, table: dict[str, object]) -> Iterator[Problem]:
     """Keys that do not go together."""
-    ends = [key for key in ENDS if key in table]
-    if not ends:
+    goals = [key for key in GOALS if key in table]
+    if not goals and "duration" not in table:
         yield source.problem((*at, "duration"), f"missing; {END_ALLOWED}")
-    for key in ends[1:]:
-        yield source.problem((*at, key), f"stands beside {ends[0]}; {END_ALLOWED}")
+    for key in goals[1:]:
+        yield source.problem((*at, key), f"stands beside {goals[0]}; {END_ALLOWED}")
     if "stations" in table and "families" in table:
         yield source.problem((*at, "families"), "stands beside stations; give one of the two, or none for the whole line")
     if "units" in table and "units_from" not in table:

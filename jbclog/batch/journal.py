@@ -26,10 +26,12 @@ from jbclog.record.from_json import Misfit, build
 
 NAME: Final = "journal.jsonl"
 JOBS_FILE: Final = "jobs.toml"
+JOBS: Final = "jobs"
 SUFFIX: Final = ".batch"
 FIRST: Final = sha256(NAME.encode())
 STAMP: Final = "%Y%m%dT%H%M%SZ"
 CUT_OFF: Final = "cut off"
+WAY_OUT: Final = "Put it right from a copy, or move {} aside and begin anew"
 AT_A_LOSS: Final = "nothing more begins. Jobs that run go on, and end by themselves; started again, the batch goes on"
 
 
@@ -88,9 +90,19 @@ def newest(home: Path, utc: Callable[[], float]) -> Journal | None:
     """
     for folder in sorted((path for path in home.glob("*Z*") if path.is_dir()), key=lambda path: path.name, reverse=True):
         entries = read(folder)
+        _expect_all(folder, entries)
         if any(entry.kind == Kind.SITTING for entry in entries):
             return Journal(folder, utc, entries)
     return None
+
+
+def _expect_all(folder: Path, entries: list[Entry]) -> None:
+    """An attempt is written down before it has papers: papers of which the journal says nothing mean that it has lost lines."""
+    known = {f"{entry.job}-{entry.attempt}" for entry in entries if entry.kind == Kind.START}
+    unknown = sorted(path.name for path in (folder / JOBS).glob("*") if path.name not in known)
+    if unknown:
+        text = f"says nothing of jobs/{unknown[0]}, which was started: lines of it are gone; nothing was started"
+        raise RecordError(f"{folder / NAME}: {text}. {WAY_OUT.format(folder)}")
 
 
 def read(folder: Path) -> list[Entry]:
@@ -105,9 +117,7 @@ def read(folder: Path) -> list[Entry]:
     wrong = [(number, text) for number, text in found.wrong if CUT_OFF not in text]
     if wrong:
         number, text = wrong[0]
-        raise RecordError(
-            f"{path}: line {number} {text}; nothing was started. Put it right from a copy, or move {folder} aside and begin anew"
-        )
+        raise RecordError(f"{path}: line {number} {text}; nothing was started. {WAY_OUT.format(folder)}")
     return found.said
 
 

@@ -164,11 +164,10 @@ def title(standing: Standing, following: Next) -> str:
 
 def so_far(asked: JobTable, now: Now) -> str:
     """How far a job has come towards its end."""
+    passed = span(now.passed_s) + (f" of {asked.duration}" if asked.duration else "")
     if asked.units is not None:
-        return f"{now.units} of {asked.units} units, {span(now.passed_s)}"
-    if asked.joints is not None:
-        return f"{span(now.passed_s)}, to {asked.joints} joints"
-    return f"{span(now.passed_s)} of {asked.duration}"
+        return f"{now.units} of {asked.units} units, {passed}"
+    return passed if asked.joints is None else f"{passed}, to {asked.joints} joints"
 
 
 def tools(now: Now) -> str:

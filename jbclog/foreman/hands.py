@@ -26,6 +26,7 @@ from jbclog.outcome import Exit, Status
 from jbclog.record.manifest import Manifest, read_manifest
 from jbclog.record.recover import recover
 
+ENDED_BY: Final = {signal.SIGINT: Exit.INTERRUPTED, signal.SIGTERM: Exit.TERMINATED, signal.SIGHUP: Exit.TERMINATED}
 CUT_SHORT: Final = (Exit.INTERRUPTED.value, Exit.TERMINATED.value)
 RECOVERING_MOST: Final = 4  # at once
 
@@ -73,9 +74,15 @@ class ProcessHands:
         self._children: dict[Path, subprocess.Popen[bytes]] = {}
         self._pool = ThreadPoolExecutor(RECOVERING_MOST, "recover")
         self._coming: dict[Path, Future[Came]] = {}
+        self._told: dict[Path, signal.Signals] = {}
+        self._recorded: dict[Path, Path] = {}
 
     def papers(self, name: str, attempt: int) -> Papers:
         return Papers(self._folder / "jobs" / f"{name}-{attempt}")
+
+    def remember(self, name: str, attempt: int, run: Path) -> None:
+        """The journal knows its run's folder, should its papers be gone."""
+        self._recorded[self.papers(name, attempt).folder] = run
 
     def start(self, name: str, attempt: int) -> None:
         papers = self.papers(name, attempt)
@@ -120,18 +127,21 @@ class ProcessHands:
         child = self._children.get(papers.folder)
         if child is not None:
             child.send_signal(number)
+            self._told[papers.folder] = number
             return True
         process = papers.process()
         if process is None or not papers.is_held():
             return False
         with suppress(OSError):
             os.kill(process, number)
+            self._told[papers.folder] = number
         return True
 
     def came(self, name: str, attempt: int) -> Came | None:
         papers = self.papers(name, attempt)
         if papers.folder not in self._coming:
-            self._coming[papers.folder] = self._pool.submit(came_of, papers)
+            told, run = self._told.get(papers.folder), self._recorded.get(papers.folder)
+            self._coming[papers.folder] = self._pool.submit(came_of, papers, told, run)
         future = self._coming[papers.folder]
         if not future.done():
             return None
@@ -146,7 +156,7 @@ class ProcessHands:
         papers = self.papers(name, attempt)
         if papers.is_held():
             return f"still runs (process {papers.process() or 'just starting'}): it is followed"
-        run = papers.run()
+        run = papers.run() or self._recorded.get(papers.folder)
         if run is None:
             return "had not begun: it is started"
         ended = _ended(run)
@@ -155,14 +165,19 @@ class ProcessHands:
         return f"ended meanwhile with exit code {ended.exit_code} ({run.name})"
 
 
-def came_of(papers: Papers) -> Came:
-    """What came of an attempt whose process is gone; its run is recovered where that is needed."""
-    run, said = papers.run(), papers.said()
+def came_of(papers: Papers, told: signal.Signals | None = None, recorded: Path | None = None) -> Came:
+    """What came of an attempt whose process is gone; its run is recovered where that is needed.
+
+    `told` is the signal that it was asked to end by, `recorded` the run that the journal has of it.
+    """
+    run, said = papers.run() or recorded, papers.said()
     if run is None and said is not None and said.run is not None:
         run = Path(said.run)
     if run is None:
         if said is not None:
             return Came(State.FAILED, said.exit_code, "; ".join(said.findings))
+        if told is not None:
+            return Came(State.HALF, ENDED_BY[told].value, f"{told.name} ended it before its run began; no station was touched")
         why = papers.last_note()
         return Came(State.FAILED, Exit.RECORD.value, f"its process ended before its run began{f': {why}' if why else ''}")
     ended = _ended(run)

@@ -56,16 +56,18 @@ def orders_of(file: JobsFile, out: Path) -> Orders:
     """What the jobs are to do, below `out`. Raises `Problems` with everything that is wrong with any of them (exit 2)."""
     line = load_line(file.line)
     problems: list[Problem] = []
-    chosen = {job.name: tuple(_chosen(file, line, place, job, problems)) for place, job in enumerate(file.jobs)}
-    if problems:
-        raise Problems(shortened(problems))
-    orders = {job.name: Order(_job(file, job, chosen[job.name], out), file.reader(job)) for job in file.jobs}
+    planned: list[Problem] = []
+    chosen: dict[str, tuple[str, ...]] = {}
+    orders: dict[str, Order] = {}
     notes: dict[str, None] = {}
     for place, job in enumerate(file.jobs):
-        plan = _plan(file, place, orders[job.name], problems)
-        notes |= dict.fromkeys(plan.notes if plan else ())
-    if problems:
-        raise Problems(_each_once(problems))
+        known = len(problems)
+        chosen[job.name] = tuple(_chosen(file, line, place, job, problems))
+        orders[job.name] = Order(_job(file, job, chosen[job.name], out), file.reader(job))
+        plan = _plan(file, place, orders[job.name], planned) if len(problems) == known else None
+        notes |= dict.fromkeys((*(plan.notes if plan else ()), *_not_there_yet(job.name, orders[job.name])))
+    if problems or planned:
+        raise Problems(shortened([*problems, *_each_once(planned)]))
     turns = tuple(_turn(file, job, chosen[job.name]) for job in file.jobs)
     return Orders(file, line, orders, turns, chosen, tuple(notes))
 
@@ -137,6 +139,12 @@ def _plan(file: JobsFile, place: int, order: Order, problems: list[Problem]) -> 
     return None
 
 
+def _not_there_yet(name: str, order: Order) -> list[str]:
+    """A reader may be plugged in until its job begins, as a station may; who starts a night wants to know it before."""
+    source = order.units_from
+    return [] if source is None or Path(source).exists() else [f"{name}: its reader {source} is not there yet"]
+
+
 def in_keys(text: str) -> str:
     """A sentence about what a run was not told, with the keys of a jobs file for the options of the command line."""
     text = _TAG.sub(r'tags = { \1 = "…" }', text)
@@ -150,7 +158,7 @@ def _each_once(problems: list[Problem]) -> list[Problem]:
     first: dict[str, Problem] = {}
     for problem in problems:
         first.setdefault(problem.text, problem)
-    return shortened([*first.values()])
+    return [*first.values()]
 
 
 def _turn(file: JobsFile, job: JobTable, stations: Sequence[str]) -> Turn:

@@ -77,6 +77,9 @@ def take(orders: Orders, out: Path, means: Means, zone: Zone, *, resume: bool, a
 
 def _shift(orders: Orders, journal: Journal, *, is_new: bool) -> Shift:
     hands = ProcessHands(journal.folder, orders.orders)
+    for job in journal.standing.running():
+        if job.last is not None and job.last.run is not None:
+            hands.remember(job.name, job.last.number, journal.folder.parent.parent / job.last.run)
     return Shift(orders, journal, hands, tuple(in_turn(orders.turns)), is_new)
 
 

@@ -16,11 +16,10 @@ from jbclog.batch.queue import Next, whats_next
 from jbclog.batch.standing import JobStanding, Standing
 from jbclog.batch.turn import OnFailure, Turn
 from jbclog.errors import UsageError
-from jbclog.foreman.hands import Came, Hands
+from jbclog.foreman.hands import ENDED_BY, Came, Hands
 from jbclog.outcome import Exit, Finding, exit_code
 
 LOOK_EVERY_S: Final = 0.2
-CUT_SHORT: Final = {signal.SIGINT: Exit.INTERRUPTED, signal.SIGTERM: Exit.TERMINATED, signal.SIGHUP: Exit.TERMINATED}
 
 
 class Shown(Protocol):
@@ -165,7 +164,7 @@ class Foreman:
             self._hands.start(job.name, number)
         except OSError as error:
             text = f"it could not be started: {error.strerror or error}"
-            self._end(job, Came(State.FAILED, Exit.STATION.value, text))
+            self._end(job, Came(State.FAILED, Exit.RECORD.value, text))
         else:
             self._shown.started(job)
 
@@ -220,7 +219,7 @@ class Foreman:
         """The most severe of what came of the jobs, and of the batch that was cut short."""
         found = list(_findings(self.standing.jobs.values()))
         if self._signal is not None and self.standing.is_open():
-            found.append(Finding(CUT_SHORT[self._signal], "the batch was cut short"))
+            found.append(Finding(ENDED_BY[self._signal], "the batch was cut short"))
         return exit_code(found)
 
 

@@ -47,7 +47,9 @@ def expect_record(result: Result, outcome: str, *words: str) -> None:
     assert station.outcome == outcome
     assert all(word in station.reason for word in words), station.reason
     assert next(row_groups(result.folder, "samples"), None) is None
-    assert f"station.{outcome}" in table(result.folder, "events")["kind"].to_pylist()
+    events = table(result.folder, "events")
+    assert f"station.{outcome}" in events["kind"].to_pylist()
+    assert events["time"].to_pylist() == sorted(events["time"].to_pylist())
     (found,) = find(result.folder.parent, Filter(order="88123", unit="SN-1", state="failed", tags={"shift": "1"}))
     assert isinstance(found, Found)
     assert found.folder == result.folder

@@ -9,8 +9,10 @@ import pytest
 from command import BENCH, PROFILES
 from recorded_run import RecordedRun
 
-from jbclog.batch.jobs_file import JobsFile, load_jobs, parse_jobs
+from jbclog.batch.jobs_file import END_ALLOWED, JobsFile, load_jobs, parse_jobs
+from jbclog.batch.papers import Now
 from jbclog.batch.turn import OnFailure
+from jbclog.cli.batch_shown import so_far
 from jbclog.errors import Problems
 from jbclog.foreman.child import ORDER
 from jbclog.foreman.order import Orders, orders_of
@@ -51,9 +53,8 @@ def test_everything_that_is_wrong_is_told_at_once() -> None:
         'night.toml:8: job[1].families[1]: "dd" is unknown; did you mean dde?',
         'night.toml:9: job[1].after[2]: "zz" is unknown; allowed here: a, b',
         "night.toml:10: job[2].units_from: missing; units are counted by their serials: name the reader's device or a pipe",
-        'night.toml:13: job[2].units: stands beside duration; give one end: duration = "15m", units = 40 or joints = 200',
         'night.toml:14: job[2].rate: 0 is not allowed; Hz up to 1000, "fit" or "max"',
-        'night.toml:15: job[3].duration: missing; give one end: duration = "15m", units = 40 or joints = 200',
+        f"night.toml:15: job[3].duration: missing; {END_ALLOWED}",
         'night.toml:16: job[3].name: "b" is the name of two jobs, first in line 11',
     ]
 
@@ -67,6 +68,7 @@ def test_everything_that_is_wrong_is_told_at_once() -> None:
         (['after = ["a"]'], "night.toml:6: job[1].after: a waits for a: none of them could begin"),
         (['tags = { x = "" }'], 'night.toml:6: job[1].tags.x: "" is not allowed; names and texts'),
         (['operator = "A\\u202eB"'], "night.toml:6: job[1].operator: holds the hidden or control character U+202E"),
+        (["units = 3", 'units_from = "/dev/null"', "joints = 3"], "night.toml:8: job[1].joints: stands beside units; give one end"),
         (["stations = []"], "night.toml:6: job[1].stations: [] is not allowed; a list of stations of the line, by name"),
     ],
 )
@@ -103,6 +105,15 @@ def test_every_job_is_planned_before_the_first_begins() -> None:
         '/nowhere/night.toml:12: job[2].stations[1]: "dde-7" is not on the line bench; it has dde-1, dde-2, ucr-1, ale-1',
         "/nowhere/night.toml:18: job[3].families: no station of the line bench is of these families",
     ]
+
+
+def test_what_line_and_recipes_tell_is_told_at_once() -> None:
+    text = HEAD + JOB.replace("dde-1", "dde-7") + JOB.replace('"a"', '"b"').replace("sac305-smd", "none-such")
+    with pytest.raises(Problems) as raised:
+        ordered(text)
+    first, second = map(str, raised.value.problems)
+    assert "job[1].stations[1]" in first
+    assert "none-such.toml: No such file" in second
 
 
 def test_a_recipe_that_does_not_fit_is_told_with_the_job_that_wants_it() -> None:
@@ -171,6 +182,31 @@ def test_the_other_ends_of_a_run_and_the_reader_that_two_jobs_share() -> None:
     assert orders.orders["a"].job.wanted.until_units == 40
     assert orders.orders["b"].job.wanted.until_joints == 200
     assert orders.turns[0].places & orders.turns[1].places == {"the reader /dev/null"}
+
+
+def test_a_duration_beside_units_or_joints_is_their_bound() -> None:
+    (order,) = ordered(HEAD + JOB + 'units = 40\nunits_from = "/dev/null"').orders.values()
+    assert (order.job.wanted.until_units, order.job.wanted.duration_s) == (40, 900)
+    assert ordered(HEAD + JOB + "joints = 200").orders["a"].job.wanted.duration_s == 900
+
+
+@pytest.mark.parametrize(
+    ("end", "shown"),
+    [
+        ('duration = "15m"', "40 s of 15m"),
+        ('duration = "15m"\nunits = 9\nunits_from = "/dev/null"', "3 of 9 units, 40 s of 15m"),
+        ("joints = 200", "40 s, to 200 joints"),
+    ],
+)
+def test_how_far_a_job_has_come_is_shown_with_its_ends(end: str, shown: str) -> None:
+    (asked,) = parse_jobs(HEAD + job(end=end), Path("night.toml")).jobs
+    assert so_far(asked, Now(40.0, units=3)) == shown
+
+
+def test_a_reader_that_is_not_plugged_in_is_noted_before_the_first_job_begins() -> None:
+    text = HEAD + JOB.replace('duration = "15m"', 'units = 40\nunits_from = "{}"')
+    assert "a: its reader /nowhere/reader is not there yet" in ordered(text.format("reader")).notes
+    assert not [text for text in ordered(text.format("/dev/null")).notes if "reader" in text]
 
 
 # -- those that come with the project ------------------------------------------------------------------------------------------

@@ -21,6 +21,7 @@ from jbclog.batch.journal import NAME, Journal, begin, home_of, newest, read
 from jbclog.batch.papers import Papers
 from jbclog.batch.standing import standing_of
 from jbclog.errors import JbclogError, Problems, RecordError, UsageError
+from jbclog.foreman.hands import came_of
 from jbclog.foreman.hold import hold
 from jbclog.foreman.order import Orders, orders_of
 from jbclog.foreman.shift import Shift, take
@@ -133,6 +134,21 @@ def test_a_line_that_was_changed_or_taken_out_stops_everything(tmp_path: Path, c
     assert str(journal.folder) in str(raised.value)
 
 
+@pytest.mark.parametrize("left", [0, 1, 2])
+def test_lines_that_are_gone_show_in_the_papers_of_the_jobs(bench: Bench, left: int) -> None:
+    """Cut off between two lines a journal is a good one, by itself."""
+    journal = interrupted(bench)
+    (journal.folder / "jobs" / "a-1").mkdir(parents=True)
+    assert newest(bench.home, MEANS.utc) is not None
+    path = journal.folder / NAME
+    path.write_bytes(b"".join(path.read_bytes().splitlines(keepends=True)[:left]))
+    with pytest.raises(RecordError, match=r"says nothing of jobs/a-1.*lines of it are gone; nothing was started"):
+        newest(bench.home, MEANS.utc)
+    path.unlink()
+    with pytest.raises(RecordError, match="begin anew"):
+        newest(bench.home, MEANS.utc)
+
+
 def test_a_batch_that_was_killed_before_it_began_is_none(bench: Bench) -> None:
     begin(bench.home, TEXT, MEANS.utc)
     assert newest(bench.home, MEANS.utc) is None
@@ -167,6 +183,15 @@ def test_what_will_be_done_is_told_for_each_job_and_nothing_is_done(bench: Bench
     shift.journal.note(Entry("", Kind.SKIP, "b is skipped.", "b"))
     texts = [text for _, text in bench.take().what_will_be_done()]
     assert texts == ["was half done: it is done again, as a new run", "stays skipped"]
+
+
+def test_a_run_that_the_journal_has_is_not_forgotten_with_the_papers_of_its_job(bench: Bench) -> None:
+    journal = interrupted(bench)
+    journal.note(Entry("", Kind.RUN, "a records into run-1.", "a", 1, run="run-1"))
+    shift = bench.take(resume=True)
+    text = next(text for _, text in shift.what_will_be_done())
+    assert text == "was cut off by a crash: run-1 is recovered and recorded as half done, and the job is done again"
+    assert came_of(Papers(bench.out), recorded=bench.out / "run-1").run == bench.out / "run-1"
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import signal
 from collections import Counter
 
@@ -123,6 +124,17 @@ def test_continue_goes_on_as_if() -> None:
 def test_the_exit_code_is_the_most_severe(ends: tuple[int | str, int | str], code: int) -> None:
     bench = world(turn("a", "s1"), turn("b", "s2"), a=Fate(ends[0]), b=Fate(ends[1]))
     assert bench.foreman().work() == code
+
+
+def test_what_this_machine_could_not_start_is_no_fault_of_a_station() -> None:
+    bench = world(turn("a", "s1"))
+
+    def full(name: str) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    bench.watch = full
+    assert bench.foreman().work() is Exit.RECORD
+    assert standing_of(bench.disk).jobs["a"].text == "it could not be started: No space left on device"
 
 
 # -- cut short ---------------------------------------------------------------------------------------------------------------
