@@ -12,7 +12,7 @@ import pandas as pd
 import pyarrow as pa
 
 from jbclog.analysis.asked import Asked, Moment, asked, frame
-from jbclog.errors import RecordError
+from jbclog.errors import RecordError, UsageError
 from jbclog.record.damage import Damage
 from jbclog.record.manifest import NAME as MANIFEST
 from jbclog.record.manifest import Manifest, read_manifest
@@ -92,7 +92,8 @@ class Run:
     ) -> pd.DataFrame:
         """A row per tick, station and port, in the order in which they were recorded.
 
-        `start` is included, `stop` is not. A value that was not read is missing; `reasons` says why.
+        `start` is included, `stop` is not. A value that was not read is missing; `reasons` says why. Raises `UsageError` where
+        the run has no such station, as the other tables do.
         """
         return self._frame("samples", station, port, start, stop, columns)
 
@@ -109,7 +110,7 @@ class Run:
 
         For what does not fit into memory: a month of 32 stations takes no more than an hour of them.
         """
-        wanted = asked(table, columns, station, port, start, stop)
+        wanted = self._asked(table, station, port, start, stop, columns)
         return (frame(piece) for piece in self._lazily(wanted) if piece.num_rows)
 
     def events(self, station: str | None = None, start: Moment | None = None, stop: Moment | None = None) -> pd.DataFrame:
@@ -211,9 +212,24 @@ class Run:
         stop: Moment | None,
         columns: Sequence[str] | None,
     ) -> pd.DataFrame:
-        wanted = asked(table, columns, station, port, start, stop)
+        wanted = self._asked(table, station, port, start, stop, columns)
         pieces = self._pieces(wanted)
         return frame(pa.concat_tables(pieces) if pieces else SCHEMAS[table].empty_table().select(list(wanted.columns)))
+
+    def _asked(
+        self,
+        table: str,
+        station: str | None,
+        port: int | None,
+        start: Moment | None,
+        stop: Moment | None,
+        columns: Sequence[str] | None,
+    ) -> Asked:
+        """Raises `UsageError` where the run has no such station: no rows would read as if nothing had been recorded of it."""
+        names = [facts.name for facts in self.manifest.stations] if station is not None else []
+        if names and station not in names:
+            raise UsageError(f"{self.name} has no station {station!r}; it has {', '.join(names)}")
+        return asked(table, columns, station, port, start, stop)
 
     def _pieces(self, wanted: Asked) -> list[pa.Table]:
         """Sealed row groups, then what is still in the live store and in no part; each is cut before the next is read."""

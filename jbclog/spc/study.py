@@ -23,9 +23,9 @@ from jbclog.spc.refusal import (
 
 
 def control_chart(values: ArrayLike, *, resolution: float | None = None) -> tuple[Chart, Chart] | Refused:
-    """The individuals and the moving range chart of a feature in the order in which it came.
+    """The individuals and the moving range chart of a feature in the order in which it came; NaN, not known, is left out.
 
-    `resolution` is the least step of the values, in their unit.
+    `resolution` is the least step of the values, in their unit. Raises `UsageError` where a value is infinite.
     """
     points = _known(values)
     refused = first_refusal(
@@ -54,9 +54,9 @@ def subgroup_charts(subgroups: ArrayLike, *, resolution: float | None = None) ->
 def capability(
     values: ArrayLike, *, lower: float | None = None, upper: float | None = None, resolution: float | None = None
 ) -> Capability | Refused:
-    """Cp, Cpk, Pp and Ppk of a feature against its limits, with bounds.
+    """Cp, Cpk, Pp and Ppk of a feature against its limits, with bounds; NaN, not known, is left out, and `n` counts the others.
 
-    Raises `UsageError` where no limit is stated, or the lower one is not below the upper.
+    Raises `UsageError` where no limit is stated, the lower one is not below the upper, or a value is infinite.
     """
     if lower is None and upper is None:
         raise UsageError("capability is held against limits: state a lower or an upper one, or both")
@@ -76,8 +76,10 @@ def capability(
 
 
 def _known(values: ArrayLike) -> Floats:
-    """The values that are known, in their order."""
+    """The values that are known, in their order; NaN is one that is not."""
     points = np.asarray(values, dtype=np.float64)
     if points.ndim != 1:
         raise UsageError(f"a feature is one value after another, not an array of shape {points.shape}")
-    return points[np.isfinite(points)]
+    if np.isinf(points).any():
+        raise UsageError("a feature is finite: an infinite value comes of a division by zero before it got here")
+    return points[~np.isnan(points)]

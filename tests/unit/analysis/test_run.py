@@ -65,7 +65,13 @@ def test_by_station_and_port(run: jbclog.Run) -> None:
     assert set(run.events(station="ale-1")["kind"]) >= {"link.lost", "link.back"}
     assert len(run.settings("ale-1")) == 3
     assert len(run.counters("ale-1")) == 2 * 5
-    assert len(run.samples("nobody")) == 0
+
+
+def test_an_unknown_station_is_said_with_those_there_are(run: jbclog.Run) -> None:
+    with pytest.raises(UsageError, match="has no station 'nobody'; it has ale-1, dde-1"):
+        run.samples("nobody")
+    with pytest.raises(UsageError, match="has no station 'nobody'"):
+        next(run.stream(station="nobody"))
 
 
 @pytest.mark.parametrize("zone", ["", "Z", "+00:00"])
@@ -229,4 +235,4 @@ def test_no_excursion_disappears_from_a_long_run() -> None:
 
 def test_nothing_to_plot(run: jbclog.Run) -> None:
     with pytest.raises(UsageError, match="no samples"):
-        run.plot("nobody")
+        run.plot("dde-1", 4)

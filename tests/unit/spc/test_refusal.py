@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 from scipy import stats
 
+from jbclog.errors import UsageError
 from jbclog.spc import Refused, capability, control_chart, individuals, subgroup_charts
 from jbclog.spc.refusal import anderson_darling_chance, lag_1
 
@@ -37,6 +40,11 @@ def test_too_few() -> None:
     assert not isinstance(control_chart(normal(20)), Refused)
     assert reason(capability(normal(29), lower=340)) == "too_few"
     assert reason(subgroup_charts(normal(95).reshape(19, 5))) == "too_few"
+
+
+def test_an_infinite_value_is_an_error_and_not_left_out() -> None:
+    with pytest.raises(UsageError, match="division by zero"):
+        capability([1.0, 2.0, math.inf], upper=3.0)
 
 
 def test_values_that_were_not_read_do_not_count() -> None:
