@@ -98,7 +98,7 @@ def test_the_audit_is_right_where_it_commits_itself() -> None:
     due = shown(node, "due")
     assert re.search(r"ucr-1 +1 +Change the handpiece .* due ", due)
     assert re.search(r"Change the tip +\d+ to \d+ +fine +20\d\d-\d\d-\d\d +20\d\d-\d\d-\d\d +20\d\d-\d\d-\d\d", due)
-    assert len(re.findall("Verify the tip temperature +unknown", due)) == 4  # nobody told when it was done
+    assert len(re.findall(r"Verify the tip temperature +at least \d+ +overdue", due)) == 4  # nobody told when it was done
     truth = notebook_data.simulated()["ucr-1"]
     used_up = BEGIN + timedelta(hours=truth.when((1, "plugged_h"), 3200 + truth.true((1, "plugged_h"), truth.moments[0])))
     begin, end = (date.fromisoformat(day) for day in re.findall(r"\d{4}-\d\d-\d\d", shown(node, "believed")))
