@@ -23,10 +23,13 @@ from jbclog.foreman.carried import carried
 from jbclog.foreman.child import ORDER
 from jbclog.foreman.order import Order
 from jbclog.outcome import Exit, Status
+from jbclog.plan import Metadata
+from jbclog.record.finding_runs import Filter, Found, find
 from jbclog.record.manifest import Manifest, read_manifest
 from jbclog.record.recover import recover
 
 ENDED_BY: Final = {signal.SIGINT: Exit.INTERRUPTED, signal.SIGTERM: Exit.TERMINATED, signal.SIGHUP: Exit.TERMINATED}
+ATTEMPT: Final = "attempt"  # a tag of the run
 CUT_SHORT: Final = (Exit.INTERRUPTED.value, Exit.TERMINATED.value)
 RECOVERING_MOST: Final = 4  # at once
 
@@ -86,7 +89,7 @@ class ProcessHands:
 
     def start(self, name: str, attempt: int) -> None:
         papers = self.papers(name, attempt)
-        descriptor = papers.make(ORDER.dump_json(self._order(name)))
+        descriptor = papers.make(ORDER.dump_json(signed(self._order(name), papers)))
         try:
             with (papers.folder / NOTES).open("ab") as notes:
                 # -P: a file of the user's in the current folder must not pass for a module
@@ -173,6 +176,7 @@ def came_of(papers: Papers, told: signal.Signals | None = None, recorded: Path |
     run, said = papers.run() or recorded, papers.said()
     if run is None and said is not None and said.run is not None:
         run = Path(said.run)
+    run = run or _unnamed(papers)
     if run is None:
         if said is not None:
             return Came(State.FAILED, said.exit_code, "; ".join(said.findings))
@@ -183,11 +187,37 @@ def came_of(papers: Papers, told: signal.Signals | None = None, recorded: Path |
     ended = _ended(run)
     if ended is None:
         return _recovered(run)
+    if said is None:
+        with suppress(RecordError):
+            recover(run)  # sealed, but its process may have died before it had cleared up
     if ended.exit_status == Status.LOST:  # somebody else has recovered it
         return Came(State.HALF, ended.exit_code or RecordError.exit_code, "its process died while it ran", run, ended.verdict)
     if said is not None:
         return _told(said.exit_code, "; ".join(said.findings), run, said.verdict)
     return _told(ended.exit_code or 0, "", run, ended.verdict)
+
+
+def signed(order: Order, papers: Papers) -> Order:
+    """The order with the attempt in its run's tags: by it the run is known, also one whose papers do not name it yet."""
+    wanted = order.job.wanted
+    said = wanted.metadata or Metadata()
+    said = replace(said, tags=said.tags | {ATTEMPT: _attempt(papers)})
+    return replace(order, job=replace(order.job, wanted=replace(wanted, metadata=said)))
+
+
+def _attempt(papers: Papers) -> str:
+    """Such as ``20261122T004342Z/warm-up-1``: the batch's start, the job, and which try at it."""
+    return f"{papers.folder.parent.parent.name}/{papers.folder.name}"
+
+
+def _unnamed(papers: Papers) -> Path | None:
+    """The run of a process that died after it had made its folder and before its papers named it."""
+    try:
+        out = ORDER.validate_json(papers.job()).job.out
+        found = find(out, Filter(tags={ATTEMPT: _attempt(papers)}))
+        return next((run.folder for run in found if isinstance(run, Found)), None)
+    except (OSError, ValueError, RecordError):
+        return None
 
 
 def _ended(run: Path) -> Manifest | None:

@@ -2,16 +2,26 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import subprocess
 import sys
 import time
 from pathlib import Path
 
+import few_rows
 import pytest
 
 from jbclog.batch.entry import State
-from jbclog.foreman.hands import Came, ProcessHands
+from jbclog.batch.papers import Papers
+from jbclog.foreman.child import ORDER
+from jbclog.foreman.hands import Came, ProcessHands, came_of, signed
+from jbclog.foreman.order import Order
+from jbclog.job import Job
+from jbclog.plan import Wanted
+from jbclog.record.check import check
+from jbclog.record.manifest import Manifest, Metadata, read_manifest, write_manifest
+from jbclog.record.recover import recover
 
 
 def came(hands: ProcessHands) -> Came:
@@ -37,3 +47,41 @@ def test_told_to_end_before_its_run_began(tmp_path: Path, number: signal.Signals
 def test_dead_by_itself_before_its_run_began(tmp_path: Path) -> None:
     hands = hands_with(tmp_path, subprocess.Popen([sys.executable, "-S", "-c", "raise SystemExit(1)"]))
     assert came(hands) == Came(State.FAILED, 4, "its process ended before its run began")
+
+
+def cut_off(home: Path) -> tuple[Papers, Path]:
+    """An attempt whose process died when its run had a folder and its papers did not name it yet; the run."""
+    papers = Papers(home / "night.batch" / "20261122T004342Z" / "jobs" / "a-1")
+    run = few_rows.abandoned(home)
+    order = signed(Order(Job(Wanted(home / "line.toml"), run.parent, "a")), papers)
+    os.close(papers.make(ORDER.dump_json(order)))
+    assert order.job.wanted.metadata is not None
+    write_manifest(run, Manifest(run.name, metadata=Metadata(tags=dict(order.job.wanted.metadata.tags))))
+    return papers, run
+
+
+def test_a_run_that_its_papers_do_not_name_yet_is_found_and_recorded_as_half_done(tmp_path: Path) -> None:
+    papers, run = cut_off(tmp_path)
+    came = came_of(papers)
+    assert (came.state, came.run) == (State.HALF, run)
+    assert read_manifest(run).state == "sealed"
+    assert check(run) == []
+
+
+def test_another_attempts_run_is_not_taken_for_its_own(tmp_path: Path) -> None:
+    papers, _ = cut_off(tmp_path)
+    other = Papers(papers.folder.with_name("a-2"))
+    os.close(other.make(papers.job()))
+    assert came_of(other).run is None
+
+
+def test_a_run_whose_process_died_before_it_had_cleared_up_is_cleared_up(tmp_path: Path) -> None:
+    papers, run = cut_off(tmp_path)
+    live = run / "live.sqlite"
+    kept = live.read_bytes()
+    recover(run)
+    live.write_bytes(kept)
+    papers.begun(run)
+    came_of(papers)
+    assert not live.exists()
+    assert check(run) == []
