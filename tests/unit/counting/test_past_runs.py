@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -27,7 +28,7 @@ def iso(hours: float) -> str:
     return (NOW + timedelta(hours=hours)).isoformat(timespec="milliseconds")
 
 
-@dataclass
+@dataclass(eq=False)
 class Recorded:
     """A run that begins at `begin`; events at hours after `NOW`."""
 
@@ -47,6 +48,20 @@ class Recorded:
         self.manifest.ended, self.manifest.exit_status = iso(hours), "success"
         seal_rows(self.folder)
         conclude(self.folder, self.manifest, self.store.lock)
+        GO_ON.remove(self)
+
+
+GO_ON: list[Recorded] = []
+
+
+@pytest.fixture(autouse=True)
+def _let_go() -> Iterator[None]:
+    """A run that goes on is seen by all tests of this process: at the end of each, none does."""
+    yield
+    for one in GO_ON:
+        one.store.close()
+        one.store.release()
+    GO_ON.clear()
 
 
 def run(out: Path, begin: float, line: str = "hall") -> Recorded:
@@ -56,7 +71,8 @@ def run(out: Path, begin: float, line: str = "hall") -> Recorded:
     write_manifest(folder, manifest)
     store = LiveStore(folder, seal_every_s=None)
     store.start()
-    return Recorded(folder, manifest, store)
+    GO_ON.append(Recorded(folder, manifest, store))
+    return GO_ON[-1]
 
 
 def look(hours: float, source: str = "wire", **errors: object) -> Observation:
