@@ -72,7 +72,7 @@ class Trial:
 
     @property
     def journal(self) -> Path:
-        return sorted((self.out / "quick-night.batch").glob("*Z"))[-1]
+        return sorted(path for path in (self.out / "quick-night.batch").iterdir() if path.is_dir())[-1]
 
     def standing(self) -> Standing:
         return standing_of(read(self.journal))
