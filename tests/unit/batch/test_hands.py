@@ -7,13 +7,14 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import few_rows
 import pytest
 
 from jbclog.batch.entry import State
-from jbclog.batch.papers import Papers
+from jbclog.batch.papers import Papers, Said
 from jbclog.foreman.child import ORDER
 from jbclog.foreman.hands import Came, ProcessHands, came_of, signed
 from jbclog.foreman.order import Order
@@ -85,3 +86,34 @@ def test_a_run_whose_process_died_before_it_had_cleared_up_is_cleared_up(tmp_pat
     came_of(papers)
     assert not live.exists()
     assert check(run) == []
+
+
+def test_what_somebody_else_recovered_is_half_done(tmp_path: Path) -> None:
+    papers, run = cut_off(tmp_path)
+    papers.begun(run)
+    recover(run)
+    came = came_of(papers)
+    assert (came.state, came.exit_code, came.text) == (State.HALF, 4, "its process died while it ran")
+
+
+@pytest.mark.parametrize("has_said", [True, False])
+@pytest.mark.parametrize(
+    ("code", "state"),
+    [
+        (0, State.DONE),
+        (1, State.NOT_FINE),
+        (3, State.FAILED),
+        (4, State.FAILED),
+        (5, State.FAILED),
+        (130, State.HALF),
+        (143, State.HALF),
+    ],
+)
+def test_only_what_ended_by_itself_and_well_is_done(tmp_path: Path, code: int, state: State, has_said: bool) -> None:
+    papers, run = cut_off(tmp_path)
+    papers.begun(run)
+    recover(run)
+    write_manifest(run, replace(read_manifest(run), exit_status="success", exit_code=code))
+    if has_said:
+        papers.last_words(Said(code, run=str(run)))
+    assert came_of(papers).state is state
