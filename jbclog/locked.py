@@ -21,3 +21,21 @@ def lock_of(path: Path) -> int | None:
         pass
     os.close(descriptor)
     return None
+
+
+def is_locked(path: Path) -> bool:
+    """Whether a process holds the lock at `path` now; not where there is no such file. Takes nothing, changes nothing.
+
+    Raises OSError where there is one that cannot be opened.
+    """
+    try:
+        descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
+    except FileNotFoundError:
+        return False
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except OSError:
+        return True
+    finally:
+        os.close(descriptor)
+    return False

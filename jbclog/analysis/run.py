@@ -95,7 +95,7 @@ class Run:
         `start` is included, `stop` is not. A value that was not read is missing; `reasons` says why. Raises `UsageError` where
         the run has no such station, as the other tables do.
         """
-        return self._frame("samples", station, port, start, stop, columns)
+        return self._frame(self._asked("samples", station, port, start, stop, columns))
 
     def stream(
         self,
@@ -115,15 +115,15 @@ class Run:
 
     def events(self, station: str | None = None, start: Moment | None = None, stop: Moment | None = None) -> pd.DataFrame:
         """What happened, in order."""
-        return self._frame("events", station, None, start, stop, None)
+        return self._frame(self._asked("events", station, start=start, stop=stop))
 
     def settings(self, station: str | None = None) -> pd.DataFrame:
         """The outcome of each setting, values as text in their unit."""
-        return self._frame("settings", station, None, None, None, None)
+        return self._frame(self._asked("settings", station))
 
     def counters(self, station: str | None = None) -> pd.DataFrame:
         """Readings of the stations' counters; a failed one has no value, and the reason in `raw`."""
-        return self._frame("counters", station, None, None, None, None)
+        return self._frame(self._asked("counters", station))
 
     def wire(self, station: str) -> pd.DataFrame:
         """What passed over a station's wire, in order: `time`, `what`, `data` (bytes), `text`.
@@ -203,27 +203,18 @@ class Run:
         """The rows of a table piece by piece as Arrow tables, in order."""
         return self._pieces(asked(table, columns))
 
-    def _frame(
-        self,
-        table: str,
-        station: str | None,
-        port: int | None,
-        start: Moment | None,
-        stop: Moment | None,
-        columns: Sequence[str] | None,
-    ) -> pd.DataFrame:
-        wanted = self._asked(table, station, port, start, stop, columns)
+    def _frame(self, wanted: Asked) -> pd.DataFrame:
         pieces = self._pieces(wanted)
-        return frame(pa.concat_tables(pieces) if pieces else SCHEMAS[table].empty_table().select(list(wanted.columns)))
+        return frame(pa.concat_tables(pieces) if pieces else SCHEMAS[wanted.table].empty_table().select(list(wanted.columns)))
 
     def _asked(
         self,
         table: str,
-        station: str | None,
-        port: int | None,
-        start: Moment | None,
-        stop: Moment | None,
-        columns: Sequence[str] | None,
+        station: str | None = None,
+        port: int | None = None,
+        start: Moment | None = None,
+        stop: Moment | None = None,
+        columns: Sequence[str] | None = None,
     ) -> Asked:
         """Raises `UsageError` where the run has no such station: no rows would read as if nothing had been recorded of it."""
         names = [facts.name for facts in self.manifest.stations] if station is not None else []

@@ -14,6 +14,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Final, cast
 
+from jbclog.locked import is_locked
 from jbclog.record.durable import write_whole
 from jbclog.record.from_json import Misfit, build
 from jbclog.rows import EventRow, Severity
@@ -82,17 +83,7 @@ class Papers:
 
     def is_held(self) -> bool:
         """Whether the job's process lives."""
-        try:
-            descriptor = os.open(self.folder / LOCK, os.O_RDONLY | os.O_CLOEXEC)
-        except FileNotFoundError:
-            return False
-        try:
-            fcntl.flock(descriptor, fcntl.LOCK_SH | fcntl.LOCK_NB)
-        except OSError:
-            return True
-        finally:
-            os.close(descriptor)
-        return False
+        return is_locked(self.folder / LOCK)
 
     def process(self) -> int | None:
         """The job's process, as it says itself; None where it has not come to saying so."""

@@ -18,6 +18,7 @@ from functools import cache
 from pathlib import Path
 
 from jbclog.errors import RecordError
+from jbclog.locked import is_locked
 
 NAME = "live.lock"
 BOOT_ID = Path("/proc/sys/kernel/random/boot_id")
@@ -150,17 +151,7 @@ def _inside(folder: Path, key: str) -> float:
 
 def is_held(folder: Path) -> bool:
     """Whether a process is writing to the folder now."""
-    try:
-        descriptor = os.open(folder / NAME, os.O_RDONLY | os.O_CLOEXEC)
-    except FileNotFoundError:
-        return False
-    try:
-        fcntl.flock(descriptor, fcntl.LOCK_SH | fcntl.LOCK_NB)
-    except OSError:
-        return True
-    finally:
-        os.close(descriptor)
-    return False
+    return is_locked(folder / NAME)
 
 
 def _is_same_file(descriptor: int, path: Path) -> bool:

@@ -63,7 +63,7 @@ MAY_USE = {
     "conduct": f"{BOTTOM} dossier guarding goals unit_feed guard plan outcome session drive transport record",
     "replaying": "dossier plan recipe session drive record sim clock rows effects tape errors",
     "job": "conduct dossier drive plan",
-    "batch": "recipe record commands rows errors",
+    "batch": "recipe record commands rows errors locked",
     "foreman": "batch job plan dossier drive record recipe outcome session rows errors",
     "jbclog": "analysis errors",  # public names, loaded when they are used
 }
