@@ -72,5 +72,8 @@ def _said(report: PortReport, found: StationFound) -> str:
     parts = [found.model or (found.family.title if found.family else "a station that does not say its model")]
     parts += [f"software {found.software}"] if found.software else []
     parts += [f"port {port} {tool or 'not told'}" for port, tool in found.tools.items()]
-    said = ", ".join(parts)
-    return f"{said}\nThe line format is the server's." if report.url.startswith("socket:") else said
+    said = [", ".join(parts)]
+    said += ["The line format is the server's."] if report.url.startswith("socket:") else []
+    faster = found.turnaround.faster if found.turnaround else None
+    said += [f"{faster[0].upper()}{faster[1:]}."] if faster else []
+    return "\n".join(said)

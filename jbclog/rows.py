@@ -183,7 +183,7 @@ class StationFacts:
     format: str = "8N1"
     ports: list[int] = field(default_factory=list)
     tools: dict[int, str] = field(default_factory=dict)
-    turnaround_us: dict[str, float] = field(default_factory=dict)  # median, p99, n
+    turnaround_us: dict[str, float] = field(default_factory=dict)  # median, p99, n; faster_by, where the link is so
     period_s: float | None = None
     recipe: str | None = None
     rated_power_w: float | None = None

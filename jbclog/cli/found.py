@@ -75,6 +75,8 @@ def _station_lines(found: StationFound) -> Iterator[tuple[str, str]]:
         yield "error", found.error
     if found.turnaround:
         yield "turnaround", _turnaround_text(found.turnaround)
+        if found.turnaround.faster:
+            yield "note", f"{found.turnaround.faster}; nothing is lost by that"
 
 
 def _tool_text(tool: str | None) -> str:
@@ -155,5 +157,6 @@ def _station_facts(found: StationFound) -> dict[str, object]:
         "turnaround_ms": {"median": turnaround.median_ms, "p99": turnaround.p99_ms, "n": turnaround.answered}
         if turnaround
         else None,
+        "faster_link": turnaround.faster if turnaround else None,
         "trouble": found.trouble,
     }

@@ -124,13 +124,24 @@ def _rate_lines(station: StationPlan) -> list[str]:
     if rate_hz is None:
         return ["  rate      without pause"]
     tick_ms = 1000 * (demand.fast_s + demand.fast_reads * turnaround)
-    measured = f"with {turnaround * 1000:g} ms of turnaround" if turnaround else "without any turnaround (`run` measures it)"
+    given = station.spec.turnaround_ms is not None
+    measured = f"with {turnaround * 1000:g} ms of turnaround" if given else "without any turnaround (`run` measures it)"
     return [
         f"  rate      {rate_hz:g} Hz: {tick_ms:.1f} of {1000 / rate_hz:.0f} ms a tick, "
         f"{demand.load(rate_hz, turnaround):.1%} of the wire {measured}",
         f"  fits      up to {1000 * demand.greatest_turnaround_s(rate_hz):.2f} ms of turnaround; "
         f"the best rate is {demand.best_rate_hz(turnaround):g} Hz",
         *_slowest_line(station, demand, rate_hz),
+        *_faster_line(station),
+    ]
+
+
+def _faster_line(station: StationPlan) -> list[str]:
+    """A measured response time of 0: only a link that is faster than its line format gives that."""
+    if station.spec.turnaround_ms != 0:
+        return []
+    return [
+        f"  reserve   with 0 ms measured its link may be faster than {station.spec.line_format}, and more may fit than is reckoned"
     ]
 
 

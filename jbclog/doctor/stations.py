@@ -35,7 +35,7 @@ def look_at_stations(line: Line, told: Told = lambda _: None, means: Means | Non
 def plan_for(spec: StationSpec) -> ScanPlan:
     """First as the line file says, then as stations usually are spoken to."""
     if spec.url.startswith("socket:"):
-        return ScanPlan(BY_SERVER, _addresses(spec))
+        return ScanPlan(tuple(dataclasses.replace(trial, line=spec.line_format) for trial in BY_SERVER), _addresses(spec))
     family = FAMILIES.get(spec.family)
     own = Trial(spec.line_format, asks_omega=family is not None and family.protocol == OMEGA)
     rest = tuple(trial for trial in USUAL if trial.line != spec.line_format or (trial.asks_omega and not own.asks_omega))
@@ -69,6 +69,7 @@ def _of_line(line: Line, spec: StationSpec, finding: Finding) -> Looked:
 def _text(found: StationFound) -> str:
     who = found.model or (found.family.title if found.family else "a station")
     speed = f" in {found.turnaround.median_ms:.1f} ms" if found.turnaround else ""
+    speed += f" ({found.turnaround.faster})" if found.turnaround and found.turnaround.faster else ""
     tools = "; ".join(f"port {port} {tool or 'not told'}" for port, tool in found.tools.items())
     return f"{who} answers at {found.line}{_addressing(found)}{speed}" + (f"; {tools}" if tools else "")
 

@@ -13,12 +13,16 @@ from jbclog.wire import LineFormat
 
 @dataclass(frozen=True, slots=True)
 class Turnaround:
-    """How long the station itself took to answer, in ms, over `answered` of `asked` harmless reads."""
+    """How long the station itself took to answer, in ms, over `answered` of `asked` harmless reads; never below 0.
+
+    `faster` says, where it is so, that answers came sooner than their bytes could at the stated line format.
+    """
 
     median_ms: float
     p99_ms: float
     answered: int
     asked: int
+    faster: str | None = None
 
 
 @dataclass(slots=True)

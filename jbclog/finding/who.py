@@ -6,7 +6,6 @@ A model, a software, a tool and an error count when two answers say the same: a 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from statistics import median
 
 from jbclog.commands.family import FAMILIES, Family, family_of
 from jbclog.commands.robot import COMMUNICATION_ERRORS
@@ -19,7 +18,7 @@ from jbclog.quantities import Value
 from jbclog.station.agreed import agreed
 from jbclog.station.client import Client
 from jbclog.station.make import client_for
-from jbclog.station.turnaround import LEAST_ANSWERED, READS, turnarounds_us
+from jbclog.station.turnaround import LEAST_ANSWERED, READS, ResponseTime, response_time
 from jbclog.wire import LineFormat
 
 ROBOT_OFF = 5
@@ -130,13 +129,12 @@ def _tool_name(family: Family | None, tool: Value | None) -> str | None:
 
 
 def _learn_turnaround(client: Client, found: StationFound) -> Steps[None]:
-    took = yield from turnarounds_us(client, _table(found), min(found.tools, default=1))
-    found.turnaround = _turnaround(took)
-    if len(took) < LEAST_ANSWERED:
-        found.trouble = f"only {len(took)} of {READS} questions were answered, and in time"
+    measured, answered = yield from response_time(client, _table(found), min(found.tools, default=1))
+    found.turnaround = None if measured is None else _turnaround(measured, found.line)
+    if answered < LEAST_ANSWERED:
+        found.trouble = f"only {answered} of {READS} questions were answered, and in time"
 
 
-def _turnaround(took_us: list[float]) -> Turnaround | None:
-    if not took_us:
-        return None
-    return Turnaround(round(median(took_us) / 1000, 3), round(took_us[-1] / 1000, 3), len(took_us), READS)
+def _turnaround(measured: ResponseTime, line: LineFormat) -> Turnaround:
+    median_ms, longest_ms = round(measured.median / 1000, 3), round(measured.longest / 1000, 3)
+    return Turnaround(median_ms, longest_ms, len(measured.took), READS, measured.faster_text(line))

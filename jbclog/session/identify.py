@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from statistics import median
-
 from jbclog.commands.family import ROBOT
 from jbclog.effects import Reopen, Steps, Wait
 from jbclog.errors import LinkError, NotSupported, OutOfRange, Refusal, RobotModeOff, StartRefused, StationError
 from jbclog.rows import Severity
 from jbclog.session.identity import learn_identity
 from jbclog.session.order import Desk, PortState
-from jbclog.station.turnaround import LEAST_ANSWERED, READS, turnarounds_us
+from jbclog.station.turnaround import LEAST_ANSWERED, READS, response_time
 
 TRIES = 3
 
@@ -141,7 +139,10 @@ def _require_tools(desk: Desk) -> None:
 
 def measure_turnaround(desk: Desk) -> Steps[None]:
     """Ask harmless questions and keep how long the station itself takes to answer, in µs."""
-    took = yield from turnarounds_us(desk.station, desk.family, min(desk.ports))
-    if len(took) < LEAST_ANSWERED:
-        raise StartRefused(f"{desk.name}: only {len(took)} of {READS} questions were answered; the link is too bad to run on")
-    desk.facts.turnaround_us = {"median": round(median(took), 1), "p99": round(took[-1], 1), "n": len(took)}
+    measured, answered = yield from response_time(desk.station, desk.family, min(desk.ports))
+    if measured is None or answered < LEAST_ANSWERED:
+        raise StartRefused(f"{desk.name}: only {answered} of {READS} questions were answered; the link is too bad to run on")
+    desk.facts.turnaround_us = {"median": round(measured.median, 1), "p99": round(measured.longest, 1), "n": answered}
+    desk.link_is_faster = measured.faster_text(desk.order.line)
+    if measured.is_faster:
+        desk.facts.turnaround_us["faster_by"] = round(measured.wire - measured.whole, 1)

@@ -103,6 +103,7 @@ class Desk:
         self.connected = False
         self.is_proven = False  # the port has not broken since the station said who it is
         self.doubted: Counter[str] = Counter()  # answers that were not believed at once, by command
+        self.link_is_faster: str | None = None  # than its line format says, in words, where it is
         self.plugged_hours: dict[int, tuple[int, float]] = {}  # by port, with the moment at which they were read
         self.stranger: str | None = None  # who answers where this station was, in words
         self._family = order.family

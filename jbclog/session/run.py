@@ -151,6 +151,8 @@ def _tell_end(desk: Desk) -> None:
 
 def _ready_text(desk: Desk) -> str:
     facts, answers = desk.facts, f"answers in {desk.facts.turnaround_us['median'] / 1000:.2f} ms (median)"
+    if desk.link_is_faster is not None:
+        answers += f" ({desk.link_is_faster})"
     if not desk.family.models:
         return f"{desk.family.title}, as the line file says, {answers}."
     tools = ", ".join(f"port {port.number} {desk.tool_text(port.tool)}" for port in desk.ports.values())

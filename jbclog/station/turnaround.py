@@ -1,34 +1,86 @@
-"""How long a station itself takes to answer, measured with harmless reads."""
+"""How long a station itself takes to answer, measured with harmless reads.
+
+What is measured is from the question to the whole answer. What its bytes need at the stated line format is taken off; the rest
+is the response time. Behind a network server, or where the stated rate is too low, an answer can be whole before its bytes could
+have come at that rate: then the response time is 0, and the link is faster than stated.
+"""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
+from statistics import median
 
 from jbclog.commands.command import Scope
 from jbclog.commands.family import Family
 from jbclog.effects import Steps
 from jbclog.errors import StationError
 from jbclog.station.client import Asking, Client
+from jbclog.wire import LineFormat
 
 READS = 12  # enough for a median that one late answer does not move
 LEAST_ANSWERED = READS // 2  # with fewer the link is too bad to run on
+TOLERANCE = 0.03  # by which a real line may be faster than its rate: the two ends of one may differ by that much
 
 
-def turnarounds_us(client: Client, family: Family, port: int) -> Steps[list[float]]:
-    """Ask `READS` times what is harmless; how long each answer took beside its bytes, in µs, in order of size.
+@dataclass(frozen=True, slots=True)
+class ResponseTime:
+    """What `READS` harmless reads gave, all in µs; made of those that were answered, of which there is one at least.
 
-    What was not answered is missing. Once `LEAST_ANSWERED` can no more be reached, nothing more is asked.
+    `took` are the response times in order of size, none below 0. `whole` is the median from a question to its whole answer,
+    `wire` the median of what the bytes of both need at the stated line format.
+    """
+
+    took: tuple[float, ...]
+    whole: float
+    wire: float
+
+    @property
+    def median(self) -> float:
+        return median(self.took)
+
+    @property
+    def longest(self) -> float:
+        return self.took[-1]
+
+    @property
+    def is_faster(self) -> bool:
+        """Whether answers come sooner than their bytes could at the stated line format."""
+        return self.whole < self.wire * (1 - TOLERANCE)
+
+    def faster_text(self, line: LineFormat) -> str | None:
+        """The sentence's end that says so; None where the link is not faster than `line`, the stated format."""
+        if not self.is_faster:
+            return None
+        return (
+            f"the link is faster than its stated {line}: a question and its answer take {self.whole / 1000:.2f} ms, "
+            f"{self.wire / 1000:.2f} ms at that rate"
+        )
+
+
+def response_time(client: Client, family: Family, port: int) -> Steps[tuple[ResponseTime | None, int]]:
+    """Ask `READS` times what is harmless; give the response time and the number of answers. None where nothing was answered.
+
+    Once `LEAST_ANSWERED` can no more be reached, nothing more is asked.
     """
     questions = [_question(client, family, name, port) for name in family.harmless]
-    took: list[float] = []
+    heard: list[tuple[float, float]] = []
     for number in range(READS):
-        if number - len(took) > READS - LEAST_ANSWERED:
+        if number - len(heard) > READS - LEAST_ANSWERED:
             break
         question = questions[number % len(questions)]
         try:
             yield from client.ask(question)
         except StationError:
             continue
-        took.append((client.heard - client.sent - question.wire_s) * 1e6)
-    return sorted(took)
+        heard.append(((client.heard - client.sent) * 1e6, question.wire_s * 1e6))
+    return _made_of(heard), len(heard)
+
+
+def _made_of(heard: list[tuple[float, float]]) -> ResponseTime | None:
+    if not heard:
+        return None
+    took = tuple(sorted(max(whole - wire, 0.0) for whole, wire in heard))
+    return ResponseTime(took, median(whole for whole, _ in heard), median(wire for _, wire in heard))
 
 
 def _question(client: Client, family: Family, name: str, port: int) -> Asking:

@@ -1,0 +1,72 @@
+"""A link that is faster than its line file says: a station at 57600 or 115200 bit/s behind a real TCP server.
+
+A scan cannot set a rate there, so it reckons with 19200 8N1 and writes that; answers come before their bytes could at that rate.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+from command import RECIPE, jbclog
+
+from jbclog.recipe.line import load_line
+from jbclog.record.check import check
+from jbclog.sim.process import SimProcess
+
+
+@contextmanager
+def served(folder: Path, baudrate: int) -> Iterator[str]:
+    """The url of a virtual UCR that speaks at `baudrate` behind a TCP server."""
+    keys = f'name = "ucr-1"\nurl = "ucr-1"\nfamily = "ucr"\nbaudrate = {baudrate}\n[station.sim]\nturnaround_ms = 0.5\n'
+    (folder / "bench.toml").write_text(f'[line]\nname = "bench"\n[[station]]\n{keys}')
+    with SimProcess(folder / "bench.toml", folder / "virtual", tcp="127.0.0.1:0") as sim:
+        yield load_line(sim.line_path).stations[0].url
+
+
+@pytest.mark.parametrize("baudrate", [57600, 115200])
+def test_the_line_file_is_written_and_says_it(tmp_path: Path, baudrate: int) -> None:
+    file = tmp_path / "line.toml"
+    with served(tmp_path, baudrate) as url:
+        scan = jbclog("scan", url, "--write", file)
+    assert scan.returncode == 0, scan.stderr
+    assert "turnaround  0.00 ms median" in scan.stdout
+    assert "the link is faster than its stated 19200 8N1: a question and its answer take" in scan.stdout
+    assert load_line(file).stations[0].turnaround_ms == 0.0
+    assert "# The link is faster than its stated 19200 8N1" in file.read_text()
+
+
+@pytest.mark.parametrize("stated", [9600])
+def test_every_command_takes_it(tmp_path: Path, stated: int) -> None:
+    """Nothing is lost by a rate that is stated too low, but rate; each command that asks the station works and none is negative."""
+    file = tmp_path / "line.toml"
+    with served(tmp_path, 115200) as url:
+        keys = f'name = "ucr-1"\nurl = "{url}"\nfamily = "ucr"\nbaudrate = {stated}\nturnaround_ms = 0\n'
+        file.write_text(f'[line]\nname = "bench"\n[[station]]\n{keys}')
+        plan = jbclog("plan", RECIPE, "--line", file, "--rate", "fit")
+        assert f"with 0 ms measured its link may be faster than {stated} 8N1" in plan.stdout, plan.stderr
+        doctor = jbclog("doctor", "--line", file, "--out", tmp_path)
+        assert f"(the link is faster than its stated {stated} 8N1" in doctor.stdout
+        read = jbclog("read", "ucr-1", "--all", "--line", file)
+        assert read.returncode == 0, read.stderr
+        audit = jbclog("audit", "--line", file, "--ledger", tmp_path / "ledger.sqlite")
+        assert audit.returncode == 0, audit.stderr
+        for rate in ("fit", "max"):
+            run = jbclog("run", RECIPE, "--line", file, "--out", tmp_path / "runs", "-d", "1s", "--rate", rate, "--json")
+            assert json.loads(run.stdout)["safe_state"]["ucr-1"] == {"1": "verified"}, run.stderr
+            folder = Path(json.loads(run.stdout)["run"])
+            assert check(folder) == []
+            (station,) = json.loads((folder / "manifest.json").read_text())["stations"]
+            assert station["turnaround_us"]["median"] == station["turnaround_us"]["p99"] == 0.0
+            assert station["turnaround_us"]["faster_by"] > 1000
+            assert f"answers in 0.00 ms (median) (the link is faster than its stated {stated} 8N1" in _ready(folder)
+
+
+def _ready(folder: Path) -> str:
+    import pandas as pd
+
+    events = pd.read_parquet(folder / "events")
+    return str(events.loc[events["kind"] == "station.ready", "text"].iloc[0])
