@@ -20,8 +20,8 @@ from jbclog.recipe.settings import Setting, condition_of, foreign_keys, settings
 from jbclog.recipe.url import is_served_here
 from jbclog.rows import JOINTS, UNITS, Goal
 from jbclog.scheduler import Demand
-from jbclog.session.order import AS_FAST_AS_POSSIBLE, AS_FIT, Order
-from jbclog.session.pace import rate_problem, readings_for
+from jbclog.session.order import AS_FAST_AS_POSSIBLE, Order
+from jbclog.session.pace import asked_rate, rate_problem, readings_for, response, taken_rate_hz
 
 PORTS = (1, 2, 3, 4)  # that any station can have
 ANSWERING_PORTS = (1,)  # what is reckoned with where only the station knows its ports
@@ -61,7 +61,7 @@ def _option(name: str) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Wanted:
-    """What was asked for on the command line. `rate` is Hz, ``fit``, ``max``, or None for the recipe's.
+    """What was asked for on the command line. `rate` is Hz, ``auto``, ``fit``, ``max``, or None for the recipe's.
 
     `metadata` is None where nobody was asked yet, as in a dry run. `wire`: what passes over the wires is kept, too. `guard`: a
     guard makes the tools safe if the recorder dies. The run ends with so many finished units, with so many joints of all its
@@ -113,14 +113,20 @@ class StationPlan:
         return None if self.family is None or self.family.turnaround_ms is None else self.family.turnaround_ms[1] / 1000
 
     @property
+    def asked_rate(self) -> float | str:
+        """What is asked for, by `--rate` or the recipe: Hz, ``auto``, ``fit`` or ``max``."""
+        return asked_rate(self.rate, self.recipe, self.family)
+
+    @property
     def rate_hz(self) -> float | None:
-        """The rate that will be asked for; None without pause."""
-        if self.rate == AS_FAST_AS_POSSIBLE:
+        """The rate that comes of it with the turnaround that is assumed; 0.0 where none fits, None without pause or unknown."""
+        asked = self.asked_rate
+        if not isinstance(asked, str):
+            return asked
+        if asked == AS_FAST_AS_POSSIBLE or self.family is None or self.demand is None:
             return None
-        wished = self.recipe.rate_hz(self.family) if self.rate is None or isinstance(self.rate, str) else self.rate
-        if self.rate == AS_FIT and self.demand is not None:
-            return min(wished, self.demand.best_rate_hz(self.turnaround_s))
-        return wished
+        assumed = response(self.family, self.turnaround_s, self.turnaround_s)
+        return taken_rate_hz(asked, self.recipe, self.family, self.demand, assumed)
 
     def writes(self) -> list[Setting]:
         """Every setting that the recipe asks of this station, in order; those that already hold will not be written."""

@@ -184,6 +184,8 @@ class StationFacts:
     ports: list[int] = field(default_factory=list)
     tools: dict[int, str] = field(default_factory=dict)
     turnaround_us: dict[str, float] = field(default_factory=dict)  # median, p99, n; faster_by, where the link is so
+    asked_rate: float | str | None = None  # Hz, auto, fit or max; None in records that do not say
+    rate_hz: float | None = None  # that came of it; None without pause, and in records that do not say
     period_s: float | None = None
     recipe: str | None = None
     rated_power_w: float | None = None

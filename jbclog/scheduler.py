@@ -4,7 +4,7 @@ Fast signals are due on every tick of an absolute grid. Slow ones have a period,
 has room (once a tick at most), and a ceiling of three times that, which the plan guarantees even while repeats take
 their share: they go into what the fast ones leave, the most urgent first, one at a time, and where there is no other way
 they run into the next tick by no more than their own length. Five percent of the wire are kept for repeats (contract,
-"Rates").
+"Rates"), a fifth where the rate is chosen here (`auto_rate_hz`).
 
 The same arithmetic decides before a run whether a rate fits (`Demand`) and during it what to ask next (`SlowReadings`).
 Why the ceilings hold: what is read once in each of its periods, wherever in it, is never older than two. Earliest
@@ -25,6 +25,8 @@ from jbclog.commands.signals import Counter, Pace, Signal
 from jbclog.wire import ADDRESSES, AROUND, LineFormat
 
 KEPT_FOR_REPEATS = 0.05
+KEPT_BY_AUTO = 0.2
+AUTO_RATES_HZ = (10.0, 5.0, 4.0, 2.0, 1.0, 0.5, 0.4, 0.2, 0.1, 0.05, 0.04, 0.02, 0.01, 0.005, 0.004, 0.002, 0.001)
 CEILING = 3.0  # a slow reading may be this many of its periods old
 BEHIND_LETTERS = {Scope.STATION: 0, Scope.PORT: 1, Scope.TOOL: 2}  # characters for port and tool
 USUAL_DIGITS = 5  # of an answer whose length is not printed
@@ -90,10 +92,10 @@ class Demand:
         """The share of the wire in use with slow readings at their ceilings, 1.0 being all of it."""
         return rate_hz * self.tick_s(turnaround_s) + self._slow_share(rate_hz, turnaround_s) / CEILING
 
-    def fits(self, rate_hz: float, turnaround_s: float) -> bool:
-        """Whether every tick can be run in its time and every slow reading within its ceiling."""
+    def fits(self, rate_hz: float, turnaround_s: float, kept: float = KEPT_FOR_REPEATS) -> bool:
+        """Whether every tick can be run in its time and every slow reading within its ceiling, the share `kept` being free."""
         free_s = 1 / rate_hz - self.tick_s(turnaround_s)
-        return self.load(rate_hz, turnaround_s) <= 1 - KEPT_FOR_REPEATS and self._is_in_time(free_s, rate_hz, turnaround_s)
+        return self.load(rate_hz, turnaround_s) <= 1 - kept and self._is_in_time(free_s, rate_hz, turnaround_s)
 
     def runs_over(self, rate_hz: float, turnaround_s: float) -> bool:
         """Whether slow readings must be let into the next tick, because whole ones that end before it are too few."""
@@ -107,14 +109,27 @@ class Demand:
         grain = 10 if rate >= 1 else 100
         return math.floor(rate * grain + 1e-9) / grain
 
-    def greatest_turnaround_s(self, rate_hz: float) -> float:
+    def auto_rate_hz(self, turnaround_s: float, longest_s: float) -> float:
+        """The highest of `AUTO_RATES_HZ` that leaves a fifth of the wire free, in Hz; 0.0 where none does.
+
+        The fifth is reckoned with the usual turnaround; with `longest_s`, the longest that is to be expected, the rate must fit.
+        None is lower than the slow readings need.
+        """
+        rates = (rate_hz for rate_hz in AUTO_RATES_HZ if not self.is_too_slow(rate_hz))
+        return next((hz for hz in rates if self.fits(hz, turnaround_s, KEPT_BY_AUTO) and self.fits(hz, longest_s)), 0.0)
+
+    def greatest_turnaround_s(self, rate_hz: float, kept: float = KEPT_FOR_REPEATS) -> float:
         """The longest turnaround at which `rate_hz` fits, in seconds; negative where the bytes alone are too many."""
-        return _border(lambda turnaround_s: self.fits(rate_hz, turnaround_s), -self.fast_s / self.fast_reads, 1 / rate_hz)
+        return _border(lambda turnaround_s: self.fits(rate_hz, turnaround_s, kept), -self.fast_s / self.fast_reads, 1 / rate_hz)
 
     @property
     def slowest_rate_hz(self) -> float:
         """The lowest rate whose ticks come often enough for the slow readings' ceilings; 0.0 where there are none."""
         return 1 / (CEILING * min(period_s for _, period_s in self.slow)) if self.slow else 0.0
+
+    def is_too_slow(self, rate_hz: float) -> bool:
+        """Whether the ticks of `rate_hz` come too rarely for the slow readings' ceilings."""
+        return rate_hz < self.slowest_rate_hz * (1 - 1e-9)
 
     def _slow_share(self, rate_hz: float, turnaround_s: float) -> float:
         """The share of the wire that slow readings take where each is read in its period, or once a tick."""

@@ -17,6 +17,7 @@ import numpy as np
 import pandas as pd
 
 from jbclog import spc
+from jbclog.analysis.rates import WHAT_A_RATE_CHANGES, is_same_rate, rate_text
 from jbclog.analysis.run import Run
 from jbclog.errors import RecordError
 from jbclog.judge import measure
@@ -62,6 +63,7 @@ class Comparison:
     alarms: pd.DataFrame
     idle: list[SameIdle]
     margin_c: float
+    warnings: list[str]
 
 
 def compare(first: Run, second: Run, margin_c: float = MARGIN_C) -> Comparison:
@@ -82,7 +84,18 @@ def compare(first: Run, second: Run, margin_c: float = MARGIN_C) -> Comparison:
         _alarms(first, second),
         list(_idle(first, second, margin_c)),
         margin_c,
+        list(_other_rates(one, two)),
     )
+
+
+def _other_rates(one: Manifest, two: Manifest) -> Iterator[str]:
+    """A sentence for each station that was not sampled as often in both runs."""
+    for before in one.stations:
+        behind = two.station(before.name)
+        if behind is None or None in (before.first_tick, behind.first_tick) or is_same_rate(before.period_s, behind.period_s):
+            continue
+        rates = f"{before.name}: sampled at {rate_text(before.period_s)} and at {rate_text(behind.period_s)}"
+        yield f"{rates}; {WHAT_A_RATE_CHANGES}"
 
 
 # -- what was said and asked --------------------------------------------------------------------------------------------------
@@ -105,6 +118,8 @@ def _facts(one: Manifest, two: Manifest) -> Iterator[Fact]:
         a, b = one.station(name), two.station(name)
         pairs += [(f"station {name}", "recorded" if a else "not in it", "recorded" if b else "not in it")]
         if a and b:
+            rates = [None if side.first_tick is None else rate_text(side.period_s) for side in (a, b)]
+            pairs += [(f"{name} rate", rates[0], rates[1])]
             pairs += [(f"{name} {what}", getattr(a, what), getattr(b, what)) for what in ("model", "software", "ports", "tools")]
     return (Fact(what, _told(a), _told(b)) for what, a, b in pairs if (a or None) != (b or None))
 

@@ -10,7 +10,8 @@ of one: such changes are told, not hidden in the chart.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
 from difflib import get_close_matches
@@ -23,6 +24,7 @@ from numpy.typing import NDArray
 
 from jbclog import spc
 from jbclog.analysis.features import definitions
+from jbclog.analysis.rates import WHAT_A_RATE_CHANGES, rate_text
 from jbclog.errors import UsageError
 from jbclog.features import DEFINITIONS
 
@@ -62,6 +64,7 @@ class Trend:
     chart: tuple[spc.Chart, spc.Chart] | spc.Refused
     capability: spc.Capability | spc.Refused | None
     changes: list[str] = field(default_factory=list)
+    warnings: list[str] = field(default_factory=list)
 
     @property
     def known(self) -> list[Point]:
@@ -177,7 +180,17 @@ def _trend(
     chart = spc.control_chart(values, resolution=resolution)
     asked = lower is not None or upper is not None
     index = spc.capability(values, lower=lower, upper=upper, resolution=resolution) if asked else None
-    return Trend(*place, metric, unit, points, chart, index, list(_changes([one.run for one in points], found, *place)))
+    changes = list(_changes([one.run for one in points], found, *place))
+    warnings = list(_other_rates([found[one.run] for one in points if one.value is not None], place[0]))
+    return Trend(*place, metric, unit, points, chart, index, changes, warnings)
+
+
+def _other_rates(runs: Iterable[Found], station: str) -> Iterator[str]:
+    """A sentence where the runs were not all sampled as often."""
+    counted = Counter(rate_text(one.periods_s[station]) for one in runs if station in one.periods_s)
+    if len(counted) > 1:
+        told = ", ".join(f"{rate} in {count} run{'' if count == 1 else 's'}" for rate, count in counted.most_common())
+        yield f"rates differ: {told}; {WHAT_A_RATE_CHANGES}"
 
 
 def _changes(names: Iterable[str], found: dict[str, Found], station: str, port: int) -> Iterable[str]:

@@ -30,6 +30,7 @@ def lines(trend: Trend) -> Iterator[str]:
     head = f"{trend.station} port {trend.port}  {trend.metric}  {len(trend.values)} of {len(trend.points)} runs"
     spread = "" if trend.sd is None else f", sd {trend.sd:.3g}"
     yield head if trend.mean is None else f"{head}, mean {trend.mean:.4g} {trend.unit}{spread}"
+    yield from (f"  warning: {text}" for text in trend.warnings)
     yield f"  chart: {chart_text(trend)}"
     for run, why in trend.signals[:MOST]:
         yield f"    {run}: {why}"
@@ -80,6 +81,7 @@ def facts(trend: Trend) -> dict[str, object]:
         "chart": chart,
         "capability": _capability(trend.capability),
         "changes": trend.changes,
+        "warnings": trend.warnings,
         "points": [{**asdict(point), "started": point.started and point.started.isoformat()} for point in trend.points],
     }
 

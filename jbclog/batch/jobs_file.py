@@ -46,13 +46,14 @@ def _family(name: str) -> str:
 
 
 def _rate(value: object) -> object:
-    if value in ("fit", "max") or (isinstance(value, int | float) and not isinstance(value, bool) and 0 < value <= 1000):
+    if value in ("auto", "fit", "max") or (isinstance(value, int | float) and not isinstance(value, bool) and 0 < value <= 1000):
         return value
-    raise said(f'{shown(value)} is not allowed; Hz up to 1000, "fit" or "max"')
+    raise said(f"{shown(value)} is not allowed; {RATES}")
 
 
 Text = Annotated[str, Field(min_length=1, max_length=LONGEST_TEXT)]
 Texts = Annotated[tuple[Text, ...], FromList]
+RATES: Final = 'Hz up to 1000, "auto", "fit" or "max"'
 TEXT_ALLOWED: Final = f"a text of 1 to {LONGEST_TEXT} characters"
 TEXTS_ALLOWED: Final = f"a list of texts of 1 to {LONGEST_TEXT} characters"
 Policy = Literal["stop", "skip", "continue"]
@@ -89,7 +90,7 @@ class JobTable(Table):
     flux_lots: Texts = Field((), description=TEXTS_ALLOWED)
     tips: Texts = Field((), description="a list of ID, STATION=ID or STATION:PORT=ID")
     tags: dict[Text, Text] = Field({}, description="names and texts")
-    rate: Annotated[object, AfterValidator(_rate)] | None = Field(None, description='Hz up to 1000, "fit" or "max"')
+    rate: Annotated[object, AfterValidator(_rate)] | None = Field(None, description=RATES)
     wire: bool = Field(False, description="true or false: whether every byte is kept with its time")
     allow_omega_write: bool = Field(False, description="true or false")
 

@@ -29,7 +29,7 @@ def demo(
 ) -> None:
     """Show it all on four virtual stations, from recipe to report.
 
-    A recipe is applied and the run recorded at 10 Hz, through the real serial stack; one station raises an alarm, one drops
+    A recipe is applied and the run recorded at 5 or 10 Hz, through the real serial stack; one station raises an alarm, one drops
     out and comes back. The stations run in a process of their own, on pseudo-terminals (TCP where there are none), their
     wires as slow as real ones.
 
@@ -67,7 +67,7 @@ def _record(out: Path, seconds: float, *, quiet: bool) -> Result:
         if not quiet:
             note("four virtual stations: dde-1 and dde-2 with two tools each, the robot unit ucr-1, ale-1 with its solder feeder")
         with SimProcess(line, Path(folder) / "ports", tcp=tcp) as stations:
-            plan = make_plan(Wanted(stations.line_path, recipe, duration_s=seconds, rate="fit", metadata=metadata))
+            plan = make_plan(Wanted(stations.line_path, recipe, duration_s=seconds, metadata=metadata))
             shown = Aside(observer(seconds, quiet=quiet))
             try:
                 return conduct(plan, out, shown, missed=shown.missed)

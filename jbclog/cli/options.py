@@ -21,7 +21,11 @@ RECIPE = typer.Argument(
 )
 STATION = typer.Option([], "--station", "-s", metavar="NAME", help="Only this station of the line; may be repeated.")
 RATE = typer.Option(
-    None, "--rate", metavar="HZ|fit|max", help="Ticks a second, the best rate that fits, or without pause. Default: the recipe's."
+    None,
+    "--rate",
+    metavar="HZ|auto|fit|max",
+    help="Ticks a second; the highest usual rate with a fifth of the link free; the best that fits; or without pause. "
+    "Default: the recipe's.",
 )
 ALLOW_OMEGA_WRITE = typer.Option(
     False, "--allow-omega-write", help="Let the recipe's [omega] condition be written where the controller holds another."
@@ -79,15 +83,15 @@ def duration_s(text: str | None) -> float | None:
 
 
 def rate(text: str | None) -> float | str | None:
-    """The rate in Hz, ``fit`` or ``max``. Raises `UsageError`."""
-    if text is None or text in ("fit", "max"):
+    """The rate in Hz, ``auto``, ``fit`` or ``max``. Raises `UsageError`."""
+    if text is None or text in ("auto", "fit", "max"):
         return text
     try:
         hertz = float(text)
     except ValueError:
         hertz = 0.0
     if not 0 < hertz <= 1000:
-        raise UsageError(f"--rate {text}: give a number of Hz up to 1000, `fit` or `max`")
+        raise UsageError(f"--rate {text}: give a number of Hz up to 1000, `auto`, `fit` or `max`")
     return hertz
 
 

@@ -46,6 +46,8 @@ def plan(
 
 def _facts(station: StationPlan, made: Plan) -> dict[str, object]:
     from jbclog.quantities import text_of
+    from jbclog.scheduler import KEPT_BY_AUTO
+    from jbclog.session.order import AS_AUTO
 
     demand, rate_hz, turnaround = station.demand, station.rate_hz, station.turnaround_s
     known: dict[str, object] = {} if demand is None else {"best_rate_hz": demand.best_rate_hz(turnaround)}
@@ -57,6 +59,8 @@ def _facts(station: StationPlan, made: Plan) -> dict[str, object]:
             "load": round(demand.load(rate_hz, turnaround), 4),
             "greatest_turnaround_ms": round(1000 * demand.greatest_turnaround_s(rate_hz), 3),
         }
+        if station.asked_rate == AS_AUTO:
+            known["auto_up_to_turnaround_ms"] = round(1000 * demand.greatest_turnaround_s(rate_hz, KEPT_BY_AUTO), 3)
     writes = [
         {"port": one.port, "setting": one.command.name, "value": text_of(one.value), "unit": one.unit, "key": one.key}
         for one in station.writes()
@@ -67,7 +71,9 @@ def _facts(station: StationPlan, made: Plan) -> dict[str, object]:
         "family": station.spec.family,
         "ports": list(station.ports),
         "recipe": str(station.recipe.path),
+        "asked_rate": station.asked_rate,
         "rate_hz": rate_hz,
+        "assumed_turnaround_ms": round(1000 * turnaround, 3),
         **known,
         "writes": writes,
         "condition": _condition_facts(station, made),
@@ -131,6 +137,7 @@ def _rate_lines(station: StationPlan) -> list[str]:
         f"{demand.load(rate_hz, turnaround):.1%} of the wire {measured}",
         f"  fits      up to {1000 * demand.greatest_turnaround_s(rate_hz):.2f} ms of turnaround; "
         f"the best rate is {demand.best_rate_hz(turnaround):g} Hz",
+        *_auto_lines(station, demand, rate_hz),
         *_slowest_line(station, demand, rate_hz),
         *_faster_line(station),
     ]
@@ -142,6 +149,23 @@ def _faster_line(station: StationPlan) -> list[str]:
         return []
     return [
         f"  reserve   with 0 ms measured its link may be faster than {station.spec.line_format}, and more may fit than is reckoned"
+    ]
+
+
+def _auto_lines(station: StationPlan, demand: Demand, rate_hz: float) -> list[str]:
+    """What a rate that is to be chosen rests on, and up to where the choice stays the same."""
+    from jbclog.scheduler import KEPT_BY_AUTO
+    from jbclog.session.order import AS_AUTO
+    from jbclog.session.pace import SOME_RATES
+
+    if station.asked_rate != AS_AUTO:
+        return []
+    assumed = "turnaround_ms of the line file" if station.spec.turnaround_ms is not None else "0 ms, for the line file names none"
+    most_ms = 1000 * demand.greatest_turnaround_s(rate_hz, KEPT_BY_AUTO)
+    return [
+        f"  auto      the highest of {SOME_RATES} Hz that leaves a fifth of the link free: {rate_hz:g} Hz up to {most_ms:.2f} ms "
+        "of response time",
+        f"  assumed   {assumed}; `run` measures the response time, then chooses",
     ]
 
 

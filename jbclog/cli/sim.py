@@ -41,7 +41,7 @@ def sim(
     tell(str(served))
     note(f"{_count(len(loaded.stations))} ready; Ctrl-C ends this. In another terminal:")
     recipe = "" if all(station.recipe for station in loaded.stations) else "profiles/recipes/sn100c-tht.toml "
-    note(f"  jbclog run {recipe}--line {served} --rate fit --duration 60s")
+    note(f"  jbclog run {recipe}--line {served} --duration 60s")
     server.run()
     wire_file.close()
 

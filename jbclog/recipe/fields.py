@@ -17,6 +17,8 @@ from jbclog.recipe.schema import FromList, said, shown, unknown
 
 FIVE_DIGITS: Final = "as far as five digits go; no manual prints a range"
 TENTHS: Final = "0 to 409.5 in steps of 0.1"
+AUTO: Final = "auto"
+RATES: Final = f'Hz, from 0.001 to 1000, or "{AUTO}"'
 METADATA: Final = ("operator", "order", "product", "unit", "wire_lot", "flux_lot", "tip")
 
 
@@ -42,6 +44,14 @@ def _limit(value: object) -> int:
     if isinstance(value, bool) or not isinstance(value, int):
         raise said(f"{shown(value)} is not allowed; whole °C in steps of 5")
     return value
+
+
+def _rate(value: object) -> float | str:
+    if value == AUTO:
+        return AUTO
+    if isinstance(value, bool) or not isinstance(value, int | float) or not 0.001 <= value <= 1000:
+        raise said(f"{shown(value)} is not allowed; {RATES}")
+    return float(value)
 
 
 def _on_off(value: object) -> str:
@@ -88,6 +98,7 @@ def _metadata(name: str) -> str:
 Minutes = Annotated[int | Off, PlainValidator(_minutes)]
 Seconds = Annotated[float | Off, PlainValidator(_seconds)]
 LimitC = Annotated[int, PlainValidator(_limit)]
+Rate = Annotated[float | str, PlainValidator(_rate)]
 Switch = Annotated[str, PlainValidator(_on_off)]
 Families = Annotated[tuple[Annotated[str, AfterValidator(_family)], ...], FromList, AfterValidator(_no_repeats)]
 Required = Annotated[tuple[Annotated[str, AfterValidator(_metadata)], ...], FromList, AfterValidator(_no_repeats)]

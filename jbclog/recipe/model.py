@@ -101,9 +101,18 @@ class Recipe(RecipeTables):
             return self.run.safe_state
         return known.safe_states[0] if known.safe_states else NO_SAFE_STATE
 
+    def asked_rate(self, family: Family | None) -> float | str:
+        """How often the fast signals are to be read: Hz, or ``auto``; where the recipe does not say, as usual for the family."""
+        return self.sampling.rate_hz or self._usual_hz(family)
+
     def rate_hz(self, family: Family | None) -> float:
-        """How often the fast signals are read; where the recipe does not say, as usual for the family (None: for most)."""
-        return self.sampling.rate_hz or (USUAL_HZ if family is None else family.rate_hz)
+        """How often they are to be read at the most: the recipe's number, or what is usual for the family (None: for most)."""
+        asked = self.sampling.rate_hz
+        return asked if isinstance(asked, float) else self._usual_hz(family)
+
+    @staticmethod
+    def _usual_hz(family: Family | None) -> float:
+        return USUAL_HZ if family is None else family.rate_hz
 
     def problem(self, key: KeyPath, text: str) -> Problem:
         """Something that is wrong with one of the recipe's keys, with file and line."""

@@ -12,11 +12,13 @@ from jbclog.commands.omega_values import CONDITIONS
 from jbclog.recipe.fields import (
     FIVE_DIGITS,
     METADATA,
+    RATES,
     TENTHS,
     Condition,
     Families,
     LimitC,
     Minutes,
+    Rate,
     Required,
     Seconds,
     Switch,
@@ -107,9 +109,9 @@ class Omega(Table):
 
 
 class Sampling(Table):
-    """Hz of the fast signals (None: the family's own; ask `Recipe.rate_hz`), and the ceilings of the slow ones in seconds."""
+    """Hz of the fast signals (None: the family's own; ask `Recipe.asked_rate`), and the ceilings of the slow ones in seconds."""
 
-    rate_hz: float | None = Field(None, ge=0.001, le=1000, description="Hz, from 0.001 to 1000")
+    rate_hz: Rate | None = Field(None, description=RATES)
     alarms_every_s: float = Field(2.0, ge=0.1, le=3600, description="seconds, from 0.1 to 3600")
     counters_every_s: float = Field(60.0, ge=1, le=86400, description="seconds, from 1 to 86400")
 

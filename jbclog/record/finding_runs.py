@@ -37,6 +37,8 @@ ENDED: Final = re.compile(rb'\n "ended": "([0-9T:.+-]+)"')  # of the run itself:
 @dataclass(frozen=True, slots=True)
 class _Station:
     name: str
+    first_tick: int | None = None
+    period_s: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,7 +66,8 @@ class Found:
     """A run. `state` is ``running``, ``crashed`` (`recover` finishes it) or ``sealed``.
 
     `units` are all serials: named at the start, read meanwhile, told later. `recipes` are ``NAME@REVISION``.
-    `changed` says what is wrong with the manifest: somebody, or a disk, changed it.
+    `changed` says what is wrong with the manifest: somebody, or a disk, changed it. `periods_s` are seconds between the ticks of
+    each station that was sampled; None without pause.
     """
 
     folder: Path
@@ -87,6 +90,7 @@ class Found:
     exit_code: int | None
     lost: str | None
     changed: str | None
+    periods_s: Mapping[str, float | None] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)
@@ -235,6 +239,7 @@ def _found(folder: Path, told: _Summary, changed: str | None) -> Found:
         exit_code=told.exit_code,
         lost=None if told.lost is None else told.lost.text,
         changed=changed,
+        periods_s={station.name: station.period_s for station in told.stations if station.first_tick is not None},
     )
 
 

@@ -42,6 +42,7 @@ from jbclog.report.svg import svg_text
 from jbclog.report.tables import by_station, counter_rows, event_rows, ledger_rows, setting_rows
 from jbclog.report.verdict import is_cut_off, verdict_facts
 from jbclog.report.zoom import most_stretches
+from jbclog.rows import StationFacts
 
 CROWD = 12  # with more ports than these each has one figure, and a closer one only where something happened
 COLUMNS = ("time", "tick", "port", "late_us", "quality", "temperature_c", "power_permille", "status", "set_c")
@@ -175,4 +176,17 @@ def _duration_s(manifest: Manifest) -> float | None:
 
 
 def _rate(manifest: Manifest) -> str:
-    return f"{manifest.rate:g} Hz" if isinstance(manifest.rate, float) else str(manifest.rate or "not known")
+    """What was asked for, and what came of it on each station where the record says so."""
+    if isinstance(manifest.rate, float):
+        return f"{manifest.rate:g} Hz"
+    known = {facts.name: facts for facts in manifest.stations if facts.asked_rate is not None}
+    if not known:  # a record of release 1
+        return str(manifest.rate or "not known")
+    texts = {name: _rate_of(facts) for name, facts in known.items()}
+    return next(iter(texts.values())) if len({*texts.values()}) == 1 else "; ".join(f"{name} {texts[name]}" for name in texts)
+
+
+def _rate_of(facts: StationFacts) -> str:
+    if isinstance(facts.asked_rate, float):
+        return f"{facts.asked_rate:g} Hz"
+    return str(facts.asked_rate) if facts.rate_hz is None else f"{facts.rate_hz:g} Hz ({facts.asked_rate})"

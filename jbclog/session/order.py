@@ -12,6 +12,7 @@ from jbclog.commands.decisions import DECISIONS
 from jbclog.commands.family import Family
 from jbclog.effects import Steps
 from jbclog.quantities import Value
+from jbclog.recipe.fields import AUTO
 from jbclog.recipe.model import Recipe
 from jbclog.rows import EventRow, Journal, Severity, StationFacts
 from jbclog.station.agreed import agreed
@@ -19,6 +20,7 @@ from jbclog.station.client import Client
 from jbclog.station.make import client_for
 from jbclog.wire import LineFormat
 
+AS_AUTO = AUTO
 AS_FIT = "fit"
 AS_FAST_AS_POSSIBLE = "max"
 
@@ -27,7 +29,8 @@ AS_FAST_AS_POSSIBLE = "max"
 class Order:
     """What a run wants of one station. `family` is None for "auto"; `ports` None for those that answer.
 
-    `rate` is in Hz, or ``fit`` (the recipe's, or the best that fits), or ``max`` (ask without pause). What the station is of
+    `rate` is in Hz, or ``auto`` (a usual one with a fifth of the wire in reserve), or ``fit`` (the recipe's, or the best that
+    fits), or ``max`` (ask without pause); None for what the recipe says. What the station is of
     a recorded run (`is_replay`) was sampled at that rate once, and is so again whatever the host makes of it. `t0` is the
     run's zero on the monotonic clock; `duration_s` is None for a run that goes on until it is ended.
     """

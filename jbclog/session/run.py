@@ -18,7 +18,7 @@ from jbclog.session.counters import read_counters
 from jbclog.session.identify import Absent, identify
 from jbclog.session.order import Desk
 from jbclog.session.outage import Gone, outage
-from jbclog.session.pace import Pace, choose_pace
+from jbclog.session.pace import Pace, choose_pace, chosen_text
 from jbclog.session.provisos import learn_provisos
 from jbclog.session.safe import make_safe
 from jbclog.session.sampling import Lost, Sampler
@@ -68,7 +68,7 @@ def _ended(desk: Desk, why: str) -> tuple[str, str]:
 def _record(desk: Desk) -> Steps[None]:
     yield from identify(desk)
     pace = choose_pace(desk)
-    desk.note("station.ready", Severity.INFO, _ready_text(desk))
+    desk.note("station.ready", Severity.INFO, f"{_ready_text(desk)}{chosen_text(desk.facts)}.")
     if not desk.family.safe_states:
         text = f"An {desk.family.title} has no safe state that could be ordered: at the end of the run it is left as it is."
         desk.note("safety.not_available", Severity.WARNING, text)
@@ -154,6 +154,6 @@ def _ready_text(desk: Desk) -> str:
     if desk.link_is_faster is not None:
         answers += f" ({desk.link_is_faster})"
     if not desk.family.models:
-        return f"{desk.family.title}, as the line file says, {answers}."
+        return f"{desk.family.title}, as the line file says, {answers}"
     tools = ", ".join(f"port {port.number} {desk.tool_text(port.tool)}" for port in desk.ports.values())
-    return f"{facts.model} {answers}, tools: {tools}."
+    return f"{facts.model} {answers}, tools: {tools}"

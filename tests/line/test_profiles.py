@@ -44,7 +44,7 @@ Recorded = Callable[[Path], RecordedRun]
 def plan_of(path: Path) -> Plan:
     """The line with its own recipes; the bench names none, as the demo has it."""
     own = all(station.recipe is not None for station in load_line(path).stations)
-    return make_plan(Wanted(path, None if own else RECIPE, duration_s=SECONDS, rate=None if own else "fit"))
+    return make_plan(Wanted(path, None if own else RECIPE, duration_s=SECONDS))
 
 
 @pytest.fixture(scope="module")
@@ -56,7 +56,7 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Recorded:
 @every_line
 def test_its_plan_has_no_error(path: Path) -> None:
     plan = plan_of(path)
-    arguments = ["plan", *([] if plan.wanted.recipe is None else [str(RECIPE), "--rate", "fit"]), "--line", str(path)]
+    arguments = ["plan", *([] if plan.wanted.recipe is None else [str(RECIPE)]), "--line", str(path)]
     said = CliRunner().invoke(app, arguments)
     assert said.exit_code == 0, said.output
     assert "error" not in said.output

@@ -73,7 +73,7 @@ def test_a_run_that_somebody_ended(tmp_path: Path, second: float) -> None:
     assert any("SIGINT" in row.text for row in read_rows(wire_path(tmp_path / "run", "dde-1")) if row.what == "stopped")
 
 
-@pytest.mark.parametrize("rate", ["fit", "max", 3.0])
+@pytest.mark.parametrize("rate", ["auto", "fit", "max", 3.0])
 def test_every_rate(tmp_path: Path, rate: float | str) -> None:
     run = recorded(tmp_path / "run", line_text(TROUBLE["time-outs"]), duration_s=8, rate=rate)
     again, left = relived(tmp_path / "run")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from shutil import copytree
 
@@ -19,6 +20,7 @@ from jbclog.analysis import open_run
 from jbclog.analysis.compare import Comparison, compare
 from jbclog.cli.app import app
 from jbclog.errors import RecordError, UsageError
+from jbclog.record.manifest import read_manifest, write_manifest
 
 ROWS = 1200
 
@@ -80,6 +82,31 @@ def test_stations_that_only_one_has_are_said(home: Path, tmp_path: Path) -> None
     assert ("station ale-1", "not in it", "recorded") in [(one.what, one.first, one.second) for one in found.facts]
     assert found.alarms["second"].sum() > 0
     assert set(found.alarms["first"]) == {0}
+
+
+def at_rate(folder: Path, hz: float | None) -> Path:
+    """The run, as if its station had been sampled so often (None: without pause)."""
+    manifest = read_manifest(folder)
+    stations = [replace(facts, period_s=None if hz is None else 1 / hz) for facts in manifest.stations]
+    write_manifest(folder, replace(manifest, stations=stations))
+    return folder
+
+
+@pytest.mark.parametrize(("hz", "other"), [(5.0, "5 Hz"), (None, "max"), (0.4, "0.4 Hz")])
+def test_runs_that_were_not_sampled_as_often_are_warned_of(home: Path, tmp_path: Path, hz: float | None, other: str) -> None:
+    slower = at_rate(one_run(tmp_path, 9, rows=ROWS), hz)
+    found = compare(open_run(runs(home)[0]), open_run(slower))
+    (warning,) = found.warnings
+    assert warning.startswith(f"dde-1: sampled at 10 Hz and at {other}; what is found in the readings")
+    assert ("dde-1 rate", "10 Hz", other) in [(one.what, one.first, one.second) for one in found.facts]
+    told_ = on_line(runs(home)[0], slower)
+    assert f"warning: {warning}" in told_.stdout
+    assert json.loads(on_line(runs(home)[0], slower, "--json").stdout)["warnings"] == [warning]
+
+
+def test_runs_that_were_sampled_alike_are_not(home: Path) -> None:
+    assert compared(home, 0, 2).warnings == []
+    assert "warning" not in on_line(*runs(home)[:2]).stdout
 
 
 def test_a_short_run_is_not_called_the_same(home: Path, tmp_path: Path) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from shutil import copytree
 
@@ -19,7 +20,7 @@ from jbclog.analysis import Run, features, open_runs
 from jbclog.analysis.trend import metric_unit, title_of, trends
 from jbclog.cli.app import app
 from jbclog.errors import UsageError
-from jbclog.record.manifest import NAME
+from jbclog.record.manifest import NAME, read_manifest, write_manifest
 
 STEADY = list(np.random.default_rng(5).normal(1.5, 0.8, 32))
 
@@ -107,6 +108,18 @@ def test_a_run_without_the_metric_is_no_point_and_is_counted_with_its_reason(tmp
     (found,) = trends(open_runs(tmp_path))
     assert ([one.value is None for one in found.points], len(found.values)) == ([False, False, False, True], 3)
     assert re.search(r"no value in 1 run: \S", trend(tmp_path).stdout)
+
+
+def test_runs_that_were_not_sampled_as_often_are_warned_of(tmp_path: Path) -> None:
+    folders = many_runs(tmp_path, STEADY[:4])
+    assert trends(open_runs(tmp_path))[0].warnings == []
+    manifest = read_manifest(folders[2])
+    write_manifest(folders[2], replace(manifest, stations=[replace(facts, period_s=0.2) for facts in manifest.stations]))
+    (found,) = trends(open_runs(tmp_path))
+    (warning,) = found.warnings
+    assert warning.startswith("rates differ: 10 Hz in 3 runs, 5 Hz in 1 run; what is found in the readings")
+    assert f"  warning: {warning}" in trend(tmp_path).stdout
+    assert json.loads(trend(tmp_path, "--json").stdout)["trends"][0]["warnings"] == [warning]
 
 
 def test_changes_of_recipe_and_tip_are_told(tmp_path: Path) -> None:

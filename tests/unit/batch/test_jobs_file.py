@@ -53,7 +53,7 @@ def test_everything_that_is_wrong_is_told_at_once() -> None:
         'night.toml:8: job[1].families[1]: "dd" is unknown; did you mean dde?',
         'night.toml:9: job[1].after[2]: "zz" is unknown; allowed here: a, b',
         "night.toml:10: job[2].units_from: missing; units are counted by their serials: name the reader's device or a pipe",
-        'night.toml:14: job[2].rate: 0 is not allowed; Hz up to 1000, "fit" or "max"',
+        'night.toml:14: job[2].rate: 0 is not allowed; Hz up to 1000, "auto", "fit" or "max"',
         f"night.toml:15: job[3].duration: missing; {END_ALLOWED}",
         'night.toml:16: job[3].name: "b" is the name of two jobs, first in line 11',
     ]
@@ -168,7 +168,7 @@ def test_what_a_job_says_is_what_its_run_is_told() -> None:
     assert orders.turns[0].on_failure is OnFailure.STOP
 
 
-@pytest.mark.parametrize("rate", ['"fit"', '"max"', "2", "2.5"])
+@pytest.mark.parametrize("rate", ['"auto"', '"fit"', '"max"', "2", "2.5"])
 def test_what_a_job_is_told_comes_to_its_process_as_it_is(rate: str) -> None:
     lines = ['operator = "Ä. Rossi"', 'tips = ["T1"]', 'tags = { shift = "night" }', "allow_omega_write = true"]
     order = ordered(HEAD + JOB.replace('"fit"', rate) + "\n".join(lines)).orders["a"]

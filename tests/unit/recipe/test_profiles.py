@@ -12,11 +12,14 @@ from jbclog.recipe.load import load_recipe
 from jbclog.recipe.model import Recipe
 from jbclog.recipe.settings import condition_of, settings_for
 from jbclog.scheduler import Demand, readings_of
+from jbclog.session.pace import readings_for
 from jbclog.wire import LineFormat
 
 PROFILES = Path(__file__).parents[3] / "profiles"
 LINES = sorted((PROFILES / "lines").glob("*.toml"))
 RECIPES = sorted((PROFILES / "recipes").glob("*.toml"))
+RATES_HZ = {"dme": 4, "omega": 1, "soldering-slow": 5}
+"""What four ports, slow answers and 4800 baud come to."""
 THT = PROFILES / "recipes" / "sn100c-tht.toml"
 
 
@@ -27,11 +30,15 @@ def demand(recipe: Recipe, family: Family, ports: tuple[int, ...], line: LineFor
     return Demand.of(readings_of(signals, counters, ports, line, True, sampling.alarms_every_s, sampling.counters_every_s))
 
 
-def fits(recipe: Recipe, station: StationSpec) -> bool:
+def rate_hz(recipe: Recipe, station: StationSpec) -> float:
+    """What the recipe takes on the station where it answers within a millisecond, or as slowly as its manual prints."""
     family = FAMILIES[station.family]
     ports = station.ports or family.ports
     assert ports is not None, f"{station.name} does not say which ports it has"
-    return demand(recipe, family, ports, station.line_format).fits(recipe.rate_hz(family), 0.001)
+    assert recipe.sampling.rate_hz == "auto"
+    longest_s = family.turnaround_ms[1] / 1000 if family.turnaround_ms else 0.001
+    readings = readings_for(family, ports, recipe, station.line_format, station.address is not None)
+    return Demand.of(readings).auto_rate_hz(0.001, longest_s)
 
 
 @pytest.mark.parametrize("path", RECIPES, ids=lambda path: path.stem)
@@ -55,7 +62,7 @@ def test_a_line_loads_and_runs_on_virtual_stations_as_it_stands(path: Path) -> N
         assert not FAMILIES[station.family].models or FAMILIES[station.family].proves(station.sim.model or station.family)
         recipe = load_recipe(station.recipe or THT)
         assert station.family in recipe.families
-        assert fits(recipe, station)
+        assert rate_hz(recipe, station) == RATES_HZ.get(path.stem, 10 if station.ports in (None, (1,)) else 5)
 
 
 def test_every_family_has_a_line_and_a_recipe() -> None:
@@ -76,12 +83,11 @@ def test_the_bench_is_the_one_that_the_demo_shows() -> None:
 def test_the_through_hole_recipe_fits_at_ten_hertz_on_two_ports(name: str) -> None:
     recipe, family = load_recipe(THT), FAMILIES[name]
     assert name in recipe.families
-    assert recipe.sampling.rate_hz == 10
-    assert demand(recipe, family, family.ports or (1, 2), LineFormat()).fits(10, 0.001)
+    two_ports = demand(recipe, family, family.ports or (1, 2), LineFormat())
+    assert two_ports.fits(10, 0.001)
+    assert two_ports.auto_rate_hz(0.001, 0.001) == (10 if family.ports == (1,) else 5)
 
 
-def test_four_ports_cannot_have_what_two_can() -> None:
-    dme = load_line(PROFILES / "lines" / "dme.toml").stations[0]
-    assert not fits(load_recipe(THT), dme)
-    assert dme.recipe is not None
-    assert load_recipe(dme.recipe).sampling.rate_hz == 2
+@pytest.mark.parametrize("path", RECIPES, ids=lambda path: path.stem)
+def test_no_recipe_demands_a_rate_that_a_slower_answer_could_refuse(path: Path) -> None:
+    assert load_recipe(path).sampling.rate_hz == "auto"

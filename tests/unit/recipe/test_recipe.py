@@ -49,6 +49,22 @@ def test_only_the_head_is_required_and_nothing_is_asked_by_itself() -> None:
 def test_a_rate_that_is_named_holds_for_every_family() -> None:
     recipe = parse_recipe(HEAD + "[sampling]\nrate_hz = 2.5\n")
     assert {recipe.rate_hz(family) for family in FAMILIES.values()} == {2.5}
+    assert {recipe.asked_rate(family) for family in FAMILIES.values()} == {2.5}
+
+
+def test_a_rate_may_be_left_to_the_run_and_the_usual_one_is_its_upper_end() -> None:
+    recipe = parse_recipe(HEAD + '[sampling]\nrate_hz = "auto"\n')
+    assert {recipe.asked_rate(family) for family in FAMILIES.values()} == {"auto"}
+    assert recipe.rate_hz(FAMILIES["dde"]) == 10
+    assert parse_recipe(HEAD).asked_rate(FAMILIES["dde"]) == 10
+
+
+@pytest.mark.parametrize("rate", ['"fit"', '"max"', '"Auto"', "true", "nan", "inf", "0", "-1", "1000.1", "[]"])
+def test_other_rates_are_refused_in_one_sentence(rate: str) -> None:
+    with pytest.raises(Problems) as refused:
+        parse_recipe(HEAD + f"[sampling]\nrate_hz = {rate}\n")
+    (problem,) = refused.value.problems
+    assert str(problem).endswith('is not allowed; Hz, from 0.001 to 1000, or "auto"')
 
 
 def test_a_port_of_its_own_wins_key_by_key() -> None:
@@ -177,7 +193,7 @@ on = true
         "job.toml:29: port.2.alarm.low.limit_c: 355 °C must be below alarm.high.limit_c (340 °C)",
         "job.toml:31: feeder: fits none of the families listed (dde); it is for ale",
         'job.toml:32: feeder.mode: "fast" is not allowed; one of continuous, discontinuous, program, reload',
-        "job.toml:35: sampling.rate_hz: 0 is not allowed; Hz, from 0.001 to 1000",
+        'job.toml:35: sampling.rate_hz: 0 is not allowed; Hz, from 0.001 to 1000, or "auto"',
         'job.toml:38: run.safe_state: "extractor" is not allowed on dde, which the recipe lists; it allows stand',
         'job.toml:39: run.on_difference: "ignore" is not allowed; stop or continue',
         'job.toml:42: metadata.required[1]: "oprator" is unknown; did you mean operator?',

@@ -395,3 +395,22 @@ def test_the_verdict_of_the_manifest_is_not_judged_again(tmp_path: Path) -> None
     write_manifest(folder, manifest)
     _, data = report(folder)
     assert (data["verdict"]["word"], data["verdict"]["decided"]) == ("INCONCLUSIVE", "with the run")
+
+
+@pytest.mark.parametrize(
+    ("rates", "said"),
+    [
+        ((("auto", 5.0), ("auto", 10.0)), "dde-1 5 Hz (auto); dde-2 10 Hz (auto)"),
+        ((("auto", 5.0), ("auto", 5.0)), "5 Hz (auto)"),
+        (((10.0, 10.0),), "10 Hz"),
+    ],
+)
+def test_the_rate_is_what_was_asked_for_and_what_came_of_it(
+    tmp_path: Path, rates: tuple[tuple[float | str, float | None], ...], said: str
+) -> None:
+    names = [f"dde-{number}" for number in range(1, len(rates) + 1)]
+    stations = [station(name, rows=50) for name in names]
+    for facts, (asked, taken) in zip(stations, rates, strict=True):
+        facts.asked_rate, facts.rate_hz = asked, taken
+    _, data = report(seal(tmp_path, stations, table(*(samples(50, name) for name in names)), rate=None))
+    assert data["rate"] == said
