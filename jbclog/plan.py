@@ -12,6 +12,7 @@ from pathlib import Path
 
 from jbclog.commands.family import FAMILIES, Family
 from jbclog.commands.omega_values import ConditionRecord
+from jbclog.commands.ranges import inferred_note, unit_note
 from jbclog.errors import Problem, Problems, UsageError
 from jbclog.recipe.line import IS_A_RECIPE, Line, Replay, StationSpec, load_line
 from jbclog.recipe.load import IS_A_LINE, load_recipe
@@ -162,7 +163,15 @@ class Plan:
     @property
     def notes(self) -> list[str]:
         """What is in order, and may not be what was meant, or what was hoped for."""
-        return [*self._without_safe_state(), *self._asked_later()]
+        return [*self._without_safe_state(), *self._not_printed(), *self._asked_later()]
+
+    def _not_printed(self) -> Iterator[str]:
+        """Values beyond a limit that is another manual's, and units that are: once for each key of a station's recipe."""
+        for station in self.stations:
+            manual = "" if station.family is None else station.family.manual
+            for key, one in {one.key: one for one in station.writes()}.items():
+                found = unit_note(one.command, manual), inferred_note(one.command, one.value, manual)
+                yield from (f"{station.spec.name}: {key}: {text}" for text in found if text is not None)
 
     def _without_safe_state(self) -> Iterator[str]:
         for station in self.stations:

@@ -26,7 +26,7 @@ class Off(Enum):
 OFF: Final = Off.OFF
 OFF_ON_WIRE: Final = "99999"
 MOST: Final = 99999  # of five digits
-HIGHEST_C: Final = 600  # no station is made for more than 500 (seed 002, factory settings)
+HIGHEST_C: Final = 600  # an alarm limit above it is one that is not set: no station is made for more than 500 (002, factory)
 
 
 class Record:
@@ -170,7 +170,7 @@ class AlarmLimit:
         if value is OFF:
             raise ValueError("no manual prints how a limit is taken back; switch its delay off instead")
         if not 0 < _whole(value) <= HIGHEST_C:
-            raise ValueError(f"{value} {self.unit} would not be read as a limit that is set")
+            raise ValueError(f"{value} {self.unit} is not allowed, it would be read back as not set; 1 to {HIGHEST_C} {self.unit}")
         return f"{value:05d}"
 
 

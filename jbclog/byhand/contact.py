@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from jbclog.commands.command import Command, Scope
+from jbclog.commands.command import TOOLS_WITH_A_PLACE, Command, Scope
 from jbclog.commands.family import Family, family_of
 from jbclog.commands.omega_values import CLEANING, is_condition
 from jbclog.effects import Reopen, Steps, Wait
@@ -183,9 +183,9 @@ def check_place(command: Command, family: Family, ports: tuple[int, ...] | None,
         raise UsageError(f"{command.name} needs --condition with a number: {CONDITIONS}")
     if place.port is not None and ports is not None and place.port not in ports:
         raise UsageError(f"there is no port {place.port}; this station has {', '.join(map(str, ports))}")
-    if place.tool is not None and place.tool not in tools_of(family):
+    if place.tool is not None and place.tool not in TOOLS_WITH_A_PLACE:
         known = "; ".join(f"{code} {family.tools[code]}" for code in tools_of(family))
-        raise UsageError(f"there is no tool {place.tool}; a {family.name} knows {known}")
+        raise UsageError(f"no command has a place for tool {place.tool}; 1 to 9. Manual {family.manual} prints {known}")
 
 
 def is_number_of_one(condition: int | None) -> bool:
@@ -221,6 +221,8 @@ def _place(contact: Contact, command: Command, port: int, tool: int | None) -> S
             f"{contact.name}: {command.name} belongs to a tool, and there is none in port {port}; "
             f"name one with --tool, such as --tool {example} ({contact.family.tools[example]})"
         )
+    if connected not in TOOLS_WITH_A_PLACE:
+        raise StartRefused(f"{contact.name}: {command.name} belongs to a tool, and no command has a place for tool {connected}")
     return Place(port, connected)
 
 
@@ -234,6 +236,6 @@ def everywhere(contact: Contact, commands: Iterable[Command]) -> Steps[list[tupl
             continue
         for port in ports:
             tool = yield from find_tool(contact, port)
-            if command.scope is Scope.PORT or tool:
+            if command.scope is Scope.PORT or tool in TOOLS_WITH_A_PLACE:
                 found.append((command, Place(port, tool if command.scope is Scope.TOOL else None)))
     return found

@@ -104,8 +104,9 @@ def values_text(command: Command, family: Family) -> str:
         return "a condition, as `jbclog read` shows one"
     words = [word for word, value in words_for(command, family).items() if value is not OFF]
     if command.within is not None:
+        lowest, highest = command.within
         steps = f"steps of {command.limits.step:g} {command.unit} " if command.limits.step else ""
-        return f"{steps}from {command.within[0]} to {command.within[1]}"
+        return f"{steps}up to {highest}" if lowest is None else f"{steps}from {lowest} to {highest}"
     return ", ".join(words) or allowed(command).replace('"off"', "off")  # no file, where words have quotes
 
 

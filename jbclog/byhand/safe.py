@@ -12,6 +12,7 @@ from typing import Final
 
 from jbclog.byhand.believed import believed
 from jbclog.byhand.contact import NO_TOOL, PORTS, Contact, Place, Target, find_tool, meet
+from jbclog.commands.command import TOOLS_WITH_A_PLACE
 from jbclog.commands.family import Family, family_of
 from jbclog.effects import Steps
 from jbclog.errors import LinkError, StartRefused, StationError
@@ -148,6 +149,10 @@ def _stays_hot(contact: Contact, tool: Tool, code: int | None) -> Steps[str | No
     if tool.was_spared and tool.status is not None and not contact.family.status.is_resting(tool.status):
         return None
     commands = [contact.family.commands[name] for name in COOLING_DELAYS if name in contact.family.commands]
+    if commands and code is not None and code not in TOOLS_WITH_A_PLACE:
+        return (
+            f"whether it will cool down is not known, because no command has a place for tool {code}: look at it, or {SWITCH_OFF}"
+        )
     try:
         off = []
         for command in commands if code is not None else ():

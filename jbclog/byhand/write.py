@@ -134,7 +134,9 @@ def _expect_within(contact: Contact, command: Command, value: Value) -> Steps[No
         return
     names = ("below", "minimum"), ("above", "maximum")
     for (side, which), limit_name in zip(names, command.within, strict=True):
-        limit = yield from _limit(contact, limit_name)
+        limit = None if limit_name is None else (yield from _limit(contact, limit_name))
+        if limit is None and side == "above":
+            raise StartRefused(f"{contact.name}: the station does not answer its {limit_name}; nothing was written")
         if limit is not None and (value < limit if side == "below" else value > limit):
             bound = f"{side} the station's {which} of {command.shown(limit)}"
             raise StartRefused(f"{contact.name}: {command.shown(value)} is {bound}; nothing was written")

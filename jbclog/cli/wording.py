@@ -13,6 +13,7 @@ from jbclog.byhand.values import shown
 from jbclog.byhand.write import CONFIRMED, MISMATCH, REFUSED, UNCHANGED, UNCONFIRMED, Change, Written, is_order_to_rest
 from jbclog.cli.values import place_facts, plain
 from jbclog.commands.command import Command
+from jbclog.commands.ranges import inferred_note
 from jbclog.errors import StartRefused, Unsafe
 from jbclog.quantities import Value
 from jbclog.reach import utc_of
@@ -89,6 +90,9 @@ def _before(written: Written) -> str:
 def notes(written: Written, target: Target, change: Change, line: Path) -> Iterator[str]:
     """What the person who did it has to know or to do now."""
     command = _command(written)
+    contact = _contact(written)
+    if written.value is not None and (text := inferred_note(command, written.value, contact.family.manual)) is not None:
+        yield f"{command.name}: {text}"
     if written.at_work:
         yield _nobody_watches(written, target, line)
     if written.outcome == CONFIRMED and command.name == "status" and written.readback != written.value:

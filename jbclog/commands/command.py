@@ -12,6 +12,9 @@ from enum import Enum
 
 from jbclog.quantities import OFF, Quantity, Value, text_of
 
+TOOLS_WITH_A_PLACE = range(1, 10)
+"""Tools that a command can speak to: a control command has one character for the number (002, W-Axy)."""
+
 
 class Scope(Enum):
     """What a command speaks to, and so what stands behind its letters."""
@@ -34,9 +37,10 @@ class Effect(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """The values that a manual prints. `printed=False` marks a range that no manual gives.
+    """The values that the manual of a family prints: beyond them nothing is sent.
 
-    `ours` marks both ends as this program's own, where a manual prints a step alone: beyond them nothing can be meant.
+    `printed=False` marks a range that this manual does not give: the station decides, with N 00003. `off` can be printed without
+    one.
     """
 
     low: float | None = None
@@ -44,7 +48,6 @@ class Limits:
     step: float | None = None
     off: bool = False
     printed: bool = True
-    ours: bool = False
 
     def problem(self, value: Value) -> str | None:
         """Why `value` is not allowed, or None."""
@@ -64,15 +67,27 @@ class Limits:
         else:
             text = f"{'' if self.low is None else f'{self.low:g}'}..{'' if self.high is None else f'{self.high:g}'}"
         text += f" step {self.step:g}" if self.step else ""
-        text += " (ends not printed)" if self.ours else ""
         return text + (" or off" if self.off else "")
+
+
+@dataclass(frozen=True, slots=True)
+class Inferred:
+    """What the manual of a family does not print of a command, taken from `source`, another manual or section.
+
+    A value beyond `limits` is sent: a plan notes it, and the station decides. `unit`: the unit is taken from there, too.
+    """
+
+    source: str
+    limits: Limits = field(default_factory=Limits)
+    unit: bool = False
 
 
 @dataclass(frozen=True, slots=True)
 class Command:
     """A command by its trade name, with everything that a driver, a page or a person needs of it.
 
-    `within` are the commands that tell the lowest and the highest value that the station itself allows. `share_of` is the one
+    `limits` are printed for every family that has this row, `inferred` are not. `within` are the commands that tell the lowest
+    and the highest value that the station itself allows; None where it sets no such end. `share_of` is the one
     that tells what a number without a printed unit is a share of: recipes and samples hold it in per mille of that (B-33).
     """
 
@@ -87,8 +102,9 @@ class Command:
     dangerous: bool = False
     answer_digits: int | None = 5  # None: any length
     note: str = ""
-    within: tuple[str, str] | None = None
+    within: tuple[str | None, str] | None = None
     share_of: str | None = None
+    inferred: Inferred | None = None
 
     @property
     def readable(self) -> bool:
@@ -117,7 +133,7 @@ class Command:
             raise ValueError(f"{self.name} needs a port from 1 to 4, not {port}")
         if self.scope is Scope.PORT:
             return f"{self.letters}{port}"
-        if tool is None or not 1 <= tool <= 9:
+        if tool is None or tool not in TOOLS_WITH_A_PLACE:
             raise ValueError(f"{self.name} needs a tool from 1 to 9, not {tool}")
         return f"{self.letters}{port}{tool}"
 

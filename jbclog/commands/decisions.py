@@ -36,7 +36,7 @@ LINK = (
     Decision(
         4,
         "Numbers from -9999 to 99999, or none below -0050",
-        "the whole range is read; only the adjustment is held to -50..50 when it is written",
+        "the whole range is read; no adjustment below -50 is written, and above 50 none where 002 prints that bound",
         "-0050 is the lowest adjustment, not the lowest number; both readings take every number that a station can send.",
     ),
     Decision(

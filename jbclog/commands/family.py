@@ -106,10 +106,10 @@ class Family:
         return bool(_MODEL.fullmatch(model)) and model.upper().startswith(self.models)
 
 
-_BENCH = _by_name((*robot.COMMON, robot.STORE, robot.SOFTWARE_VERSION))
-_OLD = _by_name(robot.COMMON)
-_UCR = _by_name((*robot.COMMON, *ucr.UCR, *ale.DISPENSED))
-_ALE = _by_name((*robot.COMMON, robot.STORE, robot.SOFTWARE_VERSION, *ale.FEEDER, *ale.DISPENSED))
+_BENCH = _by_name(robot.BENCH)
+_OLD = _by_name(robot.OLD)
+_UCR = _by_name((*robot.BENCH, *ucr.UCR, *ale.DISPENSED))
+_ALE = _by_name((*robot.BENCH, *ale.FEEDER, *ale.DISPENSED))
 
 
 def _bench(name: str, title: str, ports: tuple[int, ...] | None) -> Family:

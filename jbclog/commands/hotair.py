@@ -59,7 +59,7 @@ SETTINGS = (
     setting(
         "status", "PS", Scope.PORT, STATUS_WORD, "001 4.6, 4.9.13, 4.9.14", Limits(), "B-43: the answer to a write is unprinted"
     ),
-    setting("adjust", "A", Scope.TOOL, OFFSET, "001 3.1, 4.9.16, 4.9.17", Limits(low=-50, step=1), "B-4: the lowest is in 3.1"),
+    setting("adjust", "A", Scope.TOOL, OFFSET, "001 3.1, 4.9.16, 4.9.17", Limits(low=-50), "B-4: the lowest is in 3.1"),
 )
 
 STATION_LIMITS = (

@@ -6,6 +6,7 @@ does reading by hand (`byhand.believed`).
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 
 from jbclog.commands.family import Family
@@ -15,7 +16,7 @@ TEMPERATURES = frozenset({"temperature_c", "external_c", "transistor_c", "transf
 """Signals that are temperatures of something that takes its time to change."""
 STILL_C = 25  # between two answers to the same question, one right after the other
 NO_COUNTDOWN = frozenset({99999, 65535})  # what a station says when no countdown runs (digest B-25)
-LONGEST_COUNTDOWN_S = 3600  # the longest delay that can be set is that to hibernation, 60 min (002, W-Hxy)
+COUNTED_DOWN = ("sleep_delay", "hibernation_delay")
 MOST_OF_FULL = 1.5  # what is above full is kept and flagged (digest B-32, B-33); so far above it is nothing at all
 
 Possible = Callable[[Value], bool]
@@ -27,12 +28,15 @@ def possible_as(signal: str | None, family: Family) -> Possible | None:
         plausible_c = family.plausible_c
         return lambda value: value in plausible_c
     if signal == "delay_s":
-        return _is_countdown
+        longest_s = longest_countdown_s(family)
+        return lambda value: value in NO_COUNTDOWN or (isinstance(value, int) and 0 <= value <= longest_s)
     return _is_power if signal == "power_permille" else None
 
 
-def _is_countdown(value: Value) -> bool:
-    return value in NO_COUNTDOWN or (isinstance(value, int) and 0 <= value <= LONGEST_COUNTDOWN_S)
+def longest_countdown_s(family: Family) -> float:
+    """The longest delay that can be set on a station of the family, in s; without a bound where its manual prints no range."""
+    ends = [family.commands[name].limits.high for name in COUNTED_DOWN if name in family.commands]
+    return max((math.inf if minutes is None else 60.0 * minutes for minutes in ends), default=math.inf)
 
 
 def _is_power(value: Value) -> bool:

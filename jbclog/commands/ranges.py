@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 from jbclog.commands.command import Command, Limits
 from jbclog.commands.omega_values import CONDITIONS, ConditionNumber
 from jbclog.quantities import Choice, Off, Value, text_of
@@ -20,6 +18,24 @@ def range_problem(command: Command, value: Value) -> str | None:
     return None
 
 
+def inferred_note(command: Command, value: Value, manual: str) -> str | None:
+    """Where the value is beyond what was inferred, for a plan; None where it is not. `manual`: the family's own."""
+    if command.inferred is None or command.inferred.limits.problem(value) is None:
+        return None
+    usual = _usual(command.inferred.limits, f" {command.unit}".rstrip())
+    return (
+        f"{command.shown(value)} is not within {usual} ({command.inferred.source}). Manual {manual} prints no such limit of "
+        f"{command.name}, so it is sent, and the station accepts it or refuses it with N 00003"
+    )
+
+
+def unit_note(command: Command, manual: str) -> str | None:
+    """That the unit is another manual's, for a plan; None where the family's own prints it."""
+    if command.inferred is None or not command.inferred.unit:
+        return None
+    return f"manual {manual} prints no unit of {command.name}; {command.unit} is taken from {command.inferred.source}"
+
+
 def allowed(command: Command) -> str:
     """What a manual prints as allowed, what the station itself knows, or that nobody says."""
     limits, unit = command.limits, f" {command.unit}".rstrip()
@@ -27,14 +43,20 @@ def allowed(command: Command) -> str:
         return f"one of {', '.join(command.quantity.names)}"
     if isinstance(command.quantity, ConditionNumber):
         return CONDITIONS
+    off = ', or "off"' if limits.off else ""
     if not limits.printed:
-        return "no manual prints a range"
-    if command.within is not None and limits.step:
-        ends = _range(replace(limits, step=None), unit)
-        return f"steps of {limits.step:g}{unit}, within what the station itself allows, and never outside {ends}"
+        return ("its manual prints no range" if command.inferred else "no manual prints a range") + off
     if limits.low is None and limits.high is None:
-        return "anything"
-    return _range(limits, unit) + ("; no manual prints the ends" if limits.ours else "") + (', or "off"' if limits.off else "")
+        if not limits.step:
+            return "anything"
+        own = ", within what the station itself allows" if command.within is not None else ""
+        return f"steps of {limits.step:g}{unit}{own}"
+    return _range(limits, unit) + off
+
+
+def _usual(limits: Limits, unit: str) -> str:
+    """Inferred limits, of which there can be a step alone."""
+    return f"steps of {limits.step:g}{unit}" if limits.low is None and limits.high is None else _range(limits, unit)
 
 
 def _range(limits: Limits, unit: str) -> str:

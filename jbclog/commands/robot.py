@@ -1,4 +1,4 @@
-"""The common table of JBC soldering stations in Robot mode: seeds 000, 002 and 004 agree on it.
+"""The tables of JBC soldering stations in Robot mode: what seeds 000, 002 and 004 share, and where 000 prints less.
 
 Notes cite the digest of contradictions ("B-nn") where the manuals doubt or contradict themselves.
 """
@@ -6,12 +6,11 @@ Notes cite the digest of contradictions ("B-nn") where the manuals doubt or cont
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 
-from jbclog.commands.command import Command, Effect, Limits, Scope
+from jbclog.commands.command import Command, Effect, Inferred, Limits, Scope
 from jbclog.quantities import (
-    HIGHEST_C,
     AlarmDelay,
     AlarmLimit,
     Delay,
@@ -29,11 +28,14 @@ OFFSET = Whole("°C", minus="-.")  # seed 000, 3.1 prints "." for the sign, and 
 HOURS = Unsigned("h")
 COUNT = Unsigned("count")
 NOTHING = Number()
-TOOL_CODE = Number(most=9)  # what speaks to a tool has one character for it: A12 (002, W-Axy)
+TOOL_CODE = Number()
 UNPRINTED = Limits(printed=False)
-TIP = Limits(0, HIGHEST_C, 5, ours=True)
+STEPS_OF_5 = Limits(step=5)
+FACTORY_RANGE = Inferred("002 Factory Settings", Limits(90, 500))
+"""The temperatures between which a station of 002 lets itself be set, fresh from the factory: R-MIT and R-MAT tell its own."""
 TIP_WITHIN = ("minimum_temperature", "maximum_temperature")
-ALARM = Limits(5, HIGHEST_C, 5, ours=True)  # what is below or above is read as "not set"
+SLEEP_WITHIN = (None, "maximum_temperature")
+"""002 prints of R-MIT that it bounds W-STx, and of W-Sxy no bound: what is colder than R-MIT is the station's to refuse."""
 STATUS_WORD = Word((0, 2, 1, 1, 3))
 ALARM_FLAGS = Flags((0, 0, 0, 1, 1))
 
@@ -78,57 +80,130 @@ READINGS = (
     ),
 )
 
-SETTINGS = (
-    Command(
-        "selected_temperature",
-        "ST",
-        Scope.PORT,
-        CELSIUS,
-        "rw",
-        "002 W-STx; 000 4.8.2",
-        TIP,
-        note="B-27: volatile",
-        within=TIP_WITHIN,
-    ),
-    Command(
-        "status",
-        "PS",
-        Scope.PORT,
-        STATUS_WORD,
-        "rw",
-        "002 W-PSx, Tool Operating Status; 000 4.6, 4.8.7",
-        note="B-19: only 00000, 00001 and, not in 000, 00010 are written",
-    ),
-    setting("adjust", "A", Scope.TOOL, OFFSET, "002 W-Axy; 000 4.8.11", Limits(-50, 50, 1), "B-3: the sign was once a dot"),
-    setting("sleep_temperature", "S", Scope.TOOL, CELSIUS, "002 W-Sxy; 000 4.8.13", TIP, within=TIP_WITHIN),
-    setting("sleep_delay", "D", Scope.TOOL, Delay("min"), "002 W-Dxy; 000 4.8.15", Limits(0, 9, 1, off=True), "B-20: minutes"),
+TIP_STATUS = Command(
+    "status",
+    "PS",
+    Scope.PORT,
+    STATUS_WORD,
+    "rw",
+    "002 W-PSx, Tool Operating Status; 000 4.6, 4.8.7",
+    note="B-19: only 00000, 00001 and, not in 000, 00010 are written",
+)
+
+
+def _alarm_delay(name: str, letters: str, manual: str) -> Command:
+    """The form ss.cc is printed in both manuals, and it bounds the value."""
+    return setting(name, letters, Scope.PORT, AlarmDelay(), manual, Limits(0, 99.99, 0.01, off=True), "B-21, B-22")
+
+
+ALARM_DELAYS = (
+    _alarm_delay("alarm_high_delay", "HD", "002 W-HDx; 000 4.8.24"),
+    _alarm_delay("alarm_low_delay", "LD", "002 W-LDx; 000 4.8.26"),
+)
+SELECTED = Command(
+    "selected_temperature",
+    "ST",
+    Scope.PORT,
+    CELSIUS,
+    "rw",
+    "002 W-STx",
+    STEPS_OF_5,
+    note="B-27: volatile",
+    within=TIP_WITHIN,
+    inferred=FACTORY_RANGE,
+)
+SETTINGS = (  # 002 and 004
+    SELECTED,
+    TIP_STATUS,
+    setting("adjust", "A", Scope.TOOL, OFFSET, "002 W-Axy", Limits(-50, 50, 1), "B-3: the sign was once a dot"),
     setting(
-        "hibernation_delay", "H", Scope.TOOL, Delay("min"), "002 W-Hxy; 000 4.8.17", Limits(0, 60, 5, off=True), "B-20: minutes"
+        "sleep_temperature",
+        "S",
+        Scope.TOOL,
+        CELSIUS,
+        "002 W-Sxy",
+        STEPS_OF_5,
+        "R-MIT bounds W-STx alone",
+        within=SLEEP_WITHIN,
+        inferred=FACTORY_RANGE,
+    ),
+    setting("sleep_delay", "D", Scope.TOOL, Delay("min"), "002 W-Dxy", Limits(0, 9, 1, off=True), "B-20: minutes"),
+    setting("hibernation_delay", "H", Scope.TOOL, Delay("min"), "002 W-Hxy", Limits(0, 60, 5, off=True), "B-20: minutes"),
+    setting("alarm_high_limit", "HA", Scope.PORT, AlarmLimit(), "002 W-HAx", STEPS_OF_5, "B-23: not set is 99999 or 0"),
+    setting("alarm_low_limit", "LA", Scope.PORT, AlarmLimit(), "002 W-LAx", STEPS_OF_5, "B-23: not set is 99999 or 0"),
+    *ALARM_DELAYS,
+)
+_NO_RANGE = Limits(printed=False, off=True)
+OLD_SETTINGS = (  # 000 prints no range, no step and no unit of a delay; only the lowest number that can be sent (3.1)
+    replace(
+        SELECTED,
+        manual="000 4.8.2",
+        limits=UNPRINTED,
+        note="B-27: whether it is volatile is not printed here",
+        inferred=Inferred("002 W-STx, Factory Settings", Limits(90, 500, 5)),
+    ),
+    TIP_STATUS,
+    setting(
+        "adjust",
+        "A",
+        Scope.TOOL,
+        OFFSET,
+        "000 3.1, 4.8.11",
+        Limits(low=-50),
+        "B-3: the sign is a dot here; B-4: the lowest is in 3.1",
+        inferred=Inferred("002 W-Axy", Limits(-50, 50, 1)),
+    ),
+    setting(
+        "sleep_temperature",
+        "S",
+        Scope.TOOL,
+        CELSIUS,
+        "000 4.8.13",
+        UNPRINTED,
+        within=SLEEP_WITHIN,
+        inferred=Inferred("002 W-Sxy, Factory Settings", Limits(90, 500, 5)),
+    ),
+    setting(
+        "sleep_delay",
+        "D",
+        Scope.TOOL,
+        Delay("min"),
+        "000 4.8.15",
+        _NO_RANGE,
+        "B-20: no unit is printed here",
+        inferred=Inferred("002 W-Dxy", Limits(0, 9, 1, off=True), unit=True),
+    ),
+    setting(
+        "hibernation_delay",
+        "H",
+        Scope.TOOL,
+        Delay("min"),
+        "000 4.8.17",
+        _NO_RANGE,
+        "B-20: no unit is printed here",
+        inferred=Inferred("002 W-Hxy", Limits(0, 60, 5, off=True), unit=True),
     ),
     setting(
         "alarm_high_limit",
         "HA",
         Scope.PORT,
         AlarmLimit(),
-        "002 W-HAx; 000 4.8.20",
-        ALARM,
+        "000 4.8.20",
+        UNPRINTED,
         "B-23: not set is 99999 or 0",
+        inferred=Inferred("002 W-HAx", STEPS_OF_5),
     ),
     setting(
         "alarm_low_limit",
         "LA",
         Scope.PORT,
         AlarmLimit(),
-        "002 W-LAx; 000 4.8.22",
-        ALARM,
+        "000 4.8.22",
+        UNPRINTED,
         "B-23: not set is 99999 or 0",
+        inferred=Inferred("002 W-LAx", STEPS_OF_5),
     ),
-    setting(
-        "alarm_high_delay", "HD", Scope.PORT, AlarmDelay(), "002 W-HDx; 000 4.8.24", Limits(0, 99.99, 0.01, off=True), "B-21, B-22"
-    ),
-    setting(
-        "alarm_low_delay", "LD", Scope.PORT, AlarmDelay(), "002 W-LDx; 000 4.8.26", Limits(0, 99.99, 0.01, off=True), "B-21, B-22"
-    ),
+    *ALARM_DELAYS,
 )
 
 STATION_LIMITS = (
@@ -160,7 +235,13 @@ SOFTWARE_VERSION = Command(
     "software_version", "SVR", Scope.STATION, Text(), "r", "002 R-SVR", answer_digits=None, note="B-5: format unprinted"
 )
 
-COMMON = READINGS + SETTINGS + STATION_LIMITS + COUNTERS + ORDERS
+IGNORE_FUSE_ERROR = _order("ignore_fuse_error", "IFE", "002 W-IFE", Effect.ERASES, "B-37: data 00000")
+
+COMMON = (*READINGS, TIP_STATUS, *ALARM_DELAYS, *STATION_LIMITS, *COUNTERS, *ORDERS)
+"""What 000, 002 and 004 print alike."""
+OLD = (*READINGS, *OLD_SETTINGS, *STATION_LIMITS, *COUNTERS, *ORDERS)
+BENCH = (*READINGS, *SETTINGS, *STATION_LIMITS, *COUNTERS, *ORDERS, STORE, SOFTWARE_VERSION, IGNORE_FUSE_ERROR)
+"""What 002 prints without saying which of its stations have it, or prints of all of them."""
 
 TOOLS_000 = {0: "none", 1: "T210", 2: "T245/T470", 3: "PA", 4: "HT", 5: "DS", 6: "DR", 7: "NT105", 8: "NP105"}
 TOOLS_002 = {

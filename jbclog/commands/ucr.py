@@ -1,17 +1,14 @@
-"""What UCR has beside the common table (seeds 002 and 004)."""
+"""What is printed for UCR alone (seeds 002 and 004)."""
 
 from __future__ import annotations
 
 from jbclog.commands.command import Command, Effect, Limits, Scope
-from jbclog.commands.robot import NOTHING, SOFTWARE_VERSION, STORE
 from jbclog.quantities import Choice, Number
 
 FUSE = Choice(("absent", "present"))
 
 UCR = (
-    STORE,
     Command("fuse", "FST", Scope.STATION, FUSE, "r", "002 R-FST", note="B-39: garbled row; UCR only"),
-    SOFTWARE_VERSION,
     Command(
         "address",
         "SAD",
@@ -23,17 +20,5 @@ UCR = (
         Effect.ERASES,
         True,
         note="B-9: 00000 switches addresses off",
-    ),
-    Command(
-        "ignore_fuse_error",
-        "IFE",
-        Scope.STATION,
-        NOTHING,
-        "w",
-        "002 W-IFE",
-        Limits(0, 0),
-        Effect.ERASES,
-        True,
-        note="B-37: data 00000",
     ),
 )

@@ -10,8 +10,8 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from typing import Final
 
-from jbclog.byhand.contact import NO_TOOL, NOWHERE, PORTS, Place, Target, meet
-from jbclog.commands.command import Command, Effect, Scope
+from jbclog.byhand.contact import NOWHERE, PORTS, Place, Target, meet
+from jbclog.commands.command import TOOLS_WITH_A_PLACE, Command, Effect, Scope
 from jbclog.commands.family import OMEGA, Family
 from jbclog.counting.twice import Answer, Asking
 from jbclog.effects import Steps
@@ -177,5 +177,5 @@ def _places(command: Command, seen: _Seen) -> Iterator[Place]:
     for port in seen.ports:
         if command.scope is Scope.PORT:
             yield Place(port)
-        elif seen.tools.get(port, NO_TOOL) != NO_TOOL:
+        elif seen.tools.get(port) in TOOLS_WITH_A_PLACE:
             yield Place(port, seen.tools[port])

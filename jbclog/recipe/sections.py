@@ -34,12 +34,12 @@ class Head(Table):
 
 
 class Temperature(Table):
-    select_c: int | None = Field(None, description="whole °C in steps of 5")
-    adjust_c: int | None = Field(None, description="whole °C from -50 to 50")
+    select_c: int | None = Field(None, description="whole °C")
+    adjust_c: int | None = Field(None, description="whole °C")
 
 
 class Sleep(Table):
-    temperature_c: int | None = Field(None, description="whole °C in steps of 5")
+    temperature_c: int | None = Field(None, description="whole °C")
     delay_min: Minutes | None = None
 
 

@@ -93,8 +93,10 @@ def _live_problem(setting: Setting, held: Mapping[str, Value]) -> str | None:
         place = f"{place}, {counted.shown()},"
     if setting.command.within is None:
         return None
-    value, (lowest, highest) = counted.value, (held.get(name) for name in setting.command.within)
-    if isinstance(value, int) and isinstance(highest, int) and value > highest:
+    value, (lowest, highest) = counted.value, (held.get(name) if name else None for name in setting.command.within)
+    if not isinstance(highest, int):
+        return f"{place} cannot be checked: the station does not answer its {setting.command.within[1].replace('_', ' ')}"
+    if isinstance(value, int) and value > highest:
         return f"{place} is above the station's maximum of {setting.command.shown(highest)}"
     if isinstance(value, int) and isinstance(lowest, int) and value < lowest:
         return f"{place} is below the station's minimum of {setting.command.shown(lowest)}"

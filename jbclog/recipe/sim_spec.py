@@ -131,6 +131,7 @@ class SimSpec(Table):
     rated_power_w: float | None = Field(default=None, gt=0, le=2000)  # default 130, hot air 900
     thermocouple: bool = True  # jtse: an external thermocouple is plugged in
     suction_each_joint: bool = False  # jtse: a part is lifted off after each joint
+    refuses_unprinted: bool = False  # N 00003 to what is beyond a limit that its own manual does not print, and another does
     extractor_cools: bool = True  # whether the heater is off in status 00010, which no manual says
     quirks: Annotated[tuple[str, ...], FromList] = ()  # names of `sim/quirks.py`
     settings: dict[str, int | float | str] = Field(default_factory=dict)

@@ -87,7 +87,11 @@ def read_port(desk: Desk, port: PortState) -> Steps[None]:
 
 
 def read_tool(desk: Desk, port: PortState) -> Steps[None]:
-    """Read the settings that belong to the tool in `port`."""
+    """Read the settings that belong to the tool in `port`. One whose number no command can carry keeps them to itself."""
+    if not port.can_be_spoken_to:
+        text = f"Tool {port.tool} in port {port.number}: no command has a place for this number, so its settings are not known."
+        desk.note("tool.unknown", Severity.WARNING, text, port=port.number, code=port.tool)
+        return
     for command in readable_settings(desk, Scope.TOOL):
         yield from _read_held(desk, command, port)
 

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 from jbclog.clock import UtcOffset
-from jbclog.commands.command import Command
+from jbclog.commands.command import TOOLS_WITH_A_PLACE, Command
 from jbclog.commands.decisions import DECISIONS
 from jbclog.commands.family import Family
 from jbclog.effects import Steps
@@ -81,6 +81,11 @@ class PortState:
     @property
     def has_tool(self) -> bool:
         return self.tool not in (None, 0)
+
+    @property
+    def can_be_spoken_to(self) -> bool:
+        """Whether a command has a place for the number of the tool: its settings can be read and written."""
+        return self.tool in TOOLS_WITH_A_PLACE
 
     def celsius(self, name: str) -> float | None:
         """A held temperature or limit as a number; None where it is off or unknown."""

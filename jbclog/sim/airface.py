@@ -95,7 +95,7 @@ class AirFace:
         """Lowest and highest value of a setting, or of a limit itself; a limit does not pass its counterpart."""
         limits = self.station.limits
         if command.within is not None:
-            lowest, highest = (setting(limits, name) for name in command.within)
+            lowest, highest = (setting(limits, name) if name else -9999 for name in command.within)
         elif command.name.startswith("maximum_"):
             lowest, highest = setting(limits, command.name.replace("maximum", "minimum", 1)), 99999
         elif command.name.startswith("minimum_"):

@@ -65,7 +65,7 @@ def build_device(spec: StationSpec, now: float, seed: int) -> Device:
 def _face(sim: SimSpec, family: Family, ports: tuple[int, ...], model: str, now: float, seed: int) -> Face:
     if family.status is AIR_STATUS:
         return AirFace(_air_station(sim, now, seed))
-    return SolderingFace(family, _plant(sim, family, ports, model, now, seed))
+    return SolderingFace(family, _plant(sim, family, ports, model, now, seed), strict=sim.refuses_unprinted)
 
 
 def _check_names(station: str, sim: SimSpec, family: Family, face: Face) -> None:

@@ -11,15 +11,16 @@ from jbclog.recipe.sim_spec import FaultSpec
 from jbclog.sim.plant import Plant
 from jbclog.sim.questions import Asked
 from jbclog.sim.readings import Identity, value_of
-from jbclog.sim.writings import allowed, apply
+from jbclog.sim.writings import allowed, apply, is_beyond_inferred
 
 
 class SolderingFace:
-    """A soldering station of `family` as its command table sees it."""
+    """A soldering station of `family` as its command table sees it. `strict`: it holds the limits that are only inferred, too."""
 
-    def __init__(self, family: Family, plant: Plant) -> None:
+    def __init__(self, family: Family, plant: Plant, *, strict: bool = False) -> None:
         self.family = family
         self.plant = plant
+        self.strict = strict
 
     @property
     def ports(self) -> Collection[int]:
@@ -32,7 +33,7 @@ class SolderingFace:
         return value_of(asked, self.plant, identity, now)
 
     def allowed(self, command: Command, value: Value) -> bool:
-        return allowed(command, value, self.family, self.plant)
+        return allowed(command, value, self.family, self.plant) and not (self.strict and is_beyond_inferred(command, value))
 
     def apply(self, asked: Asked, value: Value, now: float) -> None:
         apply(asked, value, self.plant, now)

@@ -28,15 +28,20 @@ def well_formed(command: Command, data: str) -> bool:
     return len(data) == 5 and form.fullmatch(data) is not None
 
 
+def is_beyond_inferred(command: Command, value: Value) -> bool:
+    """Whether the value lies where the station's own manual prints nothing, and another does."""
+    return command.inferred is not None and command.inferred.limits.problem(value) is not None
+
+
 def allowed(command: Command, value: Value, family: Family, plant: Plant) -> bool:
-    """Whether the station takes this value: printed limits, steps of five, what lies within its own limits."""
+    """Whether the station takes this value: printed limits, and what lies within its own limits."""
     if command.limits.problem(value) is not None:
         return False
     limits = plant.settings
     match command.name:
         case "status":
             return isinstance(value, tuple) and value in ORDERS and (value != EXTRACTOR or family.manual != "000")
-        case "selected_temperature" | "sleep_temperature":
+        case "selected_temperature":
             return isinstance(value, int) and limits.minimum_temperature <= value <= limits.maximum_temperature
         case "maximum_temperature":
             return isinstance(value, int) and limits.minimum_temperature < value <= plant.factory.maximum_temperature

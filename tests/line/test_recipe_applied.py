@@ -345,11 +345,25 @@ def test_no_other_command_is_ever_written() -> None:
     assert run.facts.outcome == "completed"
 
 
-def test_a_tool_for_which_the_protocol_has_no_place_is_none_that_a_run_begins_with() -> None:
+def test_a_tool_whose_number_no_command_can_carry_is_recorded_as_that_number() -> None:
     """Whoever speaks to a tool has one character for its number (002, W-Axy)."""
+    run = prepare(recipe=RECIPE + "\nallow_no_cooldown = true\n", duration_s=12)
+    say(run, "CT1", "00012", 0, times=1000)
+    run.go()
+    assert run.facts.outcome == "completed"
+    assert run.facts.tools[1] == "tool_12"
+    assert set(run.memory.column("tool")) == {12, None}
+    assert outcome(run, "sleep_delay") == outcome(run, "hibernation_delay") == "unsupported"
+    assert outcome(run, "selected_temperature") == "unchanged"
+    (told,) = run.memory.of_kind("tool.unknown")
+    assert (told.port, told.code) == (1, 12)
+    assert run.facts.safe_state[1] == "verified"
+
+
+def test_whether_such_a_tool_cools_is_not_known_and_so_it_is_not_put_to_work() -> None:
     run = prepare(duration_s=5)
-    say(run, "CT1", "00020", 0, times=1000)
+    say(run, "CT1", "00012", 0, times=1000)
     run.go()
     assert run.facts.outcome == "refused"
-    assert "tool of port 1" in run.facts.reason
+    assert "sleep delay and hibernation delay of port 1 not told by the station" in run.facts.reason
     assert run.writes == []

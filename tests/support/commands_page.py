@@ -23,15 +23,19 @@ A code is what stands on the wire behind R, W or A: `x` is the port, `y` the num
 condition. *Recorded as* names the columns of `samples` or the counter. *Once* marks what is never sent twice for one intent,
 because sending it does something; *dangerous* what `write` wants `--yes-i-mean` for and no recipe reaches, but for
 OMEGA's D: a recipe's `[omega]` is sent with it where `run` is given `--allow-omega-write`.
-A range that no manual prints is called so and is never guessed; where ends stand that are not printed, they are jbclog's own,
-and what lies beyond them would be read back as not set.
+*Printed* is what the manuals of these families print of the value, the limits that the station itself tells among it; what
+lies beyond is refused before anything is sent. *Inferred* is what they do not print and another manual does, named beside it:
+what lies beyond that is sent all the same, `plan` notes it, and the station accepts it or refuses it with N 00003. A unit with
+*(inferred)* is not printed for these families either. What does not fit into the five characters of a frame is always refused,
+and so is a temperature above the station's own maximum (R-MAT, R-MAE), before the first write. An alarm limit must be 1 to
+600 °C: no manual prints how a station tells a limit that is not set, and what is read back beyond that cannot be told from it.
 """
 
 BY_002 = """
 Manual 002 prints some commands without saying which of its stations have them. Here R-SVR is asked of all of them; R-DCx and
-R-DLx of those that dispense (`ucr`, `ale`); the commands of the feeder belong to `ale`; W-IFE stands beside R-FST, which is
-printed for UCR only, and a station that cannot tell of a fuse has none to ignore. A station that does not know a command
-refuses it with N 00004, and it is then counted as not supported.
+R-DLx of those that dispense (`ucr`, `ale`), and the commands of the feeder are taken for those of `ale`, which is inferred.
+W-IFE is taken for all of them; R-FST and W-SAD are printed for UCR only. A station that does not know a command refuses it with
+N 00004, and it is then counted as not supported.
 """
 
 
@@ -105,7 +109,7 @@ GROUPS: Mapping[str, Callable[[Command], bool]] = {
 
 
 def _commands() -> Iterable[str]:
-    head = ("name", "code", "families", "unit", "range and step", "recorded as", "sent", "manual", "note")
+    head = ("name", "code", "families", "unit", "printed", "inferred", "recorded as", "sent", "manual", "note")
     holders = _holders()
     for title, belongs in GROUPS.items():
         rows = [_row(one, names) for one, names in holders.items() if belongs(one)]
@@ -129,8 +133,9 @@ def _row(one: Command, names: list[str]) -> tuple[str, ...]:
         code(one.name),
         code(printed_code(one)),
         _those(names),
-        one.unit or "–",
+        (one.unit or "–") + (" *(inferred)*" if one.inferred and one.inferred.unit else ""),
         range_text(one),
+        inferred_text(one),
         recorded,
         ", ".join(sent),
         one.manual,
@@ -157,15 +162,24 @@ def range_text(one: Command) -> str:
     if names:
         return ", ".join(f"{number} {name}" for number, name in enumerate(names))
     if one.within:
-        step = f", step {one.limits.step:g}" if one.limits.step else ""
-        return f"{code(one.within[0])} to {code(one.within[1])}{step}"
+        step, (lowest, highest) = f", step {one.limits.step:g}" if one.limits.step else "", one.within
+        return f"{f'{code(lowest)} to' if lowest else 'up to'} {code(highest)}{step}"
     if isinstance(one.quantity, Word):
         return "digits up to " + "".join(map(str, one.quantity.highest))
     if one.limits.low is not None or one.limits.step is not None:
         return str(one.limits).replace("range not printed step", "range not printed, step") if one.limits.high != 0 else "00000"
     if isinstance(one.quantity, Number | Text):
         return "letters" if isinstance(one.quantity, Text) else "a number of its table"
-    return "as its record has it" if one.limits.printed else "not printed"
+    if one.limits.printed:
+        return "as its record has it"
+    return "not printed" + (", or off" if one.limits.off else "")
+
+
+def inferred_text(one: Command) -> str:
+    """What of its value is another manual's, and whose; nothing where nothing is."""
+    if one.inferred is None:
+        return ""
+    return f"{str(one.inferred.limits).replace('range not printed step', 'step').removesuffix(' or off')}: {one.inferred.source}"
 
 
 # -- tables ------------------------------------------------------------------------------------------------------------

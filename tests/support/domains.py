@@ -7,7 +7,7 @@ from itertools import chain
 
 from jbclog.commands.command import Command
 from jbclog.commands.family import Family
-from jbclog.quantities import OFF, OFF_ON_WIRE, AlarmDelay, AlarmLimit, Flags, HexLength, Number, Quantity, Text, Value
+from jbclog.quantities import HIGHEST_C, OFF, OFF_ON_WIRE, AlarmDelay, AlarmLimit, Flags, HexLength, Number, Quantity, Text, Value
 
 NAMES = ("  DDE", "  DDR", " JTSE", "UCR245", "UCR470", "UCR24", "1.00a")
 LONG_HEX = ("186A0", "FFFFF", "100000", "FFFFFFFF")
@@ -63,6 +63,8 @@ def values_to_write(family: Family, command: Command, held: Value | None = None)
 
 
 def _numbers(command: Command, held: Value | None) -> Iterator[Value]:
+    if isinstance(command.quantity, AlarmLimit):
+        yield from (5, 300, HIGHEST_C)  # beyond these it would be read back as not set
     limits, step = command.limits, command.limits.step or resolution(command.quantity)
     for number in (limits.low, limits.high):
         if number is not None:

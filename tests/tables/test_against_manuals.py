@@ -12,7 +12,7 @@ import pytest
 from jbclog.commands.command import Command, Scope
 from jbclog.commands.family import FAMILIES
 
-COMMON = """
+COMMON_002 = """
 STx r/w °C   step=5                     002 W-STx "must be done in steps of 5 degrees"
 TTx r   °C   -
 PPx r   ‰    0..1000                    002 R-PPx "expressed in ‰"
@@ -45,15 +45,29 @@ CWx r   h    -
 CCx r   count -
 CDx r   count -
 """
-"""Seed 000, 4.7 "List of commands"; the same in seeds 002 and 004."""
+"""The commands of seed 000, 4.7 "List of commands", as seeds 002 and 004 print them."""
+
+LESS_IN_000 = {
+    "STx": "unprinted",  # 4.8.2
+    "Axy": "-50..",  # 3.1 "the lowest number that can be transmitted is -0050"
+    "Sxy": "unprinted",
+    "Dxy": "unprinted,off",  # 4.8.15 "To disable the sleep mode, send 99999"
+    "Hxy": "unprinted,off",
+    "HAx": "unprinted",
+    "LAx": "unprinted",
+}
+"""Where seed 000 prints no range and no step, and 002 does."""
+COMMON_000 = "\n".join(
+    " ".join([*line.split()[:3], LESS_IN_000.get(line.split()[0], line.split()[3])]) for line in COMMON_002.splitlines() if line
+)
 
 STORE = 'NVS w   -    0..0                       002 W-NVS "must contains 00000"\n'
 VERSION = "SVR r   -    -\n"
 UCR_ONLY = """
 SAD w   -    0..99,step=1               002 W-SAD "between 00000 and 00099"
 FST r   -    -
-IFE w   -    0..0
 """
+FUSE = "IFE w - 0..0\n"  # 002 W-IFE has no "Only available for UCR"
 DISPENSED = """
 DCx r   count -
 DLx r   mm   -                          002 R-DLx "hexadecimal. Units [dmm]"
@@ -81,7 +95,7 @@ PPx r   ‰    0..1000                    001 4 "thousands of the theoretical ma
 PEx r   -    -
 PSx r/w -    -                          001 4.6
 CTx r   -    -
-Axy r/w °C   -50..,step=1               001 3.1 "the lowest number that can be transmitted is -0050"
+Axy r/w °C   -50..                      001 3.1 "the lowest number that can be transmitted is -0050"
 SMN r   -    -
 MAT r/w °C   unprinted
 MIT r/w °C   unprinted
@@ -110,9 +124,9 @@ H   w   -    101..399,step=1
 """
 """n stands for the number of a solder condition."""
 
-BENCH = COMMON + STORE + VERSION
+BENCH = COMMON_002 + STORE + VERSION + FUSE
 EXPECTED = {
-    "soldering": COMMON,  # seed 000 knows neither W-NVS nor R-SVR
+    "soldering": COMMON_000,  # seed 000 knows neither W-NVS nor R-SVR
     "dde": BENCH,
     "nae": BENCH,
     "dme": BENCH,
@@ -132,9 +146,9 @@ def _row(command: Command) -> tuple[str, str, str, str]:
 def _limits(command: Command) -> str:
     limits = command.limits
     if not limits.printed:
-        return "unprinted" if command.writable else "-"
+        return ("unprinted,off" if limits.off else "unprinted") if command.writable else "-"
     parts = []
-    if not limits.ours and (limits.low is not None or limits.high is not None):
+    if limits.low is not None or limits.high is not None:
         parts.append(f"{'' if limits.low is None else f'{limits.low:g}'}..{'' if limits.high is None else f'{limits.high:g}'}")
     if limits.step is not None:
         parts.append(f"step={limits.step:g}")

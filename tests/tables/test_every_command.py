@@ -72,7 +72,7 @@ def test_it_has_a_unit_or_needs_none(family: Family, command: Command) -> None:
 def test_its_range_and_step_are_printed_or_marked_as_not_printed(family: Family, command: Command) -> None:
     limits = command.limits
     if not limits.printed:
-        assert limits == Limits(printed=False), "a range that is not printed has no border"
+        assert limits == Limits(printed=False, off=limits.off), "a range that is not printed has no border"
     elif not isinstance(command.quantity, WITHOUT_UNIT):
         assert limits != Limits(), "neither a border nor a step, and not marked as not printed"
     if limits.low is not None and limits.high is not None:
@@ -155,12 +155,15 @@ COMMANDS_MD = (Path(jbclog.commands.__file__).parent / "COMMANDS.md").read_text(
 @every_command
 def test_the_page_of_commands_lists_it(family: Family, command: Command) -> None:
     begin = f"| `{command.name}` | `{printed_code(command)}` | "
-    (row,) = (line for line in COMMANDS_MD.splitlines() if line.startswith(begin) and command.manual in line)
+    (row,) = (line for line in COMMANDS_MD.splitlines() if line.startswith(begin) and f"| {command.manual} |" in line)
     cells = [cell.strip() for cell in row.strip("|").split(" | ")]
     assert f"`{family.name}`" in cells[2] or cells[2] in ("all", "all soldering", "all of 002")
-    assert cells[3] == (command.unit or "–")
-    assert ("dangerous" in cells[6]) == command.dangerous
-    assert cells[8] == command.note
+    assert cells[3].removesuffix(" *(inferred)*") == (command.unit or "–")
+    assert ("(inferred)" in cells[3]) == (command.inferred is not None and command.inferred.unit)
+    assert (command.inferred.source if command.inferred else "") in cells[5]
+    assert bool(cells[5]) == (command.inferred is not None)
+    assert ("dangerous" in cells[7]) == command.dangerous
+    assert cells[9] == command.note
 
 
 # -- its values there and back -----------------------------------------------------------------------------------------
@@ -295,20 +298,30 @@ def test_off_is_99999_where_the_limits_say_so_and_nowhere_else(family: Family, c
         ("hibernation_delay", 12, "not a step of 5"),
         ("selected_temperature", 352, "not a step of 5"),
         ("sleep_temperature", 149, "not a step of 5"),
-        ("sleep_temperature", -5, "outside"),
-        ("sleep_temperature", 99995, "outside"),
-        ("alarm_high_limit", 0, "outside"),  # would be read back as "not set"
-        ("alarm_high_limit", 605, "outside"),  # and so would this
-        ("alarm_low_limit", 3800, "outside"),
         ("alarm_low_limit", 301, "not a step of 5"),
         ("alarm_high_delay", 100.0, "outside"),
         ("alarm_low_delay", 1.005, "not a step of 0.01"),
     ],
 )
-def test_what_no_manual_of_a_soldering_station_allows(name: str, value: Value, problem: str) -> None:
+def test_what_002_does_not_allow_is_refused_on_its_stations_and_what_000_does_not_print_is_not(
+    name: str, value: Value, problem: str
+) -> None:
     for family in FAMILIES.values():
         if "sleep_delay" in family.commands:
-            assert problem in (family.commands[name].limits.problem(value) or "")
+            command = family.commands[name]
+            is_printed = "002" in family.manual or (name.endswith("_delay") and name.startswith("alarm")) or value == -51
+            assert problem in (command.limits.problem(value) or "") if is_printed else command.limits.problem(value) is None
+            if not is_printed:
+                assert command.inferred is not None
+                assert problem in (command.inferred.limits.problem(value) or "")
+
+
+@pytest.mark.parametrize("value", [0, -5, 605, 3800, 99995])
+def test_an_alarm_limit_that_would_be_read_back_as_not_set_is_refused_everywhere(value: Value) -> None:
+    for family in FAMILIES.values():
+        for name in ("alarm_high_limit", "alarm_low_limit"):
+            if name in family.commands:
+                assert "would be read back as not set" in (range_problem(family.commands[name], value) or "")
 
 
 # -- a virtual station answers it --------------------------------------------------------------------------------------

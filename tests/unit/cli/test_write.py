@@ -69,6 +69,33 @@ def test_it_is_written_once_and_read_back(make: Make, words: tuple[str, ...], se
     assert read_back.out.strip() in told
 
 
+@pytest.mark.parametrize(
+    ("sim", "code", "told"),
+    [("", 0, "sleep_delay of port 1: 300 min, confirmed"), ("refuses_unprinted = true", 3, "N 00003")],
+)
+def test_what_an_older_station_s_manual_does_not_print_is_its_own_to_refuse(make: Make, sim: str, code: int, told: str) -> None:
+    bench = make(station_text("old-1", "soldering", sim=sim))
+    ended = bench.do("write", "old-1", "sleep_delay", "300", "--port", "1", "--tool", "2")
+    assert ended.code == code
+    assert told.replace("port 1:", "port 1, tool 2:") in ended.out + ended.err
+    assert "note: sleep_delay: 300 min is not within 0 to 9 min, in steps of 1 (002 W-Dxy). Manual 000 prints" in ended.err
+    assert writes(bench, "old-1") == ["WD1200300"]
+
+
+@pytest.mark.parametrize("name", ["ale", "dde", "ucr"])
+def test_a_fuse_error_is_ignored_on_every_station_of_002(make: Make, name: str) -> None:
+    bench = make(station_text("s-1", name))
+    assert bench.do("write", "s-1", "ignore_fuse_error", "--yes-i-mean", "s-1").code == 0
+    assert writes(bench, "s-1") == ["WIFE00000"]
+
+
+def test_without_the_station_s_own_maximum_no_temperature_is_written(make: Make) -> None:
+    bench = make(dde(fault("nak", "command = 'maximum_temperature'\ncode = 4")))
+    ended = bench.do("write", "dde-1", "selected_temperature", "300", "--port", "1")
+    assert (ended.code, "does not answer its maximum_temperature; nothing was written" in ended.err) == (3, True)
+    assert writes(bench) == []
+
+
 def test_what_is_so_already_is_not_sent(make: Make) -> None:
     bench = make(dde())
     ended = bench.do("write", "dde-1", "selected_temperature", "350", "--port", "1")
@@ -108,7 +135,7 @@ def test_a_write_as_json(make: Make) -> None:
         "unit": "°C",
         "outcome": "confirmed",
         "problem": "",
-        "manual": "002 W-STx; 000 4.8.2",
+        "manual": "002 W-STx",
         "snapshot": None,
         "exit_code": 0,
     }
@@ -586,9 +613,8 @@ def test_a_port_that_is_in_use_names_the_run_of_whoever_has_it(
         (("selected_temperature", "-p", "1"), "selected_temperature needs a value"),
         (("selected_temperature", "350", "-p", "3"), "there is no port 3; this station has 1, 2"),
         (("adjust", "-55", "-p", "1"), "-55 °C is not allowed; -50 to 50 °C, in steps of 1"),
-        (("sleep_temperature", "99995", "-p", "1"), "99995 °C is not allowed; steps of 5 °C"),
-        (("sleep_temperature", "-5", "-p", "1"), "-5 °C is not allowed; steps of 5 °C"),
-        (("alarm_high_limit", "700", "-p", "1"), "700 °C is not allowed; 5 to 600 °C, in steps of 5; no manual prints the ends"),
+        (("sleep_temperature", "100000", "-p", "1"), "100000 does not fit in five characters"),
+        (("alarm_high_limit", "700", "-p", "1"), "700 °C is not allowed, it would be read back as not set; 1 to 600 °C"),
         (("sleep_delay", "10", "-p", "1"), '10 min is not allowed; 0 to 9 min, in steps of 1, or "off"'),
         (("alarm_high_limit", "off", "-p", "1"), "no manual prints how a limit is taken back; switch its delay off instead"),
         (("alarm_high_delay", "1.605", "-p", "1"), "1.605 s is not allowed"),
@@ -649,4 +675,4 @@ def test_without_a_name_the_names_are_listed_with_what_they_take(make: Make) -> 
     assert "feeder_mode - station continuous, discontinuous, program, reload 002 R-MOD, W-MOD" in lines
     assert not [line for line in lines if line.startswith("tip_temperature")]
     limits = "steps of 5 °C from minimum_temperature to maximum_temperature"
-    assert f"selected_temperature °C port {limits} 002 W-STx; 000 4.8.2" in lines
+    assert f"selected_temperature °C port {limits} 002 W-STx" in lines

@@ -145,12 +145,14 @@ def test_sections_of_families_that_are_not_driven_are_foreign_by_their_key() -> 
 def test_what_only_the_station_knows_is_checked_against_its_own_limits() -> None:
     recipe = parse_recipe(RECIPE, Path("job.toml"))
     assert live_problems(recipe, DDE, 1, {"maximum_temperature": 350, "minimum_temperature": 150}) == []
-    assert live_problems(recipe, DDE, 1, {}) == []
+    assert live_problems(recipe, DDE, 1, {}) == [
+        f"job.toml:{line}: {key}: {value} °C on port 1 cannot be checked: the station does not answer its maximum temperature"
+        for line, key, value in ((9, "sleep.temperature_c", 150), (6, "temperature.select_c", 350))
+    ]
     assert live_problems(recipe, DDE, 1, {"maximum_temperature": 345, "minimum_temperature": 90}) == [
         "job.toml:6: temperature.select_c: 350 °C on port 1 is above the station's maximum of 345 °C"
     ]
     assert live_problems(recipe, DDE, 2, {"maximum_temperature": 450, "minimum_temperature": 335}) == [
-        "job.toml:9: sleep.temperature_c: 150 °C on port 2 is below the station's minimum of 335 °C",
         "job.toml:20: port.2.temperature.select_c: 330 °C on port 2 is below the station's minimum of 335 °C",
     ]
 

@@ -13,8 +13,8 @@ COMMON = {
     "station": "SMN:R MAT:RW MIT:RW SER:R TT:R RSP:W0 RST:W0",
 }
 """Manual 000, and the same in 002 and 004."""
-BENCH = {"station": "NVS:W0 SVR:R"}
-UCR = {"station": "SAD:W FST:R IFE:W0"}
+BENCH = {"station": "NVS:W0 SVR:R IFE:W0"}
+UCR = {"station": "SAD:W FST:R"}
 DISPENSED = {"port": "DC:R DL:R"}
 FEEDER = {"station": "MOD:RW LEN:RW SPD:RW DIA:RW BCK:RW WCD:RW FEE:R STR:W0 STP:W0"}
 HOT_AIR = {
