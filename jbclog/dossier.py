@@ -22,7 +22,7 @@ from jbclog import __version__
 from jbclog.clock import Clock, UtcOffset
 from jbclog.episodes import LiveAlarms
 from jbclog.errors import RecordError
-from jbclog.judge import Evidence, PortJoints, asks_for_joints, judge
+from jbclog.judge import RULES, Evidence, PortJoints, asks_for_joints, judge
 from jbclog.judge.jointed import Joints
 from jbclog.outcome import Exit, Finding, exit_code, findings, status
 from jbclog.plan import PORTS, Plan, StationPlan, orders
@@ -117,6 +117,7 @@ class Dossier:
         line = self._plan.line
         return Manifest(
             run=self.folder.name,
+            rules=RULES,
             started=iso(self.utc.micros(self.t0)),
             t0_mono=self.t0,
             t0_utc=self.t0 + self.utc.offset,

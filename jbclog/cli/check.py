@@ -24,30 +24,37 @@ def check(
     ),
     as_json: bool = options.AS_JSON,
 ) -> None:
-    """Derive hashes, row counts and ledger again, and compare.
+    """Derive hashes, row counts, ledger and verdict again, and compare.
 
     The chains of events and annotations too, the report, and the runs before and behind this one on the same line, where they
-    are in the same folder. Says what does not agree, and ends with 1 where anything does not. The last line has the run's head,
-    a hash of all of it: the one thing to compare with a printed report.
+    are in the same folder. The verdict is held against the version of the rules that it was given by. Says what does not agree,
+    and ends with 1 where anything does not. The last line has the run's head, a hash of all of it: the one thing to compare with
+    a printed report.
 
     \b
     Example:
       jbclog check runs/20261121T013000Z-bench-3-k7qd
     """
+    from jbclog.judged_again import held
+    from jbclog.record.check import Finding
     from jbclog.record.check import check as check_run
     from jbclog.record.lineage import HEAD, short_head
-    from jbclog.record.manifest import manifest_sha256
+    from jbclog.record.manifest import NAME, manifest_sha256, read_manifest
 
     if head is not None and not HEAD.fullmatch(head):
         raise UsageError(f"--head {head}: give it as the report shows it, such as 3f2a-91bc-77de-0a12")
     expect_run(run)
-    found = check_run(run, head)
+    found, notes = check_run(run, head), list[str]()
+    if not found:  # else it is no wonder
+        verdict = held(run, read_manifest(run))
+        found, notes = [Finding(NAME, text) for text in verdict.differing], verdict.notes
     own = manifest_sha256(run)
     if as_json:
-        tell_json({"run": str(run), "agrees": not found, "findings": [str(finding) for finding in found], "head": own})
+        findings = [str(finding) for finding in found]
+        tell_json({"run": str(run), "agrees": not found, "findings": findings, "notes": notes, "head": own})
     else:
-        for finding in found:
-            tell(str(finding))
+        for text in [*notes, *map(str, found)]:
+            tell(text)
         came = f"{len(found)} finding{'s' if len(found) > 1 else ''}" if found else "everything agrees"
         tell(f"{run}: {came} (head {short_head(own)})")
     if found:

@@ -24,6 +24,7 @@ def report(
     spreadsheets, tables/*.csv are put into the run's folder. The page opens without a network, prints on A4, and its figures can
     be looked at closer; all of them name the manifest that they were made from. Made again from the same run it has the same
     bytes, and the verdict comes out the same: --verify does both, writes nothing, and ends with 1 where a file or a rule differs.
+    A run of an earlier version of the rules is judged by that version.
 
     \b
     Example:

@@ -14,8 +14,10 @@ from jbclog.judge.jointed import Feeds, Joints, PortJoints
 from jbclog.judge.rule import Result, Rule
 from jbclog.judge.samples import PortMeasure, judged_signals, measure
 from jbclog.judge.verdict import Judgement, Verdict, judge
+from jbclog.judge.versions import RULES
 
 __all__ = [
+    "RULES",
     "Acceptance",
     "Bound",
     "Evidence",

@@ -24,6 +24,7 @@ from jbclog.judge.rules import no_limit_applies, port_rules, record_rule, statio
 from jbclog.judge.samples import TEMPERATURE, Measures, measure
 from jbclog.judge.tables import Event, Outcomes, read_adjustments, read_events, read_outcomes
 from jbclog.judge.verified import verification_rule
+from jbclog.judge.versions import RULES
 from jbclog.rows import StationFacts
 
 
@@ -47,8 +48,11 @@ class Judgement:
         return [rule.as_dict() for rule in self.rules]
 
 
-def judge(evidence: Evidence, acceptance: Mapping[str, Acceptance | None]) -> Judgement:
-    """Judge a sealed run. `acceptance` maps each station to its recipe's limits, None where it states none."""
+def judge(evidence: Evidence, acceptance: Mapping[str, Acceptance | None], by: int = RULES) -> Judgement:
+    """Judge a sealed run by version `by` of the rules (`versions`).
+
+    `acceptance` maps each station to its recipe's limits, None where it states none.
+    """
     limits = {name: asked for name, asked in acceptance.items() if asked is not None and asks_for_anything(asked)}
     if not limits:
         return Judgement(Verdict.NOT_JUDGED, ())

@@ -35,7 +35,7 @@ def disagreements(folder: Path, manifest: Manifest, head: str | None) -> Iterato
         yield NAME, f"is not the one that was told: its head is {short_head(own)}"
     for text in broken_links(folder, manifest):
         yield NAME, text
-    yield from _report(folder, own)
+    yield from report_disagreements(folder)
     yield from _annotations(folder)
     yield from _lease(folder, manifest)
     yield from _verifications(folder, manifest)
@@ -70,8 +70,12 @@ def _verifications(folder: Path, manifest: Manifest) -> Iterator[tuple[str, str]
         yield f"../{VERIFICATIONS}", f"has not the line that this run was begun on ({place}): it was changed, or is gone"
 
 
-def _report(folder: Path, own: str) -> Iterator[tuple[str, str]]:
-    """The report names the manifest that it was made from, and the hash of each file that was written with it."""
+def report_disagreements(folder: Path) -> Iterator[tuple[str, str]]:
+    """File and sentence for each.
+
+    The report names the manifest that it was made from, and the hash of each file that was written with it.
+    """
+    own = manifest_sha256(folder)
     made = [name for path in folder.rglob("*") if path.is_file() and is_of_report(name := path.relative_to(folder).as_posix())]
     try:
         report = json.loads((folder / REPORT).read_bytes())

@@ -154,7 +154,8 @@ class Manifest:
     to looking for it. `units` are those whose serials were read while the run went on, as its events have them; those that
     were named when it was started are in `metadata`. `verifications` are the tip verifications that its ports stood on when it
     began; empty in records of before they were cited. `goals` are the numbers that it was to end with, and what came of them;
-    empty where none was wanted.
+    empty where none was wanted. `rules` is the version of the rules and methods that it is judged by (`judge/versions.py`);
+    records of before there was a second have none, and are of 1.
 
     In the file a last key follows, `digest`: the SHA-256 of the file without it.
     """
@@ -165,6 +166,7 @@ class Manifest:
     exit_status: str | None = None
     exit_code: int | None = None
     verdict: str | None = None
+    rules: int = 1
     verdict_rules: list[dict[str, object]] = field(default_factory=list)
     started: str | None = None
     ended: str | None = None

@@ -25,7 +25,8 @@ class Reason:
 class VerdictFacts:
     """`decided`: ``"with the run"`` (it stands in the manifest), ``"by recovery"`` (the run was cut off) or ``"by this report"``.
 
-    Reasons: what kept it from ACCEPT.
+    Reasons: what kept it from ACCEPT. `version` is that of the rules that it was given by. Where that is not the latest, `by_rules`
+    says so in a sentence with what the latest would say, and `by_latest` has that verdict with its reasons; it changes nothing.
     """
 
     word: str
@@ -33,6 +34,9 @@ class VerdictFacts:
     reasons: list[Reason]
     rules: list[dict[str, object]]
     summary: list[dict[str, object]]  # empty where the rules are few
+    version: int
+    by_rules: str | None = None
+    by_latest: dict[str, object] | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -192,6 +196,7 @@ class Facts:
     """One run."""
 
     schema: int
+    rules: int  # the version of the rules and methods by which this report was made
     run: str
     manifest_sha256: str
     head: str

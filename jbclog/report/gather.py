@@ -10,8 +10,9 @@ from hashlib import sha256
 from jbclog import __version__
 from jbclog.analysis import Run
 from jbclog.errors import RecordError
-from jbclog.judge import judged_signals, measure
+from jbclog.judge import RULES, judged_signals, measure
 from jbclog.judge.stepped import steps_of
+from jbclog.judged_again import is_cut_off
 from jbclog.record.annotations import read as read_annotations
 from jbclog.record.lineage import short_head
 from jbclog.record.manifest import Manifest, manifest_sha256
@@ -40,7 +41,7 @@ from jbclog.report.stations import station_report
 from jbclog.report.style import NARROW, WIDE
 from jbclog.report.svg import svg_text
 from jbclog.report.tables import by_station, counter_rows, event_rows, ledger_rows, setting_rows
-from jbclog.report.verdict import is_cut_off, verdict_facts
+from jbclog.report.verdict import verdict_facts
 from jbclog.report.zoom import most_stretches
 from jbclog.rows import StationFacts
 
@@ -67,6 +68,7 @@ def gather(run: Run, joints: Joints, plates: Plates) -> Facts:
         verdict.reasons[1:1] = list(_not_made_safe(stations))
     return Facts(
         schema=SCHEMA,
+        rules=RULES,
         run=manifest.run,
         manifest_sha256=head,
         head=short_head(head),

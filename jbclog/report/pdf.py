@@ -122,6 +122,8 @@ def _verdict(paper: Paper, facts: Facts) -> None:
     for mark, text in said:
         inside.put(mark, SIDE + 0.3, replace(type_, colour=colour))
         inside.say(text, type_, SIDE + 0.5, INNER - 0.65)
+    if facts.verdict.by_rules is not None:
+        inside.say(clean(facts.verdict.by_rules), QUIET, SIDE + 0.3, INNER - 0.45)
     height = inside.y - paper.y + 0.12
     paper.block(SIDE, 0.14, height, colour)
     paper.block(SIDE, INNER, height, tint, Stroke(colour, 1.2))

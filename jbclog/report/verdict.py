@@ -7,11 +7,9 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from jbclog import __version__
-from jbclog.errors import Problems, UsageError
-from jbclog.joint_evidence import joint_evidence
-from jbclog.judge import Acceptance, Evidence, Judgement, Result, Rule, Verdict, asks_for_joints, judge
-from jbclog.recipe.load import load_recipe
+from jbclog.judge import RULES, Result, Rule, Verdict
+from jbclog.judge.versions import is_known
+from jbclog.judged_again import is_cut_off, judge_again
 from jbclog.record.manifest import Manifest
 from jbclog.report.facts import Reason, VerdictFacts
 from jbclog.report.summary import summary
@@ -30,19 +28,16 @@ def verdict_facts(folder: Path, manifest: Manifest) -> VerdictFacts:
         return _cut_off(folder, manifest)
     if manifest.verdict is not None:
         rules = [{**EMPTY_RULE, **rule} for rule in manifest.verdict_rules if isinstance(rule, dict)]
-        return _facts(manifest, manifest.verdict, "with the run", rules)
-    judgement = judge_now(folder, manifest)
+        found = _facts(manifest, manifest.verdict, "with the run", rules)
+        found.by_rules, found.by_latest = _of_rules(folder, manifest)
+        return found
+    judgement = judge_again(folder, manifest)
     return _facts(manifest, judgement.verdict.value, "by this report", judgement.rules_as_dicts())
-
-
-def is_cut_off(manifest: Manifest) -> bool:
-    """Whether a crash ended the recorder, so that the record's end was written by `recover`."""
-    return manifest.exit_status == "lost"
 
 
 def _cut_off(folder: Path, manifest: Manifest) -> VerdictFacts:
     """What is there, judged now, below a verdict that stays what `recover` said: a cut-off run is never accepted."""
-    judgement = judge_now(folder, manifest)
+    judgement = judge_again(folder, manifest)
     lost = [] if manifest.lost is None else [manifest.lost.text]
     judged = judgement.verdict is not Verdict.NOT_JUDGED
     told = Reason("missing", " ".join([CUT_OFF, *lost, *([JUDGED_HERE] if judged else [])]))
@@ -51,63 +46,23 @@ def _cut_off(folder: Path, manifest: Manifest) -> VerdictFacts:
     return replace(found, reasons=[told, *others])
 
 
-def judge_now(folder: Path, manifest: Manifest) -> Judgement:
-    """Judge a sealed run by the copies of its recipes. A copy that cannot be read is missing evidence."""
-    acceptance: dict[str, Acceptance | None] = {}
-    unread: list[Rule] = []
-    for facts in manifest.stations:
-        try:
-            acceptance[facts.name] = _acceptance(folder, facts.recipe)
-        except (Problems, UsageError, OSError):
-            text = "The copy of its recipe cannot be read, so its limits are not known."
-            unread.append(Rule("recipe", facts.name, None, "readable", None, "", Result.MISSING, text))
-    lost = None if manifest.lost is None else manifest.lost.text
-    asking = [facts for facts in manifest.stations if asks_for_joints(acceptance.get(facts.name))]
-    joints, checks = joint_evidence(folder, asking, manifest.t0_utc), manifest.verifications
-    evidence = Evidence(folder, manifest.stations, manifest.ledger, manifest.exit_status, lost, checks, joints, manifest.goals)
-    judgement = judge(evidence, acceptance)
-    if not unread:
-        return judgement
-    verdict = Verdict.REJECT if judgement.verdict is Verdict.REJECT else Verdict.INCONCLUSIVE
-    return Judgement(verdict, (*unread, *judgement.rules))
-
-
-def judged_otherwise(folder: Path, manifest: Manifest) -> list[str]:
-    """Where a verdict that was given with the run is not what its record gives now: a sentence each."""
-    if manifest.verdict is None or is_cut_off(manifest):
-        return []
-    judgement = judge_now(folder, manifest)
-    before, now = _results(manifest.verdict_rules), _results(judgement.rules_as_dicts())
-    differing = [(_named(place), before.get(place), now.get(place)) for place in {**before, **now}]
-    if judgement.verdict != manifest.verdict:
-        differing.insert(0, ("", manifest.verdict, judgement.verdict))
-    version = manifest.host.get("jbclog", "not known")
-    by = "" if version == __version__ else f"; it was judged by jbclog {version}"
-    return [f"verdict{name}: was {was}, its record gives {gives}{by}" for name, was, gives in differing if was != gives]
-
-
-Place = tuple[str, str | None, int | None]
-
-
-def _results(rules: Sequence[object]) -> dict[Place, str]:
-    """The result of each rule by its name, station and port."""
-    told = [rule for rule in rules if isinstance(rule, dict)]
-    return {(str(rule["name"]), rule["station"], rule["port"]): str(rule["result"]) for rule in told}
-
-
-def _named(place: Place) -> str:
-    name, station, port = place
-    return f", {name}{'' if station is None else f' of {station}'}{'' if port is None else f' port {port}'}"
-
-
-def _acceptance(folder: Path, recipe: str | None) -> Acceptance | None:
-    return None if recipe is None else load_recipe(folder / "recipes" / Path(recipe).name).acceptance
+def _of_rules(folder: Path, manifest: Manifest) -> tuple[str | None, dict[str, object] | None]:
+    """By which version of the rules the sealed verdict was given where that is not the latest, and what that one would say."""
+    if manifest.rules == RULES or manifest.verdict in (None, Verdict.NOT_JUDGED):
+        return None, None
+    if not is_known(manifest.rules):
+        return f"Judged by rules {manifest.rules}; this jbclog knows rules 1 to {RULES}.", None
+    judgement = judge_again(folder, manifest, RULES)
+    reasons = [reason.text for reason in _reasons(judgement.verdict, judgement.rules_as_dicts())]
+    text = f"Judged by rules {manifest.rules}. By rules {RULES} it would be {judgement.verdict}"
+    told = f": {reasons[0]}" if judgement.verdict != manifest.verdict and reasons else ", too."
+    return f"{text}{told}", {"rules": RULES, "verdict": judgement.verdict.value, "reasons": reasons}
 
 
 def _facts(manifest: Manifest, word: str, decided: str, rules: list[dict[str, object]]) -> VerdictFacts:
     urls = [facts.url for facts in manifest.stations if facts.url]
     reasons = [replace(reason, text=without_urls(reason.text, urls)) for reason in _reasons(word, rules)]
-    return VerdictFacts(word, decided, reasons, rules, summary(rules))
+    return VerdictFacts(word, decided, reasons, rules, summary(rules), manifest.rules)
 
 
 def without_urls(text: str, urls: Sequence[str]) -> str:

@@ -12,12 +12,16 @@ from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
 
+from jbclog import __version__
 from jbclog.analysis import open_run
 from jbclog.errors import RecordError
+from jbclog.judge import RULES
+from jbclog.judged_again import Held, held
 from jbclog.record.annotations import NAME as ANNOTATIONS
 from jbclog.record.annotations import read as read_annotations
 from jbclog.record.check import changed_files
 from jbclog.record.durable import write_whole
+from jbclog.record.elsewhere import report_disagreements
 from jbclog.record.folder import expect_no_links
 from jbclog.record.manifest import Manifest, manifest_sha256
 from jbclog.report.facts import Facts, Figure
@@ -28,7 +32,6 @@ from jbclog.report.pdf import report_pdf
 from jbclog.report.plates import Plates
 from jbclog.report.spreadsheet import csv_tables
 from jbclog.report.text import cleaned
-from jbclog.report.verdict import judged_otherwise
 
 DRAWINGS = ("wide", "narrow", "zoom")
 PAGE, DATA, PAPER, TABLES = "report.html", "report.json", "report.pdf", "tables"
@@ -44,14 +47,36 @@ def write_report(folder: Path | str) -> Path:
 
 
 def verify_report(folder: Path | str) -> list[str]:
-    """Make the report and the verdict again and compare: a sentence for each file and rule that differs; none: all is as it was.
+    """What `verified` finds to differ."""
+    return verified(folder).differing
 
-    What it is judged by (recipes, line file) and what was said since is held against manifest and chain, too.
+
+def verified(folder: Path | str) -> Held:
+    """Make the report and the verdict again and compare: what differs, and what could not be compared; a sentence each.
+
+    What it is judged by (recipes, line file) and what was said since is held against manifest and chain, too. A report that
+    another version of jbclog or of its rules made has other bytes: it is held against the hashes that were written with it.
     """
     folder = Path(folder)
     files = [text for name, content in report_files(folder).items() if (text := _difference(folder / name, content))]
+    said, notes = _said_since(folder), list[str]()
+    maker = _other_maker(folder) if files else None
+    if maker is not None:
+        notes = [f"{folder / PAGE}: made by {maker}, not made again here; `jbclog report {folder}` makes a new one"]
+        files = [f"{folder}/{name}: {text}" for name, text in report_disagreements(folder)]
     manifest = open_run(folder).manifest
-    return [*_said_since(folder), *files, *_changed(folder, manifest), *judged_otherwise(folder, manifest)]
+    verdict = held(folder, manifest)
+    return Held([*said, *files, *_changed(folder, manifest), *verdict.differing], [*notes, *verdict.notes])
+
+
+def _other_maker(folder: Path) -> str | None:
+    """Who made the report that is there, where that was another jbclog or one with other rules."""
+    try:
+        before = json.loads((folder / DATA).read_bytes())
+        version, rules = before["jbclog"], before.get("rules", 1)
+    except (OSError, ValueError, TypeError, KeyError, AttributeError, RecursionError):
+        return None
+    return None if (version, rules) == (__version__, RULES) else f"jbclog {version!s:.20} with rules {rules!s:.10}"
 
 
 def _changed(folder: Path, manifest: Manifest) -> list[str]:

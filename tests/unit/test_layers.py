@@ -42,7 +42,7 @@ MAY_USE = {
     "odometer": "",
     "audit": "odometer record recipe rows errors cells shown locked",
     "analysis": "record judge episodes features spc rows tape errors",
-    "report": "analysis judge joint_evidence spc record recipe commands rows errors cells shown",
+    "report": "analysis judge judged_again spc record recipe commands rows errors cells shown",
     # top: what puts the rooms together, below the command line
     "outcome": "rows errors",
     "reach": "byhand commands protocol recipe record drive transport clock effects wire errors",
@@ -55,6 +55,7 @@ MAY_USE = {
     "doctor": "search finding recipe record transport commands",
     "plan": f"{BOTTOM} commands recipe scheduler session",
     "joint_evidence": "record features judge rows",
+    "judged_again": "joint_evidence recipe record judge rows errors",
     "dossier": f"{BOTTOM} plan outcome session record judge joint_evidence episodes verifying",
     "guarding": "guard rows",
     "unit_feed": "drive rows",

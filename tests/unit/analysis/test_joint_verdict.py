@@ -20,10 +20,10 @@ from jbclog.features.series import Series
 from jbclog.joint_evidence import joint_evidence
 from jbclog.judge import Feeds
 from jbclog.judge.idle import Block
+from jbclog.judged_again import held, judge_again
 from jbclog.plan import Wanted, make_plan
 from jbclog.record.manifest import Manifest, read_manifest, write_manifest
 from jbclog.report import verify_report, write, write_report
-from jbclog.report.verdict import judge_now, judged_otherwise
 
 FEEDER = "\n[feeder]\nmode = 'discontinuous'\nlength_mm = 5.0\nspeed_mm_s = 10.0\n"
 ASKED = "\n[acceptance]\nrecovery_p95_s = 2.0\njoints_against_counter_percent = 2\n"
@@ -74,21 +74,21 @@ def test_report_comes_to_the_same_and_says_where_it_does_not(
 ) -> None:
     folder = shutil.copytree(soldered, tmp_path / soldered.name)
     manifest = read_manifest(folder)
-    assert judge_now(folder, manifest).rules_as_dicts() == manifest.verdict_rules
+    assert judge_again(folder, manifest).rules_as_dicts() == manifest.verdict_rules
     write_report(folder)
     assert verify_report(folder) == []
     rules(manifest)["recovery_p95"]["result"] = "missing"
     manifest.verdict = "INCONCLUSIVE"
     write_manifest(folder, manifest)
-    assert judged_otherwise(folder, manifest) == [
+    assert held(folder, manifest).differing == [
         "verdict: was INCONCLUSIVE, its record gives ACCEPT",
         "verdict, recovery_p95 of dde-1 port 1: was missing, its record gives pass",
     ]
     manifest.host["jbclog"] = "0.0.1"
-    assert judged_otherwise(folder, manifest)[0].endswith("gives ACCEPT; it was judged by jbclog 0.0.1")
+    assert held(folder, manifest).differing[0].endswith("gives ACCEPT; it was judged by jbclog 0.0.1")
     manifest.host["jbclog"] = __version__
     monkeypatch.setattr(write, "report_files", lambda _: {})
-    assert verify_report(folder) == judged_otherwise(folder, manifest)
+    assert verify_report(folder) == held(folder, manifest).differing
 
 
 def test_too_few_joints_are_not_accepted_and_slow_ones_rejected(tmp_path: Path) -> None:

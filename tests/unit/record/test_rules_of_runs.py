@@ -1,0 +1,125 @@
+"""Runs that earlier versions of the rules judged: no later jbclog calls them changed (tests/data/verdicts)."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+from verdict_corpus import HOME, judged, unpack
+
+from jbclog import judged_again
+from jbclog.cli.app import app
+from jbclog.judge import RULES, versions
+from jbclog.judge.versions import Version
+from jbclog.judged_again import held, judge_again
+from jbclog.record.manifest import read_manifest, write_manifest
+from jbclog.report import verified, write_report
+
+ARCHIVES = sorted(HOME.glob("*/*.tar.xz"))
+every_run = pytest.mark.parametrize("archive", ARCHIVES, ids=lambda path: f"{path.parent.name}-{path.name.split('.')[0]}")
+OF_RULES_1 = HOME / "rules-1"
+
+
+def run_of(name: str, out: Path) -> Path:
+    return unpack(OF_RULES_1 / f"{name}.tar.xz", out)
+
+
+def said_by(*words: object) -> tuple[int, str]:
+    result = CliRunner().invoke(app, [str(word) for word in words])
+    return result.exit_code, result.output
+
+
+def test_every_verdict_is_among_them() -> None:
+    noted = json.loads((OF_RULES_1 / "noted.json").read_text())
+    verdicts = {one["verdict"] for one in noted.values()}
+    assert verdicts == {"ACCEPT", "ACCEPT WITH DEVIATIONS", "REJECT", "INCONCLUSIVE", "NOT JUDGED"}
+    assert {path.name.split(".")[0] for path in OF_RULES_1.glob("*.tar.xz")} == set(noted)
+
+
+@every_run
+def test_it_says_what_it_said_and_nothing_is_called_changed(archive: Path, tmp_path: Path) -> None:
+    folder = unpack(archive, tmp_path)
+    noted = json.loads((archive.parent / "noted.json").read_text())[archive.name.split(".")[0]]
+    assert judged(folder) == noted
+    code, said = said_by("check", folder)
+    assert (code, said.splitlines()[-1].split(" (head")[0]) == (0, f"{folder}: everything agrees")
+    has_report = (folder / "report.html").exists()
+    found = verified(folder)
+    assert held(folder, read_manifest(folder)).differing == []
+    if has_report:
+        assert found.differing == []
+        assert said_by("report", folder, "--verify")[0] == 0
+        assert "changed" not in said_by("report", folder, "--verify")[1]
+    write_report(folder)
+    told = json.loads((folder / "report.json").read_text())
+    assert told["verdict"]["word"] == noted["verdict"]
+    assert [one.strip() for one in verified(folder).differing] == []
+    assert said_by("check", folder)[0] == 0
+
+
+@every_run
+def test_it_is_judged_by_its_own_rules_again_to_the_last_one(archive: Path, tmp_path: Path) -> None:
+    folder = unpack(archive, tmp_path)
+    manifest = read_manifest(folder)
+    if manifest.exit_status != "lost" and manifest.rules == 1:
+        assert judge_again(folder, manifest).rules_as_dicts() == manifest.verdict_rules
+
+
+def test_a_report_that_was_changed_since_is_found_whoever_made_it(tmp_path: Path) -> None:
+    folder = run_of("rejected", tmp_path)
+    page = folder / "report.html"
+    page.write_text(page.read_text("utf-8").replace("REJECT", "ACCEPT"), "utf-8")
+    found = verified(folder)
+    assert [text.split(": ", 1)[1].split(";")[0] for text in found.differing] == ["was changed since report.json was written"]
+
+
+def test_a_verdict_that_was_changed_since_is_found(tmp_path: Path) -> None:
+    folder = run_of("rejected", tmp_path)
+    manifest = replace(read_manifest(folder), verdict="ACCEPT")
+    shutil.rmtree(folder / "figures")
+    write_manifest(folder, manifest)
+    assert held(folder, manifest).differing == ["verdict: was ACCEPT, its record gives REJECT"]
+
+
+def test_what_cannot_be_judged_as_it_was_is_said_and_is_no_difference(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As when a later version finds joints otherwise and does not keep the way of before."""
+    folder = run_of("deviations", tmp_path)
+    manifest = read_manifest(folder)
+    for rule in manifest.verdict_rules:
+        if rule["name"] == "recovery_p95":
+            rule["result"] = "missing"  # by the earlier method
+    manifest.verdict = "INCONCLUSIVE"
+    assert len(held(folder, manifest).differing) == 2
+    later = Version(RULES + 1, "joints are found otherwise", frozenset({"recovery_p95"}), keeps_earlier=False)
+    monkeypatch.setattr(versions, "VERSIONS", (*versions.VERSIONS, later))
+    found = held(folder, manifest)
+    assert found.differing == []
+    assert found.notes == ["verdict, recovery_p95: judged by rules 1, not recomputable here"]
+
+
+def test_a_run_of_rules_that_are_not_known_here_is_no_difference(tmp_path: Path) -> None:
+    folder = run_of("accepted", tmp_path)
+    manifest = replace(read_manifest(folder), rules=RULES + 1, verdict="REJECT")
+    found = held(folder, manifest)
+    assert found.differing == []
+    assert found.notes == [f"verdict: judged by rules {RULES + 1}, not recomputable here: this jbclog knows rules 1 to {RULES}"]
+
+
+def test_a_recipe_that_this_jbclog_does_not_take_any_more_is_no_difference(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder = run_of("accepted", tmp_path)
+    manifest = read_manifest(folder)
+
+    def refuse(path: Path) -> object:
+        raise OSError(path)
+
+    monkeypatch.setattr(judged_again, "load_recipe", refuse)
+    found = held(folder, manifest)
+    assert found.differing == []
+    assert found.notes == ["verdict: judged by rules 1, not recomputable here: this jbclog cannot read the recipe of nae-1"]
+    (copy,) = (folder / "recipes").iterdir()
+    copy.write_text("changed")
+    assert held(folder, manifest).differing[0] == "verdict: was ACCEPT, its record gives INCONCLUSIVE"
