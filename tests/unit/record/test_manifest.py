@@ -28,8 +28,8 @@ from jbclog.record.manifest import (
 from jbclog.rows import Goal, StationFacts
 
 KEYS = (
-    "schema, run, state, exit_status, exit_code, verdict, rules, verdict_rules, started, ended, t0_mono, t0_utc, line, recipes, metadata, "
-    "host, rate, guard, wire, stations, ledger, lost, units, files, "
+    "schema, run, state, exit_status, exit_code, verdict, rules, verdict_rules, started, ended, t0_mono, t0_utc, line, recipes, "
+    "metadata, host, rate, guard, wire, stations, ledger, lost, units, files, "
     "previous, verifications, goals"
 )
 
