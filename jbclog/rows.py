@@ -108,7 +108,7 @@ class SettingRow(NamedTuple):
     outcome: str
 
 
-OUTCOMES: Final = ("confirmed", "unchanged", "mismatch", "refused", "unconfirmed", "unsupported", "read")
+OUTCOMES: Final = ("confirmed", "unchanged", "mismatch", "refused", "unconfirmed", "unsupported", "read", "repeated")
 
 
 class CounterRow(NamedTuple):
@@ -204,6 +204,7 @@ class StationFacts:
     alarms: int = 0  # that count (contract, "Exit codes")
     unconfirmed_alarms: int = 0
     settings_changed: int = 0
+    settings_repeated: int = 0  # writes at the start that were lost and followed by another
     outages: int = 0
     worst_slow_periods: float = 0.0  # the longest that a slow reading waited, in its own periods
     touched: list[int] = field(default_factory=list)

@@ -34,7 +34,7 @@ def read_events(folder: Path) -> list[Event]:
 class Outcomes:
     """How often each outcome stands in a station's `settings`, and the settings asked of it that it does not have.
 
-    What was only read, and what the recipe has for other families, is in neither.
+    What was only read, what was written once more, and what the recipe has for other families, is in neither.
     """
 
     counts: Counter[str] = field(default_factory=Counter)
@@ -46,7 +46,7 @@ def read_outcomes(folder: Path) -> dict[str, Outcomes]:
     found: dict[str, Outcomes] = {}
     for row in _rows(folder / "settings", ["station", "setting", "requested", "outcome"]):
         outcomes, outcome = found.setdefault(str(row["station"]), Outcomes()), str(row["outcome"])
-        if outcome not in ("read", "unsupported"):
+        if outcome not in ("read", "repeated", "unsupported"):
             outcomes.counts[outcome] += 1
         elif outcome == "unsupported" and row["requested"] is not None:  # of other families nothing is requested here
             outcomes.lacking.append(str(row["setting"]))

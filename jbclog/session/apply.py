@@ -11,15 +11,15 @@ from collections.abc import Iterator
 from jbclog.commands.command import Command, Scope
 from jbclog.commands.omega_values import Stored
 from jbclog.commands.status import StatusWord
-from jbclog.effects import RunEnded, Steps
-from jbclog.errors import LinkError, NotSupported, Refusal, StartRefused, StationError
-from jbclog.quantities import OFF, Value, text_of
+from jbclog.effects import Steps
+from jbclog.errors import NotSupported, StartRefused, StationError
+from jbclog.quantities import OFF, text_of
 from jbclog.recipe.settings import Setting, foreign_keys, live_problems, settings_for, station_settings_for
 from jbclog.rows import SettingRow, Severity
 from jbclog.session.anomalies import compare_countdowns
 from jbclog.session.condition import apply_condition
-from jbclog.session.identify import Absent
 from jbclog.session.order import Desk, PortState
+from jbclog.session.setting import keep_row, read_setting, title_of, touch, write_setting
 
 COOLING_DELAYS = ("sleep_delay", "hibernation_delay")
 UNTOLD = "not told by the station"  # and what the recipe asks for it cannot be proven
@@ -99,28 +99,12 @@ def read_tool(desk: Desk, port: PortState) -> Steps[None]:
 def _read_held(desk: Desk, command: Command, port: PortState | None) -> Steps[None]:
     held = desk.held if port is None else port.held
     try:
-        held[command.name] = yield from _read(desk, command, port, held.get(command.name))
+        held[command.name] = yield from read_setting(desk, command, port, held.get(command.name))
     except NotSupported:
         held.pop(command.name, None)
         desk.not_supported.add(command.name)
     except StationError as error:
-        raise StartRefused(f"{desk.name}: cannot read {_title(command, port)}: {error}") from error
-
-
-def _read(desk: Desk, command: Command, port: PortState | None, known: Value | None = None) -> Steps[Value]:
-    return (yield from desk.agreed(command, *_place(command, port), known=known))
-
-
-def _place(command: Command, port: PortState | None) -> tuple[int | None, int | None]:
-    """Port and tool as the command's code wants them."""
-    if port is None or command.scope is Scope.STATION:
-        return None, None
-    return port.number, port.tool if command.scope is Scope.TOOL else None
-
-
-def _title(command: Command, port: PortState | None) -> str:
-    name = command.name.replace("_", " ")
-    return name if port is None else f"{name} of port {port.number}"
+        raise StartRefused(f"{desk.name}: cannot read {title_of(command, port)}: {error}") from error
 
 
 def _wanted(desk: Desk) -> list[tuple[Setting, PortState | None]]:
@@ -176,23 +160,6 @@ def _cooling_problems(desk: Desk, port: PortState, wanted: list[tuple[Setting, P
 # -- one setting ------------------------------------------------------------------------------------------------------------
 
 
-def _row(
-    desk: Desk,
-    command: Command,
-    port: PortState | None,
-    outcome: str,
-    *,
-    requested: str | None = None,
-    written: str | None = None,
-    readback: str | None = None,
-    nak: int | None = None,
-) -> None:
-    tool = desk.tool_text(port.tool) if port and command.scope is Scope.TOOL else None
-    time, number = desk.utc.micros(desk.now), port.number if port else None
-    row = SettingRow(time, desk.name, number, tool, command.name, command.unit, requested, written, readback, nak, outcome)
-    desk.journal.setting(row)
-
-
 def _record_untouched(desk: Desk, wanted: list[tuple[Setting, PortState | None]]) -> None:
     """A row for everything that was read and is left alone, and for what the recipe has for other families."""
     asked = {(one.command.name, port.number if port else None) for one, port in wanted}
@@ -200,7 +167,7 @@ def _record_untouched(desk: Desk, wanted: list[tuple[Setting, PortState | None]]
     for port in places:
         for name, value in (port.held if port else desk.held).items():
             if (name, port.number if port else None) not in asked:
-                _row(desk, desk.command(name), port, "read", readback=text_of(value))
+                keep_row(desk, desk.command(name), port, "read", readback=text_of(value))
     for key in foreign_keys(desk.recipe, desk.family, tuple(desk.ports)):
         time = desk.utc.micros(desk.now)
         desk.journal.setting(SettingRow(time, desk.name, None, None, key, "", None, None, None, None, "unsupported"))
@@ -212,73 +179,11 @@ def _apply(desk: Desk, wanted: tuple[Setting, PortState | None]) -> Steps[None]:
     held = desk.held if port is None else port.held
     requested = text_of(value)
     if command.name not in held:  # it could not be read: `read_all` has tried
-        _row(desk, command, port, "unsupported", requested=requested)
+        keep_row(desk, command, port, "unsupported", requested=requested)
     elif held[command.name] == value:
-        _row(desk, command, port, "unchanged", requested=requested, readback=requested)
+        keep_row(desk, command, port, "unchanged", requested=requested, readback=requested)
     else:
-        yield from _write(desk, command, value, port)
-
-
-def _write(desk: Desk, command: Command, value: Value, port: PortState | None) -> Steps[None]:
-    """Write once, read back, compare. What is broken off in between may or may not have been done."""
-    before, requested = (desk.held if port is None else port.held).get(command.name), text_of(value)
-    if before is not None:
-        _row(desk, command, port, "read", readback=text_of(before))  # what it was is nowhere else, once it is overwritten
-    _touch(desk, port)
-    try:
-        yield from _write_once(desk, command, value, port, before)
-    except (LinkError, RunEnded) as error:
-        _row(desk, command, port, "unconfirmed", requested=requested, written=requested)
-        if isinstance(error, RunEnded):
-            raise
-        raise Absent(_failed(desk, command, port, value, before, f"it could not be read back ({error})")) from error
-
-
-def _write_once(desk: Desk, command: Command, value: Value, port: PortState | None, before: Value | None) -> Steps[None]:
-    """A lost acknowledgement is settled by the reading. What could be read is refused when it is not taken, whatever the code."""
-    requested = text_of(value)
-    try:
-        yield from desk.station.write(command, value, *_place(command, port))
-    except Refusal as error:
-        _row(desk, command, port, "refused", requested=requested, written=requested, nak=error.code)
-        raise StartRefused(
-            _failed(desk, command, port, value, before, f"the station refused it with N {error.code:05d}")
-        ) from error
-    except StationError:
-        pass  # whether it was done is read back below
-    yield from _confirm(desk, command, value, port, before)
-
-
-def _confirm(desk: Desk, command: Command, value: Value, port: PortState | None, before: Value | None) -> Steps[None]:
-    requested = text_of(value)
-    try:
-        found = yield from _read(desk, command, port)
-    except StationError as error:
-        _row(desk, command, port, "unconfirmed", requested=requested, written=requested)
-        raise StartRefused(_failed(desk, command, port, value, before, f"it could not be read back ({error})")) from error
-    same = found == value or (command.name == "status" and _same_status(desk, found, value))
-    _row(desk, command, port, "confirmed" if same else "mismatch", requested=requested, written=requested, readback=text_of(found))
-    (desk.held if port is None else port.held)[command.name] = found
-    if not same:
-        raise StartRefused(_failed(desk, command, port, value, before, f"{command.shown(found)} was read back"))
-
-
-def _same_status(desk: Desk, found: Value, wanted: Value) -> bool:
-    return isinstance(found, tuple) and isinstance(wanted, tuple) and desk.family.status.confirms(found, wanted)
-
-
-def _failed(desk: Desk, command: Command, port: PortState | None, value: Value, before: Value | None, why: str) -> str:
-    was = "unknown" if before is None else command.shown(before)
-    return f"{desk.name}: {_title(command, port)}: {command.shown(value)} was asked, {why}; before it was {was}"
-
-
-def _touch(desk: Desk, port: PortState | None) -> None:
-    if port is None:
-        news, desk.feeder_touched = not desk.feeder_touched, True
-    else:
-        news, port.touched = port.number not in desk.facts.touched, True
-    if news:
-        desk.publish()  # a guard and a recovery must know which tools may be hot, before they are
+        yield from write_setting(desk, command, value, port)
 
 
 def _apply_status(desk: Desk, word: StatusWord) -> Steps[None]:
@@ -288,10 +193,10 @@ def _apply_status(desk: Desk, word: StatusWord) -> Steps[None]:
         if not port.has_tool:
             continue
         if "status" not in port.held:
-            _touch(desk, port)  # it may be at work already
-            _row(desk, command, port, "unsupported", requested=text_of(word))
+            touch(desk, port)  # it may be at work already
+            keep_row(desk, command, port, "unsupported", requested=text_of(word))
         elif port.held["status"] == word:
-            _touch(desk, port)
-            _row(desk, command, port, "unchanged", requested=text_of(word), readback=text_of(word))
+            touch(desk, port)
+            keep_row(desk, command, port, "unchanged", requested=text_of(word), readback=text_of(word))
         else:
-            yield from _write(desk, command, word, port)
+            yield from write_setting(desk, command, word, port)

@@ -8,6 +8,7 @@ from jbclog.errors import LinkError, NotSupported, OutOfRange, Refusal, RobotMod
 from jbclog.rows import Severity
 from jbclog.session.identity import learn_identity
 from jbclog.session.order import Desk, PortState
+from jbclog.station.patient import START_TRIES
 from jbclog.station.turnaround import LEAST_ANSWERED, READS, response_time
 
 TRIES = 3
@@ -21,6 +22,7 @@ def identify(desk: Desk) -> Steps[None]:
     """Open the port and prove who is there. Raises `StartRefused` with what to do."""
     desk.facts.model = yield from connect(desk, reopen=True, tries=TRIES)
     desk.connected = desk.is_proven = True
+    desk.tries = START_TRIES
     yield from _learn_family(desk)
     yield from _learn_ports(desk)
     yield from measure_turnaround(desk)
@@ -51,8 +53,7 @@ def connect(desk: Desk, *, reopen: bool, tries: int) -> Steps[str | None]:
 
 
 def _answer(desk: Desk, tries: int) -> Steps[str | None]:
-    while True:
-        tries -= 1
+    for tries_left in reversed(range(tries)):
         try:
             if desk.family_known and not desk.family.models:
                 yield from desk.station.read(desk.command(desk.family.harmless[0]))
@@ -63,16 +64,18 @@ def _answer(desk: Desk, tries: int) -> Steps[str | None]:
         except RobotModeOff as error:
             raise StartRefused(f"{desk.name}: Robot mode is off; switch it on in the station's menu") from error
         except StationError as error:
-            if not tries:
-                raise Absent(_no_answer(desk, error)) from error
+            if not tries_left:
+                raise Absent(_no_answer(desk, error, tries)) from error
+    raise AssertionError("no try at all")
 
 
-def _no_answer(desk: Desk, error: StationError) -> str:
+def _no_answer(desk: Desk, error: StationError, tries: int) -> str:
     order, is_robot = desk.order, not desk.family_known or desk.family.protocol == ROBOT
     mode = "Robot mode is switched on in its menu, " if is_robot else ""
     addressing = "without addresses" if order.address is None else f"address {order.address:02d}"
     return (
-        f"{desk.name}: no usable answer on {order.url} at {order.line.baudrate} {order.line.format}, {addressing} ({error}); "
+        f"{desk.name}: no usable answer on {order.url} at {order.line.baudrate} {order.line.format}, {addressing} "
+        f"({error}, in {tries} {'try' if tries == 1 else 'tries'}); "
         f"check that the station is on, {mode}the cable, and the line format; `jbclog doctor --line` looks for the reason"
     )
 

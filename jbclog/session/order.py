@@ -18,6 +18,7 @@ from jbclog.rows import EventRow, Journal, Severity, StationFacts
 from jbclog.station.agreed import agreed
 from jbclog.station.client import Client
 from jbclog.station.make import client_for
+from jbclog.station.patient import patiently
 from jbclog.wire import LineFormat
 
 AS_AUTO = AUTO
@@ -105,6 +106,7 @@ class Desk:
         self.ports: dict[int, PortState] = {}
         self.held: dict[str, Value] = {}  # station-wide settings
         self.not_supported: set[str] = set()
+        self.tries = 1  # of what something is decided by: more while the run starts
         self.feeder_touched = False
         self.feeder_stopped = False  # at the end, and seen to stand
         self.after_safe: Callable[[], Steps[None]] | None = None  # what is still read when sampling has ended
@@ -180,8 +182,15 @@ class Desk:
     def agreed(
         self, command: Command, port: int | None = None, tool: int | None = None, *, known: Value | None = None, grows: bool = False
     ) -> Steps[Value]:
-        """Read what something is decided by: two answers must say the same (`station/agreed.py`)."""
-        return agreed(self.station, command, port, tool, known=known, grows=grows, doubted=self.doubted)
+        """Read what something is decided by: two answers must say the same (`station/agreed.py`).
+
+        While the run starts, what was lost on the line is asked again (`station/patient.py`).
+        """
+
+        def ask() -> Steps[Value]:
+            return agreed(self.station, command, port, tool, known=known, grows=grows, doubted=self.doubted)
+
+        return patiently(self.station, ask, self.tries)
 
     def note(
         self,

@@ -49,6 +49,7 @@ def run_station(desk: Desk) -> Steps[StationFacts]:
         facts.outcome, facts.reason = "gone", f"{desk.name}: {error}"
     except Exception as error:
         _fail(desk, error)
+    desk.tries = 1
     try:
         yield from _close(desk)
     except Exception as error:
@@ -75,6 +76,7 @@ def _record(desk: Desk) -> Steps[None]:
     yield from apply(desk)
     yield from learn_provisos(desk)
     yield from read_counters(desk)
+    desk.tries = 1
     sampler = Sampler(desk, pace.readings, _grid(desk, pace), paced=pace.paced)
     try:
         yield from _sample(desk, sampler)

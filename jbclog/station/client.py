@@ -67,11 +67,19 @@ class Client(Protocol):
         """The same with a question that this client made before."""
 
     def write(
-        self, command: Command, value: Value, port: int | None = None, tool: int | None = None, *, hurry: bool = False
+        self,
+        command: Command,
+        value: Value,
+        port: int | None = None,
+        tool: int | None = None,
+        *,
+        hurry: bool = False,
+        once: bool = False,
     ) -> Steps[None]:
-        """Write a value once. An acknowledgement is not proof: read back. In a `hurry` it is waited for as a read's answer is.
+        """Write a value. An acknowledgement is not proof: read back. In a `hurry` it is waited for as a read's answer is.
 
-        Raises what `permit` raises; then nothing is sent.
+        A setting that the station did not understand was not done and is sent again, unless it is to go out `once`, whatever
+        the station says. Raises what `permit` raises; then nothing is sent.
         """
 
     def unasked(self, heard: Heard) -> None:

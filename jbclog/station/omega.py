@@ -132,9 +132,16 @@ class OmegaStation:
         raise failures[-1]
 
     def write(
-        self, command: Command, value: Value, port: int | None = None, tool: int | None = None, *, hurry: bool = False
+        self,
+        command: Command,
+        value: Value,
+        port: int | None = None,
+        tool: int | None = None,
+        *,
+        hurry: bool = False,
+        once: bool = False,
     ) -> Steps[None]:
-        """Write a value once. An acknowledgement is not proof: read back. Nothing that is written here can `hurry`.
+        """Write a value `once`, as always here. An acknowledgement is not proof: read back. Nothing here can `hurry`.
 
         Of H the end is waited for, `COMPLETION_S` at most. Raises `Ignored` where D was not answered and the next question was,
         and another `StationError` where what was done with it is not known.

@@ -4,7 +4,7 @@ The rules:
 
 1. A read is asked again at most `REPEATS` times. What clears, moves or erases something is sent once (faults.md,
    rows 2 and 39), and so is every write: whether it took is a matter of reading back. Only N 1 and N 2 prove that a write
-   was not done, so a setting that they refuse is sent again; N 99999 is asked again once.
+   was not done, so a setting that they refuse is sent again, unless its sender does that himself; N 99999 is asked again once.
 2. After a question without its answer the line is drained and a probe with another code must be answered before the same
    code is asked again (faults.md, row 5).
 3. R-DC may be answered as ACD, and ACD is R-CD's answer (digest B-36). A late or repeated ACD must never become a count of
@@ -129,10 +129,18 @@ class Station(Dialogue):
             raise AnswerFormat(f"{question.title()}: {error}") from error
 
     def write(
-        self, command: Command, value: Value, port: int | None = None, tool: int | None = None, *, hurry: bool = False
+        self,
+        command: Command,
+        value: Value,
+        port: int | None = None,
+        tool: int | None = None,
+        *,
+        hurry: bool = False,
+        once: bool = False,
     ) -> Steps[None]:
-        """Write a value once. An acknowledgement is not proof: read back. In a `hurry` it is waited for as a read's answer is.
+        """Write a value. An acknowledgement is not proof: read back. In a `hurry` it is waited for as a read's answer is.
 
+        One that the station did not understand was not done and is sent again, unless it is to go out `once`, whatever comes.
         Raises `Refusal` where the station says no, `AnswerTimeout` or another `StationError` where what it says is
         not known; then it may or may not have been done. It goes out whatever came before: it may be what stops a tool.
         """
@@ -146,7 +154,7 @@ class Station(Dialogue):
         if hurry:
             question.least_s = LEAST_S
         try:
-            yield from self._write(question, again=command.effect is Effect.NONE)
+            yield from self._write(question, again=command.effect is Effect.NONE and not once)
         except NotReceived as refusal:
             if refusal.code != BADLY_FORMED or not data or command.name not in WITHOUT_DATA:
                 raise

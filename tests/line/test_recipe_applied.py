@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import pytest
 from odd_answers import say
 from virtual_run import RECIPE, VirtualRun, line_text, prepare
@@ -10,6 +12,7 @@ from jbclog.commands.family import FAMILIES
 from jbclog.commands.status import STAND, WORKING
 from jbclog.quantities import OFF
 from jbclog.rows import SettingRow
+from jbclog.session.setting import REPEATS
 
 ALL_FAMILIES = 'families = ["soldering", "dde", "nae", "dme", "hde", "ucr", "ale"]'
 TOOL_2, TOOL_3 = (FAMILIES["dde"].tool_name(code) for code in (2, 3))
@@ -20,8 +23,8 @@ def fault(kind: str, **keys: object) -> str:
 
 
 def rows(run: VirtualRun, setting: str, port: int | None = 1) -> list[SettingRow]:
-    """What came of a setting: of one that was written there is a row of what it was before, too."""
-    found = [row for row in run.memory.settings if (row.setting, row.port) == (setting, port)]
+    """What came of a setting: of one that was written there is a row of what it was before, too, and of each lost write."""
+    found = [row for row in run.memory.settings if (row.setting, row.port) == (setting, port) and row.outcome != "repeated"]
     return found[1:] if len(found) > 1 and found[0].outcome == "read" else found
 
 
@@ -144,7 +147,7 @@ def test_a_refusal_stops_the_run(code: int) -> None:
     (row,) = rows(run, "alarm_high_limit")
     assert (row.written, row.readback, row.nak, row.outcome) == ("380", None, code, "refused")
     assert_stopped_before_sampling(run, "alarm high limit of port 1", "380 °C was asked", f"N {code:05d}", "before it was off")
-    sent = 3 if code in (1, 2) else 1  # what was not understood was not done
+    sent = 1 + REPEATS if code in (1, 2) else 1  # what was not understood was not done
     assert [one.text for one in run.writes].count("WHA100380") == sent
 
 
@@ -186,7 +189,120 @@ def test_a_write_whose_acknowledgement_is_lost_is_settled_by_reading() -> None:
 def test_a_write_that_cannot_be_read_back_is_unconfirmed_and_stops_the_run() -> None:
     run = prepare(line_text(fault("silence", command="alarm_high_limit", at_s=moment_of("WHA100380"))), duration_s=5).go()
     assert outcome(run, "alarm_high_limit") == "unconfirmed"
-    assert_stopped_before_sampling(run, "alarm high limit of port 1", "380 °C was asked", "could not be read back")
+    assert_stopped_before_sampling(run, "alarm high limit of port 1", "380 °C was asked", "could not be read back", "in 4 writes")
+
+
+# -- what is lost on the way -------------------------------------------------------------------------------------------------
+
+
+def lose(run: VirtualRun, code: str, times: int) -> None:
+    """Let the first `times` writes of `code` never reach the station."""
+    (tap,) = run.taps.values()
+    through, left = tap.receive, [times]
+
+    def receive(data: bytes, now: float) -> Sequence[tuple[float, bytes]]:
+        if f"W{code}".encode() in data and left[0]:
+            left[0] -= 1
+            return []
+        return through(data, now)
+
+    tap.receive = receive  # type: ignore[method-assign]
+
+
+@pytest.mark.parametrize("times", range(1, 1 + REPEATS))
+@pytest.mark.parametrize(
+    ("code", "setting", "asked"),
+    [("HA1", "alarm_high_limit", "380"), ("ST1", "selected_temperature", "350"), ("PS1", "status", "00000")],
+)
+def test_a_lost_write_is_written_again(code: str, setting: str, asked: str, times: int) -> None:
+    run = prepare(line_text("settings = {selected_temperature = 300}"), duration_s=1)
+    lose(run, code, times)
+    run.go()
+    assert run.facts.outcome == "completed"
+    again = [row for row in run.memory.settings if (row.setting, row.port, row.outcome) == (setting, 1, "repeated")]
+    assert len(again) == len(run.memory.of_kind("setting.repeated")) == run.facts.settings_repeated == times
+    before = {"alarm_high_limit": "off", "selected_temperature": "300", "status": "00010"}[setting]
+    assert [(row.readback, row.written) for row in again] == [(before, row.requested) for row in again]
+    assert (rows(run, setting)[-1].outcome, again[0].requested) == ("confirmed", asked)
+    assert [event.value for event in run.memory.of_kind("setting.repeated")] == list(range(2, 2 + times))
+
+
+def test_a_write_that_is_always_lost_stops_the_run_and_says_how_often_it_was_tried() -> None:
+    run = prepare(line_text("settings = {alarm_high_limit = 400}"), duration_s=5)
+    lose(run, "HA1", 99)
+    run.go()
+    assert outcome(run, "alarm_high_limit") == "mismatch"
+    assert run.facts.settings_repeated == REPEATS
+    assert_stopped_before_sampling(run, "alarm high limit of port 1", "400 °C was read back", f"in {1 + REPEATS} writes")
+
+
+@pytest.mark.parametrize("code", ["ST1", "PS1"])
+def test_what_heats_is_written_again_only_where_two_answers_say_that_the_old_value_stands(code: str) -> None:
+    """Its acknowledgement is lost and it cannot be read back: whether it was done is not known."""
+    run = prepare(line_text("settings = {selected_temperature = 300}"), duration_s=5)
+    (tap,) = run.taps.values()
+    through, written = tap.receive, []
+
+    def receive(data: bytes, now: float) -> Sequence[tuple[float, bytes]]:
+        is_safe_order = b"WPS100001" in data
+        written.extend([data] if f"W{code}".encode() in data and not is_safe_order else [])
+        is_deaf = bool(written) and code.encode() in data and not is_safe_order and run.facts.outcome == "running"
+        return [] if is_deaf else through(data, now)
+
+    tap.receive = receive  # type: ignore[method-assign]
+    run.go()
+    assert len(written) == 1
+    assert (run.facts.outcome, run.facts.settings_repeated) == ("refused", 0)
+    assert [write.value for write in run.station.log.written("status")] in ([], [STAND], [STAND, STAND])
+
+
+def test_between_two_writes_of_what_heats_the_old_value_is_read_twice() -> None:
+    run = prepare(line_text("settings = {selected_temperature = 300}"), duration_s=1)
+    lose(run, "ST1", 1)
+    run.go()
+    (written,) = [one.at for one in run.writes if one.text == "WST100350"]
+    first = next(event.time for event in run.memory.of_kind("setting.repeated")) / 1e6
+    answers = [one for one in run.heard if one.text == "RST1" and one.at < written and one.clean == "AST100300"]
+    assert [one.at for one in answers][-2:] == sorted(one.at for one in answers)[-2:]
+    assert len([one for one in answers if run.utc_s(one.at) > first - 1.0]) == 2
+
+
+def test_nothing_is_written_again_once_the_run_is_to_end() -> None:
+    run = prepare(line_text("settings = {selected_temperature = 300}"), duration_s=5)
+    lose(run, "ST1", 99)
+    at_s = moment_of_loss() + 0.5
+    run.at(at_s, lambda: run.driver.end("ended by a test"))
+    run.go()
+    assert run.facts.outcome == "completed"
+    assert not any(one.text == "WST100350" for one in run.writes)
+    assert outcome(run, "selected_temperature") == "unconfirmed"
+    assert WORKING not in [write.value for write in run.station.log.written("status")]
+
+
+def moment_of_loss() -> float:
+    """The second at which a run sends the setpoint, where it stands at 300 °C."""
+    run = prepare(line_text("settings = {selected_temperature = 300}"), duration_s=1).go()
+    return next(one.at for one in run.heard if one.text == "WST100350") - run.t0
+
+
+@pytest.mark.parametrize("command", ["software_version", "tool", "plugged_hours", "alarm_low_limit", "status"])
+def test_a_station_that_says_nothing_for_a_moment_is_asked_again(command: str) -> None:
+    """Longer than the client's own repeats and probes take."""
+    run = prepare(duration_s=1)
+    (tap,) = run.taps.values()
+    (desk,) = run.desks.values()
+    through, since = tap.receive, [0.0]
+    code = desk.command(command).letters.encode()
+
+    def receive(data: bytes, now: float) -> Sequence[tuple[float, bytes]]:
+        since[0] = since[0] or (now if b"R" + code in data else 0.0)
+        return [] if since[0] and now < since[0] + 0.7 else through(data, now)
+
+    tap.receive = receive  # type: ignore[method-assign]
+    run.go()
+    assert run.facts.outcome == "completed"
+    assert command not in run.facts.not_supported
+    assert run.facts.software is not None
 
 
 def test_a_link_that_breaks_in_a_write_leaves_it_unconfirmed() -> None:
