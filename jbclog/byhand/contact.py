@@ -10,7 +10,7 @@ from jbclog.commands.command import TOOLS_WITH_A_PLACE, Command, Scope
 from jbclog.commands.family import Family, family_of
 from jbclog.commands.omega_values import CLEANING, is_condition
 from jbclog.effects import Reopen, Steps, Wait
-from jbclog.errors import NotSupported, OutOfRange, RobotModeOff, StartRefused, StationError, UsageError
+from jbclog.errors import NotSupported, OutOfRange, RobotModeOff, StartRefused, StationError, StationSilent, UsageError
 from jbclog.quantities import Value
 from jbclog.station.after import MODEL
 from jbclog.station.agreed import agreed
@@ -107,13 +107,18 @@ def meet(target: Target) -> Steps[Contact]:
         model = str((yield from _first_answer(target, client, MODEL)))
         family = family or _learnt(target, model)
         return Contact(target, client, family, model, target.ports or family.ports, {})
-    yield from _first_answer(target, client, family.commands[family.harmless[0]])
+    yield from _first_answer(target, client, family.commands[family.harmless[0]], again=True)
     return Contact(target, client, family, None, target.ports or family.ports, {})
 
 
-def _first_answer(target: Target, client: Client, command: Command) -> Steps[Value]:
+def _first_answer(target: Target, client: Client, command: Command, *, again: bool = False) -> Steps[Value]:
+    """With `again` a first silence is not believed: what was on the line before can swallow an OMEGA's first question."""
     try:
         return (yield from agreed(client, command))
+    except StationSilent as error:
+        if not again:
+            raise StartRefused(no_answer(target, error)) from error
+        return (yield from _first_answer(target, client, command))
     except RobotModeOff as error:
         raise StartRefused(f"{target.name}: Robot mode is off; switch it on in the station's menu") from error
     except StationError as error:

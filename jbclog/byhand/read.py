@@ -15,8 +15,18 @@ from jbclog.byhand.contact import Contact, Place, Target, everywhere, find_tool,
 from jbclog.byhand.names import find, readable, why_only_by_name
 from jbclog.commands.command import Command
 from jbclog.commands.family import Family
+from jbclog.commands.omega_values import UNTOLD
 from jbclog.effects import Steps
-from jbclog.errors import ImplausibleAnswer, Refusal, RobotModeOff, StartRefused, StationError, StationSilent, UsageError
+from jbclog.errors import (
+    ImplausibleAnswer,
+    NotSupported,
+    Refusal,
+    RobotModeOff,
+    StartRefused,
+    StationError,
+    StationSilent,
+    UsageError,
+)
 from jbclog.quantities import Value
 
 T = TypeVar("T")
@@ -27,7 +37,7 @@ class Reading:
     """What a station told, or why it did not: then `value` is None, `reason` the record's word and `problem` the sentence.
 
     `data` is the data field as it came, the last one of what is not believed; `heard` is when it was there, monotonic seconds.
-    `is_void`: it was told, or refused, and means nothing as the port is now.
+    `is_void`: it was told, or refused, and means nothing as the port is now. `is_absent`: the station does not have it.
     """
 
     command: Command
@@ -38,6 +48,7 @@ class Reading:
     reason: str = ""
     problem: str = ""
     is_void: bool = False
+    is_absent: bool = False
 
 
 Tell = Callable[[Contact, Reading], None]
@@ -89,8 +100,11 @@ def _reading(contact: Contact, command: Command, place: Place) -> Steps[Reading]
         raise StartRefused(f"{contact.name}: {error}") from error
     except StationError as error:
         said = client.data if isinstance(error, ImplausibleAnswer) else ""
-        failed = Reading(command, place, None, said, client.now, error.reason, sentence(error))
+        is_absent = isinstance(error, NotSupported)
+        failed = Reading(command, place, None, said, client.now, error.reason, sentence(error), is_absent=is_absent)
         return (yield from _unless_void(contact, failed)) if isinstance(error, Refusal | ImplausibleAnswer) else failed
+    if value == UNTOLD:
+        return Reading(command, place, None, client.data, client.heard, "no_digit", UNTOLD, is_void=True)
     return (yield from _unless_void(contact, Reading(command, place, value, command.as_it_came(client.data, value), client.heard)))
 
 

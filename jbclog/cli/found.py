@@ -73,6 +73,8 @@ def _station_lines(found: StationFound) -> Iterator[tuple[str, str]]:
         yield "ports", "; ".join(f"{port} {_tool_text(tool)}" for port, tool in found.tools.items())
     if found.error:
         yield "error", found.error
+    if found.not_answered:
+        yield "not taken", ", ".join(name.replace("_", " ") for name in found.not_answered)
     if found.turnaround:
         yield "turnaround", _turnaround_text(found.turnaround)
         if found.turnaround.faster:
@@ -159,4 +161,5 @@ def _station_facts(found: StationFound) -> dict[str, object]:
         else None,
         "faster_link": turnaround.faster if turnaround else None,
         "trouble": found.trouble,
+        "not_taken": list(found.not_answered),
     }

@@ -139,6 +139,11 @@ class _Named(_Seen):
             tell(told if self._is_only_one(reading.place) else f"{reading.place}: {told}")
 
 
+def _absent_text(reading: Reading) -> str:
+    """That the station does not have it, which an OMEGA says by silence."""
+    return "unknown to this station (N 00004)" if reading.reason == "nak4" else "unknown to this station (it does not answer it)"
+
+
 class _All(_Seen):
     """Everything that can be read without changing anything."""
 
@@ -160,13 +165,12 @@ class _All(_Seen):
         from jbclog.byhand.contact import title
         from jbclog.byhand.values import shown
 
-        is_absent = reading.reason == "nak4"
         if reading.value is not None:
             text = shown(reading.value, reading.command, contact.family)
         elif reading.is_void:
             text = f"not known: {reading.problem}"
         else:
-            text = "unknown to this station (N 00004)" if is_absent else f"not read: {reading.problem}"
-            self.failed += not is_absent
+            text = _absent_text(reading) if reading.is_absent else f"not read: {reading.problem}"
+            self.failed += not reading.is_absent
         if not self._as_json:
             tell(f"{title(reading.command, reading.place):{NAME_WIDTH}}  {text}")

@@ -1,7 +1,8 @@
 """Apollo Seiko OMEGA: what its controller can be asked and told.
 
-Manual 003, one page of it, has the frame, the sum and A. The other commands stand on its pages 6 to 10, which are not here;
-they are taken from a digest of them (A.13), and are marked so. No row of its table is more certain than that.
+Manual 003, one page of it, has the frame, the sum and A, which is answered by a; it prints no digit behind that. The other
+commands stand on its pages 6 to 10, which are not here; they are taken from a digest of them (A.13), and are marked so. No row
+of its table is more certain than that. So a controller that answers A with a, and nothing else, is driven all the same.
 
 It tells no temperature, no model and no error number, and refuses by saying nothing.
 """
@@ -16,7 +17,7 @@ from jbclog.commands.robot import ErrorTable
 from jbclog.commands.signals import Pace, Signal
 from jbclog.quantities import Quantity
 
-INFORMATION = Digit(("normal", "solder shortage", "solder clogged", "solder shortage and clogged"))
+INFORMATION = Digit(("normal", "solder shortage", "solder clogged", "solder shortage and clogged"), may_lack=True)
 CONTROL = Digit(("ready", "preparing or error"))
 AT_TEMPERATURE = Digit(("in range", "out of range"))
 
@@ -44,7 +45,13 @@ def _order(name: str, letters: str, quantity: Quantity, limits: Limits, note: st
 
 
 OMEGA = (
-    _told("information", "A", INFORMATION, "003 11.3.1", "B-48: its code is printed as 41H('')"),
+    _told(
+        "information",
+        "A",
+        INFORMATION,
+        "003 11.3.1",
+        "B-48: printed as 41H(''), and answered by a; its digit is of A.13",
+    ),
     _told("temperature_control", "B", CONTROL, _unseen("B"), "one digit for preparing and for errors: it cannot tell them apart"),
     Command(
         "condition",

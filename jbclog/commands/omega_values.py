@@ -32,16 +32,20 @@ HUNDREDS: Final = (1, 2, 3)
 CONDITIONS: Final = "101 to 199, 201 to 299 or 301 to 399"
 UNITS: Final = (("_mm_s", "mm/s"), ("_mm", "mm"), ("_s", "s"))
 MOST: Final = 0xFFF
+UNTOLD: Final = "answered without a digit"
 
 
 @dataclass(frozen=True, slots=True)
 class Digit:
-    """One digit that stands for a word."""
+    """One digit that stands for a word. With `may_lack`, an answer without it is one, too, and tells no word: `UNTOLD`."""
 
     names: tuple[str, ...]
     unit: str = ""
+    may_lack: bool = False
 
     def decode(self, data: str) -> str:
+        if self.may_lack and not data:
+            return UNTOLD
         if len(data) != 1 or data not in "0123456789"[: len(self.names)]:
             raise ValueError(f"{data!r} is no digit from 0 to {len(self.names) - 1}")
         return self.names[int(data)]

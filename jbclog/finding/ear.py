@@ -18,7 +18,7 @@ MOST_KEPT = 256  # bytes of what came
 HOST = 0
 MODEL = next(command for command in COMMON if command.name == "model")
 OMEGA_QUESTION = encode("A")  # 003, 11.3.1
-OMEGA_ANSWERS = frozenset(f"a{state}" for state in "0123")  # digest A.13
+OMEGA_ANSWERS = frozenset(("a", *(f"a{state}" for state in "0123")))  # 003, 11.3.1 prints a; its digit is of digest A.13
 
 DLE, NAK, STX = b"\x10", b"\x15", b"\x02"  # of JBC's binary protocol: a frame begins with DLE STX, a refusal is NAK
 

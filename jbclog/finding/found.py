@@ -30,8 +30,9 @@ class StationFound:
     """Somebody who answers. `address` None: without addresses. What is None was not told.
 
     `robot_mode` is None where there is no such mode, or it is not known. `tools` are the ports that answer, each with its tool's
-    name (``none``: a port without a tool; None: not told). `refusal` is how it refused to say its model, `trouble` why it was not
-    asked to the end, and `contradicts` that this was because it said something else each time.
+    name (``none``: a port without a tool; None: not told). `not_answered` are commands that every station of its family is asked,
+    and that this one does not take. `refusal` is how it refused to say its model, `trouble` why it was not asked to the end, and
+    `contradicts` that this was because it said something else each time.
     """
 
     line: LineFormat
@@ -45,6 +46,7 @@ class StationFound:
     tools: dict[int, str | None] = field(default_factory=dict)
     turnaround: Turnaround | None = None
     trouble: str | None = None
+    not_answered: tuple[str, ...] = ()
     contradicts: bool = False
 
     @property

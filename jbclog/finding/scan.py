@@ -2,7 +2,7 @@
 
 ::
 
-    open at a format -> listen, where it could be the binary protocol -> R-SMN to 01, to nobody, to 10 (-> OMEGA's A)
+    open at a format -> listen, where it could be the binary protocol -> R-SMN to 01, to nobody, to 10 (-> OMEGA's A, twice)
          ↑ nobody answers                                                          ↓ somebody does
          └─────────────────────────────────────                 R-SMN again, until two say the same -> ask who (`who.py`)
 
@@ -28,7 +28,7 @@ from jbclog.finding.ear import (
     robot_answer,
 )
 from jbclog.finding.found import PortReport, StationFound
-from jbclog.finding.trials import ANSWER_S, EXCHANGE, OMEGA_ANSWER_S, ScanPlan, Trial
+from jbclog.finding.trials import ANSWER_S, EXCHANGE, OMEGA_ANSWER_S, OMEGA_ASKED, ScanPlan, Trial
 from jbclog.finding.who import learn, not_settled, of_answer
 from jbclog.protocol.frame import Frame
 from jbclog.wire import LineFormat
@@ -135,12 +135,16 @@ class _Scan:
         self._report.station = not_settled(found.line, given)
 
     def _finds_omega(self, trial: Trial) -> Steps[bool]:
-        came = yield from self.ear.ask(OMEGA_QUESTION, OMEGA_ANSWER_S + trial.line.seconds(EXCHANGE), omega_answer)
-        if omega_answer(came.rest) is None:
+        """Ask for one, more than once: the end of a JBC frame can take the STX of the first question for a digit of its sum."""
+        for _ in range(OMEGA_ASKED):
+            if self._is_over():
+                break
+            came = yield from self.ear.ask(OMEGA_QUESTION, OMEGA_ANSWER_S + trial.line.seconds(EXCHANGE), omega_answer)
+            if omega_answer(came.rest) is not None:
+                yield from self._learn(StationFound(trial.line, None, FAMILIES[OMEGA], robot_mode=None))
+                return True
             self._keep(trial.line, came)
-            return False
-        yield from self._learn(StationFound(trial.line, None, FAMILIES[OMEGA], robot_mode=None))
-        return True
+        return False
 
     def _learn(self, found: StationFound) -> Steps[None]:
         self._report.station = found

@@ -12,6 +12,7 @@ ADDRESSES: tuple[int | None, ...] = (1, None, 10)
 
 ANSWER_S = 0.3  # for an answer beside its bytes (digest B-13)
 OMEGA_ANSWER_S = 0.4  # it may take 0.25 s (003, 11.1; digest B-47)
+OMEGA_ASKED = 2  # times, the first right behind JBC's questions
 BINARY_LISTEN_S = 1.3  # a station in its binary protocol speaks by itself; how often, no manual says
 OPENING_S = 0.3  # for closing and opening a port, and what else a host does
 LEARNING_S = 9.0  # for who was found: 26 questions, and some more where one is answered otherwise, to the slowest heard of
@@ -29,7 +30,7 @@ class Trial:
     def seconds(self, addresses: Sequence[int | None]) -> float:
         """How long it takes where nothing answers."""
         questions = len(addresses) * (ANSWER_S + self.line.seconds(EXCHANGE))
-        return OPENING_S + self.listens_s + questions + (OMEGA_ANSWER_S if self.asks_omega else 0.0)
+        return OPENING_S + self.listens_s + questions + (OMEGA_ASKED * OMEGA_ANSWER_S if self.asks_omega else 0.0)
 
 
 USUAL: tuple[Trial, ...] = (

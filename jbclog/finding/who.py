@@ -131,6 +131,7 @@ def _tool_name(family: Family | None, tool: Value | None) -> str | None:
 def _learn_turnaround(client: Client, found: StationFound) -> Steps[None]:
     measured, answered = yield from response_time(client, _table(found), min(found.tools, default=1))
     found.turnaround = None if measured is None else _turnaround(measured, found.line)
+    found.not_answered = () if measured is None else measured.ignored
     if answered < LEAST_ANSWERED:
         found.trouble = f"only {answered} of {READS} questions were answered, and in time"
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from math import floor
 
@@ -197,11 +197,14 @@ def _furthest(bound: Bound) -> float:
 def coverage_rule(facts: StationFacts, port: int, least: float, ledger: PortLedger, measure: PortMeasure | None) -> Rule:
     """Readings of the temperature, or of the states, that are there, in per cent of those due; ledger and samples must agree."""
     station, what = facts.name, _what_is_read(facts)
-    counts = [ledger.get(signal, {}) for signal in judged_signals(facts)]
+    counts = [one for signal in judged_signals(facts) if not says_no_state(one := ledger.get(signal, {}))]
     due, counted = (sum(one.get(word, 0) for one in counts) for word in ("due", "ok"))
     there = 0 if measure is None else measure.readings
     if not due:
-        return Rule("coverage", station, port, least, None, "%", Result.MISSING, f"No reading of {what} was ever due.")
+        why = f"No reading of {what} was ever due."
+        if any(says_no_state(ledger.get(signal, {})) for signal in judged_signals(facts)):
+            why = "Every answer came without a digit behind its letter: it tells no state, and none is known."
+        return Rule("coverage", station, port, least, None, "%", Result.MISSING, why)
     if there != counted:
         text = f"The ledger counts {counted} readings of {what}, the samples hold {there}."
         return Rule("coverage", station, port, least, None, "%", Result.MISSING, text)
@@ -209,6 +212,11 @@ def coverage_rule(facts: StationFacts, port: int, least: float, ledger: PortLedg
     result = Result.PASS if percent >= least else Result.FAIL
     text = f"{there} of {due} readings of {what} are there, {_shown(_floor(percent))} %; {_shown(least)} % are asked."
     return Rule("coverage", station, port, least, percent, "%", result, text)
+
+
+def says_no_state(counts: Mapping[str, int]) -> bool:
+    """Whether a signal was answered and never told a state: an OMEGA that says a alone (003, 11.3.1). It is not judged."""
+    return bool(counts.get("no_digit")) and not counts.get("ok")
 
 
 def _what_is_read(facts: StationFacts) -> str:

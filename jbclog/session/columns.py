@@ -7,6 +7,7 @@ from collections.abc import Callable
 from jbclog.commands.command import Command
 from jbclog.commands.family import Family
 from jbclog.commands.omega import OMEGA_SIGNALS, SAYS_YES
+from jbclog.commands.omega_values import UNTOLD
 from jbclog.commands.possible import NO_COUNTDOWN
 from jbclog.commands.signals import STATUS_COLUMNS
 from jbclog.quantities import Value, permille_of
@@ -19,6 +20,7 @@ Fill = Callable[[SampleRow, Value], None]
 MOTOR = ("off", "forward", "backward")
 NOT_COUNTING = "not_counting"
 NO_MAXIMUM = "no_maximum"
+NO_DIGIT = "no_digit"
 
 _STATUS, _COOLING, _DESOLDERING, _MOTOR = (COLUMN[name] for name in STATUS_COLUMNS)
 _HIGH, _LOW, _FEEDING = COLUMN["alarm_high"], COLUMN["alarm_low"], COLUMN["feeding"]
@@ -107,10 +109,13 @@ def whole_of(command: Command, desk: Desk) -> int | None:
 def unusable(reading: Reading, value: Value, port: PortState, desk: Desk) -> str | None:
     """Why a well-formed value is not taken, or None.
 
-    A countdown that does not run has no remaining time, and a share of something unknown is none.
+    A countdown that does not run has no remaining time, a share of something unknown is none, and an answer without its digit
+    tells no state.
     """
     if reading.name == "delay_s" and (value in NO_COUNTDOWN or (value == 0 and not _is_counting(port))):
         return NOT_COUNTING
+    if value == UNTOLD:
+        return NO_DIGIT
     if reading.command.share_of is not None and whole_of(reading.command, desk) is None:
         return NO_MAXIMUM
     return void(reading.name, port, desk)

@@ -146,6 +146,8 @@ def measure_turnaround(desk: Desk) -> Steps[None]:
     if measured is None or answered < LEAST_ANSWERED:
         raise StartRefused(f"{desk.name}: only {answered} of {READS} questions were answered; the link is too bad to run on")
     desk.facts.turnaround_us = {"median": round(measured.median, 1), "p99": round(measured.longest, 1), "n": answered}
+    for name in measured.ignored:
+        desk.not_supported.add(desk.family.signal_of(name) or name)
     desk.link_is_faster = measured.faster_text(desk.order.line)
     if measured.is_faster:
         desk.facts.turnaround_us["faster_by"] = round(measured.wire - measured.whole, 1)

@@ -11,6 +11,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 from jbclog.commands.omega import CONTROL, INFORMATION, LATE, SAYS_YES
+from jbclog.commands.omega_values import UNTOLD
 from jbclog.quantities import Value
 from jbclog.rows import Severity
 from jbclog.session.order import Desk, PortState
@@ -88,9 +89,20 @@ def differs_from_last(name: str) -> Callable[[Desk, PortState, Value], bool]:
 
     def doubt(_desk: Desk, port: PortState, value: Value) -> bool:
         last = port.states.get(name)
+        if value == UNTOLD and last is None:
+            return False
         return value != (USUAL[name] if last is None else last[0])
 
     return doubt
+
+
+def told_text(desk: Desk) -> str:
+    """What this controller does not tell of its states, as sentences; nothing where it tells them all."""
+    untold = [signal.command.replace("_", " ") for signal in desk.family.signals if signal.name in desk.not_supported]
+    text = f" It does not answer {', '.join(untold)}: that is not due, and not known." if untold else ""
+    if isinstance(desk.station, OmegaStation) and desk.station.without_digit:
+        text += " It answers A with a alone: whether solder is short or clogged is not known."
+    return text
 
 
 def tell_late(desk: Desk) -> None:

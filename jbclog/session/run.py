@@ -16,6 +16,7 @@ from jbclog.session.apply import apply
 from jbclog.session.condition import check_condition
 from jbclog.session.counters import read_counters
 from jbclog.session.identify import Absent, identify
+from jbclog.session.omega_states import told_text
 from jbclog.session.order import Desk
 from jbclog.session.outage import Gone, outage
 from jbclog.session.pace import Pace, choose_pace, chosen_text
@@ -69,7 +70,7 @@ def _ended(desk: Desk, why: str) -> tuple[str, str]:
 def _record(desk: Desk) -> Steps[None]:
     yield from identify(desk)
     pace = choose_pace(desk)
-    desk.note("station.ready", Severity.INFO, f"{_ready_text(desk)}{chosen_text(desk.facts)}.")
+    desk.note("station.ready", Severity.INFO, f"{_ready_text(desk)}{chosen_text(desk.facts)}.{told_text(desk)}")
     if not desk.family.safe_states:
         text = f"An {desk.family.title} has no safe state that could be ordered: at the end of the run it is left as it is."
         desk.note("safety.not_available", Severity.WARNING, text)

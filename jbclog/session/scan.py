@@ -16,7 +16,7 @@ from jbclog.rows import COLUMN, SAMPLE_COLUMNS, CounterRow, SampleRow, Severity,
 from jbclog.scheduler import Reading
 from jbclog.session.alarms import AlarmWatch, bears_out
 from jbclog.session.anomalies import note_zero_countdown
-from jbclog.session.columns import Fill, fill_of, unusable, void
+from jbclog.session.columns import NO_DIGIT, Fill, fill_of, unusable, void
 from jbclog.session.doubt import Doubt, SecondLook
 from jbclog.session.identity import expect_same
 from jbclog.session.omega_states import differs_from_last
@@ -28,7 +28,7 @@ from jbclog.station.client import Asking
 WIDTH = len(SAMPLE_COLUMNS)
 SKIPPED = "skipped"
 EXPECTED = frozenset(  # told by other events, or none
-    {"no_tool", "no_thermocouple", "not_counting", SKIPPED, LinkError.reason, "robot_off"}
+    {"no_tool", "no_thermocouple", "not_counting", NO_DIGIT, SKIPPED, LinkError.reason, "robot_off"}
 )
 
 _TIME, _TICK, _STATION, _PORT = (COLUMN[name] for name in ("time", "tick", "station", "port"))

@@ -3,10 +3,12 @@
 The rules:
 
 1. One question is outstanding at a time. An answer is believed only when its sum holds and it begins with the question's letter
-   in lower case, for a condition with its number behind that, and has the length that belongs to it.
+   in lower case, for a condition with its number behind that, and has the length that belongs to it. a alone, without its
+   digit, is one, too: 003, 11.3.1 prints no more.
 2. What the controller refuses it ignores, and a frame with a wrong sum it drops (003, 11.2): both look like a lost answer. So
    after a silence something else is asked that has been answered before, A if possible. Answered, the line is good: what was
-   silent three times over was refused (`Ignored`). Silent too, nothing is there (`StationSilent`).
+   silent three times over was refused (`Ignored`). Silent too, nothing is there (`StationSilent`). A controller that has never
+   answered anything else but this question has nothing to be asked in between: it is waited for, and silent after three tries.
 3. The same question also proves that no answer is under way any more, because answers come in the order of questions: no letter
    is asked again before it, or before `GONE_S` are over. Right behind itself a letter is asked only once the line was quiet for
    `QUIET_S`: an answer that came twice would pass for the next.
@@ -20,11 +22,12 @@ Everything here is a generator that does no I/O (`effects`).
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 from jbclog.commands.command import Command
 from jbclog.commands.omega import LATE, OMEGA
+from jbclog.commands.omega_values import Digit
 from jbclog.effects import Ask, Heard, Listen, Steps
 from jbclog.errors import AnswerCorrupt, AnswerFormat, AnswerTimeout, Ignored, StationError, StationSilent
 from jbclog.protocol.omega import OmegaReader, encode
@@ -64,6 +67,7 @@ class OmegaQuestion:
     frame: bytes
     answer: str  # the letter, and the number of a condition
     digits: int | None  # characters behind the letter; None: any number
+    may_lack: bool  # whether an answer without them is one, too
     wire_s: float
     tries: int
     name: str
@@ -71,6 +75,10 @@ class OmegaQuestion:
     @property
     def letter(self) -> str:
         return self.answer[0]
+
+    def fits(self, text: str) -> bool:
+        """Whether an answer that begins as it must has a length that it may have."""
+        return self.digits in (None, len(text) - 1) or (self.may_lack and len(text) == 1)
 
     def title(self) -> str:
         """How messages name it: ``temperature control``, ``condition 101``."""
@@ -91,6 +99,7 @@ class OmegaStation:
         self.strays: Counter[str] = Counter()
         self.anomalies = Anomalies()
         self.by_itself: list[Said] = []
+        self.without_digit: set[str] = set()  # letters of answers that have come without what should stand behind them
         self._reader = OmegaReader()
         self._doubted: dict[str, float] = {}  # letters of answers that may be under way, and until when
         self._last = ""  # the letter of the last answer
@@ -112,6 +121,7 @@ class OmegaStation:
         """The same with a question that this client made before. Raises `Ignored` where only this one is not answered."""
         assert isinstance(question, OmegaQuestion)
         failures: list[StationError] = []
+        is_proven = False  # whether something else was answered behind a silence
         for _ in range(question.tries):
             if self._is_doubted(question.letter):
                 if not (yield from self._settle(question.letter)):
@@ -120,16 +130,22 @@ class OmegaStation:
                 yield from self._listen_until(self.heard + QUIET_S)
             try:
                 self.data = yield from self._exchange(question)
+                self._note_length(question)
                 return question.command.quantity.decode(self.data)
             except ValueError as error:  # a whole answer to this question, so nothing is under way
                 failures.append(AnswerFormat(f"{question.title()}: {error}"))
             except UNCERTAIN as error:
                 failures.append(error)
-                if not (yield from self._settle(question.letter)):
+                if self._answered == {question.letter}:
+                    continue  # there is nothing else to ask: the next try waits until no answer can come any more
+                is_proven = yield from self._settle(question.letter)
+                if not is_proven:
                     raise StationSilent(f"no answer to {question.title()}, and none to anything else") from error
-        if all(isinstance(failure, AnswerTimeout) for failure in failures):
+        if not all(isinstance(failure, AnswerTimeout) for failure in failures):
+            raise failures[-1]
+        if is_proven:
             raise _ignored(question)
-        raise failures[-1]
+        raise StationSilent(f"no answer to {question.title()} in {question.tries} tries, and it has never answered anything else")
 
     def write(
         self,
@@ -177,7 +193,15 @@ class OmegaStation:
         frame, digits, number = encode(text), command.answer_digits, text[1:5]
         wire_s = self.line.seconds(len(frame) + AROUND + 1 + (RECORD if digits is None else digits))
         name = command.name.replace("_", " ") + (f" {int(number, 16)}" if number else "")
-        return OmegaQuestion(command, frame, answer, digits, wire_s, 1 if command.asked_once else 1 + REPEATS, name)
+        may_lack = isinstance(command.quantity, Digit) and command.quantity.may_lack
+        return OmegaQuestion(command, frame, answer, digits, may_lack, wire_s, 1 if command.asked_once else 1 + REPEATS, name)
+
+    def _note_length(self, question: OmegaQuestion) -> None:
+        """Reckon with the answer as it comes: one without its digit is a character shorter."""
+        if question.may_lack and not self.data and question.letter not in self.without_digit:
+            self.without_digit.add(question.letter)
+            shorter = question.wire_s - self.line.seconds(question.digits or 0)
+            self._questions[question.command.code()] = replace(question, wire_s=shorter)
 
     # -- doubt -----------------------------------------------------------------------------------------------------
 
@@ -191,8 +215,6 @@ class OmegaStation:
         others = [probe for probe in probes if probe.letter != letter and not self._is_doubted(probe.letter)]
         if self._answered:
             others = [probe for probe in others if probe.letter in self._answered]
-        if self._answered == {letter}:
-            return (yield from self._wait_for_doubts())
         for probe in others[:PROBES]:
             try:
                 yield from self._exchange(probe)
@@ -200,12 +222,6 @@ class OmegaStation:
             except UNCERTAIN:
                 continue
         return False
-
-    def _wait_for_doubts(self) -> Steps[bool]:
-        """Nothing else was ever answered here: listen until no answer can come any more."""
-        yield from self._listen_until(max(self._doubted.values(), default=self.now))
-        self._doubted.clear()
-        return True
 
     def _listen_until(self, moment: float) -> Steps[None]:
         """Nothing is asked before `moment`; what comes until then answers nothing."""
@@ -261,7 +277,7 @@ class OmegaStation:
                     answers.append("")
             elif question is None or not found.startswith(question.answer):
                 self.strays[self._kind_of(found, asked=question is not None)] += 1
-            elif question.digits in (None, len(found) - 1):
+            elif question.fits(found):
                 answers.append(found[1:])
             else:
                 damaged = AnswerFormat(f"{question.title()}: {len(found) - 1} characters behind the letter of {found}")

@@ -13,7 +13,7 @@ from statistics import median
 from jbclog.commands.command import Scope
 from jbclog.commands.family import Family
 from jbclog.effects import Steps
-from jbclog.errors import StationError
+from jbclog.errors import NotSupported, StationError
 from jbclog.station.client import Asking, Client
 from jbclog.wire import LineFormat
 
@@ -33,6 +33,7 @@ class ResponseTime:
     took: tuple[float, ...]
     whole: float
     wire: float
+    ignored: tuple[str, ...] = ()  # the commands that are not taken here, and were not counted
 
     @property
     def median(self) -> float:
@@ -60,27 +61,34 @@ class ResponseTime:
 def response_time(client: Client, family: Family, port: int) -> Steps[tuple[ResponseTime | None, int]]:
     """Ask `READS` times what is harmless; give the response time and the number of answers. None where nothing was answered.
 
-    Once `LEAST_ANSWERED` can no more be reached, nothing more is asked.
+    What the station does not take is no lost answer: it is left out and named. Once `LEAST_ANSWERED` can no more be reached,
+    nothing more is asked.
     """
-    questions = [_question(client, family, name, port) for name in family.harmless]
+    names, ignored = list(family.harmless), []
     heard: list[tuple[float, float]] = []
-    for number in range(READS):
-        if number - len(heard) > READS - LEAST_ANSWERED:
-            break
-        question = questions[number % len(questions)]
+    asked = 0
+    while names and asked < READS and asked - len(heard) <= READS - LEAST_ANSWERED:
+        name = names[asked % len(names)]
+        question = _question(client, family, name, port)
         try:
             yield from client.ask(question)
-        except StationError:
+        except NotSupported:
+            names.remove(name)
+            ignored.append(name)
             continue
+        except StationError:
+            asked += 1
+            continue
+        asked += 1
         heard.append(((client.heard - client.sent) * 1e6, question.wire_s * 1e6))
-    return _made_of(heard), len(heard)
+    return _made_of(heard, ignored), len(heard)
 
 
-def _made_of(heard: list[tuple[float, float]]) -> ResponseTime | None:
+def _made_of(heard: list[tuple[float, float]], ignored: list[str]) -> ResponseTime | None:
     if not heard:
         return None
     took = tuple(sorted(max(whole - wire, 0.0) for whole, wire in heard))
-    return ResponseTime(took, median(whole for whole, _ in heard), median(wire for _, wire in heard))
+    return ResponseTime(took, median(whole for whole, _ in heard), median(wire for _, wire in heard), tuple(ignored))
 
 
 def _question(client: Client, family: Family, name: str, port: int) -> Asking:

@@ -6,7 +6,7 @@ import pytest
 from omega_talk import PROMPT_S, OmegaTalk, Turn, framed
 
 from jbclog.commands.family import FAMILIES
-from jbclog.commands.omega_values import ConditionRecord
+from jbclog.commands.omega_values import UNTOLD, ConditionRecord
 from jbclog.effects import Steps, Wait
 from jbclog.errors import AnswerCorrupt, AnswerFormat, AnswerTimeout, Ignored, NotSupported, StationError, StationSilent
 from jbclog.quantities import Value
@@ -64,6 +64,7 @@ def test_it_is_the_client_of_its_family() -> None:
         (A, "A", "a1", "solder shortage"),
         (A, "A", "a2", "solder clogged"),
         (A, "A", "a3", "solder shortage and clogged"),
+        (A, "A", "a", UNTOLD),
         (B, "B", "b0", "ready"),
         (B, "B", "b1", "preparing or error"),
         (F, "F", "f0", "in range"),
@@ -98,7 +99,7 @@ def test_an_answer_of_another_condition_is_none() -> None:
     assert talk.station.strays == {"code": 1}
 
 
-@pytest.mark.parametrize("answer", ["a", "a00", "a4", "ax"])
+@pytest.mark.parametrize("answer", ["a00", "a4", "ax"])
 def test_what_no_answer_can_be_is_not_believed(answer: str) -> None:
     """Its length is wrong, or its digit means nothing. Where it is not sure what it answered, another letter is asked between."""
     between = [] if answer in ("a4", "ax") else [("B", "b0")]
@@ -186,6 +187,24 @@ def test_what_was_answered_once_although_badly_was_not_refused(place: int) -> No
     error = failure(talk, lambda station: station.read(C101))
     assert isinstance(error, AnswerCorrupt if place == 2 else AnswerTimeout)
     assert not isinstance(error, Ignored)
+
+
+def test_a_controller_that_answers_nothing_else_is_waited_for_and_then_gone() -> None:
+    """003 prints A only. Nothing else was ever answered, so nothing else can prove the line: its silence is no refusal."""
+    talk = OmegaTalk(("A", "a0"), ("A",), ("A",), ("A", (0.1, "a1")))
+    assert talk.each(ask_a, ask_a) == ["normal", "solder shortage"]
+    waits = [later - earlier for earlier, later in zip(talk.end.moments[1:], talk.end.moments[2:], strict=False)]
+    assert min(waits) >= GONE_S
+    talk = OmegaTalk(("A", "a0"), ("A",), ("A",), ("A",))
+    error = failure(talk, ask_a, ask_a)
+    assert isinstance(error, StationSilent)
+    assert not isinstance(error, Ignored)
+
+
+def test_where_a_digit_comes_after_all_it_is_read() -> None:
+    talk = OmegaTalk(("A", "a"), ("A", "a2"))
+    assert talk.each(ask_a, ask_a) == [UNTOLD, "solder clogged"]
+    assert talk.station.without_digit == {"a"}
 
 
 # -- what is written ---------------------------------------------------------------------------------------------------

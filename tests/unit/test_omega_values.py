@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 
 from jbclog.commands.omega import OMEGA, SAYS_YES
 from jbclog.commands.omega_values import (
+    UNTOLD,
     Cleaning,
     ConditionNumber,
     ConditionRecord,
@@ -147,7 +148,8 @@ def test_a_digit_is_one_word_of_its_command(command: object) -> None:
     for number, name in enumerate(quantity.names):
         assert quantity.decode(str(number)) == name
         assert quantity.encode(name) == str(number)
-    for data in ("", "00", "-", str(len(quantity.names)), "²"):
+    assert not quantity.may_lack or quantity.decode("") == UNTOLD
+    for data in (*(() if quantity.may_lack else ("",)), "00", "-", str(len(quantity.names)), "²"):
         with pytest.raises(ValueError, match="no digit"):
             quantity.decode(data)
     with pytest.raises(ValueError, match="none of"):

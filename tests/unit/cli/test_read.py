@@ -7,6 +7,7 @@ import re
 
 import pytest
 from by_hand import Make, station_text
+from page_omega import PageOmega
 from typer.testing import CliRunner
 
 from jbclog import reach
@@ -321,3 +322,21 @@ def test_help_lists_every_name_of_every_family(verb: str) -> None:
     dangerous = {name for family in FAMILIES.values() for name, command in family.commands.items() if command.dangerous}
     behind = set(told.partition("Dangerous, and done only with --yes-i-mean STATION:")[2].split())
     assert behind == (dangerous if verb == "write" else set())
+
+
+def test_all_of_an_omega_that_knows_its_printed_page_only(make: Make) -> None:
+    """What is not answered is not there, and no error; a alone is an answer, and tells no state."""
+    bench = make(station_text("omega-1", "omega"))
+    controller = PageOmega("a")
+    controller.receive(b"\x02RSMN\x03\x03", 0.0)  # somebody looked for a JBC station: the first A is swallowed
+    bench.wires["omega-1"].station = controller  # type: ignore[assignment]  # another maker's
+    ended = bench.do("read", "omega-1", "--all")
+    assert ended.code == 0, ended.err
+    told = dict(line.split("  ", 1) for line in ended.out.splitlines())
+    assert told["information"].strip() == "not known: answered without a digit"
+    assert {told[name].strip() for name in ("temperature control", "set temperature state", "mode") if name in told} <= {
+        "unknown to this station (it does not answer it)"
+    }
+    assert ended.out.count("it does not answer it") == 3
+    (fact,) = [one for one in json.loads(bench.do("read", "omega-1", "--all", "--json").out)["values"] if one["value"] is None][:1]
+    assert fact["reason"] == "no_digit"

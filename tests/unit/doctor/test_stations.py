@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from page_omega import PageOmega
 from uart_ports import Cable, Echo, Silence, means, station_cable
 
 from jbclog.doctor.looked import Fine, Looked
@@ -49,6 +50,12 @@ def test_an_omega_as_the_file_says() -> None:
     (one,) = looked_at(station_cable("omega"), "omega")
     assert isinstance(one, Fine)
     assert "9600 8N1" in one.what
+
+
+def test_an_omega_that_knows_its_printed_page_only() -> None:
+    (one,) = looked_at(Cable(PageOmega("a"), LineFormat(9600)), "omega")
+    assert isinstance(one, Fine)
+    assert one.what.endswith("answers at 9600 8N1 in 20.0 ms")
 
 
 def test_an_omega_that_the_file_calls_something_else() -> None:

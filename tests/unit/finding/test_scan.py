@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
+from page_omega import PageOmega
 from talk import framed
 from uart_ports import Cable, Coming, Echo, Silence, means, station_cable
 
@@ -75,6 +76,21 @@ def test_an_omega_is_found_by_its_own_question() -> None:
     )
     assert found.turnaround is not None
     assert 0 < found.turnaround.median_ms <= found.turnaround.p99_ms < 251
+
+
+@pytest.mark.parametrize("answer", ["a", "a0", "a3"])
+def test_an_omega_that_knows_its_printed_page_only(answer: str) -> None:
+    """003, 11.3.1: A is answered with a. The JBC questions before it swallow its first A, so it is asked twice."""
+    controller = PageOmega(answer)
+    report = scanned(Cable(controller, LineFormat(9600)))
+    found = station(report)
+    assert found.family is not None
+    assert found.family.name == "omega"
+    assert found.not_answered == ("temperature_control", "set_temperature_state")
+    assert found.turnaround is not None
+    assert (found.turnaround.answered, found.turnaround.faster) == (12, None)
+    assert found.turnaround.median_ms == pytest.approx(20, abs=0.1)
+    assert report.sent[LineFormat(9600), b"\x02A\x0341"] == controller.texts.count("A") + 1
 
 
 def test_what_is_connected_is_named() -> None:
@@ -206,7 +222,7 @@ def test_nobody() -> None:
     assert step.startswith("see that the station is on and that Robot mode is on in its menu")
     assert step.endswith("try every line format and address (at most 42 min): `jbclog scan port --thorough --addresses 1-99`")
     assert "RJ12" not in step
-    assert sum(report.sent.values()) == len(USUAL) * len(ADDRESSES) + 1
+    assert sum(report.sent.values()) == len(USUAL) * len(ADDRESSES) + 2  # OMEGA's A
     assert report.seconds <= ScanPlan().seconds
 
 

@@ -1,0 +1,39 @@
+"""An OMEGA that knows no more than its printed page, on a real pseudo-terminal: found, recorded, judged."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pandas as pd
+from command import jbclog
+from page_omega import PageOmega, served
+
+from jbclog.recipe.line import load_line
+from jbclog.record.check import check
+
+RECIPE = '[recipe]\nname = "states"\nrevision = 1\nfamilies = ["omega"]\n[acceptance]\ncoverage_percent = 90\n'
+
+
+def test_a_controller_that_says_a_and_no_more(tmp_path: Path) -> None:
+    """From nothing known of it to a verdict; the scan's JBC questions swallow its first A. Its state is null, and not normal."""
+    controller = PageOmega("a")
+    line, recipe = tmp_path / "line.toml", tmp_path / "states.toml"
+    recipe.write_text(RECIPE)
+    with served(controller) as far:
+        scan = jbclog("scan", far.url, "--write", line)
+        assert scan.returncode == 0, scan.stdout
+        assert load_line(line).stations[0].family == "omega"
+        assert "not taken   temperature control, set temperature state" in scan.stdout
+        run = jbclog("run", recipe, "--line", line, "--out", tmp_path / "runs", "-d", "3s", "--rate", "1", "--json")
+    folder = Path(json.loads(run.stdout)["run"])
+    assert check(folder) == []
+    assert set(controller.texts) == {"A", "B", "F"}
+    samples = pd.read_parquet(folder / "samples")
+    assert samples["solder_shortage"].isna().all()
+    assert set(samples["reasons"]) == {"solder_shortage=no_digit;clogged=no_digit"}
+    assert jbclog("report", folder).returncode in (0, 1)
+    verdict = json.loads((folder / "report.json").read_text())["verdict"]
+    (coverage,) = [rule for rule in verdict["rules"] if rule["name"] == "coverage"]
+    assert (verdict["word"], run.returncode) == ("INCONCLUSIVE", 1)
+    assert coverage["text"] == "Every answer came without a digit behind its letter: it tells no state, and none is known."
