@@ -37,7 +37,7 @@ def by_companion(judged: Judged, others: Iterable[Judged], ratios: Ratios) -> Ju
     beside = _beside(judged, others) if ratio is not None else None
     if ratio is None or beside is None:
         return judged
-    possible = ([] if span.fell else [0]) + list(span.turns(span.usual) or span.turns(span.most))
+    possible = ([] if span.fell else [0]) + list(span.turns(span.most))
     fitting = [turns for turns in possible if _fits(turned(span, turns), beside.delta, ratio)]
     if len(fitting) != 1:
         return judged

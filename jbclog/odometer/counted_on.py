@@ -13,20 +13,21 @@ def counted_on(span: Span) -> Judged:
     if span.after.shown.high >= span.top:
         return loose(span, "stands_at_top", Interval(span.worked.low, max(span.worked.high, span.most)))
     if span.fell:
-        return _rolled_over(span, span.turns(span.usual) or span.turns(span.most))
+        return _rolled_over(span, span.turns(span.usual))
     if not span.can_go_on:
         return _too_fast(span)
     turns = span.turns(span.usual)
     if turns:
-        return loose(span, "can_have_rolled_over", Interval(span.worked.low, turned(span, turns[-1]).high))
+        return loose(span, "can_have_rolled_over", Interval(span.worked.low, turned(span, span.turns(span.most)[-1]).high))
     return Judged(span, Kind.ZERO if span.is_unchanged else Kind.NORMAL, "unchanged" if span.is_unchanged else "went_on")
 
 
 def _rolled_over(span: Span, turns: range) -> Judged:
     if len(turns) == 1:
         return Judged(span, Kind.ROLL_OVER, "fell_from_near_its_top", turns=1)
-    if turns:
-        worked = Interval(turned(span, 1).low, turned(span, turns[-1]).high)
+    possible = span.turns(span.most)
+    if possible:
+        worked = Interval(turned(span, 1).low, turned(span, possible[-1]).high)
         return loose(span, "rolled_over_unknown_times", worked, Kind.ROLL_OVER)
     return loose(span, "fell_alone" if span.can_be_reset else "fell_to_what_cannot_be", Interval(0.0, max(0.0, span.most)))
 

@@ -3,6 +3,9 @@
 A reset is supposed to set every counter of a port to zero. So it is shown by a counter that fell and cannot have rolled over, and
 ruled out by one that shows more than can have been counted since the last look. Where neither is so, nobody can know, and what
 follows is bounded by both.
+
+All counters of the station are heard together: where one unit cannot have shown all of it without a reset (`units.py`), another
+unit may stand there, and of none of its counters is more known than what there was time for.
 """
 
 from __future__ import annotations
@@ -12,6 +15,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
 from itertools import groupby
+from typing import Final
 
 from jbclog.odometer.companion import Ratios, by_companion
 from jbclog.odometer.counted_on import counted_on
@@ -20,6 +24,7 @@ from jbclog.odometer.judged import Judged, loose, since_zero
 from jbclog.odometer.odometer import Join, Kind
 from jbclog.odometer.span import Span
 from jbclog.odometer.traits import DRIFT
+from jbclog.odometer.units import Unit, is_ordinary, unit_of
 
 
 class Reset(Enum):
@@ -33,10 +38,11 @@ class Reset(Enum):
 @dataclass(slots=True)
 class Resets:
     """What is known of them: by port (0: all), hours from the look before to one that people stated; by port, the last look that
-    found one, and whether it is sure."""
+    found one, and whether it is sure. `other` is the last look since whose last but one another unit may have come."""
 
     stated: Mapping[int, float] = field(default_factory=dict)
     found: dict[int, tuple[int, Reset]] = field(default_factory=dict)
+    other: int = -1
 
     def stated_h(self, port: int) -> float | None:
         return self.stated.get(port, self.stated.get(0))
@@ -51,15 +57,26 @@ def judge(spans: Sequence[Span], look: int, resets: Resets, ratios: Ratios) -> l
     """All counters of a station at one look; `resets` learns what is found."""
     untimed = [loose(one, "clock_ran_back", Interval(0.0, math.inf)) for one in spans if math.isinf(one.elapsed_h)]
     timed = [one for one in spans if not math.isinf(one.elapsed_h)]
+    judged = [_across_another(one, resets.across(one)) for one in timed if one.before.look < resets.other]
+    timed = [one for one in timed if one.before.look >= resets.other]
     across = [one for one in timed if resets.across(one) is not Reset.NO]
-    judged = [_across(one, resets.across(one)) for one in across]
     fresh = sorted((one for one in timed if resets.across(one) is Reset.NO), key=lambda one: one.port)
-    judged += _at_look(fresh, look, resets, ratios)
-    return untimed + ([_beside_it(one) for one in judged] if any(map(_cannot_be, judged)) else judged)
+    by_port = {port: list(group) for port, group in groupby(fresh, key=lambda one: one.port)}
+    unit = _unit(by_port, across, resets)
+    found = [_across(one, resets.across(one)) for one in across] + _at_look(by_port, look, resets, ratios)
+    if unit is not Unit.SAME:
+        resets.other = look
+        found = [_or_other(one, unit) for one in found]
+    return untimed + judged + found
 
 
-def _at_look(spans: Sequence[Span], look: int, resets: Resets, ratios: Ratios) -> list[Judged]:
-    by_port = {port: list(group) for port, group in groupby(spans, key=lambda one: one.port)}
+def judge_doubted(spans: Sequence[Span], look: int, resets: Resets) -> list[Judged]:
+    """All counters at a look of which it is known that another unit may have come or gone before it."""
+    resets.other = look
+    return [_beside_another(one) for one in spans]
+
+
+def _at_look(by_port: Mapping[int, Sequence[Span]], look: int, resets: Resets, ratios: Ratios) -> list[Judged]:
     verdicts = _verdicts(by_port, resets)
     judged: list[Judged] = []
     for port, group in by_port.items():
@@ -69,16 +86,43 @@ def _at_look(spans: Sequence[Span], look: int, resets: Resets, ratios: Ratios) -
     return judged
 
 
-def _cannot_be(judged: Judged) -> bool:
-    """Hours that nothing explains: another station's, perhaps, whose other counters happen to fit."""
-    return judged.span.trait.is_time and judged.rule in ("faster_than_time", "fell_to_what_cannot_be", "fell_alone")
+# -- was it another unit ----------------------------------------------------------------------------------------------------------
 
 
-def _beside_it(judged: Judged) -> Judged:
-    if not judged.is_known or judged.kind is Kind.ZERO:
-        return judged
-    worked = Interval(0.0, max(judged.delta.high, judged.span.most))
-    return loose(judged.span, "beside_what_cannot_be", worked)
+def _unit(by_port: Mapping[int, Sequence[Span]], across: Sequence[Span], resets: Resets) -> Unit:
+    """By all spans; those `across` a look that found a reset, or may have hidden one, are ordinary or end in what it left."""
+    odd = [one for one in across if not is_ordinary(one)]
+    if not all(one.can_be_reset for one in odd):
+        return Unit.OTHER
+    unit = unit_of(by_port, {port for port in by_port if resets.stated_h(port) is not None})
+    return Unit.EITHER if unit is Unit.SAME and any(resets.across(one) is Reset.MAYBE for one in odd) else unit
+
+
+OF_RESET: Final = ("fell_since", "reset_with_its_port")
+INEXPLICABLE: Final = ("fell_alone", "fell_to_what_cannot_be", "faster_than_time", "faster_than_plausible")
+
+
+def _or_other(judged: Judged, unit: Unit) -> Judged:
+    """As it is judged, or another unit's."""
+    span = judged.span
+    worked = Interval(0.0, max(judged.delta.high, span.at_most))
+    if judged.rule in OF_RESET and unit is Unit.EITHER:
+        return loose(span, "reset_or_other_unit", worked, Kind.RESET)
+    if judged.rule in INEXPLICABLE:
+        return loose(span, judged.rule, worked, judged.kind)
+    return loose(span, "beside_what_cannot_be", worked)
+
+
+def _across_another(span: Span, reset: Reset) -> Judged:
+    """A counter that was not read at the look before which another unit may have come."""
+    if reset is Reset.YES and span.can_be_reset:
+        return loose(span, "reset_or_other_unit", Interval(0.0, span.at_most), Kind.RESET)
+    return _beside_another(span)
+
+
+def _beside_another(span: Span) -> Judged:
+    """Of a span that another unit may have come in, though this counter does not tell."""
+    return loose(span, "beside_what_cannot_be", Interval(0.0, span.at_most))
 
 
 # -- was it reset ---------------------------------------------------------------------------------------------------------------
@@ -104,7 +148,7 @@ def _shown(group: Sequence[Span], stated_h: float | None) -> Reset:
     fallen = [one for one in group if one.fell]
     if not _can_hide(group) or not (fallen or stated_h is not None):
         return Reset.NO
-    if stated_h is not None or any(not one.turns(one.usual) for one in fallen):
+    if stated_h is not None or any(not one.turns(one.most) for one in fallen):
         return Reset.YES
     return Reset.MAYBE
 
@@ -133,9 +177,13 @@ def _was_reset(span: Span, rest_h: float, stated_h: float | None) -> Judged:
 
 
 def _lost_at_most(span: Span, rest_h: float, stated_h: float | None = None) -> float:
-    """What can have been worked before the reset: in the time that is left when the hours shown since are taken away."""
+    """What can have been worked before the reset: in the time that is left when the hours shown since are taken away.
+
+    Of a counter that can have rolled over since the reset, what can have been worked in all beyond what it shows."""
+    if span.at_most >= span.modulus:
+        return span.at_most - span.after.shown.low
     hours = max(0.0, span.elapsed_h * DRIFT - rest_h)
-    if stated_h is not None:
+    if stated_h is not None and span.before.look == span.after.look - 1:  # it is told from the look before on
         hours = min(hours, stated_h * DRIFT)
     return hours if span.trait.is_time else hours * span.trait.fastest
 

@@ -14,8 +14,9 @@ from jbclog.odometer.interval import Interval
 from jbclog.odometer.odometer import Difference, Kind
 from jbclog.odometer.sentences import RULES
 from jbclog.odometer.span import LEAST_HOURS, Reading, top_of
-from jbclog.odometer.traits import DRIFT, Trait
+from jbclog.odometer.traits import DRIFT, FIVE_DIGITS, HOURS, Trait
 
+LAST_HOUR = top_of(FIVE_DIGITS, HOURS)
 Readings = Mapping[Key, Reading]
 
 
@@ -56,10 +57,12 @@ def is_plain(look: int, last: Readings, now: Readings, counters: Mapping[Key, Co
 
 
 def lasted_h(hours: Sequence[Key], last: Readings, now: Readings, look: int, elapsed_h: float) -> float:
-    """How long a counter of events can have counted: by the counter of time that it goes with, or by what went by."""
+    """How long a counter of events can have counted: by the counter of time that it goes with, or by what went by.
+
+    One that shows its last number may stand still, and tells nothing."""
     for key in hours:
         before, after = last.get(key), now.get(key)
-        if before and after and before.look == look and after.shown.high >= before.shown.low:
+        if before and after and before.look == look and before.shown.low <= after.shown.high < LAST_HOUR:
             return min(elapsed_h * DRIFT, after.shown.high - before.shown.low + 1.0)
     return elapsed_h * DRIFT
 

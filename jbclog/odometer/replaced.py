@@ -6,8 +6,7 @@ from collections.abc import Sequence
 
 from jbclog.odometer.observed import Identity
 from jbclog.odometer.span import Span
-
-SURELY_ITS_OWN_H = 24.0  # more hours than two stations agree in by chance
+from jbclog.odometer.units import SURELY_ITS_OWN_H
 
 
 def replaced(before: Identity | None, now: Identity | None, spans: Sequence[Span], stated: bool) -> str | None:

@@ -19,6 +19,7 @@ RULES: Final = {
     "faster_than_plausible": "It counted faster than is plausible.",
     "clock_ran_back": "The host's clock was set back; until a later reading nobody knows how long it was in between.",
     "fell_since": "It fell to what can have been counted since the last reading; what it counted before the reset is lost.",
+    "reset_or_other_unit": "It was reset, or exchanged for a unit that was hardly used: only the time bounds what was worked.",
     "reset_with_its_port": "Others of its port were reset, and it shows no more than can have been counted since.",
     "stated_reset": "It was reset, as somebody told; what it counted between the last reading and then is lost.",
     "can_hide_reset": "All that is shown can have been counted since the last reading, so that a reset in between would not show.",

@@ -28,7 +28,7 @@ class Reading:
 @dataclass(slots=True)  # a frozen one takes three times as long to make, and there are hundreds of thousands
 class Span:
     """From `before` to `after`. `elapsed_h`: at most. `most`: what can have been worked at the fastest plausible pace; `usual`:
-    at twice the fastest that was seen. `grown`: by how much the readings differ, two of a moving one each way."""
+    at three times the fastest that was seen. `grown`: by how much the readings differ, two of a moving one each way."""
 
     port: int
     counter: str
@@ -67,6 +67,11 @@ class Span:
         """How often it can have rolled over if no more than `most` was worked, from once on."""
         room = most + self.trait.step - self.grown.low
         return range(1, 1 + min(MANY, max(0, math.floor(room / self.modulus)) if math.isfinite(room) else MANY))
+
+    @property
+    def at_most(self) -> float:
+        """What can have been worked in this time, by whichever unit stood there."""
+        return self.elapsed_h * DRIFT * (1.0 if self.trait.is_time else self.trait.fastest)
 
     @property
     def can_be_reset(self) -> bool:

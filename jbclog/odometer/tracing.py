@@ -7,7 +7,8 @@ known at first sight.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections import Counter as Counted
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from jbclog.odometer.companion import OPEN, Ratios, ratios_of
@@ -16,7 +17,7 @@ from jbclog.odometer.elapsed import seconds
 from jbclog.odometer.history import History, Key
 from jbclog.odometer.interval import NOTHING, Interval
 from jbclog.odometer.judged import Judged
-from jbclog.odometer.judging import Resets, judge
+from jbclog.odometer.judging import Resets, judge, judge_doubted
 from jbclog.odometer.misread import MakeSpan, misread
 from jbclog.odometer.observed import REPLACED, RESET
 from jbclog.odometer.odometer import Difference, Join, Kind, Point, Trace
@@ -25,9 +26,10 @@ from jbclog.odometer.replaced import replaced
 from jbclog.odometer.sentences import RULES
 from jbclog.odometer.span import LEAST_HOURS, Reading, Span
 from jbclog.odometer.traits import DRIFT, modulus_of, trait_of
+from jbclog.odometer.units import is_ordinary
 
-MARGIN = 2.0  # by which a counter may go faster than it ever was seen to
-LEAST_SEEN = 3
+MARGIN = 3.0  # by which a counter may go faster than it ever was seen to
+LEAST_SEEN = 6  # fewer are those of quiet weeks, in which no roll-over was to be doubted
 UNSURE = frozenset({*OPEN, "rolled_over_or_reset"})
 
 
@@ -44,12 +46,21 @@ def traces_of(history: History) -> Traces:
     """Every counter's trace."""
     first = _Pass(history, {}, {})
     first.go()
-    if not any(one.rule in UNSURE for judged in first.judged for one in judged):
+    unsure = any(one.rule in UNSURE for judged in first.judged for one in judged)
+    if not unsure and not first.late:
         return first.traces
     judged = [*first.judged, *first.plain()]
-    second = _Pass(history, _paces(judged), ratios_of(judged))
+    paces, ratios = (_paces(judged), ratios_of(judged)) if unsure else ({}, {})
+    second = _Pass(history, paces, ratios, first.late)
     second.go()
     return second.traces
+
+
+def _strangers(left_out: Iterable[Collection[int]]) -> Iterator[int]:
+    """Looks at which several counters belong to nothing, so that for once another unit answered; and those after them."""
+    for look, counters in Counted(look for looks in left_out for look in looks).items():
+        if counters > 1:
+            yield from (look, look + 1)
 
 
 def _paces(looks: Sequence[Sequence[Judged]]) -> dict[Key, float]:
@@ -63,15 +74,18 @@ def _paces(looks: Sequence[Sequence[Judged]]) -> dict[Key, float]:
 
 
 class _Pass:
-    """One way through a history. `paces` and `ratios` are what is known of the counters before."""
+    """One way through a history. `paces` and `ratios` are what is known of the counters before; `doubted` the looks before which
+    another unit may have come, as later ones showed. `late` are those that this way finds."""
 
-    def __init__(self, history: History, paces: Mapping[Key, float], ratios: Ratios) -> None:
+    def __init__(self, history: History, paces: Mapping[Key, float], ratios: Ratios, doubted: Collection[int] = ()) -> None:
         self.history, self.paces, self.ratios = history, paces, ratios
         self.traces = Traces(history)
         self.judged: list[list[Judged]] = []
         self._counters = {key: self._counter(key, found) for key, found in history.readings.items()}
         self._left_out = {key: misread(found, self._maker(key)) for key, found in history.readings.items()}
-        self._odd = frozenset[int]().union(*self._left_out.values())
+        self._doubted = {*doubted, *_strangers(self._left_out.values())}
+        self.late: set[int] = set()
+        self._odd = self._doubted.union(*self._left_out.values())
         self._by_look: list[dict[Key, Reading]] = [{} for _ in history.looks]
         self._plain: list[int] = []
         self._last: dict[Key, Reading] = {}
@@ -127,13 +141,25 @@ class _Pass:
         if rule is not None:
             self._begin_again()
         else:
-            self._resets.stated = self._stated(look)
-            judged = judge(spans, look, self._resets, self.ratios)
+            judged = self._judged(spans, look)
             self.judged.append(judged)
             for found in judged:
                 self._keep(found)
         for key, one in readings.items():
             self._note(key, one, rule)
+
+    def _judged(self, spans: Sequence[Span], look: int) -> list[Judged]:
+        if look in self._doubted:
+            return judge_doubted(spans, look, self._resets)
+        self._resets.stated = self._stated(look)
+        judged = judge(spans, look, self._resets, self.ratios)
+        if self._resets.other == look:
+            since = max(
+                (one.before.look for one in spans if math.isfinite(one.elapsed_h) and not is_ordinary(one)), default=look - 1
+            )
+            if since < look - 1:
+                self.late.update(range(since + 1, look + 1))
+        return judged
 
     def _replaced(self, look: int, spans: Sequence[Span]) -> str | None:
         before, now = self.history.looks[look - 1], self.history.looks[look]
@@ -160,7 +186,13 @@ class _Pass:
     def _span_of(self, key: Key, last: Mapping[Key, Reading], now: Mapping[Key, Reading]) -> Span:
         """With what counters of time tell of it."""
         look, elapsed_h = last[key].look, self.history.elapsed.at_most_h(last[key].look, now[key].look)
-        return self._span(key, last[key], now[key], lasted_h(self._counters[key].hours, last, now, look, elapsed_h))
+        lasted = lasted_h(self._counters[key].hours, self._believed(look), now, look, elapsed_h)
+        return self._span(key, last[key], now[key], lasted)
+
+    def _believed(self, look: int) -> Mapping[Key, Reading]:
+        """What was read at a look, without what is left out."""
+        readings = self._by_look[look]
+        return {key: one for key, one in readings.items() if look not in self._left_out[key]} if look in self._odd else readings
 
     def _span(self, key: Key, before: Reading, after: Reading, lasted: float = math.inf) -> Span:
         counter, elapsed = self._counters[key], self.history.elapsed.at_most_h(before.look, after.look)

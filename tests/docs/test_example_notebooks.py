@@ -92,7 +92,7 @@ def test_the_audit_is_right_where_it_commits_itself() -> None:
     node = executed(AUDIT)
     assert "lines of the ledger that are damaged: 0" in shown(node, "open")
     supposed = shown(node, "marks")
-    assert re.search(r"dde-1 +reset +fell_since +28\n", supposed)  # two resets of seven counters at two ports
+    assert re.search(r"dde-1 +reset +reset_or_other_unit +28\n", supposed)  # two resets of seven counters at two ports
     assert re.search(r"dde-2 +replaced +counters_of_another +14\n", supposed)
     assert not re.search(r"ucr-1 ", supposed)
     due = shown(node, "due")

@@ -62,30 +62,71 @@ def test_a_length_wider_than_five_digits_rolls_over_later() -> None:
     assert (last(trace).kind, last(trace).is_known) == (Kind.NORMAL, True)
 
 
-def test_several_that_fall_together_were_reset_and_what_is_lost_is_bounded() -> None:
+def test_several_that_fall_together_were_reset_or_are_a_hardly_used_unit() -> None:
+    """A unit that had worked 15 h elsewhere shows the same: so what it shows is no lower bound."""
     traces = series(WEEK, plugged_h=[5000, 5040, 30], work_h=[3000, 3020, 20], sleep_cycles=[700, 800, 9])
     assert {last(one).kind for one in traces.values()} == {Kind.RESET}
     work = last(traces["work_h"])
-    assert (work.rule, work.is_known) == ("fell_since", False)
-    assert work.delta == Interval(20, pytest.approx(21 + WEEK * 1.01 - 30))
-    assert traces["work_h"].odometer.total.low == 20 - 1 + 20
+    assert (work.rule, work.is_known, work.delta) == ("reset_or_other_unit", False, Interval(0, WEEK * 1.01))
+    assert last(traces["sleep_cycles"]).delta == Interval(0, WEEK * 1.01 * 60)
+    assert traces["work_h"].odometer.total.low == 20 - 1
     assert "reset" in work.text
 
 
-def test_a_counter_that_did_not_fall_was_reset_with_its_port() -> None:
-    traces = series(WEEK, plugged_h=[5000, 30], work_h=[3000, 20], sleep_cycles=[2, 40])
-    assert (last(traces["sleep_cycles"]).rule, last(traces["sleep_cycles"]).delta.low) == ("reset_with_its_port", 40)
+def test_what_is_lost_by_a_stated_reset_is_bounded() -> None:
+    traces = series(WEEK, told(WEEK + 1, RESET), plugged_h=[5000, 5040, 30], work_h=[3000, 3020, 20], sleep_cycles=[2, 2, 40])
+    assert (last(traces["work_h"]).rule, last(traces["work_h"]).delta) == ("stated_reset", Interval(20, pytest.approx(21 + 1.01)))
+    assert last(traces["sleep_cycles"]).delta.low == 40
+
+
+def test_a_port_is_reset_for_certain_where_its_neighbour_shows_the_same_unit() -> None:
+    looks = [
+        seen(0, {"plugged_h": 5000, "work_h": 3000, "sleep_cycles": 2, "2.plugged_h": 9000, "2.work_h": 8000}),
+        seen(WEEK, {"plugged_h": 30, "work_h": 20, "sleep_cycles": 40, "2.plugged_h": 9040, "2.work_h": 8020}),
+    ]
+    now = traced(looks).now
+    assert (last(now[1, "work_h"]).rule, last(now[1, "work_h"]).delta) == (
+        "fell_since",
+        Interval(20, pytest.approx(21 + WEEK * 1.01 - 30)),
+    )
+    assert (last(now[1, "sleep_cycles"]).rule, last(now[1, "sleep_cycles"]).delta.low) == ("reset_with_its_port", 40)
+    assert last(now[2, "work_h"]).is_known
 
 
 def test_one_that_falls_alone_while_others_rule_a_reset_out_is_suspect() -> None:
     traces = series(WEEK, plugged_h=[5000, 5040], work_h=[3000, 20])
     assert (last(traces["work_h"]).kind, last(traces["work_h"]).rule) == (Kind.SUSPECT, "fell_alone")
-    assert last(traces["plugged_h"]).rule == "beside_what_cannot_be"  # it may be another station's
+    assert last(traces["plugged_h"]).rule == "beside_what_cannot_be"  # it may be another unit's
 
 
-def test_cycles_that_fall_alone_cast_no_doubt_on_the_hours() -> None:
+def test_cycles_that_fall_alone_may_be_another_units_whose_hours_happen_to_fit() -> None:
     traces = series(WEEK, plugged_h=[5000, 5040], sleep_cycles=[3000, 20])
-    assert (last(traces["sleep_cycles"]).rule, last(traces["plugged_h"]).is_known) == ("fell_alone", True)
+    assert (last(traces["sleep_cycles"]).rule, last(traces["plugged_h"]).is_known) == ("fell_alone", False)
+    assert last(traces["plugged_h"]).delta == Interval(0, WEEK * 1.01)
+
+
+@pytest.mark.parametrize("unread", [False, True])
+def test_an_uncertain_roll_over_beside_hours_that_cannot_be_is_no_lower_bound(unread: bool) -> None:
+    """A feeder's box was exchanged and nobody told: the hours fell to what cannot be, the feeds to what a roll-over could be."""
+    cycles = [60_000.0, None if unread else 16_105.0, 16_300.0]
+    trace = series(WEEK, plugged_h=[9000, 6000, 6040], work_h=[3000, 3050, 3090], dispensed_cycles=cycles)["dispensed_cycles"]
+    found = trace.differences[0]
+    assert (found.rule, found.is_known, found.delta.low) == ("beside_what_cannot_be", False, 0)
+    assert found.delta.high == pytest.approx((2 if unread else 1) * WEEK * 1.01 * 2000)
+
+
+def test_an_exchange_that_a_later_look_shows_casts_doubt_on_the_looks_since_the_hours_were_read() -> None:
+    """At the second look the hours that tell were not read, and the cycles happen to fit."""
+    trace = series(WEEK, plugged_h=[9000, None, 6040], sleep_cycles=[700, 900, 950])["sleep_cycles"]
+    assert [one.delta.low for one in trace.differences] == [0, 0]
+    assert rules(trace) == ["beside_what_cannot_be"] * 2
+
+
+def test_another_unit_that_answers_for_once_may_have_worked() -> None:
+    """On loan for a week: the unit that comes back went on, but not all that was worked here is on it."""
+    traces = series(WEEK, plugged_h=[5000, 9000, 5040], work_h=[3000, 7000, 3020], sleep_cycles=[700, 750, 800])
+    assert [one.delta for one in traces["work_h"].differences] == [Interval(0, pytest.approx(2 * WEEK * 1.01))]
+    assert [one.is_known for one in traces["sleep_cycles"].differences] == [False, False]
 
 
 def test_a_port_is_reset_and_its_neighbour_is_not() -> None:
@@ -119,11 +160,11 @@ def test_how_often_it_rolled_over_while_nobody_looked_is_not_known_and_bounded()
 
 def test_what_goes_with_it_tells_how_often_it_rolled_over() -> None:
     """Days of 2 000 feeds of 5 mm, and then ten days at once, at half that pace."""
-    cycles = [1000, 3000, 5000, 7000, 9000, 19_000]
+    cycles = [1000, 3000, 5000, 7000, 9000, 11_000, 13_000, 23_000]
     mm = [((one - 1000) * 5.0) % 104_857.6 for one in cycles]
     looks = [
         seen(hour, {"plugged_h": 5000 + hour // 3, "work_h": 3000 + hour // 4, "dispensed_cycles": one, "dispensed_mm": length})
-        for hour, one, length in zip([0, 24, 48, 72, 96, 336], cycles, mm, strict=True)
+        for hour, one, length in zip([0, 24, 48, 72, 96, 120, 144, 384], cycles, mm, strict=True)
     ]
     found = last(traced(looks).now[1, "dispensed_mm"])
     assert (found.rule, found.delta.middle, found.is_known) == ("fits_its_companion", pytest.approx(50_000.0), True)
@@ -160,7 +201,10 @@ def test_an_unread_counter_is_skipped() -> None:
 
 
 def test_a_reset_while_a_counter_was_not_read_is_not_missed() -> None:
-    traces = series(WEEK, plugged_h=[5000, 30, 60], work_h=[3000, 20, 40], sleep_cycles=[3, None, 90])
+    shown = {"plugged_h": [5000, 30, 60], "work_h": [3000, 20, 40], "sleep_cycles": [3, None, 90]}
+    traces = series(WEEK, **shown)
+    assert (last(traces["sleep_cycles"]).kind, last(traces["sleep_cycles"]).delta.low) == (Kind.RESET, 0)
+    traces = series(WEEK, told(2, RESET), **shown)
     assert (last(traces["sleep_cycles"]).kind, last(traces["sleep_cycles"]).delta.low) == (Kind.RESET, 90)
 
 
