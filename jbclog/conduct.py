@@ -130,7 +130,12 @@ class _Run:
         self._sharers = Sharers(desk.order.url for desk in self._desks)
         self._wires = WireRecorder(self._dossier.folder) if plan.wanted.wire else None
         wanted = plan.wanted
-        self._units = None if units is None else UnitFeed(units, self._keep_at_once, self._micros, wanted.until_units)
+        refuses = any(one.recipe.units.repeat == "refuse" for one in plan.stations)
+        self._units = (
+            None
+            if units is None
+            else UnitFeed(units, self._keep_at_once, self._micros, wanted.until_units, refuses_repeats=refuses)
+        )
         self._goals = Goals(wanted.goals(), self._note, self._reactor.end, self._units)
         self._cut_short: Exit | None = None
         self._have_all_begun = False

@@ -24,6 +24,7 @@ from jbclog.judge import measure
 from jbclog.judge.bound import FLOOR_C, STEP_C
 from jbclog.judge.idle import Floats, IdleError
 from jbclog.judge.samples import Measures
+from jbclog.record.finding_runs import ending
 from jbclog.record.manifest import Manifest
 
 MARGIN_C: Final = 2.0
@@ -112,7 +113,7 @@ def _facts(one: Manifest, two: Manifest) -> Iterator[Fact]:
         ("rate", one.rate, two.rate),
         ("jbclog", one.host.get("jbclog"), two.host.get("jbclog")),
         ("verdict", one.verdict, two.verdict),
-        ("ended as", one.exit_status, two.exit_status),
+        ("state", ending(one.exit_status, one.state), ending(two.exit_status, two.state)),
     ]
     for name in sorted({facts.name for facts in (*one.stations, *two.stations)}):
         a, b = one.station(name), two.station(name)

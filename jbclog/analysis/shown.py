@@ -6,6 +6,8 @@ from collections.abc import Iterable, Sequence
 from html import escape
 from typing import TYPE_CHECKING, Final
 
+from jbclog.record.finding_runs import ending
+
 if TYPE_CHECKING:
     from jbclog.analysis.run import Run
     from jbclog.analysis.runs import Runs
@@ -22,7 +24,7 @@ def run_html(run: Run) -> str:
     said = manifest.metadata
     facts = [
         ("verdict", manifest.verdict or "none yet"),
-        ("state", manifest.exit_status or manifest.state),
+        ("state", ending(manifest.exit_status, manifest.state)),
         ("from", shortened(manifest.started)),
         ("to", shortened(manifest.ended)),
         ("line", manifest.line.name if manifest.line else None),
@@ -74,7 +76,7 @@ def _row(one: Found) -> tuple[object, ...]:
         ", ".join(one.recipes),
         *who,
         one.verdict,
-        one.exit_status or one.state,
+        one.shown_state,
         one.folder.name,
     )
 

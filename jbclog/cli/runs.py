@@ -22,7 +22,8 @@ WIDEST: Final = 30  # cells of a column but the last; --json has all of it
 HEADS: Final = ("started", "line", "recipe", "operator", "order", "product", "units", "verdict", "state", "run")
 NOTHING: Final = "-"
 VERDICTS: Final = ("ACCEPT", "ACCEPT WITH DEVIATIONS", "REJECT", "INCONCLUSIVE", "NOT JUDGED")  # judge.Verdict, which loads slowly
-STATES: Final = ("running", "crashed", "sealed", "success", "aborted", "failed", "lost")
+STATES: Final = ("running", "crashed", "ended", "cut short", "ended with error", "recovered")
+OLD_STATES: Final = ("sealed", "success", "aborted", "failed", "lost")  # of the manifest, which release 1 showed
 
 
 @ends_with_errors_told
@@ -40,12 +41,17 @@ def runs(
     line: str | None = typer.Option(None, metavar="NAME", help="The line by its name."),
     station: str | None = typer.Option(None, metavar="NAME", help="A station that took part."),
     verdict: str | None = typer.Option(None, metavar="VERDICT", help="ACCEPT, REJECT, ..."),
-    state: str | None = typer.Option(None, metavar="STATE", help="running, crashed, success, aborted, failed or lost."),
+    state: str | None = typer.Option(
+        None, metavar="STATE", help="running, crashed, ended, cut short, ended with error, or recovered."
+    ),
     since: str | None = typer.Option(None, metavar="TIME", help="Begun then or later: 2026-11-21 or 2026-11-21T08:00, UTC."),
     until: str | None = typer.Option(None, metavar="TIME", help="Begun before then; a day is included."),
     as_json: bool = typer.Option(False, "--json", help="A JSON object for each run, a line each."),
 ) -> None:
     """Find runs by who, what, when, and what came of them.
+
+    The state says how a run ended and nothing of its verdict: ended (as asked, or stopped by itself), cut short (by a signal
+    before its stated end), ended with error (a station, the record or a safe state), recovered (after a crash).
 
     A text fits whole; `*` in it stands for any characters. Only manifests are read, so ten thousand runs take seconds. Serials of
     a run that goes on, or crashed, are known once it is sealed.
@@ -59,7 +65,7 @@ def runs(
     if not is_folder(folder):
         raise UsageError(f"{folder}: there is no such folder; runs are in `runs/`, or where --out put them")
     _expect_word("--verdict", verdict and verdict.upper(), VERDICTS)
-    _expect_word("--state", state, STATES)
+    _expect_word("--state", state, STATES, OLD_STATES)
     wanted = Filter(
         operator=operator,
         order=order,
@@ -80,9 +86,9 @@ def runs(
     _tell(find(folder, wanted), folder, unit=unit, is_sought=wanted != Filter(), as_json=as_json)
 
 
-def _expect_word(option: str, text: str | None, words: Sequence[str]) -> None:
+def _expect_word(option: str, text: str | None, words: Sequence[str], more: Sequence[str] = ()) -> None:
     """Raises `UsageError`: that no run has a verdict which does not exist would be read as if all were well."""
-    if text is not None and "*" not in text and text not in words:
+    if text is not None and "*" not in text and text not in (*words, *more):
         raise UsageError(f"{option} {text}: there are {', '.join(words)}")
 
 
@@ -122,15 +128,14 @@ def facts(run: Found) -> dict[str, object]:
     """A run as a JSON object; its folder is its key `run`."""
     told = asdict(run)
     del told["folder"]
-    return {"run": str(run.folder), **told}
+    return {"run": str(run.folder), **told, "shown_state": run.shown_state}
 
 
 def cells(run: Found, unit: str | None = None) -> tuple[str, ...]:
     """A run as a row of the table; of its units the one that was sought."""
     started = (run.started or NOTHING)[:16].replace("T", " ")
     texts = (run.line, ", ".join(run.recipes), run.operator, run.order, run.product, several(run.units, unit), run.verdict)
-    state = run.exit_status or run.state if run.state == "sealed" else run.state
-    return (started, *(text or NOTHING for text in texts), state, str(run.folder))
+    return (started, *(text or NOTHING for text in texts), run.shown_state, str(run.folder))
 
 
 def several(texts: Sequence[str], sought: str | None = None) -> str:

@@ -9,7 +9,10 @@ from jbclog.batch.papers import Papers
 from jbclog.drive.typed import Source
 
 NEXT: Final = "unit.next"
-FEED: Final = ("unit.begin", "unit.end", "unit.again", "unit.refused", "unit.closed", "unit.lost", NEXT)
+FEED: Final = (
+    *("unit.begin", "unit.end", "unit.again", "unit.repeated", "unit.finish", "unit.refused", "unit.closed", "unit.lost"),
+    NEXT,
+)
 
 
 class Carried(Source):

@@ -142,6 +142,12 @@ class Episodes(Table):
         return {name: float(value) for name, value in self if value is not None}
 
 
+class Units(Table):
+    """Serials of units that are read while the run goes on: what becomes of one that was read before."""
+
+    repeat: Literal["continue", "refuse"] = Field("continue", description="continue or refuse")
+
+
 class Metadata(Table):
     required: Required = Field((), description=f"a list of some of {', '.join(METADATA)}, tag.NAME")
 
@@ -174,4 +180,5 @@ class RecipeTables(PortSettings):
     run: Run = Run()
     episodes: Episodes = Episodes()
     metadata: Metadata = Metadata()
+    units: Units = Units()
     acceptance: Acceptance | None = None

@@ -28,6 +28,8 @@ from jbclog.record.schema import SCHEMA_VERSION
 from jbclog.record.units import late_serials
 
 RUNNING, CRASHED, SEALED = "running", "crashed", "sealed"
+ENDINGS: Final = {"success": "ended", "aborted": "cut short", "failed": "ended with error", "lost": "recovered"}
+"""How a run ended, by the manifest's `exit_status`, in words that say nothing of its verdict."""
 STARTED: Final = "%Y%m%dT%H%M%SZ"  # as a folder's name begins
 STARTED_LENGTH: Final = 16
 OVER: Final = b'\n "state": "sealed"'
@@ -92,6 +94,11 @@ class Found:
     changed: str | None
     periods_s: Mapping[str, float | None] = field(default_factory=dict)
 
+    @property
+    def shown_state(self) -> str:
+        """``running``, ``crashed``, or how it ended: ``ended``, ``cut short``, ``ended with error``, ``recovered``."""
+        return ending(self.exit_status, self.state) if self.state == SEALED else self.state
+
 
 @dataclass(frozen=True, slots=True)
 class Unreadable:
@@ -141,7 +148,7 @@ class Filter:
             (self.station, run.stations),
             (self.recipe, [*run.recipes, *(recipe.rpartition("@")[0] for recipe in run.recipes)]),
             (self.verdict and self.verdict.upper(), [run.verdict]),
-            (self.state, [run.state, run.exit_status]),
+            (self.state, [run.state, run.exit_status, run.shown_state]),
             *((text, [run.tags.get(name)]) for name, text in self.tags.items()),
         ]
         if any(text is not None and not _fits(text, those) for text, those in sought):
@@ -181,6 +188,11 @@ class Filter:
 
 
 ALL: Final = Filter()
+
+
+def ending(exit_status: str | None, state: str) -> str:
+    """How a run ended, for people; its state where the manifest does not say."""
+    return state if exit_status is None else ENDINGS.get(exit_status, exit_status)
 
 
 def find(folder: Path, wanted: Filter = ALL) -> Iterator[Found | Unreadable]:

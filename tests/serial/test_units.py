@@ -125,6 +125,36 @@ def test_a_flood_does_not_hold_up_a_run(bench: Bench, tmp_path: Path) -> None:
     assert len(open_run(folder).events()) < 400
 
 
+def test_a_serial_that_was_read_before_is_refused_where_the_recipe_says_so(bench: Bench, tmp_path: Path) -> None:
+    """And END is echoed: what is typed into a pipe nobody sees."""
+    line, _ = bench
+    out, recipe = tmp_path / "runs", tmp_path / "recipe.toml"
+    recipe.write_text(RECIPE.read_text() + '\n[units]\nrepeat = "refuse"\n')
+    words = [recipe if word == str(RECIPE) else word for word in arguments(line, out, "--units", "-", "--until-units", "3")]
+    with running(*map(str, words), stdin=subprocess.PIPE) as run:
+        assert run.stdin is not None
+        assert until(lambda: is_sampling(out))
+        for typed, told in (("SN-1", 1), ("SN-2", 3), ("SN-1", 5), ("SN-3", 6), ("END", None)):
+            run.stdin.write(typed + "\n")
+            run.stdin.flush()
+            if told is not None:
+                assert told_of_units(out, told)
+                seen = rows(out)
+                assert until(lambda seen=seen: rows(out) > seen + 7)  # more than a second at 5 Hz
+        _, notes = run.communicate(timeout=30)
+    assert "error     run: Serial SN-1 was read before, at 20" in notes
+    assert "SN-2 read again continues that one" in notes
+    assert "run: END was read: unit SN-3 is finished. Units finished: 3, wanted: 3." in notes
+    folder = only_run(out)
+    assert serials(read_manifest(folder)) == ["SN-1", "SN-2", "SN-3"]
+    events, samples = open_run(folder).events(), open_run(folder).samples(columns=["time"])
+    (refused,) = events.loc[events["kind"] == "unit.repeated", "time"]
+    (third,) = events.loc[(events["kind"] == "unit.begin") & (events["raw"] == "SN-3"), "time"]
+    between = samples["time"][(samples["time"] > refused) & (samples["time"] < third)]
+    assert len(between) > 3
+    assert open_run(folder).unit_at(between).isna().all()
+
+
 # -- on a terminal ---------------------------------------------------------------------------------------------------------------
 
 
@@ -169,7 +199,7 @@ class Terminal:
 def test_a_reader_types_beside_the_table_without_spoiling_it(bench: Bench, tmp_path: Path) -> None:
     line, _ = bench
     out = tmp_path / "runs"
-    terminal = Terminal(*arguments(line, out, "--units", "-"))
+    terminal = Terminal(*arguments(line, out, "--units", "-", "--until-units", "9"))
     try:
         assert until(lambda: is_sampling(out))
         assert not terminal.echoes
@@ -177,6 +207,8 @@ def test_a_reader_types_beside_the_table_without_spoiling_it(bench: Bench, tmp_p
         assert until(lambda: b"Unit SN-1 begins" in terminal.shown)
         terminal.type("SN-2\r")
         assert until(lambda: b"Unit SN-2 begins" in terminal.shown)
+        terminal.type("END\r")
+        assert until(lambda: b"END was read: unit SN-2" in terminal.shown)
         terminal.type("\x03")  # Ctrl-C
         assert until(lambda: terminal.run.poll() is not None, 30)
         assert terminal.echoes

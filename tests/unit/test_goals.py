@@ -38,11 +38,14 @@ class Told:
 class Typing:
     """A virtual run that ends with two units, and who types serials meanwhile."""
 
-    def __init__(self, duration_s: float) -> None:
+    def __init__(self, duration_s: float, *, refuses_repeats: bool = False) -> None:
         self.run: VirtualRun = prepare(line_text("joints_per_minute = 20"), duration_s=duration_s)
         reading, self.writing = os.pipe()
         clock, utc = self.run.driver.clock, next(iter(self.run.desks.values())).utc
-        self.feed = UnitFeed(Source(reading, "stdin"), self.run.memory.event, lambda: utc.micros(clock.monotonic()), wanted=2)
+        source = Source(reading, "stdin")
+        self.feed = UnitFeed(
+            source, self.run.memory.event, lambda: utc.micros(clock.monotonic()), wanted=2, refuses_repeats=refuses_repeats
+        )
         self.told = Told()
         self.goals = Goals([Goal("units", 2)], self.told.tell, self._end, self.feed)
         self._look(0.0)
@@ -99,6 +102,20 @@ def test_a_run_that_its_duration_ends_says_how_many_were_missing_and_what_was_on
     assert goal.text == "Units finished: 1, wanted: 2. Unit SN-2 was on the bench when the run ended."
     found = findings([run.facts], verdict="ACCEPT", record=None, cut_short=None, goals=[goal])
     assert [(one.code, one.text + ".") for one in found] == [(Exit.NOT_FINE, goal.text)]
+
+
+@pytest.mark.parametrize(("refuses", "ended_s"), [(False, 40.0), (True, 50.0)])
+def test_a_serial_that_comes_back_finishes_the_unit_before_it_only_where_it_is_accepted(refuses: bool, ended_s: float) -> None:
+    typing = Typing(600.0, refuses_repeats=refuses)
+    try:
+        for second, line in ((20.0, b"SN-1\n"), (30.0, b"SN-2\n"), (40.0, b"SN-1\n"), (50.0, b"SN-3\n")):
+            typing.types(second, line)
+        run = typing.run.go()
+    finally:
+        os.close(typing.writing)
+    assert run.driver.clock.monotonic() - run.t0 == pytest.approx(ended_s, abs=3.0)
+    assert typing.feed.finished == {"SN-1", "SN-2"}
+    assert [event.severity for event in run.memory.of_kind("unit.repeated")] == [Severity.ERROR] * refuses
 
 
 # -- joints ---------------------------------------------------------------------------------------------------------------------

@@ -11,7 +11,7 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from jbclog.cli.app import app
-from jbclog.cli.runs import VERDICTS, moment
+from jbclog.cli.runs import STATES, VERDICTS, moment
 from jbclog.errors import UsageError
 from jbclog.judge import Verdict
 from jbclog.record.check import check
@@ -51,8 +51,8 @@ def test_a_run_is_a_row_with_its_folder_last(runs: Path) -> None:
     shown = told()
     assert (shown.exit_code, shown.stderr) == (0, "")
     assert shown.stdout == (
-        "started           line     recipe        operator  order  product  units    verdict  state    run\n"
-        f"2026-11-21 01:30  bench-3  sn100c-tht@7  陳        88123  -        SN-0 +1  ACCEPT   success  runs/{RUN}\n"
+        "started           line     recipe        operator  order  product  units    verdict  state  run\n"
+        f"2026-11-21 01:30  bench-3  sn100c-tht@7  陳        88123  -        SN-0 +1  ACCEPT   ended  runs/{RUN}\n"
     )
 
 
@@ -91,8 +91,37 @@ def test_damaged_folders_are_told_on_stderr_and_do_not_hide_the_others(runs: Pat
     write_manifest(crashed, replace(FULL, state="open", exit_status=None, verdict=None))
     shown = told("--order", "88123")
     assert shown.exit_code == 0
-    assert [row.split()[-2] for row in shown.stdout.splitlines()[1:]] == ["crashed", "success"]
+    assert [row.split()[-2] for row in shown.stdout.splitlines()[1:]] == ["crashed", "ended"]
     assert shown.stderr.startswith(f"runs/{broken.name}: its manifest cannot be read")
+
+
+@pytest.mark.parametrize(
+    ("exit_status", "verdict", "state"),
+    [
+        ("success", "REJECT", "ended"),
+        ("success", "ACCEPT", "ended"),
+        ("aborted", "ACCEPT WITH DEVIATIONS", "cut short"),
+        ("failed", "ACCEPT WITH DEVIATIONS", "ended with error"),
+        ("lost", "INCONCLUSIVE", "recovered"),
+        (None, None, "sealed"),
+    ],
+)
+def test_the_state_says_how_a_run_ended_and_nothing_of_its_verdict(
+    runs: Path, exit_status: str | None, verdict: str | None, state: str
+) -> None:
+    write_manifest(runs / RUN, replace(FULL, exit_status=exit_status, verdict=verdict))
+    row = told().stdout.splitlines()[1]
+    assert row.endswith(f"{verdict or '-'}{' ' * (len('verdict') - len(verdict or '-'))}  {state}  runs/{RUN}")
+    (line,) = told("--json").stdout.splitlines()
+    one = json.loads(line)
+    assert (one["shown_state"], one["exit_status"], one["state"]) == (state, exit_status, "sealed")  # as in the manifest
+    assert len(told("--state", state).stdout.splitlines()) == 2
+    assert len(told("--state", exit_status or "sealed").stdout.splitlines()) == 2
+    assert "no run fits" in told("--state", "crashed").stderr
+
+
+def test_no_state_is_a_word_of_success_or_failure() -> None:
+    assert not any(word in state for state in STATES for word in ("success", "fail", "accept", "reject", "good", "ok"))
 
 
 def test_what_people_said_steers_no_terminal(runs: Path) -> None:

@@ -52,6 +52,13 @@ def test_a_rate_that_is_named_holds_for_every_family() -> None:
     assert {recipe.asked_rate(family) for family in FAMILIES.values()} == {2.5}
 
 
+def test_what_becomes_of_a_serial_that_was_read_before() -> None:
+    assert parse_recipe(HEAD).units.repeat == "continue"
+    assert parse_recipe(HEAD + '[units]\nrepeat = "refuse"\n').units.repeat == "refuse"
+    with pytest.raises(Problems, match=r'units.repeat: "stop" is not allowed; continue or refuse'):
+        parse_recipe(HEAD + '[units]\nrepeat = "stop"\n')
+
+
 def test_a_rate_may_be_left_to_the_run_and_the_usual_one_is_its_upper_end() -> None:
     recipe = parse_recipe(HEAD + '[sampling]\nrate_hz = "auto"\n')
     assert {recipe.asked_rate(family) for family in FAMILIES.values()} == {"auto"}
@@ -198,7 +205,7 @@ on = true
         'job.toml:42: metadata.required[1]: "oprator" is unknown; did you mean operator?',
         "job.toml:45: acceptance.coverage_percent: 101 is not allowed; 0 to 100",
         "job.toml:47: lighting: unknown; allowed here: temperature, sleep, hibernation, alarm, recipe, port, feeder, air, omega, "
-        "sampling, run, episodes, metadata, acceptance",
+        "sampling, run, episodes, metadata, units, acceptance",
     ]
 
 
