@@ -140,11 +140,12 @@ STATUS = (
     Decision(
         19,
         "Status words that may be written: 0 and 1, or 10 as well",
-        "00000, 00001, and 00010 only on ucr and ale; where 00010 is refused as the safe state, 00001 follows",
-        "Asked for by a recipe at the start, a refusal stops the station as that of any setting does (contract).",
+        "00000, 00001, and 00010 on every family of 002; where 00010 is refused as the safe state, 00001 follows",
+        "002 prints 00010 for W-PSx without a limit of family, 000 prints 00000 and 00001 only. Asked for by a recipe at the "
+        "start, a refusal stops the station as that of any setting does (contract).",
         ("extractor_refused",),
         "The extractor state 00010 is refused; where it was to be the safe state, the tool is told to stand.",
-        families=("ucr", "ale"),
+        families=("dde", "nae", "dme", "hde", "ucr", "ale"),
     ),
     Decision(
         20,

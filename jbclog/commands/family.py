@@ -70,6 +70,10 @@ class Family:
     rate_hz: float = 10.0
     turnaround_ms: tuple[float, float] | None = None
 
+    def may_stand_at_last(self, safe_state: str) -> bool:
+        """Whether a tool whose safe state is `safe_state` may end in stand, which cools by the station's own delays only."""
+        return safe_state == "stand" or (safe_state in self.proven_by_cooling and "stand" in self.status.last_resorts)
+
     def tool_name(self, code: int) -> str:
         """The tool's name; an unknown code is kept as ``tool_<n>``."""
         return self.tools.get(code, f"tool_{code}")
@@ -106,6 +110,10 @@ class Family:
         return bool(_MODEL.fullmatch(model)) and model.upper().startswith(self.models)
 
 
+STAND_OR_EXTRACTOR = ("stand", "extractor")
+RUN_STATUSES_002 = ("working", *STAND_OR_EXTRACTOR)
+"""Manual 002 prints 00010 for W-PSx without a limit of family."""
+
 _BENCH = _by_name(robot.BENCH)
 _OLD = _by_name(robot.OLD)
 _UCR = _by_name((*robot.BENCH, *ucr.UCR, *ale.DISPENSED))
@@ -113,7 +121,16 @@ _ALE = _by_name((*robot.BENCH, *ale.FEEDER, *ale.DISPENSED))
 
 
 def _bench(name: str, title: str, ports: tuple[int, ...] | None) -> Family:
-    return Family(name, title, (name.upper(),), _BENCH, ports, robot.TOOLS_002)
+    return Family(
+        name,
+        title,
+        (name.upper(),),
+        _BENCH,
+        ports,
+        robot.TOOLS_002,
+        safe_states=STAND_OR_EXTRACTOR,
+        run_statuses=RUN_STATUSES_002,
+    )
 
 
 FAMILIES: Mapping[str, Family] = MappingProxyType(
@@ -143,8 +160,8 @@ FAMILIES: Mapping[str, Family] = MappingProxyType(
                 _UCR,
                 (1,),
                 robot.TOOLS_004,
-                safe_states=("stand", "extractor"),
-                run_statuses=("working", "stand", "extractor"),
+                safe_states=STAND_OR_EXTRACTOR,
+                run_statuses=RUN_STATUSES_002,
                 counters=(*HOUR_COUNTERS, *FEEDER_COUNTERS),
                 defaults=UCR_DEFAULTS,
                 manual="004, 002",
@@ -156,8 +173,8 @@ FAMILIES: Mapping[str, Family] = MappingProxyType(
                 _ALE,
                 (1,),
                 robot.TOOLS_002,
-                safe_states=("stand", "extractor"),
-                run_statuses=("working", "stand", "extractor"),
+                safe_states=STAND_OR_EXTRACTOR,
+                run_statuses=RUN_STATUSES_002,
                 signals=FEEDER_SIGNALS,
                 counters=(*HOUR_COUNTERS, *FEEDER_COUNTERS),
                 has_feeder=True,

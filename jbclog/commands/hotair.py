@@ -136,6 +136,7 @@ AIR_STATUS = StatusTable(
     last_resorts=("off", "cooling"),
     tens="cooling",
     tens_rests=False,
+    has_suction=True,
 )
 
 AIR_SIGNALS = (

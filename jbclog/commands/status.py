@@ -24,7 +24,7 @@ class StatusTable:
     `names` are the states by units digit, `heating` those of them in which the tool is at work, `resting` those that it
     is safe in. `orders` are the words that may be written, by the name that a recipe uses; `last_resorts` are those that
     are tried where another is not reached: the tool cools by itself from them, whatever else the station does. Where
-    `tens_rests` the tens digit alone stops the work.
+    `tens_rests` the tens digit alone stops the work. Where `has_suction` the hundreds digit orders suction, too.
     """
 
     names: tuple[str, ...]
@@ -34,6 +34,23 @@ class StatusTable:
     last_resorts: tuple[str, ...]
     tens: str
     tens_rests: bool
+    has_suction: bool = False
+
+    def with_suction(self, word: StatusWord, *, on: bool) -> StatusWord:
+        """`word` with suction ordered on or off; unchanged where no word orders suction."""
+        return (*word[:2], int(on), *word[3:]) if self.has_suction else word
+
+    def sucks(self, word: StatusWord) -> bool:
+        """Whether suction is on; False where no word orders it."""
+        return self.has_suction and word[2] == 1
+
+    def safe_words(self, state: str, *, suction: bool) -> tuple[StatusWord, ...]:
+        """The words that make a tool safe, in the order in which they are tried: `state`, where `suction` is kept on first with
+        it and then without, and the last resorts.
+        """
+        plain = self.orders[state]
+        words = (self.with_suction(plain, on=suction), plain, *(self.orders[name] for name in self.last_resorts))
+        return tuple(dict.fromkeys(words))
 
     def is_working(self, word: StatusWord) -> bool:
         """Whether the tool is at work."""
@@ -45,12 +62,14 @@ class StatusTable:
 
     def is_safe(self, found: StatusWord, ordered: StatusWord) -> bool:
         """Whether `found`, read back, says that a safe state that was ordered is reached: all resting states alike."""
-        return found[4] in self.resting if ordered[4] in self.resting else found[3] == ordered[3]
+        if ordered[4] in self.resting:
+            return found[4] in self.resting
+        return found[3] == ordered[3] or self.is_resting(found)
 
     def confirms(self, found: StatusWord, ordered: StatusWord) -> bool:
         """Whether `found` is what was ordered: stand may have become sleep already, and hot air may have cooled down.
 
-        Suction, desoldering and motor are nobody's to order.
+        Suction, desoldering and motor are not compared.
         """
         if (self.tens_rests or ordered[4] in self.heating) and found[3] != ordered[3]:
             return False
@@ -62,6 +81,10 @@ class StatusTable:
         if not word[3]:
             return named
         return self.tens if (word[4] in self.heating) == self.tens_rests else f"{self.tens}-{named}"
+
+    def shown(self, word: StatusWord) -> str:
+        """The state in words, with suction where it is on: ``cooling with suction``."""
+        return f"{self.state(word)}{' with suction' if self.sucks(word) else ''}"
 
 
 SOLDERING_STATUS = StatusTable(

@@ -26,7 +26,7 @@ from jbclog.transport import Port, open_port
 from jbclog.transport.descriptors import allow_ports
 from jbclog.wire import LineFormat
 
-INFO, ERROR, CRITICAL = "info", "error", "critical"
+INFO, WARNING, ERROR, CRITICAL = "info", "warning", "error", "critical"
 HOT = "it may be hot: switch the station off"
 OPENING = 5  # descriptors of a port while it is being opened
 ENDED_S = 8.0  # a port whose driver hangs must not keep what came of the others from being told
@@ -105,9 +105,10 @@ class TakeOver:
 
     def _tell_tool(self, lease: StationLease, task: Task, tool: Tool) -> None:
         if tool.is_safe and tool.status is not None:
-            state = task.family.status.state(tool.status)
+            state = task.family.status.shown(tool.status)
             text = "was in its safe state already" if tool.was_spared else "was put in its safe state by the guard"
-            self._tell(lease, "safety.safe_state", INFO, f"the tool {text}, as read back: {state}", tool.port)
+            why, severity = (f"; {tool.fell_back}", WARNING) if tool.fell_back else ("", INFO)
+            self._tell(lease, "safety.safe_state", severity, f"the tool {text}, as read back: {state}{why}", tool.port)
             return
         what = "was told its safe state by the guard and does not confirm it" if tool.reached == SENT else "could not be made safe"
         self._tell(lease, "safety.not_safe", CRITICAL, f"the tool {what}; {HOT}", tool.port)

@@ -58,8 +58,11 @@ def problems_between(recipe: Recipe) -> Iterator[Problem]:
 
 
 def no_cooldown(recipe: Recipe) -> Iterator[Problem]:
-    """Delays switched off by a recipe whose safe state needs them: told to stand, the tool never cools by itself."""
-    if not any(recipe.safe_state(family) == "stand" for family in recipe.families if family in FAMILIES):
+    """Delays switched off by a recipe whose safe state, or what follows where that is not reached, needs them: told to stand,
+    the tool never cools by itself.
+    """
+    families = [FAMILIES[name] for name in recipe.families if name in FAMILIES]
+    if not any(family.may_stand_at_last(recipe.safe_state(family.name)) for family in families):
         return
     for port in (None, *recipe.ports_named()):
         asked = recipe.asked(port)

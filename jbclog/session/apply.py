@@ -139,7 +139,7 @@ def _check(desk: Desk, wanted: list[tuple[Setting, PortState | None]]) -> None:
 
 def _cooling_problems(desk: Desk, port: PortState, wanted: list[tuple[Setting, PortState | None]]) -> list[str]:
     """Delays that are off or not told, so that a tool in stand stays hot or may (contract, "Safe state")."""
-    if desk.safe_state != "stand" or not port.has_tool:
+    if not desk.family.may_stand_at_last(desk.safe_state) or not port.has_tool:
         return []
     asked = {one.command.name: one.value for one, place in wanted if place is port}
     in_force = {name: asked.get(name, port.held[name]) for name in COOLING_DELAYS if name in port.held}

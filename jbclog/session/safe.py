@@ -18,25 +18,26 @@ def make_safe(desk: Desk) -> Steps[None]:
     if not touched and not desk.feeder_touched:
         return
     desk.station.unasked((yield Wait(0.0)))
-    may_feed = yield from _put(desk, touched, feeds=desk.may_feed)
+    task = yield from _put(desk, touched, feeds=desk.may_feed)
+    may_feed = task.feeds
     desk.feeder_stopped = not may_feed
     desk.facts.unsafe = [f"{desk.name}: the feeder could not be told to stop"] if may_feed else []
     desk.facts.unsafe += [_unsafe_text(desk, port) for port in touched if not _is_verified(desk, port)]
     if may_feed:
         desk.note("safety.not_safe", Severity.CRITICAL, f"{desk.facts.unsafe[0]}.")
-    for port in touched:
-        _tell(desk, port)
+    for port, tool in zip(touched, task.tools, strict=True):
+        _tell(desk, port, tool)
     desk.publish()
 
 
 def put_in_safe_state(desk: Desk, port: PortState) -> Steps[None]:
     """Order the safe state on one port until a reading bears it out, and say how that went."""
-    yield from _put(desk, [port], feeds=False)
-    _tell(desk, port)
+    (tool,) = (yield from _put(desk, [port], feeds=False)).tools
+    _tell(desk, port, tool)
 
 
-def _put(desk: Desk, ports: list[PortState], *, feeds: bool) -> Steps[bool]:
-    """Make these ports safe; whether the feeder may still run. What came of it is in the facts, whatever ends this early."""
+def _put(desk: Desk, ports: list[PortState], *, feeds: bool) -> Steps[Task]:
+    """Make these ports safe. What came of it is in the facts, too, whatever ends this early."""
     tools = [Tool(port.number) for port in ports]
     task = Task(desk.station, desk.family, desk.safe_state, tools, feeds, lambda: _is_ours(desk), desk.is_proven)
     desk.facts.safe_state |= dict.fromkeys((port.number for port in ports), FAILED)
@@ -47,7 +48,7 @@ def _put(desk: Desk, ports: list[PortState], *, feeds: bool) -> Steps[bool]:
         for port, tool in zip(ports, tools, strict=True):
             desk.facts.safe_state[port.number] = tool.reached
             port.status = tool.status or port.status
-    return task.feeds
+    return task
 
 
 def _is_ours(desk: Desk) -> Steps[bool]:
@@ -59,16 +60,18 @@ def _is_verified(desk: Desk, port: PortState) -> bool:
     return desk.facts.safe_state[port.number] == VERIFIED
 
 
-def _tell(desk: Desk, port: PortState) -> None:
+def _tell(desk: Desk, port: PortState, tool: Tool) -> None:
     if _is_verified(desk, port):
-        text = f"Port {port.number}: the tool is in its safe state, as read back: {_state_of(desk, port)}."
-        desk.note("safety.safe_state", Severity.INFO, text, port=port.number)
+        text, severity = f"Port {port.number}: the tool is in its safe state, as read back: {_state_of(desk, port)}", Severity.INFO
+        if tool.fell_back:
+            text, severity = f"{text}; {tool.fell_back}", Severity.WARNING
+        desk.note("safety.safe_state", severity, f"{text}.", port=port.number)
     else:
         desk.note("safety.not_safe", Severity.CRITICAL, _unsafe_text(desk, port) + ".", port=port.number)
 
 
 def _state_of(desk: Desk, port: PortState) -> str:
-    return "not read" if port.status is None else desk.family.status.state(port.status)
+    return "not read" if port.status is None else desk.family.status.shown(port.status)
 
 
 def _unsafe_text(desk: Desk, port: PortState) -> str:

@@ -63,8 +63,10 @@ def _values(desk: Desk, command: Command, port: int | None) -> Iterator[Value]:
 
 def _states(desk: Desk) -> Iterator[Value]:
     status, asked = desk.family.status, desk.recipe.run.status
-    names = (*desk.family.safe_states, *status.last_resorts, *([asked] if asked else []))
-    return (status.orders[name] for name in names if name in status.orders)
+    if asked is not None and asked in status.orders:
+        yield status.orders[asked]
+    if desk.safe_state in status.orders:
+        yield from status.safe_words(desk.safe_state, suction=False)
 
 
 def _settings(desk: Desk, command: Command, port: int | None) -> Iterator[Value]:

@@ -21,15 +21,17 @@ import broken_session
 import pytest
 import slow_disk
 from command import until
-from guarded import TOOLS, Blow, begun, ended, events, guard_of, guard_that_is_there, only_run, running, told_after
-from served_line import ServedLine
+from guarded import TOLD_S, TOOLS, Blow, begun, ended, events, guard_of, guard_that_is_there, only_run, running, told_after
+from served_line import EXTRACTING, FOUR_TOOLS, ServedLine
 
 from jbclog.analysis.run import open_run
+from jbclog.commands.status import EXTRACTOR, STAND
 from jbclog.guard.lease import NAME as LEASE
 from jbclog.guard.watch import HUNG_S
 from jbclog.record.check import check
 from jbclog.record.manifest import Manifest, read_manifest
 from jbclog.record.recover import recover
+from jbclog.safety.secure import ALLOWED_S
 
 BLOWS = 200
 BUSY_S = 60.0
@@ -137,6 +139,30 @@ def test_every_tool_is_told_to_stand_two_hundred_times(
 
 def ms(sorted_s: list[float], share: float) -> int:
     return round(1000 * sorted_s[min(int(len(sorted_s) * share), len(sorted_s) - 1)])
+
+
+def test_four_tools_that_accept_the_extractor_state_and_heat_on_are_told_to_stand(tmp_path: Path) -> None:
+    """All are ordered, watched together, and told within three seconds of the first order."""
+    (tmp_path / "line").mkdir()
+    with ServedLine(tmp_path / "line", FOUR_TOOLS, EXTRACTING) as line:
+        run = begun(line, tmp_path / "runs")
+        try:
+            assert until(lambda: line.at_work() == 4), run.communicate(timeout=5)
+            blow = Blow.strike(run, signal.SIGKILL)
+            ended(run)
+        finally:
+            run.kill()
+        folder = only_run(tmp_path / "runs")
+        assert until(lambda: not (folder / LEASE).exists())
+        by_port = {port: [order.value for order in line.orders(blow.at) if order.port == port] for port in (1, 2, 3, 4)}
+        orders = line.orders(blow.at)
+    assert by_port == {port: [EXTRACTOR, STAND] for port in (1, 2, 3, 4)}
+    assert orders[-1].at - orders[0].at < ALLOWED_S
+    assert orders[-1].at - blow.at < TOLD_S
+    recovered(folder)
+    texts = list(open_run(folder).events().query("kind == 'safety.safe_state'")["text"])
+    assert len(texts) == 4
+    assert all(text.endswith("as read back: stand; extractor was read back, but the tool did not cool.") for text in texts)
 
 
 # -- not where nothing happened ------------------------------------------------------------------------------------------------

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import pytest
+from listed_writes import strange_writes
 from virtual_run import RECIPE, Memory, VirtualRun, line_text, prepare
 
-from jbclog.commands.status import STAND, WORKING
+from jbclog.commands.status import EXTRACTOR, STAND, WORKING
 from jbclog.errors import RecordError
 from jbclog.rows import EventRow, SampleRow
 from jbclog.session.scan import Scanner
@@ -211,21 +212,65 @@ def test_nothing_starts_the_feeder() -> None:
 # -- extractor -----------------------------------------------------------------------------------------------------------------
 
 
-def robot(sim: str = "", **keys: float) -> VirtualRun:
-    line = line_text(sim).replace('"dde"', '"ucr"').replace("dde-1", "ucr-1")
-    recipe = RECIPE.replace('families = ["soldering", "dde", "nae", "dme", "hde", "ucr", "ale"]', 'families = ["ucr"]')
-    return prepare(line, recipe + 'safe_state = "extractor"\n', duration_s=keys.get("duration_s", 10)).go()
+OF_002 = ["dde", "nae", "dme", "hde", "ucr", "ale"]
 
 
-def test_the_extractor_state_counts_where_the_tip_cools() -> None:
-    assert orders(robot(), 1) == [WORKING, (0, 0, 0, 1, 0)]
+def extracts(family: str = "dme", sim: str = "", keys: str = "") -> VirtualRun:
+    line = line_text(sim).replace('"dde"', f'"{family}"')
+    recipe = RECIPE.replace('families = ["soldering", "dde", "nae", "dme", "hde", "ucr", "ale"]', f'families = ["{family}"]')
+    return prepare(line, f'{recipe}safe_state = "extractor"\n{keys}[sampling]\nrate_hz = 2\n', duration_s=10)
 
 
-def test_where_it_does_not_cool_stand_follows() -> None:
-    run = robot("extractor_cools = false")
-    assert orders(run, 1) == [WORKING, (0, 0, 0, 1, 0), STAND]
-    assert run.facts.safe_state == {1: "verified"}
-    assert "read back: stand" in run.memory.of_kind("safety.safe_state")[0].text
+def told(run: VirtualRun) -> list[tuple[str, str]]:
+    return [(event.severity, event.text) for event in run.memory.of_kind("safety.safe_state")]
+
+
+@pytest.mark.parametrize("family", OF_002)
+def test_the_extractor_state_counts_where_the_tip_cools(family: str) -> None:
+    run = extracts(family).go()
+    assert run.facts.touched
+    for port in run.facts.touched:
+        assert orders(run, port) == [WORKING, EXTRACTOR]
+    assert {severity for severity, _ in told(run)} == {"info"}
+    assert strange_writes(run.heard, family, next(iter(run.desks.values())).recipe.text) == []
+
+
+@pytest.mark.parametrize("family", OF_002)
+def test_where_it_does_not_cool_stand_follows_within_three_seconds(family: str) -> None:
+    run = extracts(family, "extractor_cools = false").go()
+    first = next(one.at for one in run.writes if one.text.startswith("WPS") and one.text.endswith("00010"))
+    for port in run.facts.touched:
+        assert orders(run, port) == [WORKING, EXTRACTOR, STAND]
+    assert max(one.at for one in run.writes if one.text.endswith("00001")) - first < 3.0
+    assert set(run.facts.safe_state.values()) == {"verified"}
+    assert all(severity == "warning" and "read back: stand; extractor was read back" in text for severity, text in told(run))
+
+
+@pytest.mark.parametrize("family", OF_002)
+def test_where_it_is_refused_stand_follows_and_that_is_told(family: str) -> None:
+    run = extracts(family, 'quirks = ["extractor_refused"]').go()
+    for port in run.facts.touched:
+        assert orders(run, port) == [WORKING, STAND]
+    assert all(severity == "warning" and text.endswith("extractor was refused with N 00003.") for severity, text in told(run))
+    assert 19 in run.facts.anomalies
+
+
+def test_four_tools_of_which_one_heats_on() -> None:
+    run = extracts("dme", "tools = {1 = 2, 2 = 2, 3 = 2, 4 = 2}")
+    run.at(2, lambda: setattr(run.station.plant.ports[3].character, "extractor_cools", False))
+    run.go()
+    assert [orders(run, port)[1:] for port in (1, 2, 3, 4)] == [[EXTRACTOR], [EXTRACTOR], [EXTRACTOR, STAND], [EXTRACTOR]]
+    assert run.facts.safe_state == dict.fromkeys((1, 2, 3, 4), "verified")
+
+
+def test_a_delay_that_is_off_is_no_less_refused_than_with_stand() -> None:
+    """Stand is what follows where the extractor state does not cool."""
+    sim = "settings = {sleep_delay = 'off', hibernation_delay = 30}"
+    recipe = RECIPE.replace("[sleep]\ndelay_min = 5\n", "") + 'safe_state = "extractor"\n'
+    recipe = recipe.replace('families = ["soldering", ', "families = [")
+    run = prepare(line_text(sim), recipe, duration_s=5).go()
+    assert (run.facts.outcome, run.writes) == ("refused", [])
+    assert "sleep delay of port 1 off, so a tool told to stand never cools down" in run.facts.reason
 
 
 # -- what cannot be made safe ------------------------------------------------------------------------------------------------

@@ -14,14 +14,16 @@ from pathlib import Path
 import pytest
 from command import jbclog, until
 from guarded import begun, only_run
-from served_line import Order, ServedLine
+from served_line import FOUR_TOOLS, Order, ServedLine
 from typer.testing import CliRunner
 from unit_file import command
 
 from jbclog import line_safe
 from jbclog.cli.app import app
+from jbclog.commands.status import STAND
 from jbclog.record.check import check
 from jbclog.record.manifest import read_manifest
+from jbclog.safety.secure import ALLOWED_S
 from jbclog.sim.state import HIBERNATION, WORKING
 from jbclog.transport import open_port
 from jbclog.wire import LineFormat
@@ -65,6 +67,23 @@ def test_without_a_run_all_stations_at_once(line: ServedLine) -> None:
     assert places == {("dde-1", 1), ("dde-1", 2), ("dde-2", 2), ("ucr-1", 1), ("ale-1", 0), ("ale-1", 1)}
     assert (line.at_work(), line.motor("ale-1"), asleep.doing.state) == (0, False, HIBERNATION)
     assert max(order.at for order in told(line, now)) - min(order.at for order in told(line, now)) < 2.0
+
+
+def test_four_tools_that_heat_on_in_their_extractor_state_are_told_to_stand(tmp_path: Path) -> None:
+    (tmp_path / "line").mkdir()
+    with ServedLine(tmp_path / "line", FOUR_TOOLS) as line:
+        tools = line.tools()
+        for port in tools:
+            port.tools[port.tool].sleep_delay, port.tools[port.tool].hibernation_delay = 5, 30
+            port.order(WORKING, True)
+        tools[1].character.extractor_cools = True
+        tools[1].changed()
+        now = time.monotonic()
+        ended = jbclog("safe", "--line", line.path)
+        orders = line.orders(now)
+    assert ended.returncode == 0, ended.stderr
+    assert sorted((order.port, order.value) for order in orders) == [(1, STAND), (3, STAND), (4, STAND)]
+    assert orders[-1].at - now < 2 * ALLOWED_S  # the start of a process is in it
 
 
 @contextmanager

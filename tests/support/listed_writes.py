@@ -66,7 +66,7 @@ STATES = {
     "omega": {},
 }
 STATES_002 = {"working": "00000", "stand": "00001", "extractor": "00010"}
-SAFE = {"jtse": ("cooling", "off"), "ucr": ("stand", "extractor"), "ale": ("stand", "extractor"), "omega": ()}
+SAFE = {"jtse": ("cooling", "off"), "omega": ()}
 OMEGA_FIELDS = (
     *("rise_s", "feed1_mm", "feed1_mm_s", "reverse1_mm", "reverse1_mm_s", "preheat_s", "feed2_mm", "feed2_mm_s"),
     *("reverse2_mm", "reverse2_mm_s", "heating_s", "feed3_mm", "feed3_mm_s", "reverse3_mm", "reverse3_mm_s"),
@@ -106,7 +106,7 @@ def _allows(text: str, family: str, recipe: Table, fastest: Iterable[str]) -> It
         share = asked(recipe, "air.flow_permille", "1")
         yield share is not None and int(flow[1]) in {round(int(cast(int, share)) * int(most) / 1000) for most in fastest}
     status = re.fullmatch(r"WPS\d(\d{5})", text)
-    names = (*SAFE.get(family, ("stand",)), str(asked(recipe, "run.status", "")))
+    names = (*SAFE.get(family, ("stand", str(asked(recipe, "run.safe_state", "")))), str(asked(recipe, "run.status", "")))
     yield status is not None and status[1] in {STATES.get(family, STATES_002).get(name) for name in names}
 
 

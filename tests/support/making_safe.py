@@ -106,8 +106,16 @@ class Cable:
         return Heard(self.now, b"", self.now)
 
 
-def task(*ports: int, family: str = "dde", feeds: bool = False, spare: bool = False, is_proven: bool = True) -> Task:
-    """To put these tools in stand; who is there is proven by the model's name."""
+def task(
+    *ports: int,
+    family: str = "dde",
+    feeds: bool = False,
+    spare: bool = False,
+    is_proven: bool = True,
+    wanted: str = "stand",
+    suction: bool | None = False,
+) -> Task:
+    """To put these tools in stand, or what is `wanted`; who is there is proven by the model's name."""
     client = Station(LineFormat())
     client.turnaround_s = 0.002  # it has been spoken to before
     made = FAMILIES[family]
@@ -115,5 +123,5 @@ def task(*ports: int, family: str = "dde", feeds: bool = False, spare: bool = Fa
     def prove() -> Steps[bool]:
         return made.proves(str((yield from client.read(made.commands["model"]))))
 
-    tools = [Tool(port) for port in ports]
-    return Task(client, made, "stand", tools, feeds, prove, is_proven=is_proven, spare=spare)
+    tools = [Tool(port, suction) for port in ports]
+    return Task(client, made, wanted, tools, feeds, prove, is_proven=is_proven, spare=spare)

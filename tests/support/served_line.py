@@ -21,6 +21,42 @@ from jbclog.sim.virtual import VirtualStation
 from jbclog.sim.wire_file import WireFile
 from jbclog.sim.wire_log import Written
 
+FOUR_TOOLS = """
+[line]
+name = "bench"
+
+[[station]]
+name = "dme-1"
+url = "dme-1"
+family = "dme"
+[station.sim]
+tools = {1 = 2, 2 = 2, 3 = 2, 4 = 2}
+extractor_cools = false
+"""
+
+EXTRACTING = """
+[recipe]
+name = "extracting"
+revision = 1
+families = ["dme"]
+
+[temperature]
+select_c = 350
+
+[sleep]
+delay_min = 5
+
+[hibernation]
+delay_min = 30
+
+[sampling]
+rate_hz = 1
+
+[run]
+status = "working"
+safe_state = "extractor"
+"""
+
 LINE = """
 [line]
 name = "bench"

@@ -125,7 +125,7 @@ def test_a_tool_in_the_extractor_state_neither_works_nor_rests(word: tuple[int, 
         ("stand", (0, 0, 0, 0, 0), False),
         ("extractor", (0, 0, 0, 1, 0), True),
         ("extractor", (0, 0, 0, 0, 0), False),
-        ("extractor", (0, 0, 0, 0, 1), False),
+        ("extractor", (0, 0, 0, 0, 1), True),  # from which it cools by itself
     ],
 )
 def test_a_safe_state_is_reached_where_the_station_says_so(ordered: str, found: tuple[int, ...], safe: bool) -> None:

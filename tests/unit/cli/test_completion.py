@@ -66,7 +66,7 @@ def test_the_help_beside_a_name_has_unit_and_range(make: Make) -> None:
     make(*BENCH)
     told = with_help("jbclog write --line line.toml dde-1 ")
     assert told["adjust"] == "°C, per tool; -50 to 50 °C, in steps of 1"
-    assert told["status"] == "per port; working, stand"
+    assert told["status"] == "per port; working, stand, extractor"
     assert told["restart"] == "per station; no value (dangerous)"
     assert with_help("jbclog read --line line.toml dde-1 tip")["tip_temperature"] == "°C, per port"
 
@@ -74,7 +74,7 @@ def test_the_help_beside_a_name_has_unit_and_range(make: Make) -> None:
 @pytest.mark.parametrize(
     ("words", "values"),
     [
-        ("dde-1 status ", ["working", "stand"]),
+        ("dde-1 status ", ["working", "stand", "extractor"]),
         ("ale-1 status e", ["extractor"]),
         ("ale-1 feeder_mode ", ["continuous", "discontinuous", "program", "reload"]),
         ("ale-1 clog_detection ", ["off", "on"]),

@@ -618,7 +618,7 @@ def test_a_port_that_is_in_use_names_the_run_of_whoever_has_it(
         (("sleep_delay", "10", "-p", "1"), '10 min is not allowed; 0 to 9 min, in steps of 1, or "off"'),
         (("alarm_high_limit", "off", "-p", "1"), "no manual prints how a limit is taken back; switch its delay off instead"),
         (("alarm_high_delay", "1.605", "-p", "1"), "1.605 s is not allowed"),
-        (("status", "extractor", "-p", "1"), "'extractor' is none of working, stand"),
+        (("status", "cooling", "-p", "1"), "'cooling' is none of working, stand, extractor"),
         (("status", "00001", "-p", "1"), "'00001' is none of working, stand"),
         (("tip_temperature", "5"), "tip_temperature can only be read: `jbclog read` does that"),
         (("restart", "0"), "restart takes no value: leave '0' out"),

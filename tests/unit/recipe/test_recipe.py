@@ -167,7 +167,7 @@ mode = "fast"
 rate_hz = 0
 
 [run]
-safe_state = "extractor"
+safe_state = "cooling"
 on_difference = "ignore"
 
 [metadata]
@@ -200,7 +200,7 @@ on = true
         "job.toml:31: feeder: fits none of the families listed (dde); it is for ale",
         'job.toml:32: feeder.mode: "fast" is not allowed; one of continuous, discontinuous, program, reload',
         'job.toml:35: sampling.rate_hz: 0 is not allowed; Hz, from 0.001 to 1000, or "auto"',
-        'job.toml:38: run.safe_state: "extractor" is not allowed on dde, which the recipe lists; it allows stand',
+        'job.toml:38: run.safe_state: "cooling" is not allowed on dde, which the recipe lists; it allows stand, extractor',
         'job.toml:39: run.on_difference: "ignore" is not allowed; stop or continue',
         'job.toml:42: metadata.required[1]: "oprator" is unknown; did you mean operator?',
         "job.toml:45: acceptance.coverage_percent: 101 is not allowed; 0 to 100",
@@ -363,10 +363,6 @@ def test_what_is_wrong_with_a_file_as_a_whole(text: str, problem: str | None) ->
             "8: feeder.length_mm: takes 50000 s at 0.1 mm/s; at most 600 s are believed",
         ),
         ("[air]\ntemperature_c = 300\n", "7: air: fits none of the families listed (dde, ucr, ale); it is for jtse"),
-        (
-            '[run]\nstatus = "extractor"\n',
-            '8: run.status: "extractor" is not allowed on dde, which the recipe lists; it allows working, stand',
-        ),
     ],
 )
 def test_keys_that_contradict_each_other(sections: str, problem: str) -> None:
@@ -391,10 +387,25 @@ def test_a_delay_that_is_off_is_refused_where_stand_must_cool(key: str) -> None:
     assert warnings(parse_recipe(HEAD + "[run]\nallow_no_cooldown = true\n")) == []
 
 
-def test_a_delay_that_is_off_is_no_matter_where_the_safe_state_is_another() -> None:
-    head = HEAD.replace('"dde", ', "")
-    recipe = parse_recipe(head + '[sleep]\ndelay_min = "off"\n[run]\nsafe_state = "extractor"\n')
-    assert recipe.safe_state("ucr") == "extractor"
+def test_a_delay_that_is_off_is_refused_where_stand_follows_on_the_safe_state() -> None:
+    told = only_problem(HEAD + '[sleep]\ndelay_min = "off"\n[run]\nsafe_state = "extractor"\n')
+    assert told.startswith('job.toml:6: sleep.delay_min: is "off", so a tool told to stand never cools')
+
+
+@pytest.mark.parametrize("key", ["safe_state", "status"])
+@pytest.mark.parametrize("family", ["dde", "nae", "dme", "hde", "ucr", "ale"])
+def test_extractor_is_for_every_family_of_002(family: str, key: str) -> None:
+    head = f'[recipe]\nname = "x"\nrevision = 0\nfamilies = ["{family}"]\n'
+    assert getattr(parse_recipe(f'{head}[run]\n{key} = "extractor"\n').run, key) == "extractor"
+
+
+@pytest.mark.parametrize("key", ["safe_state", "status"])
+@pytest.mark.parametrize(("family", "allowed"), [("soldering", "stand"), ("jtse", "cooling, off")])
+def test_extractor_is_for_no_other(family: str, allowed: str, key: str) -> None:
+    head = f'[recipe]\nname = "x"\nrevision = 0\nfamilies = ["{family}"]\n'
+    told = only_problem(f'{head}[run]\n{key} = "extractor"\n')
+    assert f'"extractor" is not allowed on {family}' in told
+    assert key != "safe_state" or told.endswith(f"it allows {allowed}")
 
 
 def test_hot_air_and_omega_have_sections_of_their_own() -> None:

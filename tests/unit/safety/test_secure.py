@@ -2,6 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import reduce
+from operator import xor
+from random import Random
+from typing import Any
+
 import pytest
 from making_safe import ASKED_AT, Cable, Silent, station, task
 
@@ -10,6 +16,7 @@ from jbclog.effects import Ask, Heard, Listen, Steps, Wait
 from jbclog.errors import AnswerTimeout, LinkError
 from jbclog.safety.in_time import in_time
 from jbclog.safety.secure import ALLOWED_S, FAILED, SENT, VERIFIED, Task, secure
+from jbclog.sim.port import Port
 from jbclog.sim.state import WORKING
 from jbclog.sim.virtual import VirtualStation
 
@@ -43,7 +50,7 @@ def test_nothing_is_written_to_whoever_is_there_when_the_cable_was_out(at: str) 
     cable.pull(secure(made))
     assert [write.name for write in stranger.log.writes if write.at >= ASKED_AT] == []
     assert not made.is_proven
-    assert made.tools[1].reached == FAILED
+    assert [tool.is_safe for tool in made.tools] == [False, False]
 
 
 def test_nothing_is_written_to_whoever_is_there_when_a_silent_stations_port_did_not_open() -> None:
@@ -164,11 +171,26 @@ def test_four_cold_ones_are_seen_within_a_second() -> None:
     assert cable.now - ASKED_AT - 3600.0 < 1.0
 
 
-def test_of_four_hot_ones_those_for_which_there_is_no_time_to_look_are_told_to_stand() -> None:
+def test_four_hot_ones_that_cool_are_watched_together_and_left_alone() -> None:
     device, made = in_extractor("dme", 5.0, 1, 2, 3, 4), task(1, 2, 3, 4, family="dme", spare=True)
     Cable(device, now=ASKED_AT + 5.0).pull(secure(made))
+    assert (made.is_done, written(device)) == (True, [])
+    assert [tool.was_spared for tool in made.tools] == [True] * 4
+
+
+def test_of_four_of_which_one_is_held_hot_that_one_is_told_to_stand() -> None:
+    device, made = in_extractor("dme", 5.0, 1, 2, 3, 4), task(1, 2, 3, 4, family="dme", spare=True)
+    held_hot(device, 3)
+    Cable(device, now=ASKED_AT + 5.0).pull(secure(made))
     assert made.is_done
-    assert [tool.was_spared for tool in made.tools] == [True, False, False, False]
+    assert [(write.port, write.value) for write in device.log.written("status") if write.at >= ASKED_AT] == [(3, STAND)]
+
+
+def held_hot(device: VirtualStation, *ports: int) -> None:
+    """These ports heat in their extractor state as at work."""
+    for number in ports:
+        device.plant.ports[number].character.extractor_cools = False
+        device.plant.ports[number].changed()
 
 
 def test_one_that_is_held_hot_in_it_is_told_to_stand() -> None:
@@ -187,6 +209,183 @@ def test_where_nothing_is_to_be_spared_it_is_told() -> None:
 
 def is_extractor(status: StatusWord | None) -> bool:
     return status is not None and status[3] == EXTRACTOR[3]
+
+
+# -- the extractor state as the safe state -----------------------------------------------------------------------------------
+
+BENCH_FAMILIES = ["dde", "nae", "dme", "hde"]
+FOUR = (1, 2, 3, 4)
+
+
+def put_in_extractor(device: VirtualStation, *ports: int, family: str = "dme", **cable: Any) -> tuple[Task, float]:
+    """The task when it is over, and how long it took."""
+    made = task(*ports, family=family, wanted="extractor")
+    pulled = Cable(device, **cable)
+    pulled.pull(secure(made))
+    return made, pulled.now - ASKED_AT
+
+
+def told_words(device: VirtualStation, port: int) -> list[object]:
+    return [one.value for one in device.log.written("status") if one.port == port and one.at >= ASKED_AT]
+
+
+@pytest.mark.parametrize("family", BENCH_FAMILIES)
+def test_a_tool_that_cools_in_its_extractor_state_stays_there(family: str) -> None:
+    device = station(family, (1, 2))
+    made, _ = put_in_extractor(device, 1, 2, family=family)
+    assert [told_words(device, port) for port in (1, 2)] == [[EXTRACTOR]] * 2
+    assert [(tool.reached, tool.fell_back) for tool in made.tools] == [(VERIFIED, "")] * 2
+
+
+@pytest.mark.parametrize("turnaround_ms", [1, 10, 50])
+@pytest.mark.parametrize("hot", [(1,), (2, 4), FOUR], ids=len)
+def test_each_of_four_that_is_read_back_and_heats_on_is_told_to_stand_within_three_seconds(
+    turnaround_ms: int, hot: tuple[int, ...]
+) -> None:
+    device = station("dme", FOUR, f"turnaround_ms = {turnaround_ms}")
+    device.advance_to(ASKED_AT)
+    held_hot(device, *hot)
+    made, seconds = put_in_extractor(device, *FOUR)
+    assert (made.is_done, seconds <= ALLOWED_S) == (True, True)
+    for port in hot:
+        assert told_words(device, port) == [EXTRACTOR, STAND]
+    if turnaround_ms < 50:  # then there is time to see that the others cool
+        assert [told_words(device, port) for port in FOUR if port not in hot] == [[EXTRACTOR]] * (4 - len(hot))
+        assert {tool.fell_back for tool in made.tools if tool.port in hot} == {"extractor was read back, but the tool did not cool"}
+
+
+def test_all_four_are_ordered_before_any_is_watched() -> None:
+    asked: list[str] = []
+    put_in_extractor(station("dme", FOUR), *FOUR, before=asked.append)
+    last_order = max(place for place, text in enumerate(asked) if text.startswith("WPS"))
+    assert last_order < min(place for place, text in enumerate(asked) if text.startswith(("RTT", "RPP")))
+
+
+def test_where_it_is_refused_stand_follows_at_once_and_is_told() -> None:
+    device = station("dme", FOUR, 'quirks = ["extractor_refused"]')
+    made, seconds = put_in_extractor(device, *FOUR)
+    assert [told_words(device, port) for port in FOUR] == [[STAND]] * 4
+    assert {tool.fell_back for tool in made.tools} == {"extractor was refused with N 00003"}
+    assert (made.is_done, seconds < 1.0) == (True, True)
+
+
+def test_where_it_is_acknowledged_and_ignored_stand_follows_at_once_and_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    device, order = station("dme", FOUR), Port.order
+
+    def ignore(port: Port, state: int, extractor: bool) -> None:
+        if not extractor:
+            order(port, state, extractor)
+
+    monkeypatch.setattr(Port, "order", ignore)
+    made, seconds = put_in_extractor(device, *FOUR)
+    assert [told_words(device, port)[-1] for port in FOUR] == [STAND] * 4
+    assert {tool.fell_back for tool in made.tools} == {"extractor was acknowledged, but working was read back"}
+    assert (made.is_done, seconds < 1.0) == (True, True)
+
+
+def test_a_falling_tip_whose_heater_works_against_it_does_not_cool() -> None:
+    """It is at a joint: its temperature alone would pass for a proof."""
+    device = station("dde", (1,), "extractor_cools = false\njoints_per_minute = 0")
+    port = device.plant.ports[1]
+    port.tip.temperature_c = 420.0  # and falls to its setting
+    port.runaway_by_c = None
+    falling = Cable(Drawing(device, permille=700))
+    made = task(1, wanted="extractor")
+    falling.pull(secure(made))
+    assert told_words(device, 1) == [EXTRACTOR, STAND]
+
+
+class Drawing:
+    """A station that tells another power than its own."""
+
+    def __init__(self, device: VirtualStation, permille: int) -> None:
+        self._device = device
+        self._data = f"{permille:05d}".encode()
+
+    def receive(self, data: bytes, now: float) -> list[tuple[float, bytes]]:
+        replies = [(reply[0], reply[1]) for reply in self._device.receive(data, now)]
+        return [(at, self._told(answer)) if b"RPP" in data else (at, answer) for at, answer in replies]
+
+    def _told(self, answer: bytes) -> bytes:
+        body = answer[:9] + self._data + answer[14:15]
+        return body + bytes([reduce(xor, body)])
+
+    def hung_up(self, now: float) -> bool:
+        return self._device.hung_up(now)
+
+
+@pytest.mark.parametrize("only", ["read", "write"])
+def test_a_tool_whose_answers_are_lost_is_told_to_stand_all_the_same(only: str) -> None:
+    """Nobody can see that it cools, or that the order was taken."""
+    device = station("dme", FOUR, f"[[station.sim.fault]]\nkind = 'silence'\nonly = '{only}'")
+    made, seconds = put_in_extractor(device, *FOUR)
+    assert seconds <= ALLOWED_S + 1e-9
+    if only == "read":
+        assert {told_words(device, port)[-1] for port in FOUR} == {STAND}
+    else:  # an acknowledgement is not needed where it is read back, and watched
+        assert {tool.reached for tool in made.tools} == {VERIFIED}
+
+
+@pytest.mark.parametrize("seed", range(40))
+@pytest.mark.parametrize("share", [0.05, 0.25])
+def test_whatever_is_lost_no_tool_that_heats_on_counts_as_safe(share: float, seed: int) -> None:
+    device, random = station("dme", FOUR), Random(seed)
+    held_hot(device, *FOUR)
+    made = task(*FOUR, family="dme", wanted="extractor")
+    asked: list[str] = []
+    lossy = Cable(Lossy(device, lambda: random.random() < share), before=asked.append)
+    lossy.pull(secure(made))
+    assert lossy.now - ASKED_AT <= ALLOWED_S + 1e-9
+    for tool in made.tools:
+        orders = [text for text in asked if text.startswith(f"WPS{tool.port}")]
+        assert orders[-1] == f"WPS{tool.port}00001"  # and once told to stand it is never told to extract again
+        assert sorted(orders, reverse=True) == orders
+        if tool.is_safe:
+            assert told_words(device, tool.port)[-1] == STAND
+    if share < 0.1:
+        assert made.is_done
+
+
+class Lossy:
+    """A line on which what is asked, or what is answered, is lost now and then."""
+
+    def __init__(self, device: VirtualStation, is_lost: Callable[[], bool]) -> None:
+        self._device = device
+        self._is_lost = is_lost
+
+    def receive(self, data: bytes, now: float) -> list[tuple[float, bytes]]:
+        if self._is_lost():
+            return []
+        replies = [(reply[0], reply[1]) for reply in self._device.receive(data, now)]
+        return [] if self._is_lost() else replies
+
+    def hung_up(self, now: float) -> bool:
+        return self._device.hung_up(now)
+
+
+def test_one_order_that_is_lost_on_its_way_is_given_again_before_another_state_is() -> None:
+    device = station("dde", (1,))
+    lost: list[bytes] = []
+
+    class LosesOne(Lossy):
+        def receive(self, data: bytes, now: float) -> list[tuple[float, bytes]]:
+            if b"WPS" in data and not lost:
+                lost.append(data)
+                return []
+            return super().receive(data, now)
+
+    made = task(1, wanted="extractor")
+    Cable(LosesOne(device, lambda: False)).pull(secure(made))
+    assert (told_words(device, 1), made.is_done, len(lost)) == ([EXTRACTOR], True, 1)
+
+
+def test_a_tool_that_is_found_asleep_by_the_reading_back_needs_no_watching() -> None:
+    device = station("dde", (1,))
+    assert device.plant.ports[1].tool
+    status = task(1).family.status
+    assert status.is_safe((0, 0, 0, 0, 2), EXTRACTOR)
+    assert not task(1).has_to_cool((0, 0, 0, 0, 2))
+    assert task(1).has_to_cool(EXTRACTOR)
 
 
 # -- what a file from elsewhere asks for -----------------------------------------------------------------------------------
