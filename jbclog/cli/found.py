@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from jbclog.finding.found import PortReport, StationFound, Turnaround
     from jbclog.wire import LineFormat
 
+NOT_PROVEN = "not known until the first write"
 NO_PORTS = "this computer has no USB serial port: plug the adapter in, or name the port: `jbclog scan /dev/ttyS0`"
 
 
@@ -63,10 +64,12 @@ def _lines(report: PortReport) -> Iterator[str]:
 
 
 def _station_lines(found: StationFound) -> Iterator[tuple[str, str]]:
-    addressing = f", {found.addressing}" if found.robot_mode is not None else ""
+    addressing = f", {found.addressing}" if found.has_robot_mode else ""
     yield "line", f"{found.line}{addressing}"
-    if found.robot_mode is not None:
-        yield "Robot mode", "on" if found.robot_mode else "off"
+    if found.has_robot_mode:
+        yield "Robot mode", NOT_PROVEN if found.robot_mode is None else "off"
+    else:
+        yield "identity", "not told: it answers A as an OMEGA does"
     if found.software:
         yield "software", found.software
     if found.tools:

@@ -71,11 +71,12 @@ def _text(found: StationFound) -> str:
     speed = f" in {found.turnaround.median_ms:.1f} ms" if found.turnaround else ""
     speed += f" ({found.turnaround.faster})" if found.turnaround and found.turnaround.faster else ""
     tools = "; ".join(f"port {port} {tool or 'not told'}" for port, tool in found.tools.items())
-    return f"{who} answers at {found.line}{_addressing(found)}{speed}" + (f"; {tools}" if tools else "")
+    mode = "; Robot mode is not known until the first write" if found.has_robot_mode else ""
+    return f"{who} answers at {found.line}{_addressing(found)}{speed}" + (f"; {tools}" if tools else "") + mode
 
 
 def _addressing(found: StationFound) -> str:
-    return "" if found.robot_mode is None else f", {found.addressing}"
+    return f", {found.addressing}" if found.has_robot_mode else ""
 
 
 # -- differences ------------------------------------------------------------------------------------------------------------
@@ -103,7 +104,7 @@ def _line_format(line: Line, spec: StationSpec, found: StationFound) -> Finding 
 
 
 def _address(line: Line, spec: StationSpec, found: StationFound) -> Finding | None:
-    if found.robot_mode is None or found.address == spec.address:
+    if not found.has_robot_mode or found.address == spec.address:
         return None
     wanted = "without addresses" if spec.address is None else f"address {spec.address:02d}"
     keys = f"address = {'false' if found.address is None else found.address}"

@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Collection, Iterator
 
 from jbclog.commands.family import FAMILIES
 from jbclog.errors import LinkError, PortBusy, PortForbidden, PortMissing
 from jbclog.finding.finding import Finding
 from jbclog.finding.found import PortReport, StationFound
 from jbclog.finding.trials import ADDRESSES, THOROUGH, plan_for
+from jbclog.finding.who import address_of
+from jbclog.protocol.frame import Frame
+from jbclog.protocol.reader import FrameReader
+from jbclog.wire import LineFormat
 
 SHOWN_BYTES = 12
 
@@ -31,7 +36,7 @@ def diagnose(report: PortReport) -> list[Finding]:
     if report.broken is not None:
         return [_broken(report.url, report.broken)]
     if report.station is not None:
-        return [] if report.station.is_drivable else [_not_drivable(report.url, report.station)]
+        return [] if report.station.is_drivable else [_not_drivable(report.url, report.station, report.asked)]
     if report.stopped:
         return []
     return [_nobody(report)]
@@ -44,12 +49,15 @@ def _broken(url: str, error: LinkError) -> Finding:
     return Finding(kind, url, what, step or PLUG_IN)
 
 
-def _not_drivable(url: str, station: StationFound) -> Finding:
+def _not_drivable(url: str, station: StationFound, asked: Collection[int | None]) -> Finding:
     who = f"a station answers at {station.line}, {station.addressing}"
     if station.contradicts:
         return Finding("line.noisy", url, f"{who}, and says something else each time: {station.trouble}", FIRMLY)
     if station.robot_mode is False:
-        return Finding("robot_mode.off", url, f"{who}, and refuses everything because Robot mode is off", SWITCH_ON)
+        return Finding("robot_mode.off", url, f"{who}, and refuses with N 00005: Robot mode is off", SWITCH_ON)
+    if station.refusal is not None and station.address is not None and station.address not in asked:
+        step = f"ask it: `jbclog scan {url} --addresses {station.address}`; in a line file it is `address = {station.address}`"
+        return Finding("line.address", url, f"{who}, and refuses what was not for it ({station.refusal})", step)
     if station.refusal is not None:
         step = "set the addresses of its menu to the usual ones (01, or none), and scan again"
         return Finding("station.refuses", url, f"{who}, and does not say its model ({station.refusal})", step)
@@ -64,11 +72,14 @@ def _nobody(report: PortReport) -> Finding:
     """Why nobody is there. The surest sign decides."""
     url = report.url
     if report.binary is not None:
-        what = f"a JBC station speaks its binary protocol here, at {report.binary}: it is not in Robot mode"
+        what = f"what comes at {report.binary} is like JBC's binary protocol, which a station speaks that is not in Robot mode"
         return Finding("robot_mode.binary", url, what, SWITCH_ON)
     if report.echoed:
         what = "each question comes back as it was sent, and no answer: a loop-back, or an adapter for RS-485 with echo"
         return Finding("line.echo", url, what, "take the loop-back off, or take an adapter for RS-232")
+    heard = list(dict.fromkeys(_heard_addresses(report)))
+    if heard:
+        return _other_address(report, *heard[0])
     if report.garbage:
         return Finding(
             "line.format", url, f"something speaks, in no line format that was tried: {_heard(report)}", _next_try(report)
@@ -77,6 +88,29 @@ def _nobody(report: PortReport) -> Finding:
         step = f"give it more time: `jbclog scan {url}{_options(report)}` without --seconds"
         return Finding("scan.cut", url, f"nothing answers in {_formats(report)}; the time was over before the rest was tried", step)
     return Finding("line.silent", url, f"nothing answers in {_formats(report)}", _look_again(report))
+
+
+def _heard_addresses(report: PortReport) -> Iterator[tuple[LineFormat, int]]:
+    """Line formats and addresses of stations in the whole JBC frames that came and answered nothing."""
+    for line, data in report.garbage.items():
+        for found in FrameReader().feed(data):
+            if isinstance(found, Frame) and (address := address_of(found)) is not None:
+                yield line, address
+
+
+def _other_address(report: PortReport, line: LineFormat, address: int) -> Finding:
+    """A JBC frame came, so the line format is right; who it names was not asked, or did not say who it is."""
+    url, number = report.url, f"{address:02d}"
+    kind = {10: ", which 004 gives to solder feeders", 20: ", which 004 gives to fume extractors"}.get(address, "")
+    if address in report.asked:
+        what = f"a frame of address {number}{kind} came at {line}, and no answer to the question for its model"
+        step = "connect a station that jbclog drives; this one does not say its model"
+        return Finding("station.refuses", url, what, step)
+    asked = ", ".join("none" if one is None else f"{one:02d}" for one in report.asked)
+    what = f"a frame of address {number}{kind} came at {line}; asked were the addresses {asked}"
+    numbers = _ranges([*(one for one in report.asked if one is not None and one not in ADDRESSES), address])
+    step = f"ask it: `jbclog scan {url} --addresses {numbers}`; in a line file it is `address = {address}`"
+    return Finding("line.address", url, what, step)
 
 
 def _look_again(report: PortReport) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from dataclasses import dataclass, field
 
-from jbclog.commands.family import Family
+from jbclog.commands.family import ROBOT, Family
 from jbclog.errors import LinkError
 from jbclog.finding.trials import ADDRESSES
 from jbclog.wire import LineFormat
@@ -29,7 +29,8 @@ class Turnaround:
 class StationFound:
     """Somebody who answers. `address` None: without addresses. What is None was not told.
 
-    `robot_mode` is None where there is no such mode, or it is not known. `tools` are the ports that answer, each with its tool's
+    `robot_mode` is False where the station has refused with N 00005, else None: that reads are answered does not show that
+    writes are taken, so it is not known before the first write. `tools` are the ports that answer, each with its tool's
     name (``none``: a port without a tool; None: not told). `not_answered` are commands that every station of its family is asked,
     and that this one does not take. `refusal` is how it refused to say its model, `trouble` why it was not asked to the end, and
     `contradicts` that this was because it said something else each time.
@@ -40,7 +41,7 @@ class StationFound:
     family: Family | None = None
     model: str | None = None
     software: str | None = None
-    robot_mode: bool | None = True
+    robot_mode: bool | None = None
     refusal: str | None = None
     error: str | None = None
     tools: dict[int, str | None] = field(default_factory=dict)
@@ -53,6 +54,11 @@ class StationFound:
     def is_drivable(self) -> bool:
         """Whether a run could begin with it."""
         return self.family is not None and self.robot_mode is not False and self.trouble is None
+
+    @property
+    def has_robot_mode(self) -> bool:
+        """Whether it is a JBC station, which has that mode and may have an address; one of no known family is."""
+        return self.family is None or self.family.protocol == ROBOT
 
     @property
     def addressing(self) -> str:

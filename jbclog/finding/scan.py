@@ -141,7 +141,7 @@ class _Scan:
                 break
             came = yield from self.ear.ask(OMEGA_QUESTION, OMEGA_ANSWER_S + trial.line.seconds(EXCHANGE), omega_answer)
             if omega_answer(came.rest) is not None:
-                yield from self._learn(StationFound(trial.line, None, FAMILIES[OMEGA], robot_mode=None))
+                yield from self._learn(StationFound(trial.line, None, FAMILIES[OMEGA]))
                 return True
             self._keep(trial.line, came)
         return False

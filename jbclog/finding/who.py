@@ -30,7 +30,7 @@ COMMON_TO_ALL = FAMILIES["soldering"]  # its table, where the family is not know
 
 def of_answer(answer: Frame, line: LineFormat) -> tuple[StationFound, bool]:
     """Who sent this answer to R-SMN, and whether it was meant: a fault found with the frame may be the wrong addressing."""
-    found = StationFound(line, _address(answer))
+    found = StationFound(line, address_of(answer))
     if answer.header == "A":
         found.model = str(MODEL.quantity.decode(answer.text[len(MODEL.letters) :]))
         found.family = family_of(found.model)
@@ -41,7 +41,7 @@ def of_answer(answer: Frame, line: LineFormat) -> tuple[StationFound, bool]:
     return found, number not in FAULT_IN_FRAME
 
 
-def _address(answer: Frame) -> int | None:
+def address_of(answer: Frame) -> int | None:
     """The address that is not the host's, whichever of the two stands first (digest B-6)."""
     if answer.source is None or answer.target is None:
         return None
@@ -50,7 +50,7 @@ def _address(answer: Frame) -> int | None:
 
 def not_settled(line: LineFormat, given: Sequence[Frame]) -> StationFound:
     """Somebody who answers, where no two of `given`, the answers to R-SMN, were the same: nothing that they say is known."""
-    found = StationFound(line, _address(given[0]), robot_mode=None, contradicts=len(given) > 1)
+    found = StationFound(line, address_of(given[0]), contradicts=len(given) > 1)
     said = ", ".join(_said(answer) for answer in given)
     found.trouble = f"it answered its model as {said}" if found.contradicts else f"it answered its model, {said}, once only"
     return found
@@ -58,7 +58,7 @@ def not_settled(line: LineFormat, given: Sequence[Frame]) -> StationFound:
 
 def _said(answer: Frame) -> str:
     """``'DDE' from address 01``."""
-    address = _address(answer)
+    address = address_of(answer)
     what = f"'{answer.text[len(MODEL.letters) :].strip()}'" if answer.header == "A" else f"N {answer.text[-5:]}"
     return what if address is None else f"{what} from address {address:02d}"
 

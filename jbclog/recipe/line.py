@@ -15,11 +15,15 @@ from jbclog.recipe.keys import KeyPath
 from jbclog.recipe.schema import NAME_ALLOWED, FromList, Name, Table, read_table, said, shown, unknown
 from jbclog.recipe.sim_spec import SimSpec
 from jbclog.recipe.toml import TomlText, hidden, parse, read_text, shortened
-from jbclog.recipe.url import checked_url, is_path
+from jbclog.recipe.url import checked_url, is_path, tcp_port
 from jbclog.wire import BAUDRATES, LineFormat
 
 AUTO: Final = "auto"
 IS_A_RECIPE: Final = "this is a recipe; a line file has [line] and a [[station]] for each station"
+ONE_EACH: Final = (
+    "; the manuals print RS-232, which is point to point: one port and one station, whatever their addresses. "
+    "Connect the other station to a port or an adapter of its own, and name that"
+)
 _DRIVEN: Final = ", ".join((*FAMILIES, AUTO))
 
 
@@ -222,21 +226,25 @@ def _between_stations(source: TomlText, path: Path) -> Iterator[Problem]:
     names = [(place, table.get("name")) for place, table in tables]
     urls = [(place, _same_port(table.get("url"), path)) for place, table in tables]
     yield from _shared(source, "name", names, "is the name of two stations")
-    yield from _shared(source, "url", urls, "is the port of two stations")
+    yield from _shared(source, "url", urls, "is the port of two stations", ONE_EACH)
 
 
-def _shared(source: TomlText, key: str, values: Iterable[tuple[int, object]], text: str) -> Iterator[Problem]:
+def _shared(source: TomlText, key: str, values: Iterable[tuple[int, object]], text: str, why: str = "") -> Iterator[Problem]:
     first: dict[str, int] = {}
+    tables = dict(_station_tables(source))
     for place, value in values:
         if isinstance(value, str) and first.setdefault(value, place) != place:
             line = source.lines.get(("station", first[value], key))
-            yield source.problem(("station", place, key), f"{shown(value)} {text}, first in line {line}")
+            written = tables[place].get(key)
+            yield source.problem(("station", place, key), f"{shown(written)} {text}, first in line {line}{why}")
 
 
 def _same_port(url: object, path: Path) -> object:
-    """What two urls of one port have in common: links of devices are followed."""
-    if not isinstance(url, str) or not is_path(url) or not url:
+    """What two urls of one port have in common: links of devices are followed; options behind a TCP port mean nothing."""
+    if not isinstance(url, str) or not url:
         return url
+    if not is_path(url):
+        return tcp_port(url) or url
     try:
         return str((_folder(path) / url).resolve())
     except (OSError, ValueError, RuntimeError):  # a loop of links, or no name that a file can have

@@ -50,6 +50,15 @@ def is_served_here(url: str) -> bool:
     return scheme_of(url) == "socket" and is_this_host(urlsplit(url).hostname or "")
 
 
+def tcp_port(url: str) -> str | None:
+    """``host:port`` of socket:// and rfc2217://, this machine always by one name; None for any other url. No name is looked up."""
+    if scheme_of(url) not in ("socket", "rfc2217") or not _has_host_and_port(url):
+        return None
+    parts = urlsplit(url)
+    host = parts.hostname or ""
+    return f"{'localhost' if is_this_host(host) else host}:{parts.port}"
+
+
 def is_this_host(host: str) -> bool:
     """Whether that is what this machine calls itself, and nobody else can be meant."""
     try:

@@ -71,7 +71,7 @@ def test_a_station_is_told_in_a_few_lines_and_everything_that_was_sent(monkeypat
     assert text.splitlines()[:6] == [
         "/dev/ttyUSB0  UCR245, family ucr",
         "  line        19200 8N1, address 01",
-        "  Robot mode  on",
+        "  Robot mode  not known until the first write",
         "  software    1.00a",
         "  ports       1 TRA245/TRA470",
         "  turnaround  2.00 ms median, 2.00 ms at worst",

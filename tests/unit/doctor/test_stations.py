@@ -34,7 +34,8 @@ def test_a_station_as_the_file_says() -> None:
     assert one == Fine(
         "station",
         "s-1",
-        "DDE answers at 19200 8N1, address 01 in 1.0 ms; port 1 T245/T470/TR245/TR470; port 2 T245/T470/TR245/TR470",
+        "DDE answers at 19200 8N1, address 01 in 1.0 ms; port 1 T245/T470/TR245/TR470; port 2 T245/T470/TR245/TR470; "
+        "Robot mode is not known until the first write",
     )
 
 

@@ -56,7 +56,7 @@ def kinds(report: PortReport) -> list[str]:
 )
 def test_every_family_is_known_by_its_model(family: str, model: str, ports: list[int]) -> None:
     found = station(scanned(station_cable(family, sim="turnaround_ms = 2.0")))
-    assert (found.model, found.family and found.family.name, found.address, found.robot_mode) == (model, family, 1, True)
+    assert (found.model, found.family and found.family.name, found.address, found.robot_mode) == (model, family, 1, None)
     assert list(found.tools) == ports
     assert "none" not in found.tools.values()
     assert found.turnaround is not None
@@ -301,6 +301,52 @@ def test_behind_a_server_only_the_addresses_are_left_to_try() -> None:
     silent = PortReport("socket://host:1", tried=[LineFormat()])
     assert diagnose(silent)[0].step.endswith("`jbclog scan socket://host:1 --addresses 1-99`")
     assert diagnose(replace(silent, asked=(*ADDRESSES, *range(1, 100))))[0].step.endswith("(RJ12: pins 3 and 4)")
+
+
+@pytest.mark.parametrize("address", [99, 20, 2])
+@pytest.mark.parametrize("says", ["ASER00000", "WPS100001", "RTT1"])
+def test_a_frame_from_an_address_that_was_not_asked_names_it_and_the_option(address: int, says: str) -> None:
+    """It came whole, so the line format is right."""
+    speaks = framed(says, *((0, address) if says[0] in "RW" else (address, 0)))
+    report = scanned(Cable(Silence(), LineFormat(9600), speaks=(2.0, speaks)))
+    assert kinds(report) == ["line.address"]
+    (found,) = diagnose(report)
+    assert f"address {address:02d}" in found.what
+    assert ("fume extractors" in found.what) == (address == 20)
+    assert found.step == f"ask it: `jbclog scan port --addresses {address}`; in a line file it is `address = {address}`"
+
+
+def test_the_option_that_is_named_finds_it() -> None:
+    cable = station_cable("dde", "address = 99")
+    assert station(scanned(cable, plan_for("port", addresses=(*ADDRESSES, 99), limit_s=None))).address == 99
+
+
+def test_a_frame_from_an_address_that_was_asked_is_none_that_says_its_model() -> None:
+    speaks = framed("ASER00000", 20)
+    report = scanned(Cable(Silence(), LineFormat(), speaks=(2.0, speaks)), ScanPlan(addresses=(*ADDRESSES, 20)))
+    (found,) = diagnose(report)
+    assert (found.kind, found.step) == ("station.refuses", "connect a station that jbclog drives; this one does not say its model")
+
+
+def test_a_refusal_by_an_address_that_does_not_answer_names_it_too() -> None:
+    report = scanned(Cable(Silence(), LineFormat(9600), speaks=(2.0, framed("N00004", 99))))
+    (found,) = diagnose(report)
+    assert found.kind == "station.silent"
+    assert "a station answers at 9600 8N1, address 99, and then does not" in found.what
+
+
+class Refuser:
+    """A station at address 99 that finds fault with frames for others, as some may (digest B-14)."""
+
+    def receive(self, data: bytes, now: float) -> Coming:
+        return [(now + 0.01, framed("NSMN00002", 99))]
+
+
+def test_a_refusal_from_an_address_that_was_not_asked_names_it() -> None:
+    report = scanned(Cable(Refuser(), LineFormat()))
+    (found,) = diagnose(report)
+    assert found.kind == "line.address"
+    assert "--addresses 99" in found.step
 
 
 def test_a_line_full_of_noise_takes_no_longer() -> None:

@@ -107,7 +107,7 @@ class Robot:
 
 def test_robot_mode_is_not_off_because_one_answer_says_so() -> None:
     found = station(scanned(Cable(Robot("NSMN00005", "ASMN  DDE", "ASMN  DDE"), LineFormat())))
-    assert (found.model, found.robot_mode, found.refusal) == ("DDE", True, None)
+    assert (found.model, found.robot_mode, found.refusal) == ("DDE", None, None)
 
 
 MODELS = ("ASMN  DDE", "ASMN  EEE", "ASMN  DME", "NSMN00005", "ASMN  NAE")

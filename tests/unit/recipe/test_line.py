@@ -218,11 +218,32 @@ def test_two_names_of_one_device_are_one_port(tmp_path: Path) -> None:
         parse_line(text, tmp_path / "line.toml")
     (problem,) = found.value.problems
     assert (problem.line, problem.key) == (9, "station[2].url")
-    assert problem.text.endswith("is the port of two stations, first in line 5")
+    assert problem.text.startswith('"by-id" is the port of two stations, first in line 5; the manuals print RS-232, which is point')
+    assert problem.text.endswith("Connect the other station to a port or an adapter of its own, and name that")
 
 
-def test_two_stations_on_one_socket_are_one_port_too() -> None:
-    socket = STATION.replace("/dev/ttyUSB0", "socket://a:1")
-    assert problems(HEAD + socket + socket.replace("dde-1", "dde-2")) == [
-        ':9: station[2].url: "socket://a:1" is the port of two stations, first in line 5'
-    ]
+@pytest.mark.parametrize(
+    ("one", "other"),
+    [
+        ("socket://a:1", "socket://a:1"),
+        ("socket://a:1", "rfc2217://A:1?ign_set_control"),
+        ("socket://localhost:1", "socket://127.0.0.1:1"),
+        ("/dev/ttyUSB0", "/dev//ttyUSB0"),
+    ],
+)
+def test_two_stations_on_one_line_are_refused_with_why_and_what_to_do(one: str, other: str) -> None:
+    """Two addresses do not make a bus of it."""
+    first = STATION.replace("/dev/ttyUSB0", one)
+    second = STATION.replace("dde-1", "dde-2").replace("/dev/ttyUSB0", other) + "address = 2\n"
+    (problem,) = problems(HEAD + first + second)
+    assert problem == (
+        f':9: station[2].url: "{other}" is the port of two stations, first in line 5; the manuals print RS-232, which is point to '
+        "point: one port and one station, whatever their addresses. Connect the other station to a port or an adapter of its own, "
+        "and name that"
+    )
+
+
+def test_two_ports_of_one_server_are_two_lines() -> None:
+    first = STATION.replace("/dev/ttyUSB0", "socket://a:1")
+    line = parse_line(HEAD + first + STATION.replace("dde-1", "dde-2").replace("/dev/ttyUSB0", "socket://a:2"), Path("line.toml"))
+    assert [station.url for station in line.stations] == ["socket://a:1", "socket://a:2"]
