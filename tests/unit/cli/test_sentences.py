@@ -34,7 +34,7 @@ def planned(recipe: str = "job.toml", line: str = "line.toml", *, verb: str = "p
 def test_a_value_is_shown_as_it_is_written(place: Path) -> None:
     (place / "job.toml").write_text(RECIPE + "[alarm.high]\nlimit_c = 9999\ndelay_s = 1.333\n[sleep]\ndelay_min = 10\n")
     assert planned() == [
-        "error: job.toml:6: alarm.high.limit_c: 9999 °C is not allowed; 5 to 600 °C, in steps of 5; no manual prints the ends",
+        "error: job.toml:6: alarm.high.limit_c: 9999 °C is not allowed; steps of 5 °C",
         'error: job.toml:7: alarm.high.delay_s: 1.333 s is not allowed; 0 to 99.99 s, in steps of 0.01, or "off"',
         'error: job.toml:9: sleep.delay_min: 10 min is not allowed; 0 to 9 min, in steps of 1, or "off"',
         "3 problems; nothing was sent.",
