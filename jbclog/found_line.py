@@ -6,12 +6,12 @@ import math
 import os
 import re
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 from jbclog.finding.found import PortReport, StationFound
-from jbclog.recipe.line import StationTable
-from jbclog.recipe.line_text import Described, line_text
+from jbclog.recipe.line import AUTO, StationTable
+from jbclog.recipe.line_text import Described, line_comment, line_text, station_text
 from jbclog.recipe.schema import NAME_PATTERN
 from jbclog.recipe.url import is_path
 from jbclog.transport.usb import lasting_name
@@ -19,15 +19,22 @@ from jbclog.transport.usb import lasting_name
 NO_TOOL = (None, "none")
 
 
-def text_of(reports: Iterable[PortReport], file: Path) -> str | None:
+def text_of(reports: Sequence[PortReport], file: Path) -> str | None:
     """The text of a line file with every station that a run could begin with; None where there is none."""
     stations = _described([report for report in reports if report.station is not None and report.station.is_drivable])
     name = file.stem if re.fullmatch(NAME_PATTERN, file.stem) else "line"
-    return (
-        line_text(name, stations, "Found by jbclog scan. A station's recipe goes here, or on the command line.")
-        if stations
-        else None
-    )
+    text = line_text(name, stations, "Found by jbclog scan. A station's recipe goes here, or on the command line.")
+    return text + "".join(_proposal(report) for report in reports) if stations else None
+
+
+def _proposal(report: PortReport) -> str:
+    """A station whose model no table has, as comments: nobody but a person can name its family."""
+    found = report.station
+    if found is None or found.model is None or found.family is not None or found.robot_mode is False or found.trouble is not None:
+        return ""
+    said = f"Model {found.model} is in no table. If you know what it is: name the family, and take away the # before these lines."
+    table = _table("station-1", report.url, found, AUTO).model_copy(update={"family": "...", "model": found.model})
+    return line_comment(f"\n{said}\n{station_text(table)}")
 
 
 def _described(reports: Sequence[PortReport]) -> list[Described]:

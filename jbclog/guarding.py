@@ -59,4 +59,5 @@ def lease_of(facts: StationFacts) -> StationLease:
         safe_state=facts.asked_safe_state,
         ports=tuple(port for port in facts.touched if not (is_over and facts.safe_state.get(port) == NO_MORE)),
         feeds=facts.may_feed,
+        model_accepted=facts.model_accepted,
     )

@@ -228,6 +228,7 @@ def orders(plan: Plan, t0: float) -> Iterator[Order]:
             begin=plan.line.replay.begin(spec.name) if plan.line.replay is not None else None,
             rated_power_w=spec.rated_power_w,
             allow_omega_write=plan.wanted.allow_omega_write,
+            model=spec.model,
         )
 
 

@@ -63,7 +63,8 @@ def target_of(line: Line, name: str) -> Target:
         near = difflib.get_close_matches(name[:64], names, n=1)
         meant = f"did you mean {near[0]}? It has" if near else "it has"
         raise UsageError(f"{line.path} has no station {name!r}; {meant} {', '.join(names)}")
-    return Target(found.name, found.url, FAMILIES.get(found.family), found.line_format, found.address, found.ports)
+    family = FAMILIES.get(found.family)
+    return Target(found.name, found.url, family, found.line_format, found.address, found.ports, found.model)
 
 
 def ask(target: Target, steps: Steps[T], *, may_write: bool = False) -> T:

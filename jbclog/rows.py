@@ -215,6 +215,7 @@ class StationFacts:
     safe_state: dict[int, str] = field(default_factory=dict)
     unsafe: list[str] = field(default_factory=list)  # a sentence for each tool or feeder that could not be made safe
     last_temperature_c: dict[int, float] = field(default_factory=dict)
+    model_accepted: bool = False  # by the line file's key `model`, and borne out by reads; else the name proves the family
 
 
 UNITS, JOINTS = "units", "joints"

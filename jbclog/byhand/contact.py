@@ -8,12 +8,14 @@ from typing import NamedTuple
 
 from jbclog.commands.command import TOOLS_WITH_A_PLACE, Command, Scope
 from jbclog.commands.family import Family, family_of
+from jbclog.commands.models import not_accepted, other_model, unknown_model
 from jbclog.commands.omega_values import CLEANING, is_condition
 from jbclog.effects import Reopen, Steps, Wait
 from jbclog.errors import NotSupported, OutOfRange, RobotModeOff, StartRefused, StationError, StationSilent, UsageError
 from jbclog.quantities import Value
 from jbclog.station.after import MODEL
 from jbclog.station.agreed import agreed
+from jbclog.station.borne_out import NOT_DRIVEN, why_not_borne_out
 from jbclog.station.client import Client
 from jbclog.station.make import client_for
 from jbclog.wire import LineFormat
@@ -25,7 +27,9 @@ CONDITIONS = "101 to 199, 201 to 299, 301 to 399, or 0 for the cleaning"
 
 @dataclass(frozen=True, slots=True)
 class Target:
-    """A station as the line file describes it. `family` is None for "auto", `ports` None for the family's own."""
+    """A station as the line file describes it. `family` is None for "auto", `ports` None for the family's own; `model` is the
+    name that is accepted for it, None where none is.
+    """
 
     name: str
     url: str
@@ -33,6 +37,7 @@ class Target:
     line: LineFormat
     address: int | None
     ports: tuple[int, ...] | None
+    model: str | None = None
 
 
 class Place(NamedTuple):
@@ -77,11 +82,15 @@ class Contact:
 
     @property
     def is_proven(self) -> bool:
-        """Whether the station is of the family by whose tables it is spoken to, as far as it can be asked."""
-        return self.model is None or self.family.proves(self.model)
+        """Whether the station is of the family by whose tables it is spoken to, as far as its name tells."""
+        if self.model is None or self.target.model is None:
+            return self.model is None or self.family.proves(self.model)
+        return self.model == self.target.model
 
     def stranger(self) -> str:
         """In what the station and the line file differ."""
+        if self.target.model is not None:
+            return f"{self.name}: {not_accepted(self.target.model, str(self.model))}"
         return f"{self.name}: the line file says family {self.family.name}, the station says model {self.model}"
 
     def read(self, command: Command, place: Place) -> Steps[Value]:
@@ -138,16 +147,27 @@ def no_answer(target: Target, error: StationError) -> str:
 def _learnt(target: Target, model: str) -> Family:
     family = family_of(model)
     if family is None:
-        raise StartRefused(
-            f'{target.name}: its model {model!r} is of no known family; name the family in the line file instead of "auto"'
-        )
+        raise StartRefused(f"{target.name}: {unknown_model(model)}")
     return family
 
 
-def expect_proven(contact: Contact) -> None:
+def expect_proven(contact: Contact) -> Steps[None]:
     """Raise `StartRefused` where the station is not of its family: nothing is written to a stranger."""
     if not contact.is_proven:
-        raise StartRefused(f"{contact.stranger()}; nothing was written to it. Correct `family`, or the cable")
+        if contact.target.model is None:
+            raise StartRefused(f"{contact.name}: {other_model(contact.family, str(contact.model))}")
+        raise StartRefused(f"{contact.stranger()}; nothing was written to it. Correct `model`, or the cable")
+    yield from expect_borne_out(contact)
+
+
+def expect_borne_out(contact: Contact) -> Steps[None]:
+    """Raise `StartRefused` where a name that the line file accepts belongs to a station of another kind than its family's."""
+    if contact.target.model is None:
+        return
+    why = yield from why_not_borne_out(contact.client, contact.family, min(contact.ports or (1,)))
+    if why is not None:
+        model, family = contact.model, contact.family.name
+        raise StartRefused(f"{contact.name}: model {model} is driven as {family} by the line file, but {why}. {NOT_DRIVEN}")
 
 
 # -- ports and tools --------------------------------------------------------------------------------------------------------

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from typing import Final
 
 from jbclog.byhand.believed import believed
-from jbclog.byhand.contact import NO_TOOL, PORTS, Contact, Place, Target, find_tool, meet
+from jbclog.byhand.contact import NO_TOOL, PORTS, Contact, Place, Target, expect_borne_out, find_tool, meet
 from jbclog.commands.command import TOOLS_WITH_A_PLACE
 from jbclog.commands.family import Family, family_of
 from jbclog.effects import Steps
@@ -67,7 +67,7 @@ class StationMadeSafe:
 def make_safe(target: Target, made: StationMadeSafe) -> Steps[None]:
     """Put every tool of a station in its safe state, its feeder stopped first. Raises `StartRefused` and `LinkError`."""
     contact = yield from meet(target)
-    family = contact.family = _proven(contact, made)
+    family = contact.family = yield from _proven(contact, made)
     made.model, made.family = contact.model, family.name
     if not family.safe_states:
         made.problem = f"an {family.title} takes no order that would make it safe: stop it at its own panel, or {SWITCH_OFF}"
@@ -89,9 +89,12 @@ def make_safe(target: Target, made: StationMadeSafe) -> Steps[None]:
         yield from _tell(contact, tool, one, tools[tool.port])
 
 
-def _proven(contact: Contact, made: StationMadeSafe) -> Family:
-    """The family that the station itself proves, whatever the line file says. Raises `StartRefused` for a stranger."""
+def _proven(contact: Contact, made: StationMadeSafe) -> Steps[Family]:
+    """The family that the station itself proves, whatever the line file says; where that accepts its name, the family that it
+    bears out by reads. Raises `StartRefused` for a stranger.
+    """
     if contact.is_proven:
+        yield from expect_borne_out(contact)
         return contact.family
     found = family_of(contact.model or "")
     if found is None:

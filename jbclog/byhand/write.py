@@ -93,7 +93,7 @@ def write_value(target: Target, change: Change, keep: Keep, written: Written) ->
     Raises `StartRefused`, `RecordError` (from `keep`) and `LinkError` before anything was sent.
     """
     contact = written.contact = yield from meet(target)
-    expect_proven(contact)
+    yield from expect_proven(contact)
     command, value = found_after_all(contact, lambda: change.meant(contact.family))
     written.command, written.value = command, None if is_order(command) else value
     written.place = yield from _place(contact, command, change.place)

@@ -34,8 +34,10 @@ class Family:
     `models` are the beginnings of model names that prove the family. `ports` is None where the manual
     does not say how many there are: then those that answer R-CT are meant. The first of `safe_states` is the usual one;
     those in `proven_by_cooling` count only when the tool is seen to cool. `harmless` are reads that change nothing, with
-    which the turnaround is measured. `plausible_c` are temperatures that its tools can have, and `jump_c` is more than
-    they change from one tick to the next. `defaults` are what a station of it holds fresh from the factory.
+    which the turnaround is measured; `answered_by_kind` are reads whose letters only soldering stations, or only hot air, have:
+    with them a family is borne out where the model name cannot prove it. `plausible_c` are temperatures that its tools can
+    have, and `jump_c` is more than they change from one tick to the next. `defaults` are what a station of it holds fresh from
+    the factory.
 
     Where `models` is empty the station does not say what it is; where `tools` is, it does not say what is connected.
     `protocol` is how it is spoken to, `baudrate` and `rate_hz` are what holds where a file names none, and `turnaround_ms` is
@@ -56,6 +58,7 @@ class Family:
     signals: tuple[Signal, ...] = SOLDERING_SIGNALS
     counters: tuple[Counter, ...] = HOUR_COUNTERS
     harmless: tuple[str, ...] = ("station_error", "tip_temperature")
+    answered_by_kind: tuple[str, ...] = ("tip_temperature", "transistor_temperature")
     port_errors: ErrorTable = robot.PORT_ERRORS
     station_errors: ErrorTable = robot.STATION_ERRORS
     plausible_c: range = range(601)  # no unit is made for more than 500 °C (seed 002, factory settings)
@@ -194,6 +197,7 @@ FAMILIES: Mapping[str, Family] = MappingProxyType(
                 signals=hotair.AIR_SIGNALS,
                 counters=hotair.AIR_COUNTERS,
                 harmless=("station_error", "air_temperature"),
+                answered_by_kind=("air_temperature", "maximum_air_flow"),
                 port_errors=hotair.PORT_ERRORS,
                 station_errors=hotair.STATION_ERRORS,
                 hot_part="air",
@@ -214,6 +218,7 @@ FAMILIES: Mapping[str, Family] = MappingProxyType(
                 signals=omega.OMEGA_SIGNALS,
                 counters=(),
                 harmless=("information", "temperature_control", "set_temperature_state"),
+                answered_by_kind=(),
                 port_errors=omega.NO_ERRORS,
                 station_errors=omega.NO_ERRORS,
                 defaults=(),

@@ -48,12 +48,17 @@ def _addresses(spec: StationSpec) -> tuple[int | None, ...]:
 
 def compared(line: Line, spec: StationSpec, report: PortReport) -> Iterator[Looked]:
     """What of this station is fine, or is not."""
-    wrong = [_of_line(line, spec, finding) for finding in diagnose(report)]
+    wrong = [_of_line(line, spec, finding) for finding in diagnose(report) if not _is_accepted(spec, report, finding)]
     if not wrong and report.station is not None:
         wrong = [finding for finding in _differences(line, spec, report.station) if finding is not None]
         wrong += [timer] if (timer := look_at_timer(spec.name, spec.url)) is not None else []
         wrong = wrong or [Fine("station", spec.name, _text(report.station))]
     yield from wrong
+
+
+def _is_accepted(spec: StationSpec, report: PortReport, finding: Finding) -> bool:
+    """Whether this is about a model name that no table has, and the line file accepts it."""
+    return finding.kind == "station.unknown" and report.station is not None and report.station.model == spec.model
 
 
 def _of_line(line: Line, spec: StationSpec, finding: Finding) -> Looked:
@@ -118,6 +123,11 @@ def _at(found: StationFound) -> str:
 
 
 def _family(line: Line, spec: StationSpec, found: StationFound) -> Finding | None:
+    if spec.model is not None:
+        if found.model == spec.model:
+            return None
+        what = f"the line file accepts model {spec.model}; what answers is {found.model or 'one that says none'}"
+        return Finding("line.model", spec.name, what, _change(line, spec, f'model = "{found.model}", or plug in the other cable'))
     if spec.family == AUTO or found.family is None or found.family.name == spec.family:
         return None
     what = f"the line file says family {spec.family}; what answers is {found.model or found.family.title}"

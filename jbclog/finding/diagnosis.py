@@ -6,6 +6,7 @@ import math
 from collections.abc import Collection, Iterator
 
 from jbclog.commands.family import FAMILIES
+from jbclog.commands.models import accept_line
 from jbclog.errors import LinkError, PortBusy, PortForbidden, PortMissing
 from jbclog.finding.finding import Finding
 from jbclog.finding.found import PortReport, StationFound
@@ -64,7 +65,7 @@ def _not_drivable(url: str, station: StationFound, asked: Collection[int | None]
     if station.trouble is not None:
         return Finding("station.silent", url, f"{who}, and then does not: {station.trouble}", "see that its plug sits firmly")
     driven = ", ".join(name for name, family in FAMILIES.items() if family.models)
-    step = f"take a station of a family that jbclog drives: {driven}"
+    step = f"if you know what it is, name its family in the line file ({driven}), and add {accept_line(str(station.model))}"
     return Finding("station.unknown", url, f"{who}, and says model {station.model!r}, which no table has", step)
 
 

@@ -22,7 +22,8 @@ FLAGS: Final = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC | os.O_NOFOLL
 class StationLease:
     """One station whose tools a run has touched. `ports` are those that may be hot.
 
-    `model` and `software` are what the station must answer before anything is written to it.
+    `model` and `software` are what the station must answer before anything is written to it. Where the name does not prove the
+    family, nothing is unless `model_accepted`: the line file accepts it, and the run has borne the family out by reads.
     """
 
     name: str
@@ -36,6 +37,7 @@ class StationLease:
     safe_state: str
     ports: tuple[int, ...]
     feeds: bool
+    model_accepted: bool = False
 
     @property
     def holds(self) -> bool:

@@ -130,7 +130,10 @@ def _open(lease: StationLease) -> Port:
 
 def _is_the_one(client: Client, lease: StationLease) -> Steps[bool]:
     """Whether the station names the model, and where it tells one the software, that the lease was given for."""
-    commands = FAMILIES[lease.family].commands
+    family = FAMILIES[lease.family]
+    commands = family.commands
+    if not (lease.model_accepted or family.proves(lease.model or "")):
+        return False
     if (yield from client.read(commands["model"])) != lease.model:
         return False
     if lease.software is None:

@@ -10,6 +10,7 @@ from typing import Annotated, Final
 from pydantic import AfterValidator, Field, PlainValidator
 
 from jbclog.commands.family import FAMILIES, OMEGA, Family
+from jbclog.commands.models import model_problem
 from jbclog.errors import Problem, Problems
 from jbclog.recipe.keys import KeyPath
 from jbclog.recipe.schema import NAME_ALLOWED, FromList, Name, Table, read_table, said, shown, unknown
@@ -19,6 +20,7 @@ from jbclog.recipe.url import checked_url, is_path, tcp_port
 from jbclog.wire import BAUDRATES, LineFormat
 
 AUTO: Final = "auto"
+LONGEST_MODEL: Final = 16
 IS_A_RECIPE: Final = "this is a recipe; a line file has [line] and a [[station]] for each station"
 ONE_EACH: Final = (
     "; the manuals print RS-232, which is point to point: one port and one station, whatever their addresses. "
@@ -39,6 +41,14 @@ def _family(name: str) -> str:
     if name != AUTO and name not in FAMILIES:
         raise said(f"{shown(name)} is {unknown(name, [*FAMILIES, AUTO])}")
     return name
+
+
+def _model(name: str) -> str:
+    """As R-SMN is read: without the blanks before it."""
+    bare = name.strip(" ")
+    if not (1 <= len(bare) <= LONGEST_MODEL and bare.isascii() and bare.isprintable()):
+        raise said(f"{shown(name)} is not allowed; 1 to {LONGEST_MODEL} printable characters, as the station gives its model")
+    return bare
 
 
 def _baudrate(value: int) -> int:
@@ -69,6 +79,9 @@ class StationTable(Table):
         min_length=1, max_length=1024, description="a device path, socket://HOST:PORT or rfc2217://HOST:PORT"
     )
     family: Annotated[str, AfterValidator(_family)] = Field(description=f"one of {_DRIVEN}")
+    model: Annotated[str, AfterValidator(_model)] | None = Field(
+        None, description="the model name that the station gives, driven as `family` says"
+    )
     baudrate: Annotated[int, AfterValidator(_baudrate)] = Field(19200, description="bits per second, default 19200 (omega 9600)")
     format: Annotated[str, AfterValidator(_format)] = Field("8N1", description="a line format such as 8N1, 8E1 or 8O2")
     address: Annotated[int | None, PlainValidator(_address)] = 1
@@ -199,10 +212,22 @@ def _read_station(source: TomlText, place: int, table: dict[str, object], proble
     station, wrong, _ = read_table(StationTable, source, at, table)
     problems += wrong
     family = FAMILIES.get(str(table.get("family")))
+    problems += _accepted_model(source, at, table, family)
     if family is not None:
         problems += _within_family(source, at, family, table.get("ports"))
         problems += _without_addresses(source, at, family, table.get("address", False))
     return station
+
+
+def _accepted_model(source: TomlText, at: KeyPath, table: dict[str, object], family: Family | None) -> Iterator[Problem]:
+    """A name that cannot be driven as the family says."""
+    model = table.get("model")
+    if not isinstance(model, str):
+        return
+    if table.get("family") == AUTO:
+        yield source.problem((*at, "model"), 'is driven as a family says: name that family in place of "auto"')
+    elif family is not None and (problem := model_problem(family, model.strip(" "))) is not None:
+        yield source.problem((*at, "model"), problem)
 
 
 def _without_addresses(source: TomlText, at: KeyPath, family: Family, address: object) -> Iterator[Problem]:

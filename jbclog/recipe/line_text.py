@@ -14,7 +14,7 @@ Described = tuple[StationTable, str]
 def line_text(name: str, stations: Iterable[Described], heading: str, replay: Replay | None = None) -> str:
     """The text of a line file. `heading` and what is said of stations become comments."""
     parts = ["\n".join(_station(station, said)) for station, said in stations]
-    return f"{_comment(heading)}[line]\nname = {quoted(name)}\n{_replay(replay)}" + "".join(parts)
+    return f"{line_comment(heading)}[line]\nname = {quoted(name)}\n{_replay(replay)}" + "".join(parts)
 
 
 def _replay(replay: Replay | None) -> str:
@@ -33,7 +33,8 @@ def _by_name(values: Mapping[str, float]) -> str:
     return ", ".join(f"{quoted(name)} = {value!r}" for name, value in values.items())
 
 
-def _comment(text: str) -> str:
+def line_comment(text: str) -> str:
+    """The text as comments, line by line."""
     return "".join(f"# {line}\n" for line in _plain(text).splitlines())
 
 
@@ -43,10 +44,21 @@ def _plain(text: str) -> str:
 
 
 def _station(station: StationTable, said: str) -> Iterator[str]:
-    yield f"\n{_comment(said)}[[station]]"
+    yield f"\n{line_comment(said)}[[station]]"
+    yield from _keys(station)
+
+
+def station_text(station: StationTable) -> str:
+    """One station's table without anything around it."""
+    return "\n".join(("[[station]]", *_keys(station)))
+
+
+def _keys(station: StationTable) -> Iterator[str]:
     yield f"name = {quoted(station.name)}"
     yield f"url = {quoted(station.url)}"
     yield f"family = {quoted(station.family)}"
+    if station.model is not None:
+        yield f"model = {quoted(station.model)}"
     yield f"baudrate = {station.baudrate}"
     yield f"format = {quoted(station.format)}"
     yield f"address = {'false' if station.address is None else station.address}"

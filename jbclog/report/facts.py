@@ -166,6 +166,7 @@ class StationReport:
     name: str
     family: str
     model: str | None
+    model_accepted: bool
     software: str | None
     url: str
     address: int | None

@@ -25,6 +25,7 @@ def station_report(facts: StationFacts, number: int, samples: pd.DataFrame, cont
         name=facts.name,
         family=facts.family,
         model=facts.model,
+        model_accepted=facts.model_accepted,
         software=facts.software,
         url=facts.url,
         address=facts.address,

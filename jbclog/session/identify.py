@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from jbclog.commands.family import ROBOT
+from jbclog.commands.models import not_accepted, other_model, unknown_model
 from jbclog.effects import Reopen, Steps, Wait
 from jbclog.errors import LinkError, NotSupported, OutOfRange, Refusal, RobotModeOff, StartRefused, StationError
 from jbclog.rows import Severity
 from jbclog.session.identity import learn_identity
 from jbclog.session.order import Desk, PortState
+from jbclog.station.borne_out import NOT_DRIVEN, why_not_borne_out
 from jbclog.station.patient import START_TRIES
 from jbclog.station.turnaround import LEAST_ANSWERED, READS, response_time
 
 TRIES = 3
+CORRECT_IT = "Correct `model`, or the cable"
 
 
 class Absent(StartRefused):
@@ -25,6 +28,7 @@ def identify(desk: Desk) -> Steps[None]:
     desk.tries = START_TRIES
     yield from _learn_family(desk)
     yield from _learn_ports(desk)
+    yield from _accept_model(desk)
     yield from measure_turnaround(desk)
     yield from _learn_who(desk)
     desk.publish()
@@ -82,20 +86,34 @@ def _no_answer(desk: Desk, error: StationError, tries: int) -> str:
 
 def _learn_family(desk: Desk) -> Steps[None]:
     model = desk.facts.model or ""
-    if not desk.family_known:
+    if desk.order.model is not None:
+        if model != desk.order.model:
+            raise StartRefused(f"{desk.name}: {not_accepted(desk.order.model, model)}; nothing was written to it. {CORRECT_IT}")
+    elif not desk.family_known:
         proven = [family for family in desk.order.families.values() if family.proves(model)]
         if not proven:
-            raise StartRefused(f'{desk.name}: its model {model!r} is of no known family; name the family instead of "auto"')
+            raise StartRefused(f"{desk.name}: {unknown_model(model)}. Nothing was written to it")
         desk.family = max(proven, key=lambda family: family.name != "soldering")
     elif desk.family.models and not desk.family.proves(model):
-        raise StartRefused(
-            f"{desk.name}: the line file says family {desk.family.name}, the station says model {model}; "
-            "nothing was written to it. Correct `family`, or the cable"
-        )
+        raise StartRefused(f"{desk.name}: {other_model(desk.family, model)}")
     if desk.family.name not in desk.recipe.families:
         raise StartRefused(f"{desk.name}: recipe {desk.recipe.name} is not for family {desk.family.name}")
     if "software_version" in desk.family.commands:
         desk.facts.software = yield from _optional_text(desk, "software_version")
+
+
+def _accept_model(desk: Desk) -> Steps[None]:
+    """Bear out by reads a family that the line file names for the model name: that one never proves the kind of station."""
+    model = desk.order.model
+    if model is None:
+        return
+    port = next((one.number for one in desk.ports.values() if one.has_tool), min(desk.ports))
+    why = yield from why_not_borne_out(desk.station, desk.family, port)
+    if why is not None:
+        raise StartRefused(f"{desk.name}: model {model} is driven as {desk.family.name} by the line file, but {why}. {NOT_DRIVEN}")
+    desk.facts.model_accepted = True
+    text = f"The station says model {model} and is driven as {desk.family.name}, as the line file's key `model` accepts."
+    desk.note("station.model_accepted", Severity.INFO, text, raw=model)
 
 
 def _optional_text(desk: Desk, name: str) -> Steps[str | None]:

@@ -14,6 +14,7 @@ from jbclog.errors import NotSupported, OtherStation
 from jbclog.quantities import Value
 from jbclog.rows import Severity
 from jbclog.session.order import Desk
+from jbclog.station.borne_out import why_not_answering
 
 RESOLUTION_H = 1  # the counters count whole hours
 DRIFT = 0.01  # by which a station's clock may differ from ours
@@ -34,12 +35,20 @@ def recognise(desk: Desk, model: str | None) -> Steps[bool]:
     Raises `StationError` or `LinkError` where it cannot be asked.
     """
     other = f"a {model}, not the {desk.facts.model}" if model != desk.facts.model else (yield from _difference(desk))
+    if other is None and desk.facts.model_accepted:
+        other = yield from _other_kind(desk)
     desk.is_proven = other is None
     if other is not None and other != desk.stranger:
         text = f"On {desk.order.url} there is now {other} of this run. It is neither read nor written."
         desk.note("identity.changed", Severity.CRITICAL, text, raw=model)
     desk.stranger = other
     return desk.is_proven
+
+
+def _other_kind(desk: Desk) -> Steps[str | None]:
+    """Why a station with an accepted name is not of the kind that was borne out at the start; None where it is."""
+    why = yield from why_not_answering(desk.station, desk.family, min(desk.ports))
+    return None if why is None else f"a {desk.facts.model} of another kind ({why})"
 
 
 def _difference(desk: Desk) -> Steps[str | None]:

@@ -28,7 +28,8 @@ AS_FAST_AS_POSSIBLE = "max"
 
 @dataclass(frozen=True, slots=True)
 class Order:
-    """What a run wants of one station. `family` is None for "auto"; `ports` None for those that answer.
+    """What a run wants of one station. `family` is None for "auto"; `ports` None for those that answer. `model` is the name
+    that the line file accepts for the station, None where it names none.
 
     `rate` is in Hz, or ``auto`` (a usual one with a fifth of the wire in reserve), or ``fit`` (the recipe's, or the best that
     fits), or ``max`` (ask without pause); None for what the recipe says. What the station is of
@@ -51,6 +52,7 @@ class Order:
     rated_power_w: float | None = None
     allow_omega_write: bool = False
     is_replay: bool = False
+    model: str | None = None
     begin: tuple[int, float] | None = None  # the first tick's number, and in how many seconds it is due once all is read
 
 

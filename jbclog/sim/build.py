@@ -11,7 +11,7 @@ from jbclog.commands.hotair import AIR_STATUS
 from jbclog.commands.signals import FEEDER_COUNTERS
 from jbclog.errors import UsageError
 from jbclog.quantities import OFF, Value
-from jbclog.recipe.line import StationSpec
+from jbclog.recipe.line import AUTO, StationSpec
 from jbclog.recipe.sim_spec import SimSpec
 from jbclog.sim.air import Heater
 from jbclog.sim.airface import PORT as AIR_PORT
@@ -38,10 +38,9 @@ TIP_W, HOT_AIR_W = 130.0, 900.0
 
 def family_for(spec: StationSpec) -> Family:
     """The family that a virtual station of this description has; ``auto`` goes by the model that it tells."""
-    if spec.family != "auto":
-        family = FAMILIES.get(spec.family)
-    else:
-        family = family_of(spec.sim.model) if spec.sim and spec.sim.model else None
+    name = spec.sim.family if spec.sim and spec.sim.family else spec.family
+    told = spec.sim.model if spec.sim else None
+    family = FAMILIES.get(name) if name != AUTO else family_of(told or "")
     if family is None:
         raise UsageError(f"{spec.name}: there is no virtual station of family {spec.family}; [station.sim] model can name one")
     return family
@@ -51,7 +50,7 @@ def build_device(spec: StationSpec, now: float, seed: int) -> Device:
     """The device of a station that is switched on at `now`."""
     sim = spec.sim or SimSpec()
     family = family_for(spec)
-    model = sim.model or MODELS.get(family.name, family.name.upper())
+    model = sim.model or spec.model or MODELS.get(family.name, family.name.upper())
     face = _face(sim, family, spec.ports or family.ports or PORTS_IF_UNPRINTED, model, now, seed)
     _check_names(spec.name, sim, family, face)
     quirks = Quirks(sim.quirks)

@@ -176,7 +176,7 @@ def test_a_recording_that_was_cut_off_gives_what_had_been_recorded(tmp_path: Pat
 
 def test_what_a_session_is_ordered_is_in_line_file_recipe_and_wire() -> None:
     """A new field of the order must be kept in the wire's head, and handed on by `plan_of`."""
-    of_line = {"name", "family", "line", "address", "ports", "rated_power_w", "is_replay", "begin"}
+    of_line = {"name", "family", "model", "line", "address", "ports", "rated_power_w", "is_replay", "begin"}
     of_recipe, of_program = {"recipe"}, {"families"}
     of_head = {"url", "recipe_file", "t0", "duration_s", "rate", "allow_omega_write"}
     assert {field.name for field in fields(Order)} == of_line | of_recipe | of_program | of_head

@@ -120,6 +120,25 @@ def test_another_station_is_not_written_to(line: ServedLine, run: Path, other: d
     assert time.monotonic() - began < 5.0
 
 
+@pytest.mark.parametrize("accepted", [True, False])
+@pytest.mark.usefixtures("quick")
+def test_an_accepted_name_is_acted_upon_where_the_run_has_borne_it_out(line: ServedLine, run: Path, accepted: bool) -> None:
+    identity, began = line.stations["dde-1"].device.identity, time.monotonic()
+    own, identity.model = identity.model, "DIE"
+    try:
+        held = replace(lease(line, "dde-1"), model="DIE", model_accepted=accepted)
+        assert TakeOver([held], Diary(run)).run() == ([] if accepted else [held])
+        assert bool(line.orders(began)) == accepted
+    finally:
+        identity.model = own
+
+
+def test_a_lease_of_the_first_release_can_be_read(line: ServedLine) -> None:
+    written = json.loads(lease(line, "dde-1").to_json())
+    del written["model_accepted"]
+    assert StationLease.from_json(json.dumps(written)) == lease(line, "dde-1")
+
+
 def test_one_that_cannot_be_saved_keeps_nobody_else(line: ServedLine, run: Path) -> None:
     broken = replace(lease(line, "dde-2"), family="of a later version")
     assert TakeOver([broken, lease(line, "dde-1"), lease(line, "ale-1")], Diary(run)).run() == [broken]

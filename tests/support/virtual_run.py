@@ -243,5 +243,6 @@ def order_for(
         duration_s=duration_s,
         rate=rate,
         rated_power_w=spec.rated_power_w,
+        model=spec.model,
         allow_omega_write=allow_omega_write,
     )

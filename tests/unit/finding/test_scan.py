@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 from page_omega import PageOmega
@@ -15,6 +16,8 @@ from jbclog.finding.diagnosis import diagnose
 from jbclog.finding.found import PortReport, StationFound
 from jbclog.finding.questions import is_harmless
 from jbclog.finding.trials import ADDRESSES, THOROUGH, USUAL, ScanPlan, Trial, plan_for
+from jbclog.found_line import text_of
+from jbclog.recipe.line import parse_line
 from jbclog.search import search
 from jbclog.wire import BAUDRATES, LineFormat
 
@@ -198,6 +201,21 @@ def test_a_model_that_no_table_has_is_told_and_not_driven() -> None:
     assert "'ZZQ'" in diagnose(report)[0].what
     assert report.station is not None
     assert report.station.tools == {1: "tool_2", 2: "tool_2"}
+    assert diagnose(report)[0].step.endswith('add model = "ZZQ"')
+    assert "name its family" in diagnose(report)[0].step
+
+
+def test_the_line_file_proposes_the_key_for_it_as_comments(tmp_path: Path) -> None:
+    found = scanned(station_cable("dde"))
+    unknown = replace(scanned(station_cable("dde", sim='model = "ZZQ"')), url="/dev/ttyUSB7")
+    text = text_of([found, unknown], tmp_path / "line.toml")
+    assert text is not None
+    assert [station.family for station in parse_line(text, tmp_path / "line.toml").stations] == ["dde"]
+    _, _, rest = text.partition("# Model ZZQ is in no table.")
+    proposed = "\n".join(line.removeprefix("# ") for line in rest.splitlines()[1:]).replace('"..."', '"dde"')
+    (station,) = parse_line(f'[line]\nname = "x"\n{proposed}', tmp_path / "line.toml").stations
+    assert (station.model, station.url, station.ports) == ("ZZQ", "/dev/ttyUSB7", (1, 2))
+    assert text_of([unknown], tmp_path / "line.toml") is None
 
 
 def test_a_loop_back_is_told() -> None:

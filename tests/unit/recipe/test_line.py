@@ -160,8 +160,8 @@ address = 100
         ':17: station[2].family: "ddee" is unknown; did you mean dde?',
         ":18: station[2].ports[2]: 5 is not allowed; a list of ports from 1 to 4",
         ":19: station[2].turnaround_ms: -1 is not allowed; milliseconds from 0 to 5000",
-        ":20: station[2].written_url: unknown; allowed here: name, url, family, baudrate, format, address, ports, turnaround_ms, "
-        "recipe, rated_power_w, sim",
+        ":20: station[2].written_url: unknown; allowed here: name, url, family, model, baudrate, format, address, ports, "
+        "turnaround_ms, recipe, rated_power_w, sim",
         ':23: station[3].name: "dde-1" is the name of two stations, first in line 15',
         ':24: station[3].url: "socket://host" is not allowed; socket://HOST:PORT',
         ":26: station[3].ports[2]: the family dde has no port 3; it has 1, 2",
@@ -247,3 +247,30 @@ def test_two_ports_of_one_server_are_two_lines() -> None:
     first = STATION.replace("/dev/ttyUSB0", "socket://a:1")
     line = parse_line(HEAD + first + STATION.replace("dde-1", "dde-2").replace("/dev/ttyUSB0", "socket://a:2"), Path("line.toml"))
     assert [station.url for station in line.stations] == ["socket://a:1", "socket://a:2"]
+
+
+# -- a model name that is accepted --------------------------------------------------------------------------------------------
+
+
+def test_a_station_may_name_the_model_that_it_is_driven_under() -> None:
+    (station,) = line(HEAD + STATION + 'model = "  DIE"\n').stations
+    assert (station.family, station.model) == ("dde", "DIE")
+    (station,) = line(HEAD + STATION.replace('"dde"', '"hde"') + 'model = "DME"\n').stations
+    assert (station.family, station.model) == ("hde", "DME")
+
+
+@pytest.mark.parametrize(
+    ("family", "model", "told"),
+    [
+        ("dde", "JTQE", '"JTQE" begins with JT: it is a hot air station, which status 00001 switches on, and no dde'),
+        ("soldering", "jtse", '"jtse" begins with JT: it is a hot air station, which status 00001 switches on, and no soldering'),
+        ("jtse", "DIE", '"DIE" does not begin with JT, as the model names of hot air stations do: it is no jtse'),
+        ("jtse", "DDE", '"DDE" does not begin with JT, as the model names of hot air stations do: it is no jtse'),
+        ("omega", "DIE", "a station of family omega does not say a model; leave it out"),
+        ("auto", "DIE", 'is driven as a family says: name that family in place of "auto"'),
+        ("dde", "", '"" is not allowed; 1 to 16 printable characters, as the station gives its model'),
+        ("dde", "DÏE", '"DÏE" is not allowed; 1 to 16 printable characters, as the station gives its model'),
+    ],
+)
+def test_a_model_name_that_cannot_be_driven_so_is_told(family: str, model: str, told: str) -> None:
+    assert problems(HEAD + STATION.replace('"dde"', f'"{family}"') + f'model = "{model}"\n') == [f":7: station[1].model: {told}"]
