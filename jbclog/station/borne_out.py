@@ -15,32 +15,33 @@ from jbclog.commands.models import foreign_reads
 from jbclog.effects import Steps
 from jbclog.errors import StationError
 from jbclog.station.client import Client
+from jbclog.station.patient import START_TRIES, patiently
 
 NOT_DRIVEN: Final = "Nothing was written to it: correct `family`, or the cable"
 
 
 def why_not_borne_out(client: Client, family: Family, port: int) -> Steps[str | None]:
     """Why the station is not of the kind of `family`, in words; None where it is. Raises `LinkError`."""
-    why = yield from why_not_answering(client, family, port)
+    why = yield from why_not_answering(client, family, port, START_TRIES)
     for command in foreign_reads(family) if why is None else ():
-        if (yield from _refusal(client, command, port)) is None:
+        if (yield from _refusal(client, command, port, tries=1)) is None:
             return f"it answers R-{_code(command, port)}, which only another kind of station does"
     return why
 
 
-def why_not_answering(client: Client, family: Family, port: int) -> Steps[str | None]:
+def why_not_answering(client: Client, family: Family, port: int, tries: int = 1) -> Steps[str | None]:
     """As `why_not_borne_out`, by the family's own reads alone: where there is no time for those that must not be answered."""
     for command in (family.commands[name] for name in 2 * family.answered_by_kind):
-        error = yield from _refusal(client, command, port)
+        error = yield from _refusal(client, command, port, tries)
         if error is not None:
             return f"it does not answer R-{_code(command, port)}, as a {family.name} does ({error})"
     return None
 
 
-def _refusal(client: Client, command: Command, port: int) -> Steps[StationError | None]:
+def _refusal(client: Client, command: Command, port: int, tries: int) -> Steps[StationError | None]:
     """What came in place of a value; None where a value came."""
     try:
-        yield from client.read(command, _port(command, port))
+        yield from patiently(client, lambda: client.read(command, _port(command, port)), tries)
     except StationError as error:
         return error
     return None
