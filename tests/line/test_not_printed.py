@@ -31,7 +31,7 @@ OLD_JOB = (
     .replace('["soldering", "dde", "nae", "dme", "hde", "ucr", "ale"]', '["soldering"]')
 )
 """Values that 002 does not allow, and of which 000 prints nothing."""
-SENT = ["WD1200300", "WH1200062", "WS1200081", "WHA100381", "WA1200060", "WST100351"]
+SENT = ["WD1200300", "WH1200062", "WHA100381", "WS1200081", "WA1200060", "WST100351"]
 STRICT = "refuses_unprinted = true"
 
 

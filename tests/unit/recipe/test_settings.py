@@ -55,11 +55,11 @@ def test_the_way_to_cool_comes_first_then_the_guard_and_heat_last(family: str) -
     assert written(settings_for(parse_recipe(RECIPE), FAMILIES[family], 1)) == [
         ("sleep_delay", "00005"),
         ("hibernation_delay", "00030"),
-        ("sleep_temperature", "00150"),
         ("alarm_high_limit", "00380"),
         ("alarm_high_delay", "01.60"),
         ("alarm_low_limit", "00300"),
         ("alarm_low_delay", "02.00"),
+        ("sleep_temperature", "00150"),
         ("adjust", "-0005"),
         ("selected_temperature", "00350"),
     ]
