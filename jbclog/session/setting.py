@@ -26,6 +26,7 @@ from jbclog.session.identify import Absent
 from jbclog.session.order import Desk, PortState
 from jbclog.station.patient import SETTLE_S
 
+ROBOT_MODE_OFF: Final = ", Robot mode is off, although it answers reads; switch it on in the station's menu"
 REPEATS: Final = 3
 
 
@@ -179,7 +180,7 @@ def _refuse(
 ) -> NoReturn:
     """Raise `StartRefused`: it is not what was asked, for a reason, after so many writes."""
     if one.nak is not None and one.found in (None, before):
-        outcome, why = "refused", f"the station refused it with N {one.nak:05d}"
+        outcome, why = "refused", f"the station refused it with N {one.nak:05d}{ROBOT_MODE_OFF if one.nak == 5 else ''}"
         one.found = None
     elif one.found is None:
         outcome, why = "unconfirmed", f"it could not be read back ({one.unread})"

@@ -313,6 +313,15 @@ def test_a_link_that_breaks_in_a_write_leaves_it_unconfirmed() -> None:
     assert "alarm high limit of port 1" in run.facts.reason
 
 
+def test_robot_mode_that_only_a_write_shows_to_be_off_is_said_with_what_to_do() -> None:
+    """N 00005 to a write where every read is answered: nothing has shown it before."""
+    run = prepare(line_text(fault("nak", only="write", code=5)), duration_s=5).go()
+    assert run.facts.outcome == "refused"
+    words = "refused it with N 00005, Robot mode is off, although it answers reads; switch it on in the station's menu"
+    assert words in run.facts.reason
+    assert [one.text for one in run.writes if not one.text.startswith("WPS")] == ["WHA100380"]
+
+
 # -- what is known before the first write -------------------------------------------------------------------------------------
 
 
