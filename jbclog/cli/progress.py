@@ -18,7 +18,10 @@ if TYPE_CHECKING:
 
 WORTH_TELLING = (Severity.WARNING, Severity.ERROR, Severity.CRITICAL)
 RUNNING = "running"  # the outcome of a station that has none yet
-GOOD_NEWS = ("station.ready", "link.back", "robot.on", "unit.begin", "unit.again", "unit.finish", "alarm.episode.cleared")
+GOOD_NEWS = (
+    *("station.ready", "link.back", "robot.on", "unit.begin", "unit.again", "unit.finish", "unit.next", "run.goal"),
+    "alarm.episode.cleared",
+)
 UNSAFE, SAFE = "safety.not_safe", "safety.safe_state"
 
 

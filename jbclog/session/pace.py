@@ -96,8 +96,8 @@ def chosen_text(facts: StationFacts) -> str:
     """How a rate that was chosen here came to be, to stand behind a comma; empty where a number was asked for."""
     if facts.rate_hz is None or not isinstance(facts.asked_rate, str):
         return ""
-    why = f"the highest of {SOME_RATES} Hz that leaves a fifth of its link free" if facts.asked_rate == AS_AUTO else "what fits"
-    return f', sampled at {facts.rate_hz:g} Hz ("{facts.asked_rate}": {why})'
+    why = "a fifth of its link stays free" if facts.asked_rate == AS_AUTO else "the best rate that fits"
+    return f", sampled at {facts.rate_hz:g} Hz ({facts.asked_rate}: {why})"
 
 
 def rate_problem(name: str, rate_hz: float, demand: Demand, turnaround_s: float) -> str | None:

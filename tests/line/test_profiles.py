@@ -22,6 +22,8 @@ from jbclog.plan import Plan, Wanted, make_plan
 from jbclog.recipe.line import StationSpec, load_line
 from jbclog.recipe.order import COMMAND_OF
 from jbclog.record.check import check
+from jbclog.record.manifest import read_manifest
+from jbclog.scheduler import AUTO_RATES_HZ
 
 LINES = sorted((PROFILES / "lines").glob("*.toml"))
 SECONDS = 30.0  # long enough for every tip to be seen idle
@@ -70,6 +72,14 @@ def test_it_runs_to_an_accepted_record(path: Path, recorded: Recorded) -> None:
     assert result.manifest.verdict == OTHERWISE.get(path.stem, "ACCEPT"), [one.text for one in result.findings]
     assert result.exit_code == (1 if path.stem in OTHERWISE else 0)
     assert check(result.folder) == []
+
+
+@every_line
+def test_its_manifest_says_which_rate_was_asked_for_and_which_was_taken(path: Path, recorded: Recorded) -> None:
+    for facts in read_manifest(recorded(path).result.folder).stations:
+        assert facts.asked_rate == "auto"
+        assert facts.rate_hz in AUTO_RATES_HZ
+        assert facts.period_s == pytest.approx(1 / facts.rate_hz)
 
 
 @every_line

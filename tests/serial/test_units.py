@@ -145,6 +145,7 @@ def test_a_serial_that_was_read_before_is_refused_where_the_recipe_says_so(bench
     assert "error     run: Serial SN-1 was read before, at 20" in notes
     assert "SN-2 read again continues that one" in notes
     assert "run: END was read: unit SN-3 is finished. Units finished: 3, wanted: 3." in notes
+    assert "run: Units finished: 3, wanted: 3; the run ends." in notes
     folder = only_run(out)
     assert serials(read_manifest(folder)) == ["SN-1", "SN-2", "SN-3"]
     events, samples = open_run(folder).events(), open_run(folder).samples(columns=["time"])

@@ -227,6 +227,7 @@ def test_a_refused_serial_that_is_read_again_and_again_is_told_once(refusing: Fe
 
 def test_a_repeat_that_ends_the_last_unit_is_of_the_next_run(until_two: Feeding) -> None:
     assert until_two.types(b"SN-1\n", b"SN-2\n", b"SN-1\n")[-1] == ("next", "SN-1")
+    assert Worth().telling(until_two.desk.events[-1])
     assert "repeated" not in [kind for kind, _ in until_two.desk.told()]
 
 
