@@ -60,4 +60,5 @@ def lease_of(facts: StationFacts) -> StationLease:
         ports=tuple(port for port in facts.touched if not (is_over and facts.safe_state.get(port) == NO_MORE)),
         feeds=facts.may_feed,
         model_accepted=facts.model_accepted,
+        suction=tuple(facts.suction),
     )

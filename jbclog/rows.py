@@ -211,6 +211,7 @@ class StationFacts:
     outcome: str = "running"
     reason: str = ""
     asked_safe_state: str = ""  # what touched tools are to be put in
+    suction: list[int] = field(default_factory=list)  # ports of hot air whose suction is on, and is kept by a safe order
     may_feed: bool = False  # a feeder may be running that is this run's to stop
     safe_state: dict[int, str] = field(default_factory=dict)
     unsafe: list[str] = field(default_factory=list)  # a sentence for each tool or feeder that could not be made safe

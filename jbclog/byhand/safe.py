@@ -77,7 +77,7 @@ def make_safe(target: Target, made: StationMadeSafe) -> Steps[None]:
         contact.client,
         family,
         family.safe_states[0],
-        [Tool(port) for port in tools],
+        [Tool(port, suction=None) for port in tools],
         family.has_feeder,
         lambda: _is_still_there(contact),
         spare=True,

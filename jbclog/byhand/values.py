@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 
 from jbclog.byhand.conditions import condition_in
 from jbclog.commands.command import Command
@@ -16,6 +16,7 @@ from jbclog.quantities import OFF, AlarmLimit, Choice, Value, Word, text_of
 
 _NUMBER = re.compile(r"[+-]?(\d+)(\.\d+)?", re.ASCII)
 NOT_COUNTED = ("count", "")  # units that say nothing beside a number
+SUCTION = "suction"
 MOST_SHOWN = 40  # characters of a text that was no value
 
 
@@ -26,8 +27,22 @@ def words_for(command: Command, family: Family) -> dict[str, Value]:
         return {name: name for name in quantity.names}
     if isinstance(quantity, Word):
         orders = family.status.orders
-        return {name: orders[name] for name in dict.fromkeys((*family.run_statuses, *family.safe_states)) if name in orders}
+        names = [name for name in dict.fromkeys((*family.run_statuses, *family.safe_states)) if name in orders]
+        return {name: orders[name] for name in names} | _words_with_suction(family, names)
     return {"off": OFF} if command.limits.off else {}
+
+
+def _words_with_suction(family: Family, names: Iterable[str]) -> dict[str, Value]:
+    """``on+suction`` and ``on-suction``, where the status orders suction, too; the bare word leaves it as it is."""
+    status = family.status
+    signs = {"+": True, "-": False} if status.has_suction else {}
+    words = {f"{name}{sign}{SUCTION}": (name, on) for name in names for sign, on in signs.items()}
+    return {word: status.with_suction(status.orders[name], on=on) for word, (name, on) in words.items()}
+
+
+def names_suction(text: str | None) -> bool:
+    """Whether a word for a status says what becomes of suction."""
+    return text is not None and text.strip().lower().endswith(SUCTION)
 
 
 def value_in(text: str, command: Command, family: Family) -> Value:
@@ -80,8 +95,9 @@ def shown(value: Value, command: Command, family: Family) -> str:
 
 def _word(word: tuple[int, ...], command: Command, family: Family) -> str:
     if command is family.command_of("status"):
-        other = f" ({text_of(word)})" if any(word[:3]) else ""  # motor and suction have no words of their own here
-        return family.status.state(word) + other
+        has_word = family.status.has_suction
+        other = f" ({text_of(word)})" if any(word[: 2 if has_word else 3]) else ""  # the rest has no words of its own here
+        return family.status.shown(word) + other
     if command is family.command_of("alarm_high"):
         return " and ".join(name for name, digit in (("high", word[4]), ("low", word[3])) if digit) or "none"
     return text_of(word)

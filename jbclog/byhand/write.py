@@ -16,10 +16,11 @@ from jbclog.byhand.danger import ONLY_COLD, expect_cold
 from jbclog.byhand.names import find, is_order, writable
 from jbclog.byhand.read import found_after_all
 from jbclog.byhand.snapshot import Keep, take_snapshot
-from jbclog.byhand.values import shown, value_in
+from jbclog.byhand.values import names_suction, shown, value_in
 from jbclog.commands.command import Command, Effect, Scope
 from jbclog.commands.family import Family
 from jbclog.commands.omega_values import ConditionNumber, Stored
+from jbclog.commands.status import StatusWord
 from jbclog.effects import Steps
 from jbclog.errors import LinkError, NotSupported, Refusal, StartRefused, StationError, UsageError
 from jbclog.quantities import Value
@@ -99,6 +100,8 @@ def write_value(target: Target, change: Change, keep: Keep, written: Written) ->
     written.place = yield from _place(contact, command, change.place)
     yield from _expect_within(contact, command, value)
     yield from _read_before(contact, command, value, written)
+    if _is_status(contact, command) and isinstance(value, tuple) and not names_suction(change.text):
+        value = written.value = _with_suction_as_it_is(contact, value, written.before)
     if written.before == value and not _is_status(contact, command):
         written.outcome, written.readback = UNCHANGED, written.before
         return
@@ -189,6 +192,12 @@ def _read_before(contact: Contact, command: Command, value: Value, written: Writ
             ) from error
 
 
+def _with_suction_as_it_is(contact: Contact, word: StatusWord, before: Value | None) -> StatusWord:
+    """What is held by suction must not fall by an order that is about heat; what is not known counts as off."""
+    status = contact.family.status
+    return status.with_suction(word, on=isinstance(before, tuple) and status.sucks(before))
+
+
 def _is_status(contact: Contact, command: Command) -> bool:
     return command is contact.family.command_of("status")
 
@@ -270,7 +279,8 @@ def _send_and_read(contact: Contact, command: Command, value: Value, mirror: Mir
 
 def _is_same(contact: Contact, command: Command, found: Value, asked: Value) -> bool:
     if isinstance(found, tuple) and isinstance(asked, tuple) and _is_status(contact, command):
-        return contact.family.status.confirms(found, asked)
+        status = contact.family.status
+        return status.confirms(found, asked) and status.sucks(found) == status.sucks(asked)
     return found == asked
 
 
@@ -331,5 +341,7 @@ def is_order_to_rest(contact: Contact, written: Written) -> bool:
     if command is None:
         return False
     if _is_status(contact, command):
-        return written.value in [contact.family.status.orders[name] for name in contact.family.safe_states]
+        status = contact.family.status
+        plain = status.with_suction(written.value, on=False) if isinstance(written.value, tuple) else None
+        return plain in [status.orders[name] for name in contact.family.safe_states]
     return command.effect is Effect.STOPS

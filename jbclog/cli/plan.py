@@ -96,6 +96,9 @@ def _text(made: Plan) -> str:
     return "\n\n".join(sections)
 
 
+SUCTION = {"keep": "keep suction as it is", "on": "switch suction on", "off": "switch suction off"}
+
+
 def _station_text(station: StationPlan, made: Plan) -> str:
     spec, recipe, condition = station.spec, station.recipe, station.condition()
     ports = f"port{'s' if len(station.ports) > 1 else ''} {', '.join(map(str, station.ports))}"
@@ -107,15 +110,20 @@ def _station_text(station: StationPlan, made: Plan) -> str:
         lines += wrap(f"{condition}; a difference is {written}", 110, initial_indent="  compare   ", subsequent_indent=" " * 12)
     if station.skipped():
         lines.append(f"  skip      {', '.join(station.skipped())}: not on this station")
-    if recipe.run.status:
-        lines.append(f'  then      tell every tool "{recipe.run.status}", and record')
+    has_suction = station.family is not None and station.family.status.has_suction
+    orders = [f'tell every tool "{recipe.run.status}"'] if recipe.run.status else []
+    orders += [SUCTION[recipe.suction]] if has_suction and (orders or recipe.suction != "keep") else []
+    if orders:
+        lines.append(f"  then      {', '.join(orders)}, and record")
     return "\n".join([*lines, _last_line(station)])
 
 
 def _last_line(station: StationPlan) -> str:
     if station.family is not None and not station.family.safe_states:
         return "  at last   leave it as it is: it has no safe state that could be ordered"
-    return f'  at last   tell every tool "{station.recipe.safe_state(station.spec.family)}", whatever happens'
+    has_suction = station.family is not None and station.family.status.has_suction
+    suction = f", {SUCTION[station.recipe.run.safe_suction]}" if has_suction else ""
+    return f'  at last   tell every tool "{station.recipe.safe_state(station.spec.family)}"{suction}, whatever happens'
 
 
 def _write_text(setting: Setting) -> str:

@@ -24,6 +24,8 @@ class StationLease:
 
     `model` and `software` are what the station must answer before anything is written to it. Where the name does not prove the
     family, nothing is unless `model_accepted`: the line file accepts it, and the run has borne the family out by reads.
+    `suction` are those of the ports whose suction is on, as last confirmed, and is kept on; leases of the first release do not
+    have it.
     """
 
     name: str
@@ -38,6 +40,7 @@ class StationLease:
     ports: tuple[int, ...]
     feeds: bool
     model_accepted: bool = False
+    suction: tuple[int, ...] = ()
 
     @property
     def holds(self) -> bool:
@@ -57,7 +60,8 @@ class StationLease:
         told = json.loads(text)
         try:
             ports = tuple(int(port) for port in told.pop("ports"))
-            return cls(**told, ports=ports)
+            suction = tuple(int(port) for port in told.pop("suction", ()))
+            return cls(**told, ports=ports, suction=suction)
         except (TypeError, KeyError, AttributeError) as error:
             raise ValueError(f"no lease: {error}") from error
 

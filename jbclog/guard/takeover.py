@@ -91,7 +91,7 @@ class TakeOver:
     def _task(self, lease: StationLease) -> Task:
         family = FAMILIES[lease.family]
         client = client_for(family, _format(lease), lease.address)
-        tools = [Tool(port) for port in lease.ports]
+        tools = [Tool(port, suction=port in lease.suction) for port in lease.ports]
         return Task(
             client,
             family,

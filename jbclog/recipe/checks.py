@@ -37,6 +37,7 @@ LIMIT_FAMILIES: Final[Mapping[str, tuple[str, ...]]] = {
 
 SAFE_STATES: Final[Mapping[str, tuple[str, ...]]] = {name: family.safe_states for name, family in FAMILIES.items()}
 STATUSES: Final[Mapping[str, tuple[str, ...]]] = {name: family.run_statuses for name, family in FAMILIES.items()}
+WITH_SUCTION: Final = tuple(name for name, family in FAMILIES.items() if family.status.has_suction)
 LONGEST_FEED_S: Final = 600.0  # no joint takes ten minutes of wire; a slip of the decimal point does
 COOLING_DELAYS: Final = ("sleep.delay_min", "hibernation.delay_min")
 
@@ -121,6 +122,9 @@ def _states(recipe: Recipe) -> Iterator[Problem]:
         yield from _state(recipe, "safe_state", run.safe_state, SAFE_STATES)
     if run.status is not None:
         yield from _state(recipe, "status", run.status, STATUSES)
+    if "safe_suction" in run.model_fields_set and not set(WITH_SUCTION) & set(recipe.families):
+        listed, belongs = ", ".join(recipe.families), ", ".join(WITH_SUCTION)
+        yield recipe.problem(("run", "safe_suction"), f"fits none of the families listed ({listed}); it is for {belongs}")
 
 
 def _state(recipe: Recipe, key: str, state: str, table: Mapping[str, tuple[str, ...]]) -> Iterator[Problem]:

@@ -105,6 +105,11 @@ class Recipe(RecipeTables):
         """How often the fast signals are to be read: Hz, or ``auto``; where the recipe does not say, as usual for the family."""
         return self.sampling.rate_hz or self._usual_hz(family)
 
+    @property
+    def suction(self) -> str:
+        """What becomes of a hot air station's suction at the start: ``keep``, ``on`` or ``off``."""
+        return self.air.suction or "keep"
+
     def rate_hz(self, family: Family | None) -> float:
         """How often they are to be read at the most: the recipe's number, or what is usual for the family (None: for most)."""
         asked = self.sampling.rate_hz

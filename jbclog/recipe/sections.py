@@ -84,6 +84,7 @@ class Air(Table):
     flow_permille: int | None = Field(None, ge=0, le=1000, description="0 to 1000, the share of the station's greatest flow")
     external_set_c: int | None = Field(None, description="whole °C")
     mode: Literal["manual", "profile"] | None = Field(None, description="manual or profile")
+    suction: Literal["keep", "on", "off"] | None = Field(None, description="keep, on or off")  # None: keep
 
 
 class Omega(Table):
@@ -125,6 +126,7 @@ class Run(Table):
     safe_state: Literal["stand", "extractor", "cooling", "off"] = Field(
         "stand", description="stand or extractor (jtse: cooling, off)"
     )
+    safe_suction: Literal["keep", "off"] = Field("keep", description="keep or off")  # jtse: at the end
     require_tool: bool = Field(True, description="true or false")
     on_difference: Literal["stop", "continue"] = Field("stop", description="stop or continue")
     allow_no_cooldown: bool = Field(False, description="true or false")

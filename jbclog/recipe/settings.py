@@ -104,7 +104,8 @@ def _live_problem(setting: Setting, held: Mapping[str, Value]) -> str | None:
 
 
 def _for_port(recipe: Recipe, family: Family, port: int) -> list[tuple[Asked, Setting]]:
-    asked = recipe.asked(port) | {one.setting: one for one in asked_in(recipe.air, ("air",))}
+    air = {one.setting: one for one in asked_in(recipe.air, ("air",)) if one.setting in COMMAND_OF}  # suction is in the status
+    asked = recipe.asked(port) | air
     wanted = sorted(asked.values(), key=lambda one: _place(one, asked))
     return [(one, setting) for one in wanted if (setting := _setting(one, family, port)) is not None]
 

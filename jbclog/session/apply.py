@@ -10,7 +10,6 @@ from collections.abc import Iterator
 
 from jbclog.commands.command import Command, Scope
 from jbclog.commands.omega_values import Stored
-from jbclog.commands.status import StatusWord
 from jbclog.effects import Steps
 from jbclog.errors import NotSupported, StartRefused, StationError
 from jbclog.quantities import OFF, text_of
@@ -36,8 +35,8 @@ def apply(desk: Desk) -> Steps[None]:
         yield from _apply(desk, setting)
     yield from apply_condition(desk)
     at_work = [port for port in desk.ports.values() if _works(desk, port)]
-    if desk.recipe.run.status is not None:
-        yield from _apply_status(desk, desk.family.status.orders[desk.recipe.run.status])
+    if desk.recipe.run.status is not None or _orders_suction(desk):
+        yield from _apply_status(desk)
     for port in desk.ports.values():
         note_status(port)
     yield from compare_countdowns(desk, at_work)
@@ -53,6 +52,8 @@ def note_status(port: PortState) -> None:
     """Take the status that was read as the last one known; what is found later is held against it."""
     word = port.held.get("status")
     port.status = word if isinstance(word, tuple) else None
+    if port.status is not None:
+        port.has_suction = port.status[2] == 1
 
 
 # -- what there is and what is wanted -----------------------------------------------------------------------------------
@@ -186,15 +187,24 @@ def _apply(desk: Desk, wanted: tuple[Setting, PortState | None]) -> Steps[None]:
         yield from write_setting(desk, command, value, port)
 
 
-def _apply_status(desk: Desk, word: StatusWord) -> Steps[None]:
+def _orders_suction(desk: Desk) -> bool:
+    return desk.family.status.has_suction and desk.recipe.suction != "keep"
+
+
+def _apply_status(desk: Desk) -> Steps[None]:
     """Put the tools to work (or to stand) once everything else holds; a port without a tool is left alone."""
     command = desk.command("status")
     for port in desk.ports.values():
         if not port.has_tool:
             continue
-        if "status" not in port.held:
+        if desk.family.status.has_suction and "status" in port.held:
+            yield from _read_held(desk, command, port)  # a key of the station's own may have switched it meanwhile
+            note_status(port)
+        word = desk.start_word(port)
+        if word is None or "status" not in port.held:
             touch(desk, port)  # it may be at work already
-            keep_row(desk, command, port, "unsupported", requested=text_of(word))
+            requested = text_of(word) if word is not None else f"suction {desk.recipe.suction}"
+            keep_row(desk, command, port, "unsupported", requested=requested)
         elif port.held["status"] == word:
             touch(desk, port)
             keep_row(desk, command, port, "unchanged", requested=text_of(word), readback=text_of(word))

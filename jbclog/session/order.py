@@ -10,6 +10,7 @@ from jbclog.clock import UtcOffset
 from jbclog.commands.command import TOOLS_WITH_A_PLACE, Command
 from jbclog.commands.decisions import DECISIONS
 from jbclog.commands.family import Family
+from jbclog.commands.status import StatusWord
 from jbclog.effects import Steps
 from jbclog.quantities import Value
 from jbclog.recipe.fields import AUTO
@@ -65,6 +66,7 @@ class PortState:
     error: int | None = None
     held: dict[str, Value] = field(default_factory=dict)  # command name -> value last read or confirmed
     status: tuple[int, ...] | None = None
+    has_suction: bool | None = None  # the hundreds digit of the status, as two answers last bore it out
     temperatures_c: dict[str, int] = field(default_factory=dict)  # signal -> as last believed
     hottest_c: int | None = None  # since the alarm flags were last read, while alarms counted
     coolest_c: int | None = None
@@ -166,6 +168,24 @@ class Desk:
         """What touched tools are put in at the end; it belongs to the family."""
         return self.recipe.safe_state(self.family.name)
 
+    def start_word(self, port: PortState) -> StatusWord | None:
+        """The status word that is ordered on `port` at the start; None where the recipe leaves it alone, or it is not known.
+
+        One word orders the tool's state and, on hot air, suction; what the recipe does not ask for stays as it was read.
+        """
+        status, state, held = self.family.status, self.recipe.run.status, port.held.get("status")
+        known = held if isinstance(held, tuple) else None
+        word = known if state is None else status.orders[state]
+        if word is None or not status.has_suction:
+            return None if state is None else word
+        if self.recipe.suction == "keep":
+            return None if state is None else status.with_suction(word, on=known is not None and status.sucks(known))
+        return status.with_suction(word, on=self.recipe.suction == "on")
+
+    def keeps_suction(self, port: PortState) -> bool:
+        """Whether a safe order keeps suction on at `port`. It never waits for a reading: what is not known counts as off."""
+        return self.family.status.has_suction and self.recipe.run.safe_suction == "keep" and port.has_suction is True
+
     @property
     def may_feed(self) -> bool:
         """Whether a feeder may run that is this run's to stop: a robot's own switch can start it whenever its tool is at work."""
@@ -230,6 +250,7 @@ class Desk:
         self.facts.touched = [port.number for port in self.ports.values() if port.touched]
         self.facts.asked_safe_state = self.safe_state if self.family_known else ""
         self.facts.may_feed = self.may_feed
+        self.facts.suction = [port.number for port in self.ports.values() if self.family_known and self.keeps_suction(port)]
         self.facts.not_supported = sorted(self.not_supported)
         self.facts.garbage_bytes = self.station.garbage_bytes
         self.facts.strays = dict(self.station.strays)

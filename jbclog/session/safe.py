@@ -38,7 +38,7 @@ def put_in_safe_state(desk: Desk, port: PortState) -> Steps[None]:
 
 def _put(desk: Desk, ports: list[PortState], *, feeds: bool) -> Steps[Task]:
     """Make these ports safe. What came of it is in the facts, too, whatever ends this early."""
-    tools = [Tool(port.number) for port in ports]
+    tools = [Tool(port.number, desk.keeps_suction(port)) for port in ports]
     task = Task(desk.station, desk.family, desk.safe_state, tools, feeds, lambda: _is_ours(desk), desk.is_proven)
     desk.facts.safe_state |= dict.fromkeys((port.number for port in ports), FAILED)
     try:

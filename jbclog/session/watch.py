@@ -89,6 +89,8 @@ def counts(desk: Desk, port: PortState) -> bool:
 def _status(desk: Desk, port: PortState, word: Value) -> None:
     assert isinstance(word, tuple)
     before, port.status = port.status, word
+    if before is not None and before[2] == word[2]:
+        _suction(desk, port, is_on=word[2] == 1)
     if before == word:
         return
     ordered, status = desk.recipe.run.status, desk.family.status
@@ -96,6 +98,14 @@ def _status(desk: Desk, port: PortState, word: Value) -> None:
         return
     if status.is_working(word) != status.is_working(status.orders[ordered]):
         found_changed(desk, port, "status", text_of(before), text_of(word))
+
+
+def _suction(desk: Desk, port: PortState, *, is_on: bool) -> None:
+    """Two answers said so. The guard has to know: a safe order keeps what holds a part."""
+    if port.has_suction != is_on:
+        port.has_suction = is_on
+        if desk.family.status.has_suction:
+            desk.publish()
 
 
 def _set_temperature(desk: Desk, port: PortState, value: Value) -> None:

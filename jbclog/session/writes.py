@@ -26,7 +26,8 @@ SETTING: Final = "before sampling, where the station holds another: the recipe's
 WRITES: Final[Mapping[str, str]] = MappingProxyType(
     {
         **{command: SETTING.format(key=key) for key, command in COMMAND_OF.items()},
-        "status": "after the settings: the recipe's `run.status`; whenever a tool is made safe: a safe state of the family",
+        "status": "after the settings: the recipe's `run.status`, with `air.suction`; whenever a tool is made safe: the recipe's "
+        "safe state, and what follows where it is refused or does not cool",
         "stop_feeding": "whenever tools are made safe on a station with a feeder: 0",
         "store_condition": "with `--allow-omega-write`, where the controller holds another: the recipe's `[omega]`",
     }
@@ -50,7 +51,7 @@ def listed(desk: Desk) -> Permit:
 def _values(desk: Desk, command: Command, port: int | None) -> Iterator[Value]:
     """The values that may be written there."""
     if command.name == "status":
-        yield from _states(desk)
+        yield from _states(desk, port)
     elif command.name == "stop_feeding":
         yield 0
     elif command.name == "store_condition":
@@ -61,12 +62,16 @@ def _values(desk: Desk, command: Command, port: int | None) -> Iterator[Value]:
         yield from _settings(desk, command, port)
 
 
-def _states(desk: Desk) -> Iterator[Value]:
-    status, asked = desk.family.status, desk.recipe.run.status
-    if asked is not None and asked in status.orders:
-        yield status.orders[asked]
+def _states(desk: Desk, number: int | None) -> Iterator[Value]:
+    """The word of the start, and those that make the tool safe."""
+    status, port = desk.family.status, desk.ports.get(number or 0)
+    if port is None:
+        return
+    word = desk.start_word(port)
+    if word is not None:
+        yield word
     if desk.safe_state in status.orders:
-        yield from status.safe_words(desk.safe_state, suction=False)
+        yield from status.safe_words(desk.safe_state, suction=desk.keeps_suction(port))
 
 
 def _settings(desk: Desk, command: Command, port: int | None) -> Iterator[Value]:

@@ -2,12 +2,22 @@
 
 from __future__ import annotations
 
+import json
+
 import pytest
 from account import assert_account_holds, reasons_in, wrong_values
 from hot_air import AIR, hot_air, plant
 from virtual_run import VirtualRun, line_text, prepare
 
-from jbclog.rows import COLUMN
+from jbclog.commands.command import Command
+from jbclog.errors import WriteForbidden
+from jbclog.guard.lease import StationLease
+from jbclog.guarding import lease_of
+from jbclog.quantities import Value
+from jbclog.rows import COLUMN, StationFacts
+from jbclog.session.writes import listed
+from jbclog.sim.airface import AirFace
+from jbclog.sim.airstation import AirStation
 
 
 def fault(kind: str, **keys: object) -> str:
@@ -390,3 +400,157 @@ def test_a_soldering_station_where_hot_air_should_be_is_not_written_to() -> None
     run = hot_air("model = 'DDE'", duration_s=5).go()
     assert "the line file says family jtse, the station says model DDE" in run.facts.reason
     assert written(run) == []
+
+
+# -- suction: one word orders heat and suction ---------------------------------------------------------------------------------
+
+
+def with_keys(air: str = "", run: str = "", status: str = 'status = "on"') -> str:
+    return AIR.replace('mode = "manual"', f'mode = "manual"\n{air}').replace('status = "on"', f"{status}\n{run}")
+
+
+def sucking(recipe: str, *, begins: bool = True, sim: str = "", **more: object) -> VirtualRun:
+    """A run whose station holds a part, or not, when it begins."""
+    run = hot_air(sim, recipe=recipe, duration_s=5, **more)
+    plant(run).suck(on=begins)
+    return run
+
+
+def words(run: VirtualRun) -> list[str]:
+    """The status words that were written, whatever became of them."""
+    return [one.text.removeprefix("WPS1") for one in run.writes if one.text.startswith("WPS")]
+
+
+@pytest.mark.parametrize("begins", [True, False])
+@pytest.mark.parametrize(
+    ("keys", "start", "end"),
+    [
+        ({}, None, None),
+        ({"air": 'suction = "keep"', "run": 'safe_suction = "keep"'}, None, None),
+        ({"air": 'suction = "on"'}, 1, 1),
+        ({"air": 'suction = "off"'}, 0, 0),
+        ({"run": 'safe_suction = "off"'}, None, 0),
+        ({"air": 'suction = "on"', "run": 'safe_suction = "off"'}, 1, 0),
+    ],
+)
+def test_suction_is_kept_or_ordered_at_the_start_and_at_the_end(
+    begins: bool, keys: dict[str, str], start: int | None, end: int | None
+) -> None:
+    run = sucking(with_keys(**keys), begins=begins).go()
+    at_start, at_end = (int(begins) if digit is None else digit for digit in (start, end))
+    assert words(run) == [f"00{at_start}01", f"00{at_end}10"]
+    assert plant(run).has_suction == bool(at_end)
+    assert run.facts.safe_state == {1: "verified"}
+    assert run.facts.outcome == "completed"
+
+
+@pytest.mark.parametrize(("asked", "digit"), [("on", 1), ("off", 0)])
+@pytest.mark.parametrize("is_on", [True, False])
+def test_suction_alone_leaves_the_heater_as_it_is(asked: str, digit: int, is_on: bool) -> None:
+    run = sucking(with_keys(f'suction = "{asked}"', status=""), begins=not digit)
+    if is_on:
+        plant(run).order((0, 0, 1 - digit, 0, 1))
+    run.go()
+    assert words(run)[0] == f"00{digit}0{int(is_on)}"
+
+
+def test_what_a_key_switches_during_the_run_is_kept_at_the_end() -> None:
+    run = sucking(with_keys(), begins=False)
+    run.at(3, lambda: plant(run).suck(on=True))
+    run.go()
+    assert words(run) == ["00001", "00110"]
+    assert run.facts.suction == [1]
+    assert "read back: cooling with suction" in run.memory.of_kind("safety.safe_state")[0].text
+
+
+def test_a_single_answer_does_not_decide_it() -> None:
+    """Two bits turned over in one column pass the check byte."""
+    run = sucking(with_keys(), begins=True)
+    seen: list[bool] = []
+
+    def flicker(_run: VirtualRun = run) -> None:
+        plant(_run).has_suction = False
+        seen.append(True)
+
+    run.at(2.9999, flicker)
+    run.at(3.15, lambda: setattr(plant(run), "has_suction", True))
+    run.go()
+    assert seen
+    assert words(run)[-1] == "00110"
+
+
+def test_the_safe_order_does_not_wait_for_a_reading_of_the_status() -> None:
+    """Reads of the status are silent from some moment on: the last confirmed digit goes out at once."""
+    run = sucking(with_keys(), sim=fault("silence", command="status", only="read", at_s=3))
+    run.go()
+    last_tick = max(one.at for one in run.heard if one.text == "RAT1" and one.at <= run.t0 + 7)
+    first = next(one for one in run.writes if one.text == "WPS100110")
+    assert first.at >= last_tick - 1.0
+    assert words(run)[1] == "00110"
+
+
+def test_a_word_that_keeps_suction_and_is_refused_is_followed_by_the_plain_one_then_off(monkeypatch: pytest.MonkeyPatch) -> None:
+    takes = AirFace.allowed
+
+    def refuses(words: list[tuple[int, ...]]) -> None:
+        def allowed(face: AirFace, command: Command, value: Value) -> bool:
+            return not (command.name == "status" and value in words) and takes(face, command, value)
+
+        monkeypatch.setattr(AirFace, "allowed", allowed)
+
+    refuses([(0, 0, 1, 1, 0)])
+    run = sucking(with_keys()).go()
+    assert words(run) == ["00101", "00110", "00010"]
+    (event,) = run.memory.of_kind("safety.safe_state")
+    assert (event.severity, event.text) == (
+        "warning",
+        "Port 1: the tool is in its safe state, as read back: cooling; cooling with suction was refused with N 00003.",
+    )
+    refuses([(0, 0, 1, 1, 0), (0, 0, 0, 1, 0)])
+    run = sucking(with_keys()).go()
+    assert words(run) == ["00101", "00110", "00010", "00000"]
+    assert run.facts.safe_state == {1: "verified"}
+
+
+def test_suction_that_was_asked_for_and_is_not_read_back_is_a_mismatch(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(AirStation, "suck", lambda station, *, on: None)
+    run = hot_air(recipe=with_keys('suction = "on"'), duration_s=3).go()
+    assert run.facts.outcome == "refused"
+    assert "status of port 1" in run.facts.reason
+
+
+@pytest.mark.parametrize("word", [(0, 0, 1, 1, 0), (0, 0, 1, 0, 0), (0, 0, 0, 0, 1), (0, 0, 1, 0, 1)])
+def test_of_the_words_exactly_those_are_permitted_that_the_recipe_and_the_station_lead_to(word: tuple[int, ...]) -> None:
+    run = sucking(with_keys(), begins=False).go()
+    desk = next(iter(run.desks.values()))
+    command = desk.command("status")
+    permit = listed(desk)
+    for allowed in ((0, 0, 0, 0, 1), (0, 0, 0, 1, 0), (0, 0, 0, 0, 0)):
+        permit(command, allowed, 1, None)
+    if word != (0, 0, 0, 0, 1):
+        with pytest.raises(WriteForbidden):
+            permit(command, word, 1, None)
+
+
+def test_the_guard_is_told_of_the_last_confirmed_digit() -> None:
+    run = sucking(with_keys())
+    run.at(3, lambda: plant(run).suck(on=False))
+    leases: list[tuple[int, ...]] = []
+    facts = run.memory.facts
+
+    def note(told: StationFacts) -> None:
+        leases.append(lease_of(told).suction)
+        facts(told)
+
+    run.memory.facts = note  # type: ignore[method-assign]
+    run.go()
+    assert (1,) in leases
+    assert leases[-1] == ()
+    assert StationLease.from_json(lease_of(run.facts).to_json()) == lease_of(run.facts)
+
+
+def test_a_lease_of_the_first_release_has_no_suction_and_is_read() -> None:
+    run = sucking(with_keys()).go()
+    told = json.loads(lease_of(run.facts).to_json())
+    del told["suction"]
+    assert StationLease.from_json(json.dumps(told)).suction == ()

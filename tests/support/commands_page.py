@@ -225,7 +225,8 @@ def _same(of: Callable[[Family], tuple[tuple[int, str], ...]]) -> dict[tuple[tup
 
 OTHER_DIGITS = (
     "The hundreds digit is desoldering, on hot air suction; the thousands digit is the feeder's motor on `ale`, 1 forward and "
-    "2 backward. Nobody orders them."
+    "2 backward. Nobody orders them, but for suction: on hot air a status order carries its digit, too (`air.suction`, "
+    "`run.safe_suction`, `jbclog write ... status cooling+suction`)."
 )
 
 

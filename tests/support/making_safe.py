@@ -12,6 +12,7 @@ from jbclog.effects import Ask, Heard, Listen, Reopen, Steps, Wait, Wish
 from jbclog.errors import LinkError
 from jbclog.recipe.line import parse_line
 from jbclog.safety.secure import Task, Tool
+from jbclog.sim.airface import AirFace
 from jbclog.sim.state import WORKING as AT_WORK
 from jbclog.sim.virtual import VirtualStation
 from jbclog.station.robot import Station
@@ -27,6 +28,9 @@ def station(family: str = "dde", tools: tuple[int, ...] = (1, 2), sim: str = "")
         f'[line]\nname = "x"\n[[station]]\nname = "s"\nurl = "s"\nfamily = "{family}"\n[station.sim]\ntools = {{{plugged}}}\n{sim}'
     )
     made = VirtualStation(parse_line(text, Path("line.toml")).stations[0], now=0.0)
+    if isinstance(made.device.face, AirFace):
+        made.device.face.station.order((0, 0, 0, 0, 1))
+        return made
     for port in made.plant.ports.values():
         if port.tool:
             port.order(AT_WORK, False)

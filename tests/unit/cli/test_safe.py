@@ -118,6 +118,15 @@ def test_hot_air_is_told_to_cool(make: Make) -> None:
     assert writes(bench, "jtse-1")[before:] == ["WPS100010"]
 
 
+def test_hot_air_is_told_to_cool_and_keeps_what_it_holds(make: Make) -> None:
+    """Nobody's recipe is known here: what suction holds is not let go."""
+    bench = make(station_text("jtse-1", "jtse", sim="tool = 1"))
+    bench.do("write", "jtse-1", "status", "on+suction")
+    before = len(writes(bench, "jtse-1"))
+    assert bench.do("safe").code == 0
+    assert writes(bench, "jtse-1")[before:] == ["WPS100110"]
+
+
 @pytest.mark.parametrize(
     ("delays", "off"),
     [

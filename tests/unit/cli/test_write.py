@@ -676,3 +676,40 @@ def test_without_a_name_the_names_are_listed_with_what_they_take(make: Make) -> 
     assert not [line for line in lines if line.startswith("tip_temperature")]
     limits = "steps of 5 °C from minimum_temperature to maximum_temperature"
     assert f"selected_temperature °C port {limits} 002 W-STx" in lines
+
+
+# -- suction, which a status word of hot air orders, too -----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("before", "word", "sent", "told"),
+    [
+        (True, "on", "WPS100101", "on with suction, confirmed"),
+        (False, "on", "WPS100001", "on, confirmed"),
+        (True, "cooling", "WPS100110", "cooling with suction, confirmed"),
+        (True, "cooling-suction", "WPS100010", "cooling, confirmed"),
+        (False, "cooling+suction", "WPS100110", "cooling with suction, confirmed"),
+        (False, "off+suction", "WPS100100", "off with suction, confirmed"),
+        (True, "off-suction", "WPS100000", "off, confirmed"),
+    ],
+)
+def test_suction_is_ordered_by_hand_and_otherwise_kept(make: Make, before: bool, word: str, sent: str, told: str) -> None:
+    bench = make(station_text("jtse-1", "jtse", sim="tool = 1"))
+    station = bench.wires["jtse-1"].station.device.face.station  # type: ignore[union-attr]
+    station.suck(on=before)
+    station.heater.temperature_c = 200.0  # so that it has something to cool
+    ended = bench.do("write", "jtse-1", "status", word)
+    assert (ended.code, bench.wires["jtse-1"].writes[-1:]) == (0, [sent])
+    assert f"status of port 1: {told}" in ended.out
+
+
+def test_suction_that_does_not_follow_is_told(make: Make) -> None:
+    bench = make(station_text("jtse-1", "jtse", sim="tool = 1"))
+    bench.wires["jtse-1"].only_acknowledged = "WPS1"
+    ended = bench.do("write", "jtse-1", "status", "off+suction")
+    assert (ended.code, "off with suction was asked, off was read back" in ended.err) == (5, True)
+
+
+def test_soldering_stations_have_no_such_words(make: Make) -> None:
+    ended = make(station_text("dde-1", "dde")).do("write", "dde-1", "status", "stand+suction", "-p", "1")
+    assert (ended.code, "'stand+suction' is none of working, stand, extractor" in ended.err) == (2, True)

@@ -465,3 +465,14 @@ def test_how_samples_are_evaluated_is_asked_by_the_recipe() -> None:
 def test_how_samples_may_not_be_evaluated(line: str, said: str) -> None:
     with pytest.raises(Problems, match=re.escape(said)):
         parse_recipe(EPISODES + line + "\n")
+
+
+def test_suction_is_for_hot_air() -> None:
+    head = '[recipe]\nname = "x"\nrevision = 0\nfamilies = ["{}"]\n'
+    recipe = parse_recipe(head.format("jtse") + '[air]\nsuction = "on"\n[run]\nsafe_suction = "off"\n')
+    assert (recipe.suction, recipe.run.safe_suction) == ("on", "off")
+    assert (parse_recipe(head.format("jtse")).suction, parse_recipe(head.format("jtse")).run.safe_suction) == ("keep", "keep")
+    told = only_problem(head.format("dde") + '[run]\nsafe_suction = "off"\n')
+    assert told == "job.toml:6: run.safe_suction: fits none of the families listed (dde); it is for jtse"
+    assert '"lift" is not allowed; keep, on or off' in only_problem(head.format("jtse") + '[air]\nsuction = "lift"\n')
+    assert '"on" is not allowed; keep or off' in only_problem(head.format("jtse") + '[run]\nsafe_suction = "on"\n')

@@ -16,6 +16,7 @@ from jbclog.effects import Ask, Heard, Listen, Steps, Wait
 from jbclog.errors import AnswerTimeout, LinkError
 from jbclog.safety.in_time import in_time
 from jbclog.safety.secure import ALLOWED_S, FAILED, SENT, VERIFIED, Task, secure
+from jbclog.sim.airface import AirFace
 from jbclog.sim.port import Port
 from jbclog.sim.state import WORKING
 from jbclog.sim.virtual import VirtualStation
@@ -386,6 +387,41 @@ def test_a_tool_that_is_found_asleep_by_the_reading_back_needs_no_watching() -> 
     assert status.is_safe((0, 0, 0, 0, 2), EXTRACTOR)
     assert not task(1).has_to_cool((0, 0, 0, 0, 2))
     assert task(1).has_to_cool(EXTRACTOR)
+
+
+# -- hot air and its suction -------------------------------------------------------------------------------------------------
+
+COOL, COOL_AND_HOLD, ALL_OFF = (0, 0, 0, 1, 0), (0, 0, 1, 1, 0), (0, 0, 0, 0, 0)
+
+
+def hot_air() -> VirtualStation:
+    """One that is on and holds a part."""
+    device = station("jtse", (1,))
+    assert isinstance(device.device.face, AirFace)
+    device.device.face.station.suck(on=True)
+    return device
+
+
+@pytest.mark.parametrize(
+    ("suction", "spare", "ordered"),
+    [(True, False, COOL_AND_HOLD), (False, False, COOL), (None, False, COOL), (None, True, COOL_AND_HOLD), (False, True, COOL)],
+)
+def test_suction_is_kept_where_it_is_known_to_be_on(suction: bool | None, spare: bool, ordered: StatusWord) -> None:
+    """Unknown counts as off, unless a look that is taken anyhow has told it."""
+    device, made = hot_air(), task(1, family="jtse", wanted="cooling", suction=suction, spare=spare)
+    Cable(device).pull(secure(made))
+    assert (told_words(device, 1), made.is_done) == ([ordered], True)
+
+
+def test_a_silent_station_is_told_the_plain_words_too_within_the_time() -> None:
+    silent, made = Silent(), task(1, family="jtse", wanted="cooling", suction=True)
+    asked: list[str] = []
+    cable = Cable(silent, before=asked.append)
+    cable.pull(secure(made))
+    orders = list(dict.fromkeys(text for text in asked if text.startswith("WPS")))
+    assert orders == ["WPS100110", "WPS100010", "WPS100000"]
+    assert [text for text in asked if text.startswith("WPS")].count("WPS100110") >= 2  # the part is not let go at the first loss
+    assert cable.now - ASKED_AT <= ALLOWED_S + 1e-9
 
 
 # -- what a file from elsewhere asks for -----------------------------------------------------------------------------------
