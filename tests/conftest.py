@@ -8,6 +8,7 @@ from __future__ import annotations
 import atexit
 import os
 import shutil
+import signal
 import tempfile
 from collections import Counter, defaultdict
 from collections.abc import Callable, Generator
@@ -20,6 +21,19 @@ settings.register_profile("unhurried", deadline=None)  # a busy machine must not
 settings.load_profile("unhurried")
 
 os.environ["XDG_STATE_HOME"] = tempfile.mkdtemp(prefix="jbclog-tests-")  # leases that tests leave open are not the user's
+
+
+def ignore_here_only(number: signal.Signals) -> None:
+    """Go on ignoring a signal that `nohup` or a script's ``&`` had ignored before we began, but do not pass that on.
+
+    A program that is started inherits what is ignored and not what is handled, and the tests start programs that must hear them.
+    """
+    if signal.getsignal(number) is signal.SIG_IGN:
+        signal.signal(number, lambda _number, _frame: None)
+
+
+for of_the_terminal in (signal.SIGINT, signal.SIGQUIT, signal.SIGHUP):
+    ignore_here_only(of_the_terminal)
 
 NO_SKIP = bool(os.environ.get("JBCLOG_NO_SKIP"))
 

@@ -35,7 +35,8 @@ def stations_of(run: Run) -> list[StationFacts]:
     if manifest.state == "sealed":
         return manifest.stations
     with Stock(run.folder) as stock:
-        return known_stations(stock, manifest.stations)
+        manifest = run.manifest  # after the store: a run that is sealed meanwhile has them there
+        return manifest.stations if manifest.state == "sealed" else known_stations(stock, manifest.stations)
 
 
 def pieces(run: Run) -> Iterator[pa.Table]:

@@ -229,17 +229,15 @@ class Run:
     def _lazily(self, wanted: Asked) -> Iterator[pa.Table]:
         """The same, one after the other: only what is in the live store is kept until it comes to that."""
         parts, live, damage = self._read(wanted)
-        if damage and not segments(self.folder):  # sealed in just this moment
-            parts, live, damage = self._read(wanted)
         if damage:
             warnings.warn(f"{self.folder}: {'; '.join(map(str, damage))}", stacklevel=5)
         yield from map(wanted.cut, groups_of(parts, wanted.needed))
         yield from live
 
     def _read(self, wanted: Asked) -> tuple[list[Path], list[pa.Table], list[Damage]]:
-        """The order matters: a snapshot of the store first, then the parts, then what the parts do not have."""
-        manifest = self.manifest
+        """The order matters: a snapshot of the store first, then manifest and parts, then what the parts do not have."""
         with Stock(self.folder) as stock:
+            manifest = self.manifest
             parts = part_paths(self.folder, wanted.table)
             if manifest.state == "sealed":
                 expect_unchanged(self.folder, manifest, wanted.table, parts)

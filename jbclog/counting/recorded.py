@@ -5,13 +5,12 @@ The run's own station is the one on the same port; what it is called there does 
 
 from __future__ import annotations
 
-import json
 import sqlite3
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
-from typing import TYPE_CHECKING, Final, NamedTuple, cast
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 from pyarrow import ArrowException
 
@@ -19,9 +18,11 @@ from jbclog.commands.command import Scope
 from jbclog.commands.family import FAMILIES, Family
 from jbclog.counting.asking import Wanted, is_parameter, parameter_name
 from jbclog.counting.past_runs import counted_to, error_events
-from jbclog.errors import JbclogError, RecordError
+from jbclog.errors import JbclogError
 from jbclog.odometer.observed import Count, Errors, Identity, Observation, Standing
-from jbclog.record.from_json import Misfit, build
+from jbclog.record.conclude import known_stations
+from jbclog.record.manifest import NAME as MANIFEST
+from jbclog.record.manifest import read_manifest
 from jbclog.record.stock import Stock
 from jbclog.rows import StationFacts
 from jbclog.same_port import is_one_port
@@ -77,14 +78,14 @@ def _record(folder: Path, wanted: Wanted, now: datetime) -> _Record | None:
     return None if facts is None else _Record(open_run(folder), facts, now)
 
 
-def _facts(folder: Path) -> Iterator[StationFacts]:
-    """What the run knows of its stations by now."""
+def _facts(folder: Path) -> list[StationFacts]:
+    """What the run knows of its stations by now; where it was sealed meanwhile, what its manifest says."""
     with Stock(folder) as stock:
-        for text in stock.facts().values():
-            try:
-                yield cast(StationFacts, build(StationFacts, json.loads(text)))
-            except (ValueError, Misfit) as error:
-                raise RecordError(f"{folder}: what it says of its stations cannot be read: {error}") from error
+        stored = known_stations(stock, [])
+    if stored or not (folder / MANIFEST).exists():
+        return stored
+    manifest = read_manifest(folder)
+    return manifest.stations if manifest.state == "sealed" else []
 
 
 def _nothing_yet(folder: Path, record: _Record | None) -> str:

@@ -128,15 +128,16 @@ class ProcessHands:
     def ask_to_end(self, name: str, attempt: int, number: signal.Signals) -> bool:
         papers = self.papers(name, attempt)
         child = self._children.get(papers.folder)
+        sent = signal.SIGTERM if number is signal.SIGHUP else number  # a job of a batch under `nohup` hears no SIGHUP
         if child is not None:
-            child.send_signal(number)
+            child.send_signal(sent)
             self._told[papers.folder] = number
             return True
         process = papers.process()
         if process is None or not papers.is_held():
             return False
         with suppress(OSError):
-            os.kill(process, number)
+            os.kill(process, sent)
             self._told[papers.folder] = number
         return True
 

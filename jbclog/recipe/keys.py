@@ -20,11 +20,12 @@ MAX_NESTING = 8
 MAX_WORD = 64
 MAX_ENTRIES = 4000  # keys, headers and list members of one file; 250 stations have about 1 500
 
+# (?>…*) and not …*+ around a look-ahead, with which the `re` of Python 3.11.2 finds nothing
 _TOKEN = re.compile(
     r"""
     (?P<blank>[ \t\r]++|\#[^\n]*+)
     |(?P<newline>\n)
-    |(?P<long>\"{3}(?:[^"\\]|\\.|"(?!""))*+"{3,5}|'{3}(?:[^']|'(?!''))*+'{3,5})
+    |(?P<long>\"{3}(?>(?:[^"\\]|\\.|"(?!""))*)"{3,5}|'{3}(?>(?:[^']|'(?!''))*)'{3,5})
     |(?P<string>"(?:[^"\\\n]|\\[^\n])*+"|'[^'\n]*+')
     |(?P<word>[A-Za-z0-9_-]++)
     |(?P<mark>[\[\]{}=,.])

@@ -173,7 +173,7 @@ def remove_live(folder: Path, lock: FolderLock) -> None:
     try:
         for path in live_files(folder):
             if path.name != lock.name:
-                path.unlink()
+                path.unlink(missing_ok=True)  # a reader removes what SQLite made for it
         lock.remove()
         sync_folder(folder)
     except OSError as error:

@@ -95,13 +95,13 @@ def _folders_of(process: int) -> Iterator[Path]:
 def _holds(folder: Path, wanted: Collection[PortPlace]) -> bool:
     from jbclog.record.manifest import read_manifest
 
+    ended = _ended(folder)  # before the manifest: where the store was removed meanwhile, that one says sealed
     try:
         manifest = read_manifest(folder)
     except RecordError:
         return False  # it has not begun to ask anything
     if manifest.state != "open":
         return False
-    ended = _ended(folder)
     held = [place_of(facts.url) for facts in manifest.stations if facts.outcome == RUNNING and facts.name not in ended]
     return any(one.is_at(other) for one in held for other in wanted)
 

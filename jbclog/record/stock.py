@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import sqlite3
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -41,20 +42,36 @@ class Stock:
 
     Numbers that two segments have are taken from the first in which they are sound. What only keeps it from being read now
     (no room for SQLite's index, no right to make it, a disk that fails to write) is no damage: `RecordError`, from any call.
+    Files that are removed while they are opened are neither: the run is being sealed, so it looks again at what is there.
+    Read the manifest and list the parts after this, and no row can be missed: parts and manifest are there before files go.
     """
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
+        while not self._opened():
+            pass  # what was listed is gone, because the run is being sealed: its rows are elsewhere now
+
+    def _opened(self) -> bool:
+        """Open what is there and list what it holds; False where a file went away before that was done."""
         self.damage: list[Damage] = []
         self.segments: list[Segment] = []
         self._where: dict[int, list[Segment]] = {}
         self._tables: dict[int, str] = {}
+        there = segments(self.folder)
         with contextlib.ExitStack() as opened:
-            for path in segments(folder):
-                self._open(path, opened)
-            self.notes = self._all_notes(META)
-            self._index()
+            try:
+                for path in there:
+                    self._open(path, opened)
+                self.notes = self._all_notes(META)
+                self._index()
+            except (RecordError, OSError):
+                if all(map(os.path.lexists, there)):
+                    raise
+                return False
+            if self.damage and not all(map(os.path.lexists, there)):
+                return False
             self._snapshots = opened.pop_all()
+        return True
 
     def __enter__(self) -> Stock:
         return self

@@ -7,6 +7,7 @@ were not acknowledged written again under their own numbers.
 
 from __future__ import annotations
 
+import contextlib
 import re
 import sqlite3
 import zlib
@@ -70,9 +71,10 @@ def companions(segment: Path) -> list[Path]:
 class Segment:
     """One file of the store, open. Used by one thread at a time."""
 
-    def __init__(self, path: Path, connection: sqlite3.Connection) -> None:
+    def __init__(self, path: Path, connection: sqlite3.Connection, *, only_reads: bool = False) -> None:
         self.path = path
         self._db = connection
+        self._only_reads = only_reads
 
     @classmethod
     def create(cls, path: Path) -> Segment:
@@ -94,10 +96,19 @@ class Segment:
     def look(cls, path: Path) -> Segment:
         """One that is there, only to be read, beside a recorder that may be writing. Needs no room on the disk."""
         connection = sqlite3.connect(f"file:{quote(str(path))}?mode=ro", uri=True, timeout=BUSY_S, isolation_level=None)
-        return cls(path, connection)
+        return cls(path, connection, only_reads=True)
 
     def close(self) -> None:
         self._db.close()
+        if self._only_reads and not self.path.exists():
+            self._remove_made_for_reading()
+
+    def _remove_made_for_reading(self) -> None:
+        """SQLite makes a log and an index for a reader, too, and did so beside a store that is removed meanwhile."""
+        for path in companions(self.path):
+            with contextlib.suppress(OSError):  # gone already, or not ours to remove
+                if not (path.name.endswith("-wal") and path.stat().st_size):  # a log with something in it is no reader's
+                    path.unlink()
 
     def is_begun(self) -> bool:
         """Whether its tables are there: a kill may have come between making the file and making them."""

@@ -24,6 +24,12 @@ FOLLOW, JOINTS, CAPABILITY, AUDIT = (next(HOME.glob(f"0{number}_*.ipynb")) for n
 pytestmark = pytest.mark.filterwarnings("ignore:.*:DeprecationWarning")  # of the kernel's own making, not ours
 
 
+def unpack(packed: Path, folder: Path) -> None:
+    with tarfile.open(packed) as opened:
+        opened.extraction_filter = getattr(tarfile, "data_filter", None)  # Python before 3.11.4 has none
+        opened.extractall(folder)
+
+
 @pytest.fixture(autouse=True)
 def _on_the_examples(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("JBCLOG_RUN", raising=False)
@@ -109,8 +115,7 @@ def test_the_audit_is_right_where_it_commits_itself() -> None:
 
 
 def test_the_audits_odometers_hold_the_truth(tmp_path: Path) -> None:
-    with tarfile.open(DATA / "counters.tar.xz") as packed:
-        packed.extractall(tmp_path, filter="data")
+    unpack(DATA / "counters.tar.xz", tmp_path)
     traced = {place: traces_of(history) for place, history in histories(read_book(tmp_path / "counters.jsonl").entries).items()}
     for name, made in notebook_data.simulated().items():
         for key, trace in traced["bench-3", name].now.items():
@@ -141,8 +146,7 @@ def test_a_single_look_is_not_enough_and_breaks_nothing(tmp_path: Path, monkeypa
 
 def test_the_examples_are_whole_records(tmp_path: Path) -> None:
     for packed in DATA.glob("*.tar.xz"):
-        with tarfile.open(packed) as opened:
-            opened.extractall(tmp_path / packed.name, filter="data")
+        unpack(packed, tmp_path / packed.name)
     runs = [path.parent for home in (DATA, tmp_path) for path in home.glob("*/*/manifest.json")]
     assert len(runs) == 1 + 1 + 20
     assert [run.name for run in runs if check(run)] == []

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import signal
 import time
 from collections.abc import Iterator
@@ -299,8 +300,9 @@ def test_nothing_but_a_page_is_written_over(
     assert [bench.questions(name) for name in STATIONS] == [[]] * 3
 
 
-@pytest.mark.parametrize(("file", "says"), [("/dev/zero", "no file but a device"), ("folder", "Is a directory"), ("link", "link")])
+@pytest.mark.parametrize(("file", "says"), [("pipe", "no file but a device"), ("folder", "Is a directory"), ("link", "link")])
 def test_a_ledger_that_is_no_file_takes_nothing_from_what_is_told(bench: Bench, tmp_path: Path, file: str, says: str) -> None:
+    os.mkfifo(tmp_path / "pipe")
     (tmp_path / "folder").mkdir()
     (tmp_path / "link").symlink_to("elsewhere.jsonl")
     ended = audit(bench.line, tmp_path / file, "--json")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-import signal
 import subprocess
 import sys
 import time
@@ -23,13 +22,8 @@ def jbclog(*arguments: str | Path, timeout: float = 60.0, cwd: Path | None = Non
 
 
 def started(*arguments: str | Path) -> subprocess.Popen[str]:
-    """The command, left running, as from a terminal: it ends at a hang-up also where the tests were started by `nohup`."""
-    pipe = subprocess.PIPE
-    return subprocess.Popen(_command(*arguments), stdout=pipe, stderr=pipe, text=True, preexec_fn=_as_from_a_terminal)
-
-
-def _as_from_a_terminal() -> None:
-    signal.signal(signal.SIGHUP, signal.SIG_DFL)
+    """The command, left running."""
+    return subprocess.Popen(_command(*arguments), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 
 
 def _command(*arguments: str | Path) -> list[str]:

@@ -45,6 +45,16 @@ def test_told_to_end_before_its_run_began(tmp_path: Path, number: signal.Signals
     assert came(hands) == Came(State.HALF, code, text)
 
 
+def test_a_job_that_was_started_under_nohup_ends_with_a_batch_that_is_hung_up(tmp_path: Path) -> None:
+    deaf = "import signal; signal.signal(signal.SIGHUP, signal.SIG_IGN); print(flush=True); signal.pause()"
+    with subprocess.Popen([sys.executable, "-S", "-c", deaf], stdout=subprocess.PIPE) as process:
+        assert process.stdout is not None
+        process.stdout.readline()
+        hands = hands_with(tmp_path, process)
+        assert hands.ask_to_end("a", 1, signal.SIGHUP)
+        assert came(hands).exit_code == 143
+
+
 def test_dead_by_itself_before_its_run_began(tmp_path: Path) -> None:
     hands = hands_with(tmp_path, subprocess.Popen([sys.executable, "-S", "-c", "raise SystemExit(1)"]))
     assert came(hands) == Came(State.FAILED, 4, "its process ended before its run began")

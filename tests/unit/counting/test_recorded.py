@@ -18,8 +18,10 @@ from jbclog.counting import looking
 from jbclog.counting.asking import Wanted
 from jbclog.counting.recorded import observed_in
 from jbclog.odometer.observed import Observation, Standing
+from jbclog.record.conclude import conclude
 from jbclog.record.live import LiveStore
-from jbclog.record.manifest import Manifest, write_manifest
+from jbclog.record.manifest import Manifest, read_manifest, write_manifest
+from jbclog.record.seal import seal_rows
 from jbclog.rows import COLUMN, SAMPLE_COLUMNS, CounterRow, EventRow, SettingRow, Severity, StationFacts
 from jbclog.wire import LineFormat
 
@@ -70,6 +72,16 @@ def seen(run: LiveStore) -> Callable[..., Observation]:
         return observed_in(run.folder, wanted, NOW)
 
     return after
+
+
+def test_a_run_that_is_sealed_meanwhile_still_has_its_station(run: LiveStore, seen: Callable[..., Observation]) -> None:
+    seen(counted(9, "work_h", 412.0, "00412"))
+    write_manifest(run.folder, Manifest(run.folder.name, stations=[FACTS]))
+    run.close()
+    seal_rows(run.folder)
+    conclude(run.folder, read_manifest(run.folder), run.lock)
+    (count,) = observed_in(run.folder, WANTED, NOW).counts
+    assert count.value == 412.0
 
 
 def test_the_newest_readings_are_taken_with_their_time(run: LiveStore, seen: Callable[..., Observation]) -> None:
