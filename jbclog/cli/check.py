@@ -24,7 +24,7 @@ def check(
     ),
     as_json: bool = options.AS_JSON,
 ) -> None:
-    """Derive hashes, row counts, ledger and verdict again, and compare.
+    """Derive hashes, counts, ledger and verdict again, and compare.
 
     The chains of events and annotations too, the report, and the runs before and behind this one on the same line, where they
     are in the same folder. The verdict is held against the version of the rules that it was given by. Says what does not agree,

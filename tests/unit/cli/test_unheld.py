@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import time
 from collections.abc import Iterator
 
 import pytest
@@ -44,11 +43,10 @@ def test_all_comes_in_order(pipe: tuple[int, int]) -> None:
 def test_who_does_not_read_is_not_waited_for(pipe: tuple[int, int], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(unheld, "END_S", 0.1)
     before = fill(pipe[1])
-    stream, began = Unheld(pipe[1]), time.monotonic()
+    stream = Unheld(pipe[1])
     stream.write(b"the end")
-    assert not stream.settle()
+    assert not stream.settle()  # or it would wait for ever
     assert not stream.settle()  # its patience is spent
-    assert time.monotonic() - began < 2.0
     while before > 0:  # somebody reads after all
         before -= len(os.read(pipe[0], before))
     assert os.read(pipe[0], 100) == b"the end"

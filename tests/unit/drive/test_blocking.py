@@ -33,7 +33,7 @@ def test_patience_ends() -> None:
 
     heard = blocking.run(session(), lambda: PairPort(lambda question: b""), sleep=time.sleep)
     assert heard.data == b""
-    assert 0.05 <= heard.now - heard.sent < 0.3
+    assert 0.05 <= heard.now - heard.sent < 10
 
 
 @KINDS

@@ -29,7 +29,7 @@ def pull(session: Steps[None], port: PairPort, *calls: tuple[float, Callable[[Re
         reactor.loop.call_later(seconds, call, reactor)
     began = time.monotonic()
     reactor.run()
-    assert time.monotonic() - began < 5, "it waited for something that cannot come"
+    assert time.monotonic() - began < LONG_S / 2, "it waited for something that cannot come"
 
 
 # -- questions and answers -----------------------------------------------------------------------------------------
@@ -62,7 +62,7 @@ def test_an_answer_that_does_not_come_is_none_at_the_end_of_patience(kind: type[
 
     pull(session(), kind(lambda question: b""))
     assert heard[0].data == b""
-    assert 0.05 <= heard[0].now - heard[0].sent < 0.3
+    assert 0.05 <= heard[0].now - heard[0].sent < LONG_S / 2
 
 
 @KINDS
@@ -283,23 +283,31 @@ def test_the_end_while_a_port_is_being_opened_comes_when_it_is_open() -> None:
 
 
 def test_a_port_that_takes_its_time_to_close_delays_nobody() -> None:
-    late: list[float] = []
+    """It is closed only when the other session is through, which would never be if that waited for the closing."""
+    closing, through = threading.Event(), threading.Event()
+
+    class Slow(PairPort):
+        def close(self) -> None:
+            closing.set()
+            assert through.wait(LONG_S)
+            super().close()
 
     def steady() -> Steps[None]:
-        due = soon(0.02)
-        for _ in range(30):
-            late.append((yield Wait(due)).now - due)
-            due += 0.02
+        rings = 0
+        while rings < 10:
+            yield Wait(soon(0.02))
+            rings += closing.is_set()
+        through.set()
 
     def brief() -> Steps[None]:
         yield Reopen()
-        yield Wait(soon(0.1))
+        yield Wait(soon(0.05))
 
-    reactor = Reactor()
+    reactor, slow = Reactor(), Slow()
     reactor.add(steady(), PairPort)
-    reactor.add(brief(), lambda: PairPort(close_s=0.4))
+    reactor.add(brief(), lambda: slow)
     reactor.run()
-    assert max(late) < 0.2
+    assert slow.is_closed
 
 
 def test_a_session_that_breaks_ends_the_others_in_good_order() -> None:
@@ -333,13 +341,14 @@ def test_what_is_called_every_so_often_is_called_whatever_it_raised(caplog: pyte
         raise ZeroDivisionError("injected")
 
     def session() -> Steps[None]:
-        yield Wait(soon(0.3))
+        while len(calls) < 4:
+            yield Wait(soon(0.01))
 
     reactor = Reactor()
     reactor.add(session(), PairPort)
     reactor.every(0.05, call)
     reactor.run()
-    assert 3 <= len(calls) <= 6
+    assert calls[3] - calls[0] >= 2 * 0.05  # the third and the fourth follow each other quickly where the second was late
     assert "injected" in caplog.text
 
 
@@ -357,8 +366,7 @@ def test_ticks_of_many_sessions_ring_in_order() -> None:
     reactor.run()
     assert len(rung) == 1000
     assert all(now >= due for due, now in rung)
-    lates = sorted(now - due for due, now in rung)
-    assert lates[len(lates) // 2] < 0.02
+    assert [due for due, _ in rung] == sorted(due for due, _ in rung)  # how late they are, tests/bench measures
 
 
 def test_a_reactor_without_sessions_ends_at_once() -> None:

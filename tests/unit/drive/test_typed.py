@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import pty
-import time
 from pathlib import Path
 
 import pytest
@@ -81,9 +80,7 @@ def test_what_has_no_end_yet_is_not_lost() -> None:
 def test_nothing_is_waited_for() -> None:
     reading, writing = os.pipe()
     source = Source(reading, "stdin")
-    began = time.monotonic()
-    assert source.read() == b""
-    assert time.monotonic() - began < 0.5
+    assert source.read() == b""  # or it would wait for ever
     os.write(writing, b"SN-1\n")
     assert source.read() == b"SN-1\n"
     os.close(writing)

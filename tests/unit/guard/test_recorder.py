@@ -52,8 +52,8 @@ def test_one_that_ends_by_itself_in_time_is_not_killed(monkeypatch: pytest.Monke
 def test_a_number_that_is_another_processs_by_now_is_left_alone(other: subprocess.Popen[bytes]) -> None:
     """This process is nobody's child of that number: the recorder has died, and the number was given away."""
     began = time.monotonic()
-    assert Recorder(other.pid).end(1.0, 1.0)
-    assert time.monotonic() - began < 0.5
+    assert Recorder(other.pid).end(60.0, 60.0)
+    assert time.monotonic() - began < 30
     assert other.poll() is None
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import time
 from collections.abc import Iterator
 from contextlib import suppress
 
@@ -33,9 +32,7 @@ def test_nobody_who_reads_is_waited_for(reading: int) -> None:
         while True:
             os.write(voice.STDERR, b"x" * 4096)
     os.set_blocking(voice.STDERR, True)
-    began = time.monotonic()
-    voice.say("text")
-    assert time.monotonic() - began < 0.5
+    voice.say("text")  # or it would wait for ever
 
 
 def test_a_stderr_that_is_closed_or_hung_up_is_no_fault(monkeypatch: pytest.MonkeyPatch) -> None:

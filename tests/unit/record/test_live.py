@@ -36,7 +36,7 @@ def finished(store: LiveStore) -> Path:
     return store.folder
 
 
-def until(condition: Callable[[], bool], seconds: float = 10.0) -> None:
+def until(condition: Callable[[], bool], seconds: float = 60.0) -> None:
     end = time.monotonic() + seconds
     while not condition():
         assert time.monotonic() < end
@@ -95,18 +95,18 @@ def test_rows_of_many_threads_all_arrive(tmp_path: Path) -> None:
 def test_the_writer_commits_within_a_second_by_itself(tmp_path: Path) -> None:
     store = begun(tmp_path)
     hand_over(store, range(8))
-    until(lambda: committed(store.folder) == 3, 3.0)  # one of samples, one of events, one of counters
+    assert live.COMMIT_S < 1
+    until(lambda: committed(store.folder) == 3)  # one of samples, one of events, one of counters
     store.close()
     store.release()
 
 
-def test_at_once_is_at_once(tmp_path: Path) -> None:
+def test_at_once_is_at_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(live, "COMMIT_S", 600.0)
     store = begun(tmp_path)
     store.commit_now()
-    began = time.monotonic()
     store.event(few_rows.event(1), at_once=True)
     until(lambda: committed(store.folder) == 1)
-    assert time.monotonic() - began < 0.5
     store.close()
     store.release()
 
