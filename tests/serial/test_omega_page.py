@@ -1,4 +1,4 @@
-"""An OMEGA that knows no more than its printed page, on a real pseudo-terminal: found, recorded, judged."""
+"""An OMEGA that knows no more than its printed page, on a real pseudo-terminal: recorded, reported, judged."""
 
 from __future__ import annotations
 
@@ -8,31 +8,30 @@ from pathlib import Path
 import pandas as pd
 from command import jbclog
 from page_omega import PageOmega, served
+from typer.testing import CliRunner
 
-from jbclog.recipe.line import load_line
+from jbclog.cli.app import app
 from jbclog.record.check import check
 
 RECIPE = '[recipe]\nname = "states"\nrevision = 1\nfamilies = ["omega"]\n[acceptance]\ncoverage_percent = 90\n'
 
 
 def test_a_controller_that_says_a_and_no_more(tmp_path: Path) -> None:
-    """From nothing known of it to a verdict; the scan's JBC questions swallow its first A. Its state is null, and not normal."""
-    controller = PageOmega("a")
+    """From the first question to a verdict. Its state is null, and not normal."""
+    controller = PageOmega("a", delay_s=0.002)
     line, recipe = tmp_path / "line.toml", tmp_path / "states.toml"
     recipe.write_text(RECIPE)
     with served(controller) as far:
-        scan = jbclog("scan", far.url, "--write", line)
-        assert scan.returncode == 0, scan.stdout
-        assert load_line(line).stations[0].family == "omega"
-        assert "not taken   temperature control, set temperature state" in scan.stdout
-        run = jbclog("run", recipe, "--line", line, "--out", tmp_path / "runs", "-d", "3s", "--rate", "1", "--json")
+        line.write_text(f'[line]\nname = "x"\n[[station]]\nname = "omega-1"\nurl = "{far.url}"\nfamily = "omega"\n')
+        controller.receive(b"\x02RSMN\x03\x03", 0.0)  # somebody looked for a JBC station: the first A is swallowed
+        run = jbclog("run", recipe, "--line", line, "--out", tmp_path / "runs", "-d", "2s", "--rate", "1", "--json")
     folder = Path(json.loads(run.stdout)["run"])
     assert check(folder) == []
     assert set(controller.texts) == {"A", "B", "F"}
     samples = pd.read_parquet(folder / "samples")
     assert samples["solder_shortage"].isna().all()
     assert set(samples["reasons"]) == {"solder_shortage=no_digit;clogged=no_digit"}
-    assert jbclog("report", folder).returncode in (0, 1)
+    assert CliRunner().invoke(app, ["report", str(folder)]).exit_code in (0, 1)
     verdict = json.loads((folder / "report.json").read_text())["verdict"]
     (coverage,) = [rule for rule in verdict["rules"] if rule["name"] == "coverage"]
     assert (verdict["word"], run.returncode) == ("INCONCLUSIVE", 1)
