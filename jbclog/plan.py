@@ -14,6 +14,7 @@ from jbclog.commands.family import FAMILIES, Family
 from jbclog.commands.omega_values import ConditionRecord
 from jbclog.commands.ranges import inferred_note, unit_note
 from jbclog.errors import Problem, Problems, UsageError
+from jbclog.recipe.checks import long_feed
 from jbclog.recipe.line import IS_A_RECIPE, Line, Replay, StationSpec, load_line
 from jbclog.recipe.load import IS_A_LINE, load_recipe
 from jbclog.recipe.model import Recipe
@@ -172,6 +173,8 @@ class Plan:
             for key, one in {one.key: one for one in station.writes()}.items():
                 found = unit_note(one.command, manual), inferred_note(one.command, one.value, manual)
                 yield from (f"{station.spec.name}: {key}: {text}" for text in found if text is not None)
+            if station.family is not None and station.family.has_feeder and (feed := long_feed(station.recipe)) is not None:
+                yield f"{station.spec.name}: {feed}"
 
     def _without_safe_state(self) -> Iterator[str]:
         for station in self.stations:

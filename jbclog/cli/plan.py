@@ -69,6 +69,7 @@ def _facts(station: StationPlan, made: Plan) -> dict[str, object]:
         "name": station.spec.name,
         "url": station.spec.url,
         "family": station.spec.family,
+        "model": station.spec.model,
         "ports": list(station.ports),
         "recipe": str(station.recipe.path),
         "asked_rate": station.asked_rate,
@@ -102,7 +103,8 @@ SUCTION = {"keep": "keep suction as it is", "on": "switch suction on", "off": "s
 def _station_text(station: StationPlan, made: Plan) -> str:
     spec, recipe, condition = station.spec, station.recipe, station.condition()
     ports = f"port{'s' if len(station.ports) > 1 else ''} {', '.join(map(str, station.ports))}"
-    lines = [f"{spec.name}  {spec.family}, {ports}, {spec.url}", f"  recipe    {recipe.name} revision {recipe.revision}"]
+    model = f" (model {spec.model} is accepted)" if spec.model else ""
+    lines = [f"{spec.name}  {spec.family}{model}, {ports}, {spec.url}", f"  recipe    {recipe.name} revision {recipe.revision}"]
     lines += _rate_lines(station)
     lines += [f"  write     {_write_text(one)}" for one in station.writes()]
     if condition is not None:

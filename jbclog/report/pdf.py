@@ -221,10 +221,14 @@ def _rule(rule: Row) -> list[Cell]:
     return _cells([*words, bound_text(rule.get("bound"), unit), _told(result), str(rule["text"])], result, (2, 3, 4))
 
 
+def _model(station: StationReport) -> str:
+    return f"{station.model or 'not known'}{f' (accepted as {station.family})' if station.model_accepted else ''}"
+
+
 def _stations(stations: Sequence[StationReport]) -> tuple[list[Cell], list[list[Cell]]]:
     titles = _titles(STATIONS)
     rows = [
-        [station.name, station.model or "not known", str(port.port), measured(port.recorded.coverage_percent, "%"),
+        [station.name, _model(station), str(port.port), measured(port.recorded.coverage_percent, "%"),
          measured(port.recorded.longest_gap_s, "s"), measured(_round(port.tip.idle_error_c), "°C"),
          measured(_round(port.tip.idle_sd_c), "°C"), _alarms(port), short(port.verification), port.left, port.tool or "–"]
         for station in stations for port in station.ports

@@ -128,6 +128,13 @@ def test_a_plan_notes_nothing_where_all_is_within_what_is_printed(tmp_path: Path
     assert plan_of(tmp_path, RECIPE, "dde").notes == []
 
 
+def test_a_plan_notes_a_feed_that_takes_very_long_and_does_not_refuse_it(tmp_path: Path) -> None:
+    recipe = f"{RECIPE}\n[feeder]\nlength_mm = 5000\nspeed_mm_s = 0.1\n"
+    told = "s-1: feeder.length_mm: one feed takes 50000 s at 0.1 mm/s; is the decimal point where it belongs?"
+    assert plan_of(tmp_path, recipe, "ale").notes == [told]
+    assert plan_of(tmp_path, recipe, "dde").notes == []
+
+
 def test_what_002_prints_stays_refused_on_its_stations(tmp_path: Path) -> None:
     from jbclog.errors import Problems
 

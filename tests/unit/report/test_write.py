@@ -157,6 +157,14 @@ def test_the_page_needs_nothing_but_itself(recorded: Path) -> None:
     assert all(attrs.get("alt") for tag, attrs in page.elements if tag == "img")
 
 
+def test_a_model_that_the_line_file_accepts_is_told_as_such(tmp_path: Path) -> None:
+    facts = station(rows=300)
+    facts.model, facts.model_accepted = "DIE", True
+    page, told = report(seal(tmp_path, [facts], table(samples(300))))
+    assert "DIE, family dde (this model name is accepted by the line file's key model)" in page.text
+    assert (told["stations"][0]["model"], told["stations"][0]["model_accepted"]) == ("DIE", True)
+
+
 HOSTILE = (
     "<script>alert(1)</script>",
     '"><img src=x onerror=alert(1)>',
