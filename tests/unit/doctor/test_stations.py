@@ -96,7 +96,7 @@ def test_another_family() -> None:
 def test_a_model_that_the_file_accepts_is_fine_and_another_is_not() -> None:
     (one,) = looked_at(station_cable("dde", sim='model = "DIE"'), "dde", 'model = "DIE"')
     assert isinstance(one, Fine)
-    assert one.text.startswith("DIE answers at 19200 8N1")
+    assert one.what.startswith("DIE answers at 19200 8N1")
     other = finding(looked_at(station_cable("dde", sim='model = "NAE"'), "dde", 'model = "DIE"'))
     assert other.kind == "line.model"
     assert other.what == "the line file accepts model DIE; what answers is NAE"
