@@ -53,14 +53,14 @@ def assert_scenario(scenario: str, outcomes: list[dict[str, object]]) -> None:
 @pytest.mark.parametrize("scenario", SCENARIOS)
 def test_killed_at_some_steps(tmp_path: Path, scenario: str, power: bool) -> None:
     first = 3 + 4 * power + SCENARIOS.index(scenario)
-    outcomes = killed(tmp_path, scenario, str(first), "13", *(["--power"] if power else []))
+    outcomes = killed(tmp_path, scenario, str(first), "19", *(["--power"] if power else []))
     assert len(outcomes) >= 2
     assert_scenario(scenario, outcomes)
 
 
 def test_a_recorder_killed_at_random_moments(tmp_path: Path) -> None:
-    outcomes = killed(tmp_path, "random", "1", "6")
-    assert len(outcomes) == 6
+    outcomes = killed(tmp_path, "random", "1", "4")
+    assert len(outcomes) == 4
     for left in outcomes:
         assert_whole(left, None)
 

@@ -54,9 +54,9 @@ def test_the_run_on_a_clean_line_is_a_whole_one(family: str) -> None:
 
 
 def some(family: str, question: str) -> list[int]:
-    """All places of a question on a DDE and on an OMEGA; of the others, which ask most of it alike, one, by turns."""
+    """Every other place of a question on a DDE and on an OMEGA; of the others, which ask most of it alike, one, by turns."""
     found = places(family, question)
-    return found if family in ("dde", "omega") else [found[sum(question.encode("ascii")) % len(found)]]
+    return found[::2] if family in ("dde", "omega") else [found[sum(question.encode("ascii")) % len(found)]]
 
 
 @pytest.mark.parametrize(("family", "question"), QUESTIONS)

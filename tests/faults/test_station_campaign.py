@@ -405,7 +405,7 @@ def assert_mixed(number: int) -> VirtualRun:
     return run
 
 
-@pytest.mark.parametrize("number", first(8, range(20)))
+@pytest.mark.parametrize("number", first(4, range(20)))
 def test_all_of_it_at_random(number: int) -> None:
     assert_mixed(number)
 

@@ -154,7 +154,7 @@ def simulate(wire: Wire, rate_hz: float, seconds: float) -> Seen:
     return seen
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=80, deadline=None)
 @given(wires(), st.floats(0.05, 1))
 def test_what_fits_keeps_every_tick_and_every_ceiling(wire: Wire, share: float) -> None:
     best = wire.demand.best_rate_hz(wire.turnaround_s)
@@ -176,7 +176,7 @@ def test_where_too_much_has_to_be_asked_ticks_are_skipped_and_slow_signals_are_n
     assert seen.worst_periods <= CEILING
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=150, deadline=None)
 @given(wires(), st.floats(0.1, 50))
 def test_best_rate_and_greatest_turnaround_are_the_inverse_of_fits(wire: Wire, rate_hz: float) -> None:
     demand, best = wire.demand, wire.demand.best_rate_hz(wire.turnaround_s)

@@ -48,7 +48,7 @@ def _most(name: str, hours: float, plugged: int) -> float:
     return rate * (min(hours * 1.01, plugged + 1) if plugged >= 0 else hours * 1.01)
 
 
-@settings(max_examples=250)
+@settings(max_examples=100)
 @given(
     st.tuples(HOURS, HOURS, COUNTS), st.tuples(HOURS, HOURS, COUNTS), st.tuples(*[st.integers(0, 60)] * 3), GAPS, st.integers(0, 2)
 )
