@@ -24,7 +24,8 @@ from typing import Final
 
 from jbclog import reach
 from jbclog.byhand.contact import Target
-from jbclog.byhand.safe import StationMadeSafe, make_safe
+from jbclog.byhand.cooling import temperatures
+from jbclog.byhand.safe import MadeSafe, StationMadeSafe, make_safe
 from jbclog.drive import blocking
 from jbclog.errors import JbclogError, RecordError
 from jbclog.guard import left_over
@@ -41,6 +42,10 @@ LOOK_S: Final = 0.1
 REACHED_S: Final = 6.0  # a port may be in somebody's hands for a moment
 AGAIN_S: Final = 0.25
 DONE_S: Final = 20.0  # a port whose driver hangs must not keep the others from being told
+
+COLD_WITHIN_S: Final = 1800.0
+COLD_EVERY_S: Final = 5.0
+TELL_EVERY_S: Final = 60.0
 
 ASKED, KILLED, REFUSED = "asked", "killed", "refused"
 Tell = Callable[[str], None]
@@ -105,6 +110,60 @@ def _seen(stations: Collection[StationMadeSafe], lease: StationLease) -> left_ov
         return None
     states: dict[int, str | None] = {tool.port: tool.state for tool in made.tools if tool.is_safe}
     return left_over.Seen(made.model, states | dict.fromkeys(made.empty), made.feeder != "running")
+
+
+# -- until all are cold -------------------------------------------------------------------------------------------------------
+
+
+def wait_until_cold(stations: Collection[StationMadeSafe], below_c: float, tell: Tell) -> float:
+    """Read the tools' temperatures until all of them are below, `COLD_WITHIN_S` at the most; the seconds that this took.
+
+    Each tool's `temperature_c` and `is_cold` stand in `stations` then. One whose temperature cannot be read is not cold. A port is
+    open only while it is read, so that nobody is kept from it.
+    """
+    clock, waited = reach.means.clock, [made for made in stations if made.tools]
+    begun = told_at = clock.monotonic()
+    while True:
+        _look_at_all(waited, below_c)
+        warm = [
+            f"{made.target.name} port {tool.port} {_celsius(tool)}" for made in waited for tool in made.tools if not tool.is_cold
+        ]
+        now = clock.monotonic()
+        if not warm or now - begun >= COLD_WITHIN_S:
+            return now - begun
+        if now - told_at >= TELL_EVERY_S:
+            told_at = now
+            tell(f"waiting for {', '.join(warm)} to be below {below_c:g} °C")
+        reach.means.sleep(min(COLD_EVERY_S, begun + COLD_WITHIN_S - now))
+
+
+def _celsius(tool: MadeSafe) -> str:
+    return "(temperature not known)" if tool.temperature_c is None else f"({tool.temperature_c:g} °C)"
+
+
+def _look_at_all(stations: Collection[StationMadeSafe], below_c: float) -> None:
+    """All stations at once; one whose port hangs keeps no other from being read, and is not cold."""
+    threads = [Thread(target=_look, args=(made, below_c), daemon=True) for made in stations]
+    for made, thread in zip(stations, threads, strict=True):
+        for tool in made.tools:
+            tool.is_cold, tool.temperature_c = False, None
+        thread.start()
+    end = time.monotonic() + DONE_S
+    for thread in threads:
+        thread.join(max(end - time.monotonic(), 0.0))
+
+
+def _look(made: StationMadeSafe, below_c: float) -> None:
+    means, ports = reach.means, tuple(tool.port for tool in made.tools)
+    steps = temperatures(made.target, made.model, ports)
+    try:
+        found = blocking.run(steps, lambda: _open(made.target), sleep=means.sleep, clock=means.clock)
+    except JbclogError:
+        return
+    for tool in made.tools:
+        tool.temperature_c = found.get(tool.port)
+        tool.last_c = tool.last_c if tool.temperature_c is None else tool.temperature_c
+        tool.is_cold = tool.temperature_c is not None and tool.temperature_c < below_c
 
 
 # -- runs that hold the line ------------------------------------------------------------------------------------------------

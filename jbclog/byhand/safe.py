@@ -10,16 +10,14 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Final
 
-from jbclog.byhand.believed import believed
-from jbclog.byhand.contact import NO_TOOL, PORTS, Contact, Place, Target, expect_borne_out, find_tool, meet
+from jbclog.byhand.contact import NO_TOOL, PORTS, Contact, Target, expect_borne_out, find_tool, meet
+from jbclog.byhand.cooling import DELAYS, Cooling, cooling_of, temperature_of
 from jbclog.commands.command import TOOLS_WITH_A_PLACE
 from jbclog.commands.family import Family, family_of
 from jbclog.effects import Steps
 from jbclog.errors import LinkError, StartRefused, StationError
-from jbclog.quantities import OFF
 from jbclog.safety.secure import SENT, Task, Tool, secure
 
-COOLING_DELAYS: Final = ("sleep_delay", "hibernation_delay")
 SWITCH_OFF: Final = "switch the station off"
 
 
@@ -27,14 +25,22 @@ SWITCH_OFF: Final = "switch the station off"
 class MadeSafe:
     """One tool: its name (None where it could not be asked), the state read back, and why it is not safe, if it is not.
 
-    `rested`: it was in that state already. `temperature_c` as last read, None where it was not.
+    `rested`: it was in that state already. `told`: the state that was ordered last, `fell_back` why it is not the usual one.
+    `temperature_c` as it is now, None where it could not be read, `last_c` as last read. `cooling`: what it does next by itself.
+    `is_cold`: after waiting, whether it was seen below the limit; None where nobody waited.
     """
 
     port: int
     tool: str | None
     state: str | None = None
     rested: bool = False
+    told: str | None = None
+    fell_back: str = ""
+    suction: bool = False
     temperature_c: float | None = None
+    last_c: float | None = None
+    cooling: Cooling | None = None
+    is_cold: bool | None = None
     problem: str | None = None
 
     @property
@@ -70,7 +76,10 @@ def make_safe(target: Target, made: StationMadeSafe) -> Steps[None]:
     family = contact.family = yield from _proven(contact, made)
     made.model, made.family = contact.model, family.name
     if not family.safe_states:
-        made.problem = f"an {family.title} takes no order that would make it safe: stop it at its own panel, or {SWITCH_OFF}"
+        made.problem = (
+            f"an {family.title} has no safe state, it takes no order that would make it safe: stop it at its own panel, "
+            f"or {SWITCH_OFF}"
+        )
         return
     tools = yield from _find_tools(contact, made)
     task = Task(
@@ -125,42 +134,29 @@ def _find_tools(contact: Contact, made: StationMadeSafe) -> Steps[dict[int, int 
 
 
 def _tell(contact: Contact, tool: Tool, made: MadeSafe, code: int | None) -> Steps[None]:
-    made.rested = tool.was_spared
-    made.temperature_c = yield from _temperature(contact, tool.port)
+    status = contact.family.status
+    made.rested, made.fell_back = tool.was_spared, tool.fell_back
+    made.told = None if tool.ordered is None else status.state(tool.ordered)
+    made.temperature_c = made.last_c = yield from temperature_of(contact, tool.port)
     if not tool.is_safe or tool.status is None:
         what = "was told to rest and does not confirm it" if tool.reached == SENT else "could not be made safe"
         made.problem = f"it {what}; it may be hot: {SWITCH_OFF}"
         return
-    made.state = contact.family.status.state(tool.status)
-    made.problem = yield from _stays_hot(contact, tool, code)
+    made.state, made.suction = status.state(tool.status), status.sucks(tool.status)
+    made.cooling = yield from cooling_of(contact, tool.port, code, made.state)
+    made.problem = _stays_hot(made.cooling, code)
 
 
-def _temperature(contact: Contact, port: int) -> Steps[float | None]:
-    command = contact.family.command_of("temperature_c")
-    try:
-        value = None if command is None else (yield from believed(contact, command, Place(port)))
-    except (StationError, LinkError):
-        return None
-    return float(value) if isinstance(value, int | float) else None
-
-
-def _stays_hot(contact: Contact, tool: Tool, code: int | None) -> Steps[str | None]:
+def _stays_hot(cooling: Cooling, code: int | None) -> str | None:
     """Why a tool that stands never cools: a delay of its own that is off, or that cannot be read. None where it does.
 
     One that was left in its extractor state was seen to cool.
     """
-    if tool.was_spared and tool.status is not None and not contact.family.status.is_resting(tool.status):
-        return None
-    commands = [contact.family.commands[name] for name in COOLING_DELAYS if name in contact.family.commands]
-    if commands and code is not None and code not in TOOLS_WITH_A_PLACE:
+    if cooling.follows and code is not None and code not in TOOLS_WITH_A_PLACE:
         return (
             f"whether it will cool down is not known, because no command has a place for tool {code}: look at it, or {SWITCH_OFF}"
         )
-    try:
-        off = []
-        for command in commands if code is not None else ():
-            if (yield from contact.agreed(command, Place(tool.port, code))) is OFF:
-                off.append(command.name.replace("_", " "))
-    except (StationError, LinkError):
+    if cooling.never is None:
         return f"whether it will cool down is not known, because its delays cannot be read: look at it, or {SWITCH_OFF}"
+    off = [DELAYS[what].replace("_", " ") for what in cooling.never]
     return f"its {' and '.join(off)} {'is' if len(off) == 1 else 'are'} off, so it never cools down: {SWITCH_OFF}" if off else None

@@ -187,6 +187,15 @@ def _apply(desk: Desk, wanted: tuple[Setting, PortState | None]) -> Steps[None]:
         yield from write_setting(desk, command, value, port)
 
 
+def _look_at_suction(desk: Desk, port: PortState) -> Steps[None]:
+    """Read the status once more: a key of the station's own may have switched suction since. What cannot be read is as it was."""
+    try:
+        port.held["status"] = yield from read_setting(desk, desk.command("status"), port, port.held["status"])
+    except StationError:
+        return
+    note_status(port)
+
+
 def _orders_suction(desk: Desk) -> bool:
     return desk.family.status.has_suction and desk.recipe.suction != "keep"
 
@@ -198,8 +207,7 @@ def _apply_status(desk: Desk) -> Steps[None]:
         if not port.has_tool:
             continue
         if desk.family.status.has_suction and "status" in port.held:
-            yield from _read_held(desk, command, port)  # a key of the station's own may have switched it meanwhile
-            note_status(port)
+            yield from _look_at_suction(desk, port)
         word = desk.start_word(port)
         if word is None or "status" not in port.held:
             touch(desk, port)  # it may be at work already

@@ -152,3 +152,22 @@ def test_a_port_in_foreign_hands_keeps_nobody_else_from_being_safe(line: ServedL
     assert "is in use by" in ended.stderr
     assert "its tools may be hot: switch the station off" in ended.stderr
     assert line.at_work() == 1
+
+
+@pytest.mark.parametrize("cools", [True, False])
+def test_waiting_on_real_ports(line: ServedLine, monkeypatch: pytest.MonkeyPatch, cools: bool) -> None:
+    """Six tools whose heaters are off, from 340 °C down; where one stands instead, it stays above and is named."""
+    monkeypatch.setattr(line_safe, "COLD_EVERY_S", 0.3)
+    monkeypatch.setattr(line_safe, "COLD_WITHIN_S", 60.0 if cools else 2.0)
+    for port in line.tools():
+        port.order(HIBERNATION, False)
+    if not cools:
+        line.tools()[0].order(WORKING, False)
+    ended = CliRunner().invoke(app, ["safe", "--line", str(line.path), "--wait", "--below", "310"])
+    assert ended.exit_code == (0 if cools else 1), ended.stderr
+    if cools:
+        assert ended.stdout.count("below 310 °C after") == TOOLS
+        assert max(port.temperature() for port in line.tools()) < 310
+    else:
+        assert "error: dde-1 port 1: 3" in ended.stderr
+        assert "not known to be below 310 °C after" in ended.stderr

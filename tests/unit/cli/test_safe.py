@@ -44,23 +44,23 @@ def test_each_tool_is_told_to_stand_and_read_back(make: Make) -> None:
     ended = bench.do("safe")
     assert ended.code == 0
     assert ended.out.splitlines() == [
-        f"dme-1 port 1 ({T245}): stand, as read back, 350 °C now",
-        f"dme-1 port 2 ({T210}): stand, as read back, 351 °C now",
-        f"dme-1 port 4 ({T245}): stand, as read back, 350 °C now",
+        f"dme-1 port 1 ({T245}): told to stand, 350 °C, sleeps in 5 min",
+        f"dme-1 port 2 ({T210}): told to stand, 350 °C, sleeps in 5 min",
+        f"dme-1 port 4 ({T245}): told to stand, 350 °C, sleeps in 5 min",
         "dme-1 port 3: no tool",
     ]
     assert writes(bench, "dme-1") == [STAND, "WPS200001", "WPS400001"]
     assert ended.err == ""
 
 
-@pytest.mark.parametrize(("last", "now"), [(False, ", 350 °C now"), (True, "")])
+@pytest.mark.parametrize(("last", "now"), [(False, ", 350 °C"), (True, ", temperature not known")])
 def test_no_temperature_is_told_that_one_answer_alone_says_or_that_cannot_be(make: Make, last: bool, now: str) -> None:
     bench = put_to_work(make(safe_text("dde-1", "dde", "tools = { 1 = 2, 2 = 0 }")))
     bench.wait(20)
     says(bench, "dde-1", "TT1", "04033", last=last)
     told = bench.do("safe").out
     assert "4033" not in told
-    assert f"stand, as read back{now}\n" in told
+    assert f"told to stand{now}, sleeps in 5 min\n" in told
 
 
 def test_the_feeder_is_stopped_first(make: Make) -> None:
@@ -74,7 +74,14 @@ def test_the_feeder_is_stopped_first(make: Make) -> None:
     assert feeder.motor(bench.clock.monotonic()) == 0
 
 
-@pytest.mark.parametrize(("seconds", "state"), [(60, "stand"), (360, "sleep"), (3600, "hibernation")])
+@pytest.mark.parametrize(
+    ("seconds", "state"),
+    [
+        (60, "stands already, 350 °C, sleeps in 4 min"),
+        (360, "sleeps already, 150 °C, hibernates in 29 min"),
+        (3600, "hibernates already, 23 °C, its heater is off"),
+    ],
+)
 def test_a_tool_that_rests_already_is_not_woken(make: Make, seconds: float, state: str) -> None:
     bench = put_to_work(make(safe_text("dde-1", "dde", "tools = {1 = 2, 2 = 0}")))
     bench.do("write", "dde-1", "status", "stand", "--port", "1")
@@ -82,7 +89,7 @@ def test_a_tool_that_rests_already_is_not_woken(make: Make, seconds: float, stat
     before = len(writes(bench, "dde-1"))
     ended = bench.do("safe")
     assert ended.code == 0
-    assert f"port 1 ({T245}): {state}, as it was already" in ended.out
+    assert f"port 1 ({T245}): {state}\n" in ended.out
     assert writes(bench, "dde-1")[before:] == []
 
 
@@ -105,7 +112,7 @@ def test_a_cold_tool_in_its_extractor_state_is_not_heated(make: Make, delay: str
     bench.wait(3600)
     ended = bench.do("safe")
     assert (ended.code, ended.err, writes(bench, "dde-1")) == (0, "", [])
-    assert f"port 1 ({T245}): extractor, as it was already" in ended.out
+    assert f"port 1 ({T245}): in its extractor state already, 23 °C, seen cold or cooling\n" in ended.out
 
 
 def test_hot_air_is_told_to_cool(make: Make) -> None:
@@ -142,7 +149,9 @@ def test_a_tool_that_stands_and_never_cools_is_not_safe(make: Make, delays: str,
     ended = bench.do("safe")
     assert writes(bench, "dde-1") == [STAND]
     assert ended.code == 5
-    assert f"port 1 ({T245}): NOT SAFE" in ended.out
+    assert f"port 1 ({T245}): NOT SAFE, told to stand, " in ended.out
+    what = "hibernate" if off.startswith("hibernation") else "sleep"
+    assert f"will not {what} by itself, its delay is off\n" in ended.out
     assert f"error: dde-1 port 1: its {off} off, so it never cools down: switch the station off" in ended.err
 
 
@@ -170,7 +179,8 @@ def test_an_omega_takes_no_such_order(make: Make) -> None:
     bench = make(station_text("omega-1", "omega", keys='baudrate = 9600\nformat = "8N1"'))
     ended = bench.do("safe")
     assert (ended.code, writes(bench, "omega-1")) == (5, [])
-    assert "takes no order that would make it safe: stop it at its own panel" in ended.err
+    assert "has no safe state, it takes no order that would make it safe: stop it at its own panel" in ended.err
+    assert ended.out == "omega-1: NOT SAFE, it has no safe state, temperature not known\n"
 
 
 def test_robot_mode_that_is_off_is_said(make: Make) -> None:
@@ -224,3 +234,146 @@ def test_json_tells_it_tool_by_tool(make: Make) -> None:
         "ALE",
     )
     assert (tool["port"], tool["state"], tool["safe"], tool["rested"], tool["problem"]) == (1, "stand", True, False, None)
+
+
+# -- safe is not cold ---------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("family", "tool"),
+    [("soldering", 2), ("dde", 2), ("nae", 5), ("dme", 2), ("hde", 2), ("ucr", 9), ("ale", 2)],
+)
+def test_each_family_says_what_is_known_of_its_tool(make: Make, family: str, tool: int) -> None:
+    bench = put_to_work(make(safe_text("x", family, f"joints_per_minute = 0\ntool = {tool}")))
+    bench.wait(30)
+    ended = bench.do("safe")
+    (told,) = (text for text in ended.out.splitlines() if "port 1 (" in text)
+    assert (ended.code, told.partition("): ")[2]) == (0, "told to stand, 350 °C, sleeps in 5 min")
+
+
+@pytest.mark.parametrize(
+    ("order", "first", "last"),
+    [
+        ("on", "told to cool", "its heater is off"),
+        ("on+suction", "told to cool", "its heater is off, suction on"),
+        ("cooling", "cooling already", "its heater is off"),
+        ("off", "off already", "its heater is off"),
+    ],
+)
+def test_hot_air_says_that_its_heater_is_off(make: Make, order: str, first: str, last: str) -> None:
+    bench = make(station_text("jtse-1", "jtse", sim="tool = 1\njoints_per_minute = 0"))
+    station = bench.wires["jtse-1"].station.device.face.station  # type: ignore[union-attr]
+    station.heater.temperature_c = 200.0
+    bench.do("write", "jtse-1", "status", order)
+    told = bench.do("safe").out.strip().partition("): ")[2]
+    assert (told.startswith(f"{first}, "), told.endswith(f" °C, {last}")) == (True, True), told
+
+
+@pytest.mark.parametrize(
+    ("silent", "unknown"), [("tip_temperature", "temperature not known"), ("time_to_sleep", "when it sleeps is not known")]
+)
+def test_what_cannot_be_read_is_said_as_not_known(make: Make, silent: str, unknown: str) -> None:
+    sim = f"tools = {{1 = 2, 2 = 0}}\n{DELAYS}\n[[station.sim.fault]]\nkind = 'silence'\ncommand = '{silent}'"
+    bench = put_to_work(make(station_text("dde-1", "dde", sim=sim)))
+    ended = bench.do("safe")
+    assert (ended.code, unknown in ended.out) == (0, True)
+
+
+def cooling_bench(make: Make, sleep: int = 1, hibernation: int = 5, more: str = "") -> Bench:
+    delays = f"settings = {{sleep_delay = {sleep}, hibernation_delay = {hibernation}}}"
+    sim = f"tools = {{1 = 2, 2 = 1}}\njoints_per_minute = 0\n{delays}\n{more}"
+    bench = put_to_work(make(station_text("dde-1", "dde", sim=sim)))
+    bench.wait(60)
+    return bench
+
+
+def test_waiting_ends_when_all_are_below(make: Make) -> None:
+    bench = cooling_bench(make)
+    begun = bench.clock.monotonic()
+    ended = bench.do("safe", "--wait")
+    assert ended.code == 0, ended.err
+    assert 360 < bench.clock.monotonic() - begun < line_safe.COLD_WITHIN_S
+    for number, port in bench.wires["dde-1"].station.plant.ports.items():  # type: ignore[union-attr]
+        assert port.temperature() < 60
+        assert f"dde-1 port {number} " in ended.out
+    assert ended.out.count("below 60 °C after ") == 2
+    assert "waiting for dde-1 port 1 (" in ended.err
+    assert all(one.startswith("WPS") for one in writes(bench, "dde-1"))  # nothing but the orders is written
+
+
+def test_waiting_for_less_takes_less(make: Make) -> None:
+    bench = cooling_bench(make)
+    begun = bench.clock.monotonic()
+    ended = bench.do("safe", "--wait", "--below", "200")
+    assert (ended.code, bench.clock.monotonic() - begun < 180, ended.out.count("below 200 °C")) == (0, True, 2)
+
+
+def test_after_half_an_hour_what_is_still_above_is_named_with_its_last_temperature(make: Make) -> None:
+    bench = cooling_bench(make, 5, 60)
+    begun = bench.clock.monotonic()
+    ended = bench.do("safe", "--wait")
+    assert ended.code == 1
+    assert abs(bench.clock.monotonic() - begun - line_safe.COLD_WITHIN_S) < 10
+    assert "error: dde-1 port 1: 150 °C, not known to be below 60 °C after 30 min" in ended.err
+    assert "error: dde-1 port 2: 150 °C" in ended.err
+
+
+def test_a_temperature_that_is_not_told_never_counts_as_cold(make: Make) -> None:
+    bench = cooling_bench(make, more="[[station.sim.fault]]\nkind = 'silence'\ncommand = 'tip_temperature'\nport = 2")
+    ended = bench.do("safe", "--wait", "--json")
+    told = json.loads(ended.out)
+    assert (ended.code, told["exit_code"], told["below_c"], told["waited_s"] >= 1800) == (1, 1, 60, True)
+    first, second = told["stations"][0]["tools"]
+    assert (first["cold"], first["temperature_c"] < 60) == (True, True)
+    assert (second["cold"], second["temperature_c"]) == (False, None)
+    assert "error: dde-1 port 2: temperature not known, not known to be below 60 °C after 30 min" in ended.err
+
+
+def test_a_tool_that_was_taken_out_is_not_cold(make: Make) -> None:
+    """Its port tells 0 °C; nobody knows of the cartridge."""
+    bench = cooling_bench(make)
+    port = bench.wires["dde-1"].station.plant.ports[1]  # type: ignore[union-attr]
+    asked: list[str] = []
+
+    def pull(text: str) -> None:
+        asked.append(text)
+        if asked.count("RSMN") > 6 and port.tool:
+            port.plug(0)
+
+    bench.wires["dde-1"].watch = pull
+    ended = bench.do("safe", "--wait")
+    assert ended.code == 1
+    assert "error: dde-1 port 1: temperature not known (last read 3" in ended.err
+
+
+def test_another_station_in_its_place_is_not_the_one_that_was_waited_for(make: Make) -> None:
+    bench = cooling_bench(make)
+    asked: list[str] = []
+
+    def exchange(text: str) -> None:
+        asked.append(text)
+        if asked.count("RSMN") > 6:
+            bench.wires["dde-1"].station.device.identity.model = "NAE"  # type: ignore[union-attr]
+
+    bench.wires["dde-1"].watch = exchange
+    assert bench.do("safe", "--wait").code == 1
+
+
+def test_what_is_not_safe_is_told_also_after_waiting(make: Make) -> None:
+    bench = make(station_text("omega-1", "omega", keys='baudrate = 9600\nformat = "8N1"'))
+    assert bench.do("safe", "--wait").code == 5
+
+
+def test_a_limit_without_waiting_is_refused_before_anything_is_sent(make: Make) -> None:
+    bench = make(safe_text("dde-1", "dde"))
+    ended = bench.do("safe", "--below", "80")
+    assert (ended.code, bench.wires["dde-1"].heard) == (2, [])
+    assert "--below is for --wait" in ended.err
+
+
+def test_json_tells_what_follows(make: Make) -> None:
+    bench = put_to_work(make(safe_text("dde-1", "dde", "tools = {1 = 2, 2 = 0}\njoints_per_minute = 0")))
+    bench.wait(30)
+    (tool,) = json.loads(bench.do("safe", "--json").out)["stations"][0]["tools"]
+    assert (tool["told"], tool["next"], tool["next_in_s"], tool["never"], tool["cold"]) == ("stand", "sleep", 300, [], None)
+    assert tool["text"] == "told to stand, 350 °C, sleeps in 5 min"
