@@ -13,8 +13,9 @@ from typing import Final
 
 from jbclog.audit.pace import DAY, WEEK, Pace, weekday
 
-DEVIATE: Final = 1.2816  # of 10 and 90 %
-LASTING: Final = 0.01  # the variance of a pace that does not average out: seasons, other work
+LATE: Final = 1.2816  # the normal deviate of 90 %
+EARLY: Final = 1.6  # of 10 %, and more: work comes in surges, and a part that is worn before it was said does harm
+LASTING: Final = 0.03  # the variance of a pace that does not average out: seasons, shutdowns, other work
 HORIZON_WEEKS: Final = 520.0
 
 
@@ -29,7 +30,7 @@ class Forecast:
 
 def forecast(now: float, left: float, pace: Pace, doubt: float = 0.0) -> Forecast:
     """When `left` more will have been worked. `doubt` is the variance of `left`."""
-    return Forecast(*(_moment(now, _weeks(left, pace, doubt, z), pace) for z in (-DEVIATE, 0.0, DEVIATE)))
+    return Forecast(*(_moment(now, _weeks(left, pace, doubt, z), pace) for z in (-EARLY, 0.0, LATE)))
 
 
 def _weeks(left: float, pace: Pace, doubt: float, z: float) -> float:

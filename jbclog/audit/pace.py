@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 DAY: Final = 86400.0
 WEEK: Final = 7 * DAY
-USUAL: Final = 0.45  # the variance of a week's use, of its square, long-run: with what it has in common with the weeks beside it
+USUAL: Final = 0.6  # the variance of a week's use, of its square, long-run: with what it has in common with the weeks beside it
 USUAL_WEIGHT: Final = 6.0  # blocks that this counts as
 BLOCK: Final = 4  # weeks
 LEAST_DAYS: Final = 21.0  # of daily looks, before weekdays are told apart

@@ -28,7 +28,7 @@ class Reading:
 @dataclass(slots=True)  # a frozen one takes three times as long to make, and there are hundreds of thousands
 class Span:
     """From `before` to `after`. `elapsed_h`: at most. `most`: what can have been worked at the fastest plausible pace; `usual`:
-    at three times the fastest that was seen. `grown`: by how much the readings differ, two of a moving one each way."""
+    at ten times the fastest that was seen. `grown`: by how much the readings differ, two of a moving one each way."""
 
     port: int
     counter: str

@@ -28,7 +28,7 @@ from jbclog.odometer.span import LEAST_HOURS, Reading, Span
 from jbclog.odometer.traits import DRIFT, modulus_of, trait_of
 from jbclog.odometer.units import is_ordinary
 
-MARGIN = 3.0  # by which a counter may go faster than it ever was seen to
+MARGIN = 10.0  # by which a counter may go faster than it ever was seen to: other work may take that much more
 LEAST_SEEN = 6  # fewer are those of quiet weeks, in which no roll-over was to be doubted
 UNSURE = frozenset({*OPEN, "rolled_over_or_reset"})
 
@@ -172,11 +172,15 @@ class _Pass:
         self.traces.now, self._turns, self._resets = {}, {}, Resets()
 
     def _stated(self, look: int) -> dict[int, float]:
-        """Hours from the look before to a reset that somebody told, by port."""
+        """Hours from the look before to the last reset that somebody told, by port."""
         if not look:
             return {}
         begin = self.history.times[look - 1]
-        return {fact.port or 0: (seconds(fact.time) - begin) / 3600 for fact in self.history.told(RESET, look - 1, look)}
+        stated: dict[int, float] = {}
+        for fact in self.history.told(RESET, look - 1, look):  # of several the last: what was worked up to it is lost
+            port = fact.port or 0
+            stated[port] = max(stated.get(port, 0.0), (seconds(fact.time) - begin) / 3600)
+        return stated
 
     # -- spans --------------------------------------------------------------------------------------------------------------
 

@@ -4,14 +4,19 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field, replace
+from datetime import datetime, timedelta
+from typing import Any, Protocol
+from unittest.mock import patch
 
 import numpy as np
-from audit_fleet import BEGIN, YEAR, Fleet, SimStation, iso
+from audit_fleet import BEGIN, YEAR, Fleet, SimStation
 
 from jbclog.audit.due import foresee, used_since
 from jbclog.odometer.history import History
+from jbclog.odometer.observed import Fact, Observation
 from jbclog.odometer.odometer import Trace
 from jbclog.odometer.tracing import traces_of
 
@@ -24,6 +29,10 @@ LIVES = {
 }
 TRUTH_YEARS = 5.0
 NEAR = 1e-6
+FORMER = {
+    "jbclog.audit.pace": {"USUAL": 0.45},
+    "jbclog.audit.forecast": {"EARLY": 1.2816, "LASTING": 0.01},
+}
 
 
 def history_of(station: SimStation, looks: int | None = None) -> History:
@@ -93,56 +102,106 @@ def _sum(score: OdometerScore, station: SimStation, trace: Trace) -> None:
 # -- due ranges -----------------------------------------------------------------------------------------------------------------
 
 
-@dataclass
-class DueScore:
-    """A row a forecast: in its range or not, the range's width in days; and the same of a pace that is taken to be constant."""
+@dataclass(frozen=True)
+class Foretold:
+    """One forecast: when it is really due, the range that is told (hours; infinite beyond the horizon), that of a constant pace,
+    and what the constants of the first release told (`FORMER`)."""
 
-    rows: list[tuple[bool, float, bool, float]] = field(default_factory=list)
-
-    @property
-    def held(self) -> float:
-        return float(np.mean([row[0] for row in self.rows]))
+    due: float
+    low: float
+    high: float
+    constant: tuple[float, float]
+    former: tuple[float, float]
 
     @property
     def width_days(self) -> float:
-        return float(np.median([row[1] for row in self.rows]))
+        return (self.high - self.low) / 24
+
+
+@dataclass
+class DueScore:
+    """The forecasts of a fleet. Harmful is what is due before P10: the part is worn while the page says that there is time."""
+
+    all: list[Foretold] = field(default_factory=list)
+
+    @property
+    def held(self) -> float:
+        return 1 - self.before - self.after
+
+    @property
+    def before(self) -> float:
+        """The share that was due before P10."""
+        return float(np.mean([one.due < one.low for one in self.all]))
+
+    @property
+    def after(self) -> float:
+        """The share that was due after P90."""
+        return float(np.mean([one.due > one.high for one in self.all]))
+
+    @property
+    def width_days(self) -> float:
+        return float(np.median([one.width_days for one in self.all]))
 
     def __str__(self) -> str:
-        plain = np.mean([row[2] for row in self.rows]), np.median([row[3] for row in self.rows])
-        return (
-            f"{len(self.rows)} forecasts: P10 to P90 held {100 * self.held:.1f} % at a median width of {self.width_days:.1f} days; "
-            f"a constant pace held {100 * plain[0]:.1f} % at {plain[1]:.1f} days"
+        others = " and ".join(
+            f"{name} {100 * np.mean([low <= due <= high for due, low, high in told]):.1f} % "
+            f"at {np.median([(high - low) / 24 for _, low, high in told]):.1f} days"
+            for name, told in (
+                ("the first release's constants held", [(one.due, *one.former) for one in self.all]),
+                ("a constant pace", [(one.due, *one.constant) for one in self.all]),
+            )
         )
+        return (
+            f"{len(self.all)} forecasts: P10 to P90 held {100 * self.held:.1f} % at a median width of {self.width_days:.1f} days; "
+            f"{100 * self.before:.1f} % were due before P10, {100 * self.after:.1f} % after P90; "
+            f"{others}"
+        )
+
+
+class Watched(Protocol):
+    """A simulated station of any fleet."""
+
+    name: str
+    grown: Any
+    moments: list[float]
+    seen: list[Observation]
+    facts: list[Fact]
+
+    def true(self, key: tuple[int, str], hour: float) -> float: ...
+    def when(self, key: tuple[int, str], amount: float) -> float: ...
 
 
 def due_score(fleet: Fleet, seed: int, stations: int, looks_each: int = 8) -> DueScore:
     """At looks spread over the stations' time, each with only what the ledger had by then."""
-    score = DueScore()
     fleet = replace(fleet, truth_years=TRUTH_YEARS, clocks=0.0)
-    for number in range(stations):
-        station = fleet.station(seed, number)
+    return due_score_of((fleet.station(seed, number) for number in range(stations)), BEGIN, seed, looks_each)
+
+
+def due_score_of(stations: Iterable[Watched], begin: datetime, seed: int, looks_each: int = 8) -> DueScore:
+    """The same of any stations, whose hours count from `begin` on."""
+    score = DueScore()
+    for number, station in enumerate(stations):
         rng = np.random.default_rng([seed, number, 7])
         lives = {key: math.exp(rng.uniform(*np.log(LIVES[key[1]]))) for key in station.grown if key[1] in LIVES}
         for look in sorted(rng.choice(range(3, len(station.seen)), min(looks_each, len(station.seen) - 3), replace=False)):
-            score.rows += _forecasts(station, int(look), lives, seed)
+            score.all += _forecasts(station, int(look), lives, begin, seed)
     return score
 
 
-def _forecasts(
-    station: SimStation, look: int, lives: dict[tuple[int, str], float], seed: int
-) -> Iterator[tuple[bool, float, bool, float]]:
+def _forecasts(station: Watched, look: int, lives: dict[tuple[int, str], float], zero: datetime, seed: int) -> Iterator[Foretold]:
     now = station.moments[look]
-    for key, trace in traces_of(history_of(station, look + 1)).now.items():
+    history = History("line", station.name, station.seen[: look + 1], station.facts)
+    for key, trace in traces_of(history).now.items():
         if key not in lives or len(trace.points) < 4 or trace.points[-1].look != look:
             continue
         begin = station.moments[trace.points[0].look]
         done = _last_done(station, key, lives[key], begin, now, seed)
         due = station.when(key, station.true(key, done) + lives[key])
-        if now < due < TRUTH_YEARS * YEAR - 1:
-            yield from _forecast(trace, lives[key], done, now, due, now - begin)
+        if now < due < TRUTH_YEARS * YEAR - 24:
+            yield from _forecast(trace, lives[key], (done, now, due), zero, now - begin)
 
 
-def _last_done(station: SimStation, key: tuple[int, str], life: float, begin: float, now: float, seed: int) -> float:
+def _last_done(station: Watched, key: tuple[int, str], life: float, begin: float, now: float, seed: int) -> float:
     """When the task was done last: each time when 60 to 100 % of its life was used."""
     rng, done = np.random.default_rng([seed, key[0], len(key[1])]), begin
     while (after := station.when(key, station.true(key, done) + life * rng.uniform(0.6, 1.0))) <= now:
@@ -150,19 +209,29 @@ def _last_done(station: SimStation, key: tuple[int, str], life: float, begin: fl
     return done
 
 
-def _forecast(
-    trace: Trace, life: float, done: float, now: float, due: float, watched: float
-) -> Iterator[tuple[bool, float, bool, float]]:
-    used = used_since(trace, iso(done))
+def _forecast(trace: Trace, life: float, at: tuple[float, float, float], zero: datetime, watched: float) -> Iterator[Foretold]:
+    done, now, due = at
+    used = used_since(trace, (zero + timedelta(hours=done)).isoformat())
     found = foresee([trace], life, used)
     if found is None or found.p10 is None or used.width > life / 2:
         return
-    low, high = _hour(found.p10), _hour(found.p90)
     grown = trace.between(0, len(trace.points) - 1)
     soonest = now + max(0.0, life - used.high) * watched / grown.high if grown.high else math.inf
     latest = now + max(0.0, life - used.low) * watched / grown.low if grown.low else math.inf
-    yield low <= due <= high, (high - low) / 24, soonest <= due <= latest, (latest - soonest) / 24 if grown.low else math.inf
+    with former():
+        old = foresee([trace], life, used)
+    told = (_hour(old.p10, zero), _hour(old.p90, zero)) if old is not None else (math.inf, math.inf)
+    yield Foretold(due, _hour(found.p10, zero), _hour(found.p90, zero), (soonest, latest), told)
 
 
-def _hour(moment: float | None) -> float:
-    return math.inf if moment is None else (moment - BEGIN.timestamp()) / 3600
+@contextmanager
+def former() -> Iterator[None]:
+    """Due ranges as the first release told them."""
+    with ExitStack() as patched:
+        for module, constants in FORMER.items():
+            patched.enter_context(patch.multiple(module, **constants))
+        yield
+
+
+def _hour(moment: float | None, zero: datetime) -> float:
+    return math.inf if moment is None else (moment - zero.timestamp()) / 3600

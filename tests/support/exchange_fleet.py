@@ -160,6 +160,7 @@ class Place:
     grown: dict[Key, Numbers]
     stood: list[Stood] = field(default_factory=list)
     exchanges: list[float] = field(default_factory=list)
+    resets: list[tuple[float, bool]] = field(default_factory=list)  # and whether somebody told
     moments: list[float] = field(default_factory=list)
     seen: list[Observation] = field(default_factory=list)
     facts: list[Fact] = field(default_factory=list)
@@ -292,8 +293,10 @@ class _Life:
 
     def _reset(self, hour: float) -> None:
         self._stand(hour, offset={key: -self.place.true(key, hour) for key in self.place.grown})
-        if self.place.stood[-1].hour == hour and self.rng.random() < 0.4:
-            self._tell(RESET, hour)
+        if self.place.stood[-1].hour == hour:
+            self.place.resets.append((hour, bool(self.rng.random() < 0.4)))
+            if self.place.resets[-1][1]:
+                self._tell(RESET, hour)
 
     def _update(self, hour: float) -> None:
         self._stand(hour, software=str(int(self.place.stood[-1].software) + 10))

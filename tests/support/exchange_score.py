@@ -23,6 +23,7 @@ from bisect import bisect_left
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 from exchange_fleet import LAST, STEP, Key, Place, Places
 
@@ -74,6 +75,7 @@ def exchange_score(places: Places, seed: int, count: int) -> ExchangeScore:
         place = places.place(seed, number)
         revealed = {hour: standing(place, hour) for hour in place.exchanges}
         score.exchanges.update(revealed.values())
+        revealed |= _half_told(place)
         traces = traces_of(History("line", place.name, place.seen, place.facts))
         for trace in [*traces.now.values(), *traces.earlier]:
             _score(score, place, trace, revealed)
@@ -192,6 +194,16 @@ def _score(score: ExchangeScore, place: Place, trace: Trace, revealed: dict[floa
 def _over(revealed: dict[float, str], begin: float, end: float) -> str:
     found = {standing for hour, standing in revealed.items() if begin < hour <= end}
     return "hidden" if "hidden" in found else "exchange" if found else "plain"
+
+
+def _half_told(place: Place) -> dict[float, str]:
+    """Of two resets between two looks of which one was told and the other was not, the other is hidden."""
+    found = {}
+    for begin, end in pairwise(place.moments):
+        resets = [(hour, told) for hour, told in place.resets if begin < hour <= end]
+        if {told for _, told in resets} == {True, False}:
+            found |= {hour: "hidden" for hour, told in resets if not told}
+    return found
 
 
 def _sums(count: int) -> Iterator[tuple[int, int]]:

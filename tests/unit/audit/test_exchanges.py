@@ -1,7 +1,8 @@
 """Bounds over exchanges of units that nobody told of: each that readings can reveal must hold. `exchange_score` says which can.
 
-`-s` prints the figures. `workshop` is what the rules were worked out against; `contract`, its seeds included, was not looked into
-before it was counted.
+`-s` prints the figures. `workshop` is what the rules were worked out against; `contract` was not looked into before it was counted,
+with seed 90 001. All bounds over its 2613 revealed exchanges held then; 5 sums and differences of a feeder, at which nobody
+exchanged anything, did not: since then a roll-over is ruled out only by ten times the pace that was seen. The seed here is later.
 """
 
 from __future__ import annotations
@@ -35,6 +36,6 @@ def test_bounds_hold_over_exchanges_that_nobody_told_of(every: str, seed: int, c
 @pytest.mark.campaign
 @pytest.mark.timeout(1200)
 @pytest.mark.parametrize("every", ["weekly", "monthly"])
-@pytest.mark.parametrize(("model", "seed"), [(workshop, 41), (contract, 90_001)])
+@pytest.mark.parametrize(("model", "seed"), [(workshop, 41), (contract, 90_002)])
 def test_bounds_hold_at_a_thousand_stations(model: Model, seed: int, every: str, counted: Counted) -> None:
     bounds_hold(exchange_score(Places(model=model, every=every), seed, 1000), every, counted)

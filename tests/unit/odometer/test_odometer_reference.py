@@ -30,7 +30,7 @@ class Happened:
 def explanations(before: list[int], after: list[int], hours: float) -> list[Happened]:
     """All that the manuals and time allow, tried one by one: no reset with 0 to 3 roll-overs of each, or a reset of all."""
     found = []
-    plugged = after[0] - before[0]
+    plugged = after[0] - before[0] if after[0] < TOP else -1  # at its last number it may stand still, and tells nothing
     for turns in product(range(4), repeat=len(before)):
         grown = [new - old + 100_000 * times for old, new, times in zip(before, after, turns, strict=True)]
         if all(0 <= one <= _most(name, hours, plugged) for one, name in zip(grown, FASTEST, strict=True)):
