@@ -165,6 +165,50 @@ def test_four_tools_that_accept_the_extractor_state_and_heat_on_are_told_to_stan
     assert all(text.endswith("as read back: stand; extractor was read back, but the tool did not cool.") for text in texts)
 
 
+HOT_AIR = """
+[line]
+name = "air"
+
+[[station]]
+name = "jtse-1"
+url = "jtse-1"
+family = "jtse"
+[station.sim]
+tool = 1
+"""
+BLOWING = """
+[recipe]
+name = "blowing"
+revision = 1
+families = ["jtse"]
+
+[air]
+suction = "on"
+
+[run]
+status = "on"
+"""
+
+
+@pytest.mark.parametrize(("policy", "word"), [("keep", (0, 0, 1, 1, 0)), ("off", (0, 0, 0, 1, 0))])
+def test_a_part_that_hangs_on_hot_air_is_not_let_go_unless_the_recipe_says_so(
+    tmp_path: Path, policy: str, word: tuple[int, ...]
+) -> None:
+    """The lease carries the last confirmed digit: the guard reads no status before its order."""
+    (tmp_path / "line").mkdir()
+    with ServedLine(tmp_path / "line", HOT_AIR, f'{BLOWING}safe_suction = "{policy}"\n') as line:
+        run = begun(line, tmp_path / "runs")
+        try:
+            assert until(lambda: line.orders() and (tmp_path / "runs").exists() and (only_run(tmp_path / "runs") / LEASE).exists())
+            time.sleep(1.0)
+            blow = Blow.strike(run, signal.SIGKILL)
+            ended(run)
+        finally:
+            run.kill()
+        assert until(lambda: not (only_run(tmp_path / "runs") / LEASE).exists())
+        assert [order.value for order in line.orders(blow.at)] == [word]
+
+
 # -- not where nothing happened ------------------------------------------------------------------------------------------------
 
 

@@ -15,6 +15,7 @@ from jbclog.recipe.line import load_line
 from jbclog.sim.port import Port
 from jbclog.sim.serve import Server
 from jbclog.sim.setup import SERVED_LINE, set_up
+from jbclog.sim.soldering import SolderingFace
 from jbclog.sim.state import STAND as STANDING
 from jbclog.sim.state import WORKING
 from jbclog.sim.virtual import VirtualStation
@@ -203,7 +204,8 @@ class ServedLine:
 
     def tools(self) -> list[Port]:
         """All tools, with the ports that they are in."""
-        return [port for station in self.stations.values() for port in station.plant.ports.values() if port.tool]
+        soldering = (one for one in self.stations.values() if isinstance(one.device.face, SolderingFace))
+        return [port for station in soldering for port in station.plant.ports.values() if port.tool]
 
     def at_work(self) -> int:
         """How many tools are at work now."""
