@@ -81,10 +81,10 @@ def test_by_hand_with_two_terminals(clone: Path, monkeypatch: pytest.MonkeyPatch
     try:
         assert until(Path("virtual/line.toml").exists)
         script = "set -x\n" + typed.replace("--duration 60s", "--duration 3s")
-        done = subprocess.run(["bash", "-c", script], capture_output=True, text=True, timeout=60, check=False)
+        done = subprocess.run(["bash", "-c", script], capture_output=True, text=True, timeout=200, check=False)
     finally:
         stations.send_signal(signal.SIGINT)
-        told, noted = stations.communicate(timeout=10)
+        told, noted = stations.communicate(timeout=200)
     assert (stations.returncode, told) == (0, "virtual/line.toml\n"), noted
     assert done.returncode == 0, done.stderr
     (run,) = Path("runs").iterdir()

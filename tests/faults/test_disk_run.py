@@ -86,7 +86,7 @@ def test_a_disk_that_is_filled_while_the_run_goes_on(line: ServedLine, tmp_path:
         with sampling(line, out) as run:
             filler = fill(disk)
             assert_made_safe(line)
-            _, said = run.communicate(timeout=30)
+            _, said = run.communicate(timeout=200)
         assert run.returncode == 4, said
         assert "full" in said
         folder = only_run(out)
@@ -154,7 +154,7 @@ def test_a_folder_that_is_removed_while_the_run_goes_on(line: ServedLine, tmp_pa
     with sampling(line, out) as run:
         shutil.rmtree(only_run(out))
         assert_made_safe(line)
-        _, said = run.communicate(timeout=30)
+        _, said = run.communicate(timeout=200)
     assert run.returncode == 4, said
     assert "was removed while the run went on" in said
     assert "if it was deleted, nothing of it is left" in said
@@ -167,6 +167,6 @@ def test_on_a_disk_that_is_read_only_no_station_is_asked(line: ServedLine, tmp_p
         subprocess.run(["mount", "-o", "remount,ro", str(disk)], check=True)
         before = line.questions()
         run = begun(line, disk / "runs")
-        _, said = run.communicate(timeout=30)
+        _, said = run.communicate(timeout=200)
         assert (run.returncode, line.questions()) == (4, before), said
         assert "Read-only file system. No station was touched." in said

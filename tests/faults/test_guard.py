@@ -328,7 +328,7 @@ def test_where_no_guard_can_be_started_nothing_is(line: ServedLine, tmp_path: Pa
     code = "import shutil, types; from jbclog.cli import main; from jbclog.guard import process; "
     code += "process.sys = types.SimpleNamespace(executable=shutil.which('false')); main()"
     command, before = [sys.executable, "-c", code, "run", line.recipe, "--line", line.path, "--out", tmp_path], line.questions()
-    ended = subprocess.run(list(map(str, command)), capture_output=True, text=True, timeout=30, check=False)
+    ended = subprocess.run(list(map(str, command)), capture_output=True, text=True, timeout=200, check=False)
     assert (ended.returncode, line.questions()) == (3, before)
     assert {facts.outcome for facts in read_manifest(only_run(tmp_path)).stations} == {"refused"}
     assert "the guard did not start; its reason stands above. --no-guard runs without one" in ended.stderr
@@ -337,7 +337,7 @@ def test_where_no_guard_can_be_started_nothing_is(line: ServedLine, tmp_path: Pa
 def test_a_fault_of_the_program_leaves_nothing_hot_and_its_record_whole(line: ServedLine, tmp_path: Path) -> None:
     command = [sys.executable, broken_session.__file__, "ale-1", "run", line.recipe, "--line", line.path, "--out", tmp_path]
     now = time.monotonic()
-    run = subprocess.run(list(map(str, command)), capture_output=True, text=True, timeout=60, check=False)
+    run = subprocess.run(list(map(str, command)), capture_output=True, text=True, timeout=200, check=False)
     assert (line.at_work(), line.motor("ale-1")) == (0, False)
     assert [order.name for order in line.orders(now) if order.station == "ale-1"][-2:] == ["stop_feeding", "status"]
     assert run.returncode == 4, run.stderr
@@ -355,7 +355,7 @@ def test_the_first_process_of_a_container_says_that_its_guard_ends_with_it(line:
         pytest.skip("unshare (as root) is needed for processes that are numbered anew")
     command = [*apart, sys.executable, "-c", "from jbclog.cli import main; main()", "run", line.recipe, "--line", line.path]
     subprocess.run(
-        [*map(str, command), "--out", str(tmp_path), "-d", "1s", "-s", "ucr-1"], capture_output=True, timeout=60, check=False
+        [*map(str, command), "--out", str(tmp_path), "-d", "1s", "-s", "ucr-1"], capture_output=True, timeout=200, check=False
     )
     assert [kind for kind in events(only_run(tmp_path)) if kind.startswith("guard.")] == ["guard.weak"]
 

@@ -165,7 +165,7 @@ def test_a_sealing_child_that_is_killed_loses_nothing(series: Series) -> None:
     try:
         assert until(lambda: _kill_child(run.pid, b"jbclog.record.seal"), 30, 0.002)
     finally:
-        _, said = run.communicate(timeout=30)
+        _, said = run.communicate(timeout=200)
     (folder,) = killed_run.folders(series.out)
     assert run.returncode == 4, said
     assert "the sealing child ended with -9" in said
@@ -206,7 +206,7 @@ def recover_killed(cut_off: tuple[Path, killed_run.Rows], home: Path, first: int
         folder = Path(shutil.copytree(base, home / str(step) / base.name))
         notes = home / f"death-{step}"
         command = [sys.executable, killed_run.__file__, str(step), str(notes), "recover", str(folder)]
-        done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=60)
+        done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=200)
         killed_it = done.returncode == -signal.SIGKILL
         assert killed_it or done.returncode in (0, 4, 5), done.stderr
         recover(folder)

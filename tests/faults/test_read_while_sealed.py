@@ -126,7 +126,7 @@ def test_another_process_reads_without_pause_while_runs_are_sealed(tmp_path: Pat
                 conclude(store.folder, Manifest(store.folder.name), store.lock)
         finally:
             (tmp_path / "done").touch()
-        looks, told = reader.communicate(timeout=60)
+        looks, told = reader.communicate(timeout=200)
     assert (reader.returncode, told) == (0, "")
     assert int(looks) > 0
     assert [path for path in tmp_path.glob("2*") if check(path)] == []

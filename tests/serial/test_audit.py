@@ -125,7 +125,7 @@ def test_a_run_is_left_alone_and_its_record_read(bench: Bench, tmp_path: Path, m
         assert audit(bench.line, ledger).exit_code == 0
     finally:
         run.terminate()
-        _, notes = run.communicate(timeout=20)
+        _, notes = run.communicate(timeout=200)
     assert run.returncode == 143, notes
     first, second = [one for one in read_book(ledger).observations if one.station == "ucr-1"]
     for one in (first, second):
@@ -242,7 +242,7 @@ def test_ctrl_c_leaves_what_was_read_in_the_ledger(tmp_path: Path) -> None:
         process = started("audit", "--line", stations.line_path, "--ledger", ledger, "--json")
         assert until(lambda: ledger.exists() and len(ledger.read_bytes()) > 0)
         process.send_signal(signal.SIGINT)
-        out, notes = process.communicate(timeout=20)
+        out, notes = process.communicate(timeout=200)
     book = read_book(ledger)
     assert book.wrong == []
     assert 0 < len(book.observations) < 16

@@ -97,6 +97,6 @@ def test_the_run_was_first(bench: Bench) -> None:
         assert (bench.seen.seen, bench.seen.source.startswith("run:")) == (True, True)
     finally:
         run.terminate()
-        _, told = run.communicate(timeout=20)
+        _, told = run.communicate(timeout=200)
     assert run.returncode == 143, told
     assert (bench.audit()[0], bench.seen.source) == (0, "wire")

@@ -32,7 +32,7 @@ def test_killed_and_started_again_every_job_is_done_once(bench: Bench, tmp_path:
     os.kill(recording(out)[0], signal.SIGKILL)
     first.kill()
     first.communicate()
-    again = jbclog("batch", jobs, "--out", out, "--resume", "--json", timeout=90)
+    again = jbclog("batch", jobs, "--out", out, "--resume", "--json", timeout=200)
     told = json.loads(again.stdout)
     assert again.returncode == 0, again.stderr
     assert "is recovered and recorded as half done, and the job is done again" in again.stderr
@@ -55,7 +55,7 @@ def test_a_signal_ends_what_runs_with_its_tools_safe(bench: Bench, tmp_path: Pat
     assert until(lambda: is_sampling(out) and len(recording(out)) == 2)
     batch.send_signal(number)
     batch.send_signal(number)  # impatience changes nothing
-    said, notes = batch.communicate(timeout=40)
+    said, notes = batch.communicate(timeout=200)
     told = json.loads(said)
     assert (batch.returncode, told["exit_code"], told["finished"]) == (code, code, False), notes
     states = {job["name"]: job["state"] for job in told["jobs"]}
@@ -74,11 +74,11 @@ def test_a_signal_ends_what_runs_with_its_tools_safe(bench: Bench, tmp_path: Pat
 def test_killed_at_each_step_every_job_is_done_once(bench: Bench, tmp_path: Path, step: int, counted: Callable[..., None]) -> None:
     jobs, out = write_batch(tmp_path, bench[0], seconds=1.0, count=3), tmp_path / "runs"
     killed = [sys.executable, KILLED_BATCH, str(step), "batch", str(jobs), "--out", str(out)]
-    first = subprocess.run(killed, capture_output=True, text=True, timeout=90, check=False)
+    first = subprocess.run(killed, capture_output=True, text=True, timeout=200, check=False)
     if first.returncode >= 0:
         pytest.fail(f"it was finished before step {step}")
     is_told = "a2" in first.stdout  # the table of the jobs: from there on a new start is one
-    again = jbclog("batch", jobs, "--out", out, *(["--resume"] if is_told else []), timeout=90)
+    again = jbclog("batch", jobs, "--out", out, *(["--resume"] if is_told else []), timeout=200)
     assert again.returncode == 0 or (is_told and "was finished at" in again.stderr), again.stderr
     wrong = faults(Trial(out))
     counted(foremen_killed=1, wrong=len(wrong))

@@ -47,7 +47,7 @@ def test_while_a_run_holds_the_station_it_is_refused_and_the_run_named(bench: Be
         assert by_hand("read", "ale-1", "model", "--line", line).stdout == "ALE\n"  # the run has nothing to do with it
     finally:
         run.terminate()
-        _, notes = run.communicate(timeout=20)
+        _, notes = run.communicate(timeout=200)
     assert run.returncode == 143, notes
     assert "WRST00000" not in wire.writes("ucr-1")
     assert by_hand("read", "ucr-1", "model", "--line", line).exit_code == 0  # it was only held meanwhile
@@ -72,6 +72,6 @@ def test_a_run_holds_its_station_while_the_cable_is_out_too(leaving: Path, tmp_p
         assert (ended.exit_code, "holds this station; nothing was sent" in ended.stderr) == (3, True)
     finally:
         run.terminate()
-        run.communicate(timeout=20)
+        run.communicate(timeout=200)
     ended = by_hand("write", "ucr-1", "status", "stand", "--line", leaving)
     assert (ended.exit_code, "there is no such port; see that it is plugged in" in ended.stderr) == (3, True)

@@ -65,7 +65,7 @@ def left(line: Path) -> tuple[Path, Manifest]:
 
 
 def test_a_run_ends_with_as_many_joints_as_its_record_then_has(line: Path) -> None:
-    done = jbclog(*arguments(line, "--until-joints", "6", "-d", "60s"), timeout=80)
+    done = jbclog(*arguments(line, "--until-joints", "6", "-d", "60s"), timeout=200)
     folder, manifest = left(line)
     (goal,) = manifest.goals
     assert done.returncode == 0, done.stderr
@@ -89,7 +89,7 @@ def units(line: Path, *more: str, lines: list[str]) -> subprocess.CompletedProce
         assert until(lambda: is_sampling(line.parents[1] / "runs"))
         for text in lines:
             typed(run.stdin, text)
-        out, err = run.communicate(timeout=40)
+        out, err = run.communicate(timeout=200)
         return subprocess.CompletedProcess(words, run.returncode, out, err)
 
 
@@ -120,6 +120,6 @@ def test_a_signal_cuts_a_run_short_that_was_to_end_with_a_number(line: Path) -> 
     with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as run:
         assert until(lambda: is_sampling(line.parents[1] / "runs"))
         run.terminate()
-        run.communicate(timeout=40)
+        run.communicate(timeout=200)
     assert run.returncode == 143
     assert left(line)[1].goals[0].reached is not None

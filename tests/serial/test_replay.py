@@ -76,7 +76,7 @@ def served(run: Path, folder: Path, *options: str) -> Iterator[subprocess.Popen[
         yield process
     finally:
         process.send_signal(signal.SIGINT)
-        process.communicate(timeout=10)
+        process.communicate(timeout=200)
 
 
 @pytest.fixture(scope="module")

@@ -67,7 +67,7 @@ def run(udev: Udev, served: ServedLine, out: Path, meanwhile: Callable[[], objec
     recorder = started("run", served.recipe, "--line", udev.line, "--out", out, "-d", f"{RUN_S}s", "--rate", "fit")
     assert until(lambda: all(not udev.device(name) for name in served.stations), 60)
     meanwhile()
-    said, errors = recorder.communicate(timeout=60)
+    said, errors = recorder.communicate(timeout=200)
     assert "Traceback" not in errors
     return recorder.returncode, Path(said.splitlines()[-1])
 

@@ -94,14 +94,14 @@ def running(line: ServedLine, out: Path, *more: str) -> Iterator[subprocess.Pope
         yield run
     finally:
         run.kill()
-        run.communicate(timeout=20)
+        run.communicate(timeout=200)
 
 
 def test_a_run_that_holds_the_line_is_asked_to_end_and_its_record_is_whole(line: ServedLine, tmp_path: Path) -> None:
     with running(line, tmp_path / "runs") as run:
         now = time.monotonic()
         ended = jbclog("safe", "--line", line.path, "--json")
-        run.communicate(timeout=20)
+        run.communicate(timeout=200)
     facts, folder = json.loads(ended.stdout), only_run(tmp_path / "runs")
     assert ended.returncode == 0, ended.stderr
     assert facts["runs"] == [{"run": str(folder), "ended": "asked"}]
@@ -131,7 +131,7 @@ def test_a_run_that_hangs_is_ended(line: ServedLine, tmp_path: Path, guard: bool
 def test_the_service_does_it_when_its_run_was_killed_without_a_guard(line: ServedLine, tmp_path: Path) -> None:
     with running(line, tmp_path / "runs", "--no-guard") as run:
         run.kill()
-        run.communicate(timeout=20)
+        run.communicate(timeout=200)
         assert line.at_work() == TOOLS
         _, *words = command("ExecStopPost")
         ended = jbclog(*(str(line.path) if "%i" in word else word for word in words))

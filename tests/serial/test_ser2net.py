@@ -104,7 +104,7 @@ def test_a_run_outlives_its_server(networked: tuple[Path, Ser2net, WireLog], tmp
         server.kill()
         time.sleep(OUTAGE_S)
         server.start()
-        told, notes = run.communicate(timeout=30)
+        told, notes = run.communicate(timeout=200)
     finally:
         run.kill()
     assert run.returncode == 0, notes
@@ -158,7 +158,7 @@ def test_the_guard_gets_through_the_server_too(
         assert until(lambda: "WPS100000" in wire.writes("ucr-1"))
         run.send_signal(number)
         assert until(lambda: wire.writes("ucr-1")[-1] == "WPS100001")
-        _, notes = run.communicate(timeout=20)
+        _, notes = run.communicate(timeout=200)
     finally:
         run.kill()
     assert "jbclog guard: ucr-1 port 1: the tool was put in its safe state by the guard, as read back: stand" in notes

@@ -50,7 +50,7 @@ def serials(manifest: Manifest) -> list[str]:
 
 def end(run: subprocess.Popen[str]) -> str:
     run.send_signal(signal.SIGINT)
-    _, notes = run.communicate(timeout=30)
+    _, notes = run.communicate(timeout=200)
     return notes
 
 
@@ -101,7 +101,7 @@ def test_a_stdin_that_ends_ends_nothing_else(bench: Bench, tmp_path: Path, given
     if given == "closed":
         words = ["sh", "-c", 'exec "$@" <&-', "sh", *words]
     with running(*words, stdin=subprocess.PIPE if given == "a pipe that ends" else subprocess.DEVNULL) as run:
-        notes = run.communicate("SN-1\nSN-2" if given == "a pipe that ends" else None, timeout=30)[1]
+        notes = run.communicate("SN-1\nSN-2" if given == "a pipe that ends" else None, timeout=200)[1]
     manifest = read_manifest(only_run(out))
     assert manifest.exit_status == "success", notes
     assert serials(manifest) == (["SN-1", "SN-2"] if given == "a pipe that ends" else [])
@@ -115,7 +115,7 @@ def test_a_flood_does_not_hold_up_a_run(bench: Bench, tmp_path: Path) -> None:
     with subprocess.Popen(["yes", "SN-1"], stdout=subprocess.PIPE) as flood:
         assert flood.stdout is not None
         with running(*arguments(line, out, "--units", "-", "-d", "2s"), stdin=flood.stdout) as run:
-            run.communicate(timeout=30)
+            run.communicate(timeout=200)
         flood.kill()
     folder = only_run(out)
     manifest = read_manifest(folder)
@@ -141,7 +141,7 @@ def test_a_serial_that_was_read_before_is_refused_where_the_recipe_says_so(bench
                 assert told_of_units(out, told)
                 seen = rows(out)
                 assert until(lambda seen=seen: rows(out) > seen + 7)  # more than a second at 5 Hz
-        _, notes = run.communicate(timeout=30)
+        _, notes = run.communicate(timeout=200)
     assert "error     run: Serial SN-1 was read before, at 20" in notes
     assert "SN-2 read again continues that one" in notes
     assert "run: END was read: unit SN-3 is finished. Units finished: 3, wanted: 3." in notes

@@ -16,7 +16,7 @@ RECIPE = PROFILES / "recipes" / "sn100c-tht.toml"
 BENCH = PROFILES / "lines" / "bench.toml"
 
 
-def jbclog(*arguments: str | Path, timeout: float = 60.0, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
+def jbclog(*arguments: str | Path, timeout: float = 200.0, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
     """Run the command to its end."""
     return subprocess.run(_command(*arguments), capture_output=True, text=True, timeout=timeout, cwd=cwd, check=False)
 
@@ -49,7 +49,7 @@ class WireLog:
         return [text for text in self.questions(station) if text.startswith("W")]
 
 
-def until(true: Callable[[], bool], seconds: float = 20.0, every_s: float = 0.05) -> bool:
+def until(true: Callable[[], bool], seconds: float = 60.0, every_s: float = 0.05) -> bool:
     """Wait until `true`; give whether it came to that."""
     end = time.monotonic() + seconds
     while time.monotonic() < end:

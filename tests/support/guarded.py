@@ -36,12 +36,12 @@ def running(line: ServedLine, out: Path, *more: str) -> Iterator[subprocess.Pope
         yield run
     finally:
         run.kill()
-        run.communicate(timeout=20)
+        run.communicate(timeout=200)
 
 
 def ended(run: subprocess.Popen[str]) -> str:
     """What it and its guard said, when both have ended."""
-    return run.communicate(timeout=20)[1]
+    return run.communicate(timeout=200)[1]
 
 
 def events(folder: Path) -> list[str]:

@@ -58,7 +58,7 @@ def killed(command: list[str], out: Path, is_time: Callable[[float], bool]) -> D
         died = time.monotonic()
     finally:
         run.kill()
-        _, said = run.communicate(timeout=30)  # which its guard ends
+        _, said = run.communicate(timeout=200)  # which its guard ends
     new = folders(out) - before
     assert len(new) <= 1
     return Death(next(iter(new), None), began, died, run.returncode, said)

@@ -19,7 +19,7 @@ NOTEBOOKS = sorted(HOME.glob("*.ipynb"))
 def executed(notebook: Path, folder: Path = HOME) -> NotebookNode:
     """The notebook after all of its cells ran in `folder`. Raises where one fails."""
     node = nbformat.read(notebook, as_version=4)
-    NotebookClient(node, timeout=100, resources={"metadata": {"path": str(folder)}}).execute()
+    NotebookClient(node, timeout=250, resources={"metadata": {"path": str(folder)}}).execute()
     return node
 
 

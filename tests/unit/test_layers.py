@@ -190,7 +190,7 @@ def test_every_file_begins_with_what_it_is() -> None:
 def loaded_by(statement: str, *names: str) -> set[str]:
     """Which of the modules `names` are loaded in a fresh Python after `statement`."""
     code = f"import sys\n{statement}\nprint(*[name for name in {names!r} if name in sys.modules])"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=60)
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=200)
     return set(done.stdout.split())
 
 

@@ -35,6 +35,6 @@ def test_programs_that_tests_start_hear_what_nohup_ignores_and_the_suite_does_no
     told = {name: value for name, value in os.environ.items() if not name.startswith(("JBCLOG", "PYTEST"))}
     command = [sys.executable, "-m", "pytest", "-p", "no:cacheprovider", str(tmp_path)]
     done = subprocess.run(
-        command, cwd=tmp_path, env=told, capture_output=True, text=True, timeout=60, check=False, preexec_fn=ignore
+        command, cwd=tmp_path, env=told, capture_output=True, text=True, timeout=200, check=False, preexec_fn=ignore
     )
     assert done.returncode == 0, done.stdout

@@ -50,11 +50,11 @@ def test_systemd_has_nothing_against_it(tmp_path: Path) -> None:
     service.write_text(service_text(there), encoding="utf-8")
     timer.write_text(timer_text(), encoding="utf-8")
     done = subprocess.run(
-        [analyze, "verify", "--man=no", str(service), str(timer)], capture_output=True, text=True, check=False, timeout=30
+        [analyze, "verify", "--man=no", str(service), str(timer)], capture_output=True, text=True, check=False, timeout=200
     )
     assert [line for line in done.stderr.splitlines() if UNIT in line] == []
     calendar = re.findall(r"OnCalendar=(.*)", timer_text())
-    assert subprocess.run([analyze, "calendar", *calendar], capture_output=True, check=False, timeout=30).returncode == 0
+    assert subprocess.run([analyze, "calendar", *calendar], capture_output=True, check=False, timeout=200).returncode == 0
 
 
 @pytest.mark.parametrize("word", WORDS)
