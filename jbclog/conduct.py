@@ -126,7 +126,7 @@ class _Run:
         )
         self._note = self._dossier.note
         self._desks = self._dossier.desks
-        self._reactor = Reactor(fast)
+        self._reactor = Reactor(fast, goes_on=plan.goes_on_without)
         self._sharers = Sharers(desk.order.url for desk in self._desks)
         self._wires = WireRecorder(self._dossier.folder) if plan.wanted.wire else None
         wanted = plan.wanted
@@ -223,10 +223,10 @@ class _Run:
             return open_port(order.url, order.line)
 
         if self._wires is None:
-            self._reactor.add(run_station(desk), opened)
+            self._reactor.add(run_station(desk), opened, order.name)
             return
         keep, now = self._wires.begin(self._head(desk)), self._clock.monotonic
-        self._reactor.add(keeping(run_station(desk), keep, now), lambda: Tee.opened(opened, keep, now))
+        self._reactor.add(keeping(run_station(desk), keep, now), lambda: Tee.opened(opened, keep, now), order.name)
 
     def _head(self, desk: Desk) -> Head:
         order, manifest = desk.order, self._dossier.manifest
@@ -239,6 +239,7 @@ class _Run:
             duration_s=order.duration_s,
             rate=order.rate,
             allow_omega_write=order.allow_omega_write,
+            allow_missing=order.may_be_missing,
             jbclog=__version__,
         )
 

@@ -2,7 +2,7 @@
 
 A session is a generator. It yields one of the wishes below; a driver (`drive/`) does it and sends back a
 `Heard`. Where the link breaks, the driver throws `LinkError` into the session at the wish that failed; where
-the run is to end, `RunEnded`. The session never waits, never opens anything and never asks for the time.
+the run is to end, or does not start, `RunEnded`. The session never waits, never opens anything and never asks for the time.
 """
 
 from __future__ import annotations
@@ -34,6 +34,20 @@ class Reopen(NamedTuple):
     """Close the port and open it again; `LinkError` comes back where that fails."""
 
 
+START_STEPS = 3
+"""Of a run's start, between which its sessions wait for each other: read and check; write what cannot heat; what can."""
+
+
+class Gather(NamedTuple):
+    """This session has done a step of the start: go on once all of the run's sessions have. `failure`: it could not, and why.
+
+    `NotStarted` comes back, here or at a wish before, where another failed; `LeftOut` where the others waited for this one in vain.
+    """
+
+    step: int
+    failure: str = ""
+
+
 class Heard(NamedTuple):
     """What came back: the moment, the bytes (none: the time was over), and when the question left."""
 
@@ -46,8 +60,16 @@ class RunEnded(Exception):
     """Thrown into a session to end it. It still puts its tools in their safe state before it returns."""
 
 
+class NotStarted(RunEnded):
+    """The run does not start because of other stations, which the text names."""
+
+
+class LeftOut(RunEnded):
+    """The run starts, or not, without this session, which the others have waited for; the text says how long."""
+
+
 T = TypeVar("T")
-Wish = Ask | Listen | Wait | Reopen
+Wish = Ask | Listen | Wait | Reopen | Gather
 Steps = Generator[Wish, Heard, T]
 """A piece of a session: yields wishes, is sent what was heard, returns a `T`."""
 

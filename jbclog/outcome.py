@@ -32,6 +32,7 @@ class Status(StrEnum):
 
 
 FINE_VERDICTS = (None, "ACCEPT", "NOT JUDGED")
+NEVER_BEGUN = ("left_out", "not_started", "refused", "gone", "failed")  # of which none, if alone, makes a run
 _SEVEREST_FIRST = (Exit.UNSAFE, Exit.RECORD, Exit.STATION, Exit.INTERRUPTED, Exit.TERMINATED, Exit.NOT_FINE)
 
 
@@ -56,8 +57,11 @@ def findings(
     One of the `goals` is enough.
     """
     found: list[Finding] = []
+    stations = list(stations)
     for facts in stations:
         found += _of_station(facts)
+    if all(facts.outcome in NEVER_BEGUN for facts in stations):
+        found += [Finding(Exit.STATION, facts.reason) for facts in stations if facts.outcome == "left_out"]
     if record:
         found.append(Finding(Exit.RECORD, record))
     if cut_short is not None:

@@ -65,8 +65,9 @@ def _option(name: str) -> str:
 class Wanted:
     """What was asked for on the command line. `rate` is Hz, ``auto``, ``fit``, ``max``, or None for the recipe's.
 
-    `metadata` is None where nobody was asked yet, as in a dry run. `wire`: what passes over the wires is kept, too. `guard`: a
-    guard makes the tools safe if the recorder dies. The run ends with so many finished units, with so many joints of all its
+    `metadata` is None where nobody was asked yet, as in a dry run. `wire`: what passes over the wires is kept, too.
+    `allow_missing`: stations that do not start are left out. `guard`: a guard makes the tools safe if the recorder dies.
+    The run ends with so many finished units, with so many joints of all its
     stations together, or after `duration_s`, whichever comes first; without any of them when it is told to.
     """
 
@@ -79,6 +80,7 @@ class Wanted:
     wire: bool = False
     guard: bool = True
     allow_omega_write: bool = False
+    allow_missing: bool = False
     until_units: int | None = None
     until_joints: int | None = None
 
@@ -162,9 +164,14 @@ class Plan:
         return {station.recipe_file: station.recipe for station in self.stations}
 
     @property
+    def goes_on_without(self) -> bool:
+        """Whether the run starts without a station that is missing or refuses. Recipes must all say so, or the option."""
+        return self.wanted.allow_missing or all(one.recipe.run.on_missing == "continue" for one in self.stations)
+
+    @property
     def notes(self) -> list[str]:
         """What is in order, and may not be what was meant, or what was hoped for."""
-        return [*self._without_safe_state(), *self._not_printed(), *self._asked_later()]
+        return [*self._without_safe_state(), *self._differing_on_missing(), *self._not_printed(), *self._asked_later()]
 
     def _not_printed(self) -> Iterator[str]:
         """Values beyond a limit that is another manual's, and units that are: once for each key of a station's recipe."""
@@ -175,6 +182,12 @@ class Plan:
                 yield from (f"{station.spec.name}: {key}: {text}" for text in found if text is not None)
             if station.family is not None and station.family.has_feeder and (feed := long_feed(station.recipe)) is not None:
                 yield f"{station.spec.name}: {feed}"
+
+    def _differing_on_missing(self) -> Iterator[str]:
+        asked = {one.recipe_file: one.recipe.run.on_missing for one in self.stations}
+        if not self.goes_on_without and "continue" in asked.values():
+            stop = ", ".join(name for name, word in asked.items() if word == "stop")
+            yield f'on_missing = "continue" has no effect, for {stop} asks "stop": the run starts with all stations or not at all'
 
     def _without_safe_state(self) -> Iterator[str]:
         for station in self.stations:
@@ -232,6 +245,7 @@ def orders(plan: Plan, t0: float) -> Iterator[Order]:
             rated_power_w=spec.rated_power_w,
             allow_omega_write=plan.wanted.allow_omega_write,
             model=spec.model,
+            may_be_missing=plan.goes_on_without,
         )
 
 

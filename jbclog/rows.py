@@ -169,7 +169,8 @@ class StationFacts:
     """What a run knows of one station, kept in the manifest; a session hands it over again when it learns more.
 
     `outcome` is ``running`` until the end, then ``completed``, ``stopped`` (by a setting found changed),
-    ``refused`` (before sampling), ``gone`` (did not answer at the start or at the end) or ``failed``.
+    ``refused`` (before sampling), ``gone`` (did not answer at the start or at the end), ``not_started`` (it was ready, and another
+    station was not), ``left_out`` (it was not ready, and the run was allowed to start without it) or ``failed``.
     `safe_state` maps a touched port to ``verified``, ``sent`` or ``failed``.
     """
 

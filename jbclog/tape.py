@@ -11,9 +11,9 @@ from __future__ import annotations
 
 from typing import Literal, NamedTuple
 
-WishName = Literal["ask", "listen", "wait", "reopen"]
+WishName = Literal["ask", "listen", "wait", "reopen", "gather"]
 PassedName = Literal["sent", "heard", "opened", "failed", "lost", "closed"]
-ToldName = Literal["told", "broke", "stopped", "done"]
+ToldName = Literal["told", "broke", "stopped", "not_started", "left_out", "done"]
 
 
 class Passed(NamedTuple):
@@ -33,7 +33,8 @@ class Told(NamedTuple):
     """What the session was told, and the wish that this answered.
 
     ``told``: the moment and the next `size` bytes that had come; `sent_s` is when its question left, where it had asked
-    one. ``broke``: the link, as `text` says. ``stopped``: the run ends, as `text` says. ``done``: nothing, the session
+    one. ``broke``: the link, as `text` says. ``stopped``: the run ends, as `text` says. ``not_started``: it does not start
+    because of the stations that `text` names; ``left_out``: without this one, as `text` says. ``done``: nothing, the session
     had ended.
     """
 

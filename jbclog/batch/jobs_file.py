@@ -93,6 +93,7 @@ class JobTable(Table):
     rate: Annotated[object, AfterValidator(_rate)] | None = Field(None, description=RATES)
     wire: bool = Field(False, description="true or false: whether every byte is kept with its time")
     allow_omega_write: bool = Field(False, description="true or false")
+    allow_missing: bool = Field(False, description="true or false: whether it starts without stations that are missing or refuse")
 
 
 class BatchTables(Table):

@@ -39,7 +39,10 @@ def plan(
     for text in made.notes:
         note(f"note: {text}")
     if as_json:
-        tell_json({"line": made.line.name, "stations": [_facts(station, made) for station in made.stations]})
+        on_missing = "continue" if made.goes_on_without else "stop"
+        tell_json(
+            {"line": made.line.name, "on_missing": on_missing, "stations": [_facts(station, made) for station in made.stations]}
+        )
     else:
         tell(_text(made))
 
@@ -93,11 +96,18 @@ def _condition_facts(station: StationPlan, made: Plan) -> dict[str, object] | No
 
 def _text(made: Plan) -> str:
     sections = [f"Line {made.line.name}: {len(made.stations)} station{'s' if len(made.stations) > 1 else ''}. No byte was sent."]
+    sections[0] += f"\n{_start_text(made)}" if len(made.stations) > 1 else ""
     sections += [_station_text(station, made) for station in made.stations]
     return "\n\n".join(sections)
 
 
 SUCTION = {"keep": "keep suction as it is", "on": "switch suction on", "off": "switch suction off"}
+
+
+def _start_text(made: Plan) -> str:
+    if made.goes_on_without:
+        return "A station that is missing or refuses at the start is left out; the verdict is then at best ACCEPT WITH DEVIATIONS."
+    return "They start together: where one is missing or refuses, none is heated (--allow-missing leaves it out)."
 
 
 def _station_text(station: StationPlan, made: Plan) -> str:

@@ -124,7 +124,7 @@ def _command(recording: Recording, line: Path) -> list[str]:
     options += [("--wire-lot", lot) for lot in told.wire_lots] + [("--flux-lot", lot) for lot in told.flux_lots]
     options += [("--tip", tip) for tip in told.tips]
     words = ["jbclog", "run", "--line", str(line), *(word for name, text in options if text for word in (name, text))]
-    return words + ["--allow-omega-write"] * plan.wanted.allow_omega_write
+    return words + ["--allow-omega-write"] * plan.wanted.allow_omega_write + ["--allow-missing"] * plan.wanted.allow_missing
 
 
 def _tell_misses(station: TapeStation) -> None:

@@ -53,11 +53,13 @@ def run(
     wire: bool = typer.Option(False, "--wire", help="Keep every byte with its time in the run's folder, for `jbclog replay`."),
     no_guard: bool = typer.Option(False, "--no-guard", help="Run without the process that makes tools safe if this one dies."),
     allow_omega_write: bool = options.ALLOW_OMEGA_WRITE,
+    allow_missing: bool = typer.Option(False, "--allow-missing", help="Start without stations that are missing or refuse."),
     as_json: bool = options.AS_JSON,
 ) -> None:
     """Apply a recipe, prove that it took, and record until the end.
 
-    Every setting is read back before sampling begins. Ctrl-C ends the run: tools are put in their safe state, the record
+    All stations start together: nothing is written before all of them were read and checked, and nothing is heated before all that
+    cannot heat is written. Every setting is read back. Ctrl-C ends the run: tools are put in their safe state, the record
     is closed. The last line of stdout is the run's folder.
 
     With --until-units or --until-joints it ends with so many, or after --duration at the latest; one that ended with less is not
@@ -73,7 +75,9 @@ def run(
     source = source_of(units)
     said = replace(said, reads_units=source is not None)
     wanted = options.wanted(line, recipe, stations, duration, rate, said, allow_omega_write=allow_omega_write)
-    wanted = replace(wanted, wire=wire, guard=not no_guard, until_units=until_units, until_joints=until_joints)
+    wanted = replace(
+        wanted, allow_missing=allow_missing, wire=wire, guard=not no_guard, until_units=until_units, until_joints=until_joints
+    )
     code = record(wanted, out, source, as_json=as_json)
     raise typer.Exit(code)
 

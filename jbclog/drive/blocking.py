@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import Protocol, TypeVar
 
 from jbclog.clock import Clock, SystemClock
-from jbclog.effects import Ask, Heard, Listen, Steps, Wait, Wish
+from jbclog.effects import Ask, Gather, Heard, Listen, Steps, Wait, Wish
 from jbclog.errors import LinkError
 
 T = TypeVar("T")
@@ -66,6 +66,8 @@ class _Puller:
             return self._heard(self._open().read(max(wish.until - self._now(), 0.0)))
         if isinstance(wish, Wait):
             self._sleep(max(wish.until - self._now(), 0.0))
+            return self._heard(self._unasked())
+        if isinstance(wish, Gather):  # with nobody: one session is all that there is
             return self._heard(self._unasked())
         self.close()
         self._port = self._open_port()

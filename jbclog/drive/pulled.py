@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from jbclog.drive.blocking import OpenPort, Port
 from jbclog.drive.pump import Pump
-from jbclog.effects import Ask, Heard, Listen, RunEnded, Steps, Wait, Wish
+from jbclog.effects import Ask, Gather, Heard, Listen, RunEnded, Steps, Wait, Wish
 from jbclog.errors import LinkError
 
 if TYPE_CHECKING:
@@ -32,11 +32,14 @@ class Pulled:
         "_ending",
         "_failing",
         "_fileno",
+        "_heard",
         "_is_ended",
+        "_is_gathered",
         "_is_started",
         "_is_told_to_end",
         "_listening",
         "_loop",
+        "_member",
         "_now",
         "_open_port",
         "_opening",
@@ -50,7 +53,7 @@ class Pulled:
         "_unasked",
     )
 
-    def __init__(self, reactor: Reactor, session: Session, open_port: OpenPort) -> None:
+    def __init__(self, reactor: Reactor, session: Session, open_port: OpenPort, name: str) -> None:
         self._reactor = reactor
         self._loop = reactor.loop
         self._now = reactor.now
@@ -69,6 +72,9 @@ class Pulled:
         self._armed = NEVER  # when the next alarm that counts will ring
         self._failing: asyncio.Handle | None = None  # a broken link that the session has not been told of yet
         self._ending: RunEnded | None = None  # the run's end, while a port is being opened
+        self._heard = 0.0  # when bytes last came
+        self._is_gathered = False  # it waits for the other sessions
+        self._member = reactor.barrier.join(name, self)
         self._is_told_to_end = False
         self._is_started = False
         self._is_ended = False
@@ -84,10 +90,31 @@ class Pulled:
         if self._is_told_to_end or self._is_ended:
             return
         self._is_told_to_end = True
+        self._end_with(RunEnded(why))
+
+    def _end_with(self, error: RunEnded) -> None:
         if self._opening:
-            self._ending = RunEnded(why)
+            self._ending = error
         else:
-            self._fail(RunEnded(why))
+            self._fail(error)
+
+    # -- the other sessions ----------------------------------------------------------------------------------------------
+
+    def heard_at(self) -> float:
+        """When bytes last came."""
+        return self._heard
+
+    def go_on(self) -> None:
+        """The other sessions are there, too."""
+        if self._is_gathered:
+            self._is_gathered = False
+            unasked, self._unasked = self._unasked, b""
+            self._resume(Heard(self._now(), unasked, self._sent))
+
+    def throw(self, error: RunEnded) -> None:
+        """The run does not start, or starts without this session."""
+        if not (self._is_ended or self._is_told_to_end):
+            self._end_with(error)
 
     # -- pulling ---------------------------------------------------------------------------------------------------------
 
@@ -102,6 +129,7 @@ class Pulled:
             self._do(wish)
 
     def _fail(self, error: Exception) -> None:
+        self._is_gathered = False
         if self._failing is not None:
             self._failing.cancel()
             self._failing = None
@@ -127,6 +155,9 @@ class Pulled:
             self._await(wish.until, listening=True)  # type: ignore[union-attr]
         elif kind is Wait:
             self._await(wish.until, listening=False)  # type: ignore[union-attr]
+        elif kind is Gather:
+            self._listening, self._deadline, self._is_gathered = False, NEVER, True
+            self._reactor.barrier.gather(self._member, wish)  # type: ignore[arg-type]
         else:
             self._reopen()
 
@@ -191,10 +222,11 @@ class Pulled:
 
     def on_bytes(self, data: bytes) -> None:
         """Bytes came: the session's, if it listens; else they wait until it does."""
+        self._heard = now = self._now()
         if self._listening:
             self._listening = False
             self._deadline = NEVER
-            self._resume(Heard(self._now(), data, self._sent))
+            self._resume(Heard(now, data, self._sent))
         else:
             self._unasked += data
 
@@ -267,6 +299,7 @@ class Pulled:
         self._is_ended = True
         self._armed = NEVER
         self._drop_port()
+        self._reactor.barrier.ended(self._member)
         if broken is None:
             self._reactor.ended(self)
         else:

@@ -13,6 +13,7 @@ from heapq import heappop, heappush
 from itertools import count
 
 from jbclog import clock
+from jbclog.drive.barrier import Barrier
 from jbclog.drive.blocking import OpenPort
 from jbclog.drive.pulled import NEVER, Pulled, Session
 from jbclog.drive.waiting import Readers, exact_selector
@@ -35,8 +36,8 @@ def _as_it_is(moment: float) -> float:
 class Reactor:
     """Pulls sessions until all have ended."""
 
-    def __init__(self, fast: clock.FastClock | None = None) -> None:
-        """The sessions' moments are the host's, or those of a `fast` clock."""
+    def __init__(self, fast: clock.FastClock | None = None, *, goes_on: bool = False) -> None:
+        """The sessions' moments are the host's, or a `fast` clock's. `goes_on`: those that start do so without the others."""
         self.now = fast.monotonic if fast else _now
         self._elapsed_at = fast.elapsed_at if fast else _as_it_is
         self.loop = _Loop(exact_selector())
@@ -47,10 +48,14 @@ class Reactor:
         self._order = count()
         self._timer: asyncio.TimerHandle | None = None  # for the first of them
         self._failure: Exception | None = None
+        self.barrier = Barrier(self.now, self._at, goes_on=goes_on)
 
-    def add(self, session: Session, open_port: OpenPort) -> None:
+    def add(self, session: Session, open_port: OpenPort, name: str = "") -> None:
         """Have `session` pulled; `open_port` is called, in a thread, for each of its wishes to open the port."""
-        self._wires.add(Pulled(self, session, open_port))
+        self._wires.add(Pulled(self, session, open_port, name))
+
+    def _at(self, moment: float, call: Callable[[], None]) -> None:
+        self.loop.call_at(self._elapsed_at(moment), call)
 
     def every(self, seconds: float, call: Callable[[], None]) -> None:
         """Call `call` again and again while sessions go on, whatever it raises. It must return at once."""
@@ -63,6 +68,7 @@ class Reactor:
 
     def end(self, why: str) -> None:
         """End every session, once: each makes its tools safe before it returns. From the loop's thread only."""
+        self.barrier.disband()
         for wire in list(self._wires):
             wire.end(why)
 

@@ -11,13 +11,15 @@ from contextlib import suppress
 from math import inf
 from typing import NamedTuple, TypeVar
 
-from jbclog.effects import Ask, Heard, Listen, Reopen, RunEnded, Steps, Wait, Wish
+from jbclog.effects import Ask, Gather, Heard, LeftOut, Listen, NotStarted, Reopen, RunEnded, Steps, Wait, Wish
 from jbclog.errors import LinkError
-from jbclog.tape import Row, Told, WishName
+from jbclog.tape import Row, Told, ToldName, WishName
 
 T = TypeVar("T")
 
-NAMES: dict[type[Wish], WishName] = {Ask: "ask", Listen: "listen", Wait: "wait", Reopen: "reopen"}
+NAMES: dict[type[Wish], WishName] = {Ask: "ask", Listen: "listen", Wait: "wait", Reopen: "reopen", Gather: "gather"}
+THROWN: dict[type[Exception], ToldName] = {RunEnded: "stopped", NotStarted: "not_started", LeftOut: "left_out"}
+ENDS: dict[ToldName, type[RunEnded]] = {"stopped": RunEnded, "not_started": NotStarted, "left_out": LeftOut}
 ROUNDING_S = 1e-6  # a moment may come so much before its time, by the way in which it was reckoned
 
 Keep = Callable[[Told], object]
@@ -33,7 +35,7 @@ def keeping(steps: Steps[T], keep: Keep, now: Callable[[], float]) -> Steps[T]:
             try:
                 heard = yield wish
             except (LinkError, RunEnded) as error:
-                keep(Told(now(), "broke" if isinstance(error, LinkError) else "stopped", name, text=str(error)))
+                keep(Told(now(), THROWN.get(type(error), "broke"), name, text=str(error)))
                 wish = steps.throw(error)
             else:
                 last = heard.now
@@ -114,12 +116,16 @@ Left = Callable[[Astray], tuple[float, str]]
 def reliving(steps: Steps[T], tape: Iterable[Step], left: Left) -> Steps[T | None]:
     """`steps`, told what `tape` says. The driver only hears of waits, so that its clock goes along.
 
+    A tape from before sessions waited for each other has no word of that: there nobody is waited for.
+
     Where the session wishes what the tape does not answer, `left` is told, and the driver has to fulfil its wishes from
     there on. Where the tape ends before its session did, the session is left as its recorder left it: it gives None.
     """
     try:
         wish, now = next(steps), 0.0
         for step in tape:
+            while isinstance(wish, Gather) and step.told.wish != "gather":
+                wish = steps.send(Heard(now, b"", 0.0))
             if not step.answers(wish):
                 return (yield from _on_its_own(steps, wish, *left(Astray(now, wish, step))))
             now = step.told.at_s
@@ -136,8 +142,8 @@ def _tell(steps: Steps[T], step: Step) -> Wish:
     told = step.told
     if told.what == "broke":
         return steps.throw(LinkError(told.text))
-    if told.what == "stopped":
-        return steps.throw(RunEnded(told.text))
+    if told.what in ENDS:
+        return steps.throw(ENDS[told.what](told.text))
     return steps.send(Heard(told.at_s, step.data, told.sent_s))
 
 
@@ -149,7 +155,8 @@ def _on_its_own(steps: Steps[T], wish: Wish, end_s: float, why: str) -> Steps[T]
     try:
         while True:
             try:
-                heard = yield wish
+                # the others are on tapes of their own, and wait for nobody
+                heard = yield Wait(0.0) if isinstance(wish, Gather) else wish
             except (LinkError, RunEnded) as error:
                 wish = steps.throw(error)
             else:

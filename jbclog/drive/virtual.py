@@ -12,7 +12,8 @@ from itertools import count
 from typing import Protocol
 
 from jbclog.clock import VirtualClock
-from jbclog.effects import Ask, Heard, Listen, RunEnded, Steps, Wait, Wish
+from jbclog.drive.barrier import Barrier
+from jbclog.effects import Ask, Gather, Heard, Listen, RunEnded, Steps, Wait, Wish
 from jbclog.errors import LinkError
 
 NEVER = float("inf")
@@ -29,16 +30,17 @@ class Peer(Protocol):
 
 
 class VirtualDriver:
-    """Pulls sessions on `clock`, which it moves on."""
+    """Pulls sessions on `clock`, which it moves on. `goes_on`: those that start do so without the others."""
 
-    def __init__(self, clock: VirtualClock) -> None:
+    def __init__(self, clock: VirtualClock, *, goes_on: bool = False) -> None:
         self.clock = clock
         self._order = count()
         self._events: list[tuple[float, int, Callable[[], None]]] = []
         self._wires: list[_Wire] = []
+        self.barrier = Barrier(clock.monotonic, self.at, goes_on=goes_on)
 
-    def add(self, session: Steps[object], peer: Peer) -> None:
-        wire = _Wire(self, session, peer)
+    def add(self, session: Steps[object], peer: Peer, name: str = "") -> None:
+        wire = _Wire(self, session, peer, name)
         self._wires.append(wire)
         self.at(self.clock.monotonic(), wire.start)
 
@@ -48,6 +50,7 @@ class VirtualDriver:
 
     def end(self, why: str) -> None:
         """End every session; each makes its tools safe before it returns."""
+        self.barrier.disband()
         for wire in self._wires:
             wire.end(why)
 
@@ -66,7 +69,7 @@ def _moment(coming: tuple[float, bytes]) -> float:
 class _Wire:
     """One session, its peer, and the bytes under way to it."""
 
-    def __init__(self, driver: VirtualDriver, session: Steps[object], peer: Peer) -> None:
+    def __init__(self, driver: VirtualDriver, session: Steps[object], peer: Peer, name: str) -> None:
         self._driver = driver
         self._session = session
         self._peer = peer
@@ -76,6 +79,9 @@ class _Wire:
         self._sent = 0.0
         self._turn = 0  # an alarm of an earlier wish is ignored
         self._ending: RunEnded | None = None
+        self._heard = 0.0  # when bytes last came
+        self._is_gathered = False
+        self._member = driver.barrier.join(name, self)
         self.is_ended = False
 
     def start(self) -> None:
@@ -86,12 +92,25 @@ class _Wire:
             self._ending = RunEnded(why)
             self._pull(lambda: self._session.throw(RunEnded(why)))
 
+    def heard_at(self) -> float:
+        return self._heard
+
+    def go_on(self) -> None:
+        if self._is_gathered:
+            self._wake(self._turn)
+
+    def throw(self, error: RunEnded) -> None:
+        if self._ending is None and not self.is_ended:
+            self._pull(lambda: self._session.throw(error))
+
     def _pull(self, step: Callable[[], Wish]) -> None:
         self._turn += 1
+        self._is_gathered = False
         try:
             wish = step()
         except StopIteration:
             self.is_ended = True
+            self._driver.barrier.ended(self._member)
             return
         try:
             self._do(wish)
@@ -112,6 +131,9 @@ class _Wire:
             self._await(wish.until, listening=True)
         elif isinstance(wish, Wait):
             self._await(wish.until, listening=False)
+        elif isinstance(wish, Gather):
+            self._listening, self._is_gathered = False, True
+            self._driver.barrier.gather(self._member, wish)
         else:
             self._is_open, self._coming = True, []
             self._check_link(now)
@@ -138,5 +160,6 @@ class _Wire:
         due = [data for at, data in self._coming if at <= now]
         taken = due[:1] if self._listening else due  # a listener gets each piece as it comes
         self._coming = self._coming[len(taken) :]
+        self._heard = now if taken else self._heard
         heard = Heard(now, b"".join(taken), self._sent)
         self._pull(lambda: self._session.send(heard))

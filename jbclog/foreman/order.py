@@ -114,6 +114,7 @@ def _job(file: JobsFile, job: JobTable, stations: Sequence[str], out: Path) -> J
         metadata,
         wire=job.wire,
         allow_omega_write=job.allow_omega_write,
+        allow_missing=job.allow_missing,
         until_units=job.units,
         until_joints=job.joints,
     )

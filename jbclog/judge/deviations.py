@@ -28,7 +28,8 @@ NOT_AS_PLANNED = frozenset(
 """Kinds that are deviations at any severity from warning on."""
 
 ENDINGS = ("station.completed", "station.stopped", "station.refused", "station.gone", "station.failed")
-JUDGED = frozenset({*COUNTED_ALARMS, *ENDINGS, "run.start", "run.end"})
+AT_THE_START = ("station.not_started", "station.left_out")
+JUDGED = frozenset({*COUNTED_ALARMS, *ENDINGS, *AT_THE_START, "run.start", "run.end"})
 SEVERE = ("error", "critical")
 
 

@@ -29,6 +29,8 @@ STATION_ENDINGS = {
     "stopped": (Result.FAIL, "It was stopped because a setting was found changed."),
     "refused": (Result.MISSING, "It was refused before sampling began."),
     "gone": (Result.MISSING, "It did not answer at the end."),
+    "not_started": (Result.MISSING, "It was ready and was not started."),
+    "left_out": (Result.DEVIATION, "The run was started without it, as was allowed."),
     "failed": (Result.MISSING, "Its recording failed."),
     "running": (Result.MISSING, "It was being recorded when the record broke off."),
 }
@@ -56,6 +58,8 @@ def station_rules(
         text = f"{text} {reason[:1].upper()}{reason[1:]}."
     seen = "cut off" if facts.outcome == "running" else facts.outcome
     yield Rule("station", facts.name, None, "completed", seen, "", result, text)
+    if facts.outcome == "left_out":  # there is nothing of it to judge
+        return
     yield settings_rule(facts, outcomes)
     if acceptance.alarms_max is not None:
         yield alarms_rule(facts, acceptance.alarms_max, evidence, events)

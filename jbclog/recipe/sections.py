@@ -129,6 +129,7 @@ class Run(Table):
     safe_suction: Literal["keep", "off"] = Field("keep", description="keep or off")  # jtse: at the end
     require_tool: bool = Field(True, description="true or false")
     on_difference: Literal["stop", "continue"] = Field("stop", description="stop or continue")
+    on_missing: Literal["stop", "continue"] = Field("stop", description="stop or continue")
     allow_no_cooldown: bool = Field(False, description="true or false")
 
 

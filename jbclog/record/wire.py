@@ -3,12 +3,13 @@
 ::
 
     at_s            what    data
-    8123.480001251  run     {"format": 2, "station": "dde-1", ...}       what the session was ordered (`Head`)
+    8123.480001251  run     {"format": 3, "station": "dde-1", ...}       what the session was ordered (`Head`)
     8123.480341902  opened  /dev/ttyUSB0                                  lost, failed and closed say why
     8123.481126017  sent    023030303152534d4e0302                        bytes, two hexadecimal digits each
     8123.498264515  heard   023031303041534d4e204444450374
     8123.498271302  told    ask 15 8123.481124960                         the wish that was answered, with how many bytes,
     8123.580107466  told    wait 0                                        and when the question left
+    8125.006217701  told    gather 0                                      all stations have done this step of the start
     9001.220071830  broke   listen the port is gone                       in place of an answer; stopped: the run's end
     9002.118204002  done                                                  the session had ended
 
@@ -42,7 +43,7 @@ from jbclog.tape import Row
 
 FOLDER: Final = "wire"
 SUFFIX: Final = ".tsv.gz"
-FORMAT: Final = 2
+FORMAT: Final = 3  # 2 has no rows of sessions that wait for each other
 WHOLE: Final = "whole"  # what the manifest says of wires that lack nothing
 COLUMNS: Final = "at_s\twhat\tdata\n"
 RUN: Final = "run"
@@ -62,6 +63,7 @@ class Head:
     duration_s: float | None = None
     rate: float | str | None = None
     allow_omega_write: bool = False
+    allow_missing: bool = False
     jbclog: str = ""
     format: int = FORMAT
 

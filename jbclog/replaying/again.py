@@ -15,7 +15,7 @@ from pathlib import Path
 
 from jbclog.clock import VirtualClock
 from jbclog.dossier import Dossier, Observer, Result
-from jbclog.drive.told import Astray, reliving, steps_of
+from jbclog.drive.told import ENDS, Astray, reliving, steps_of
 from jbclog.drive.virtual import VirtualDriver
 from jbclog.effects import Steps
 from jbclog.record.compare import Compared, Comparison, compare_records
@@ -162,6 +162,6 @@ def _end(rows: Iterable[Row]) -> tuple[float, str]:
     at_s = 0.0
     for row in rows:
         at_s = row.at_s
-        if row.what == "stopped":
+        if row.what in ENDS:
             return at_s, row.text
     return at_s + GRACE_S, "the recording is over"

@@ -151,6 +151,7 @@ def plan_of(recording: Recording) -> Plan:
         metadata=recording.metadata,
         guard=False,
         allow_omega_write=head.allow_omega_write,
+        allow_missing=head.allow_missing,
     )
     stations = (_station_plan(recording, spec, wanted) for spec in recording.stations)
     return Plan(recording.line, tuple(stations), wanted)

@@ -1,7 +1,8 @@
 """Chapter 2: the recipe, setting by setting: read, checked, written where it differs, read back.
 
 Every setting of the station is read first; nothing is written before all of that has been checked. The outcome of each
-is a row of `settings`. The first that is not confirmed stops this station's run (contract, "settings").
+is a row of `settings`. The first that is not confirmed stops this station's run (contract, "settings"). When what is written:
+`start.py`.
 """
 
 from __future__ import annotations
@@ -13,10 +14,10 @@ from jbclog.commands.omega_values import Stored
 from jbclog.effects import Steps
 from jbclog.errors import NotSupported, StartRefused, StationError
 from jbclog.quantities import OFF, text_of
+from jbclog.recipe.order import CAN_HEAT
 from jbclog.recipe.settings import Setting, foreign_keys, live_problems, settings_for, station_settings_for
 from jbclog.rows import SettingRow, Severity
 from jbclog.session.anomalies import compare_countdowns
-from jbclog.session.condition import apply_condition
 from jbclog.session.order import Desk, PortState
 from jbclog.session.setting import keep_row, read_setting, title_of, touch, write_setting
 
@@ -24,16 +25,29 @@ COOLING_DELAYS = ("sleep_delay", "hibernation_delay")
 UNTOLD = "not told by the station"  # and what the recipe asks for it cannot be proven
 
 
-def apply(desk: Desk) -> Steps[None]:
-    """Bring the station to its recipe and prove it. Raises `StartRefused` naming the setting that failed."""
+Wanted = tuple[Setting, PortState | None]
+"""A setting and its port; None for one of the whole station."""
+
+
+def examine(desk: Desk) -> Steps[list[Wanted]]:
+    """Read and check everything; give what is to be set, in order. Raises `StartRefused` with all that does not fit."""
     yield from read_all(desk)
     wanted = _wanted(desk)
     _check(desk, wanted)
     wanted = [(_as_counted(desk, setting), port) for setting, port in wanted]
     _record_untouched(desk, wanted)
-    for setting in wanted:
-        yield from _apply(desk, setting)
-    yield from apply_condition(desk)
+    return wanted
+
+
+def apply(desk: Desk, wanted: list[Wanted], *, heats: bool) -> Steps[None]:
+    """Bring what can heat a tool, or what cannot, to the recipe. Raises `StartRefused` naming the setting that failed."""
+    for setting, port in wanted:
+        if (setting.command.name in CAN_HEAT) == heats:
+            yield from _apply(desk, setting, port)
+
+
+def apply_status(desk: Desk) -> Steps[None]:
+    """Put the tools to work, or to rest, where the recipe says so. Raises `StartRefused`."""
     at_work = [port for port in desk.ports.values() if _works(desk, port)]
     if desk.recipe.run.status is not None or _orders_suction(desk):
         yield from _apply_status(desk)
@@ -108,9 +122,9 @@ def _read_held(desk: Desk, command: Command, port: PortState | None) -> Steps[No
         raise StartRefused(f"{desk.name}: cannot read {title_of(command, port)}: {error}") from error
 
 
-def _wanted(desk: Desk) -> list[tuple[Setting, PortState | None]]:
+def _wanted(desk: Desk) -> list[Wanted]:
     """What the recipe asks for here, in the order in which it is written; tool settings only where a tool is."""
-    wanted: list[tuple[Setting, PortState | None]] = [(one, None) for one in station_settings_for(desk.recipe, desk.family)]
+    wanted: list[Wanted] = [(one, None) for one in station_settings_for(desk.recipe, desk.family)]
     for port in desk.ports.values():
         for setting in settings_for(desk.recipe, desk.family, port.number):
             if setting.command.scope is not Scope.TOOL or port.has_tool:
@@ -128,7 +142,7 @@ def _as_counted(desk: Desk, setting: Setting) -> Setting:
 # -- checks before the first write ----------------------------------------------------------------------------------------
 
 
-def _check(desk: Desk, wanted: list[tuple[Setting, PortState | None]]) -> None:
+def _check(desk: Desk, wanted: list[Wanted]) -> None:
     """What only the station knows: its limits, and whether a tool told to stand will ever cool."""
     problems = []
     for port in desk.ports.values():
@@ -138,7 +152,7 @@ def _check(desk: Desk, wanted: list[tuple[Setting, PortState | None]]) -> None:
         raise StartRefused(f"{desk.name}: " + "; ".join(problems) + ". Nothing was written")
 
 
-def _cooling_problems(desk: Desk, port: PortState, wanted: list[tuple[Setting, PortState | None]]) -> list[str]:
+def _cooling_problems(desk: Desk, port: PortState, wanted: list[Wanted]) -> list[str]:
     """Delays that are off or not told, so that a tool in stand stays hot or may (contract, "Safe state")."""
     if not desk.family.may_stand_at_last(desk.safe_state) or not port.has_tool:
         return []
@@ -161,7 +175,7 @@ def _cooling_problems(desk: Desk, port: PortState, wanted: list[tuple[Setting, P
 # -- one setting ------------------------------------------------------------------------------------------------------------
 
 
-def _record_untouched(desk: Desk, wanted: list[tuple[Setting, PortState | None]]) -> None:
+def _record_untouched(desk: Desk, wanted: list[Wanted]) -> None:
     """A row for everything that was read and is left alone, and for what the recipe has for other families."""
     asked = {(one.command.name, port.number if port else None) for one, port in wanted}
     places: list[PortState | None] = [None, *desk.ports.values()]
@@ -174,8 +188,7 @@ def _record_untouched(desk: Desk, wanted: list[tuple[Setting, PortState | None]]
         desk.journal.setting(SettingRow(time, desk.name, None, None, key, "", None, None, None, None, "unsupported"))
 
 
-def _apply(desk: Desk, wanted: tuple[Setting, PortState | None]) -> Steps[None]:
-    setting, port = wanted
+def _apply(desk: Desk, setting: Setting, port: PortState | None) -> Steps[None]:
     command, value = setting.command, setting.value
     held = desk.held if port is None else port.held
     requested = text_of(value)

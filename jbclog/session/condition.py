@@ -16,21 +16,29 @@ from jbclog.session.order import Desk
 from jbclog.session.watch import tell_change
 
 
-def apply_condition(desk: Desk) -> Steps[None]:
-    """Bring the recipe's condition into force. Raises `StartRefused` where it does not hold."""
+def look_at_condition(desk: Desk) -> Steps[ConditionRecord | None]:
+    """Read and compare the recipe's condition; give what is to be written. Raises `StartRefused` where it must not be."""
     wanted = condition_of(desk.recipe, desk.family)
     if wanted is None:
-        return
+        return None
     held = yield from _held(desk, wanted)
     if held == wanted:
         _rows(desk, wanted, held, "unchanged")
-    elif not desk.order.allow_omega_write:
+        return None
+    if not desk.order.allow_omega_write:
         _rows(desk, wanted, held, "mismatch")
         raise StartRefused(
             f"{desk.name}: condition {wanted.condition} is not what the recipe asks: {difference(wanted, held)}. "
             "Nothing was written; run with --allow-omega-write to have it written"
         )
-    else:
+    return wanted
+
+
+def bring_condition(desk: Desk, wanted: ConditionRecord | None) -> Steps[None]:
+    """Write the condition that `look_at_condition` gave. Raises `StartRefused` where it does not hold then."""
+    if wanted is not None:
+        held = desk.held["condition"]
+        assert isinstance(held, Stored)
         yield from _write(desk, wanted, held)
 
 

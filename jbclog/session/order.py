@@ -52,6 +52,7 @@ class Order:
     rate: float | str | None = None
     rated_power_w: float | None = None
     allow_omega_write: bool = False
+    may_be_missing: bool = False  # the run may go on without this station, if it does not start
     is_replay: bool = False
     model: str | None = None
     begin: tuple[int, float] | None = None  # the first tick's number, and in how many seconds it is due once all is read
@@ -110,6 +111,9 @@ class Desk:
         self.ports: dict[int, PortState] = {}
         self.held: dict[str, Value] = {}  # station-wide settings
         self.not_supported: set[str] = set()
+        self.step = 1  # of the start, that it is at
+        self.has_started = False
+        self.written: list[str] = []  # settings that were changed at the start, with what they were before
         self.tries = 1  # of what something is decided by: more while the run starts
         self.feeder_touched = False
         self.feeder_stopped = False  # at the end, and seen to stand

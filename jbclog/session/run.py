@@ -2,29 +2,29 @@
 
 ::
 
-    identify -> apply -> counters -> sample ⇄ outage -> (end, stop, failure) -> make safe -> counters
+    start, in three steps with the other stations -> sample ⇄ outage -> (end, stop, failure) -> make safe -> counters
 """
 
 from __future__ import annotations
 
-from jbclog.effects import RunEnded, Steps
+from jbclog.effects import START_STEPS, LeftOut, NotStarted, RunEnded, Steps
 from jbclog.errors import JbclogError, LinkError, StartRefused, StationError
 from jbclog.rows import NoJournal, Severity, StationFacts
 from jbclog.scheduler import Grid
 from jbclog.session.anomalies import compare_countdowns
-from jbclog.session.apply import apply
 from jbclog.session.condition import check_condition
 from jbclog.session.counters import read_counters
-from jbclog.session.identify import Absent, identify
-from jbclog.session.omega_states import told_text
+from jbclog.session.identify import Absent
 from jbclog.session.order import Desk
 from jbclog.session.outage import Gone, outage
-from jbclog.session.pace import Pace, choose_pace, chosen_text
-from jbclog.session.provisos import learn_provisos
+from jbclog.session.pace import Pace
 from jbclog.session.safe import make_safe
 from jbclog.session.sampling import Lost, Sampler
+from jbclog.session.start import start, tell_failure
 from jbclog.session.watch import SettingChanged, is_at_work
 from jbclog.session.writes import listed
+
+SEVERITY = {"not_started": Severity.WARNING, "left_out": Severity.WARNING}  # of how a station ended, but for errors
 
 
 def run_station(desk: Desk) -> Steps[StationFacts]:
@@ -38,6 +38,10 @@ def run_station(desk: Desk) -> Steps[StationFacts]:
     try:
         yield from _record(desk)
         facts.outcome = "completed"
+    except NotStarted as others:
+        facts.outcome, facts.reason = "not_started", f"{desk.name}: it was ready; the run did not start because of {others}"
+    except LeftOut as why:
+        facts.outcome, facts.reason = "gone", f"{desk.name}: {why}"
     except RunEnded as end:
         facts.outcome, facts.reason = _ended(desk, str(end))
     except (Absent, Gone) as error:
@@ -51,11 +55,24 @@ def run_station(desk: Desk) -> Steps[StationFacts]:
     except Exception as error:
         _fail(desk, error)
     desk.tries = 1
+    if not desk.has_started and facts.outcome != "completed":
+        yield from _give_up(desk)
     try:
         yield from _close(desk)
     except Exception as error:
         _fail(desk, error)
     return facts
+
+
+def _give_up(desk: Desk) -> Steps[None]:
+    """This station does not start: say what was written, and let the others know. One that may be missing is left out."""
+    facts = desk.facts
+    if desk.written:
+        facts.reason += f"; written before that and left as it is: {', '.join(desk.written)}"
+    if facts.outcome in ("gone", "refused"):
+        facts.reason += f" (step {desk.step} of {START_STEPS} of the start)" if desk.step > 1 else ""
+        facts.outcome = "left_out" if desk.order.may_be_missing else facts.outcome
+    yield from tell_failure(desk)
 
 
 def _ended(desk: Desk, why: str) -> tuple[str, str]:
@@ -68,15 +85,7 @@ def _ended(desk: Desk, why: str) -> tuple[str, str]:
 
 
 def _record(desk: Desk) -> Steps[None]:
-    yield from identify(desk)
-    pace = choose_pace(desk)
-    desk.note("station.ready", Severity.INFO, f"{_ready_text(desk)}{chosen_text(desk.facts)}.{told_text(desk)}")
-    if not desk.family.safe_states:
-        text = f"An {desk.family.title} has no safe state that could be ordered: at the end of the run it is left as it is."
-        desk.note("safety.not_available", Severity.WARNING, text)
-    yield from apply(desk)
-    yield from learn_provisos(desk)
-    yield from read_counters(desk)
+    pace = yield from start(desk)
     desk.tries = 1
     sampler = Sampler(desk, pace.readings, _grid(desk, pace), paced=pace.paced)
     try:
@@ -148,15 +157,5 @@ def _tell_end(desk: Desk) -> None:
     facts = desk.facts
     good = facts.outcome == "completed"
     if facts.reason or not good:
-        severity = Severity.INFO if good else Severity.ERROR
+        severity = Severity.INFO if good else SEVERITY.get(facts.outcome, Severity.ERROR)
         desk.note(f"station.{facts.outcome}", severity, f"{(facts.reason or facts.outcome).removeprefix(f'{desk.name}: ')}.")
-
-
-def _ready_text(desk: Desk) -> str:
-    facts, answers = desk.facts, f"answers in {desk.facts.turnaround_us['median'] / 1000:.2f} ms (median)"
-    if desk.link_is_faster is not None:
-        answers += f" ({desk.link_is_faster})"
-    if not desk.family.models:
-        return f"{desk.family.title}, as the line file says, {answers}"
-    tools = ", ".join(f"port {port.number} {desk.tool_text(port.tool)}" for port in desk.ports.values())
-    return f"{facts.model} {answers}, tools: {tools}"

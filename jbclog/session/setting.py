@@ -120,6 +120,7 @@ def _write(desk: Desk, command: Command, value: Value, port: PortState | None, b
         if one.is_meant:
             _refuse(desk, command, value, port, before, one, number)
         if one.found is not None and _is_same(desk, command, one.found, value):
+            desk.written.append(f"{title_of(command, port)} {command.shown(value)} (was {_shown(command, before)})")
             _end(desk, command, value, port, "confirmed", one)
             return
         if number > REPEATS or not (yield from _may_repeat(desk, command, one, before)):
@@ -196,8 +197,13 @@ def _refuse(
 
 
 def _failed(desk: Desk, command: Command, port: PortState | None, value: Value, before: Value | None, why: str) -> str:
-    was = "unknown" if before is None else command.shown(before)
-    return f"{desk.name}: {title_of(command, port)}: {command.shown(value)} was asked, {why}; before it was {was}"
+    return (
+        f"{desk.name}: {title_of(command, port)}: {command.shown(value)} was asked, {why}; before it was {_shown(command, before)}"
+    )
+
+
+def _shown(command: Command, before: Value | None) -> str:
+    return "unknown" if before is None else command.shown(before)
 
 
 def _tell_repeated(desk: Desk, command: Command, value: Value, port: PortState | None, one: _Try, number: int) -> None:

@@ -178,7 +178,7 @@ def test_what_a_session_is_ordered_is_in_line_file_recipe_and_wire() -> None:
     """A new field of the order must be kept in the wire's head, and handed on by `plan_of`."""
     of_line = {"name", "family", "model", "line", "address", "ports", "rated_power_w", "is_replay", "begin"}
     of_recipe, of_program = {"recipe"}, {"families"}
-    of_head = {"url", "recipe_file", "t0", "duration_s", "rate", "allow_omega_write"}
+    of_head = {"url", "recipe_file", "t0", "duration_s", "rate", "allow_omega_write", "may_be_missing"}
     assert {field.name for field in fields(Order)} == of_line | of_recipe | of_program | of_head
 
 

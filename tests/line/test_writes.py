@@ -14,7 +14,7 @@ from jbclog.commands.family import FAMILIES
 from jbclog.effects import Steps
 from jbclog.errors import WriteForbidden
 from jbclog.recipe.settings import condition_of
-from jbclog.session import run as chapters
+from jbclog.session import start as chapters
 from jbclog.session.order import Desk
 from jbclog.session.writes import WRITES, listed
 

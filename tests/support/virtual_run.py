@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from jbclog.clock import UtcOffset, VirtualClock
@@ -203,19 +203,21 @@ def prepare(
     rate: float | str | None = None,
     *,
     allow_omega_write: bool = False,
+    allow_missing: bool = False,
     pulled: Pulled = lambda _order, session, cable: (session, cable),
 ) -> VirtualRun:
     """A run that is ready to go: `prepare(line_text(sim=...)).go()`. `pulled` may put itself around session and cable."""
     clock = VirtualClock()
-    memory, driver = Memory(), VirtualDriver(clock)
+    memory, driver = Memory(), VirtualDriver(clock, goes_on=allow_missing)
     stations, desks, taps, t0 = {}, {}, {}, clock.monotonic()
     loaded = parse_recipe(recipe)
     for spec in parse_line(line or line_text(), Path("line.toml")).stations:
         station = virtual_station(spec, now=clock.monotonic())
         order = order_for(spec, loaded, clock, duration_s, rate, allow_omega_write=allow_omega_write)
+        order = replace(order, may_be_missing=allow_missing)
         desk = Desk(order, memory, UtcOffset(clock))
         taps[spec.name] = Tap(station)
-        driver.add(*pulled(order, run_station(desk), taps[spec.name]))
+        driver.add(*pulled(order, run_station(desk), taps[spec.name]), spec.name)
         stations[spec.name], desks[spec.name] = station, desk
     return VirtualRun(memory, stations, driver, desks, taps, t0)
 

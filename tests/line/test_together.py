@@ -1,0 +1,324 @@
+"""The stations of a run start together: read and check, write what cannot heat, heat; one that fails in a step stops all.
+
+What was written is seen on the stations' own side of the wire.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import pytest
+from virtual_run import RECIPE, Heard, Tap, VirtualRun, prepare
+
+from jbclog.commands.status import STAND, WORKING
+from jbclog.drive.barrier import SILENT_S
+from jbclog.effects import Steps
+from jbclog.outcome import Exit, exit_code, findings
+from jbclog.rows import StationFacts
+from jbclog.session.order import Order
+from jbclog.sim.virtual import VirtualStation
+
+NAMES = ("a", "b", "c")
+STATION = """
+[[station]]
+name = "{name}"
+url = "{name}"
+family = "dde"
+ports = [1]
+[station.sim]
+turnaround_ms = {turnaround_ms}
+settings = {{selected_temperature = 300, sleep_delay = 9}}
+{sim}
+"""
+HEATS = ("WST", "WA1", "WS1", "WPS100000")
+COOLS = "WPS100001"
+
+Deaf = Callable[[bytes, float], bool]
+
+
+@dataclass
+class Cable:
+    """A cable that lets nothing through, or gives up, from the moment on at which `is_deaf` says so of a question."""
+
+    tap: Tap
+    is_deaf: Deaf
+    pulled: bool = False
+    since: float | None = field(default=None)
+
+    def hung_up(self, now: float) -> bool:
+        return self.pulled and self.since is not None
+
+    def receive(self, data: bytes, now: float) -> Sequence[tuple[float, bytes]]:
+        if self.since is None and self.is_deaf(data, now):
+            self.since = now
+        return [] if self.since is not None else self.tap.receive(data, now)
+
+
+def never(_data: bytes, _now: float) -> bool:
+    return False
+
+
+def line_of(sims: dict[str, str]) -> str:
+    """Three stations, of which "b" has what is to be tried; they take different times."""
+    line = '[line]\nname = "bench"\n'
+    for place, name in enumerate(NAMES):
+        line += STATION.format(name=name, turnaround_ms=1.0 + 4 * place, sim=sims.get(name, ""))
+    return line
+
+
+def run_with(
+    deaf: Deaf = never, sim: str = "", *, pulled: bool = False, allow_missing: bool = False, also: str = "", duration_s: float = 2.0
+) -> VirtualRun:
+    def behind_cable(order: Order, session: Steps[StationFacts], tap: object) -> tuple[Steps[StationFacts], Cable]:
+        return session, Cable(tap, deaf if order.name == "b" else never, pulled)  # type: ignore[arg-type]  # it is a tap
+
+    line = line_of({"b": sim, "c": also})
+    return prepare(line, RECIPE, duration_s, 2.0, allow_missing=allow_missing, pulled=behind_cable).go()
+
+
+def nak(command: str, code: int = 3) -> str:
+    return f'\n[[station.sim.fault]]\nkind = "nak"\ncode = {code}\ncommand = "{command}"\nonly = "write"\n'
+
+
+SILENT = '\n[[station.sim.fault]]\nkind = "silence"\n'
+
+
+def writes(run: VirtualRun, name: str) -> list[str]:
+    return [one.text for one in run.taps[name].heard if one.is_write]
+
+
+def heated(run: VirtualRun) -> list[str]:
+    """Every write that can heat, of any station."""
+    return [text for name in NAMES for text in writes(run, name) if text.startswith(HEATS)]
+
+
+def outcomes(run: VirtualRun) -> list[str]:
+    return [run.desks[name].facts.outcome for name in NAMES]
+
+
+def code_of(run: VirtualRun) -> Exit:
+    return exit_code(findings([desk.facts for desk in run.desks.values()], verdict=None, record=None, cut_short=None))
+
+
+def assert_all_touched_are_safe(run: VirtualRun) -> None:
+    for name in NAMES:
+        station, facts = run.stations[name], run.desks[name].facts
+        assert isinstance(station, VirtualStation)
+        if station.log.writes and not facts.unsafe:
+            assert station.log.written("status")[-1].value == STAND
+            assert facts.safe_state == {1: "verified"}
+
+
+def assert_is_not_started(run: VirtualRun, step: int) -> None:
+    """The others were fine and say whose fault it is; nobody sampled; the run ends with 3 and names the station."""
+    assert run.memory.samples == []
+    for name in ("a", "c"):
+        facts = run.desks[name].facts
+        assert facts.outcome == "not_started"
+        assert "did not start because of b" in facts.reason
+    assert outcomes(run)[1] in ("refused", "gone")
+    assert [name for name in ("a", "c") if run.desks[name].facts.unsafe] == []
+    assert code_of(run) is (Exit.UNSAFE if run.desks["b"].facts.unsafe else Exit.STATION)
+    assert_all_touched_are_safe(run)
+    if step == 1:
+        assert [writes(run, name) for name in NAMES] == [[], [], []]
+        assert all(desk.facts.touched == [] for desk in run.desks.values())
+    if step == 2:
+        assert heated(run) == []
+
+
+# -- all is well -----------------------------------------------------------------------------------------------------------
+
+
+def test_a_step_begins_on_no_station_before_all_have_done_the_one_before() -> None:
+    run = run_with()
+    assert outcomes(run) == ["completed"] * 3
+    last_read = max(_first(run, name, "WD1").at for name in NAMES)
+    assert max(_first(run, name, "RA12").at for name in NAMES) < min(_first(run, name, "WD1").at for name in NAMES)
+    for name in NAMES:
+        cool = [one.at for one in run.taps[name].heard if one.is_write and not one.text.startswith((*HEATS, COOLS))]
+        hot = [one.at for other in NAMES for one in run.taps[other].heard if one.text.startswith(HEATS)]
+        assert max(cool) < min(hot)
+        assert last_read < min(hot)
+
+
+def _first(run: VirtualRun, name: str, start: str) -> Heard:
+    return next(one for one in run.taps[name].heard if one.text.startswith(start))
+
+
+# -- step one --------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("sim", "words"),
+    [
+        (SILENT, "no usable answer"),
+        ('model = "NAE"', "family dde"),
+        ("robot_mode = false", "Robot mode"),
+        ("tool = 0", "no tool in port 1"),
+        ('\n[[station.sim.fault]]\nkind = "nak"\ncode = 99999\ncommand = "alarm_low_limit"\n', "cannot read alarm low limit"),
+    ],
+    ids=["silent", "another model", "no Robot mode", "no tool", "cannot be read"],
+)
+def test_one_that_fails_in_step_one_leaves_all_untouched(sim: str, words: str) -> None:
+    run = run_with(sim=sim)
+    assert_is_not_started(run, 1)
+    assert words in run.desks["b"].facts.reason
+
+
+def test_every_station_that_fails_in_step_one_is_named() -> None:
+    run = run_with(sim=SILENT, also="tool = 0")
+    assert outcomes(run) == ["not_started", "gone", "refused"]
+    assert "because of b, c" in run.desks["a"].facts.reason or "because of c, b" in run.desks["a"].facts.reason
+    found = findings([desk.facts for desk in run.desks.values()], verdict=None, record=None, cut_short=None)
+    assert {finding.text.partition(":")[0] for finding in found} == {"b", "c"}
+    assert [writes(run, name) for name in NAMES] == [[], [], []]
+
+
+# -- step two --------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("how", ["refused", "silent", "pulled"])
+def test_one_that_fails_in_step_two_heats_nothing_and_what_was_written_is_named(how: str) -> None:
+    def deaf(data: bytes, now: float) -> bool:
+        return how != "refused" and b"WHA1" in data
+
+    run = run_with(deaf, nak("alarm_high_limit") if how == "refused" else "", pulled=how == "pulled")
+    assert_is_not_started(run, 2)
+    assert bool(run.desks["b"].facts.unsafe) == (how != "refused")  # it was touched and cannot be reached
+    assert "step 2 of 3" in run.desks["b"].facts.reason
+    for name in NAMES:
+        assert "written before that and left as it is: sleep delay of port 1 5 min (was 9 min)" in run.desks[name].facts.reason
+        station = run.stations[name]
+        assert isinstance(station, VirtualStation)
+        assert station.plant.ports[1].tools[2].sleep_delay == 5  # nothing is rolled back
+        assert run.desks[name].facts.touched == [1]
+
+
+# -- step three ------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("command", ["selected_temperature", "status"])
+def test_one_that_fails_in_step_three_puts_all_touched_tools_in_their_safe_state(command: str) -> None:
+    sim = nak(command) + ("for_s = 3\n" if command == "status" else "")
+    run = run_with(sim=sim)
+    assert_is_not_started(run, 3)
+    assert heated(run) != []
+    for name in ("a", "c"):
+        assert writes(run, name)[-1] == COOLS
+
+
+def test_in_step_three_nobody_who_heats_waits_for_one_that_is_slow_to_fail() -> None:
+    """A tool that is hot already is told to rest as soon as any station fails."""
+    run = run_with(sim=nak("selected_temperature"))
+    failed = next(event.time for event in run.memory.of_kind("station.refused")) / 1e6
+    for name in ("a", "c"):
+        safe = [one.at for one in run.taps[name].heard if one.text == COOLS]
+        assert run.utc_s(safe[0]) < failed + 1.0
+
+
+# -- silence ---------------------------------------------------------------------------------------------------------------
+
+
+def test_a_station_that_is_silent_delays_the_others_by_ten_seconds_at_the_most() -> None:
+    run = hung(allow_missing=False)
+    assert outcomes(run) == ["not_started", "gone", "not_started"]
+    assert "silent for 10 s in step 1" in run.desks["b"].facts.reason
+    assert "because of b" in run.desks["a"].facts.reason
+    ended = [event.time / 1e6 - run.utc_s(run.t0) for event in run.memory.of_kind("station.not_started")]
+    assert all(SILENT_S <= at <= SILENT_S + 3 for at in ended)
+    assert [writes(run, name) for name in NAMES] == [[], [], []]
+
+
+def test_a_station_that_is_silent_is_left_out_where_that_is_allowed() -> None:
+    run = hung(allow_missing=True)
+    assert outcomes(run) == ["completed", "left_out", "completed"]
+    began = [_first(run, name, "WD1").at - run.t0 for name in ("a", "c")]
+    assert all(SILENT_S <= at <= SILENT_S + 3 for at in began)
+
+
+def hung(*, allow_missing: bool) -> VirtualRun:
+    """A run of which one session says nothing for a minute: its driver hangs in opening the port."""
+
+    def late(session: Steps[StationFacts]) -> Steps[StationFacts]:
+        from jbclog.effects import RunEnded, Wait
+
+        wish = next(session)
+        try:
+            yield Wait(1060.0)
+        except RunEnded as end:
+            wish = session.throw(end)
+        while True:
+            try:
+                heard = yield wish
+            except Exception as error:
+                step = error
+                try:
+                    wish = session.throw(step)
+                except StopIteration as done:
+                    facts: StationFacts = done.value
+                    return facts
+                continue
+            try:
+                wish = session.send(heard)
+            except StopIteration as done:
+                facts = done.value
+                return facts
+
+    def behind(order: Order, session: Steps[StationFacts], tap: object) -> tuple[Steps[StationFacts], Tap]:
+        return (late(session) if order.name == "b" else session), tap  # type: ignore[return-value]  # it is a tap
+
+    return prepare(line_of({}), RECIPE, 2.0, 2.0, allow_missing=allow_missing, pulled=behind).go()
+
+
+def test_a_slow_station_is_waited_for_as_long_as_it_answers() -> None:
+    """At 1200 baud reading everything takes longer than a silent station is given."""
+    line = (
+        line_of({})
+        .replace('url = "b"', 'url = "b"\nbaudrate = 1200')
+        .replace("turnaround_ms = 5.0", "turnaround_ms = 5.0\nwire = true")
+    )
+    run = prepare(line, RECIPE.replace("[run]", "[sampling]\ncounters_every_s = 600\n\n[run]"), 10.0, 0.2).go()
+    assert outcomes(run) == ["completed"] * 3, [desk.facts.reason for desk in run.desks.values()]
+    assert _first(run, "a", "WD1").at - run.t0 > SILENT_S
+
+
+# -- without those that are missing -----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("step", [1, 2, 3])
+def test_the_others_go_on_without_it_where_that_is_allowed(step: int) -> None:
+    sim = {1: SILENT, 2: nak("alarm_high_limit"), 3: nak("selected_temperature")}[step]
+    run = run_with(sim=sim, allow_missing=True)
+    assert outcomes(run) == ["completed", "left_out", "completed"]
+    assert {row[2] for row in run.memory.samples} == {"a", "c"}
+    assert code_of(run) is Exit.FINE
+    assert_all_touched_are_safe(run)
+    assert not [text for text in writes(run, "b") if text.startswith("WPS100000")]
+    (event,) = run.memory.of_kind("station.left_out")
+    assert (event.station, event.severity) == ("b", "warning")
+
+
+def test_a_run_of_which_no_station_starts_is_refused_whatever_is_allowed() -> None:
+    run = prepare(line_of(dict.fromkeys(NAMES, "tool = 0")), RECIPE, 2.0, 2.0, allow_missing=True).go()
+    assert outcomes(run) == ["left_out"] * 3
+    assert code_of(run) is Exit.STATION
+
+
+# -- the end of the run while it starts --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("at_s", [0.2, 0.9, 1.5, 2.2])
+def test_a_run_that_is_ended_while_it_starts_calls_nobody_off(at_s: float) -> None:
+    run = prepare(line_of({}), RECIPE, 5.0, 2.0)
+    run.at(at_s, lambda: run.driver.end("ended by a test"))
+    run.go()
+    assert outcomes(run) == ["completed"] * 3
+    assert_all_touched_are_safe(run)
+    for name in NAMES:
+        station = run.stations[name]
+        assert isinstance(station, VirtualStation)
+        orders = [write.value for write in station.log.written("status")]
+        assert orders == [] or orders[-1] == STAND
+        assert orders.count(WORKING) <= 1
