@@ -22,7 +22,7 @@ from jbclog import __version__
 from jbclog.clock import Clock, UtcOffset
 from jbclog.episodes import LiveAlarms
 from jbclog.errors import RecordError
-from jbclog.judge import RULES, Evidence, PortJoints, asks_for_joints, judge
+from jbclog.judge import RULES, Asks, Evidence, PortJoints, asks_for_joints, judge
 from jbclog.judge.jointed import Joints
 from jbclog.outcome import Exit, Finding, exit_code, findings, status
 from jbclog.plan import PORTS, Plan, StationPlan, orders
@@ -204,7 +204,8 @@ class Dossier:
         acceptance = {one.spec.name: one.recipe.acceptance for one in self._plan.stations}
         asking = [facts for facts in stations if asks_for_joints(acceptance[facts.name])]
         joints, goals = self._joints(asking), self.manifest.goals
-        evidence = Evidence(self.folder, stations, ledger, exit_status, record, checks, joints, goals)
+        asks = {one.spec.name: Asks(one.recipe.heated_ports(), one.recipe.run.status) for one in self._plan.stations}
+        evidence = Evidence(self.folder, stations, ledger, exit_status, record, checks, joints, goals, asks)
         judgement = judge(evidence, acceptance)
         self.manifest.verdict = judgement.verdict.value
         self.manifest.verdict_rules = judgement.rules_as_dicts()

@@ -14,9 +14,10 @@ from pathlib import Path
 from jbclog import __version__
 from jbclog.errors import Problems, UsageError
 from jbclog.joint_evidence import joint_evidence
-from jbclog.judge import RULES, Acceptance, Evidence, Judgement, Result, Rule, Verdict, asks_for_joints, judge
+from jbclog.judge import RULES, Asks, Evidence, Judgement, Result, Rule, Verdict, asks_for_joints, judge
 from jbclog.judge.versions import is_known, not_kept
 from jbclog.recipe.load import load_recipe
+from jbclog.recipe.model import Recipe
 from jbclog.record.manifest import Manifest
 from jbclog.rows import StationFacts
 
@@ -37,11 +38,15 @@ def judge_again(folder: Path, manifest: Manifest, by: int | None = None) -> Judg
 
     A copy that cannot be read is missing evidence.
     """
-    acceptance, unread = _limits(folder, manifest)
+    recipes, unread = _recipes(folder, manifest)
+    acceptance = {name: None if recipe is None else recipe.acceptance for name, recipe in recipes.items()}
+    asks = {name: Asks(recipe.heated_ports(), recipe.run.status) for name, recipe in recipes.items() if recipe is not None}
     lost = None if manifest.lost is None else manifest.lost.text
     asking = [facts for facts in manifest.stations if asks_for_joints(acceptance.get(facts.name))]
     joints, checks = joint_evidence(folder, asking, manifest.t0_utc), manifest.verifications
-    evidence = Evidence(folder, manifest.stations, manifest.ledger, manifest.exit_status, lost, checks, joints, manifest.goals)
+    evidence = Evidence(
+        folder, manifest.stations, manifest.ledger, manifest.exit_status, lost, checks, joints, manifest.goals, asks
+    )
     judgement = judge(evidence, acceptance, own_version(manifest) if by is None else by)
     if not unread:
         return judgement
@@ -86,22 +91,22 @@ def _why_not(folder: Path, manifest: Manifest) -> str | None:
     """Why nothing of the verdict can be given again; None where it can."""
     if not is_known(manifest.rules):
         return f"this jbclog knows rules 1 to {RULES}"
-    unread = [facts for facts in _limits(folder, manifest)[1] if _is_as_sealed(folder, manifest, facts)]
+    unread = [facts for facts in _recipes(folder, manifest)[1] if _is_as_sealed(folder, manifest, facts)]
     if unread:
         return f"this jbclog cannot read the recipe of {', '.join(facts.name for facts in unread)}"
     return None
 
 
-def _limits(folder: Path, manifest: Manifest) -> tuple[dict[str, Acceptance | None], list[StationFacts]]:
-    """The limits of each station, and the stations whose recipe cannot be read."""
-    acceptance: dict[str, Acceptance | None] = {}
+def _recipes(folder: Path, manifest: Manifest) -> tuple[dict[str, Recipe | None], list[StationFacts]]:
+    """The recipe of each station, and the stations whose recipe cannot be read."""
+    recipes: dict[str, Recipe | None] = {}
     unread: list[StationFacts] = []
     for facts in manifest.stations:
         try:
-            acceptance[facts.name] = None if facts.recipe is None else load_recipe(_copy(folder, facts.recipe)).acceptance
+            recipes[facts.name] = None if facts.recipe is None else load_recipe(_copy(folder, facts.recipe))
         except (Problems, UsageError, OSError):
             unread.append(facts)
-    return acceptance, unread
+    return recipes, unread
 
 
 def _copy(folder: Path, recipe: str) -> Path:

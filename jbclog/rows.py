@@ -197,6 +197,7 @@ class StationFacts:
     due: dict[str, dict[str, int]] = field(default_factory=dict)  # port -> signal -> readings due, as the session counted
     watched: dict[str, dict[str, dict[str, int]]] = field(default_factory=dict)  # settings read again, without a column
     skipped: int = 0  # ticks without rows: the host stood still
+    skipped_by_host: int | None = None  # rows of `skipped` for which the host was too late; None in records that do not say
     garbage_bytes: int = 0
     strays: dict[str, int] = field(default_factory=dict)  # frames that answered nothing: echo, address, code, late, unasked
     anomalies: dict[int, int] = field(default_factory=dict)  # forms not as recommended, by row of section B

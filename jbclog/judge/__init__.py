@@ -11,6 +11,7 @@ from jbclog.judge.acceptance import Acceptance, Limits, asks_for_joints
 from jbclog.judge.bound import Bound
 from jbclog.judge.evidence import Evidence
 from jbclog.judge.jointed import Feeds, Joints, PortJoints
+from jbclog.judge.reached import Asks
 from jbclog.judge.rule import Result, Rule
 from jbclog.judge.samples import PortMeasure, judged_signals, measure
 from jbclog.judge.verdict import Judgement, Verdict, judge
@@ -19,6 +20,7 @@ from jbclog.judge.versions import RULES
 __all__ = [
     "RULES",
     "Acceptance",
+    "Asks",
     "Bound",
     "Evidence",
     "Feeds",

@@ -41,6 +41,14 @@ class Acceptance(Protocol):
     def joints_against_counter_percent(self) -> float | None:
         """Greatest difference, either way, of the joints found from the feeds that the feeder counted."""
 
+    @property
+    def reached_within_c(self) -> float | None:
+        """How near to its setting a tool has to come. None: the usual distance (`reached`)."""
+
+    @property
+    def at_work_percent(self) -> float | None:
+        """For how much of the time after that it has to be at work. None: the usual share."""
+
 
 @dataclass(frozen=True, slots=True)
 class Limits:
@@ -54,8 +62,11 @@ class Limits:
     verification_days: float | None = None
     recovery_p95_s: float | None = None
     joints_against_counter_percent: float | None = None
+    reached_within_c: float | None = None
+    at_work_percent: float | None = None
 
 
+REACHED_LIMITS = ("reached_within_c", "at_work_percent")
 JOINT_LIMITS = ("recovery_p95_s", "joints_against_counter_percent")
 LIMIT_NAMES = (
     "coverage_percent",
@@ -65,6 +76,7 @@ LIMIT_NAMES = (
     "alarms_max",
     "verification_days",
     *JOINT_LIMITS,
+    *REACHED_LIMITS,
 )
 
 

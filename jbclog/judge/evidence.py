@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from jbclog.judge.jointed import Joints
+from jbclog.judge.reached import Asks
 from jbclog.rows import Goal, StationFacts, TipCheck
 
 PortLedger = Mapping[str, Mapping[str, int]]
@@ -22,7 +23,8 @@ class Evidence:
 
     `exit_status` is the manifest's; ``lost`` means that a crash ended the run and its last moments are missing. `lost`
     says what else the record lacks, in a sentence. `verifications` are those that its ports stood on when it began. `joints` are
-    those of each port whose recipe has a limit about them. `goals` are the numbers that the run was to end with.
+    those of each port whose recipe has a limit about them. `goals` are the numbers that the run was to end with. `asks` is what
+    each station's recipe asks of its tools.
     """
 
     folder: Path
@@ -33,6 +35,7 @@ class Evidence:
     verifications: Sequence[TipCheck] = ()
     joints: Joints = field(default_factory=dict)
     goals: Sequence[Goal] = ()
+    asks: Mapping[str, Asks] = field(default_factory=dict)
 
     def port_ledger(self, station: str, port: int) -> PortLedger:
         """The ledger of one port; empty where nothing was ever due."""

@@ -4,13 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from math import floor
 
-from jbclog.judge.acceptance import LIMIT_NAMES, Acceptance
+from jbclog.judge.acceptance import LIMIT_NAMES, REACHED_LIMITS, Acceptance
 from jbclog.judge.bound import Bound
 from jbclog.judge.evidence import Evidence, PortLedger
+from jbclog.judge.percent import RESOLVES, allowed_misses
+from jbclog.judge.percent import floored as _floor
+from jbclog.judge.percent import shown as _shown
+from jbclog.judge.reached import AT_WORK_PERCENT, ORDERS_WORK, WITHIN_C, Asks, Limit, reached_rule
+from jbclog.judge.reached import RULE as REACHED
 from jbclog.judge.rule import Result, Rule
-from jbclog.judge.samples import TEMPERATURE, WITHOUT_TIP, PortMeasure, judged_signals
+from jbclog.judge.samples import SKIPPED, TEMPERATURE, WITHOUT_TIP, PortMeasure, judged_signals
 from jbclog.judge.tables import Event, Outcomes
 from jbclog.rows import StationFacts
 
@@ -126,6 +130,8 @@ def no_limit_applies(facts: StationFacts, acceptance: Acceptance) -> bool:
         "verification_days": tells(facts, TEMPERATURE),
         "recovery_p95_s": has_tip(facts),
         "joints_against_counter_percent": has_feeder(facts),
+        "reached_within_c": tells(facts, TEMPERATURE),
+        "at_work_percent": tells(facts, TEMPERATURE),
     }
     return not any(applies[name] for name in LIMIT_NAMES if getattr(acceptance, name) is not None)
 
@@ -153,17 +159,35 @@ def never_had_a_tool(facts: StationFacts, port: int, ledger: PortLedger) -> bool
 
 
 def port_rules(
-    facts: StationFacts, port: int, acceptance: Acceptance, ledger: PortLedger, measure: PortMeasure | None
+    facts: StationFacts, port: int, acceptance: Acceptance, ledger: PortLedger, measure: PortMeasure | None, by: int
 ) -> Iterator[Rule]:
     """The rules that hold for one port, in the order in which they are read."""
     station = facts.name
     if acceptance.coverage_percent is not None:
-        yield coverage_rule(facts, port, acceptance.coverage_percent, ledger, measure)
+        rule = coverage_rule(facts, port, acceptance.coverage_percent, ledger, measure)
+        yield rule if by == 1 else _without_host(rule, facts, ledger)
     if acceptance.longest_gap_s is not None:
         seen = None if measure is None else measure.gap_s
         without = f"without a {'temperature' if tells(facts, TEMPERATURE) else 'reading'} at the longest"
-        yield _at_most("longest_gap", station, port, acceptance.longest_gap_s, seen, "s", without)
+        rule = _at_most("longest_gap", station, port, acceptance.longest_gap_s, seen, "s", without)
+        yield rule if by == 1 else _gap_without_host(rule, measure)
     yield from idle_rules(facts, port, acceptance, measure)
+
+
+def heat_rules(
+    facts: StationFacts, port: int, acceptance: Acceptance, evidence: Evidence, measure: PortMeasure | None, *, is_ordered: bool
+) -> Iterator[Rule]:
+    """Whether the tool came to the temperature that the recipe sets; asked where it sets one, or names such a limit."""
+    asks, percent = evidence.asks.get(facts.name, Asks()), acceptance.at_work_percent
+    if port not in asks.heated and all(getattr(acceptance, name) is None for name in REACHED_LIMITS):
+        return
+    limit = AT_WORK_PERCENT if percent is None else percent
+    if not tells(facts, TEMPERATURE):
+        yield not_applicable(REACHED, facts.name, port, limit, "%", "temperature")
+        return
+    within = WITHIN_C if acceptance.reached_within_c is None else acceptance.reached_within_c
+    told = is_ordered and asks.status in ORDERS_WORK
+    yield reached_rule(facts.name, port, Limit(within, limit, told), asks, None if measure is None else measure.heat)
 
 
 def idle_rules(facts: StationFacts, port: int, acceptance: Acceptance, measure: PortMeasure | None) -> Iterator[Rule]:
@@ -223,6 +247,40 @@ def says_no_state(counts: Mapping[str, int]) -> bool:
     return bool(counts.get("no_digit")) and not counts.get("ok")
 
 
+def _without_host(rule: Rule, facts: StationFacts, ledger: PortLedger) -> Rule:
+    """The rule of coverage with the resolution of the run; what the computer skipped is missing evidence and breaks no limit."""
+    if not isinstance(rule.observed, float) or not isinstance(rule.limit, int | float):
+        return rule
+    counts = [one for signal in judged_signals(facts) if not says_no_state(one := ledger.get(signal, {}))]
+    due, there = (sum(one.get(word, 0) for one in counts) for word in ("due", "ok"))
+    skipped = sum(skipped_by_host(facts, one.get(SKIPPED, 0)) for one in counts)
+    allowed, few = allowed_misses(due, rule.limit), due < RESOLVES
+    if due - there <= (0 if few and rule.observed < rule.limit else allowed):
+        one = "" if rule.observed >= rule.limit else f" One reading is {_shown(100 / due)} %, so that is kept."
+        return replace(rule, result=Result.PASS, text=f"{rule.text}{one}")
+    told = f"{rule.text} The computer was busy and skipped {skipped} of them." if skipped else rule.text
+    if due - there - skipped > allowed:
+        return replace(rule, result=Result.FAIL, text=told)
+    if due - there <= allowed:
+        return replace(rule, result=Result.MISSING, text=f"{told} {due} readings are too few to tell.")
+    text = f"{told} What was not read then is not known; less work on the computer, or a lower rate, helps."
+    return replace(rule, result=Result.MISSING, text=text)
+
+
+def skipped_by_host(facts: StationFacts, skipped: int) -> int:
+    """How many of a signal's skipped readings the computer skipped; all of them where the record does not say."""
+    return skipped if facts.skipped_by_host is None else min(skipped, facts.skipped_by_host + facts.skipped)
+
+
+def _gap_without_host(rule: Rule, measure: PortMeasure | None) -> Rule:
+    """The rule of the longest gap; one that keeps its limit but for what the computer skipped is missing evidence."""
+    others = None if measure is None else measure.gap_of_others_s
+    if rule.result is not Result.FAIL or others is None or not isinstance(rule.limit, int | float) or others > rule.limit:
+        return rule
+    text = f"{rule.text} The computer was busy and skipped readings; without that it is {_shown(others)} s."
+    return replace(rule, result=Result.MISSING, text=text)
+
+
 def _what_is_read(facts: StationFacts) -> str:
     if not tells(facts, TEMPERATURE):
         return "its states"
@@ -250,13 +308,3 @@ def _at_most(name: str, station: str, port: int, most: float, seen: float | None
 def _not_idle(name: str, station: str, port: int, most: float) -> Rule:
     text = "The tool was not seen idle for long enough to say."
     return Rule(name, station, port, most, None, "°C", Result.MISSING, text)
-
-
-def _shown(figure: float) -> str:
-    """Up to two decimals, without the zeros behind."""
-    return f"{figure:.2f}".rstrip("0").rstrip(".")
-
-
-def _floor(percent: float) -> float:
-    """Two decimals, never rounded up to a limit that is missed."""
-    return floor(percent * 100 + 1e-9) / 100

@@ -3,16 +3,17 @@
 Definitions. *Due*: the ticks at which the port's tip temperature was to be read, those that a stopped host
 skipped included (`ledger`). *Coverage*: readings that are there, in per cent of those due. *Longest gap*: the
 longest time without a temperature on the monotonic grid, missing ticks × period, beginning and end of the run
-included. With ``--rate max`` there is no grid: then it is the longest time between two temperatures, in UTC less the
-steps of the wall clock (`stepped`).
+included; *of others*: the same as if what the computer skipped had been read. With ``--rate max`` there is no grid: then it
+is the longest time between two temperatures, in UTC less the steps of the wall clock (`stepped`).
 Of a station that tells no temperature the same holds of all that it tells (`judged_signals`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from types import MappingProxyType
 
 import numpy as np
 import pyarrow as pa
@@ -20,14 +21,17 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from jbclog.judge.idle import BLOCK_S, Block, Floats, IdleError, idle_readings
+from jbclog.judge.gaps import Gap
+from jbclog.judge.idle import BLOCK_S, Block, Flags, Floats, IdleError, idle_readings
+from jbclog.judge.reached import WITHIN_C, Heat
 from jbclog.judge.stepped import Step, Unstepped, steps_of
 from jbclog.rows import StationFacts
 
 TEMPERATURE = "temperature_c"
-COLUMNS = ["time", "tick", "station", "port", "temperature_c", "power_permille", "status", "set_c", "tool", "port_error"]
+COLUMNS = ["time", "tick", "station", "port", "quality", "temperature_c", "power_permille", "status", "set_c", "tool", "port_error"]
 Counts = NDArray[np.int64]
 WORKING = ("working", "on")
+SKIPPED = "skipped"
 WITHOUT_TIP = ("jtse", "omega")  # families
 BATCH_ROWS = 16_384
 
@@ -42,43 +46,62 @@ class PortMeasure:
     """What the samples of one port show. `gap_s` is None while nothing was read at all."""
 
     period_s: float | None
+    heat: Heat
     start_s: float | None = None
     end_s: float | None = None
     rows: int = 0
     readings: int = 0  # of the signals that are judged
     idle: IdleError = field(default_factory=IdleError)
-    gap_s: float | None = None
-    _last_s: float | None = None
+    host_skips: bool = False  # what the computer skipped is known, or may be among what was skipped
+    no_rows: bool = False  # ticks without rows are the computer's, too
+    _gap: Gap = field(default_factory=lambda: Gap(0.0))
+    _of_others: Gap = field(default_factory=lambda: Gap(0.0))
     _block: int = 0
     _held: list[Block] = field(default_factory=list)
     unstepped: Unstepped = field(default_factory=lambda: Unstepped([]))
 
-    def feed(self, rows: Block, read: Counts) -> None:
+    @property
+    def gap_s(self) -> float | None:
+        return self._gap.widest_s
+
+    @property
+    def gap_of_others_s(self) -> float | None:
+        return self._of_others.widest_s
+
+    def feed(self, rows: Block, read: Counts, marks: Marks) -> None:
         """Take the next rows of this port, in the order of their ticks, and how many readings each has."""
         if self.period_s is None:
             rows = replace(rows, seconds=self.unstepped.of(rows.seconds))
         if self.start_s is None:
             self.start_s = float(rows.seconds[0]) - (self.period_s or 0.0)
+        for gap in (self._gap, self._of_others):
+            gap.period_s, gap.start_s = self.period_s or 0.0, self.start_s
+        self._gap.take(rows.seconds[read > 0])
+        self._of_others.take(self._but_for_the_host(rows.seconds, (read > 0) | (marks.skipped & self.host_skips)))
         self.end_s = float(rows.seconds[-1])
         self.rows += len(rows.seconds)
         self.readings += int(read.sum())
-        self._widest(rows.seconds[read > 0])
+        self.heat.feed(rows, marks.status)
         self._into_blocks(rows)
+
+    def _but_for_the_host(self, seconds: Floats, there: Flags) -> Floats:
+        """The moments of reading as if all ticks without a row had been run."""
+        if not self.no_rows or not self.period_s:
+            return seconds[there]
+        before = self.end_s if self.end_s is not None else (self.start_s or 0.0)
+        missing = np.rint(np.diff(np.append(before, seconds)) / self.period_s).astype(np.int64) - 1
+        places = np.flatnonzero(missing > 0)
+        run = [seconds[place] - np.arange(missing[place], 0, -1) * self.period_s for place in places]
+        return np.asarray(np.union1d(seconds[there], np.concatenate([*run, np.empty(0)])), dtype=np.float64)
 
     def finish(self, last_due_s: float | None) -> None:
         """No more rows: count the end up to the last due tick, and the block that is still open."""
         self._close_block()
+        self.heat.finish(last_due_s)
         end = max((moment for moment in (self.end_s, last_due_s) if moment is not None), default=None)
-        if end is not None and self._last_s is not None:
-            self._widest(np.array([end + (self.period_s or 0.0)]))
-
-    def _widest(self, there: Floats) -> None:
-        if not len(there):
-            return
-        before = self._last_s if self._last_s is not None else self.start_s
-        steps = np.diff(np.append(there[0] if before is None else before, there)) - (self.period_s or 0.0)
-        self.gap_s = round(max(self.gap_s or 0.0, float(steps.max())), 6)
-        self._last_s = float(there[-1])
+        if end is not None:
+            self._gap.end(end)
+            self._of_others.end(self.end_s if self.no_rows and self.end_s is not None else end)
 
     def _into_blocks(self, rows: Block) -> None:
         numbers = np.floor_divide(rows.seconds + 1e-6, BLOCK_S).astype(np.int64)
@@ -115,17 +138,20 @@ def _typical_step(seconds: Floats) -> float:
 Measures = dict[tuple[str, int], PortMeasure]
 
 
-def measure(folder: Path, stations: dict[str, StationFacts]) -> Measures:
-    """Measure every port of `stations` from ``folder/samples``. A port without any row is not in the answer."""
+def measure(folder: Path, stations: dict[str, StationFacts], within_c: Mapping[str, float] = MappingProxyType({})) -> Measures:
+    """Measure every port of `stations` from ``folder/samples``. A port without any row is not in the answer.
+
+    `within_c`: how near a station's tools have to come to their settings, where that is not the usual distance.
+    """
     measures: Measures = {}
     steps = [] if all(facts.period_s for facts in stations.values()) else steps_of(folder)
     signals = {name: judged_signals(facts) for name, facts in stations.items()}
     columns = [*COLUMNS, *sorted({name for names in signals.values() for name in names} - set(COLUMNS))]
     for batch in _batches(folder, columns):
-        for station, port, rows, read in _ports(batch, stations, signals):
+        for station, port, rows, read, marks in _ports(batch, stations, signals):
             if (station, port) not in measures:
-                measures[station, port] = _new(stations[station], steps)
-            measures[station, port].feed(rows, read)
+                measures[station, port] = _new(stations[station], steps, within_c.get(station, WITHIN_C))
+            measures[station, port].feed(rows, read, marks)
     for (station, _), port_measure in measures.items():
         facts = stations[station]
         last = None if facts.last_tick is None or not facts.period_s else facts.last_tick * facts.period_s
@@ -133,11 +159,13 @@ def measure(folder: Path, stations: dict[str, StationFacts]) -> Measures:
     return measures
 
 
-def _new(facts: StationFacts, steps: Sequence[Step]) -> PortMeasure:
+def _new(facts: StationFacts, steps: Sequence[Step], within_c: float) -> PortMeasure:
+    heat = Heat(facts.period_s or None, within_c)
     if not facts.period_s:
-        return PortMeasure(None, unstepped=Unstepped(steps))
+        return PortMeasure(None, heat, unstepped=Unstepped(steps))
     start = None if facts.first_tick is None else (facts.first_tick - 1) * facts.period_s
-    return PortMeasure(facts.period_s, start)
+    skips = facts.skipped_by_host is None or facts.skipped_by_host > 0
+    return PortMeasure(facts.period_s, heat, start, host_skips=skips, no_rows=facts.skipped > 0)
 
 
 def _batches(folder: Path, columns: list[str]) -> Iterator[pa.RecordBatch]:
@@ -149,7 +177,7 @@ def _batches(folder: Path, columns: list[str]) -> Iterator[pa.RecordBatch]:
 
 def _ports(
     batch: pa.RecordBatch, stations: dict[str, StationFacts], signals: dict[str, list[str]]
-) -> Iterator[tuple[str, int, Block, Counts]]:
+) -> Iterator[tuple[str, int, Block, Counts, Marks]]:
     """The rows of each known station and port in the batch, kept in their order, and how many judged readings each has."""
     names = batch.column("station").cast(pa.string()).dictionary_encode()
     ports = batch.column("port").to_numpy(zero_copy_only=False).astype(np.int64)
@@ -163,7 +191,15 @@ def _ports(
         if station in stations:
             there = sum((_is_there(batch, name)[rows] for name in signals[station]), np.zeros(len(rows), dtype=np.int64))
             block = columns.block(rows, stations[station].period_s, has_tip=stations[station].family not in WITHOUT_TIP)
-            yield station, int(ports[rows[0]]), block, there
+            yield station, int(ports[rows[0]]), block, there, Marks(columns.skipped[rows], columns.status[rows])
+
+
+@dataclass(frozen=True, slots=True)
+class Marks:
+    """Of each row, whether its tick was skipped, and whether its status was read."""
+
+    skipped: Flags
+    status: Flags
 
 
 @dataclass(frozen=True, slots=True)
@@ -176,6 +212,8 @@ class _Columns:
     working: NDArray[np.bool_]
     tool: Floats
     port_error: Floats
+    skipped: Flags
+    status: Flags
 
     def block(self, rows: NDArray[np.int64], period_s: float | None, *, has_tip: bool) -> Block:
         seconds = self.tick[rows] * period_s if period_s else self.utc_s[rows]
@@ -195,6 +233,8 @@ def _columns(batch: pa.RecordBatch) -> _Columns:
         working.to_numpy(zero_copy_only=False),
         _floats(batch, "tool"),
         _floats(batch, "port_error"),
+        pc.fill_null(pc.equal(batch.column("quality").cast(pa.string()), SKIPPED), False).to_numpy(zero_copy_only=False),
+        pc.is_valid(status).to_numpy(zero_copy_only=False),
     )
 
 

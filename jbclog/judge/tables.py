@@ -53,6 +53,16 @@ def read_outcomes(folder: Path) -> dict[str, Outcomes]:
     return found
 
 
+def read_ordered(folder: Path) -> set[tuple[str, int]]:
+    """The stations and ports whose tools were told a status at the start."""
+    rows = _rows(folder / "settings", ["station", "port", "setting", "requested"])
+    return {
+        (str(row["station"]), port)
+        for row in rows
+        if row["setting"] == "status" and row["requested"] is not None and isinstance(port := row["port"], int)
+    }
+
+
 def read_adjustments(folder: Path) -> dict[tuple[str, int], float]:
     """The adjustment of each station and port as it was read or written last, in °C; those that were not read are not there."""
     found: dict[tuple[str, int], float] = {}

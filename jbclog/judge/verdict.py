@@ -20,9 +20,9 @@ from jbclog.judge.evidence import Evidence
 from jbclog.judge.goal_rules import goal_rules
 from jbclog.judge.joint_rules import joint_rules
 from jbclog.judge.rule import Result, Rule
-from jbclog.judge.rules import no_limit_applies, port_rules, record_rule, station_rules, tells, used_ports
+from jbclog.judge.rules import heat_rules, no_limit_applies, port_rules, record_rule, station_rules, tells, used_ports
 from jbclog.judge.samples import TEMPERATURE, Measures, measure
-from jbclog.judge.tables import Event, Outcomes, read_adjustments, read_events, read_outcomes
+from jbclog.judge.tables import Event, Outcomes, read_adjustments, read_events, read_ordered, read_outcomes
 from jbclog.judge.verified import verification_rule
 from jbclog.judge.versions import RULES
 from jbclog.rows import StationFacts
@@ -56,7 +56,7 @@ def judge(evidence: Evidence, acceptance: Mapping[str, Acceptance | None], by: i
     limits = {name: asked for name, asked in acceptance.items() if asked is not None and asks_for_anything(asked)}
     if not limits:
         return Judgement(Verdict.NOT_JUDGED, ())
-    rules = tuple(_all_rules(evidence, limits))
+    rules = tuple(_all_rules(evidence, limits, by))
     return Judgement(verdict_of(rules), rules)
 
 
@@ -70,16 +70,17 @@ def verdict_of(rules: Sequence[Rule]) -> Verdict:
     return Verdict.WITH_DEVIATIONS if Result.DEVIATION in results else Verdict.ACCEPT
 
 
-def _all_rules(evidence: Evidence, limits: Mapping[str, Acceptance]) -> Iterator[Rule]:
+def _all_rules(evidence: Evidence, limits: Mapping[str, Acceptance], by: int) -> Iterator[Rule]:
     judged = [facts for facts in evidence.stations if facts.name in limits]
-    measures = measure(evidence.folder, {facts.name: facts for facts in judged})
+    within = {name: one.reached_within_c for name, one in limits.items() if one.reached_within_c is not None}
+    measures = measure(evidence.folder, {facts.name: facts for facts in judged}, within)
     events, outcomes = read_events(evidence.folder), read_outcomes(evidence.folder)
     yield record_rule(evidence)
     yield from goal_rules(evidence)
     yield from (_no_facts(name) for name in limits if name not in {facts.name for facts in judged})
     for facts in judged:
         own = [event for event in events if event.station == facts.name]
-        yield from _station(facts, limits[facts.name], evidence, own, outcomes.get(facts.name, Outcomes()), measures)
+        yield from _station(facts, limits[facts.name], evidence, own, outcomes.get(facts.name, Outcomes()), measures, by)
     yield from (not_judged(facts) for facts in evidence.stations if facts.name not in limits)
     yield from deviations([event for event in events if event.station is None or event.station in limits])
 
@@ -91,6 +92,7 @@ def _station(
     events: Sequence[Event],
     outcomes: Outcomes,
     measures: Measures,
+    by: int,
 ) -> Iterator[Rule]:
     yield from station_rules(facts, acceptance, evidence, events, outcomes)
     if facts.outcome == "left_out":
@@ -98,8 +100,12 @@ def _station(
     ports = used_ports(facts, evidence)
     if not ports:
         yield Rule("ports", facts.name, None, "one at least", 0, "", Result.MISSING, "None of its ports was recorded with a tool.")
+    ordered = read_ordered(evidence.folder)
     for port in ports:
-        yield from port_rules(facts, port, acceptance, evidence.port_ledger(facts.name, port), measures.get((facts.name, port)))
+        seen = measures.get((facts.name, port))
+        yield from port_rules(facts, port, acceptance, evidence.port_ledger(facts.name, port), seen, by)
+        if by > 1:
+            yield from heat_rules(facts, port, acceptance, evidence, seen, is_ordered=(facts.name, port) in ordered)
         if acceptance.verification_days is not None and tells(facts, TEMPERATURE):
             adjusted = read_adjustments(evidence.folder).get((facts.name, port))
             yield verification_rule(facts, port, acceptance.verification_days, evidence, adjusted)

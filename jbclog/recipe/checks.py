@@ -32,8 +32,10 @@ SECTION_FAMILIES: Final[Mapping[str, tuple[str, ...]]] = {
 LIMIT_FAMILIES: Final[Mapping[str, tuple[str, ...]]] = {
     "recovery_p95_s": SOLDERING,
     "joints_against_counter_percent": SECTION_FAMILIES["feeder"],
+    "reached_within_c": (*SOLDERING, *SECTION_FAMILIES["air"]),
+    "at_work_percent": (*SOLDERING, *SECTION_FAMILIES["air"]),
 }
-"""The families whose joints a limit of `[acceptance]` is about."""
+"""The families that a limit of `[acceptance]` is about."""
 
 SAFE_STATES: Final[Mapping[str, tuple[str, ...]]] = {name: family.safe_states for name, family in FAMILIES.items()}
 STATUSES: Final[Mapping[str, tuple[str, ...]]] = {name: family.run_statuses for name, family in FAMILIES.items()}

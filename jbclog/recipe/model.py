@@ -22,6 +22,7 @@ from jbclog.recipe.sections import PortSettings, RecipeTables
 from jbclog.recipe.toml import TomlText
 
 USUAL_HZ = 10.0
+PORTS = (1, 2, 3, 4)  # that any station can have
 NO_SAFE_STATE = "none"
 """What a family has that no order makes safe (omega)."""
 
@@ -93,6 +94,12 @@ class Recipe(RecipeTables):
         for name, table in self.port.items():
             if int(name) == port:
                 yield from asked_in(table, ("port", name))
+
+    def heated_ports(self) -> frozenset[int]:
+        """The ports whose temperature it sets, of those that any station can have."""
+        if self.air.temperature_c is not None:
+            return frozenset(PORTS)
+        return frozenset(port for port in PORTS if "temperature.select_c" in self.asked(port))
 
     def safe_state(self, family: str) -> str:
         """What every touched tool is put in at the end on a station of this family (contract, "Safe state")."""

@@ -166,6 +166,8 @@ class Acceptance(Table):
     verification_days: float | None = Field(None, ge=0, description="days from 0 on")
     recovery_p95_s: float | None = Field(None, gt=0, le=10, description="seconds, more than 0 and up to 10")
     joints_against_counter_percent: float | None = Field(None, ge=0, le=100, description="0 to 100")
+    reached_within_c: float | None = Field(None, gt=0, le=100, description="°C, more than 0 and up to 100")
+    at_work_percent: float | None = Field(None, ge=0, le=100, description="0 to 100")
 
 
 PortName = Literal["1", "2", "3", "4"]

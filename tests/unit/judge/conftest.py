@@ -11,7 +11,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from jbclog.judge import Evidence
+from jbclog.judge import Asks, Evidence
 from jbclog.rows import StationFacts
 
 UTC_US = 1_790_000_000_000_000
@@ -30,6 +30,7 @@ class Tip:
     status: list[str | None] = field(default_factory=list)
     tool: list[int | None] = field(default_factory=list)
     port_error: list[int | None] = field(default_factory=list)
+    skipped: set[int] = field(default_factory=set)  # rows that the computer had no time for
 
     def __post_init__(self) -> None:
         n = round(self.seconds * self.hz)
@@ -45,6 +46,14 @@ class Tip:
         for i in range(round(start_s * self.hz), round((start_s + seconds) * self.hz)):
             self.temperature[i] = self.power[i] = self.status[i] = self.setting[i] = None
         return self
+
+    def skip(self, start_s: float, seconds: float) -> Tip:
+        """The computer was busy for `seconds`."""
+        self.skipped |= set(range(round(start_s * self.hz), round((start_s + seconds) * self.hz)))
+        return self.lose(start_s, seconds)
+
+    def quality(self, row: int) -> str:
+        return "ok" if self.temperature[row] is not None else "skipped" if row in self.skipped else "timeout"
 
     def at(self, start_s: float, seconds: float, temperature: int, power: int) -> Tip:
         for i in range(round(start_s * self.hz), round((start_s + seconds) * self.hz)):
@@ -63,6 +72,7 @@ class Case:
         self.setting_rows: list[dict[str, object]] = []
         self.parts = 0
         self.exit_status = "success"
+        self.asks: dict[str, Asks] = {}
 
     def station(self, name: str, *tips: Tip, outcome: str = "completed", skipped: int = 0) -> StationFacts:
         """A station with one port for each tip, its ledger as the session would count it, its samples sealed as one part."""
@@ -73,8 +83,8 @@ class Case:
         self.stations.append(facts)
         for port, tip in zip(ports, tips, strict=True):
             ok = sum(value is not None for value in tip.temperature)
-            due = len(tip.temperature) + skipped
-            counts = {"due": due, "ok": ok, "timeout": due - ok - skipped, "skipped": skipped}
+            due, without = len(tip.temperature) + skipped, skipped + len(tip.skipped)
+            counts = {"due": due, "ok": ok, "timeout": due - ok - without, "skipped": without}
             self.ledger.setdefault(name, {})[str(port)] = {"temperature_c": counts, "alarm_high": {"due": 30, "ok": 30}}
         self.seal([(name, port, tip) for port, tip in zip(ports, tips, strict=True)])
         return facts
@@ -89,6 +99,7 @@ class Case:
                 "time": pa.array([UTC_US + round(1e6 * tick / tips[0][2].hz) for tick in ticks], STAMP),
                 "tick": pa.array(ticks, pa.int64()),
                 "station": pa.array([name for _, name, _, _ in rows]).dictionary_encode(),
+                "quality": pa.array([tip.quality(i) for i, _, _, tip in rows]).dictionary_encode(),
                 "port": pa.array([port for _, _, port, _ in rows], pa.int64()),
                 "temperature_c": pa.array([tip.temperature[i] for i, _, _, tip in rows], pa.int64()),
                 "power_permille": pa.array([tip.power[i] for i, _, _, tip in rows], pa.int64()),
@@ -113,8 +124,17 @@ class Case:
         place = {"kind": kind, "severity": severity, "station": station, "port": port, "text": text}
         self.event_rows.append({**place, **more})
 
-    def setting(self, station: str, outcome: str, setting: str = "adjust", requested: str | None = "0") -> None:
-        self.setting_rows.append({"station": station, "setting": setting, "requested": requested, "outcome": outcome})
+    def setting(
+        self, station: str, outcome: str, setting: str = "adjust", requested: str | None = "0", port: int | None = None
+    ) -> None:
+        row = {"station": station, "setting": setting, "requested": requested, "outcome": outcome, "port": port}
+        self.setting_rows.append(row)
+
+    def ask(self, station: str, status: str | None, *ports: int, heated: tuple[int, ...] = (1,)) -> None:
+        """The recipe sets the temperature of the ports `heated`; those of `ports` were told `status` at the start."""
+        self.asks[station] = Asks(frozenset(heated), status)
+        for port in ports:
+            self.setting(station, "confirmed", "status", "00000", port)
 
     def _write(self, name: str, table: pa.Table, part: int = 0) -> None:
         (self.folder / name).mkdir(exist_ok=True)
@@ -127,7 +147,7 @@ class Case:
         self._write("events", pa.Table.from_pylist(self.event_rows, pa.schema(texts)))
         columns = dict.fromkeys(("station", "setting", "requested", "outcome", "readback"), pa.string()) | {"port": pa.int64()}
         self._write("settings", pa.Table.from_pylist(self.setting_rows, pa.schema(columns)))
-        return Evidence(self.folder, self.stations, self.ledger, self.exit_status)
+        return Evidence(self.folder, self.stations, self.ledger, self.exit_status, asks=self.asks)
 
 
 @pytest.fixture
