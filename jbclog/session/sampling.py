@@ -1,7 +1,8 @@
 """Chapter 3: the grid: tick after tick, at the due time or not at all.
 
 A tick reads the fast signals of all ports, then as many slow ones as the wire has room for. A late tick is not made up
-by a burst: what is a whole period late is a row of `skipped`.
+by a burst: what is a whole period late is a row of `skipped`. Who made it late is counted apart: what a station took that had to
+be asked again or did not answer, or a new tool's settings, is not the computer's.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from jbclog.errors import LinkError, RobotModeOff, StartRefused, StationError, S
 from jbclog.rows import Severity
 from jbclog.scheduler import Demand, Grid, Reading, SlowReadings
 from jbclog.session.alarms import AlarmWatch
+from jbclog.session.busy import KIND, Busy
 from jbclog.session.newtool import meet_tool
 from jbclog.session.omega_states import tell_late
 from jbclog.session.order import Desk
@@ -20,6 +22,7 @@ from jbclog.session.scan import SKIPPED, Probe, Scan, Scanner
 from jbclog.session.standstill import Standstill
 
 FINISH_S = 0.5  # a tick in which the run is ended may take so much longer; hot tools are waiting
+IN_TIME_S = 0.02  # a computer that hears of an answer, or of none, no later than this is not busy
 SUSPENDED_S = 5.0  # a standstill of the host that is an event; its ticks have no rows
 
 
@@ -42,6 +45,9 @@ class Sampler:
         self.slow = self._slow_readings(readings)
         self.end = None if desk.order.duration_s is None else desk.now + desk.order.duration_s
         self._standstill = Standstill()
+        self._busy = Busy()
+        self._elsewhere_s = 0.0  # by which it is behind for what is not the computer's
+        desk.facts.skipped_by_host = desk.facts.skipped_by_host or 0
         self._ending: RunEnded | None = None
         self._finish_by = math.inf
         self._scanner = Scanner(desk)
@@ -76,13 +82,17 @@ class Sampler:
         Raises `Lost` once the rows of its tick are written, and `StartRefused` where the station has nothing to sample.
         """
         while not self.is_over(tick):
-            self._standstill.seconds = 0.0
+            self._standstill.seconds = self._standstill.late_s = 0.0
+            behind_s = max(self.desk.now - self.grid.due(tick), 0.0)
+            self._elsewhere_s = min(self._elsewhere_s, behind_s)  # a tick that begins late is not the computer's for that
             yield from self._standstill.watch(self._await(tick), self.desk.now)
             if not any(scan.fast for scan in self._scans.values()):  # a run without pause would spin on nothing
                 raise StartRefused(f"{self.desk.name}: it knows none of the signals that are read on every tick")
             tell_late(self.desk)
             yield from self._meet_new_tools()
             tick = self._following(tick)
+            if self._busy.is_to_be_told(self.desk.now):
+                self._tell_busy()
         return tick
 
     def _await(self, tick: int) -> Steps[None]:
@@ -94,17 +104,20 @@ class Sampler:
     def _meet_new_tools(self) -> Steps[None]:
         for port in self.desk.ports.values():
             if port.tool_is_new:
+                began = self.desk.now
                 try:
                     yield from meet_tool(self.desk, port)
                 except (LinkError, StationSilent, RobotModeOff) as error:
                     raise Lost(error) from error
+                self._elsewhere_s += self.desk.now - began
 
     def _following(self, tick: int) -> int:
         if not self.paced:
             return tick + 1
         following = self.grid.next_after(tick, self.desk.now)
         if following > tick + 1:
-            self._skip(tick + 1, following, self._standstill.seconds)
+            by_host = self.grid.next_after(tick, self.desk.now - self._elsewhere_s) - tick - 1
+            self._skip(tick + 1, following, self._standstill.seconds, by_host)
         return following
 
     def after_standstill(self, tick: int, seconds: float) -> int:
@@ -115,17 +128,32 @@ class Sampler:
         self._skip(tick, following, seconds)
         return following
 
-    def _skip(self, first: int, end: int, seconds: float) -> None:
-        """Account for ticks that nobody could run: rows of `skipped`, or one event where the host stood still so long."""
+    def _skip(self, first: int, end: int, seconds: float, by_host: int = 0) -> None:
+        """Account for ticks that nobody could run: rows of `skipped`, or one event where the host stood still so long.
+
+        `by_host`: how many of them there would be if the station had answered at once.
+        """
         missed = [tick for tick in range(first, end) if not self.is_over(tick)]
         self.desk.facts.last_tick = first + len(missed) - 1
         if seconds <= SUSPENDED_S:
             for tick in missed:
                 self.miss(tick, SKIPPED)
+            self._count_busy(first, min(by_host, len(missed)))
             return
         self.desk.facts.skipped += len(missed)
         text = f"The recorder stood still for {seconds:.1f} s (suspended or stopped host); {len(missed)} ticks have no rows."
         self.desk.note("host.suspended", Severity.ERROR, text, since=self.grid.due(first), value=seconds)
+
+    def _count_busy(self, first: int, ticks: int) -> None:
+        if ticks:
+            self.desk.facts.skipped_by_host = (self.desk.facts.skipped_by_host or 0) + ticks
+            self._busy.add(ticks, self.grid.due(first), self.desk.now)
+
+    def _tell_busy(self) -> None:
+        busy, self._busy = self._busy, Busy()
+        text = busy.text(self.grid.period_s)
+        late = f"late_s={busy.late_s:.3f}"
+        self.desk.note(KIND, Severity.WARNING, text, since=busy.since, value=busy.ticks, raw=late)
 
     # -- one tick -----------------------------------------------------------------------------------------------------
 
@@ -159,11 +187,20 @@ class Sampler:
             if self._ending is not None and self.desk.now > self._finish_by:
                 raise self._ending
             try:
-                yield from self._scanner.take(probe, scan)
+                yield from self._take(probe, scan)
             except RunEnded as end:
                 self._ending = end  # and kept, whatever becomes of the readings that are left
                 self._finish_by = self.desk.now + FINISH_S
                 yield from self._scanner.take(probe, scan)
+
+    def _take(self, probe: Probe, scan: Scan) -> Steps[None]:
+        """Take one reading. What it took is the station's where one question did not do and the computer was in time."""
+        began, late_s = self.desk.now, self._standstill.late_s
+        try:
+            yield from self._scanner.take(probe, scan)
+        finally:
+            if not self._scanner.at_once and self._standstill.late_s - late_s < IN_TIME_S:
+                self._elsewhere_s += self.desk.now - began
 
     def _take_slow(self, tick: int) -> Steps[None]:
         """Slow readings, most urgent first, while the wire has room; without a grid, or behind it, one after each scan."""
@@ -171,7 +208,7 @@ class Sampler:
         while (slow := self.slow.next(self.desk.now, following)) is not None:
             probe, scan = self._probes[slow.reading.name, slow.reading.port], self._scans[slow.reading.port]
             try:
-                yield from self._scanner.take(probe, scan)
+                yield from self._take(probe, scan)
             finally:
                 self.slow.taken(slow, self.desk.now, following if self.paced else 0.0)
             if probe.is_lacking:
@@ -232,6 +269,8 @@ class Sampler:
     def account(self) -> None:
         """Put what was due, and what was got of it, into the facts."""
         facts = self.desk.facts
+        if self._busy.ticks:
+            self._tell_busy()
         facts.worst_slow_periods = round(self.slow.worst_periods, 2)
         for (name, port), probe in self._probes.items():
             due = facts.due.setdefault(str(port), {})

@@ -15,9 +15,10 @@ NOTED_S = 1.0  # a host that is busy may be late by less than this without havin
 
 @dataclass(slots=True)
 class Standstill:
-    """How long the host stood still since `seconds` was last set to zero."""
+    """How long the host stood still since `seconds` was last set to zero; `late_s` has what is too short for that, too."""
 
     seconds: float = 0.0
+    late_s: float = 0.0
 
     def watch(self, steps: Steps[T], now: float) -> Steps[T]:
         """Do `steps` as they are, from `now` on, and add up by how much their wishes came back too late."""
@@ -33,6 +34,7 @@ class Standstill:
 
     def _note(self, wish: Wish, heard: Heard, now: float) -> None:
         late = heard.now - _latest(wish, now, heard)
+        self.late_s += max(late, 0.0)
         if late > NOTED_S:
             self.seconds += late
 

@@ -62,6 +62,67 @@ def test_short_pauses_are_rows() -> None:
     assert skipped(run) > 70  # two ports
 
 
+# -- a busy host -----------------------------------------------------------------------------------------------------
+
+
+def test_a_busy_host_is_told_with_how_many_ticks_and_how_late() -> None:
+    run = prepare(duration_s=60)
+    for at_s in (10.0, 12.0, 14.0):
+        stop_the_host(run, at_s, 0.45)
+    run.go()
+    (event,) = run.memory.of_kind("host.busy")
+    assert (event.severity, event.station) == ("warning", "dde-1")
+    assert event.value == run.facts.skipped_by_host == skipped(run) / 2  # two ports
+    assert 9 <= event.value <= 15
+    assert "in 3 places" in event.text
+    assert 0.3 < float(str(event.raw).removeprefix("late_s=")) < 0.5
+    assert event.earliest is not None
+    assert 3.5 < (event.time - event.earliest) / 1e6 < 20  # told once it was quiet again
+    assert_account_holds(run)
+
+
+def test_a_busy_hour_is_a_dozen_events() -> None:
+    run = prepare(duration_s=3700)
+    for at_s in range(50, 3650, 5):
+        stop_the_host(run, at_s, 0.3)
+    run.go()
+    events = run.memory.of_kind("host.busy")
+    assert 10 <= len(events) <= 14
+    assert sum(event.value or 0 for event in events) == run.facts.skipped_by_host == skipped(run) / 2
+    assert (run.facts.skipped_by_host or 0) > 700
+
+
+def test_what_was_skipped_last_is_told_at_the_end() -> None:
+    run = prepare(duration_s=20)
+    stop_the_host(run, 18.0, 0.45)
+    run.go()
+    (event,) = run.memory.of_kind("host.busy")
+    assert event.value == run.facts.skipped_by_host
+
+
+def test_a_host_with_time_tells_nothing() -> None:
+    run = prepare(duration_s=30).go()
+    assert run.memory.of_kind("host.busy") == []
+    assert run.facts.skipped_by_host == 0
+
+
+def test_what_the_station_made_late_is_not_the_hosts() -> None:
+    """It does not answer every other question: its ticks are late, and the host never was."""
+    run = prepare(line_text('[[station.sim.fault]]\nkind = "silence"\nat_s = 5\nfor_s = 40\nevery = 20\n'), duration_s=60).go()
+    assert skipped(run) > 20
+    assert run.facts.skipped_by_host == 0
+    assert run.memory.of_kind("host.busy") == []
+
+
+def test_each_has_its_own_share() -> None:
+    fault = '[[station.sim.fault]]\nkind = "silence"\nat_s = 5\nfor_s = 20\nevery = 20\n'
+    run = prepare(line_text(fault), duration_s=60)
+    stop_the_host(run, 40, 0.85)
+    run.go()
+    assert 6 <= (run.facts.skipped_by_host or 0) <= 9
+    assert skipped(run) / 2 - (run.facts.skipped_by_host or 0) > 5
+
+
 # -- the measure itself --------------------------------------------------------------------------------------------
 
 

@@ -86,7 +86,8 @@ def test_a_gap_that_the_computer_made_is_no_reject(case: Any, tip: Callable[...,
     seen = rule(case, "longest_gap", Limits(longest_gap_s=3))
     assert seen.result is Result.MISSING
     assert seen.text == (
-        "4.5 s without a temperature at the longest; 3 s allowed. The computer was busy and skipped readings; without that it is 0.5 s."
+        "4.5 s without a temperature at the longest; 3 s allowed. "
+        "The computer was busy and skipped readings; without that it is 0.5 s."
     )
     assert rule(case, "longest_gap", Limits(longest_gap_s=0.4)).result is Result.FAIL
     assert rule(case, "longest_gap", Limits(longest_gap_s=3), by=1).result is Result.FAIL
