@@ -25,6 +25,7 @@ from jbclog.scheduler import Demand
 from jbclog.session.order import AS_FAST_AS_POSSIBLE, Order
 from jbclog.session.pace import asked_rate, rate_problem, readings_for, response, taken_rate_hz
 
+WORK = ("working", "on")  # statuses that heat
 PORTS = (1, 2, 3, 4)  # that any station can have
 ANSWERING_PORTS = (1,)  # what is reckoned with where only the station knows its ports
 NOT_BESIDE_REPLAY = (
@@ -171,7 +172,8 @@ class Plan:
     @property
     def notes(self) -> list[str]:
         """What is in order, and may not be what was meant, or what was hoped for."""
-        return [*self._without_safe_state(), *self._differing_on_missing(), *self._not_printed(), *self._asked_later()]
+        plain = [*self._without_safe_state(), *self._not_put_to_work(), *self._differing_on_missing()]
+        return [*plain, *self._not_printed(), *self._asked_later()]
 
     def _not_printed(self) -> Iterator[str]:
         """Values beyond a limit that is another manual's, and units that are: once for each key of a station's recipe."""
@@ -193,6 +195,21 @@ class Plan:
         for station in self.stations:
             if station.family is not None and not station.family.safe_states:
                 yield f"{station.spec.name} has no safe state that could be ordered: it is left as it is, whatever happens"
+
+    def _not_put_to_work(self) -> Iterator[str]:
+        """Recipes that set a temperature and leave it to others to put the tools to work."""
+        for name, recipe in self.recipes.items():
+            heats = any(one.family is None or one.family.run_statuses for one in self.stations if one.recipe is recipe)
+            status, acceptance = recipe.run.status, recipe.acceptance
+            is_meant = status in WORK or (acceptance is None and status is not None)
+            if not heats or not recipe.heated_ports() or is_meant or (acceptance and acceptance.at_work_percent == 0):
+                continue
+            ordered = "no [run] status" if status is None else f'[run] status = "{status}"'
+            then = "a cold tool is recorded" if acceptance is None else "the verdict is INCONCLUSIVE"
+            yield (
+                f"{name} sets a temperature and has {ordered}: the run puts no tool to work, and where nobody else does, {then}; "
+                'status = "working" (hot air: "on") heats'
+            )
 
     def _asked_later(self) -> Iterator[str]:
         recipes = {id(one.recipe): one.recipe for one in self.stations} if self.wanted.metadata is None else {}

@@ -28,7 +28,20 @@ from jbclog.judge.stepped import Step, Unstepped, steps_of
 from jbclog.rows import StationFacts
 
 TEMPERATURE = "temperature_c"
-COLUMNS = ["time", "tick", "station", "port", "quality", "temperature_c", "power_permille", "status", "set_c", "tool", "port_error"]
+COLUMNS = [
+    "time",
+    "tick",
+    "station",
+    "port",
+    "quality",
+    "temperature_c",
+    "power_permille",
+    "status",
+    "cooling",
+    "set_c",
+    "tool",
+    "port_error",
+]
 Counts = NDArray[np.int64]
 WORKING = ("working", "on")
 SKIPPED = "skipped"
@@ -81,7 +94,7 @@ class PortMeasure:
         self.end_s = float(rows.seconds[-1])
         self.rows += len(rows.seconds)
         self.readings += int(read.sum())
-        self.heat.feed(rows, marks.status)
+        self.heat.feed(replace(rows, working=marks.at_work), marks.status)
         self._into_blocks(rows)
 
     def _but_for_the_host(self, seconds: Floats, there: Flags) -> Floats:
@@ -190,16 +203,18 @@ def _ports(
         station = names.dictionary[int(keys[rows[0]]) // 16].as_py()
         if station in stations:
             there = sum((_is_there(batch, name)[rows] for name in signals[station]), np.zeros(len(rows), dtype=np.int64))
-            block = columns.block(rows, stations[station].period_s, has_tip=stations[station].family not in WITHOUT_TIP)
-            yield station, int(ports[rows[0]]), block, there, Marks(columns.skipped[rows], columns.status[rows])
+            has_tip = stations[station].family not in WITHOUT_TIP
+            block = columns.block(rows, stations[station].period_s, has_tip=has_tip)
+            yield station, int(ports[rows[0]]), block, there, columns.marks(rows, has_tip=has_tip)
 
 
 @dataclass(frozen=True, slots=True)
 class Marks:
-    """Of each row, whether its tick was skipped, and whether its status was read."""
+    """Of each row, whether its tick was skipped, whether its status was read, and whether the tool was at work."""
 
     skipped: Flags
     status: Flags
+    at_work: Flags
 
 
 @dataclass(frozen=True, slots=True)
@@ -214,6 +229,11 @@ class _Columns:
     port_error: Floats
     skipped: Flags
     status: Flags
+    cooling: Flags  # of a tip: in its extractor
+
+    def marks(self, rows: NDArray[np.int64], *, has_tip: bool) -> Marks:
+        rests = self.cooling[rows] & has_tip  # hot air that cools has another status
+        return Marks(self.skipped[rows], self.status[rows], self.working[rows] & ~rests)
 
     def block(self, rows: NDArray[np.int64], period_s: float | None, *, has_tip: bool) -> Block:
         seconds = self.tick[rows] * period_s if period_s else self.utc_s[rows]
@@ -235,6 +255,7 @@ def _columns(batch: pa.RecordBatch) -> _Columns:
         _floats(batch, "port_error"),
         pc.fill_null(pc.equal(batch.column("quality").cast(pa.string()), SKIPPED), False).to_numpy(zero_copy_only=False),
         pc.is_valid(status).to_numpy(zero_copy_only=False),
+        pc.fill_null(batch.column("cooling"), False).to_numpy(zero_copy_only=False),
     )
 
 

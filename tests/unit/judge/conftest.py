@@ -30,6 +30,7 @@ class Tip:
     status: list[str | None] = field(default_factory=list)
     tool: list[int | None] = field(default_factory=list)
     port_error: list[int | None] = field(default_factory=list)
+    extractor: bool = False
     skipped: set[int] = field(default_factory=set)  # rows that the computer had no time for
 
     def __post_init__(self) -> None:
@@ -104,6 +105,7 @@ class Case:
                 "temperature_c": pa.array([tip.temperature[i] for i, _, _, tip in rows], pa.int64()),
                 "power_permille": pa.array([tip.power[i] for i, _, _, tip in rows], pa.int64()),
                 "status": pa.array([tip.status[i] for i, _, _, tip in rows], pa.string()).dictionary_encode(),
+                "cooling": pa.array([tip.extractor for *_, tip in rows], pa.bool_()),
                 "set_c": pa.array([tip.setting[i] for i, _, _, tip in rows], pa.int64()),
                 "tool": pa.array([tip.tool[i] for i, _, _, tip in rows], pa.int64()),
                 "port_error": pa.array([tip.port_error[i] for i, _, _, tip in rows], pa.int64()),

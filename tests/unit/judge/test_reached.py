@@ -112,6 +112,17 @@ def test_a_tool_that_is_hot_and_not_at_work_has_not_arrived(case: Any, tip: Call
     assert reached(case).result is Result.MISSING
 
 
+def test_a_tip_in_its_extractor_is_not_at_work(case: Any, tip: Callable[..., Any]) -> None:
+    """Status 00010: the state in which tools leave the factory (manual 002, "Tool Operating Status")."""
+    one = cold(tip, "working")
+    one.extractor = True
+    facts = case.station("a", one)
+    case.ask("a", None)
+    assert (reached(case).result, reached(case).observed) == (Result.MISSING, "not at work")
+    facts.family = "jtse"  # whose tens digit is something else
+    assert reached(case).result is Result.FAIL
+
+
 # -- time --------------------------------------------------------------------------------------------------------------
 
 
