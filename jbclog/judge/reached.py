@@ -3,8 +3,8 @@
 Definitions. A tool is *at work* while its status is working and not extractor (hot air: on). It *arrives* with the first reading
 at work that is within `reached_within_c` of the setting in force, or behind which it has passed through it. Tool and setting
 belong together: with another tool in the port, or another setting, it has to arrive anew; a stretch of less than `ENOUGH_S` at
-work is too short to ask that of. *At work since*: rows at work in per cent of those due from the first arrival to the end of the run; a row whose status
-was not read is neither at work nor not.
+work is too short to ask that of. *At work since*: rows at work in per cent of those due from the first arrival to the end of the
+run; a row whose status was not read is neither at work nor not.
 
 A tool that was told to work and did not arrive breaks the rule, unless it was seen for less than `ENOUGH_S`, or was still on
 its way when the record ended (`APPROACH_C` nearer than `APPROACH_S` before). One that nobody put to work is missing evidence.
