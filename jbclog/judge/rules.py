@@ -256,8 +256,8 @@ def _without_host(rule: Rule, facts: StationFacts, ledger: PortLedger) -> Rule:
     skipped = sum(skipped_by_host(facts, one.get(SKIPPED, 0)) for one in counts)
     allowed, few = allowed_misses(due, rule.limit), due < RESOLVES
     if due - there <= (0 if few and rule.observed < rule.limit else allowed):
-        one = "" if rule.observed >= rule.limit else f" One reading is {_shown(100 / due)} %, so that is kept."
-        return replace(rule, result=Result.PASS, text=f"{rule.text}{one}")
+        kept = "" if rule.observed >= rule.limit else f" One reading is {_shown(100 / due)} %, so that is kept."
+        return replace(rule, result=Result.PASS, text=f"{rule.text}{kept}")
     told = f"{rule.text} The computer was busy and skipped {skipped} of them." if skipped else rule.text
     if due - there - skipped > allowed:
         return replace(rule, result=Result.FAIL, text=told)
