@@ -59,7 +59,7 @@ class PortMeasure:
     """What the samples of one port show. `gap_s` is None while nothing was read at all."""
 
     period_s: float | None
-    heat: Heat
+    heat: Heat = field(default_factory=lambda: Heat(None))
     start_s: float | None = None
     end_s: float | None = None
     rows: int = 0
