@@ -6,6 +6,7 @@ manifest that says ``sealed`` is on the disk.
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import json
 from collections.abc import Iterator
@@ -114,8 +115,11 @@ def _keep_damaged(folder: Path) -> None:
     """A store that was found damaged is not removed; one whose end is missing has nothing more to show."""
     if any(one.seconds is None for one in damage.read(folder)):
         for path in segments(folder):
-            for each in [path, *companions(path)]:
-                damage.set_aside(folder, each)
+            beside = companions(path)
+            damage.set_aside(folder, path)
+            for each in beside:
+                with contextlib.suppress(FileNotFoundError):  # a reader removes what SQLite made for it
+                    damage.set_aside(folder, each)
 
 
 def last_time(folder: Path) -> str | None:

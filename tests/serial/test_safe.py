@@ -121,9 +121,10 @@ def test_a_run_that_hangs_is_ended(line: ServedLine, tmp_path: Path, guard: bool
         assert run.wait(30) == -signal.SIGKILL
     facts = json.loads(ended.stdout)
     assert ended.returncode == 0, ended.stderr
-    (end,) = [run["ended"] for run in facts["runs"]]
-    assert end == "killed" or (guard and end == "asked")  # a guard is faster, where it gets the processor
-    assert {tool["rested"] for station in facts["stations"] for tool in station["tools"]} == {end == "asked"}
+    ends = [run["ended"] for run in facts["runs"]]
+    assert ends in ([["asked"], ["killed"], []] if guard else [["killed"]])  # a guard is faster, where it gets the processor
+    if ends:
+        assert {tool["rested"] for station in facts["stations"] for tool in station["tools"]} == {ends == ["asked"]}
     assert {order.at - now < 30 for order in told(line, now + 0.1)} == {True}
     assert (line.at_work(), line.motor("ale-1")) == (0, False)
 

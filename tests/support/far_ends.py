@@ -108,7 +108,7 @@ class Rfc2217Server:
         self.device.close()
 
     def _serve(self) -> None:
-        with contextlib.suppress(OSError):
+        with contextlib.suppress(OSError, ValueError):  # ValueError: closed by `end` just before it is watched
             self.client, _ = self._listening.accept()
             manager = rfc2217.PortManager(self.device, self)
             while True:

@@ -174,7 +174,8 @@ def pack(folder: Path, archive: Path) -> None:
 def unpack(archive: Path, out: Path) -> Path:
     """The run in it, below `out`."""
     with tarfile.open(archive) as kept:
-        kept.extractall(out, filter="data")
+        kept.extraction_filter = getattr(tarfile, "data_filter", None)  # Python before 3.11.4 has none
+        kept.extractall(out)
         return out / kept.getnames()[0]
 
 
