@@ -255,7 +255,7 @@ def test_foreign_files(path: Path, data: bytes) -> None:
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [
-        (b'"format": 2', b'"format": 3', "written in format 3; this jbclog knows 2"),
+        (b'"format": 3', b'"format": 4', "written in format 4; this jbclog knows 3"),
         (b'"station": "dde-1"', b'"station": "dde-2"', "it is that of dde-2"),
         (b'"tht.toml"', b'"../../x"', "is no recipe of this run"),
         (b"1790000000.25", b"Infinity", "began at no moment"),
@@ -271,8 +271,8 @@ def test_heads_that_are_not_believed(path: Path, whole: bytes, old: bytes, new: 
 
 def test_a_newer_file_that_is_packed_otherwise_says_its_format(path: Path, whole: bytes) -> None:
     """What does not hold here may hold there: it is no damage that is told, but the format."""
-    path.write_bytes(SINGLE_OF_0_1(gzip.decompress(whole).replace(b'"format": 2', b'"format": 3'))[:-8] + b"other check sums")
-    with pytest.raises(RecordError, match="written in format 3; this jbclog knows 2"):
+    path.write_bytes(SINGLE_OF_0_1(gzip.decompress(whole).replace(b'"format": 3', b'"format": 4'))[:-8] + b"other check sums")
+    with pytest.raises(RecordError, match="written in format 4; this jbclog knows 3"):
         read_head(path)
 
 

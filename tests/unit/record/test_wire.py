@@ -145,9 +145,9 @@ def test_a_file_that_is_none(tmp_path: Path) -> None:
 
 def test_a_file_of_a_newer_jbclog(tmp_path: Path) -> None:
     path = written(tmp_path, ROWS[:2])
-    text = gzip.decompress(path.read_bytes()).replace(b'"format": 2', b'"format": 3')
+    text = gzip.decompress(path.read_bytes()).replace(b'"format": 3', b'"format": 4')
     path.write_bytes(gzip.compress(text))
-    with pytest.raises(RecordError, match="format 3; this jbclog knows 2"):
+    with pytest.raises(RecordError, match="format 4; this jbclog knows 3"):
         read_head(path)
 
 
