@@ -28,6 +28,6 @@ def _is_wrong(before: Reading, this: Reading, after: Reading, span: MakeSpan) ->
     if before.shown.low <= this.shown.high and this.shown.low <= after.shown.high:  # most are
         return False
     there, back = span(before, this), span(this, after)
-    if not (there.is_impossible and back.is_impossible):
+    if not there.is_impossible or back.can_go_on:  # one that fell to what it can have counted since a reset may be right
         return False
     return span(before, after).can_go_on

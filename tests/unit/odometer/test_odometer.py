@@ -214,6 +214,13 @@ def test_a_reading_that_fits_neither_side_is_left_out_and_told() -> None:
     assert [(one.kind, one.rule) for one in trace.odometer.marks] == [(Kind.SUSPECT, "left_out")]
 
 
+def test_a_wrong_digit_soon_after_a_reset_is_left_out() -> None:
+    shown = {"plugged_h": [5000, 10, 18, 26], "work_h": [3000, 8, 9014, 20]}
+    trace = series(DAY, told(20, RESET), **shown)["work_h"]
+    assert [one.rule for one in trace.odometer.marks if one.kind is Kind.SUSPECT] == ["left_out"]
+    assert last(trace).delta.low == 11
+
+
 # -- another station --------------------------------------------------------------------------------------------------------------
 
 ONE = {"plugged_h": 5000, "work_h": 3000}
