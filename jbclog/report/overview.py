@@ -1,12 +1,13 @@
 """The run at a glance: a strip for each port on one time axis, so that what stands out is seen from across the room.
 
-Each strip shows how far the tip was from its setting, at most `REACH_C` either way, between its least and its greatest; what was
-not read is hatched, alarms and errors are bars. Collected while the samples of a port are there; thinned curves are kept.
+Each strip shows how far the tip was from its setting, at most `REACH_C` either way, between its least and its greatest. Where it
+was further away for `FAR_S`, no curve is drawn but a field with its temperature: a cold tip is no level line. What was not read
+is hatched, alarms and errors are bars. Collected while the samples of a port are there; thinned curves are kept.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -17,12 +18,14 @@ from jbclog.report.envelope import Envelope, envelope
 from jbclog.report.letters import drawable
 from jbclog.report.panel import Panel
 from jbclog.report.scale import Scale
-from jbclog.report.spans import Span, merged, widened
+from jbclog.report.spans import Floats, Span, merged, runs, widened
 from jbclog.report.style import Format
 from jbclog.report.timescale import duration_text, time_marks
 from jbclog.report.trace import JOINED_PERIODS, Mark, Trace
 
 REACH_C = 40.0
+FAR_S = 10.0
+FAR_TINT = "#d9dde8"
 STRETCHES = 400
 STRIP_IN, ALL_IN, LEAST_IN, SHEET_IN = 0.24, 4.6, 0.12, 9.4  # a strip's height; that of all of them; where they are many
 FEWEST = 2  # strips from which on a glance is worth more than the figures themselves
@@ -33,7 +36,7 @@ LONGEST_NAME = 16
 
 @dataclass(frozen=True, slots=True)
 class Strip:
-    """One port: its curve as °C from the setting, what is hatched and marked, and two words on its right."""
+    """One port: its curve as °C from the setting, what is hatched and marked, and some words on its right."""
 
     name: str
     curve: Envelope
@@ -43,6 +46,8 @@ class Strip:
     end: float
     words: str
     is_bad: bool
+    far: list[Span]  # with what to write into the field
+    is_cold: bool  # it never came to its setting
 
 
 @dataclass(slots=True)
@@ -52,16 +57,21 @@ class Overview:
     t0_utc_us: int
     strips: list[Strip] = field(default_factory=list)
 
-    def add(self, name: str, trace: Trace, coverage_percent: float | None) -> None:
-        """One more port."""
+    def add(self, name: str, trace: Trace, coverage_percent: float | None, cold: str | None = None) -> None:
+        """One more port. `cold`: in a word or two how it never came to its setting; None where it did."""
         away = trace.temperature - setting_in_force(trace.seconds, trace.setting) if len(trace.seconds) else trace.temperature
+        far = _far(trace, away)
+        for span in far:
+            away = np.where((trace.seconds >= span.start) & (trace.seconds < span.end), np.nan, away)
         curve = envelope(trace.seconds, np.clip(away, -REACH_C, REACH_C), STRETCHES, JOINED_PERIODS * trace.period_s)
         alarms = sum(mark.kind == "alarm" for mark in trace.marks)
         read = "–" if coverage_percent is None else f"{np.floor(coverage_percent * 10) / 10:g} %"
-        words = f"{read}, {alarms} alarm{'s' * (alarms > 1)}" if alarms else read
+        words = cold or (f"{read}, {alarms} alarm{'s' * (alarms > 1)}" if alarms else read)
         name = drawable(name)
         shown = name if len(name) <= LONGEST_NAME else f"{name[: LONGEST_NAME - 7]}…{name[-6:]}"
-        self.strips.append(Strip(shown, curve, trace.gaps, list(trace.marks), trace.start, trace.end, words, alarms > 0))
+        self.strips.append(
+            Strip(shown, curve, trace.gaps, list(trace.marks), trace.start, trace.end, words, bool(alarms or cold), far, bool(cold))
+        )
 
     @property
     def is_worth_it(self) -> bool:
@@ -81,9 +91,14 @@ class Overview:
     def caption(self) -> str:
         """What the strips show."""
         length = duration_text(max(strip.end for strip in self.strips) - min(strip.start for strip in self.strips))
+        further = (
+            f"; shaded: more than {REACH_C:g} °C away, with the temperature" if any(strip.far for strip in self.strips) else ""
+        )
+        cold = [strip.name for strip in self.strips if strip.is_cold]
+        never = f" Never at its setting: {', '.join(cold)}." if cold else ""
         return (
             f"{length}. Each strip: a tip's distance from its setting (grey), {REACH_C:g} °C up and down at most. "
-            "Hatched: not read; red: alarm; violet: error. On the right: readings that are there."
+            f"Hatched: not read; red: alarm; violet: error{further}. On the right: readings that are there.{never}"
         )
 
     def draw(self, form: Format) -> Drawing:
@@ -112,6 +127,8 @@ def _draw(panel: Panel, top: float, high: float, strip: Strip, points: float) ->
     drawing.line(panel.x.at([strip.start, strip.end]), [middle, middle], Stroke(style.NO_DATA, 0.5))
     low, high_y = (middle - 0.42 * high * side / REACH_C for side in (curve.low, curve.high))
     drawing.area(panel.x.at(curve.seconds), low, high_y, style.TEMPERATURE, Stroke(style.TEMPERATURE, 0.5), strip.name)
+    for span in strip.far:
+        _far_field(panel, top, high, span)
     for gap in merged((gap for gap in strip.gaps if gap.seconds >= least_s), least_s):
         hatch = style.hatch(gap.word, gap.seconds > 4 * least_s)
         _bar(panel, top, high, gap, style.NO_DATA_TINT if hatch else style.NO_DATA, hatch)
@@ -121,6 +138,28 @@ def _draw(panel: Panel, top: float, high: float, strip: Strip, points: float) ->
     base = middle + 0.36 * points
     panel.told_left(strip.name, middle, points, style.INK)
     drawing.words(panel.right + 4, base, strip.words, points, style.ALARM if strip.is_bad else style.QUIET, bold=strip.is_bad)
+
+
+def _far(trace: Trace, away: Floats) -> list[Span]:
+    """Where the tip was out of the strip's reach for long, each with its temperatures in words."""
+    words = np.array(["far" if abs(one) > REACH_C else None for one in away], dtype=np.object_)
+    spans = [span for span in runs(trace.seconds, words, trace.period_s) if span.seconds >= FAR_S]
+    return [replace(span, word=_celsius(trace, span)) for span in spans]
+
+
+def _celsius(trace: Trace, span: Span) -> str:
+    inside = trace.temperature[(trace.seconds >= span.start) & (trace.seconds < span.end)]
+    low, high = np.nanmin(inside), np.nanmax(inside)
+    return f"{low:.0f} °C" if low == high else f"{low:.0f} to {high:.0f} °C"
+
+
+def _far_field(panel: Panel, top: float, high: float, span: Span) -> None:
+    """A field with the temperature in it, where there is room for that."""
+    a, b = panel.x.at([span.start, span.end]).tolist()
+    points = min(panel.form.font_pt, 0.6 * high)
+    panel.drawing.field(a, top + 0.06 * high, b - a, 0.88 * high, FAR_TINT)
+    if b - a > LETTER_PT * len(span.word):
+        panel.drawing.words((a + b) / 2, top + high / 2 + 0.36 * points, span.word, points, style.INK, align="middle")
 
 
 def _bar(panel: Panel, top: float, high: float, span: Span, face: str, hatch: str | None) -> None:

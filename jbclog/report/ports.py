@@ -67,7 +67,7 @@ def port_facts(facts: StationFacts, port: int, file: str, rows: pd.DataFrame, co
     celsius, status = facts.last_temperature_c.get(port, _last(drawn.temperature)), _last_word(rows["status"])
     how, recorded = left(facts, port, celsius, status, context.cut_off), _recorded(rows, drawn, measure, ledger, signals)
     if context.plates.overview is not None and len(rows):
-        context.plates.overview.add(clean(f"{facts.name} · {port}"), drawn, recorded.coverage_percent)
+        context.plates.overview.add(clean(f"{facts.name} · {port}"), drawn, recorded.coverage_percent, _cold(drawn, measure))
     check, has_tip = context.checks.get((facts.name, port)), not drawn.states and drawn.air is None
     figures = _figures(file, f"{facts.name}, port {port}", drawn, context) if len(rows) else []
     return PortFacts(
@@ -91,6 +91,13 @@ def port_facts(facts: StationFacts, port: int, file: str, rows: pd.DataFrame, co
         joints=_joints(facts.name, port, file, context) if has_tip else None,
         verification=verification_facts(check, context.rules, facts.name, port) if has_tip or check is not None else None,
     )
+
+
+def _cold(drawn: Trace, measure: PortMeasure | None) -> str | None:
+    """How a tool that has a setting never came to it, in a word or two."""
+    if measure is None or measure.heat.arrived_s is not None or not np.any(~np.isnan(drawn.setting)):
+        return None
+    return "not reached" if measure.heat.stretches else "not at work"
 
 
 def _recorded(

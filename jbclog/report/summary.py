@@ -7,6 +7,8 @@ from collections.abc import Mapping, Sequence
 NOT_APPLICABLE = "not applicable"
 FEW = 12  # so many rules are read at a glance and need no summary
 
+LEAST_IS_WORST = ("coverage", "reached")
+
 Rule = Mapping[str, object]
 
 
@@ -44,11 +46,15 @@ def _line(rules: Sequence[Rule]) -> dict[str, object]:
 
 
 def _worst(rules: Sequence[Rule]) -> Rule | None:
-    """The one furthest on the wrong side; None where nothing is a number."""
+    """The one furthest on the wrong side; None where nothing is a number, or a word for having none at all."""
+    if rules[0]["name"] in LEAST_IS_WORST and (without := [rule for rule in rules if isinstance(rule["observed"], str)]):
+        return without[0]
     measured = [rule for rule in rules if isinstance(rule["observed"], int | float)]
     if not measured:
         return None
-    return min(measured, key=_reading) if rules[0]["name"] == "coverage" else max(measured, key=lambda rule: abs(_reading(rule)))
+    return (
+        min(measured, key=_reading) if rules[0]["name"] in LEAST_IS_WORST else max(measured, key=lambda rule: abs(_reading(rule)))
+    )
 
 
 def _reading(rule: Rule) -> float:

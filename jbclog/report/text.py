@@ -37,7 +37,7 @@ def measured(value: object, unit: str) -> str:
     """A figure with its unit. Per cent are never rounded up: 99.996 % of the readings are not all of them."""
     if isinstance(value, float) and unit == "%":
         value = floor(value * 100 + 1e-9) / 100
-    return number(value) if value is None or not unit else f"{number(value)} {unit}"
+    return number(value) if value is None or isinstance(value, str) or not unit else f"{number(value)} {unit}"
 
 
 def bound_text(bound: object, unit: str) -> str:
