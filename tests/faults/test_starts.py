@@ -39,7 +39,7 @@ settings = {{{held}}}
 ASKED = {"sleep_delay": "5", "hibernation_delay": "30", "alarm_high_limit": "380", "alarm_high_delay": "0.50"}
 ASKED |= {"alarm_low_limit": "250", "alarm_low_delay": "2.00", "selected_temperature": "350"}
 IN_STATION = ("selected_temperature", "alarm_high_limit", "alarm_low_limit", "alarm_high_delay", "alarm_low_delay")
-HOW_OFTEN = re.compile(r"in \d+ (try|tries|writes?)\b|only \d+ of 12 questions")
+HOW_OFTEN = re.compile(r"in \d+ (try|tries|writes?)\b|only \d+ of 12 questions|silent for 10 s in step \d")
 
 
 def started(number: int, share: float) -> tuple[VirtualRun, list[LossyWire]]:
