@@ -62,7 +62,7 @@ def test_every_command_takes_it(tmp_path: Path) -> None:
             folder = Path(json.loads(run.stdout)["run"])
             assert check(folder) == []
             (station,) = json.loads((folder / "manifest.json").read_text())["stations"]
-            assert station["turnaround_us"]["median"] == station["turnaround_us"]["p99"] == 0.0
+            assert station["turnaround_us"]["median"] == 0.0 <= station["turnaround_us"]["p99"]
             assert station["turnaround_us"]["faster_by"] > 1000
             assert f"answers in 0.00 ms (median) (the link is faster than its stated {stated} 8N1" in _ready(folder)
 
