@@ -48,7 +48,7 @@ def _line(rules: Sequence[Rule]) -> dict[str, object]:
 def _worst(rules: Sequence[Rule]) -> Rule | None:
     """The one furthest on the wrong side; None where nothing is a number, or a word for having none at all."""
     if rules[0]["name"] in LEAST_IS_WORST and (without := [rule for rule in rules if isinstance(rule["observed"], str)]):
-        return without[0]
+        return min(without, key=lambda rule: rule["result"] != "fail")
     measured = [rule for rule in rules if isinstance(rule["observed"], int | float)]
     if not measured:
         return None
