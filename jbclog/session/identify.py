@@ -10,10 +10,9 @@ from jbclog.rows import Severity
 from jbclog.session.identity import learn_identity
 from jbclog.session.order import Desk, PortState
 from jbclog.station.borne_out import NOT_DRIVEN, why_not_borne_out
-from jbclog.station.patient import START_TRIES
+from jbclog.station.patient import START_TRIES, pause
 from jbclog.station.turnaround import LEAST_ANSWERED, READS, response_time
 
-TRIES = 3
 CORRECT_IT = "Correct `model`, or the cable"
 
 
@@ -23,7 +22,7 @@ class Absent(StartRefused):
 
 def identify(desk: Desk) -> Steps[None]:
     """Open the port and prove who is there. Raises `StartRefused` with what to do."""
-    desk.facts.model = yield from connect(desk, reopen=True, tries=TRIES)
+    desk.facts.model = yield from connect(desk, reopen=True, tries=START_TRIES)
     desk.connected = desk.is_proven = True
     desk.tries = START_TRIES
     yield from _learn_family(desk)
@@ -38,7 +37,7 @@ def _learn_who(desk: Desk) -> Steps[None]:
     try:
         yield from learn_identity(desk)
     except StationError as error:
-        raise StartRefused(f"{desk.name}: {error}") from error
+        raise StartRefused(f"{desk.name}: cannot read plugged hours: {error}") from error
 
 
 def connect(desk: Desk, *, reopen: bool, tries: int) -> Steps[str | None]:
@@ -57,7 +56,7 @@ def connect(desk: Desk, *, reopen: bool, tries: int) -> Steps[str | None]:
 
 
 def _answer(desk: Desk, tries: int) -> Steps[str | None]:
-    for tries_left in reversed(range(tries)):
+    for number in range(1, tries + 1):
         try:
             if desk.family_known and not desk.family.models:
                 yield from desk.station.read(desk.command(desk.family.harmless[0]))
@@ -68,8 +67,9 @@ def _answer(desk: Desk, tries: int) -> Steps[str | None]:
         except RobotModeOff as error:
             raise StartRefused(f"{desk.name}: Robot mode is off; switch it on in the station's menu") from error
         except StationError as error:
-            if not tries_left:
+            if number == tries:
                 raise Absent(_no_answer(desk, error, tries)) from error
+        yield from pause(desk.station, number)
     raise AssertionError("no try at all")
 
 
@@ -139,7 +139,7 @@ def _learn_ports(desk: Desk) -> Steps[None]:
                 raise StartRefused(f"{desk.name}: it has no port {number} ({error}); correct `ports` in the line file") from error
             continue
         except (Refusal, StationError) as error:
-            raise StartRefused(f"{desk.name}: {error}") from error
+            raise StartRefused(f"{desk.name}: cannot read tool of port {number}: {error}") from error
         desk.ports[number] = PortState(number, tool if isinstance(tool, int) else None)
     if not desk.ports:
         raise StartRefused(f"{desk.name}: none of its ports answers R-CT")

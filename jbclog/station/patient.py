@@ -13,8 +13,14 @@ from jbclog.effects import Steps, T, Wait
 from jbclog.errors import AnswerCorrupt, AnswerFormat, AnswerTimeout, ImplausibleAnswer, NotReceived
 from jbclog.station.client import Client
 
-START_TRIES: Final = 3  # each of them with the client's own repeats
-SETTLE_S: Final = 0.2  # between two tries: what is still on its way arrives, a burst of noise ends
+SETTLE_S: Final = 0.2  # what is still on its way arrives, a burst of noise ends
+PAUSES_S: Final = (
+    SETTLE_S,
+    1.0,
+    2.0,
+    3.0,
+)  # between tries: a station may be busy for seconds, and no manual prints a response time
+START_TRIES: Final = 1 + len(PAUSES_S)  # each of them with the client's own repeats
 SILENT_S: Final = 10.0  # without one whole answer, after which nothing is tried again
 LOST: Final = (AnswerTimeout, AnswerCorrupt, AnswerFormat, ImplausibleAnswer, NotReceived)
 """What a line does to an answer, or a question: nothing here says that the station does not want to."""
@@ -31,5 +37,10 @@ def patiently(client: Client, ask: Callable[[], Steps[T]], tries: int) -> Steps[
                 if tries > 1:
                     error.args = (f"{error}, in {number} {'try' if number == 1 else 'tries'}",)
                 raise
-        client.unasked((yield Wait(client.now + SETTLE_S)))
+        yield from pause(client, number)
     raise AssertionError("no try at all")
+
+
+def pause(client: Client, number: int) -> Steps[None]:
+    """Wait after the `number`-th try of several (from 1), longer each time."""
+    client.unasked((yield Wait(client.now + PAUSES_S[min(number, len(PAUSES_S)) - 1])))

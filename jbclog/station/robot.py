@@ -17,6 +17,8 @@ How one answer is told from all else on the line is in `dialogue.py`. Everything
 
 from __future__ import annotations
 
+from itertools import cycle, islice
+
 from jbclog.commands.command import Command, Effect
 from jbclog.commands.robot import COMMON
 from jbclog.commands.tolerated import WITHOUT_DATA
@@ -39,7 +41,7 @@ from jbclog.station.question import Question
 from jbclog.wire import LineFormat
 
 PROBES = 2  # questions a silent station gets before it counts as silent
-MOST_ROUNDS = 3  # of these, where it does answer and may be answering what was asked long before
+MOST_ROUNDS = 3  # of these, beside one for each earlier question, where it does answer and may be answering what was asked before
 PROBE_COMMANDS = [command for command in COMMON if command.name in ("model", "station_error", "maximum_temperature")]
 BADLY_FORMED, UNDEFINED = 2, 99999  # communication errors
 EXTRACTOR_ORDER = ("status", "00010")  # which some stations may refuse (digest B-19)
@@ -244,8 +246,9 @@ class Station(Dialogue):
         Raises `StationSilent` where nothing answers, and where something does that cannot be believed, what it met.
         """
         failure: StationError = AnswerTimeout(f"{doubted.title()}: answers to earlier questions may still come")
-        unanswered = 0
-        for probe in MOST_ROUNDS * self._probes(doubted.code):
+        unanswered = 0  # in a row
+        most = MOST_ROUNDS * PROBES + len(self._doubted)  # an answered probe may settle no more than one earlier question
+        for probe in islice(cycle(self._probes(doubted.code)), most):
             if self._is_overdue:
                 yield from self._drain()
             try:
@@ -257,6 +260,7 @@ class Station(Dialogue):
                 if unanswered == PROBES:
                     break
                 continue
+            unanswered = 0
             if doubted.code not in self._doubted:
                 return
         if unanswered == PROBES and isinstance(failure, AnswerTimeout):

@@ -12,9 +12,10 @@ from statistics import median
 
 from jbclog.commands.command import Scope
 from jbclog.commands.family import Family
-from jbclog.effects import Steps
+from jbclog.effects import Steps, Wait
 from jbclog.errors import NotSupported, StationError
 from jbclog.station.client import Asking, Client
+from jbclog.station.patient import SETTLE_S
 from jbclog.wire import LineFormat
 
 READS = 12  # enough for a median that one late answer does not move
@@ -78,6 +79,7 @@ def response_time(client: Client, family: Family, port: int) -> Steps[tuple[Resp
             continue
         except StationError:
             asked += 1
+            client.unasked((yield Wait(client.now + SETTLE_S)))
             continue
         asked += 1
         heard.append(((client.heard - client.sent) * 1e6, question.wire_s * 1e6))

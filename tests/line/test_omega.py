@@ -233,7 +233,7 @@ def test_nobody_there() -> None:
     assert run.facts.outcome == "gone"
     assert "check that the station is on, the cable, and the line format" in run.facts.reason
     assert "Robot mode" not in run.facts.reason
-    assert len(run.heard) <= 9
+    assert len(run.heard) <= 15  # five tries, the probes among them
 
 
 def test_a_restart_is_lived_through() -> None:
