@@ -15,7 +15,7 @@ import third_plant
 from joint_matrix import Cell, Said, judged
 from third_plant import Script, Trial, Truth
 
-REPEATS = 3  # fixed before anything was run; 432 trials a plant
+REPEATS = 3  # 432 trials a plant; the first third of them (`repeat` 0) was fixed before anything was run
 SLICE = [Cell("third", tip, *place) for tip in joint_matrix.TIPS for place in ((0.5, 2.0), (0.8, 1.0), (2.0, 1.2), (1.0, 0.5))]
 LONG, DENSE, BUSY, FED, WORST, NUMBER, EDGES = (name for name, *_ in joint_matrix.ROWS[:7])
 F1_ROWS = (LONG, DENSE, BUSY, FED)
