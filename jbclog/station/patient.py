@@ -14,12 +14,8 @@ from jbclog.errors import AnswerCorrupt, AnswerFormat, AnswerTimeout, Implausibl
 from jbclog.station.client import Client
 
 SETTLE_S: Final = 0.2  # what is still on its way arrives, a burst of noise ends
-PAUSES_S: Final = (
-    SETTLE_S,
-    1.0,
-    2.0,
-    3.0,
-)  # between tries: a station may be busy for seconds, and no manual prints a response time
+PAUSES_S: Final = (SETTLE_S, 1.0, 2.0, 3.0)
+"""Between two tries, longer each time: a station may be busy for seconds, and no manual prints a response time."""
 START_TRIES: Final = 1 + len(PAUSES_S)  # each of them with the client's own repeats
 SILENT_S: Final = 10.0  # without one whole answer, after which nothing is tried again
 LOST: Final = (AnswerTimeout, AnswerCorrupt, AnswerFormat, ImplausibleAnswer, NotReceived)
