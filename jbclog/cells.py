@@ -7,15 +7,18 @@ import io
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Final
 
+from jbclog.shown import clean
+
 FORMULA: Final = ("=", "+", "-", "@", "\t", "\r", "\uff1d", "\uff0b", "\uff0d", "\uff20")
 MARK: Final = "\ufeff"
 
 
 def harmless(value: object) -> object:
-    """What a cell holds: never something that a spreadsheet would work out. Numbers stay numbers."""
-    if isinstance(value, str) and value.lstrip(" ").startswith(FORMULA):
-        return f"'{value}"
-    return value
+    """What a cell holds: one line, and never something that a spreadsheet would work out. Numbers stay numbers."""
+    if not isinstance(value, str):
+        return value
+    text = clean(value)
+    return f"'{text}" if value.lstrip(" ").startswith(FORMULA) or text.lstrip(" ").startswith(FORMULA) else text
 
 
 def csv_text(columns: Sequence[str], rows: Iterable[Mapping[str, object]]) -> str:

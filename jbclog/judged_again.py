@@ -13,6 +13,7 @@ from pathlib import Path
 
 from jbclog import __version__
 from jbclog.errors import Problems, UsageError
+from jbclog.foreign.files import Kind, read_foreign
 from jbclog.joint_evidence import joint_evidence
 from jbclog.judge import RULES, Asks, Evidence, Judgement, Result, Rule, Verdict, asks_for_joints, judge
 from jbclog.judge.versions import is_known, not_kept
@@ -103,7 +104,7 @@ def _recipes(folder: Path, manifest: Manifest) -> tuple[dict[str, Recipe | None]
     unread: list[StationFacts] = []
     for facts in manifest.stations:
         try:
-            recipes[facts.name] = None if facts.recipe is None else load_recipe(_copy(folder, facts.recipe))
+            recipes[facts.name] = None if facts.recipe is None else load_recipe(_copy(folder, facts.recipe), links=False)
         except (Problems, UsageError, OSError):
             unread.append(facts)
     return recipes, unread
@@ -117,7 +118,7 @@ def _is_as_sealed(folder: Path, manifest: Manifest, facts: StationFacts) -> bool
     """Whether its recipe is, byte for byte, the one that ran: then it is this jbclog that does not take it."""
     path = _copy(folder, facts.recipe or "")
     try:
-        found = hashlib.sha256(path.read_bytes()).hexdigest()
+        found = hashlib.sha256(read_foreign(path, Kind.SETTINGS)).hexdigest()
     except OSError:
         return False
     return any(found == recipe.sha256 and path.name == Path(recipe.file).name for recipe in manifest.recipes)

@@ -6,13 +6,15 @@ import fcntl
 import os
 from pathlib import Path
 
+from jbclog.foreign.files import Kind, expect_regular
+
 
 def lock_of(path: Path) -> int | None:
     """The lock at `path`, taken; None where another holds it, or took it away with its file while it was being taken.
 
     Whoever is given the descriptor removes the file and closes it. Raises OSError where no file can be opened there.
     """
-    descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o644)
+    descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK, 0o644)
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
         if os.path.samestat(os.fstat(descriptor), path.stat()):
@@ -29,7 +31,8 @@ def is_locked(path: Path) -> bool:
     Raises OSError where there is one that cannot be opened.
     """
     try:
-        descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
+        expect_regular(path, Kind.LOCK)
+        descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK)
     except FileNotFoundError:
         return False
     try:

@@ -2,19 +2,40 @@
 
 from __future__ import annotations
 
+import json
 import re
 import unicodedata
 from collections.abc import Mapping
 
-NOT_SHOWN = ("Cc", "Cf", "Cs", "Co", "Cn")  # control, formatting (bidi among them), surrogates, private, unassigned
+HIDDEN = ("Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp")
+"""Control, formatting (bidi among them), unpaired surrogates, private, unassigned, and what ends a line or a paragraph."""
+BLANKS = "\n\r\t\v\f\x85\u2028\u2029"  # they part words, and are shown as a space
+INSTEAD = "\ufffd"
 
 
 def clean(text: str) -> str:
-    """Without control and formatting characters: none can move the cursor, turn the reading direction or hide a word."""
-    if text.isascii() and text.isprintable():
+    """One line of text from outside, disarmed, for every way out: terminal, log, CSV, HTML, PDF.
+
+    What ends a line is a space, so that no text makes a line of its own; what else does not show is `INSTEAD`, so that nothing can
+    move the cursor, turn the reading direction or hide a word, and two names that look alike are not the same by a sign in one.
+    """
+    if text.isprintable():
         return text
-    spaced = (" " if character in "\n\r\t\u2028\u2029" else character for character in text)
-    return "".join(character for character in spaced if unicodedata.category(character) not in NOT_SHOWN)
+    return "".join(_shown(sign) for sign in text)
+
+
+def _shown(sign: str) -> str:
+    return " " if sign in BLANKS else INSTEAD if unicodedata.category(sign) in HIDDEN else sign
+
+
+def json_line(data: object, *, only_ascii: bool = False) -> str:
+    """`data` as JSON on one line, what `clean` would take out escaped: who reads the JSON gets it, and a terminal does not."""
+    text = json.dumps(data, ensure_ascii=only_ascii, default=str)
+    return text if text.isprintable() else "".join(_escaped(sign) for sign in text)
+
+
+def _escaped(sign: str) -> str:
+    return json.dumps(sign)[1:-1] if unicodedata.category(sign) in HIDDEN else sign
 
 
 def cleaned(value: object) -> object:

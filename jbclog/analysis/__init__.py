@@ -3,8 +3,8 @@
 Owns: opening a run, its tables by station, port and time, and the plain plot of a run; many runs, a metric over them, and two side
 by side.
 Never: writes into a run's folder or makes a recorder wait; is imported by what records.
-May use: `record`, `judge`, `episodes`, `features`, `spc`, `rows`, `tape` and `errors`; pandas, and matplotlib through its
-objects (no pyplot).
+May use: `record`, `judge`, `episodes`, `features`, `spc`, `rows`, `tape`, `foreign` and `errors`; pandas, and matplotlib through
+its objects (no pyplot).
 Start reading: `run.py`.
 """
 

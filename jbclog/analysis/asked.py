@@ -14,6 +14,7 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from jbclog.errors import RecordError, UsageError
+from jbclog.foreign.tables import metadata_of
 from jbclog.record.schema import SCHEMAS
 
 Moment = str | datetime | pd.Timestamp
@@ -55,7 +56,7 @@ class Asked:
         if self.start is None and self.stop is None:
             return True
         try:
-            first, last = _span(pq.read_metadata(part))
+            first, last = _span(metadata_of(part))
         except (pa.ArrowException, OSError) as error:
             raise RecordError(f"{part} is no readable part: {error}") from error
         if first is None or last is None:

@@ -20,6 +20,7 @@ from jbclog import spc
 from jbclog.analysis.rates import WHAT_A_RATE_CHANGES, is_same_rate, rate_text
 from jbclog.analysis.run import Run
 from jbclog.errors import RecordError
+from jbclog.foreign.files import Kind, read_foreign
 from jbclog.judge import measure
 from jbclog.judge.bound import FLOOR_C, STEP_C
 from jbclog.judge.idle import Floats, IdleError
@@ -157,7 +158,7 @@ def _recipe_texts(run: Run) -> dict[str, str]:
         if ".." in path.parts or path.is_symlink():
             continue
         try:
-            found[recipe.file] = path.read_text(encoding="utf-8", errors="replace")
+            found[recipe.file] = read_foreign(path, Kind.SETTINGS).decode(errors="replace")
         except OSError:
             found[recipe.file] = "(its copy cannot be read)"
     return found

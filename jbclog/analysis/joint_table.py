@@ -12,6 +12,7 @@ from typing import Final
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from jbclog.foreign.tables import read_small
 from jbclog.record.schema import FLAG, FLOAT, INT, TEXT, TIME
 
 FILE: Final = "joints.parquet"
@@ -59,7 +60,7 @@ def as_bytes(joints: pa.Table, manifest_sha256: str) -> bytes:
 def read_joints(folder: Path, manifest_sha256: str) -> pa.Table | None:
     """The joints as the file in the run's folder has them; None where it is not there, not one, or of another manifest."""
     try:
-        table = pq.read_table(folder / FILE, partitioning=None)
+        table = read_small(folder / FILE)
     except (OSError, pa.ArrowException):
         return None
     made_from = (table.schema.metadata or {}).get(MADE_FROM)

@@ -6,13 +6,14 @@ they are computed anew. What somebody changed in that file since is found by `re
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Final
 
 import pandas as pd
 
 from jbclog import __version__
+from jbclog.foreign.files import Kind
+from jbclog.foreign.numbers import read_json
 
 FILE: Final = "report.json"
 METRICS: Final = {
@@ -32,7 +33,7 @@ METRICS: Final = {
 def left_metrics(folder: Path, manifest_sha256: str) -> pd.DataFrame | None:
     """The table of all metrics of the run; None where the report does not have it, or is not this run's or this version's."""
     try:
-        document = json.loads((folder / FILE).read_bytes())
+        document = read_json(folder / FILE, Kind.REPORT)
         if (document["manifest_sha256"], document["jbclog"]) != (manifest_sha256, __version__):
             return None
         rows = document["metrics"]

@@ -3,7 +3,8 @@
 Owns: the ledger of observations and told facts, rates, tasks and due ranges, a station's use, and the one value (`FleetAudit`)
 that CSV, JSON, page and terminal are made from.
 Never: writes to a station, opens a port, invents a count that nobody read: unknown is said, and bounded where it can be.
-May use: `odometer`, `record`, `recipe` (its reader of TOML), `rows`, `cells`, `shown`, `locked` and `errors`; jinja2 for its page.
+May use: `odometer`, `record`, `recipe` (its reader of TOML), `rows`, `cells`, `shown`, `locked`, `foreign` and
+`errors`; jinja2 for its page.
 Start reading: `gathering.py`, from the ledger to the value of a fleet; then `due.py`, `use.py` and `fleet.py`.
 """
 

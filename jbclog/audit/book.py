@@ -18,9 +18,10 @@ from typing import Final
 from jbclog.audit.heaps import uncollected
 from jbclog.audit.ledger_line import read_line, written
 from jbclog.errors import RecordError, UsageError
+from jbclog.foreign.files import Kind, read_foreign
 from jbclog.locked import lock_of
 from jbclog.odometer.observed import Entry, Fact, Observation
-from jbclog.record.chained import Chain, add_lines, chain_in, read_whole, sha256
+from jbclog.record.chained import Chain, add_lines, chain_in, sha256
 from jbclog.record.durable import sync_folder
 
 FIRST: Final = sha256(b"jbclog counters")  # not the file's name: whoever moves or renames a ledger keeps it
@@ -71,7 +72,7 @@ class Book:
 def read_book(path: Path) -> Book:
     """The ledger at `path`; an empty one where there is no file. Raises `RecordError`."""
     try:
-        data = read_whole(path)
+        data = read_foreign(path, Kind.LEDGER, links=True)
     except FileNotFoundError:
         return Book(path)
     except OSError as error:

@@ -6,12 +6,12 @@ in the names (contract, "counters").
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import asdict, fields
 from functools import cache, lru_cache
 from typing import Final, cast
 
+from jbclog.foreign.numbers import json_of
 from jbclog.odometer.observed import Count, Entry, Errors, Fact, Identity, Observation, Standing
 from jbclog.record.chained import line_of, sha256
 from jbclog.record.from_json import Misfit, build
@@ -64,7 +64,7 @@ def read_line(line: bytes) -> Entry | None:
     if not own or rest != sha256(body + b"}").encode() + b'"}':
         return None
     try:
-        plain = json.loads(body + b"}")
+        plain = json_of(body + b"}")
         return cast(Fact, build(Fact, plain)) if plain["kind"] == "fact" else _seen(plain)
     except (ValueError, TypeError, AttributeError, KeyError, RecursionError, Misfit):
         return None

@@ -20,7 +20,9 @@ from typing import Final, cast
 from jbclog.batch.entry import Entry, Kind
 from jbclog.batch.standing import Standing, standing_of
 from jbclog.errors import RecordError
-from jbclog.record.chained import add_line, chain_in, fields_of, line_of, read_whole, sha256
+from jbclog.foreign.files import Kind as FileKind
+from jbclog.foreign.files import read_foreign
+from jbclog.record.chained import add_line, chain_in, fields_of, line_of, sha256
 from jbclog.record.durable import sync_folder, write_whole
 from jbclog.record.from_json import Misfit, build
 
@@ -109,7 +111,9 @@ def read(folder: Path) -> list[Entry]:
     """Every line of a batch's journal. Raises `RecordError` where it cannot be read, or is not what was written."""
     path = folder / NAME
     try:
-        found = chain_in(read_whole(path), FIRST, _parsed, what="line of a batch's journal", of_first="the file's name")
+        found = chain_in(
+            read_foreign(path, FileKind.JOURNAL), FIRST, _parsed, what="line of a batch's journal", of_first="the file's name"
+        )
     except FileNotFoundError:
         return []
     except OSError as error:

@@ -14,6 +14,8 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Final, cast
 
+from jbclog.foreign.files import Kind, open_foreign, read_foreign
+from jbclog.foreign.numbers import json_of, read_json
 from jbclog.locked import is_locked
 from jbclog.record.durable import write_whole
 from jbclog.record.from_json import Misfit, build
@@ -88,14 +90,14 @@ class Papers:
     def process(self) -> int | None:
         """The job's process, as it says itself; None where it has not come to saying so."""
         with contextlib.suppress(OSError, ValueError):
-            return int((self.folder / LOCK).read_text(encoding="ascii"))
+            return int(read_foreign(self.folder / LOCK, Kind.LOCK))
         return None
 
     # -- the job itself -----------------------------------------------------------------------------------------------------
 
     def job(self) -> bytes:
         """What it is to do. Raises OSError."""
-        return (self.folder / JOB).read_bytes()
+        return read_foreign(self.folder / JOB, Kind.JOB)
 
     @staticmethod
     def sign(descriptor: int) -> None:
@@ -149,7 +151,7 @@ class Papers:
     def events(self, since: int) -> tuple[list[EventRow], int]:
         """The events that were told from the byte `since` on, and where the next ones begin."""
         try:
-            with (self.folder / EVENTS).open("rb") as file:
+            with open_foreign(self.folder / EVENTS, Kind.JOURNAL) as file:
                 file.seek(since)
                 data = file.read()
         except OSError:
@@ -161,19 +163,19 @@ class Papers:
     def last_note(self) -> str:
         """The last line that the process left behind: why it died, where it says so."""
         with contextlib.suppress(OSError):
-            lines = (self.folder / NOTES).read_text(encoding="utf-8", errors="replace").strip().splitlines()
+            lines = read_foreign(self.folder / NOTES, Kind.JOB).decode(errors="replace").strip().splitlines()
             return lines[-1].strip() if lines else ""
         return ""
 
     def _read(self, name: str) -> object:
         with contextlib.suppress(OSError, ValueError, RecursionError):
-            data: object = json.loads((self.folder / name).read_bytes())
+            data: object = read_json(self.folder / name, Kind.JOB)
             return data
         return None
 
 
 def _event(line: bytes) -> EventRow | None:
     with contextlib.suppress(ValueError, TypeError, RecursionError):
-        event = EventRow(*json.loads(line))
+        event = EventRow(*json_of(line))
         return event._replace(severity=Severity(event.severity))
     return None

@@ -151,11 +151,11 @@ def _note_unseen(seen: Observation) -> None:
 
 def _tell_timers(lines: Sequence[Path], files: Mapping[str, Path | None], fail_on: str | None) -> None:
     """The call with these very files, wherever it is called from."""
-    from jbclog.counting.timers import Timed, program, timers_text
+    from jbclog.counting.timers import Timed, program, timers_lines
 
     given = [("--line", path) for path in lines or [LINE_PLACE]]
     given += [(option, path) for option, path in files.items() if path is not None]
     words = [word for option, path in given for word in (option, str(path.absolute()))]
     words += ["--fail-on", fail_on] if fail_on else []
     ledger = files["--ledger"] or LEDGER_PLACE
-    tell(timers_text(Timed(program(), tuple(words), str(ledger.absolute().parent), getpass.getuser())))
+    tell(*timers_lines(Timed(program(), tuple(words), str(ledger.absolute().parent), getpass.getuser())))

@@ -76,7 +76,7 @@ def batch(
         if as_json:
             tell_json(facts(shift, out, code))
         else:
-            tell(table(shift, out))
+            tell(*table(shift, out))
             note(f"journal: {shift.journal.folder / NAME}; exit code {code}")
         foreman.finish()
         note(shift.standing.closing)

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Final
 
 from jbclog.batch.entry import State
 from jbclog.cli.batch_told import local, seconds, span
-from jbclog.cli.output import is_terminal, note, printable, wrapped
+from jbclog.cli.output import is_terminal, note, wrapped
 from jbclog.cli.progress import Worth, event_line
+from jbclog.shown import clean
 
 if TYPE_CHECKING:
     from rich.live import Live
@@ -128,7 +129,7 @@ class Screen(Lines):
             self._live = None
 
     def _print(self, text: str) -> None:
-        self._console.print(wrapped(printable(text), self._console.width), markup=False, soft_wrap=True)
+        self._console.print(wrapped(clean(text), self._console.width), markup=False, soft_wrap=True)
 
     def _second(self, standing: Standing, following: Next) -> None:
         if self._live is not None:
@@ -137,11 +138,11 @@ class Screen(Lines):
     def _table(self, standing: Standing, following: Next) -> Table:
         from rich.table import Table
 
-        table = Table(title=printable(title(standing, following)), title_justify="left", pad_edge=False)
+        table = Table(title=clean(title(standing, following)), title_justify="left", pad_edge=False)
         for name in COLUMNS:
             table.add_column(name, justify="right" if name == "alarms" else "left")
         for job in standing.running():
-            table.add_row(*map(printable, self._cells(job, self._now(job))))
+            table.add_row(*map(clean, self._cells(job, self._now(job))))
         return table
 
     def _cells(self, job: JobStanding, now: Now) -> tuple[str, ...]:

@@ -65,11 +65,11 @@ def intentions(shift: Shift) -> Iterator[str]:
 # -- after ------------------------------------------------------------------------------------------------------------------
 
 
-def table(shift: Shift, out: Path) -> str:
+def table(shift: Shift, out: Path) -> list[str]:
     """The jobs in the file's order, a line each; a job that was begun more than once has a line for each of its runs."""
     rows = [COLUMNS, *(row for job in _in_file_order(shift) for row in _rows(shift, job, out))]
     widths = [max(len(row[place]) for row in rows) for place in range(len(COLUMNS))]
-    return "\n".join("  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows)
+    return ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]
 
 
 def _in_file_order(shift: Shift) -> list[JobStanding]:

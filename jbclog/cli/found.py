@@ -39,9 +39,9 @@ def tell_no_ports(*, as_json: bool) -> None:
 
 def tell_found(reports: list[PortReport], wanted: Path | None, written: Path | None) -> None:
     for report in reports:
-        tell("\n".join(_lines(report)))
+        tell(*_lines(report))
         tell()
-    tell("\n".join(_sent_lines(reports)))
+    tell(*_sent_lines(reports))
     if wanted and not written:
         tell()
         tell(f"not written: {wanted}; there is no station that a run could begin with")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import shutil
 import sys
@@ -15,36 +14,33 @@ import typer
 
 from jbclog.cli.streams import point_to_null, writes_unicode
 from jbclog.errors import JbclogError, Problems
+from jbclog.shown import clean, json_line
 
 P = ParamSpec("P")
 INTERNAL_ERROR = 1
 
 
-def tell(text: str = "") -> None:
-    """A line of data, on stdout. A closed stdout is no reason to stop."""
-    _echo(text, err=False)
+def tell(*lines: str) -> None:
+    """Lines of data, on stdout; each is one line whatever it holds. A closed stdout is no reason to stop."""
+    _echo([clean(line) for line in lines], err=False)
 
 
-def note(text: str = "") -> None:
-    """A line for people, on stderr; on a terminal broken between words."""
-    _echo(wrapped(text) if is_terminal() else text, err=True)
+def note(*lines: str) -> None:
+    """Lines for people, on stderr; each is one line whatever it holds, on a terminal broken between words."""
+    cleaned = [clean(line) for line in lines]
+    _echo([wrapped(line) for line in cleaned] if is_terminal() else cleaned, err=True)
 
 
 def tell_json(data: object) -> None:
     """One JSON object, on one line of stdout."""
-    tell(json.dumps(data, ensure_ascii=not writes_unicode(), default=str))
+    _echo([json_line(data, only_ascii=not writes_unicode())], err=False)
 
 
-def _echo(text: str, *, err: bool) -> None:
+def _echo(lines: list[str], *, err: bool) -> None:
     try:
-        typer.echo(printable(text), err=err)
+        typer.echo("\n".join(lines), err=err)
     except OSError:  # nobody reads it any more, or its disk is full
         point_to_null(2 if err else 1)
-
-
-def printable(text: str) -> str:
-    """`text` without control characters: a station's name or answer must not steer a terminal."""
-    return "".join(c if c == "\n" or c.isprintable() else "�" for c in text)
 
 
 def wrapped(text: str, columns: int | None = None) -> str:
@@ -89,7 +85,7 @@ def ends_with_errors_told(verb: Callable[P, None]) -> Callable[P, None]:
 
 def _tell_error(error: JbclogError, *, as_json: bool) -> None:
     if isinstance(error, Problems):
-        note("\n".join(f"error: {problem}" for problem in error.problems))
+        note(*(f"error: {problem}" for problem in error.problems))
         note(f"{len(error.problems)} problem{'s' if len(error.problems) > 1 else ''}; nothing was sent.")
     else:
         note(f"error: {error}")

@@ -44,7 +44,7 @@ def plan(
             {"line": made.line.name, "on_missing": on_missing, "stations": [_facts(station, made) for station in made.stations]}
         )
     else:
-        tell(_text(made))
+        tell(*_lines(made))
 
 
 def _facts(station: StationPlan, made: Plan) -> dict[str, object]:
@@ -94,11 +94,10 @@ def _condition_facts(station: StationPlan, made: Plan) -> dict[str, object] | No
     return {"condition": condition.condition, **values, "may_be_written": made.wanted.allow_omega_write}
 
 
-def _text(made: Plan) -> str:
-    sections = [f"Line {made.line.name}: {len(made.stations)} station{'s' if len(made.stations) > 1 else ''}. No byte was sent."]
-    sections[0] += f"\n{_start_text(made)}" if len(made.stations) > 1 else ""
-    sections += [_station_text(station, made) for station in made.stations]
-    return "\n\n".join(sections)
+def _lines(made: Plan) -> list[str]:
+    lines = [f"Line {made.line.name}: {len(made.stations)} station{'s' if len(made.stations) > 1 else ''}. No byte was sent."]
+    lines += [_start_text(made)] if len(made.stations) > 1 else []
+    return [*lines, *(line for station in made.stations for line in ("", *_station_lines(station, made)))]
 
 
 SUCTION = {"keep": "keep suction as it is", "on": "switch suction on", "off": "switch suction off"}
@@ -110,7 +109,7 @@ def _start_text(made: Plan) -> str:
     return "They start together: where one is missing or refuses, none is heated (--allow-missing leaves it out)."
 
 
-def _station_text(station: StationPlan, made: Plan) -> str:
+def _station_lines(station: StationPlan, made: Plan) -> list[str]:
     spec, recipe, condition = station.spec, station.recipe, station.condition()
     ports = f"port{'s' if len(station.ports) > 1 else ''} {', '.join(map(str, station.ports))}"
     model = f" (model {spec.model} is accepted)" if spec.model else ""
@@ -127,7 +126,7 @@ def _station_text(station: StationPlan, made: Plan) -> str:
     orders += [SUCTION[recipe.suction]] if has_suction and (orders or recipe.suction != "keep") else []
     if orders:
         lines.append(f"  then      {', '.join(orders)}, and record")
-    return "\n".join([*lines, _last_line(station)])
+    return [*lines, _last_line(station)]
 
 
 def _last_line(station: StationPlan) -> str:

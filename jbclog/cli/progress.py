@@ -8,9 +8,10 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from jbclog.cli.output import is_terminal, note, printable, wrapped
+from jbclog.cli.output import is_terminal, note, wrapped
 from jbclog.rows import EventRow, Severity
 from jbclog.session.order import Desk, PortState
+from jbclog.shown import clean
 
 if TYPE_CHECKING:
     from rich.live import Live
@@ -109,7 +110,7 @@ class Screen:
             self._live = None
 
     def _print(self, text: str) -> None:
-        self._console.print(wrapped(printable(text), self._console.width), markup=False, soft_wrap=True)
+        self._console.print(wrapped(clean(text), self._console.width), markup=False, soft_wrap=True)
 
     def _table(self, desks: list[Desk]) -> Table:
         from rich.table import Table
@@ -121,7 +122,7 @@ class Screen:
             table.add_column(name, justify="right" if name in ("now", "set", "alarms") else "left")
         for desk in desks:
             for cells in _cells(desk):
-                table.add_row(*map(printable, cells))
+                table.add_row(*map(clean, cells))
         return table
 
 

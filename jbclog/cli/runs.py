@@ -11,9 +11,10 @@ from typing import TYPE_CHECKING, Final
 import typer
 
 from jbclog.cli import options
-from jbclog.cli.output import ends_with_errors_told, note, printable, tell, tell_json
+from jbclog.cli.output import ends_with_errors_told, note, tell, tell_json
 from jbclog.cli.place import is_folder
 from jbclog.errors import UsageError
+from jbclog.shown import clean
 
 if TYPE_CHECKING:
     from jbclog.record.finding_runs import Found, Unreadable
@@ -148,7 +149,7 @@ def table(rows: Sequence[tuple[str, ...]]) -> list[str]:
     """Rows under their heads, in columns; what is too wide is cut."""
     from rich.cells import cell_len, set_cell_size
 
-    shown = [HEADS, *(tuple(_cut(printable(cell).replace("\n", "�")) for cell in row[:-1]) + row[-1:] for row in rows)]
+    shown = [HEADS, *(tuple(_cut(clean(cell)) for cell in row[:-1]) + row[-1:] for row in rows)]
     widths = [max(cell_len(row[place]) for row in shown) for place in range(len(HEADS) - 1)]
     return ["  ".join((*map(set_cell_size, row[:-1], widths), row[-1])) for row in shown]
 

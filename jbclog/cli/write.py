@@ -99,8 +99,8 @@ def _check(target: Target, change: Change, line: Path, *, is_meant: bool) -> Non
         expect_one_port(command, change.place, ports)
     if is_dangerous(command.name, target.family) and not is_meant:
         raise UsageError(
-            f"{command.name} {what_it_does(command)}. Nothing was sent. To do it all the same:\n"
-            f"  {call('write', target, change, line)} --yes-i-mean {target.name}"
+            f"{command.name} {what_it_does(command)}. Nothing was sent. To do it all the same: "
+            f"{call('write', target, change, line)} --yes-i-mean {target.name}"
         )
 
 

@@ -33,9 +33,9 @@ def program() -> str:
     return str(beside) if beside.exists() else "jbclog"
 
 
-def timers_text(timed: Timed) -> str:
+def timers_lines(timed: Timed) -> list[str]:
     """All three, each under a comment that says where it goes."""
-    return "\n".join([*_cron(timed), "", *_systemd(timed), "", *_windows(timed)])
+    return [*_cron(timed), "", *_systemd(timed), "", *_windows(timed)]
 
 
 def cron_line(timed: Timed) -> str:

@@ -12,6 +12,8 @@ from pathlib import Path
 from typing import Final
 
 from jbclog.errors import RecordError, UsageError
+from jbclog.foreign.files import Kind, open_foreign
+from jbclog.foreign.numbers import read_json
 from jbclog.record.durable import sync_folder
 
 LOCK: Final = "lock"
@@ -35,7 +37,7 @@ def hold(home: Path, jobs_file: Path, since: str) -> Iterator[None]:
     try:
         if not _lock(descriptor):
             raise UsageError(f"{jobs_file}: {_holder(home)}; nothing was started. It shows how the batch stands; end it there")
-        with jobs_file.open("rb") as file:
+        with open_foreign(jobs_file, Kind.SETTINGS, links=True) as file:
             if not _lock(file.fileno()):
                 raise UsageError(f"{jobs_file}: another batch of it goes on, with another --out; nothing was started")
             os.pwrite(descriptor, json.dumps({"pid": os.getpid(), "since": since}).ljust(WIDTH).encode(), 0)
@@ -55,6 +57,6 @@ def _lock(descriptor: int) -> bool:
 
 def _holder(home: Path) -> str:
     with suppress(OSError, ValueError, KeyError, TypeError):
-        said = json.loads((home / LOCK).read_text(encoding="ascii"))
+        said = read_json(home / LOCK, Kind.LOCK)
         return f"process {said['pid']} is carrying it out since {said['since']}"
     return "another process is carrying it out"

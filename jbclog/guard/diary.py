@@ -17,13 +17,15 @@ from threading import Lock
 from typing import Final
 
 from jbclog.errors import RecordError
+from jbclog.foreign.files import Kind, expect_opened
+from jbclog.foreign.numbers import read_json
 
 NAME: Final = "guard.jsonl"
 MANIFEST: Final = "manifest.json"
 BLANK: Final = b"\n"
 LEAST_BYTES: Final = 65536
 LINE_BYTES: Final = 512  # that one line may take
-FLAGS: Final = os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW
+FLAGS: Final = os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK
 
 
 class Diary:
@@ -77,6 +79,7 @@ class Diary:
     def _opened(self) -> Iterator[int]:
         descriptor = os.open(self._folder / NAME, FLAGS, 0o644)
         try:
+            expect_opened(descriptor, Kind.DIARY)
             yield descriptor
         finally:
             os.close(descriptor)
@@ -91,7 +94,7 @@ class Diary:
 def is_sealed(folder: Path) -> bool:
     """Whether the run's record is finished, and never changes again."""
     try:
-        return bool(json.loads((folder / MANIFEST).read_bytes())["state"] == "sealed")
+        return bool(read_json(folder / MANIFEST, Kind.MANIFEST)["state"] == "sealed")
     except (OSError, ValueError, LookupError, TypeError, RecursionError):
         return False
 

@@ -10,11 +10,12 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Final
 
+from jbclog.foreign.files import Kind, read_foreign
+from jbclog.foreign.numbers import json_of
 from jbclog.guard import whereabouts
 from jbclog.same_port import is_one_port
 
 NAME: Final = "lease.json"
-READ: Final = os.O_RDONLY | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK  # no link, and no wait at a pipe
 FLAGS: Final = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC | os.O_NOFOLLOW
 
 
@@ -57,7 +58,7 @@ class StationLease:
     @classmethod
     def from_json(cls, text: str) -> StationLease:
         """Raises `ValueError` where `text` is no lease."""
-        told = json.loads(text)
+        told = json_of(text)
         try:
             ports = tuple(int(port) for port in told.pop("ports"))
             suction = tuple(int(port) for port in told.pop("suction", ()))
@@ -110,8 +111,7 @@ def _sync(folder: Path) -> None:
 def kept(folder: Path) -> list[StationLease]:
     """What stands in the lease in this folder, as far as it can be read; nothing where there is none."""
     try:
-        with os.fdopen(os.open(folder / NAME, READ), encoding="utf-8") as file:
-            lines = file.read().splitlines()
+        lines = read_foreign(folder / NAME, Kind.LEASE).decode().split("\n")
     except (OSError, ValueError):
         return []
     found = []

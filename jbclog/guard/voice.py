@@ -6,18 +6,18 @@ import os
 import select
 from contextlib import suppress
 
+from jbclog.shown import clean
+
 STDERR = 2
 
 
 def say(text: str) -> None:
     """A line, where it can be written at once. What a station or a file brought must not steer a terminal."""
-    line = f"jbclog guard: {text}\n"
-    clean = "".join(sign if sign == "\n" or sign.isprintable() else "�" for sign in line)
     with suppress(OSError):
         watched = select.poll()
         watched.register(STDERR, select.POLLOUT)
         if any(event & select.POLLOUT for _, event in watched.poll(0)):
-            os.write(STDERR, clean.encode("utf-8", "backslashreplace")[: select.PIPE_BUF])
+            os.write(STDERR, f"{clean(f'jbclog guard: {text}')}\n".encode("utf-8", "backslashreplace")[: select.PIPE_BUF])
 
 
 def let_go(stream: int) -> None:

@@ -3,7 +3,7 @@
 Owns: the definitions of coverage, longest gap, idle error and counted alarms, and what is asked of joints; the rules; the verdict.
 Never: measures what was not recorded, takes missing evidence for good, imports pandas or matplotlib (the
 recorder calls it when a run has ended), writes a file.
-May use: `rows` and `errors`; pyarrow and numpy.
+May use: `rows`, `foreign` and `errors`; pyarrow and numpy.
 Start reading: `verdict.py`, then `rules.py`; `samples.py`, `idle.py` and `bound.py` say how each figure is measured.
 """
 

@@ -18,9 +18,9 @@ from types import MappingProxyType
 import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
-import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
+from jbclog.foreign.tables import open_table
 from jbclog.judge.gaps import Gap
 from jbclog.judge.idle import BLOCK_S, Block, Flags, Floats, IdleError, idle_readings
 from jbclog.judge.reached import WITHIN_C, Heat
@@ -183,9 +183,8 @@ def _new(facts: StationFacts, steps: Sequence[Step], within_c: float) -> PortMea
 
 def _batches(folder: Path, columns: list[str]) -> Iterator[pa.RecordBatch]:
     for part in sorted((folder / "samples").glob("part-*.parquet")):
-        with pq.ParquetFile(part) as file:
-            for group in range(file.num_row_groups):  # over all of them at once it reads ahead
-                yield from file.iter_batches(BATCH_ROWS, [group], columns, use_threads=False)
+        with open_table(part) as table:
+            yield from table.batches(BATCH_ROWS, columns)
 
 
 def _ports(

@@ -12,8 +12,10 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 import numpy as np
-import pyarrow.parquet as pq
+import pyarrow as pa
 from numpy.typing import NDArray
+
+from jbclog.foreign.tables import open_table
 
 Floats = NDArray[np.float64]
 NEAR_S: Final = 60.0  # a row is told within seconds of its event; an outage has rows, too
@@ -30,10 +32,14 @@ def steps_of(folder: Path) -> list[Step]:
     """The steps of the wall clock in a sealed run, in their order."""
     found = []
     for part in sorted((folder / "events").glob("part-*.parquet")):
-        events = pq.read_table(part, columns=["time", "kind", "value"], partitioning=None)
-        rows = zip(events["time"].cast("int64").to_pylist(), events["kind"].to_pylist(), events["value"].to_pylist(), strict=True)
-        found += [Step(time / 1e6, value) for time, kind, value in rows if kind == "clock.step" and value]
+        with open_table(part) as table:
+            found += [step for events in table.groups(["time", "kind", "value"]) for step in _steps_in(events)]
     return found
+
+
+def _steps_in(events: pa.Table) -> list[Step]:
+    rows = zip(events["time"].cast("int64").to_pylist(), events["kind"].to_pylist(), events["value"].to_pylist(), strict=True)
+    return [Step(time / 1e6, value) for time, kind, value in rows if kind == "clock.step" and value]
 
 
 @dataclass(slots=True)

@@ -8,7 +8,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
-import pyarrow.parquet as pq
+from jbclog.foreign.tables import open_table
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,7 +76,9 @@ def read_adjustments(folder: Path) -> dict[tuple[str, int], float]:
 
 def _rows(table: Path, columns: list[str]) -> Iterator[dict[str, object]]:
     for part in sorted(table.glob("part-*.parquet")):
-        yield from pq.read_table(part, columns=columns, partitioning=None).to_pylist()
+        with open_table(part) as opened:
+            for group in opened.groups(columns):
+                yield from group.to_pylist()
 
 
 def _word(value: object) -> str | None:

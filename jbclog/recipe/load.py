@@ -19,9 +19,9 @@ IS_A_LINE: Final = "this is a line file; a recipe has [recipe] and what is asked
 _STAND_IN: Final[dict[str, object]] = {"name": "unnamed", "revision": 0, "families": list(FAMILIES)}
 
 
-def load_recipe(path: Path) -> Recipe:
-    """The recipe at `path`. Raises `Problems` with everything that is wrong with it."""
-    return parse_recipe(read_text(path), path)
+def load_recipe(path: Path, *, links: bool = True) -> Recipe:
+    """The recipe at `path`; `links` as in `open_foreign`. Raises `Problems` with everything that is wrong with it."""
+    return parse_recipe(read_text(path, links=links), path)
 
 
 def parse_recipe(text: str, path: Path = Path("recipe.toml")) -> Recipe:

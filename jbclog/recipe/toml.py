@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-import stat
 import tomllib
 import unicodedata
 from collections.abc import Iterator, Mapping
@@ -12,9 +11,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from jbclog.errors import Problem, Problems
+from jbclog.foreign.files import LIMITS, Kind, read_foreign
 from jbclog.recipe.keys import KeyPath, KeyScan, Lost, TooLarge
 
-MAX_BYTES = 64 * 1024
+MAX_BYTES = LIMITS[Kind.SETTINGS]
 MAX_PROBLEMS = 100  # of one file; the rest is counted
 _HIDDEN = ("Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp")  # control, bidirectional and other characters that do not show
 _HIDDEN_IN_TEXT = re.compile("[\u200b-\u200f\u2028-\u202e\u2060-\u206f\ufeff]")  # may show a line as what it is not
@@ -60,19 +60,14 @@ def dotted(key: KeyPath) -> str:
     return text
 
 
-def read_text(path: Path) -> str:
-    """The file's text. Raises `Problems` where it is no ordinary file, too large or not UTF-8."""
+def read_text(path: Path, *, links: bool = True) -> str:
+    """The file's text. Raises `Problems` where it is no ordinary file, too large or not UTF-8; `links` as in `open_foreign`."""
     try:
-        if not stat.S_ISREG(path.stat().st_mode):
-            raise Problems([Problem(str(path), None, "", "is not an ordinary file")])
-        with path.open("rb") as file:
-            data = file.read(MAX_BYTES + 1)
+        data = read_foreign(path, Kind.SETTINGS, links=links)
     except OSError as error:
         raise Problems([Problem(str(path), None, "", error.strerror or str(error))]) from error
     except ValueError as error:  # a NUL in the name
         raise Problems([Problem(ascii(str(path)), None, "", "is not a file's name")]) from error
-    if len(data) > MAX_BYTES:
-        raise Problems([Problem(str(path), None, "", f"is larger than {MAX_BYTES // 1024} KiB")])
     try:
         return data.decode("utf-8")
     except UnicodeDecodeError as error:

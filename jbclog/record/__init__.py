@@ -4,6 +4,6 @@ Owns: the schema of the four tables, the run's folder, the live store, sealing i
 ledger, recovery after a crash, the check of a finished run, and the files of the wires beside it (`wire.py`,
 `wire_recorder.py`).
 Never: makes up a value, forgets a loss silently, changes a sealed run, talks to a station, imports pandas.
-May use: `rows`, `tape`, `clock`, `errors`, `same_port` and `locked`; sqlite3 and pyarrow.
+May use: `rows`, `tape`, `clock`, `errors`, `foreign`, `same_port` and `locked`; sqlite3 and pyarrow.
 Start reading: `schema.py`, then `live.py` (rows into SQLite), `seal.py` (SQLite into Parquet), `recover.py`.
 """

@@ -15,7 +15,6 @@ Loads nothing heavy, so that a guard and a safe verb can write here too.
 
 from __future__ import annotations
 
-import json
 import re
 from dataclasses import asdict, dataclass, field
 from datetime import UTC, datetime
@@ -23,7 +22,9 @@ from pathlib import Path
 from typing import Final
 
 from jbclog.errors import RecordError
-from jbclog.record.chained import add_line, chain_in, fields_of, line_of, read_whole, sha256
+from jbclog.foreign.files import Kind, read_foreign
+from jbclog.foreign.numbers import json_of
+from jbclog.record.chained import add_line, chain_in, fields_of, line_of, sha256
 
 NAME: Final = "annotations.jsonl"
 MANIFEST: Final = "manifest.json"
@@ -87,7 +88,7 @@ def read(folder: Path) -> Annotations:
     """Everything that was said of the run in `folder`, and where its chain does not hold. Raises `RecordError`."""
     first = _first_link(folder)
     try:
-        found = chain_in(read_whole(folder / NAME), first, _parsed, what="annotation", of_first="the manifest")
+        found = chain_in(read_foreign(folder / NAME, Kind.ANNOTATIONS), first, _parsed, what="annotation", of_first="the manifest")
     except FileNotFoundError:
         return Annotations(head=first)
     except OSError as error:
@@ -123,8 +124,8 @@ def _fit(name: str, text: str) -> str:
 def _first_link(folder: Path) -> str:
     """The manifest's hash. Raises `RecordError` where the run is not sealed."""
     try:
-        data = (folder / MANIFEST).read_bytes()
-        state = json.loads(data).get("state")
+        data = read_foreign(folder / MANIFEST, Kind.MANIFEST)
+        state = json_of(data).get("state")
     except (OSError, ValueError, AttributeError, RecursionError) as error:
         raise RecordError(f"{folder} has no manifest that can be read") from error
     if state != "sealed":

@@ -9,18 +9,18 @@ Loads nothing heavy, so that a guard and a safe verb can write such files too.
 
 from __future__ import annotations
 
-import errno
 import fcntl
 import hashlib
 import json
 import os
-import stat
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final, Generic, Protocol, TypeVar
 
+from jbclog.foreign.files import Kind, expect_opened
+from jbclog.foreign.numbers import json_of
 from jbclog.record.durable import sync_folder
 
 
@@ -62,21 +62,12 @@ def line_of(fields: Mapping[str, object]) -> bytes:
 
 def fields_of(line: bytes) -> dict[str, object]:
     """The fields of a line without its hash. Raises ValueError, TypeError, AttributeError, KeyError or RecursionError."""
-    fields: dict[str, object] = json.loads(line)
+    fields: dict[str, object] = json_of(line)
     fields.pop("sha256")
     return fields
 
 
 # -- reading ----------------------------------------------------------------------------------------------------------------
-
-
-def read_whole(path: Path) -> bytes:
-    """The file's bytes; never through a link, and never a wait at what is no file, nor its bytes without end. Raises OSError."""
-    descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK)
-    with os.fdopen(descriptor, "rb") as file:
-        if not stat.S_ISREG(os.fstat(descriptor).st_mode):
-            raise OSError(errno.EINVAL, "it is no file but a device or a pipe")
-        return file.read()
 
 
 def chain_in(data: bytes, first: str, parse: Parse[L], *, what: str, of_first: str) -> Chain[L]:
@@ -198,6 +189,7 @@ def _locked(path: Path) -> Iterator[int]:
     flags = os.O_RDWR | os.O_APPEND | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK
     descriptor = os.open(path, flags, 0o666)
     try:
+        expect_opened(descriptor, Kind.LEDGER)
         fcntl.flock(descriptor, fcntl.LOCK_EX)
         yield descriptor
     finally:

@@ -14,7 +14,6 @@ from typing import Final
 
 import pyarrow as pa
 import pyarrow.compute as pc
-import pyarrow.parquet as pq
 
 from jbclog.errors import RecordError
 from jbclog.record import chain, elsewhere, wire, wire_check
@@ -23,7 +22,7 @@ from jbclog.record.guarded import plain_events
 from jbclog.record.ledger import disagreements, ledger_of, reasons_of
 from jbclog.record.manifest import NAME, Manifest, SealedFile, read_manifest, wrong_digest
 from jbclog.record.parts import part_paths, read_through, row_groups
-from jbclog.record.schema import SCHEMAS, TABLES
+from jbclog.record.schema import TABLES
 from jbclog.record.units import units_of
 from jbclog.rows import SIGNAL_COLUMNS, quality_of
 
@@ -54,7 +53,7 @@ def check(folder: Path, head: str | None = None) -> list[Finding]:
     findings += [Finding(file, text) for file, text in elsewhere.disagreements(folder, manifest, head)]
     findings += _files(folder, manifest)
     findings += _wires(folder, manifest)
-    unreadable = [*_unreadable(folder)]
+    unreadable = [*_unreadable(folder, manifest)]
     if unreadable:
         return findings + unreadable  # what cannot be read cannot be checked further
     try:
@@ -131,15 +130,14 @@ def _is_empty(folder: Path) -> bool:
         return False
 
 
-def _unreadable(folder: Path) -> Iterator[Finding]:
+def _unreadable(folder: Path, manifest: Manifest) -> Iterator[Finding]:
+    rows = {file.path: file.rows for file in manifest.files}
     for table in TABLES:
         if not part_paths(folder, table):
             yield Finding(f"{table}/", "has no part")
         for path in part_paths(folder, table):
             try:
-                read_through(path)
-                if not pq.read_schema(path).equals(SCHEMAS[table]):
-                    yield Finding(f"{table}/{path.name}", f"has not the columns of {table}")
+                read_through(path, rows.get(f"{table}/{path.name}"))
             except (pa.ArrowException, OSError, RecordError) as error:
                 yield Finding(f"{table}/{path.name}", f"cannot be read: {error}")
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
-import json
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -16,9 +15,11 @@ from typing import Final, cast
 
 import pyarrow as pa
 import pyarrow.compute as pc
-import pyarrow.parquet as pq
 
 from jbclog.errors import RecordError
+from jbclog.foreign.files import Kind, open_foreign
+from jbclog.foreign.numbers import json_of
+from jbclog.foreign.tables import metadata_of
 from jbclog.record import damage, guarded, left_hot, wire
 from jbclog.record.annotations import NAME as ANNOTATIONS
 from jbclog.record.durable import sync_folder
@@ -98,7 +99,7 @@ def known_stations(stock: Stock, known: list[StationFacts]) -> list[StationFacts
         if name in facts and facts[name].outcome != RUNNING:
             continue
         try:
-            facts[name] = cast(StationFacts, build(StationFacts, json.loads(text)))
+            facts[name] = cast(StationFacts, build(StationFacts, json_of(text)))
         except (ValueError, Misfit) as error:
             raise RecordError(f"{stock.folder}: what is known of station {name} cannot be read: {error}") from error
     return list(facts.values())
@@ -143,7 +144,7 @@ def files_of(folder: Path) -> Iterator[SealedFile]:
     """Every file of the record with its rows, size and hash."""
     for table in TABLES:
         for path in part_paths(folder, table):
-            yield sealed_file(folder, path, pq.read_metadata(path).num_rows)
+            yield sealed_file(folder, path, metadata_of(path).num_rows)
     for name in TAKEN_IN:
         there = folder / name
         for path in sorted(there.iterdir()) if there.is_dir() else [there] if there.exists() else []:
@@ -151,7 +152,7 @@ def files_of(folder: Path) -> Iterator[SealedFile]:
 
 
 def sealed_file(folder: Path, path: Path, rows: int | None) -> SealedFile:
-    with path.open("rb") as file:
+    with open_foreign(path, Kind.RECORD) as file:
         digest = hashlib.file_digest(file, "sha256").hexdigest()
     return SealedFile(path.relative_to(folder).as_posix(), rows, path.stat().st_size, digest)
 

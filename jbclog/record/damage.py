@@ -10,9 +10,12 @@ import json
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Final
+from typing import Final, cast
 
+from jbclog.foreign.files import Kind, read_foreign
+from jbclog.foreign.numbers import json_of
 from jbclog.record.durable import sync_folder, write_whole
+from jbclog.record.from_json import Misfit, build
 
 NOTES: Final = "damage.jsonl"
 REMAINS: Final = "damaged"
@@ -45,10 +48,18 @@ def note(folder: Path, found: Iterable[Damage]) -> None:
 def read(folder: Path) -> list[Damage]:
     """The notes; none where nothing was ever damaged."""
     try:
-        lines = (folder / NOTES).read_text(encoding="utf-8").splitlines()
+        lines = read_foreign(folder / NOTES, Kind.DAMAGE).decode(errors="replace").split("\n")
     except FileNotFoundError:
         return []
-    return [Damage(**json.loads(line)) for line in lines]
+    return [_damage(line) for line in lines if line.strip()]
+
+
+def _damage(line: str) -> Damage:
+    """A note; one that cannot be read is damage itself."""
+    try:
+        return cast(Damage, build(Damage, json_of(line)))
+    except (ValueError, Misfit):
+        return Damage(NOTES, None, f"a line of it cannot be read: {line!r:.60}")
 
 
 def set_aside(folder: Path, path: Path) -> None:

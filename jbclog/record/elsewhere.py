@@ -7,17 +7,18 @@ stands elsewhere: the next run's manifest, a report, an annotation, a printed pa
 from __future__ import annotations
 
 import hashlib
-import json
 import os
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
 from jbclog.errors import RecordError
+from jbclog.foreign.files import Kind, open_foreign, read_foreign
+from jbclog.foreign.numbers import read_json
 from jbclog.record import guarded, left_hot
 from jbclog.record.annotations import NAME as ANNOTATIONS
 from jbclog.record.annotations import read
-from jbclog.record.chained import lines_in, read_whole, sha256
+from jbclog.record.chained import lines_in, sha256
 from jbclog.record.conclude import is_of_report
 from jbclog.record.lineage import broken_links, is_head, short_head
 from jbclog.record.manifest import NAME, Manifest, manifest_sha256
@@ -60,7 +61,7 @@ def _verifications(folder: Path, manifest: Manifest) -> Iterator[tuple[str, str]
     if not cited:
         return
     try:
-        lines = {sha256(line) for line in lines_in(read_whole(path))}
+        lines = {sha256(line) for line in lines_in(read_foreign(path, Kind.VERIFICATIONS))}
     except FileNotFoundError:
         return  # the run was taken elsewhere
     except OSError as error:
@@ -78,7 +79,7 @@ def report_disagreements(folder: Path) -> Iterator[tuple[str, str]]:
     own = manifest_sha256(folder)
     made = [name for path in folder.rglob("*") if path.is_file() and is_of_report(name := path.relative_to(folder).as_posix())]
     try:
-        report = json.loads((folder / REPORT).read_bytes())
+        report = read_json(folder / REPORT, Kind.REPORT)
         named, files = report["manifest_sha256"], dict(report.get("written", {}))
     except FileNotFoundError:
         yield from ((name, f"stands without {REPORT}, which would vouch for it; make the report again") for name in sorted(made))
@@ -98,8 +99,17 @@ def _files(folder: Path, told: dict[str, str], made: set[str]) -> Iterator[tuple
     for name in sorted({*told} - made):
         yield str(name), f"was written with {REPORT} and is missing; make the report again"
     for name in sorted(made & {*told}):
-        if hashlib.sha256((folder / name).read_bytes()).hexdigest() != told[name]:
+        if _sha256(folder / name) != told[name]:
             yield name, f"was changed since {REPORT} was written; make the report again"
+
+
+def _sha256(path: Path) -> str:
+    """In words where it cannot be read: that is no hash, and so differs."""
+    try:
+        with open_foreign(path, Kind.OF_REPORT) as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+    except OSError as error:
+        return f"not known: {error}"
 
 
 def _annotations(folder: Path) -> Iterator[tuple[str, str]]:

@@ -19,6 +19,8 @@ from pathlib import Path
 from typing import Final, cast
 
 from jbclog.errors import RecordError
+from jbclog.foreign.files import Kind, read_foreign
+from jbclog.foreign.numbers import expect_year, json_of
 from jbclog.record.annotations import NAME as ANNOTATIONS
 from jbclog.record.folder import RUN_NAME
 from jbclog.record.from_json import Misfit, build
@@ -208,17 +210,17 @@ def summary_of(folder: Path, wanted: Filter = ALL) -> Found | Unreadable | None:
     """What the manifest in a run's folder says of it; None where its bytes show that it is none that is wanted."""
     path = folder / NAME
     try:
-        data = path.read_bytes()
+        data = read_foreign(path, Kind.MANIFEST)
         if wanted.had_ended(data):
             return None
         changed = why_changed(data)
         if changed is None and not wanted.may_be_in(data, has_annotations=(folder / ANNOTATIONS).exists()):
             return None
-        told = cast(_Summary, build(_Summary, json.loads(data)))
+        told = cast(_Summary, build(_Summary, json_of(data)))
         if told.state not in STATES or told.schema > SCHEMA_VERSION:
             return Unreadable(folder, "its manifest is of a newer jbclog, or none")
         if told.started is not None:
-            datetime.fromisoformat(told.started)
+            expect_year(datetime.fromisoformat(told.started).year)
         return _found(folder, told, changed)
     except FileNotFoundError:
         return Unreadable(folder, "it has no manifest: cut off at its very start, or no run; `jbclog recover` finishes it")

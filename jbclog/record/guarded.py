@@ -7,7 +7,6 @@ that twice changes nothing.
 
 from __future__ import annotations
 
-import json
 import os
 import time
 from collections.abc import Iterable, Iterator, Mapping
@@ -19,10 +18,11 @@ from typing import Final
 import pyarrow as pa
 
 from jbclog.errors import RecordError
+from jbclog.foreign.files import Kind, read_foreign
+from jbclog.foreign.numbers import json_of
 from jbclog.locked import lock_of
 from jbclog.record.batches import decode, encode
 from jbclog.record.chain import Chain
-from jbclog.record.chained import read_whole
 from jbclog.record.parts import row_groups, through, write_part
 from jbclog.rows import EventRow, Severity, StationFacts
 
@@ -69,7 +69,7 @@ def tidy(folder: Path) -> None:
     """Give back the room that the diary did not need; where nothing is in it there is none. Raises `OSError`."""
     path = folder / DIARY
     with suppress(FileNotFoundError):
-        written = read_whole(path).rstrip(BLANK)
+        written = read_foreign(path, Kind.DIARY).rstrip(BLANK)
         if not written:
             path.unlink()
             return
@@ -83,7 +83,7 @@ def tidy(folder: Path) -> None:
 def diary(folder: Path) -> list[EventRow]:
     """The lines of the guard's diary that can be read, as events; nothing where no guard took over."""
     try:
-        lines = read_whole(folder / DIARY).decode().splitlines()
+        lines = read_foreign(folder / DIARY, Kind.DIARY).decode(errors="replace").splitlines()
     except FileNotFoundError:
         return []
     return [event for line in lines if (event := _event(line)) is not None]
@@ -92,7 +92,7 @@ def diary(folder: Path) -> list[EventRow]:
 def _event(line: str) -> EventRow | None:
     """A torn last line is no event."""
     try:
-        told = json.loads(line)
+        told = json_of(line)
         return EventRow(
             int(told["time"]), str(told["kind"]), Severity(told["severity"]), str(told["text"]), told["station"], told["port"]
         )

@@ -6,7 +6,6 @@ not known. The lease that is still open says which tools are meant, and so does 
 
 from __future__ import annotations
 
-import json
 from collections.abc import Collection, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -16,10 +15,11 @@ from typing import Final, NamedTuple
 
 import pyarrow as pa
 import pyarrow.compute as pc
-import pyarrow.parquet as pq
 
+from jbclog.foreign.files import Kind, read_foreign
+from jbclog.foreign.numbers import json_of
+from jbclog.foreign.tables import open_table
 from jbclog.record import guarded
-from jbclog.record.chained import read_whole
 from jbclog.record.parts import part_paths
 from jbclog.rows import EventRow, Severity, StationFacts
 
@@ -60,9 +60,9 @@ def leases(folder: Path) -> dict[str, Lease]:
     """The lease that is open in the folder, as far as it can be read."""
     found: dict[str, Lease] = {}
     with suppress(OSError, ValueError):
-        for line in read_whole(folder / guarded.LEASE).decode().splitlines():
+        for line in read_foreign(folder / guarded.LEASE, Kind.LEASE).decode().splitlines():
             with suppress(ValueError, KeyError, TypeError):
-                told = json.loads(line)
+                told = json_of(line)
                 found[str(told["name"])] = Lease(tuple(int(port) for port in told.get("ports", ())), bool(told.get("feeds")))
     return found
 
@@ -119,9 +119,9 @@ def _last_read(folder: Path, places: set[tuple[str, int | None]]) -> dict[tuple[
     """From the end of the samples backwards, until each was found."""
     found: dict[tuple[str, int | None], Last] = {}
     for path in reversed(part_paths(folder, "samples")):
-        with pq.ParquetFile(path) as file:
+        with open_table(path) as file:
             for index in reversed(range(file.num_row_groups)):
-                group = file.read_row_group(index, columns=COLUMNS)
+                group = file.group(index, COLUMNS)
                 for place in places - found.keys():
                     last = _last_in(group, *place)
                     if last is not None:

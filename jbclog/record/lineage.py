@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Final
 
 from jbclog.errors import RecordError
+from jbclog.foreign.files import Kind, read_foreign
 from jbclog.record.folder import LETTERS, RUN_NAME
 from jbclog.record.manifest import NAME, Manifest, Previous, manifest_sha256, read_manifest
 
@@ -85,7 +86,7 @@ def _behind(folder: Path, manifest: Manifest) -> Iterator[str]:
     own = manifest_sha256(folder)
     for path in sorted(_runs_of(folder.parent, manifest.line.name)):
         with suppress(RecordError, OSError):
-            if path.name == folder.name or manifest.run.encode() not in (path / NAME).read_bytes():
+            if path.name == folder.name or manifest.run.encode() not in read_foreign(path / NAME, Kind.MANIFEST):
                 continue
             carried = read_manifest(path).previous
             if carried is not None and carried.run == manifest.run and carried.sha256 != own:

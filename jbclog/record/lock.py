@@ -18,6 +18,8 @@ from functools import cache
 from pathlib import Path
 
 from jbclog.errors import RecordError
+from jbclog.foreign.files import Kind
+from jbclog.foreign.numbers import read_json
 from jbclog.locked import is_locked
 
 NAME = "live.lock"
@@ -144,7 +146,7 @@ def witness(folder: Path) -> Witness:
 
 def _inside(folder: Path, key: str) -> float:
     with contextlib.suppress(OSError, ValueError, AttributeError):
-        value = json.loads((folder / NAME).read_bytes()).get(key)
+        value = read_json(folder / NAME, Kind.LOCK).get(key)
         return value if isinstance(value, int | float) else 0
     return 0
 

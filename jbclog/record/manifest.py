@@ -11,6 +11,8 @@ from pathlib import Path
 from typing import Final, cast
 
 from jbclog.errors import RecordError
+from jbclog.foreign.files import Kind, read_foreign
+from jbclog.foreign.numbers import expect_moment, expect_year, json_of, read_json
 from jbclog.record.durable import write_whole
 from jbclog.record.from_json import Misfit, build
 from jbclog.record.schema import SCHEMA_VERSION
@@ -207,7 +209,7 @@ def read_manifest(folder: Path) -> Manifest:
     """The manifest of the run in `folder`. Raises `RecordError`: none there, not one, or of a newer jbclog."""
     path = folder / NAME
     try:
-        data = json.loads(path.read_bytes())
+        data = read_json(path, Kind.MANIFEST)
         version = data.get("schema")
         if isinstance(version, int) and version > SCHEMA_VERSION:
             raise RecordError(f"{path}: written with schema {version}; this jbclog knows {SCHEMA_VERSION}")
@@ -216,6 +218,7 @@ def read_manifest(folder: Path) -> Manifest:
             raise NoManifest(f"{path} is no manifest: its state is {manifest.state!r:.60}")
         for time in (manifest.started, manifest.ended):
             _expect_time(time)
+        expect_moment(manifest.t0_utc)
         return manifest
     except FileNotFoundError:
         raise RecordError(f"{folder} has no manifest; it is no run, or one that was cut off at its very start") from None
@@ -225,7 +228,11 @@ def read_manifest(folder: Path) -> Manifest:
 
 def _expect_time(text: str | None) -> None:
     """Raises ValueError where it is none, or has no zone."""
-    if text is not None and datetime.fromisoformat(text).tzinfo is None:
+    if text is None:
+        return
+    moment = datetime.fromisoformat(text)
+    expect_year(moment.year)
+    if moment.tzinfo is None:
         raise ValueError(f"{text!r:.60} does not say which zone it is of")
 
 
@@ -245,7 +252,7 @@ def manifest_text(manifest: Manifest) -> str:
 
 def manifest_sha256(folder: Path) -> str:
     """The head of a run: the hash that annotations, reports and other runs name it by. Raises OSError."""
-    return hashlib.sha256((folder / NAME).read_bytes()).hexdigest()
+    return hashlib.sha256(read_foreign(folder / NAME, Kind.MANIFEST)).hexdigest()
 
 
 def wrong_digest(folder: Path) -> str | None:
@@ -253,14 +260,14 @@ def wrong_digest(folder: Path) -> str | None:
 
     It shows a change that was not meant to deceive: whoever changes the manifest can also change the digest.
     """
-    return why_changed((folder / NAME).read_bytes())
+    return why_changed(read_foreign(folder / NAME, Kind.MANIFEST))
 
 
 def why_changed(data: bytes) -> str | None:
     """The same of a manifest that was read already."""
     found = _DIGEST.search(data)
     if found is None:
-        is_old = set(json.loads(data)) <= OF_0_1
+        is_old = set(json_of(data)) <= OF_0_1
         return None if is_old else "has lost its digest: it was changed"
     plain = data[: found.start()] + END
     return None if hashlib.sha256(plain).hexdigest().encode() == found[1] else "was changed: its digest is another"

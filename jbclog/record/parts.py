@@ -10,8 +10,9 @@ differences, noisy whole numbers with their bytes split, everything else by dict
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Final
 
@@ -19,6 +20,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from jbclog.errors import RecordError
+from jbclog.foreign.files import is_plain_folder
+from jbclog.foreign.tables import Table, metadata_of, open_table
 from jbclog.record.durable import sync_file, sync_folder
 from jbclog.record.schema import SCHEMAS, TABLES
 
@@ -26,6 +29,7 @@ ROWS_A_GROUP: Final = 32_768  # some 8 MB while it is in memory
 SPLIT: Final = ("late_us", "scan_us", "temperature_c", "power_permille")
 DIFFERENCES: Final = ("time", "tick", "seq")
 THROUGH: Final = b"jbclog.through"
+PART: Final = re.compile(r"part-[0-9]{1,9}\.parquet")
 PROBE: Final = "probe"  # with which a new folder is tried
 HALF_A_LEASE: Final = "lease.json.new"
 PREPARING: Final = "."  # readers of Parquet folders leave out what begins with a dot
@@ -36,7 +40,9 @@ Groups = Callable[[], Iterable[pa.Table]]
 
 def part_paths(folder: Path, table: str) -> list[Path]:
     """The parts of a table that are there, in their order."""
-    return sorted((folder / table).glob("part-[0-9]*.parquet"), key=_index)
+    if not is_plain_folder(folder / table):
+        return []
+    return sorted((path for path in (folder / table).glob("part-*.parquet") if PART.fullmatch(path.name)), key=_index)
 
 
 def through(folder: Path, table: str) -> int:
@@ -52,7 +58,7 @@ def parts_through(parts: list[Path]) -> int:
 def part_through(path: Path) -> int:
     """The number of the last batch in a part. Raises `RecordError` where it cannot be read as one."""
     try:
-        metadata = pq.read_metadata(path).metadata or {}
+        metadata = metadata_of(path).metadata or {}
         return int(metadata[THROUGH])
     except (pa.ArrowException, OSError, KeyError, ValueError) as error:
         raise RecordError(f"{path} is no readable part: {error}") from error
@@ -143,20 +149,20 @@ def groups_of(parts: Iterable[Path], columns: list[str] | None = None) -> Iterat
         with _opened(path) as file:
             for index in range(file.num_row_groups):
                 try:
-                    yield file.read_row_group(index, columns=columns)
+                    yield file.group(index, columns)
                 except (pa.ArrowException, OSError) as error:
                     raise RecordError(f"{path}, row group {index}: {error}") from error
 
 
 @contextmanager
-def _opened(path: Path) -> Iterator[pq.ParquetFile]:
+def _opened(path: Path) -> Iterator[Table]:
     """A part, its pages' check sums looked at; its footer, which has none, by what it must say. Raises `RecordError`."""
-    try:
-        file = pq.ParquetFile(path, page_checksum_verification=True)
-    except (pa.ArrowException, OSError) as error:
-        raise RecordError(f"{path} is no readable part: {error}") from error
-    with file:
-        if not file.schema_arrow.equals(SCHEMAS[path.parent.name]):
+    with ExitStack() as opened:
+        try:
+            file = opened.enter_context(open_table(path))
+        except (pa.ArrowException, OSError) as error:
+            raise RecordError(f"{path} is no readable part: {error}") from error
+        if not file.schema.equals(SCHEMAS[path.parent.name]):
             raise RecordError(f"{path} is no part of {path.parent.name}: its columns are others")
         yield file
 
@@ -174,9 +180,15 @@ def remove_unfinished(folder: Path) -> None:
         path.unlink(missing_ok=True)
 
 
-def read_through(path: Path) -> None:
-    """Read a part to its end, with the check sums of its pages. Raises `RecordError`."""
+def read_through(path: Path, listed_rows: int | None = None) -> None:
+    """Read a part to its end, with the check sums of its pages. Raises `RecordError`.
+
+    `listed_rows` is how many the manifest says that it has: nothing is read of a part that declares more.
+    """
     part_through(path)
+    declared = metadata_of(path).num_rows
+    if listed_rows is not None and declared > listed_rows:
+        raise RecordError(f"{path} has {declared} rows, the manifest says {listed_rows}")
     rows = sum(len(group) for group in groups_of([path]))
-    if rows != pq.read_metadata(path).num_rows:
-        raise RecordError(f"{path} holds {rows} rows, its footer says {pq.read_metadata(path).num_rows}")
+    if rows != declared:
+        raise RecordError(f"{path} holds {rows} rows, its footer says {declared}")

@@ -18,6 +18,7 @@ from types import MappingProxyType
 from typing import Final
 
 from jbclog.errors import RecordError, Unsafe
+from jbclog.foreign.files import Kind, read_foreign
 from jbclog.record import bad_parts, damage, guarded, left_hot, wire, wire_check
 from jbclog.record.conclude import NOT_KEPT, conclude, last_micros, live_files, remove_live, stations_of, unkept_rows
 from jbclog.record.folder import RUN_NAME, expect_no_links
@@ -224,9 +225,13 @@ def _was_to_be_judged(folder: Path, manifest: Manifest) -> bool:
     if manifest.verdict is not None:
         return manifest.verdict != "NOT JUDGED"
     try:
-        return any("acceptance" in tomllib.loads(path.read_text(encoding="utf-8")) for path in (folder / "recipes").glob("*.toml"))
+        return any("acceptance" in tomllib.loads(_recipe(path)) for path in (folder / "recipes").glob("*.toml"))
     except (OSError, ValueError, RecursionError):
         return True
+
+
+def _recipe(path: Path) -> str:
+    return read_foreign(path, Kind.SETTINGS).decode()
 
 
 def _wire(folder: Path, manifest: Manifest) -> str | None:

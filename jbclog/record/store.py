@@ -15,9 +15,9 @@ from collections.abc import Iterable, Iterator, Mapping
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from urllib.parse import quote
 
 from jbclog.errors import RecordError
+from jbclog.foreign.database import Database, open_database
 from jbclog.record.batches import Batch
 from jbclog.record.schema import SCHEMA_VERSION
 
@@ -33,6 +33,7 @@ CREATE TABLE batch (
 CREATE TABLE note (kind TEXT NOT NULL, key TEXT NOT NULL, text TEXT NOT NULL, crc INTEGER NOT NULL, PRIMARY KEY (kind, key));
 COMMIT;
 """
+COLUMNS = {"batch": ("number", "name", "rows", "crc", "data"), "note": ("kind", "key", "text", "crc")}
 _ADD_BATCH = "INSERT INTO batch VALUES (?, ?, ?, ?, ?)"
 _SET_NOTE = "INSERT INTO note VALUES (?, ?, ?, ?) ON CONFLICT (kind, key) DO UPDATE SET text = excluded.text, crc = excluded.crc"
 
@@ -71,7 +72,7 @@ def companions(segment: Path) -> list[Path]:
 class Segment:
     """One file of the store, open. Used by one thread at a time."""
 
-    def __init__(self, path: Path, connection: sqlite3.Connection, *, only_reads: bool = False) -> None:
+    def __init__(self, path: Path, connection: Database, *, only_reads: bool = False) -> None:
         self.path = path
         self._db = connection
         self._only_reads = only_reads
@@ -95,7 +96,7 @@ class Segment:
     @classmethod
     def look(cls, path: Path) -> Segment:
         """One that is there, only to be read, beside a recorder that may be writing. Needs no room on the disk."""
-        connection = sqlite3.connect(f"file:{quote(str(path))}?mode=ro", uri=True, timeout=BUSY_S, isolation_level=None)
+        connection = open_database(path, only_reads=True, busy_s=BUSY_S)
         return cls(path, connection, only_reads=True)
 
     def close(self) -> None:
@@ -111,9 +112,11 @@ class Segment:
                     path.unlink()
 
     def is_begun(self) -> bool:
-        """Whether its tables are there: a kill may have come between making the file and making them."""
-        (count,) = self._db.execute("SELECT count(*) FROM sqlite_master WHERE name IN ('batch', 'note')").fetchone()
-        return bool(count == 2)
+        """Whether its tables are there: a kill may have come between making the file and making them.
+
+        Raises `NotAStore` where others are there as well, or views or triggers that would be worked at without end.
+        """
+        return self._db.expect_tables(COLUMNS)
 
     # -- writing -----------------------------------------------------------------------------------------------------
 
@@ -165,15 +168,18 @@ class Segment:
 
     def notes(self, kind: str) -> dict[str, str]:
         """The notes of a kind by their key; one that rotted is left out, as if it had never been taken."""
+        self._db.within()
         rows = self._db.execute("SELECT key, text, crc FROM note WHERE kind = ?", (kind,))
         return {key: text for key, text, crc in rows if _note_crc(kind, key, text) == crc}
 
     def index(self) -> dict[int, str]:
         """The batches that are there and the table of each. Raises sqlite3.DatabaseError where pages are damaged."""
+        self._db.within()
         return {int(number): str(name) for number, name in self._db.execute("SELECT number, name FROM batch ORDER BY number")}
 
     def get(self, number: int) -> Stored | None:
         """One batch. Raises sqlite3.DatabaseError where its page is damaged."""
+        self._db.within()
         row = self._db.execute("SELECT name, rows, crc, data FROM batch WHERE number = ?", (number,)).fetchone()
         if row is None:
             return None
@@ -186,8 +192,8 @@ def _note_crc(kind: object, key: object, text: object) -> int:
     return zlib.crc32(f"{kind} {key} {text}".encode(errors="replace"))
 
 
-def _connect(path: Path) -> sqlite3.Connection:
-    connection = sqlite3.connect(path, timeout=BUSY_S, isolation_level=None, check_same_thread=False)
+def _connect(path: Path) -> Database:
+    connection = open_database(path, only_reads=False, busy_s=BUSY_S)
     try:
         connection.execute("PRAGMA synchronous = FULL")
         connection.execute("PRAGMA fullfsync = ON")  # macOS: to the disk, not to its cache
@@ -203,7 +209,7 @@ def refuse_newer(folder: Path) -> None:
     for path in segments(folder):
         try:
             with closing(Segment.look(path)) as segment:
-                version = segment.notes(META).get("schema", "")
+                version = segment.notes(META).get("schema", "") if segment.is_begun() else ""
         except sqlite3.Error:
             continue  # damaged, or not even begun: what reads it will say so
         if version.isdigit() and int(version) > SCHEMA_VERSION:

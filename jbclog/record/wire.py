@@ -31,11 +31,12 @@ from contextlib import suppress
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from itertools import islice
-from math import isfinite
 from pathlib import Path
 from typing import Final, cast
 
 from jbclog.errors import RecordError
+from jbclog.foreign.files import Kind, expect_regular, is_plain_folder, open_foreign
+from jbclog.foreign.numbers import expect_moment, json_of
 from jbclog.record.from_json import Misfit, build
 from jbclog.record.wire_blocks import FIXED, Block, Gap, blocks
 from jbclog.record.wire_rows import row_of
@@ -75,7 +76,7 @@ def wire_path(folder: Path, station: str) -> Path:
 
 def wire_paths(folder: Path) -> list[Path]:
     """The wires that a run has recorded."""
-    return sorted((folder / FOLDER).glob(f"*{SUFFIX}"))
+    return sorted((folder / FOLDER).glob(f"*{SUFFIX}")) if is_plain_folder(folder / FOLDER) else []
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,7 +136,7 @@ def _head(path: Path) -> Head:
                 raise ValueError("its columns are others")
             _, what, data = (*block.text.removeprefix(COLUMNS).partition("\n")[0].split("\t"), "", "", "")[:3]
             if what == RUN:
-                return _believed(cast(Head, build(Head, json.loads(data))), path)
+                return _believed(cast(Head, build(Head, json_of(data))), path)
             if block.first_line == 1:
                 raise ValueError("it does not say of what run it is")
     raise ValueError(_why_none(path))
@@ -143,8 +144,7 @@ def _head(path: Path) -> Head:
 
 def _believed(head: Head, path: Path) -> Head:
     """A head with which one can reckon, and that leads to no other folder. Raises `ValueError`."""
-    if not (isfinite(head.t0_mono) and isfinite(head.t0_utc)):
-        raise ValueError("its run began at no moment")
+    expect_moment(head.t0_utc)
     if head.station != path.name.removesuffix(SUFFIX):
         raise ValueError(f"it is that of {head.station}")
     if head.recipe != Path(head.recipe).name:
@@ -154,7 +154,7 @@ def _believed(head: Head, path: Path) -> Head:
 
 def _why_none(path: Path) -> str:
     """Why a file has no head: a newer one may be packed in another way, and says its format all the same."""
-    with path.open("rb") as file:
+    with open_foreign(path, Kind.WIRE) as file:
         first = file.read(FIRST_BYTES)
     found = re.search(rb'\trun\t\{[^\n]*"format": ([0-9]{1,9})', _begun(first))
     if found and int(found[1]) > FORMAT:
@@ -270,6 +270,7 @@ def mend(path: Path) -> int:
         pass
     if not isinstance(last, Gap) or not (last.start or _has_begun(path)):
         return 0
+    expect_regular(path, Kind.WIRE)
     with path.open("r+b") as file:
         file.truncate(last.start)
         os.fsync(file.fileno())
@@ -278,5 +279,5 @@ def mend(path: Path) -> int:
 
 def _has_begun(path: Path) -> bool:
     """Whether the file begins as a block does."""
-    with path.open("rb") as file:
+    with open_foreign(path, Kind.WIRE) as file:
         return FIXED.startswith(file.read(len(FIXED)))

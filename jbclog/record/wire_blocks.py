@@ -16,6 +16,7 @@ Format 1 was a single member with one check sum for all; such a file is read whe
 from __future__ import annotations
 
 import mmap
+import os
 import struct
 import zlib
 from collections.abc import Iterator
@@ -23,6 +24,8 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
+
+from jbclog.foreign.files import Kind, open_foreign
 
 FIXED: Final = b"\x1f\x8b\x08\x04\0\0\0\0\0\xff"  # deflate, an extra field, no time, no system
 SINGLE: Final = b"\x1f\x8b\x08\0"  # how a file of format 1 begins
@@ -119,8 +122,8 @@ def blocks(path: Path) -> Iterator[Block | Gap]:
 @contextmanager
 def _mapped(path: Path) -> Iterator[mmap.mmap | None]:
     """The bytes of a file; None where it is empty."""
-    with path.open("rb") as file:
-        if not path.stat().st_size:
+    with open_foreign(path, Kind.WIRE) as file:
+        if not os.fstat(file.fileno()).st_size:
             yield None
             return
         with mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:

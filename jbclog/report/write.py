@@ -15,6 +15,8 @@ from pathlib import Path
 from jbclog import __version__
 from jbclog.analysis import open_run
 from jbclog.errors import RecordError
+from jbclog.foreign.files import Kind, read_foreign
+from jbclog.foreign.numbers import read_json
 from jbclog.judge import RULES
 from jbclog.judged_again import Held, held
 from jbclog.record.annotations import NAME as ANNOTATIONS
@@ -72,7 +74,7 @@ def verified(folder: Path | str) -> Held:
 def _other_maker(folder: Path) -> str | None:
     """Who made the report that is there, where that was another jbclog or one with other rules."""
     try:
-        before = json.loads((folder / DATA).read_bytes())
+        before = read_json(folder / DATA, Kind.REPORT)
         version, rules = before["jbclog"], before.get("rules", 1)
     except (OSError, ValueError, TypeError, KeyError, AttributeError, RecursionError):
         return None
@@ -88,7 +90,7 @@ def _changed(folder: Path, manifest: Manifest) -> list[str]:
 def _said_since(folder: Path) -> list[str]:
     """Why all of it differs, where something was acknowledged or told after the report was made."""
     try:
-        before = json.loads((folder / DATA).read_bytes())
+        before = read_json(folder / DATA, Kind.REPORT)
         made_from, head = before["manifest_sha256"], before["annotations_head"]
     except (OSError, ValueError, TypeError, KeyError, RecursionError):
         return []
@@ -140,7 +142,7 @@ def _without_drawings(value: object) -> object:
 
 def _difference(path: Path, content: bytes) -> str | None:
     try:
-        same = path.read_bytes() == content
+        same = read_foreign(path, Kind.OF_REPORT) == content
     except OSError as error:
         return f"{path}: {error.strerror}"
     return None if same else f"{path}: not what this record gives when the report is made again"

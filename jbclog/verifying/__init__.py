@@ -3,7 +3,7 @@
 Owns: the file of verifications below the folder of runs, when one passes, fails or is invalid, the proposal of an adjustment,
 which one a run stands on, and which runs stood on a bad one.
 Never: talks to a station, writes a setting, changes a line that is in the file.
-May use: `record`, `rows` and `errors`.
+May use: `record`, `rows`, `foreign` and `errors`.
 Start reading: `verification.py`, the definitions; then `book.py`, `cited.py` and `suspect.py`.
 """
 

@@ -12,7 +12,8 @@ from pathlib import Path
 from typing import Final, cast
 
 from jbclog.errors import RecordError
-from jbclog.record.chained import add_line, chain_in, fields_of, line_of, read_whole, sha256
+from jbclog.foreign.files import Kind, read_foreign
+from jbclog.record.chained import add_line, chain_in, fields_of, line_of, sha256
 from jbclog.record.durable import sync_folder
 from jbclog.record.from_json import Misfit, build
 from jbclog.verifying.verification import Verification
@@ -63,7 +64,9 @@ def keep(out: Path, one: Verification) -> tuple[Verification, str]:
 def read_book(out: Path) -> Book:
     """Every verification in the folder of runs `out`; none where there is no file. Raises `RecordError`."""
     try:
-        found = chain_in(read_whole(out / NAME), FIRST, _parsed, what="verification", of_first="the file's name")
+        found = chain_in(
+            read_foreign(out / NAME, Kind.VERIFICATIONS), FIRST, _parsed, what="verification", of_first="the file's name"
+        )
     except FileNotFoundError:
         return Book()
     except OSError as error:

@@ -130,7 +130,7 @@ def test_any_text_at_all_is_refused_with_sentences_that_are_safe_to_print(text: 
 @pytest.mark.parametrize(
     ("data", "sentence"),
     [
-        (b"#" * (MAX_BYTES + 1), "is larger than 64 KiB"),
+        (b"#" * (MAX_BYTES + 1), "has 65537 bytes; a line, recipe or jobs file has at most 65536"),
         (b"# caf\xe9\n", "is not UTF-8 (byte 5)"),
         ("a = 1".encode("utf-16"), "is not UTF-8 (byte 0)"),
     ],
@@ -148,8 +148,8 @@ def test_what_is_no_file_is_refused_and_never_waited_for(tmp_path: Path, load: C
     os.mkfifo(tmp_path / "pipe")
     (tmp_path / "loop").symlink_to(tmp_path / "loop")
     for name, sentence in {
-        "pipe": "is not an ordinary file",
-        ".": "is not an ordinary file",
+        "pipe": "is a pipe, not a file",
+        ".": "is a folder, not a file",
         "missing": "No such file or directory",
         "loop": "Too many levels of symbolic links",
         "a\0b": "is not a file's name",

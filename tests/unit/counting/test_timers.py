@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from verbs import wrong
 
-from jbclog.counting.timers import HOUR, MINUTE, UNIT, Timed, cron_line, program, service_text, timer_text, timers_text
+from jbclog.counting.timers import HOUR, MINUTE, UNIT, Timed, cron_line, program, service_text, timer_text, timers_lines
 
 WORDS = ("--line", "/etc/jbclog/bench 3.toml", "--ledger", "/var/lib/jbclog/100%/$HOME/it's.jsonl")
 TIMED = Timed("/opt/jbclog/bin/jbclog", WORDS, "/var/lib/jbclog", "jbclog")
@@ -36,7 +36,7 @@ def test_it_rings_at_an_hour_that_every_day_has_once() -> None:
 
 
 def test_everything_says_where_it_goes() -> None:
-    text = timers_text(TIMED)
+    text = "\n".join(timers_lines(TIMED))
     for place in ("crontab -e", f"/etc/systemd/system/{UNIT}.service", f"/etc/systemd/system/{UNIT}.timer", "Task Scheduler"):
         assert place in text
 

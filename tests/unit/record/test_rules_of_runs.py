@@ -113,7 +113,7 @@ def test_a_recipe_that_this_jbclog_does_not_take_any_more_is_no_difference(tmp_p
     folder = run_of("accepted", tmp_path)
     manifest = read_manifest(folder)
 
-    def refuse(path: Path) -> object:
+    def refuse(path: Path, *, links: bool) -> object:
         raise OSError(path)
 
     monkeypatch.setattr(judged_again, "load_recipe", refuse)

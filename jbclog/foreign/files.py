@@ -1,0 +1,147 @@
+"""The one way to open a file that somebody else may have put there: in a run's folder, a folder of runs, beside a ledger.
+
+Only a regular file is opened, and only up to its kind's limit. A pipe, a socket or a device is refused before it is opened:
+opening one can wait without end, or do something. Inside a run's folder no link is followed; a path that the user names may
+be a link.
+"""
+
+from __future__ import annotations
+
+import errno
+import os
+import stat
+from collections.abc import Mapping
+from enum import StrEnum
+from io import BufferedReader
+from pathlib import Path
+from types import MappingProxyType
+from typing import Final
+
+KIB, MIB, GIB = 1 << 10, 1 << 20, 1 << 30
+
+
+class Kind(StrEnum):
+    """What a file is meant to be, in the words of a message."""
+
+    MANIFEST = "a manifest"
+    ANNOTATIONS = "a file of annotations"
+    VERIFICATIONS = "a file of verifications"
+    REPORT = "a report's data"
+    OF_REPORT = "a file of a report"
+    LEASE = "a lease"
+    DIARY = "a guard's diary"
+    LOCK = "a lock"
+    DAMAGE = "a list of damage"
+    SETTINGS = "a line, recipe or jobs file"
+    JOURNAL = "a batch's journal"
+    JOB = "a job's state"
+    LEDGER = "a ledger"
+    WIRE = "a serial capture"
+    PART = "a part of a table"
+    STORE = "a live store"
+    RECORD = "a file of a record"
+
+
+LIMITS: Final[Mapping[Kind, int]] = MappingProxyType(
+    {
+        Kind.MANIFEST: 16 * MIB,  # 90 000 units in a run take 11 MB
+        Kind.ANNOTATIONS: 16 * MIB,
+        Kind.VERIFICATIONS: 16 * MIB,
+        Kind.REPORT: 32 * MIB,
+        Kind.OF_REPORT: 256 * MIB,
+        Kind.LEASE: MIB,
+        Kind.DIARY: 4 * MIB,
+        Kind.LOCK: 64 * KIB,
+        Kind.DAMAGE: 4 * MIB,
+        Kind.SETTINGS: 64 * KIB,
+        Kind.JOURNAL: 64 * MIB,
+        Kind.JOB: 16 * MIB,
+        Kind.LEDGER: 256 * MIB,  # 250 stations, asked daily, take 90 MB a year
+        Kind.WIRE: 4 * GIB,  # a station's month takes some 500 MB
+        Kind.PART: 4 * GIB,  # an hour of 256 ports at 10 Hz takes 50 MB
+        Kind.STORE: 16 * GIB,  # it holds an hour of rows, or all of a disk's where sealing fails
+        Kind.RECORD: 16 * GIB,
+    }
+)
+"""The greatest size of each kind in bytes. Text kinds are read whole, the others piece by piece."""
+
+LINES: Final[Mapping[Kind, int]] = MappingProxyType(
+    dict.fromkeys((Kind.ANNOTATIONS, Kind.VERIFICATIONS, Kind.DAMAGE, Kind.LEASE), 100_000)
+)
+"""The most lines of a kind: a file of nothing but line ends costs a hundred times its size."""
+
+_WHAT: Final = (
+    (stat.S_ISFIFO, "a pipe"),
+    (stat.S_ISSOCK, "a socket"),
+    (stat.S_ISCHR, "a device"),
+    (stat.S_ISBLK, "a device"),
+    (stat.S_ISDIR, "a folder"),
+    (stat.S_ISLNK, "a link"),
+)
+
+
+class NotReadable(OSError):
+    """A file that is not opened, or not read further; its text says why, without a number of the system."""
+
+    def __init__(self, why: str) -> None:
+        super().__init__(errno.EINVAL, why)
+
+    def __str__(self) -> str:
+        return str(self.strerror)
+
+
+def expect_regular(path: Path, kind: Kind, *, links: bool = False) -> int:
+    """The size of the regular file at `path`. Raises OSError where there is none, or `NotReadable` where it is no such file.
+
+    `links`: the user named the path, so that it may be a link; the file at its end is a regular one all the same.
+    """
+    return _size(path.stat() if links else path.lstat(), kind)
+
+
+def _size(there: os.stat_result, kind: Kind) -> int:
+    if not stat.S_ISREG(there.st_mode):
+        what = next((name for fits, name in _WHAT if fits(there.st_mode)), "no file")
+        raise NotReadable(f"is {what}, not a file")
+    if there.st_size > LIMITS[kind]:
+        raise NotReadable(f"has {there.st_size} bytes; {kind} has at most {LIMITS[kind]}")
+    return there.st_size
+
+
+def expect_opened(descriptor: int, kind: Kind) -> int:
+    """The same of a file that is open already, to be written."""
+    return _size(os.fstat(descriptor), kind)
+
+
+def open_foreign(path: Path, kind: Kind, *, links: bool = False) -> BufferedReader:
+    """The regular file at `path`, open for reading. Raises OSError as `expect_regular` does.
+
+    It is looked at before it is opened and again after: what lies there may be changed in between, and then it is not waited for.
+    """
+    expect_regular(path, kind, links=links)
+    flags = os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK | os.O_NOCTTY | (0 if links else os.O_NOFOLLOW)
+    descriptor = os.open(path, flags)
+    try:
+        expect_opened(descriptor, kind)
+        return os.fdopen(descriptor, "rb")
+    except BaseException:
+        os.close(descriptor)
+        raise
+
+
+def read_foreign(path: Path, kind: Kind, *, links: bool = False) -> bytes:
+    """All bytes of the regular file at `path`. Raises OSError as `expect_regular` does, also where it grows beyond its limit."""
+    with open_foreign(path, kind, links=links) as file:
+        data = file.read(LIMITS[kind] + 1)
+    if len(data) > LIMITS[kind]:
+        raise NotReadable(f"grows while it is read; {kind} has at most {LIMITS[kind]} bytes")
+    if kind in LINES and data.count(b"\n") > LINES[kind]:
+        raise NotReadable(f"has {data.count(10)} lines; {kind} has at most {LINES[kind]}")
+    return data
+
+
+def is_plain_folder(path: Path) -> bool:
+    """Whether there is a folder at `path` itself, not behind a link. What cannot be looked at is none."""
+    try:
+        return stat.S_ISDIR(path.lstat().st_mode)
+    except (OSError, ValueError):
+        return False
