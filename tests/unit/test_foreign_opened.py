@@ -22,7 +22,10 @@ FUNCTIONS = {
     *("ParquetFile", "ParquetDataset", "read_table", "read_schema", "read_metadata", "read_parquet", "read_csv"),
     *("memory_map", "mmap", "fromfile", "loadtxt", "genfromtxt", "OSFile"),
 }
-WHOLE_NAMES = {"sqlite3.connect", "pd.read_json", "json.load", "tomllib.load", "np.load", "pickle.load", "shutil.copy", "shutil.copyfile"}
+WHOLE_NAMES = {
+    *("sqlite3.connect", "pd.read_json"),
+    *("json.load", "tomllib.load", "np.load", "pickle.load", "shutil.copy", "shutil.copyfile"),
+}
 
 ALLOWED = {
     "cli/demo.py:read_text": "files of this package",
@@ -35,7 +38,6 @@ ALLOWED = {
     "transport/holder.py:read_text": "the kernel's own, below /proc",
     "record/lock.py:read_text": "the kernel's own, below /proc",
     "drive/typed.py:open": "a source of units, which is a pipe or a device by its nature; it is polled",
-    "drive/typed.py:os.open": "the same",
     "record/wire_blocks.py:mmap": "of a file that `open_foreign` opened",
     "record/durable.py:os.open": "what this process has just written, to sync it",
     "record/wire.py:open": "looked at by `expect_regular` in the line before",

@@ -317,7 +317,7 @@ def test_the_call_that_is_told_does_it(make: Make) -> None:
     assert ended.err.startswith(
         "error: maximum_temperature moves the highest temperature that can be selected on the whole station. Nothing was sent."
     )
-    ended = bench.call(ended.err.splitlines()[1])
+    ended = bench.call(ended.err.partition("the same: ")[2].strip())
     assert (ended.code, ended.out) == (0, "maximum_temperature: 450 °C, confirmed (500 °C before)\n")
     assert writes(bench) == ["WMAT00450"]
 

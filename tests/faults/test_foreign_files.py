@@ -1,0 +1,199 @@
+"""Files that are not what their names say, in a run's folder: every verb answers, and one folder never blocks the others."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from collections import defaultdict
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import few_rows
+import pytest
+from bombs import BOMBS
+from foreign_matrix import OF_A_FOLDER, SPECIAL, VERBS, Ended, Pairs, put, table, words_of
+from make_run import make_run
+
+from jbclog.record.annotations import append
+from jbclog.record.manifest import NAME
+from jbclog.report.write import write_report
+
+GOOD, BAD, CRASHED = "good", "bad", "crashed"
+WIRE_NAME = "wire/a.tsv.gz"
+PATHS = (
+    *(NAME, "annotations.jsonl", "lease.json", "guard.jsonl", "guard.lock", "damage.jsonl", "line.toml", "recipes/sn100c-tht.toml"),
+    *("samples/part-0000.parquet", "events/part-0000.parquet", "settings/part-0000.parquet", "counters/part-0000.parquet"),
+    *(
+        "samples",
+        "recipes",
+        "wire",
+        WIRE_NAME,
+        "report.json",
+        "report.html",
+        "joints.parquet",
+        "figures",
+        "live.sqlite",
+        "live.lock",
+    ),
+    *("live.sqlite-wal", "damaged", "../verifications.jsonl"),
+)
+OF_CRASHED = (
+    NAME,
+    "live.sqlite",
+    "live.sqlite-wal",
+    "live.sqlite-shm",
+    "live.lock",
+    "guard.jsonl",
+    "guard.lock",
+    "lease.json",
+    "damage.jsonl",
+)
+VERBS_OF_CRASHED = ("recover", "runs", "check", "report", "alarms", "trend", "start of the next run")
+
+
+@pytest.fixture(scope="module")
+def kept(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder of runs: a sealed one that stays as it is, one to be spoilt, and one that crashed."""
+    out = tmp_path_factory.mktemp("kept") / "runs"
+    for name in (GOOD, BAD):
+        made = make_run(out / name, 8.0)
+        append(made, who="x", what="x", why="x")
+        write_report(made)
+    few_rows.abandoned(out / CRASHED)
+    return out
+
+
+@pytest.fixture(scope="module")
+def pairs() -> Iterator[Pairs]:
+    made = Pairs()
+    yield made
+    made.close()
+
+
+class Place:
+    """A copy of the folder of runs, with one file of one run replaced."""
+
+    def __init__(self, kept: Path, home: Path, of: str = BAD) -> None:
+        self.runs = home / "runs"
+        shutil.rmtree(home, ignore_errors=True)
+        self.runs.mkdir(parents=True)
+        source = {name: next(path for path in (kept / name).iterdir() if path.is_dir()) for name in (GOOD, of)}
+        for path in source.values():
+            shutil.copytree(path, self.runs / path.name)
+        self.bad, self.good = self.runs / source[of].name, self.runs / source[GOOD].name
+        (home / "line.toml").write_text('[line]\nname = "bench"\n[[station]]\nname = "dde-1"\nurl = "nowhere"\nfamily = "dde"\n')
+        self.places = {
+            "run": self.bad,
+            "runs": self.runs,
+            "other": self.good,
+            "line": home / "line.toml",
+            "ledger": home / "ledger",
+        }
+
+    def run(self, pairs: Pairs, verb: str) -> Ended:
+        return pairs.run(words_of(verb, self.places))
+
+
+def spoilt(kept: Path, home: Path, path: str, made: Callable[[Path], None], of: str = BAD) -> Place:
+    """The folder of runs with that in the place of a file; a bomb finds the file that it stands for."""
+    place = Place(kept, home, of)
+    where = place.bad / path
+    if made in SPECIAL.values():
+        put(where, made)
+    else:
+        where.parent.mkdir(exist_ok=True)
+        made(where)
+    return place
+
+
+def is_answer(place: Place, verb: str, ended: Ended) -> str | None:
+    """What is wrong with a verb's answer, None where nothing is; a folder of runs still gives the good one."""
+    if ended.trouble:
+        return ended.trouble
+    if verb == "runs" and place.good.name not in ended.output:
+        return "the good run is not shown"
+    return None
+
+
+def special_pairs() -> list[tuple[str, str, str]]:
+    return [(path, kind, BAD) for path in PATHS for kind in SPECIAL] + [
+        (path, kind, CRASHED) for path in OF_CRASHED for kind in SPECIAL
+    ]
+
+
+def bomb_pairs() -> list[tuple[str, str, str]]:
+    live = [path for path in BOMBS if path.startswith(("live", "damage", "guard", "lease"))]
+    return [(path, kind, BAD) for path in BOMBS if path not in live for kind in BOMBS[path] if path not in ("joints.parquet",)] + [
+        (path, kind, CRASHED) for path in live for kind in BOMBS[path]
+    ]
+
+
+def tried(kept: Path, home: Path, pairs: Pairs, those: list[tuple[str, str, str]]) -> tuple[dict[str, list[Ended]], list[str]]:
+    """All verbs for each; the answers by what stood there, and what was wrong with some."""
+    results: dict[str, list[Ended]] = defaultdict(list)
+    wrong = []
+    for path, kind, of in those:
+        made = SPECIAL.get(kind) or BOMBS[path][kind]
+        place = None
+        for verb in VERBS if of == BAD else VERBS_OF_CRASHED:
+            if place is None or verb not in ("check", "runs", "trend", "compare", "where-used", "alarms", "start of the next run"):
+                place = spoilt(kept, home, path, made, of)
+            ended = place.run(pairs, verb)
+            results[kind if kind in SPECIAL else f"bombs: {path}"].append(ended)
+            trouble = is_answer(place, verb, ended)
+            if trouble:
+                wrong.append(f"{verb}, {path} of the {of} run is {kind} ({ended.seconds:.1f} s): {trouble}")
+    return results, wrong
+
+
+def _slice(those: list[tuple[str, str, str]], part: str | None) -> list[tuple[str, str, str]]:
+    """A part of a campaign, ``1/4``, where JBCLOG_PART says so."""
+    if not part:
+        return those
+    number, parts = map(int, part.split("/"))
+    return those[number - 1 :: parts]
+
+
+@pytest.mark.campaign
+@pytest.mark.timeout(3600)
+@pytest.mark.parametrize("those", [special_pairs(), bomb_pairs()], ids=["special files", "bombs"])
+def test_every_verb_answers_whatever_lies_in_a_run(
+    kept: Path, tmp_path: Path, pairs: Pairs, those: list[tuple[str, str, str]], capsys: pytest.CaptureFixture[str]
+) -> None:
+    results, wrong = tried(kept, tmp_path, pairs, _slice(those, os.environ.get("JBCLOG_PART")))
+    with capsys.disabled():
+        print("", *table(results), *wrong, sep="\n")
+    assert wrong == []
+
+
+SLICE = [
+    (NAME, "pipe", BAD),
+    (NAME, "link to /dev/zero", BAD),
+    ("samples/part-0000.parquet", "many rows", BAD),
+    (NAME, "t0_utc = 1e308", BAD),
+    ("live.sqlite", "endless views", CRASHED),
+    ("live.lock", "pipe", CRASHED),
+]
+
+
+@pytest.mark.parametrize("one", SLICE, ids=lambda one: f"{one[0]} {one[1]}")
+def test_a_slice_of_that(kept: Path, tmp_path: Path, pairs: Pairs, one: tuple[str, str, str]) -> None:
+    _, wrong = tried(kept, tmp_path, pairs, [one])
+    assert wrong == []
+
+
+SILENT = ("where-used", "audit --runs", "start of the next run")  # what they give has no place for it, or does not need it
+
+
+SILENT = ("where-used", "audit --runs", "start of the next run")  # what they give does not need it
+
+
+def test_one_bad_folder_is_a_finding_in_its_place(kept: Path, tmp_path: Path, pairs: Pairs) -> None:
+    place = spoilt(kept, tmp_path, NAME, os.mkfifo)
+    for verb in OF_A_FOLDER:
+        ended = place.run(pairs, verb)
+        assert ended.trouble is None, ended
+        assert place.bad.name in ended.output or verb in SILENT, (
+            verb,
+            ended.output,
+        )

@@ -1,0 +1,246 @@
+"""Small files that take much: each is put in the place of one that a run has."""
+
+from __future__ import annotations
+
+import gzip
+import json
+import sqlite3
+from collections.abc import Callable
+from hashlib import sha256
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from jbclog.record.manifest import DIGEST, END, NAME
+from jbclog.record.schema import SCHEMAS
+
+Bomb = Callable[[Path], None]
+"""Made in the place of the file at a path, which is there."""
+
+MANY: Final = 40_000_000
+
+
+def _columns(table: str, rows: int) -> dict[str, pa.Array]:
+    zeros = np.zeros(rows, dtype=np.int64)
+    made = {}
+    for field in SCHEMAS[table]:
+        text = pa.types.is_string(field.type)
+        made[field.name] = pa.array([""]).take(pa.array(zeros)) if text else pa.array(zeros).cast(field.type)
+    return made
+
+
+def many_rows(path: Path) -> None:
+    """Rows that take next to nothing in the file and gigabytes in memory, in one group."""
+    table = path.parent.name
+    names = SCHEMAS[table].names[:3]
+    columns = _columns(table, MANY // 10)
+    few = pa.table({name: columns[name] for name in names})
+    pq.write_table(few, path, row_group_size=MANY, compression="zstd")
+
+
+def many_groups(path: Path) -> None:
+    """The same with all columns, in groups of a plausible size."""
+    table = path.parent.name
+    rows = 200_000
+    one = pa.table(_columns(table, rows), schema=SCHEMAS[table])
+    with pq.ParquetWriter(path, SCHEMAS[table], compression="zstd") as writer:
+        for _ in range(40):
+            writer.write_table(one, row_group_size=rows)
+        writer.add_key_value_metadata({"jbclog.through": "1"})
+
+
+def long_pages(path: Path) -> None:
+    """Few rows whose texts are long and pack well: 300 MB of blanks."""
+    table = path.parent.name
+    rows = [dict.fromkeys(SCHEMAS[table].names) for _ in range(3)]
+    for row in rows:
+        for field in SCHEMAS[table]:
+            row[field.name] = 0 if not pa.types.is_string(field.type) else " " * 100_000_000 if field.name == "station" else "x"
+    pq.write_table(pa.Table.from_pylist(rows, SCHEMAS[table]), path, compression="zstd", use_dictionary=False)
+
+
+def long_words(path: Path) -> None:
+    """A dictionary with one long word that stands in every row: 200 kB in the file, 20 GB written out."""
+    table = path.parent.name
+    rows = 200_000
+    columns = _columns(table, rows)
+    word = pa.array([" " * 900_000])
+    columns["station"] = pa.DictionaryArray.from_arrays(pa.array(np.zeros(rows, dtype=np.int32)), word)
+    schema = pa.schema([pa.field(field.name, columns[field.name].type) for field in SCHEMAS[table]])
+    pq.write_table(pa.table(columns, schema=schema), path, compression="zstd", row_group_size=rows, store_schema=False)
+
+
+def lying_footer(path: Path) -> None:
+    """A footer that is said to have two gigabytes."""
+    path.write_bytes(path.read_bytes()[:-8] + (2**31 - 1).to_bytes(4, "little") + b"PAR1")
+
+
+def other_bytes(path: Path) -> None:
+    """The beginning and the end of a Parquet file, and noise between."""
+    path.write_bytes(b"PAR1" + np.random.default_rng(1).bytes(100_000) + (90_000).to_bytes(4, "little") + b"PAR1")
+
+
+PARTS: Final[dict[str, Bomb]] = {
+    "many rows": many_rows,
+    "many groups": many_groups,
+    "long pages": long_pages,
+    "long words": long_words,
+    "lying footer": lying_footer,
+    "noise": other_bytes,
+}
+
+
+def _told(**changes: object) -> Bomb:
+    """A manifest with these values, and the digest that belongs to it."""
+
+    def made(path: Path) -> None:
+        data = json.loads(path.read_bytes())
+        data.pop("digest", None)
+        for place, value in changes.items():
+            *above, last = place.split("__")
+            table = data
+            for key in above:
+                table = table[int(key) if key.isdigit() else key]
+            table[last] = value
+        plain = json.dumps(data, indent=1) + "\n"
+        path.write_text(plain.removesuffix(END.decode()) + DIGEST % sha256(plain.encode()).hexdigest())
+
+    return made
+
+
+def _text(text: str) -> Bomb:
+    return lambda path: path.write_text(text) and None
+
+
+NUMBERS: Final[dict[str, object]] = {
+    "1e308": 1e308,
+    "-1e308": -1e308,
+    "infinite": float("inf"),
+    "NaN": float("nan"),
+    "2**62": 2**62,
+    "2**64": 2**64,
+    "10**300": 10**300,
+    "-1": -1,
+    "0": 0,
+}
+PLACES: Final = (
+    *(
+        "t0_utc",
+        "t0_mono",
+        "rate",
+        "rules",
+        "exit_code",
+        "stations__0__period_s",
+        "stations__0__last_tick",
+        "stations__0__first_tick",
+    ),
+    *("stations__0__rate_hz", "stations__0__baudrate", "stations__0__skipped", "stations__0__rated_power_w", "files__0__rows"),
+    *("files__0__bytes", "stations__0__ports", "stations__0__worst_slow_periods"),
+)
+MANIFESTS: Final[dict[str, Bomb]] = {
+    **{
+        f"{place} = {name}": _told(**{place: [value] if place.endswith("ports") else value})
+        for place in PLACES
+        for name, value in NUMBERS.items()
+    },
+    **{
+        f"{place} in {year}": _told(**{place: f"{year}-01-01T00:00:00Z"})
+        for place in ("started", "ended")
+        for year in ("0001", "9999", "2262")
+    },
+    "15 MB of lists": _text('{"run": "x", "stations": [' + "[]," * 5_000_000 + "[]]}"),
+    "15 MB of texts": _text('{"run": "x", "units": [' + '"a",' * 3_700_000 + '"a"]}'),
+    "nested": _text("[" * 2_000_000),
+    "20 MB": _text('{"run": "' + "x" * 20_000_000 + '"}'),
+    "a list": _text("[]"),
+    "a number": _text("1e999"),
+    "noise": lambda path: path.write_bytes(np.random.default_rng(1).bytes(100_000)) and None,
+}
+
+LINES: Final[dict[str, Bomb]] = {
+    "64 MB": lambda path: path.write_bytes(b"x" * (64 << 20)) and None,
+    "15 MB of line ends": lambda path: path.write_bytes(b"\n" * (15 << 20)) and None,
+    "15 MB of braces": lambda path: path.write_bytes((b"{" * 150 + b"\n") * 90_000) and None,
+    "nested": lambda path: path.write_bytes(b'{"a":' * 500_000) and None,
+    "odd numbers": lambda path: path.write_text('{"seq": 1e308, "time": NaN, "port": 1' + "0" * 5000 + "}\n") and None,
+    "NULs": lambda path: path.write_bytes(b"\0" * 1_000_000) and None,
+}
+
+
+def _database(script: str) -> Bomb:
+    def made(path: Path) -> None:
+        path.unlink(missing_ok=True)
+        for ending in ("-wal", "-shm"):
+            path.with_name(path.name + ending).unlink(missing_ok=True)
+        with sqlite3.connect(path) as made:
+            made.executescript(script)
+        made.close()
+
+    return made
+
+
+_ENDLESS = "WITH RECURSIVE n(i) AS (SELECT 1 UNION ALL SELECT i + 1 FROM n)"
+_NOTE = (
+    "CREATE TABLE note (kind TEXT NOT NULL, key TEXT NOT NULL, text TEXT NOT NULL, crc INTEGER NOT NULL, PRIMARY KEY (kind, key));"
+)
+_BATCH = (
+    "CREATE TABLE batch (number INTEGER PRIMARY KEY, name TEXT NOT NULL, rows INTEGER NOT NULL, crc INTEGER NOT NULL,"
+    " data BLOB NOT NULL);"
+)
+STORES: Final[dict[str, Bomb]] = {
+    "endless views": _database(
+        f"CREATE VIEW batch AS {_ENDLESS} SELECT i AS number, 'samples' AS name, 1 AS rows, 1 AS crc, x'00' AS data FROM n;"
+        f"CREATE VIEW note AS {_ENDLESS} SELECT 'meta' AS kind, i AS key, 'x' AS text, 1 AS crc FROM n;"
+    ),
+    "one endless view": _database(
+        _BATCH + f"CREATE VIEW note AS {_ENDLESS} SELECT 'meta' AS kind, i AS key, 'x' AS text, 1 AS crc FROM n;"
+    ),
+    "a trigger": _database(
+        _BATCH + _NOTE + "CREATE TRIGGER t AFTER DELETE ON batch"
+        f" BEGIN INSERT INTO note {_ENDLESS} SELECT 'a', i, 'x', 1 FROM n; END;"
+    ),
+    "computed columns": _database(
+        _NOTE + "CREATE TABLE batch (number INTEGER PRIMARY KEY, name TEXT, rows INTEGER, crc INTEGER,"
+        " data BLOB AS (zeroblob(900000000)));"
+        "INSERT INTO batch (number, name, rows, crc) VALUES (1, 'samples', 1, 1);"
+    ),
+    "a large blob": _database(_BATCH + _NOTE + "INSERT INTO batch VALUES (1, 'samples', 1, 1, zeroblob(300000000));"),
+    "large numbers": _database(
+        _BATCH + _NOTE + "INSERT INTO batch VALUES (9223372036854775807, 'samples', 9223372036854775807, 1, x'00');"
+        "INSERT INTO note VALUES ('meta', 'last', '9223372036854775807', 1);"
+    ),
+    "noise": lambda path: path.write_bytes(b"SQLite format 3\0" + np.random.default_rng(1).bytes(500_000)) and None,
+}
+
+
+def _packed(data: bytes) -> Bomb:
+    return lambda path: path.write_bytes(gzip.compress(data)) and None
+
+
+WIRES: Final[dict[str, Bomb]] = {
+    "300 MB of blanks, packed": _packed(b" " * 300_000_000),
+    "300 MB of lines, packed": _packed(b"\n" * 300_000_000),
+    "noise": lambda path: path.write_bytes(np.random.default_rng(1).bytes(100_000)) and None,
+}
+
+BOMBS: Final[dict[str, dict[str, Bomb]]] = {
+    NAME: MANIFESTS,
+    "annotations.jsonl": LINES,
+    "lease.json": LINES,
+    "guard.jsonl": LINES,
+    "damage.jsonl": LINES,
+    "../verifications.jsonl": LINES,
+    "report.json": {**LINES, "a list": _text("[]"), "written": _text('{"manifest_sha256": 1, "written": [1]}')},
+    "samples/part-0000.parquet": PARTS,
+    "events/part-0000.parquet": PARTS,
+    "settings/part-0000.parquet": PARTS,
+    "joints.parquet": {name: bomb for name, bomb in PARTS.items() if name in ("lying footer", "noise")},
+    "live.sqlite": STORES,
+    "live.lock": LINES,
+    "wire/a.tsv.gz": WIRES,
+    "recipes/sn100c-tht.toml": LINES,
+}
+"""File of a run -> what is put in its place, by name."""
