@@ -182,9 +182,6 @@ def test_a_slice_of_that(kept: Path, tmp_path: Path, pairs: Pairs, one: tuple[st
     assert wrong == []
 
 
-SILENT = ("where-used", "audit --runs", "start of the next run")  # what they give has no place for it, or does not need it
-
-
 SILENT = ("where-used", "audit --runs", "start of the next run")  # what they give does not need it
 
 

@@ -23,7 +23,8 @@ from typing import Any, Final
 
 DEADLINE_S: Final = 5.0  # of processor time and of waiting, each
 HANGS_S: Final = 40.0  # on the wall, on a machine that has other work
-MEMORY: Final = 500 << 20  # beyond what the program takes when it is loaded
+MEMORY: Final = 500  # MB resident, the program and its libraries included
+ADDRESSES: Final = 3 << 30  # reserved beyond what the program has when it is loaded; threads reserve much and use little
 CODES: Final = range(6)
 MOST_LINES: Final = 400
 
@@ -52,6 +53,7 @@ class Ended:
     code: int | None
     seconds: float
     output: str
+    peak_mb: int = 0
 
     @property
     def trouble(self) -> str | None:
@@ -63,6 +65,8 @@ class Ended:
         for word in ("internal error", "Traceback", "MemoryError"):
             if word in self.output:
                 return self.output[self.output.index(word) :][:300]
+        if self.peak_mb > MEMORY:
+            return f"took {self.peak_mb} MB"
         return None if self.output.count("\n") <= MOST_LINES else f"{self.output.count(chr(10))} lines"
 
 
@@ -174,9 +178,10 @@ def _forked(words: list[str]) -> dict[str, Any]:
         child = os.fork()
         if not child:
             _run(words, said.fileno())
-        ended, status = 0, 0
+        ended, status, peak = 0, 0, 0
         while not ended and time.monotonic() - began < HANGS_S:
-            ended, status = os.waitpid(child, os.WNOHANG)
+            ended, status, used = os.wait4(child, os.WNOHANG)
+            peak = used.ru_maxrss // 1024 if ended else 0
             time.sleep(0.002)
         if not ended:
             os.kill(child, signal.SIGKILL)
@@ -184,7 +189,7 @@ def _forked(words: list[str]) -> dict[str, Any]:
         said.seek(0)
         output = said.read(200_000).decode(errors="replace")
     code = os.waitstatus_to_exitcode(status) if ended else None
-    return {"code": code, "seconds": time.monotonic() - began, "output": output}
+    return {"code": code, "seconds": time.monotonic() - began, "output": output, "peak_mb": peak}
 
 
 def _run(words: list[str], said: int) -> None:
@@ -196,7 +201,7 @@ def _run(words: list[str], said: int) -> None:
             os.dup2(descriptor, number)
         sys.stdin = open(0, closefd=False)  # noqa: SIM115  # the child's
         taken = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
-        resource.setrlimit(resource.RLIMIT_AS, (taken + MEMORY, taken + MEMORY))
+        resource.setrlimit(resource.RLIMIT_AS, (taken + ADDRESSES, taken + ADDRESSES))
         resource.setrlimit(resource.RLIMIT_CPU, (int(DEADLINE_S), int(DEADLINE_S)))
         code = _verb(words)
         sys.stdout.flush()
@@ -239,11 +244,12 @@ def words_of(verb: str, places: dict[str, Path]) -> list[str]:
 
 def table(results: dict[str, list[Ended]]) -> Iterator[str]:
     """The campaign's table for the documentation: what stood there, pairs, answers, the longest."""
-    yield "| what | pairs | answered | longest |"
-    yield "|---|---|---|---|"
+    yield "| what | pairs | answered | longest | most memory |"
+    yield "|---|---|---|---|---|"
     for name, ended in results.items():
         fine = sum(one.trouble is None for one in ended)
-        yield f"| {name} | {len(ended)} | {fine} | {max(one.seconds for one in ended):.1f} s |"
+        longest, most = max(one.seconds for one in ended), max(one.peak_mb for one in ended)
+        yield f"| {name} | {len(ended)} | {fine} | {longest:.1f} s | {most} MB |"
 
 
 if __name__ == "__main__":
