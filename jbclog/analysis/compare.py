@@ -2,7 +2,7 @@
 
 Stations are matched by their names, ports by their numbers; what only one run has is said. Metrics are those of `Run.metrics`; a
 difference is the second minus the first, and is not known where one of them is not. Idle means are held against each other by
-TOST (`spc.equivalence`) on the means of stretches of each run (`judge.bound`), within a stated margin.
+TOST (`spc.equivalence_of`) by the bounds of each (`judge.bound`), within a stated margin; one without a bound is not compared.
 """
 
 from __future__ import annotations
@@ -13,7 +13,6 @@ from dataclasses import dataclass
 from difflib import unified_diff
 from typing import Final
 
-import numpy as np
 import pandas as pd
 
 from jbclog import spc
@@ -22,8 +21,7 @@ from jbclog.analysis.run import Run
 from jbclog.errors import RecordError
 from jbclog.foreign.files import Kind, read_foreign
 from jbclog.judge import measure
-from jbclog.judge.bound import FLOOR_C, STEP_C
-from jbclog.judge.idle import Floats, IdleError
+from jbclog.judge.idle import IdleError
 from jbclog.judge.samples import Measures
 from jbclog.record.finding_runs import ending
 from jbclog.record.manifest import Manifest
@@ -219,15 +217,18 @@ def _side_by_side(one: pd.DataFrame, two: pd.DataFrame, on: list[str]) -> pd.Dat
 def _idle(first: Run, second: Run, margin_c: float) -> Iterator[SameIdle]:
     one, two = (_measures(run) for run in (first, second))
     for station, port in sorted(one.keys() & two.keys()):
-        sides = one[station, port].idle, two[station, port].idle
-        still = sum((idle.sd_c or 0.0) < FLOOR_C for idle in sides)
-        result = spc.equivalence(_stretches(sides[0]), _stretches(sides[1]), margin_c, step=still * STEP_C / 2)
-        yield SameIdle(station, port, result)
+        yield SameIdle(station, port, _same_idle(one[station, port].idle, two[station, port].idle, margin_c))
 
 
-def _stretches(idle: IdleError) -> Floats:
-    """The means of the idle readings' batches; none where there are too few readings for them."""
-    return idle.cells.batch_means(idle.seconds / idle.rows) if idle.rows else np.empty(0)
+def _same_idle(first: IdleError, second: IdleError, margin_c: float) -> spc.Equivalence | spc.Refused:
+    """TOST of two idle errors by their bounds, or why one of them has none."""
+    means = []
+    for idle, which in ((first, "first"), (second, "second")):
+        found = idle.known()
+        if isinstance(found, str):
+            return spc.Refused("too_few", f"The {which} run's idle error has no bound. {found}")
+        means.append(spc.Mean(idle.mean_c or 0.0, found.half))
+    return spc.equivalence_of(means[0], means[1], margin_c)
 
 
 def _measures(run: Run) -> Measures:

@@ -3,7 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Final, Literal, Protocol
+
+BARE: Final = "none"
+SURE: Final = 0.95
+Confidence = float | Literal["none"]
+"""`SURE`, or that figures are judged without a bound."""
 
 
 class Acceptance(Protocol):
@@ -24,6 +29,10 @@ class Acceptance(Protocol):
     @property
     def idle_sd_c(self) -> float | None:
         """Greatest standard deviation of the idle tip around its setting."""
+
+    @property
+    def confidence(self) -> Confidence:
+        """The confidence that a figure's bound has to have for a limit to be kept, or that bare figures are judged."""
 
     @property
     def alarms_max(self) -> int | None:
@@ -64,6 +73,7 @@ class Limits:
     joints_against_counter_percent: float | None = None
     reached_within_c: float | None = None
     at_work_percent: float | None = None
+    confidence: Confidence = SURE
 
 
 REACHED_LIMITS = ("reached_within_c", "at_work_percent")
@@ -78,6 +88,15 @@ LIMIT_NAMES = (
     *JOINT_LIMITS,
     *REACHED_LIMITS,
 )
+
+
+ESTIMATED_LIMITS: Final = ("idle_error_c", "idle_sd_c", "recovery_p95_s")
+"""Those about figures that are estimates, and so have a bound."""
+
+
+def is_bare(acceptance: Acceptance) -> bool:
+    """Whether estimated figures are judged without their bounds."""
+    return acceptance.confidence == BARE
 
 
 def asks_for_anything(acceptance: Acceptance | None) -> bool:

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from jbclog.judge.acceptance import Acceptance
+from jbclog.judge.acceptance import Acceptance, is_bare
 from jbclog.judge.evidence import Evidence
 from jbclog.judge.jointed import Feeds, PortJoints
 from jbclog.judge.quantile import p95, upper_p95
@@ -27,12 +27,12 @@ def joint_rules(facts: StationFacts, port: int, acceptance: Acceptance, evidence
     """The rules about the joints of one port, as far as its recipe asks for them."""
     seen = evidence.joints.get((facts.name, port), NOT_SOUGHT)
     if acceptance.recovery_p95_s is not None:
-        yield recovery_rule(facts, port, acceptance.recovery_p95_s, seen)
+        yield recovery_rule(facts, port, acceptance.recovery_p95_s, seen, bare=is_bare(acceptance))
     if acceptance.joints_against_counter_percent is not None:
         yield counter_rule(facts, port, acceptance.joints_against_counter_percent, seen)
 
 
-def recovery_rule(facts: StationFacts, port: int, most_s: float, seen: PortJoints) -> Rule:
+def recovery_rule(facts: StationFacts, port: int, most_s: float, seen: PortJoints, *, bare: bool = False) -> Rule:
     """How long the tip takes to be back, 95 joints of 100."""
     if not has_tip(facts):
         return not_applicable(RECOVERY, facts.name, port, most_s, "s", "joints")
@@ -45,6 +45,8 @@ def recovery_rule(facts: StationFacts, port: int, most_s: float, seen: PortJoint
     if value > most_s:
         kept = None if isinstance(bound, str) else bound
         return Rule(RECOVERY, facts.name, port, most_s, value, "s", Result.FAIL, text, kept)
+    if bare:
+        return Rule(RECOVERY, facts.name, port, most_s, value, "s", Result.PASS, text, None if isinstance(bound, str) else bound)
     if isinstance(bound, str):
         return Rule(RECOVERY, facts.name, port, most_s, value, "s", Result.MISSING, f"{text} {bound}")
     if not bound.keeps(most_s):

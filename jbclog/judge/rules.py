@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
-from jbclog.judge.acceptance import LIMIT_NAMES, REACHED_LIMITS, Acceptance
+from jbclog.judge.acceptance import BARE, ESTIMATED_LIMITS, LIMIT_NAMES, REACHED_LIMITS, Acceptance, is_bare
 from jbclog.judge.bound import Bound
 from jbclog.judge.evidence import Evidence, PortLedger
+from jbclog.judge.idle import NOT_IDLE, NOT_SEEN_IDLE
 from jbclog.judge.percent import RESOLVES, allowed_misses
 from jbclog.judge.percent import floored as _floor
 from jbclog.judge.percent import shown as _shown
@@ -16,6 +17,7 @@ from jbclog.judge.reached import RULE as REACHED
 from jbclog.judge.rule import Result, Rule
 from jbclog.judge.samples import SKIPPED, TEMPERATURE, WITHOUT_TIP, PortMeasure, judged_signals
 from jbclog.judge.tables import Event, Outcomes
+from jbclog.judge.versions import BOUNDS_HOLD
 from jbclog.rows import StationFacts
 
 COUNTED_ALARMS = ("alarm.high", "alarm.low")
@@ -38,6 +40,8 @@ STATION_ENDINGS = {
     "failed": (Result.MISSING, "Its recording failed."),
     "running": (Result.MISSING, "It was being recorded when the record broke off."),
 }
+CONFIDENCE = "confidence"
+JUDGED_BARE = 'The recipe judges bare figures (confidence = "none"): how well they are known was not asked.'
 NEVER_ANSWERED = "It was never reached."
 
 
@@ -171,7 +175,7 @@ def port_rules(
         without = f"without a {'temperature' if tells(facts, TEMPERATURE) else 'reading'} at the longest"
         rule = _at_most("longest_gap", station, port, acceptance.longest_gap_s, seen, "s", without)
         yield rule if by == 1 else _gap_without_host(rule, measure)
-    yield from idle_rules(facts, port, acceptance, measure)
+    yield from idle_rules(facts, port, acceptance, measure, by)
 
 
 def heat_rules(
@@ -190,9 +194,20 @@ def heat_rules(
     yield reached_rule(facts.name, port, Limit(within, limit, told), asks, None if measure is None else measure.heat)
 
 
-def idle_rules(facts: StationFacts, port: int, acceptance: Acceptance, measure: PortMeasure | None) -> Iterator[Rule]:
+def bare_rule(facts: StationFacts, acceptance: Acceptance) -> Iterator[Rule]:
+    """Says that a station's figures are judged without their bounds, where its recipe asks for that."""
+    if is_bare(acceptance) and any(getattr(acceptance, name) is not None for name in ESTIMATED_LIMITS):
+        yield Rule(CONFIDENCE, facts.name, None, BARE, None, "", Result.NOT_APPLICABLE, JUDGED_BARE)
+
+
+def idle_rules(facts: StationFacts, port: int, acceptance: Acceptance, measure: PortMeasure | None, by: int) -> Iterator[Rule]:
     """How well the idle tip holds its setting."""
-    station, bounds = facts.name, None if measure is None else measure.idle.bounds
+    station, (mean_bound, sd_bound) = facts.name, _bounds(measure, by)
+    if by >= BOUNDS_HOLD and tells(facts, TEMPERATURE) and (measure is None or measure.idle.mean_c is None):
+        for name, limit in (("idle_error", acceptance.idle_error_c), ("idle_sd", acceptance.idle_sd_c)):
+            if limit is not None:
+                yield Rule(name, station, port, limit, None, "°C", Result.MISSING, NOT_IDLE)
+        return
     if not tells(facts, TEMPERATURE):
         for name, limit in (("idle_error", acceptance.idle_error_c), ("idle_sd", acceptance.idle_sd_c)):
             if limit is not None:
@@ -200,19 +215,36 @@ def idle_rules(facts: StationFacts, port: int, acceptance: Acceptance, measure: 
         return
     if acceptance.idle_error_c is not None:
         mean = None if measure is None else measure.idle.mean_c
-        yield bounded(idle_error_rule(station, port, acceptance.idle_error_c, mean), None if bounds is None else bounds.mean)
+        rule = idle_error_rule(station, port, acceptance.idle_error_c, mean)
+        yield bounded(rule, mean_bound, bare=is_bare(acceptance))
     if acceptance.idle_sd_c is not None:
         spread = None if measure is None else measure.idle.sd_c
         rule = _at_most("idle_sd", station, port, acceptance.idle_sd_c, spread, "°C", "of standard deviation while idle")
-        yield bounded(rule, None if bounds is None else bounds.sd)
+        yield bounded(rule, sd_bound, bare=is_bare(acceptance))
 
 
-def bounded(rule: Rule, bound: Bound | None) -> Rule:
-    """The rule with the bound of its figure; one whose bound breaks the limit that its figure keeps is not known to be kept."""
+def _bounds(measure: PortMeasure | None, by: int) -> tuple[Bound | str | None, Bound | str | None]:
+    """The bounds of the idle error and of its spread; a sentence why there is none, or by rules that ask for none None."""
+    if measure is None:
+        return None, None
+    if by < BOUNDS_HOLD:
+        return measure.idle.bounds or (None, None)
+    found = measure.idle.known()
+    return (found, found) if isinstance(found, str) else (found.mean, found.sd)
+
+
+def bounded(rule: Rule, bound: Bound | str | None, *, bare: bool = False) -> Rule:
+    """The rule with the bound of its figure, or the sentence why it has none; the limit is kept when both keep it.
+
+    One that the figure keeps and the bound does not, or that has no bound, is not known to be kept; unless figures are judged
+    `bare`. None: rules that asked for no bound.
+    """
     if bound is None or rule.result is Result.MISSING:
         return rule
+    if isinstance(bound, str):
+        return rule if bare or rule.result is Result.FAIL else replace(rule, result=Result.MISSING, text=f"{rule.text} {bound}")
     assert isinstance(rule.limit, int | float)
-    if rule.result is Result.FAIL or bound.keeps(rule.limit):
+    if bare or rule.result is Result.FAIL or bound.keeps(rule.limit):
         return replace(rule, bound=bound)
     text = f"{rule.text} The 95 % bound reaches {_shown(_furthest(bound))} {rule.unit}: too little was seen to be sure."
     return replace(rule, bound=bound, result=Result.MISSING, text=text)
@@ -306,5 +338,4 @@ def _at_most(name: str, station: str, port: int, most: float, seen: float | None
 
 
 def _not_idle(name: str, station: str, port: int, most: float) -> Rule:
-    text = "The tool was not seen idle for long enough to say."
-    return Rule(name, station, port, most, None, "°C", Result.MISSING, text)
+    return Rule(name, station, port, most, None, "°C", Result.MISSING, NOT_SEEN_IDLE)

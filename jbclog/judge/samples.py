@@ -25,6 +25,7 @@ from jbclog.judge.gaps import Gap
 from jbclog.judge.idle import BLOCK_S, Block, Flags, Floats, IdleError, idle_readings
 from jbclog.judge.reached import WITHIN_C, Heat
 from jbclog.judge.stepped import Step, Unstepped, steps_of
+from jbclog.judge.versions import RULES
 from jbclog.rows import StationFacts
 
 TEMPERATURE = "temperature_c"
@@ -60,11 +61,12 @@ class PortMeasure:
 
     period_s: float | None
     heat: Heat = field(default_factory=lambda: Heat(None))
+    rules: int = RULES
     start_s: float | None = None
     end_s: float | None = None
     rows: int = 0
     readings: int = 0  # of the signals that are judged
-    idle: IdleError = field(default_factory=IdleError)
+    idle: IdleError = field(init=False)
     host_skips: bool = False  # what the computer skipped is known, or may be among what was skipped
     no_rows: bool = False  # ticks without rows are the computer's, too
     _gap: Gap = field(default_factory=lambda: Gap(0.0))
@@ -72,6 +74,9 @@ class PortMeasure:
     _block: int = 0
     _held: list[Block] = field(default_factory=list)
     unstepped: Unstepped = field(default_factory=lambda: Unstepped([]))
+
+    def __post_init__(self) -> None:
+        self.idle = IdleError(self.rules)
 
     @property
     def gap_s(self) -> float | None:
@@ -128,7 +133,7 @@ class PortMeasure:
         if self._held:
             block = _joined(self._held)
             step = self.period_s or _typical_step(block.seconds)
-            self.idle.add(*idle_readings(block, step), step)
+            self.idle.add(*idle_readings(block, step, self.rules), step)
             self._held.clear()
 
 
@@ -151,8 +156,15 @@ def _typical_step(seconds: Floats) -> float:
 Measures = dict[tuple[str, int], PortMeasure]
 
 
-def measure(folder: Path, stations: dict[str, StationFacts], within_c: Mapping[str, float] = MappingProxyType({})) -> Measures:
-    """Measure every port of `stations` from ``folder/samples``. A port without any row is not in the answer.
+def measure(
+    folder: Path,
+    stations: dict[str, StationFacts],
+    within_c: Mapping[str, float] = MappingProxyType({}),
+    rules: int = RULES,
+) -> Measures:
+    """Measure every port of `stations` from ``folder/samples``, by version `rules` of the rules.
+
+    A port without any row is not in the answer.
 
     `within_c`: how near a station's tools have to come to their settings, where that is not the usual distance.
     """
@@ -163,7 +175,7 @@ def measure(folder: Path, stations: dict[str, StationFacts], within_c: Mapping[s
     for batch in _batches(folder, columns):
         for station, port, rows, read, marks in _ports(batch, stations, signals):
             if (station, port) not in measures:
-                measures[station, port] = _new(stations[station], steps, within_c.get(station, WITHIN_C))
+                measures[station, port] = _new(stations[station], steps, within_c.get(station, WITHIN_C), rules)
             measures[station, port].feed(rows, read, marks)
     for (station, _), port_measure in measures.items():
         facts = stations[station]
@@ -172,13 +184,13 @@ def measure(folder: Path, stations: dict[str, StationFacts], within_c: Mapping[s
     return measures
 
 
-def _new(facts: StationFacts, steps: Sequence[Step], within_c: float) -> PortMeasure:
+def _new(facts: StationFacts, steps: Sequence[Step], within_c: float, rules: int) -> PortMeasure:
     heat = Heat(facts.period_s or None, within_c)
     if not facts.period_s:
-        return PortMeasure(None, heat, unstepped=Unstepped(steps))
+        return PortMeasure(None, heat, rules, unstepped=Unstepped(steps))
     start = None if facts.first_tick is None else (facts.first_tick - 1) * facts.period_s
     skips = facts.skipped_by_host is None or facts.skipped_by_host > 0
-    return PortMeasure(facts.period_s, heat, start, host_skips=skips, no_rows=facts.skipped > 0)
+    return PortMeasure(facts.period_s, heat, rules, start, host_skips=skips, no_rows=facts.skipped > 0)
 
 
 def _batches(folder: Path, columns: list[str]) -> Iterator[pa.RecordBatch]:

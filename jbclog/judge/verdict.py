@@ -20,7 +20,7 @@ from jbclog.judge.evidence import Evidence
 from jbclog.judge.goal_rules import goal_rules
 from jbclog.judge.joint_rules import joint_rules
 from jbclog.judge.rule import Result, Rule
-from jbclog.judge.rules import heat_rules, no_limit_applies, port_rules, record_rule, station_rules, tells, used_ports
+from jbclog.judge.rules import bare_rule, heat_rules, no_limit_applies, port_rules, record_rule, station_rules, tells, used_ports
 from jbclog.judge.samples import TEMPERATURE, Measures, measure
 from jbclog.judge.tables import Event, Outcomes, read_adjustments, read_events, read_ordered, read_outcomes
 from jbclog.judge.verified import verification_rule
@@ -73,7 +73,7 @@ def verdict_of(rules: Sequence[Rule]) -> Verdict:
 def _all_rules(evidence: Evidence, limits: Mapping[str, Acceptance], by: int) -> Iterator[Rule]:
     judged = [facts for facts in evidence.stations if facts.name in limits]
     within = {name: one.reached_within_c for name, one in limits.items() if one.reached_within_c is not None}
-    measures = measure(evidence.folder, {facts.name: facts for facts in judged}, within)
+    measures = measure(evidence.folder, {facts.name: facts for facts in judged}, within, by)
     events, outcomes = read_events(evidence.folder), read_outcomes(evidence.folder)
     yield record_rule(evidence)
     yield from goal_rules(evidence)
@@ -97,6 +97,7 @@ def _station(
     yield from station_rules(facts, acceptance, evidence, events, outcomes)
     if facts.outcome == "left_out":
         return
+    yield from bare_rule(facts, acceptance)
     ports = used_ports(facts, evidence)
     if not ports:
         yield Rule("ports", facts.name, None, "one at least", 0, "", Result.MISSING, "None of its ports was recorded with a tool.")

@@ -24,6 +24,9 @@ class Version:
     keeps_earlier: bool = True
 
 
+BOUNDS_HOLD: Final = 3
+"""The version from which on a figure has a bound that holds where readings follow each other, and no limit is kept without one."""
+
 VERSIONS: Final = (
     Version(1, "the first release"),
     Version(
@@ -31,6 +34,11 @@ VERSIONS: Final = (
         "a temperature that was set has to be reached; what the computer skipped breaks no limit; "
         "per cent are judged with the resolution of the run",
         frozenset({"reached", "coverage", "longest_gap"}),
+    ),
+    Version(
+        BOUNDS_HOLD,
+        "only readings of a tip at rest are idle; bounds hold under slow drift; a limit without a bound is not kept",
+        frozenset({"idle_error", "idle_sd"}),
     ),
 )
 RULES: Final = VERSIONS[-1].number

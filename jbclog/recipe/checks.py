@@ -56,7 +56,8 @@ def problems_between(recipe: Recipe) -> Iterator[Problem]:
     if not recipe.run.allow_no_cooldown:
         yield from no_cooldown(recipe)
     yield from _foreign_limits(recipe)
-    if recipe.source.tables.get("acceptance") == {}:
+    limits = recipe.source.tables.get("acceptance")
+    if isinstance(limits, Mapping) and not set(limits) - {"confidence"}:
         yield recipe.problem(("acceptance",), "names no limit; without the table the run is not judged")
 
 

@@ -6,7 +6,7 @@ Each is a check of type only; ranges are the command tables' and stand in `check
 from __future__ import annotations
 
 import math
-from typing import Annotated, Final
+from typing import Annotated, Final, Literal
 
 from pydantic import AfterValidator, Field, PlainValidator
 
@@ -54,6 +54,14 @@ def _rate(value: object) -> float | str:
     return float(value)
 
 
+def _confidence(value: object) -> float | Literal["none"]:
+    if value == "none":
+        return "none"
+    if isinstance(value, float) and value == 0.95:
+        return value
+    raise ValueError('must be 0.95 or "none"')
+
+
 def _on_off(value: object) -> str:
     if not isinstance(value, bool):
         raise said(f"{shown(value)} is not allowed; true or false")
@@ -99,6 +107,7 @@ Minutes = Annotated[int | Off, PlainValidator(_minutes)]
 Seconds = Annotated[float | Off, PlainValidator(_seconds)]
 LimitC = Annotated[int, PlainValidator(_limit)]
 Rate = Annotated[float | str, PlainValidator(_rate)]
+Confidence = Annotated[float | Literal["none"], PlainValidator(_confidence)]
 Switch = Annotated[str, PlainValidator(_on_off)]
 Families = Annotated[tuple[Annotated[str, AfterValidator(_family)], ...], FromList, AfterValidator(_no_repeats)]
 Required = Annotated[tuple[Annotated[str, AfterValidator(_metadata)], ...], FromList, AfterValidator(_no_repeats)]

@@ -15,6 +15,7 @@ from jbclog.recipe.fields import (
     RATES,
     TENTHS,
     Condition,
+    Confidence,
     Families,
     LimitC,
     Minutes,
@@ -168,6 +169,7 @@ class Acceptance(Table):
     joints_against_counter_percent: float | None = Field(None, ge=0, le=100, description="0 to 100")
     reached_within_c: float | None = Field(None, gt=0, le=100, description="°C, more than 0 and up to 100")
     at_work_percent: float | None = Field(None, ge=0, le=100, description="0 to 100")
+    confidence: Confidence = Field(0.95, description='0.95 or "none"')
 
 
 PortName = Literal["1", "2", "3", "4"]

@@ -12,7 +12,7 @@ from jbclog.analysis import Run
 from jbclog.errors import RecordError
 from jbclog.judge import RULES, judged_signals, measure
 from jbclog.judge.stepped import steps_of
-from jbclog.judged_again import is_cut_off
+from jbclog.judged_again import is_cut_off, own_version
 from jbclog.record.annotations import read as read_annotations
 from jbclog.record.lineage import short_head
 from jbclog.record.manifest import Manifest, manifest_sha256
@@ -121,7 +121,7 @@ def _stations(run: Run, joints: Joints, plates: Plates, verdict: VerdictFacts) -
         t0_utc_us,
         happenings(run.events(), t0_utc_us),
         run.settings(),
-        measure(folder, {facts.name: facts for facts in manifest.stations}),
+        measure(folder, {facts.name: facts for facts in manifest.stations}, rules=own_version(manifest)),
         manifest.ledger,
         is_cut_off(manifest),
         tuple(steps_of(folder)),

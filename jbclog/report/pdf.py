@@ -176,8 +176,8 @@ def _rests_on(paper: Paper, facts: Facts) -> None:
 
 
 BOUNDS = (
-    "Bound: how well an estimated figure is known, with 95 % confidence, readings that follow each other counted as the fewer that "
-    "they are worth; counts need none. A limit is kept when figure and bound keep it."
+    "Bound: how well an estimated figure is known, with 95 % confidence, corrected for autocorrelation; counts need none. An "
+    "estimated figure keeps its limit when figure and bound keep it; without a bound it is not known to."
 )
 
 

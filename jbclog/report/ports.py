@@ -133,8 +133,8 @@ def _tip(drawn: Trace, measure: PortMeasure | None) -> TipFacts:
         greatest_c=_extreme(drawn.temperature, np.max),
         idle_error_c=None if measure is None else measure.idle.mean_c,
         idle_sd_c=None if measure is None else measure.idle.sd_c,
-        idle_error_bound=None if bounds is None else bounds.mean,
-        idle_sd_bound=None if bounds is None else bounds.sd,
+        idle_error_bound=None if bounds is None else bounds[0],
+        idle_sd_bound=None if bounds is None else bounds[1],
     )
 
 

@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from jbclog.judge import RULES, Result, Rule, Verdict
+from jbclog.judge.rules import CONFIDENCE, JUDGED_BARE
 from jbclog.judge.versions import is_known
 from jbclog.judged_again import is_cut_off, judge_again
 from jbclog.record.manifest import Manifest
@@ -74,7 +75,10 @@ def without_urls(text: str, urls: Sequence[str]) -> str:
 
 
 def _reasons(word: str, rules: list[dict[str, object]]) -> Iterator[Reason]:
-    """A sentence for each rule that was not passed, failures first; one that says why there is none."""
+    """A sentence for each rule that was not passed, failures first; one that says why there is none.
+
+    Before all of them, that figures were judged without their bounds, where a recipe asks for that.
+    """
     if word == Verdict.NOT_JUDGED:
         yield Reason("none", NOTHING_ASKED)
         return
@@ -85,6 +89,8 @@ def _reasons(word: str, rules: list[dict[str, object]]) -> Iterator[Reason]:
         if rule.get("result") == result
         for places in [_places(rules, result, _sentence(rule))]
     }
+    if bare := [str(rule["station"]) for rule in rules if rule.get("name") == CONFIDENCE]:
+        yield Reason("none", f"{', '.join(bare)}: {JUDGED_BARE}")
     for (result, sentence), places in said.items():
         yield Reason(result, f"{places}: {sentence}" if places else sentence)
     if not said:

@@ -12,7 +12,7 @@ How Reliable is Your Capability Index?, Applied Statistics 39 (1990); AIAG, Meas
 
 from jbclog.spc.capability import Capability, Index
 from jbclog.spc.charts import Chart, ewma, individuals, means, moving_ranges, ranges
-from jbclog.spc.equivalence import Equivalence, equivalence
+from jbclog.spc.equivalence import Equivalence, Mean, equivalence, equivalence_of
 from jbclog.spc.gauge import GaugeStudy, gauge_study
 from jbclog.spc.nelson import Signal
 from jbclog.spc.refusal import Refused
@@ -24,11 +24,13 @@ __all__ = [
     "Equivalence",
     "GaugeStudy",
     "Index",
+    "Mean",
     "Refused",
     "Signal",
     "capability",
     "control_chart",
     "equivalence",
+    "equivalence_of",
     "ewma",
     "gauge_study",
     "individuals",

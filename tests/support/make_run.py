@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from hashlib import sha256
 from pathlib import Path
 
-from jbclog.judge import Evidence, Limits, judge
+from jbclog.judge import RULES, Asks, Evidence, Limits, judge
 from jbclog.record.conclude import conclude
 from jbclog.record.folder import create_run, keep_text
 from jbclog.record.ledger import ledger_of
@@ -283,8 +283,10 @@ def make_run(out: Path, seconds: float = 60.0, seed: int = 1) -> Path:
     manifest.ended = iso(micros(seconds + 0.3))
     write_manifest(folder, manifest)
     seal_rows(folder)
-    judgement = judge(Evidence(folder, stations, ledger_of(folder, stations)), dict.fromkeys(("dde-1", "ale-1"), LIMITS))
-    manifest.verdict, manifest.verdict_rules = judgement.verdict.value, judgement.rules_as_dicts()
+    asks = {name: Asks(frozenset({1, 2, 3, 4}), None) for name in ("dde-1", "ale-1")}
+    judgement = judge(Evidence(folder, stations, ledger_of(folder, stations), asks=asks), dict.fromkeys(asks, LIMITS))
+    manifest.rules, manifest.verdict = RULES, judgement.verdict.value
+    manifest.verdict_rules = judgement.rules_as_dicts()
     conclude(folder, manifest, store.lock)
     return folder
 

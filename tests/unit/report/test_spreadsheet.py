@@ -22,7 +22,7 @@ def rows(run: Path, name: str) -> list[dict[str, str]]:
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = make_run(tmp_path_factory.mktemp("runs"), 60)
+    folder = make_run(tmp_path_factory.mktemp("runs"), 120)
     write_report(folder)
     return folder
 
