@@ -123,7 +123,7 @@ class Table:
             raise NotReadable(f"row group {index}: {column.path_in_schema} has more than {GROUP_BYTES // MIB} MiB of text")
 
     def _as_dictionary(self, index: int, name: str) -> Iterator[pa.RecordBatch]:
-        with pq.ParquetFile(pa.PythonFile(_own(self._data), mode="r"), read_dictionary=[name]) as file:
+        with _own(self._data) as own, pq.ParquetFile(own, read_dictionary=[name]) as file:
             yield from file.iter_batches(GROUP_ROWS, [index], [name], use_threads=False)
 
 

@@ -58,7 +58,9 @@ def long_pages(path: Path) -> None:
     rows = [dict.fromkeys(SCHEMAS[table].names) for _ in range(3)]
     for row in rows:
         for field in SCHEMAS[table]:
-            row[field.name] = 0 if not pa.types.is_string(field.type) else " " * 100_000_000 if field.name == "station" else "x"
+            row[field.name] = False if pa.types.is_boolean(field.type) else 0
+            if pa.types.is_string(field.type):
+                row[field.name] = " " * 100_000_000 if field.name in ("station", "text") else "x"
     pq.write_table(pa.Table.from_pylist(rows, SCHEMAS[table]), path, compression="zstd", use_dictionary=False)
 
 
