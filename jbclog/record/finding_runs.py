@@ -20,6 +20,7 @@ from typing import Final, cast
 
 from jbclog.errors import RecordError
 from jbclog.foreign.files import Kind, read_foreign
+from jbclog.foreign.mounts import expect_answer
 from jbclog.foreign.numbers import expect_year, json_of
 from jbclog.record.annotations import NAME as ANNOTATIONS
 from jbclog.record.folder import RUN_NAME
@@ -258,6 +259,7 @@ def _found(folder: Path, told: _Summary, changed: str | None) -> Found:
 
 
 def _runs_in(folder: Path) -> list[Path]:
+    expect_answer(folder)
     try:
         if RUN_NAME.fullmatch(folder.resolve().name) or (folder / NAME).exists():
             return [folder]

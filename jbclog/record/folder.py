@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Final
 
 from jbclog.errors import RecordError
+from jbclog.foreign.mounts import expect_answer
 from jbclog.record.durable import sync_folder, write_whole
 
 LETTERS: Final = "abcdefghijklmnopqrstuvwxyz23456789"
@@ -27,6 +28,7 @@ def create_run(out: Path, line_name: str, utc_s: float) -> Path:
     if not LINE_NAME.fullmatch(line_name):
         raise RecordError(f"{line_name!r} cannot be part of a folder's name")
     start = datetime.fromtimestamp(utc_s, UTC).strftime("%Y%m%dT%H%M%SZ")
+    expect_answer(out)
     try:
         out.mkdir(parents=True, exist_ok=True)
         folder = _make(out, f"{start}-{line_name}")

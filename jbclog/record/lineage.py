@@ -18,6 +18,7 @@ from typing import Final
 
 from jbclog.errors import RecordError
 from jbclog.foreign.files import Kind, read_foreign
+from jbclog.foreign.mounts import expect_answer
 from jbclog.record.folder import LETTERS, RUN_NAME
 from jbclog.record.manifest import NAME, Manifest, Previous, manifest_sha256, read_manifest
 
@@ -37,7 +38,8 @@ def is_head(told: str, sha256: str) -> bool:
 
 
 def previous_run(out: Path, line: str) -> Previous:
-    """What the next run of `line` below `out` has to carry."""
+    """What the next run of `line` below `out` has to carry. Raises `RecordError` where the network mount of `out` hangs."""
+    expect_answer(out)
     newest_first = sorted(_runs_of(out, line), key=lambda folder: folder.name, reverse=True)
     for folder in newest_first:
         with suppress(RecordError, OSError):

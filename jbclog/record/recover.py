@@ -19,6 +19,7 @@ from typing import Final
 
 from jbclog.errors import RecordError, Unsafe
 from jbclog.foreign.files import Kind, read_foreign
+from jbclog.foreign.mounts import expect_answer
 from jbclog.record import bad_parts, damage, guarded, left_hot, wire, wire_check
 from jbclog.record.conclude import NOT_KEPT, conclude, last_micros, live_files, remove_live, stations_of, unkept_rows
 from jbclog.record.folder import RUN_NAME, expect_no_links
@@ -67,6 +68,7 @@ def is_run(folder: Path) -> bool:
 
 def recover_all(folder: Path, patience_s: float = PATIENCE_S) -> list[Recovery]:
     """Recover the run in `folder`, or every run directly below it; one that is refused does not stop the others."""
+    expect_answer(folder)
     runs = [folder] if is_run(folder) else sorted(path for path in folder.iterdir() if is_run(path))
     return [_tried(run, patience_s) for run in runs]
 

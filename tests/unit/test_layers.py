@@ -24,7 +24,7 @@ MAY_USE = {
     "protocol": "errors",
     "commands": "quantities errors",
     "transport": "errors wire tape",
-    "foreign": "",
+    "foreign": "errors",
     "recipe": "commands quantities errors foreign wire",
     "station": "protocol commands quantities wire errors effects",
     "scheduler": "commands wire errors",
