@@ -24,12 +24,12 @@ def check(
     ),
     as_json: bool = options.AS_JSON,
 ) -> None:
-    """Derive hashes, counts, ledger and verdict again, and compare.
+    """Check a run's integrity.
 
-    The chains of events and annotations too, the report, and the runs before and behind this one on the same line, where they
-    are in the same folder. The verdict is held against the version of the rules that it was given by. Says what does not agree,
-    and ends with 1 where anything does not. The last line has the run's head, a hash of all of it: the one thing to compare with
-    a printed report.
+    Recomputes hashes, counts, accounting, the chains of events and annotations, and the verdict by the rules of the run's own
+    version; checks the report, and the runs before and after this one on the same line, where they are in the same folder. Prints
+    each difference; exit code 1: there is one. The last line has the run's head, a hash of all of it, to compare with a printed
+    report.
 
     \b
     Example:

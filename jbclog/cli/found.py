@@ -77,11 +77,11 @@ def _station_lines(found: StationFound) -> Iterator[tuple[str, str]]:
     if found.error:
         yield "error", found.error
     if found.not_answered:
-        yield "not taken", ", ".join(name.replace("_", " ") for name in found.not_answered)
+        yield "no answer", ", ".join(name.replace("_", " ") for name in found.not_answered)
     if found.turnaround:
         yield "turnaround", _turnaround_text(found.turnaround)
         if found.turnaround.faster:
-            yield "note", f"{found.turnaround.faster}; nothing is lost by that"
+            yield "note", f"{found.turnaround.faster}; this does no harm"
 
 
 def _tool_text(tool: str | None) -> str:
@@ -100,7 +100,7 @@ def _sent_lines(reports: Iterable[PortReport]) -> Iterator[str]:
 
     sent = _sent(reports)
     number = sum(lines.total() for lines in sent.values())
-    yield f"Sent were {count_of(number, 'question')} and nothing else; nothing was written or cleared:"
+    yield f"Sent {count_of(number, 'question')} and nothing else; nothing was written or cleared:"
     for data, lines in sent.items():
         at = next(iter(lines)) if len(lines) == 1 else f"{len(lines)} line formats"
         yield f"  {lines.total():>4} × {question_text(data)}, at {at}: {data.hex(' ')}"

@@ -24,8 +24,8 @@ RATE = typer.Option(
     None,
     "--rate",
     metavar="HZ|auto|fit|max",
-    help="Ticks a second; the highest usual rate with a fifth of the link free; the best that fits; or without pause. "
-    "Default: the recipe's.",
+    help="Ticks a second. auto: the highest usual rate that leaves a fifth of the link free; fit: the highest that fits; "
+    "max: without pause. Default: the recipe's.",
 )
 ALLOW_OMEGA_WRITE = typer.Option(
     False, "--allow-omega-write", help="Let the recipe's [omega] condition be written where the controller holds another."

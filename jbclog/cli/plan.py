@@ -24,10 +24,10 @@ def plan(
     allow_omega_write: bool = options.ALLOW_OMEGA_WRITE,
     as_json: bool = options.AS_JSON,
 ) -> None:
-    """Show what a run would write, and whether its rate would fit.
+    """Show what a run would write, and which rate fits.
 
-    No byte is sent. Every error in the files is told at once. Turnaround is the line file's, or 0 where it has none: `run`
-    measures it.
+    Sends no byte. Reports every error in the files at once. The response time is the line file's turnaround_ms, or 0 without it:
+    `run` measures it.
 
     \b
     Example:
@@ -106,7 +106,7 @@ SUCTION = {"keep": "keep suction as it is", "on": "switch suction on", "off": "s
 def _start_text(made: Plan) -> str:
     if made.goes_on_without:
         return "A station that is missing or refuses at the start is left out; the verdict is then at best ACCEPT WITH DEVIATIONS."
-    return "They start together: where one is missing or refuses, none is heated (--allow-missing leaves it out)."
+    return "All start together: if one is missing or refuses, none starts (--allow-missing starts without it)."
 
 
 def _station_lines(station: StationPlan, made: Plan) -> list[str]:
@@ -150,11 +150,11 @@ def _rate_lines(station: StationPlan) -> list[str]:
         return ["  rate      without pause"]
     tick_ms = 1000 * (demand.fast_s + demand.fast_reads * turnaround)
     given = station.spec.turnaround_ms is not None
-    measured = f"with {turnaround * 1000:g} ms of turnaround" if given else "without any turnaround (`run` measures it)"
+    measured = f"with {turnaround * 1000:g} ms of response time" if given else "with no response time (`run` measures it)"
     return [
         f"  rate      {rate_hz:g} Hz: {tick_ms:.1f} of {1000 / rate_hz:.0f} ms a tick, "
-        f"{demand.load(rate_hz, turnaround):.1%} of the wire {measured}",
-        f"  fits      up to {1000 * demand.greatest_turnaround_s(rate_hz):.2f} ms of turnaround; "
+        f"{demand.load(rate_hz, turnaround):.1%} of the link {measured}",
+        f"  fits      up to {1000 * demand.greatest_turnaround_s(rate_hz):.2f} ms of response time; "
         f"the best rate is {demand.best_rate_hz(turnaround):g} Hz",
         *_auto_lines(station, demand, rate_hz),
         *_slowest_line(station, demand, rate_hz),
@@ -179,7 +179,9 @@ def _auto_lines(station: StationPlan, demand: Demand, rate_hz: float) -> list[st
 
     if station.asked_rate != AS_AUTO:
         return []
-    assumed = "turnaround_ms of the line file" if station.spec.turnaround_ms is not None else "0 ms, for the line file names none"
+    assumed = (
+        "turnaround_ms of the line file" if station.spec.turnaround_ms is not None else "0 ms: the line file has no turnaround_ms"
+    )
     most_ms = 1000 * demand.greatest_turnaround_s(rate_hz, KEPT_BY_AUTO)
     return [
         f"  auto      the highest of {SOME_RATES} Hz that leaves a fifth of the link free: {rate_hz:g} Hz up to {most_ms:.2f} ms "

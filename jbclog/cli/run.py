@@ -58,12 +58,12 @@ def run(
 ) -> None:
     """Apply a recipe, prove that it took, and record until the end.
 
-    All stations start together: nothing is written before all of them were read and checked, and nothing is heated before all that
-    cannot heat is written. Every setting is read back. Ctrl-C ends the run: tools are put in their safe state, the record
-    is closed. The last line of stdout is the run's folder.
+    All stations start together: first each is read and checked, then what cannot heat is written, then setpoints and status. If
+    one fails, none starts. Every setting is read back. Ctrl-C ends the run, puts the tools in their safe state and closes the
+    record. The last line of stdout is the run's folder.
 
-    With --until-units or --until-joints it ends with so many, or after --duration at the latest; one that ended with less is not
-    fine (exit code 1).
+    --until-units and --until-joints end the run at that number, --duration at the latest; a run that ends with fewer has exit
+    code 1.
 
     \b
     Example:

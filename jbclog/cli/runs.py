@@ -49,13 +49,12 @@ def runs(
     until: str | None = typer.Option(None, metavar="TIME", help="Begun before then; a day is included."),
     as_json: bool = typer.Option(False, "--json", help="A JSON object for each run, a line each."),
 ) -> None:
-    """Find runs by who, what, when, and what came of them.
+    """Find runs by operator, order, unit, time, verdict and more.
 
-    The state says how a run ended and nothing of its verdict: ended (as asked, or stopped by itself), cut short (by a signal
-    before its stated end), ended with error (a station, the record or a safe state), recovered (after a crash).
+    The state is how a run ended, whatever its verdict: ended (as asked, or by itself), cut short (by a signal before its stated
+    end), ended with error (a station, the record or a safe state), recovered (after a crash).
 
-    A text fits whole; `*` in it stands for any characters. Only manifests are read, so ten thousand runs take seconds. Serials of
-    a run that goes on, or crashed, are known once it is sealed.
+    A text must match whole; `*` matches any characters. Serials read during a run are found once it is sealed.
 
     \b
     Example:

@@ -31,18 +31,17 @@ ALREADY = {
 @ends_with_errors_told
 def safe(
     line: Path = options.LINE,
-    wait: bool = typer.Option(False, "--wait", help="Wait until every tool is cold, at most 30 min."),
+    wait: bool = typer.Option(False, "--wait", help="Wait until every tool is below the limit, at most 30 min."),
     below: float | None = typer.Option(
-        None, "--below", metavar="C", min=1, max=600, help="With --wait: what counts as cold, °C. Default: 60.", show_default=False
+        None, "--below", metavar="C", min=1, max=600, help="With --wait: the limit, °C. Default: 60.", show_default=False
     ),
     as_json: bool = options.AS_JSON,
 ) -> None:
     """Put every tool of a line in its safe state, now.
 
-    A run that holds the line is asked to end, and ended after three seconds. Then every station is asked what tools it has, its
-    feeder is stopped, each tool is told to rest, and read back; one that rests already is left alone. Safe is not cold: each
-    tool's temperature follows, and when it sleeps by itself. Exit code 5: a tool is not known to be safe; 1: with --wait, a tool is
-    not known to be below the limit after 30 min.
+    Asks a run that holds the line to end, and ends it after 3 s. Then stops the feeders, orders each tool into its safe state and
+    reads it back; leaves a tool alone that rests already. Safe is not cold: prints each tool's temperature and when it sleeps by
+    itself. Exit code 5: a tool is not known to be safe; 1: with --wait, a tool is not known to be below the limit after 30 min.
 
     \b
     Example:
@@ -52,7 +51,7 @@ def safe(
     from jbclog.recipe.line import load_line
 
     if below is not None and not wait:
-        raise UsageError("--below is for --wait: add it, or leave --below out; nothing was sent")
+        raise UsageError("--below needs --wait; nothing was sent")
     never_wait()
     loaded = load_line(line)
     runs = end_runs(loaded, note)
@@ -66,7 +65,7 @@ def safe(
 
     make_line_safe(loaded, done)
     for folder in close_leases(stations):
-        note(f"the run {folder} had left tools hot and is told so in its record")
+        note(f"the run {folder} left tools hot; its record now says so")
     for made in stations:
         if made.note:
             note(f"note: {made.target.name}: {made.note}")

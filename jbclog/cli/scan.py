@@ -27,20 +27,20 @@ def scan(
     ),
     write: Path | None = typer.Option(None, "--write", "-w", metavar="FILE", help="Write a line file with what was found."),
     force: bool = typer.Option(False, "--force", help="Let --write replace a file."),
-    thorough: bool = typer.Option(False, "--thorough", help="Try all 72 line formats of the older stations, not the usual ones."),
+    thorough: bool = typer.Option(False, "--thorough", help="Try all 72 line formats of the older stations."),
     addresses: str | None = typer.Option(
         None, metavar="LIST", help="Ask these addresses too, such as 2,5 or 1-99. Usual: 1, none, 10.", show_default=False
     ),
     seconds: float | None = typer.Option(
-        None, min=0.5, max=3600, metavar="S", help="Try nothing new on a port after this long.", show_default=False
+        None, min=0.5, max=3600, metavar="S", help="Give up on a port after this many seconds.", show_default=False
     ),
     as_json: bool = options.AS_JSON,
 ) -> None:
-    """Find out which stations answer, and how they are spoken to.
+    """Find stations and the link settings that they answer at.
 
-    Asks with and without addresses, at the usual rates and formats, and for OMEGA. Only questions are sent, none that changes
-    or clears anything, and they are listed at the end. Ports that are in use are left alone. Ends with 1 where a named port has
-    no station that could be driven, or none was found.
+    Asks with and without addresses, at the usual rates and formats, and for OMEGA. Sends only questions that change and clear
+    nothing, and lists them at the end. Leaves ports alone that are in use. Exit code 1: a named port has no station that jbclog
+    can drive, or none was found.
 
     \b
     Example:

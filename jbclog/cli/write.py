@@ -39,7 +39,7 @@ def write(
         None,
         "--yes-i-mean",
         metavar="STATION",
-        help="The station again, by name: what is dangerous is done only so.",
+        help="The station's name again, required for dangerous settings.",
         show_default=False,
         autocompletion=complete_station,
     ),
@@ -47,16 +47,16 @@ def write(
         None,
         "--snapshot",
         metavar="FILE",
-        help="Where all settings are kept before something dangerous. Default: STATION-settings-TIME.json in this folder.",
+        help="Where all settings are saved before a dangerous write. Default: STATION-settings-TIME.json in this folder.",
         show_default=False,
     ),
     as_json: bool = options.AS_JSON,
 ) -> None:
-    """Write a value of a station by its name, and read it back.
+    """Write one setting by its name and read it back.
 
-    Without a name the names are listed, with what each takes. What cannot be taken back asks for --yes-i-mean, keeps all settings
-    in a file first, and restart and factory_reset want every tool at 60 °C or below. While a run holds the station it is refused,
-    naming the run. Exit code 3: refused, or not confirmed; 5: a tool that was told to rest is not known to.
+    Without a name, lists the names and what each takes. What cannot be undone needs --yes-i-mean and first saves all settings in a
+    file; restart and factory_reset need every tool at 60 °C or below. Refused while a run holds the station; the message names the
+    run. Exit code 3: refused or not confirmed; 5: a tool that was ordered to rest is not known to rest.
 
     \b
     Example:

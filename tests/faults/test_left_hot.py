@@ -94,7 +94,7 @@ def test_safe_closes_what_was_left_and_tells_it(line: ServedLine, left_hot: Path
     done = jbclog("safe", "--line", line.path)
     assert done.returncode == 0, done.stderr
     assert line.at_work() == 0
-    assert f"the run {left_hot} had left tools hot and is told so in its record" in done.stderr
+    assert f"the run {left_hot} left tools hot; its record now says so" in done.stderr
     assert not (left_hot / LEASE).exists()
     assert whereabouts.known() == []
     assert annotated(left_hot) == [("jbclog safe", "guard.left_over"), ("jbclog safe", "safety.safe_state")]

@@ -196,7 +196,7 @@ def test_a_plan_names_what_it_assumes_and_what_it_would_take(tmp_path: Path) -> 
     told = CliRunner().invoke(app, ["plan", str(RECIPE), "--line", str(tmp_path / "line.toml")]).stdout
     assert "a fifth of the link free: 5 Hz up to 11.51 ms of response time" in told
     assert "a fifth of the link free: 10 Hz up to 11.99 ms of response time" in told
-    assert "assumed   0 ms, for the line file names none" in told
+    assert "assumed   0 ms: the line file has no turnaround_ms" in told
     bench_plan(16.0, tmp_path)
     said = CliRunner().invoke(app, ["plan", str(RECIPE), "--line", str(tmp_path / "line.toml")]).stdout
     assert "4 Hz up to 17.57 ms" in said

@@ -368,7 +368,7 @@ def test_a_limit_without_waiting_is_refused_before_anything_is_sent(make: Make) 
     bench = make(safe_text("dde-1", "dde"))
     ended = bench.do("safe", "--below", "80")
     assert (ended.code, bench.wires["dde-1"].heard) == (2, [])
-    assert "--below is for --wait" in ended.err
+    assert "--below needs --wait" in ended.err
 
 
 def test_json_tells_what_follows(make: Make) -> None:

@@ -76,7 +76,7 @@ def test_a_station_is_told_in_a_few_lines_and_everything_that_was_sent(monkeypat
         "  ports       1 TRA245/TRA470",
         "  turnaround  2.00 ms median, 2.00 ms at worst",
     ]
-    assert f"Sent were {len(cable.asked)} questions and nothing else; nothing was written or cleared:" in text
+    assert f"Sent {len(cable.asked)} questions and nothing else; nothing was written or cleared:" in text
     assert "     2 × model, to address 01, at 19200 8N1: 02 30 30 30 31 52 53 4d 4e 03 02" in text
 
 
