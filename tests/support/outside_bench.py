@@ -18,6 +18,7 @@ import socket
 import threading
 import time
 import tty
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -159,7 +160,7 @@ Taken = int
 """0, or the number of an N frame."""
 
 
-class Station:
+class Station(ABC):
     """What a station answers to a question, and how long it takes. `stored` is its state by the code of the reading."""
 
     def __init__(self, family: str, name: str, rng: random.Random, habits: Habits) -> None:
@@ -174,14 +175,17 @@ class Station:
 
     # -- reading and writing: by family -----------------------------------------------------------------------------------------
 
+    @abstractmethod
     def read(self, code: str, now: float) -> str | None:
-        raise NotImplementedError
+        """What is answered to a read; None: no such command here."""
 
+    @abstractmethod
     def write(self, code: str, data: str, now: float) -> Taken:
-        raise NotImplementedError
+        """What becomes of a write."""
 
+    @abstractmethod
     def is_known_write(self, code: str) -> bool:
-        raise NotImplementedError
+        """Whether there is such a write at all."""
 
     def stored(self, code: str, now: float) -> str | None:
         """What it would answer, without being asked; nothing is cleared by it."""
