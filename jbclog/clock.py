@@ -50,18 +50,18 @@ class FastClock:
     """The host's clocks as if time went `speed` times as fast from now on: for a recorded run that is served so."""
 
     def __init__(self, speed: float) -> None:
-        self._speed = speed
+        self.speed = speed
         self._began, self._utc = elapsed(), time.time()
 
     def monotonic(self) -> float:
-        return self._began + (elapsed() - self._began) * self._speed
+        return self._began + (elapsed() - self._began) * self.speed
 
     def utc(self) -> float:
         return self._utc + self.monotonic() - self._began
 
     def elapsed_at(self, moment: float) -> float:
         """What `elapsed` says at that monotonic moment."""
-        return self._began + (moment - self._began) / self._speed
+        return self._began + (moment - self._began) / self.speed
 
 
 class VirtualClock:

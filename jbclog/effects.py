@@ -49,11 +49,16 @@ class Gather(NamedTuple):
 
 
 class Heard(NamedTuple):
-    """What came back: the moment, the bytes (none: the time was over), and when the question left."""
+    """What came back: the moment, the bytes (none: the time was over), and when the question left.
+
+    `late_s`: for how long the driver itself did not come round meanwhile, where it was noticeable. An answer that waited so
+    long to be heard, and one that the station took so long to give, look the same otherwise.
+    """
 
     now: float
     data: bytes
     sent: float
+    late_s: float = 0.0
 
 
 class RunEnded(Exception):

@@ -33,9 +33,9 @@ class Told(NamedTuple):
     """What the session was told, and the wish that this answered.
 
     ``told``: the moment and the next `size` bytes that had come; `sent_s` is when its question left, where it had asked
-    one. ``broke``: the link, as `text` says. ``stopped``: the run ends, as `text` says. ``not_started``: it does not start
-    because of the stations that `text` names; ``left_out``: without this one, as `text` says. ``done``: nothing, the session
-    had ended.
+    one; `late_s` by how much the recorder itself was seen to be late. ``broke``: the link, as `text` says. ``stopped``: the run
+    ends, as `text` says. ``not_started``: it does not start because of the stations that `text` names; ``left_out``: without
+    this one, as `text` says. ``done``: nothing, the session had ended.
     """
 
     at_s: float
@@ -44,6 +44,7 @@ class Told(NamedTuple):
     size: int = 0
     sent_s: float = 0.0
     text: str = ""
+    late_s: float = 0.0
 
 
 Row = Passed | Told

@@ -37,6 +37,7 @@ class Pulled:
         "_is_gathered",
         "_is_started",
         "_is_told_to_end",
+        "_late_s",
         "_listening",
         "_loop",
         "_member",
@@ -73,6 +74,7 @@ class Pulled:
         self._failing: asyncio.Handle | None = None  # a broken link that the session has not been told of yet
         self._ending: RunEnded | None = None  # the run's end, while a port is being opened
         self._heard = 0.0  # when bytes last came
+        self._late_s = 0.0  # by which the loop had been late when the session was last told something
         self._is_gathered = False  # it waits for the other sessions
         self._member = reactor.barrier.join(name, self)
         self._is_told_to_end = False
@@ -109,7 +111,7 @@ class Pulled:
         if self._is_gathered:
             self._is_gathered = False
             unasked, self._unasked = self._unasked, b""
-            self._resume(Heard(self._now(), unasked, self._sent))
+            self._tell(self._now(), unasked)
 
     def throw(self, error: RunEnded) -> None:
         """The run does not start, or starts without this session."""
@@ -117,6 +119,10 @@ class Pulled:
             self._end_with(error)
 
     # -- pulling ---------------------------------------------------------------------------------------------------------
+
+    def _tell(self, now: float, data: bytes) -> None:
+        before, self._late_s = self._late_s, self._reactor.beat.late_s()
+        self._resume(Heard(now, data, self._sent, self._late_s - before))
 
     def _resume(self, heard: Heard | None) -> None:
         try:
@@ -204,7 +210,7 @@ class Pulled:
         self._deadline = NEVER
         unasked, self._unasked = self._unasked, b""
         self._listening = False
-        self._resume(Heard(now, unasked, self._sent))
+        self._tell(now, unasked)
 
     # -- bytes -----------------------------------------------------------------------------------------------------------
 
@@ -226,7 +232,7 @@ class Pulled:
         if self._listening:
             self._listening = False
             self._deadline = NEVER
-            self._resume(Heard(now, data, self._sent))
+            self._tell(now, data)
         else:
             self._unasked += data
 
@@ -265,7 +271,7 @@ class Pulled:
         elif error is not None:
             self._fail(LinkError(f"opening the port failed: {error}"))
         else:
-            self._resume(Heard(self._now(), b"", self._sent))
+            self._tell(self._now(), b"")
 
     def _take_port(self, port: Port) -> None:
         self._port, self._broken, self._unasked = port, None, b""

@@ -14,6 +14,7 @@ from itertools import count
 
 from jbclog import clock
 from jbclog.drive.barrier import Barrier
+from jbclog.drive.beat import Beat
 from jbclog.drive.blocking import OpenPort
 from jbclog.drive.pulled import NEVER, Pulled, Session
 from jbclog.drive.waiting import Readers, exact_selector
@@ -47,6 +48,7 @@ class Reactor:
         self._alarms: list[tuple[float, int, Pulled]] = []  # a heap
         self._order = count()
         self._timer: asyncio.TimerHandle | None = None  # for the first of them
+        self.beat = Beat(self.loop, fast.speed if fast else 1.0)
         self._failure: Exception | None = None
         self.barrier = Barrier(self.now, self._at, goes_on=goes_on)
 
@@ -81,6 +83,7 @@ class Reactor:
             for wire in list(self._wires):
                 self.loop.call_soon(wire.start)
             if self._wires:
+                self.beat.start()
                 self.loop.run_forever()
             if self._failure is None:
                 at_end()

@@ -39,7 +39,7 @@ def keeping(steps: Steps[T], keep: Keep, now: Callable[[], float]) -> Steps[T]:
                 wish = steps.throw(error)
             else:
                 last = heard.now
-                keep(Told(last, "told", name, len(heard.data), heard.sent))
+                keep(Told(last, "told", name, len(heard.data), heard.sent, late_s=heard.late_s))
                 wish = steps.send(heard)
     except StopIteration as end:
         keep(Told(max(last, now()), "done", "wait"))
@@ -144,7 +144,7 @@ def _tell(steps: Steps[T], step: Step) -> Wish:
         return steps.throw(LinkError(told.text))
     if told.what in ENDS:
         return steps.throw(ENDS[told.what](told.text))
-    return steps.send(Heard(told.at_s, step.data, told.sent_s))
+    return steps.send(Heard(told.at_s, step.data, told.sent_s, told.late_s))
 
 
 def _on_its_own(steps: Steps[T], wish: Wish, end_s: float, why: str) -> Steps[T]:

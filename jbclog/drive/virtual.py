@@ -37,6 +37,7 @@ class VirtualDriver:
         self._order = count()
         self._events: list[tuple[float, int, Callable[[], None]]] = []
         self._wires: list[_Wire] = []
+        self.late_s = 0.0  # for how long the host stood still so far: time that passed while something was done
         self.barrier = Barrier(clock.monotonic, self.at, goes_on=goes_on)
 
     def add(self, session: Steps[object], peer: Peer, name: str = "") -> None:
@@ -59,7 +60,9 @@ class VirtualDriver:
         while self._events and not all(wire.is_ended for wire in self._wires):
             moment, _, call = heapq.heappop(self._events)
             self.clock.advance_to(moment)
+            began = self.clock.monotonic()
             call()
+            self.late_s += self.clock.monotonic() - began
 
 
 def _moment(coming: tuple[float, bytes]) -> float:
@@ -80,6 +83,7 @@ class _Wire:
         self._turn = 0  # an alarm of an earlier wish is ignored
         self._ending: RunEnded | None = None
         self._heard = 0.0  # when bytes last came
+        self._late_s = 0.0  # by which the driver had been late when the session was last told something
         self._is_gathered = False
         self._member = driver.barrier.join(name, self)
         self.is_ended = False
@@ -161,5 +165,6 @@ class _Wire:
         taken = due[:1] if self._listening else due  # a listener gets each piece as it comes
         self._coming = self._coming[len(taken) :]
         self._heard = now if taken else self._heard
-        heard = Heard(now, b"".join(taken), self._sent)
+        late_s, self._late_s = self._driver.late_s - self._late_s, self._driver.late_s
+        heard = Heard(now, b"".join(taken), self._sent, late_s)
         self._pull(lambda: self._session.send(heard))

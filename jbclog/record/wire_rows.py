@@ -20,6 +20,8 @@ def line_of(row: Row) -> str:
         return f"{row.at_s!r}\t{row.what}\t{row.data.hex() or _escaped(row.text)}\n"
     if row.what != "told":
         return f"{row.at_s!r}\t{row.what}\t{row.wish} {_escaped(row.text)}\n"
+    if row.late_s:
+        return f"{row.at_s!r}\ttold\t{row.wish} {row.size} {row.sent_s!r} {row.late_s!r}\n"
     if row.wish == "ask":
         return f"{row.at_s!r}\ttold\task {row.size} {row.sent_s!r}\n"
     return f"{row.at_s!r}\ttold\t{row.wish} {row.size}\n"
@@ -40,8 +42,10 @@ def row_of(line: str) -> Row:
     if what not in TOLD or wish not in WISHES:
         raise ValueError(f"{what} {wish} is not what a wire record tells")
     if what == "told":
-        size, _, sent = rest.partition(" ")
-        return Told(moment, "told", cast(WishName, wish), _count(size), _finite(sent or "0"))
+        size, sent, late, *more = *rest.split(" "), "", ""
+        if any(more):
+            raise ValueError(f"{rest} is more than a wire record tells")
+        return Told(moment, "told", cast(WishName, wish), _count(size), _finite(sent or "0"), late_s=_finite(late or "0"))
     return Told(moment, cast(ToldName, what), cast(WishName, wish), text=_plain(rest))
 
 

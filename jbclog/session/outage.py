@@ -33,17 +33,19 @@ def outage(desk: Desk, sampler: Sampler, tick: int, lost: Lost) -> Steps[int]:
 
     Raises `Gone` where the run ends first, `SettingChanged` where the recipe stops on a difference.
     """
-    began, pause = desk.now, FIRST_SEEK_S
-    why = lost.cause.reason if isinstance(lost.cause, RobotModeOff) else LinkError.reason
     _tell_loss(desk, lost)
     sampler.begin_outage(tick)
+    return (yield from sampler.watched(_live_through(desk, sampler, tick, lost)))
+
+
+def _live_through(desk: Desk, sampler: Sampler, tick: int, lost: Lost) -> Steps[int]:
+    began, pause = desk.now, FIRST_SEEK_S
+    why = lost.cause.reason if isinstance(lost.cause, RobotModeOff) else LinkError.reason
     held = _all_held(desk)
     seek_at = began + pause
     tick += 1
     while not sampler.is_over(tick):
-        due = min(sampler.grid.due(tick), seek_at)
-        desk.station.unasked((yield Wait(due)))
-        tick = sampler.after_standstill(tick, desk.now - due)
+        desk.station.unasked((yield Wait(min(sampler.grid.due(tick), seek_at))))
         tick = sampler.miss_until(tick, desk.now, why)
         if desk.now < seek_at:
             continue

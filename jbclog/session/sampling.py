@@ -1,15 +1,16 @@
 """Chapter 3: the grid: tick after tick, at the due time or not at all.
 
 A tick reads the fast signals of all ports, then as many slow ones as the wire has room for. A late tick is not made up
-by a burst: what is a whole period late is a row of `skipped`. Who made it late is counted apart: what a station took that had to
-be asked again or did not answer, or a new tool's settings, is not the computer's.
+by a burst: what is a whole period late is a row of `skipped`. Who made it late is counted apart: only what the computer was seen
+to be late by is the computer's, and nothing that a station took, however long.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
-from jbclog.effects import RunEnded, Steps, Wait
+from jbclog.effects import RunEnded, Steps, T, Wait
 from jbclog.errors import LinkError, RobotModeOff, StartRefused, StationError, StationSilent
 from jbclog.rows import Severity
 from jbclog.scheduler import Demand, Grid, Reading, SlowReadings
@@ -22,8 +23,6 @@ from jbclog.session.scan import SKIPPED, Probe, Scan, Scanner
 from jbclog.session.standstill import Standstill
 
 FINISH_S = 0.5  # a tick in which the run is ended may take so much longer; hot tools are waiting
-IN_TIME_S = 0.02  # a computer that hears of an answer, or of none, no later than this is not busy
-SUSPENDED_S = 5.0  # a standstill of the host that is an event; its ticks have no rows
 
 
 class Lost(Exception):
@@ -46,7 +45,7 @@ class Sampler:
         self.end = None if desk.order.duration_s is None else desk.now + desk.order.duration_s
         self._standstill = Standstill()
         self._busy = Busy()
-        self._elsewhere_s = 0.0  # by which it is behind for what is not the computer's
+        self._late_s = 0.0  # by which it is behind because the computer was late
         desk.facts.skipped_by_host = desk.facts.skipped_by_host or 0
         self._ending: RunEnded | None = None
         self._finish_by = math.inf
@@ -82,18 +81,25 @@ class Sampler:
         Raises `Lost` once the rows of its tick are written, and `StartRefused` where the station has nothing to sample.
         """
         while not self.is_over(tick):
-            self._standstill.seconds = self._standstill.late_s = 0.0
-            behind_s = max(self.desk.now - self.grid.due(tick), 0.0)
-            self._elsewhere_s = min(self._elsewhere_s, behind_s)  # a tick that begins late is not the computer's for that
-            yield from self._standstill.watch(self._await(tick), self.desk.now)
+            self._standstill.spans.clear()
+            self._late_s = min(self._late_s, max(self.desk.now - self.grid.due(tick), 0.0))
+            yield from self.watched(self._await(tick))
             if not any(scan.fast for scan in self._scans.values()):  # a run without pause would spin on nothing
                 raise StartRefused(f"{self.desk.name}: it knows none of the signals that are read on every tick")
             tell_late(self.desk)
-            yield from self._meet_new_tools()
+            yield from self.watched(self._meet_new_tools())
             tick = self._following(tick)
             if self._busy.is_to_be_told(self.desk.now):
                 self._tell_busy()
         return tick
+
+    def watched(self, steps: Steps[T]) -> Steps[T]:
+        """`steps`, with what the host is late in them noted."""
+        self._standstill.late_s = 0.0
+        try:
+            return (yield from self._standstill.watch(steps, self.desk.now))
+        finally:
+            self._late_s += self._standstill.late_s
 
     def _await(self, tick: int) -> Steps[None]:
         if self.paced:
@@ -104,48 +110,41 @@ class Sampler:
     def _meet_new_tools(self) -> Steps[None]:
         for port in self.desk.ports.values():
             if port.tool_is_new:
-                began = self.desk.now
                 try:
                     yield from meet_tool(self.desk, port)
                 except (LinkError, StationSilent, RobotModeOff) as error:
                     raise Lost(error) from error
-                self._elsewhere_s += self.desk.now - began
 
     def _following(self, tick: int) -> int:
         if not self.paced:
             return tick + 1
         following = self.grid.next_after(tick, self.desk.now)
         if following > tick + 1:
-            by_host = self.grid.next_after(tick, self.desk.now - self._elsewhere_s) - tick - 1
-            self._skip(tick + 1, following, self._standstill.seconds, by_host)
+            self._skip(tick + 1, following)
         return following
 
-    def after_standstill(self, tick: int, seconds: float) -> int:
-        """Account for the ticks from `tick` on if the host stood still, so that nobody knows what they were; give the next."""
-        if seconds <= SUSPENDED_S or not self.paced:
-            return tick
-        following = self.grid.next_after(tick - 1, self.desk.now)
-        self._skip(tick, following, seconds)
-        return following
-
-    def _skip(self, first: int, end: int, seconds: float, by_host: int = 0) -> None:
-        """Account for ticks that nobody could run: rows of `skipped`, or one event where the host stood still so long.
-
-        `by_host`: how many of them there would be if the station had answered at once.
-        """
+    def _skip(self, first: int, end: int) -> None:
+        """Account for ticks that nobody could run: rows of `skipped`, and none of those in which the host stood still."""
         missed = [tick for tick in range(first, end) if not self.is_over(tick)]
+        late = [tick for tick in missed if not self._standstill.covers(self.grid.due(tick))]
+        for tick in late:
+            self.miss(tick, SKIPPED)
+        self._leave_out([tick for tick in missed if tick not in late])
         self.desk.facts.last_tick = first + len(missed) - 1
-        if seconds <= SUSPENDED_S:
-            for tick in missed:
-                self.miss(tick, SKIPPED)
-            self._count_busy(first, min(by_host, len(missed)))
-            return
-        self.desk.facts.skipped += len(missed)
-        text = f"The recorder stood still for {seconds:.1f} s (suspended or stopped host); {len(missed)} ticks have no rows."
-        self.desk.note("host.suspended", Severity.ERROR, text, since=self.grid.due(first), value=seconds)
+        by_host = end - self.grid.next_after(first - 1, self.desk.now - self._late_s) - len(missed) + len(late)
+        self._count_busy(late[0] if late else first, min(by_host, len(late)))
+
+    def _leave_out(self, ticks: Sequence[int]) -> None:
+        """Account for the ticks in which the host stood still, so that nobody knows what they were: an event for each time."""
+        self.desk.facts.skipped += len(ticks)
+        for begin, end in self._standstill.spans:
+            count = sum(begin < self.grid.due(tick) <= end for tick in ticks)
+            text = f"The recorder stood still for {end - begin:.1f} s (suspended or stopped host); {count} ticks have no rows."
+            if count:
+                self.desk.note("host.suspended", Severity.ERROR, text, since=begin, value=end - begin)
 
     def _count_busy(self, first: int, ticks: int) -> None:
-        if ticks:
+        if ticks > 0:
             self.desk.facts.skipped_by_host = (self.desk.facts.skipped_by_host or 0) + ticks
             self._busy.add(ticks, self.grid.due(first), self.desk.now)
 
@@ -187,20 +186,11 @@ class Sampler:
             if self._ending is not None and self.desk.now > self._finish_by:
                 raise self._ending
             try:
-                yield from self._take(probe, scan)
+                yield from self._scanner.take(probe, scan)
             except RunEnded as end:
                 self._ending = end  # and kept, whatever becomes of the readings that are left
                 self._finish_by = self.desk.now + FINISH_S
                 yield from self._scanner.take(probe, scan)
-
-    def _take(self, probe: Probe, scan: Scan) -> Steps[None]:
-        """Take one reading. What it took is the station's where one question did not do and the computer was in time."""
-        began, late_s = self.desk.now, self._standstill.late_s
-        try:
-            yield from self._scanner.take(probe, scan)
-        finally:
-            if not self._scanner.at_once and self._standstill.late_s - late_s < IN_TIME_S:
-                self._elsewhere_s += self.desk.now - began
 
     def _take_slow(self, tick: int) -> Steps[None]:
         """Slow readings, most urgent first, while the wire has room; without a grid, or behind it, one after each scan."""
@@ -208,7 +198,7 @@ class Sampler:
         while (slow := self.slow.next(self.desk.now, following)) is not None:
             probe, scan = self._probes[slow.reading.name, slow.reading.port], self._scans[slow.reading.port]
             try:
-                yield from self._take(probe, scan)
+                yield from self._scanner.take(probe, scan)
             finally:
                 self.slow.taken(slow, self.desk.now, following if self.paced else 0.0)
             if probe.is_lacking:
@@ -248,9 +238,17 @@ class Sampler:
             self.grid = Grid(self.desk.now - tick * self.grid.period_s, self.grid.period_s)
 
     def miss_until(self, tick: int, now: float, why: str) -> int:
-        """Write the rows of every tick due by `now`, slow readings included; give the first tick after them."""
+        """Write the rows of every tick due by `now`, slow readings included; give the first tick after them.
+
+        Those in which the host stood still have none.
+        """
+        left_out = []
         while self.grid.due(tick) <= now and not self.is_over(tick):
             due = self.grid.due(tick)
+            if self.paced and self._standstill.covers(due):
+                left_out.append(tick)
+                tick += 1
+                continue
             for scan in self._scans.values():
                 self._scanner.begin(scan, tick)
             for slow in self.slow.all_due(due):
@@ -262,6 +260,10 @@ class Sampler:
                 self._scanner.finish(scan, why, due)
             self.desk.facts.last_tick = tick
             tick += 1
+        if left_out:
+            self.desk.facts.last_tick = max(self.desk.facts.last_tick or 0, left_out[-1])
+            self._leave_out(left_out)
+        self._standstill.spans.clear()
         return tick
 
     # -- the account -----------------------------------------------------------------------------------------------------

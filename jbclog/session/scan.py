@@ -127,7 +127,6 @@ class Scanner:
     def __init__(self, desk: Desk) -> None:
         self._desk = desk
         self._station = desk.station
-        self.at_once = True  # whether the last reading had its answer to the first question; a second look is no repeat
 
     def begin(self, scan: Scan, tick: int) -> None:
         row: SampleRow = [None] * WIDTH
@@ -144,10 +143,8 @@ class Scanner:
         probe.due += 1
         if scan.first_sent is None:
             self._station.first_sent = None
-        asked, self.at_once = self._station.exchanges, False
         try:
             value = yield from self._station.ask(probe.question)
-            self.at_once = self._station.exchanges == asked + 1
             if probe.look.is_due(self._desk, value):
                 value = yield from probe.look.settle(self._desk, value)
             if probe.reading.command.name == self._desk.family.hours:

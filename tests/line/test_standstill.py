@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
+
 import pytest
 from account import assert_account_holds
 from virtual_run import VirtualRun, line_text, prepare
 
 from jbclog.effects import Ask, Heard, Listen, Reopen, Steps, Wait
+from jbclog.errors import LinkError
 from jbclog.rows import COLUMN
 from jbclog.session.standstill import Standstill
 
@@ -134,29 +137,62 @@ def steps() -> Steps[str]:
     return "done"
 
 
-def seconds(*times: float) -> float:
-    """How long the host stood still where the wishes came back at these moments; they begin at 100 s."""
+def watched(*heard: tuple[float, bytes, float] | None) -> Standstill:
+    """What is noted where the wishes came back like that: moment, bytes, by how much the driver was late. They begin at 100 s.
+
+    None: the link breaks there.
+    """
     measure = Standstill()
-    watched = measure.watch(steps(), 100.0)
-    next(watched)
-    for time in times[:-1]:
-        watched.send(Heard(time, b"", 100.0))
-    with pytest.raises(StopIteration) as end:
-        watched.send(Heard(times[-1], b"", 100.0))
-    assert end.value.value == "done"
-    return round(measure.seconds, 3)
+    session = measure.watch(steps(), 100.0)
+    next(session)
+    with suppress(StopIteration):
+        for one in heard:
+            if one is None:
+                with pytest.raises(LinkError):
+                    session.throw(LinkError("gone"))
+                session = measure.watch(later(), 100.0)  # nobody has said when
+                next(session)
+            else:
+                session.send(Heard(one[0], one[1], 100.0, one[2]))
+    return measure
+
+
+def later() -> Steps[None]:
+    yield Wait(0.0)
+
+
+def spans(*moments: float) -> list[tuple[float, float]]:
+    """Where the host stood still if the wishes came back at these moments."""
+    return [(round(begin, 3), round(end, 3)) for begin, end in watched(*((moment, b"", 0.0) for moment in moments)).spans]
 
 
 def test_what_a_wish_allows_is_no_standstill() -> None:
-    assert seconds(100.5, 101.5, 111.5, 140.0) == 0.0  # opening a port may take its time
+    assert spans(100.5, 101.5, 111.5, 140.0) == []  # opening a port may take its time
 
 
 def test_what_is_beyond_it_is() -> None:
-    assert seconds(107.5, 108.5, 118.5, 118.5) == 7.0
-    assert seconds(100.5, 108.5, 118.5, 118.5) == 7.0
-    assert seconds(100.5, 101.5, 118.5, 118.5) == 7.0
-    assert seconds(107.5, 115.5, 132.5, 132.5) == 21.0
+    assert spans(107.5, 108.5, 118.5, 118.5) == [(100.5, 107.5)]
+    assert spans(100.5, 108.5, 118.5, 118.5) == [(101.5, 108.5)]
+    assert spans(100.5, 101.5, 118.5, 118.5) == [(111.5, 118.5)]
+    assert spans(107.5, 115.5, 132.5, 132.5) == [(100.5, 107.5), (108.5, 115.5), (125.5, 132.5)]
 
 
 def test_a_busy_host_is_no_standstill() -> None:
-    assert seconds(101.4, 103.3, 114.2, 114.2) == 0.0
+    assert spans(105.4, 111.3, 126.2, 126.2) == []
+
+
+def test_an_answer_that_waited_unheard_is_the_hosts_and_a_slow_one_the_stations() -> None:
+    assert watched((100.45, b"a", 0.4)).late_s == pytest.approx(0.4)
+    assert watched((100.45, b"a", 0.0)).late_s == 0.0
+    assert watched((100.5, b"", 0.4)).late_s == 0.0  # there was none to be heard
+    assert watched((100.1, b"a", 0.0), (101.1, b"", 0.0), (111.1, b"", 0.9)).late_s == pytest.approx(0.0)  # asleep anyhow
+    assert watched((106.0, b"a", 6.0)).spans == [(100.0, 106.0)]
+
+
+def test_a_question_that_was_out_when_the_link_broke_may_have_taken_its_time() -> None:
+    assert watched(None, (105.4, b"", 0.0)).spans == []
+    assert watched(None, (106.0, b"", 0.0)).spans == [(100.5, 106.0)]
+
+
+def test_how_long_a_port_took_that_could_not_be_opened_is_not_known() -> None:
+    assert watched((100.1, b"a", 0.0), (101.1, b"", 0.0), (111.1, b"", 0.0), None, (180.0, b"", 0.0)).spans == []
