@@ -200,7 +200,7 @@ def test_four_hundred_random_histories(counted: Callable[..., None]) -> None:
 
 def test_a_station_that_was_slow_once_and_falls_silent_is_away_and_no_host_stood_still() -> None:
     """Its patience has grown by the slow answer, so three tries last six seconds."""
-    phases: list[Phase] = [(20.0, 20.5, 0.5), (30.0, 60.0, None)]
+    phases: list[Phase] = [(20.0, 21.0, 0.09), (21.0, 22.0, 0.3), (22.0, 24.0, 1.0), (24.0, 26.0, 1.6), (35.0, 65.0, None)]
 
     def slow(order: Order, session: Steps[StationFacts], cable: Peer) -> tuple[Steps[StationFacts], Peer]:
         return session, Slow(cable, phases if order.name == "dde-1" else [], order.t0)
@@ -211,10 +211,10 @@ def test_a_station_that_was_slow_once_and_falls_silent_is_away_and_no_host_stood
     away = [
         row[COLUMN["quality"]]
         for row in run.memory.samples
-        if row[COLUMN["station"]] == "dde-1" and 130 <= row[COLUMN["tick"]] < 235
+        if row[COLUMN["station"]] == "dde-1" and 170 <= row[COLUMN["tick"]] < 255
     ]
     assert set(away) == {"disconnected"}
-    assert len(away) == 2 * 105
+    assert len(away) == 2 * 85
 
 
 def test_a_station_that_answers_ever_later_makes_no_computer_busy() -> None:

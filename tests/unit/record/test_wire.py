@@ -72,7 +72,7 @@ texts = st.text(max_size=40)
 rows_made_up = st.one_of(
     st.builds(Passed, moments, st.sampled_from(["sent", "heard"]), st.binary(min_size=1, max_size=40), st.just("")),
     st.builds(Passed, moments, st.sampled_from(["opened", "failed", "lost", "closed"]), st.just(b""), texts),
-    st.builds(Told, moments, st.just("told"), st.just("ask"), st.integers(0, 4096), moments, st.just("")),
+    st.builds(Told, moments, st.just("told"), st.just("ask"), st.integers(0, 4096), moments, st.just(""), moments),
     st.builds(
         Told,
         moments,
@@ -81,9 +81,17 @@ rows_made_up = st.one_of(
         st.integers(0, 4096),
         st.just(0.0),
         st.just(""),
+        moments,
     ),
     st.builds(
-        Told, moments, st.sampled_from(["broke", "stopped"]), st.sampled_from(["ask", "wait"]), st.just(0), st.just(0.0), texts
+        Told,
+        moments,
+        st.sampled_from(["broke", "stopped"]),
+        st.sampled_from(["ask", "wait"]),
+        st.just(0),
+        st.just(0.0),
+        texts,
+        st.just(0.0),
     ),
 )
 
