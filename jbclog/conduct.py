@@ -24,7 +24,7 @@ from jbclog.drive.reactor import Reactor
 from jbclog.drive.signals import Signals
 from jbclog.drive.told import keeping
 from jbclog.drive.typed import Source
-from jbclog.errors import RecordError, StartRefused
+from jbclog.errors import JbclogError, RecordError, StartRefused
 from jbclog.goals import Goals
 from jbclog.guard.left_over import settle
 from jbclog.guard.watch import RENEW_S
@@ -87,7 +87,17 @@ def conduct(
         held = why_held({station.spec.name: station.spec.url for station in plan.stations})
         if held:
             return Dossier(plan, out, observer, SystemClock()).refuse(held)
-        return _Run(plan, out, observer, seal_every_s, missed, units).conduct(signals)
+        return _kept_to_the_end(_Run(plan, out, observer, seal_every_s, missed, units), out, signals)
+
+
+def _kept_to_the_end(run: _Run, out: Path, signals: Signals) -> Result:
+    """Conduct `run`. What the system refuses at its end (a file, room in one) leaves a record that is not finished."""
+    try:
+        return run.conduct(signals)
+    except JbclogError:
+        raise
+    except (OSError, ImportError, MemoryError) as error:
+        raise RecordError(f"the record could not be finished ({error}); `jbclog recover {out}` does that") from error
 
 
 def heard() -> list[signal.Signals]:

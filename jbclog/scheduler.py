@@ -49,6 +49,12 @@ class Reading:
     period_s: float | None
     columns: tuple[str, ...] = ()
     counter: Counter | None = None
+    is_identity: bool = False  # the model, or the software, of the station
+
+    @property
+    def was_read(self) -> bool:
+        """Whether it has been read before the first tick."""
+        return self.counter is not None or self.is_identity
 
 
 def period_s(pace: Pace, alarms_every_s: float, counters_every_s: float) -> float | None:
@@ -197,10 +203,10 @@ class SlowReadings:
     ) -> None:
         """Signals are due at `start`, so that a run knows everything as soon as the wire has room.
 
-        Counters have been read before the first tick and are due a period later.
+        Counters, model and software have been read before the first tick and are due a period later.
         """
         found = [
-            Slow(reading, max(reading.period_s, tick_s), start + (reading.period_s if reading.counter else 0.0), start)
+            Slow(reading, max(reading.period_s, tick_s), start + (reading.period_s if reading.was_read else 0.0), start)
             for reading in readings
             if reading.period_s is not None
         ]
@@ -287,4 +293,14 @@ def watched_readings(
         Reading(command.name, command, port, port, read_wire_s(line, command, addressed), every_s)
         for command in commands
         for port in ports
+    ]
+
+
+def identity_readings(
+    commands: Iterable[Command], ports: Sequence[int], line: LineFormat, addressed: bool, every_s: float
+) -> list[Reading]:
+    """What a station says of who it is, read again now and then, to find another one in its place; it fills no column."""
+    return [
+        Reading(command.name, command, ports[0], None, read_wire_s(line, command, addressed), every_s, is_identity=True)
+        for command in commands
     ]

@@ -1,4 +1,4 @@
-"""The recorder's end of the guard: started before anything is written, told every lease, renewed twice a second."""
+"""The recorder's end of the guard: started before anything is written, told every lease, renewed four times a second."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ KILL_S: Final = 0.2
 TAKEN_OVER_S: Final = 12.0
 READY: Final = b"ready\n"
 ANSWER: Final = b"."
-UNANSWERED_MOST: Final = 10  # renewals; five seconds of a recorder that goes on itself
+UNANSWERED_MOST: Final = 4  # renewals: at most 1.25 s of a recorder that goes on itself, and a guard that answers none of them
 PIPE_SIZE: Final = 1 << 20  # what Linux gives anybody: the leases of a line of any size, while the guard is starting
 
 

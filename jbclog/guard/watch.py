@@ -14,7 +14,7 @@ from typing import Final
 
 from jbclog.guard.lease import StationLease
 
-RENEW_S: Final = 0.5
+RENEW_S: Final = 0.25
 HUNG_S: Final = 2.0
 GRACE_S: Final = 1.0
 OVERSLEPT_S: Final = 0.5  # so late no guard wakes on a machine that goes on

@@ -2,9 +2,9 @@
 
 The model alone proves little on a line of equal units, so the software version and the plugged hours are compared too:
 hours never fall, and grow no faster than time (faults.md, rows 16 and 17). They are so whenever they are read, because
-who is quick swaps two cables between two questions. Two units of one model and software whose
-hours agree cannot be told apart by anything that the manuals print. OMEGA tells none of these: that one answers is all
-that is known of it.
+who is quick swaps two cables between two questions; model and software are read again as often as the counters. Two units of
+one model and software whose hours agree cannot be told apart by anything that the manuals print. OMEGA tells none of these:
+that one answers is all that is known of it.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from jbclog.rows import Severity
 from jbclog.session.order import Desk
 from jbclog.station.borne_out import why_not_answering
 
+SAID = ("model", "software_version")  # reads by which a station says who it is, the same all through a run
 RESOLUTION_H = 1  # the counters count whole hours
 DRIFT = 0.01  # by which a station's clock may differ from ours
 ROLLS_OVER_AT = 100_000  # five digits
@@ -23,6 +24,7 @@ ROLLS_OVER_AT = 100_000  # five digits
 
 def learn_identity(desk: Desk) -> Steps[None]:
     """Note the plugged hours of each port beside model and software, to know the station by later."""
+    desk.said_at = dict.fromkeys(SAID, desk.now)
     for number in desk.ports:
         hours = yield from _hours(desk, number)
         if hours is not None:
@@ -42,6 +44,8 @@ def recognise(desk: Desk, model: str | None) -> Steps[bool]:
         text = f"On {desk.order.url} there is now {other} of this run. It is neither read nor written."
         desk.note("identity.changed", Severity.CRITICAL, text, raw=model)
     desk.stranger = other
+    if desk.is_proven:
+        desk.said_at = dict.fromkeys(SAID, desk.now)
     return desk.is_proven
 
 
@@ -73,6 +77,20 @@ def expect_same(desk: Desk, number: int, hours: Value) -> None:
     if not _can_be(hours, before, desk.now - then):
         raise OtherStation(f"the plugged hours of port {number} are {hours}, and were {before}", since=then)
     desk.plugged_hours[number] = hours, desk.now
+
+
+def is_said(desk: Desk, name: str, value: Value) -> bool:
+    """Whether `value` is what the station said at the start, when it was asked for its model or its software."""
+    return value == (desk.facts.model if name == SAID[0] else desk.facts.software)
+
+
+def expect_said(desk: Desk, name: str, value: Value) -> None:
+    """Raise `OtherStation` where a model or a software that was just read is not that of this run's station."""
+    if not is_said(desk, name, value):
+        known = desk.facts.model if name == SAID[0] else desk.facts.software
+        what = name.replace("_", " ")
+        raise OtherStation(f"its {what} is {value}, and was {known}", since=desk.said_at.get(name, desk.order.t0))
+    desk.said_at[name] = desk.now
 
 
 def _can_be(hours: int, before: int, seconds: float) -> bool:

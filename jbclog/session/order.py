@@ -123,6 +123,7 @@ class Desk:
         self.doubted: Counter[str] = Counter()  # answers that were not believed at once, by command
         self.link_is_faster: str | None = None  # than its line format says, in words, where it is
         self.plugged_hours: dict[int, tuple[int, float]] = {}  # by port, with the moment at which they were read
+        self.said_at: dict[str, float] = {}  # when model and software last were those of this run's station
         self.stranger: str | None = None  # who answers where this station was, in words
         self._family = order.family
         self.facts = StationFacts(

@@ -9,7 +9,8 @@ from jbclog.commands.family import Family
 from jbclog.errors import StartRefused
 from jbclog.recipe.model import Recipe
 from jbclog.rows import StationFacts
-from jbclog.scheduler import AUTO_RATES_HZ, KEPT_FOR_REPEATS, Demand, Reading, readings_of, watched_readings
+from jbclog.scheduler import AUTO_RATES_HZ, KEPT_FOR_REPEATS, Demand, Reading, identity_readings, readings_of, watched_readings
+from jbclog.session.identity import SAID
 from jbclog.session.order import AS_AUTO, AS_FAST_AS_POSSIBLE, AS_FIT, Desk
 from jbclog.session.watch import WATCHED_SETTINGS
 from jbclog.wire import LineFormat
@@ -33,6 +34,8 @@ def readings_for(family: Family, ports: Sequence[int], recipe: Recipe, line: Lin
     counters = [(counter, family.commands[counter.command]) for counter in family.counters]
     watched = [family.commands[name] for name in WATCHED_SETTINGS if name in family.commands]
     found = readings_of(signals, counters, ports, line, addressed, sampling.alarms_every_s, sampling.counters_every_s)
+    said = [family.commands[name] for name in SAID if name in family.commands]
+    found += identity_readings(said, ports, line, addressed, sampling.counters_every_s)
     return found + watched_readings(watched, ports, line, addressed, sampling.counters_every_s)
 
 

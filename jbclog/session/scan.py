@@ -18,7 +18,7 @@ from jbclog.session.alarms import AlarmWatch, bears_out
 from jbclog.session.anomalies import note_zero_countdown
 from jbclog.session.columns import NO_DIGIT, Fill, fill_of, unusable, void
 from jbclog.session.doubt import Doubt, SecondLook
-from jbclog.session.identity import expect_same
+from jbclog.session.identity import SAID, expect_said, expect_same, is_said
 from jbclog.session.omega_states import differs_from_last
 from jbclog.session.order import Desk, PortState
 from jbclog.session.possible import possible_of
@@ -37,6 +37,10 @@ _LATE, _SCAN, _QUALITY, _REASONS = (COLUMN[name] for name in ("late_us", "scan_u
 
 def _differs_from_held(name: str) -> Doubt:
     return lambda desk, port, value: port.held.get(name, value) != value
+
+
+def _differs_from_said(name: str) -> Doubt:
+    return lambda desk, port, value: not is_said(desk, name, value)
 
 
 def _differs_from_counted(name: str) -> Doubt:
@@ -75,6 +79,7 @@ DOUBTS: dict[str, Doubt] = {
     "preparing": differs_from_last("preparing"),
     "set_flow_permille": _differs_from_held("selected_air_flow"),
     **{name: _differs_from_held(name) for name in WATCHED_SETTINGS},
+    **{name: _differs_from_said(name) for name in SAID},
 }
 
 
@@ -149,6 +154,8 @@ class Scanner:
                 value = yield from probe.look.settle(self._desk, value)
             if probe.reading.command.name == self._desk.family.hours:
                 expect_same(self._desk, probe.port.number, value)
+            if probe.reading.is_identity:
+                expect_said(self._desk, probe.reading.name, value)
         except NotSupported as error:
             self._lacks(probe, scan, error)
         except (StationError, LinkError) as error:

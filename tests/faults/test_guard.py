@@ -37,6 +37,8 @@ BLOWS = 200
 BUSY_S = 60.0
 EARLY_S = 1.2  # after the first question: settings are being written, tools put to work, the first samples taken
 LATE_S = 3.0
+MISSED_S = 1.25  # in which a guard that stands still is found out
+STARTED_S = 0.75  # in which the next one is there, on a machine that has other work, too
 SEED = random.randrange(1 << 32)
 
 
@@ -322,6 +324,22 @@ def test_a_guard_that_is_killed_is_replaced_and_the_next_one_saves_as_well(line:
     assert told_after(line, began, blow) > 0
     assert recovered(folder).guard == "lost"
     assert {"guard.lost", "guard.took_over"} <= set(events(folder))
+
+
+def test_a_guard_that_is_stopped_is_replaced_within_five_quarters_of_a_second(line: ServedLine, tmp_path: Path) -> None:
+    """The one that stood still is killed, so that it does nothing when it is let go on; the next one saves as well."""
+    began = time.monotonic()
+    with running(line, tmp_path) as run:
+        first = guard_that_is_there(run.pid)
+        os.kill(first, signal.SIGSTOP)
+        stopped = time.monotonic()
+        assert until(lambda: guard_of(run.pid) not in (first, None))
+        took = time.monotonic() - stopped
+        assert not Path(f"/proc/{first}").exists()
+        blow = Blow.strike(run, signal.SIGKILL)  # at once: it may not even have begun to watch
+        ended(run)
+    assert took < MISSED_S + STARTED_S
+    assert told_after(line, began, blow) > 0
 
 
 def test_where_no_guard_can_be_started_nothing_is(line: ServedLine, tmp_path: Path) -> None:

@@ -6,6 +6,11 @@ import pytest
 from hot_air import hot_air, plant
 from virtual_run import VirtualRun, line_text, prepare
 
+from jbclog.commands.family import FAMILIES
+from jbclog.session.identity import SAID
+from jbclog.session.pace import readings_for
+from jbclog.wire import LineFormat
+
 AWAY = "\n[[station.sim.fault]]\nkind = 'dropout'\nat_s = 4\nfor_s = 3\n"
 HOURS = 120
 
@@ -115,3 +120,53 @@ def test_cables_that_were_swapped_between_two_questions_are_known_by_the_next_ho
     assert lost.earliest == pytest.approx(hours[-1], abs=100_000)  # since then it may have been another
     assert lost.text.startswith(f"The station may be another now: the plugged hours of port 1 are {HOURS + 50}, and were {HOURS}.")
     assert_gone(run, f"a DDE with {HOURS + 50} plugged hours on port 1, not the one with {HOURS}")
+
+
+# -- while the link stands ------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("which", "name", "said"),
+    [("model", "model", "NAE"), ("software", "software version", "7777777")],
+)
+def test_another_station_in_mid_run_is_known_at_the_next_reading_of_the_counters(which: str, name: str, said: str) -> None:
+    """Nothing breaks, nothing is asked twice: the cable was put into another station between two questions."""
+    run = prepare(line_text(f"counters = {{ plugged_hours = {HOURS} }}\n"), duration_s=200)
+    identity = run.station.device.identity
+    before = getattr(identity, which)
+    run.at(80, lambda: setattr(identity, which, said))
+    run.go()
+    (lost, *_) = run.memory.of_kind("link.lost")
+    assert lost.text.startswith(f"The station may be another now: its {name} is {said}, and was {before}.")
+    assert lost.earliest is not None
+    assert 55 < lost.earliest / 1e6 - run.utc_s(run.t0) < 80 < lost.time / 1e6 - run.utc_s(run.t0) < 145
+    (event,) = run.memory.of_kind("identity.changed")
+    assert said in event.text
+    assert run.facts.outcome == "gone"
+    assert [one.text for one in run.writes if one.at > run.t0 + 80] == []
+    assert run.memory.column("temperature_c")[-1] is None
+
+
+def test_a_model_that_one_flipped_answer_names_is_not_believed() -> None:
+    run = prepare(
+        line_text("[[station.sim.fault]]\nkind = 'flip'\nbits = 2\ncommand = 'model'\nat_s = 50\nfor_s = 20\nevery = 2\n"),
+        duration_s=100,
+    )
+    run.go()
+    assert run.facts.outcome == "completed"
+    assert run.memory.of_kind("link.lost") == []
+
+
+def test_model_and_software_are_read_as_often_as_the_counters_and_planned_for() -> None:
+    run = prepare(duration_s=310).go()
+    asked = [one.text for one in run.heard if one.at > run.t0 + 30]
+    assert (asked.count("RSMN"), asked.count("RSVR")) == (5, 5)
+    readings = readings_for(FAMILIES["dde"], [1, 2], run.desks["dde-1"].recipe, LineFormat(19200, "8N1"), addressed=False)
+    assert [(one.name, one.port, one.asks_port, one.period_s) for one in readings if one.is_identity] == [
+        ("model", 1, None, 60.0),
+        ("software_version", 1, None, 60.0),
+    ]
+    assert {name: counts["due"] for name, counts in run.facts.watched["1"].items() if name in SAID} == {
+        "model": 5,
+        "software_version": 5,
+    }

@@ -1,0 +1,65 @@
+"""What the system gives a recorder is taken from it in mid-run: descriptors, the size of files. The record cannot be kept then.
+
+The limits are those of the real process (`prlimit`); the tools are looked at in the virtual stations themselves.
+"""
+
+from __future__ import annotations
+
+import resource
+import subprocess
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from command import until
+from guarded import TOOLS, begun, ended, only_run
+from served_line import ServedLine
+
+from jbclog.record.check import check
+from jbclog.record.recover import recover
+
+AT_WORK_S = 2.0
+
+
+@pytest.fixture(scope="module")
+def line(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ServedLine]:
+    with ServedLine(tmp_path_factory.mktemp("line")) as served:
+        yield served
+
+
+@pytest.fixture(autouse=True)
+def _own_state(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path_factory.mktemp("state")))
+
+
+def take(run: subprocess.Popen[str], what: int, most: int) -> None:
+    """Let the running process have no more than `most` of it."""
+    resource.prlimit(run.pid, what, (most, resource.prlimit(run.pid, what)[1]))
+
+
+@pytest.mark.parametrize(
+    ("what", "most", "codes"),
+    [(resource.RLIMIT_NOFILE, 3, {4}), (resource.RLIMIT_FSIZE, 0, {4}), (resource.RLIMIT_FSIZE, 70_000, {0, 4})],
+    ids=["no descriptors", "no file size", "little file size"],
+)
+def test_a_recorder_from_which_it_is_taken_makes_its_tools_safe_and_ends_with_4(
+    line: ServedLine, tmp_path: Path, what: int, most: int, codes: set[int]
+) -> None:
+    """Or with 0 where the record is whole all the same: it goes on in further files."""
+    run = begun(line, tmp_path)
+    try:
+        assert until(lambda: line.at_work() == TOOLS), run.communicate(timeout=5)
+        take(run, what, most)
+        time.sleep(AT_WORK_S)
+        run.terminate()
+        notes = ended(run)
+    finally:
+        run.kill()
+    assert line.at_work() == 0
+    assert run.returncode in codes, notes
+    assert "Traceback" not in notes
+    folder = only_run(tmp_path)
+    if run.returncode:
+        recover(folder)
+    assert check(folder) == []
