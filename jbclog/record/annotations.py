@@ -5,6 +5,9 @@ what is said of it later stands here: who, when, what, why. Each line holds the 
 one that of the manifest (the head), and its own: a line changed, moved or taken out from between shows. That the
 *last* lines are gone does not show: whoever must be able to prove them notes the head that `append` gives.
 
+A report is vouched for here, too: whoever writes one says which `report.json` it is (`vouch`). Such a line is no saying and no
+head: a report names the head of what was said, and would otherwise move what it names.
+
 A line that a crash cut off was never acknowledged. It is told, counts for nothing, and keeps nobody from going on: the
 next line is put behind it and vouches for it.
 
@@ -24,12 +27,15 @@ from typing import Final
 from jbclog.errors import RecordError
 from jbclog.foreign.files import Kind, read_foreign
 from jbclog.foreign.numbers import json_of
-from jbclog.record.chained import add_line, chain_in, fields_of, line_of, sha256
+from jbclog.record.chained import add_line, chain_in, fields_of, line_of, lines_in, sha256
 
 NAME: Final = "annotations.jsonl"
 MANIFEST: Final = "manifest.json"
 NOTE: Final = "note"
 TIME: Final = "%Y-%m-%dT%H:%M:%S.%fZ"
+VOUCHED: Final = "report.written"
+REPORT: Final = "report.json"
+WHICH: Final = re.compile(rf"{re.escape(REPORT)} SHA-256 ([0-9a-f]{{64}})")
 LONGEST: Final = 2000  # characters of a text
 WORDS: Final = re.compile(r"[a-z][a-z_]*(\.[a-z][a-z_]*)*")
 
@@ -51,12 +57,15 @@ class Annotation:
 class Annotations:
     """What was said of a run: the lines that can be read, and what is wrong with the file (line, sentence).
 
-    `head` is the hash of the last line, of the manifest where there is none.
+    `head` is the hash of the last line that says something, of the manifest where there is none. `links` are the hashes of all
+    lines, and of the manifest. `report` is the hash of the `report.json` that was written last; None where no line vouches for one.
     """
 
     said: list[Annotation] = field(default_factory=list)
     wrong: list[tuple[int, str]] = field(default_factory=list)
     head: str = ""
+    links: frozenset[str] = frozenset()
+    report: str | None = None
 
     def complaints(self) -> list[str]:
         """What is wrong with the file, a sentence each."""
@@ -84,16 +93,37 @@ def append(folder: Path, *, who: str, what: str, why: str, kind: str = NOTE, utc
         raise RecordError(f"{folder / NAME} cannot be written: {error.strerror or error}") from error
 
 
+def vouch(folder: Path, report_sha256: str) -> None:
+    """Say which `report.json` is that of the sealed run in `folder`, unless the last such line says so. Raises `RecordError`."""
+    if read(folder).report != report_sha256:
+        append(folder, who="jbclog report", what=f"{REPORT} SHA-256 {report_sha256}", why="the report was written", kind=VOUCHED)
+
+
 def read(folder: Path) -> Annotations:
     """Everything that was said of the run in `folder`, and where its chain does not hold. Raises `RecordError`."""
     first = _first_link(folder)
     try:
-        found = chain_in(read_foreign(folder / NAME, Kind.ANNOTATIONS), first, _parsed, what="annotation", of_first="the manifest")
+        data = read_foreign(folder / NAME, Kind.ANNOTATIONS)
     except FileNotFoundError:
-        return Annotations(head=first)
+        return Annotations(head=first, links=frozenset({first}))
     except OSError as error:
         raise RecordError(f"{folder / NAME} cannot be read: {error.strerror or error}") from error
-    return Annotations(found.said, found.wrong, found.head)
+    found = chain_in(data, first, _parsed, what="annotation", of_first="the manifest")
+    lines = lines_in(data)
+    last = next((line for line in reversed(lines) if (said := _parsed(line)) is None or said.kind != VOUCHED), None)
+    return Annotations(
+        [said for said in found.said if said.kind != VOUCHED],
+        found.wrong,
+        first if last is None else sha256(last),
+        frozenset({first, *map(sha256, lines)}),
+        next((_report_in(said) for said in reversed(found.said) if said.kind == VOUCHED), None),
+    )
+
+
+def _report_in(said: Annotation) -> str:
+    """The hash that a line vouches for; nothing, which is no report's, where it names none."""
+    which = WHICH.fullmatch(said.what)
+    return which[1] if which else ""
 
 
 def _parsed(line: bytes) -> Annotation | None:

@@ -105,10 +105,11 @@ def _there(folder: Path, below: str = "") -> Iterator[str]:
     live = [] if below else live_files(folder)
     for path in _inside(folder):
         name = f"{below}{path.name}"
-        if path in live or is_later(name):
+        if path in live:
             continue
         if not path.is_dir() or path.is_symlink():
-            yield name
+            if not is_later(name):
+                yield name
         elif _is_empty(path) and name not in MAY_BE_EMPTY:
             yield f"{name}/"
         else:

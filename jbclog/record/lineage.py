@@ -22,19 +22,25 @@ from jbclog.foreign.mounts import expect_answer
 from jbclog.record.folder import LETTERS, RUN_NAME
 from jbclog.record.manifest import NAME, Manifest, Previous, manifest_sha256, read_manifest
 
-SHOWN: Final = 16  # hex digits of the short form: enough to be read out and compared by eye
+SHOWN: Final = 24  # hex digits of the short form, 96 bits: nobody can make a second record that has them
+LEAST: Final = 16  # what reports of the first release show
 HEAD: Final = re.compile(r"(?:[0-9a-fA-F]{4}[ -]?){4,16}")
 
 
 def short_head(sha256: str) -> str:
-    """What people compare: ``3f2a-91bc-77de-0a12``."""
+    """What people compare: ``3f2a-91bc-77de-0a12-5c08-b6e1``."""
     return "-".join(sha256[place : place + 4] for place in range(0, SHOWN, 4))
 
 
 def is_head(told: str, sha256: str) -> bool:
     """Whether `told`, typed off a report in its short or its whole form, is that of this head."""
     plain = re.sub(r"[\s-]", "", told).lower()
-    return len(plain) >= SHOWN and sha256.startswith(plain)
+    return len(plain) >= LEAST and sha256.startswith(plain)
+
+
+def digits(told: str) -> int:
+    """How many hex digits somebody typed."""
+    return len(re.sub(r"[\s-]", "", told))
 
 
 def previous_run(out: Path, line: str) -> Previous:

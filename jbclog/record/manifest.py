@@ -263,6 +263,11 @@ def wrong_digest(folder: Path) -> str | None:
     return why_changed(read_foreign(folder / NAME, Kind.MANIFEST))
 
 
+def has_digest(folder: Path) -> bool:
+    """Whether the manifest has a digest; those of the first release have none. Raises OSError."""
+    return _DIGEST.search(read_foreign(folder / NAME, Kind.MANIFEST)) is not None
+
+
 def why_changed(data: bytes) -> str | None:
     """The same of a manifest that was read already."""
     found = _DIGEST.search(data)

@@ -133,7 +133,7 @@ def _verdict(paper: Paper, facts: Facts) -> None:
 def _head(paper: Paper, facts: Facts) -> None:
     """Who, what and when, in columns."""
     recipes = [
-        (f"Recipe {one['name']}", f"revision {one['revision']}, SHA-256 {str(one['sha256'])[:16]}…") for one in facts.recipes
+        (f"Recipe {one['name']}", f"revision {one['revision']}, SHA-256 {str(one['sha256'])[:24]}…") for one in facts.recipes
     ]
     said = [(str(name).replace("_", " ").capitalize(), str(value)) for name, value in facts.metadata.items()]
     ended = ENDINGS.get(facts.exit_status or "", "end not known")

@@ -56,7 +56,7 @@ def alarm_tables(paper: Paper, facts: Facts) -> None:
 def _as_of(facts: Facts) -> str:
     if not facts.annotations:
         return "Nothing was acknowledged."
-    return f"Acknowledged as of head {facts.annotations_head[:16]} of annotations.jsonl."
+    return f"Acknowledged as of head {facts.annotations_head[:24]} of annotations.jsonl."
 
 
 def _alarm(one: Row) -> list[Cell]:

@@ -21,6 +21,7 @@ from jbclog.judge import RULES
 from jbclog.judged_again import Held, held
 from jbclog.record.annotations import NAME as ANNOTATIONS
 from jbclog.record.annotations import read as read_annotations
+from jbclog.record.annotations import vouch
 from jbclog.record.check import changed_files
 from jbclog.record.durable import write_whole
 from jbclog.record.elsewhere import report_disagreements
@@ -43,9 +44,24 @@ def write_report(folder: Path | str) -> Path:
     """Write the report of the sealed run in `folder`; give the page's path. Raises `RecordError`."""
     folder = Path(folder)
     expect_no_links(folder)
-    for name, content in report_files(folder).items():
+    for name, content in _vouched_for(folder).items():
         _write(folder / name, content)
     return folder / PAGE
+
+
+def _vouched_for(folder: Path) -> dict[str, bytes]:
+    """Every file of a report, after a line of the annotations has the hash of the one that has all others'. Raises `RecordError`.
+
+    The line stands first: what a crash leaves then is a report that is called changed, never a changed one that is not.
+    """
+    files = report_files(folder)
+    wrong = read_annotations(folder).wrong
+    vouch(folder, hashlib.sha256(files[DATA]).hexdigest())
+    if read_annotations(folder).wrong == wrong:
+        return files
+    files = report_files(folder)  # the line has the hash of one that was cut off: nothing is wrong with that any more
+    vouch(folder, hashlib.sha256(files[DATA]).hexdigest())
+    return files
 
 
 def verify_report(folder: Path | str) -> list[str]:
@@ -60,13 +76,14 @@ def verified(folder: Path | str) -> Held:
     another version of jbclog or of its rules made has other bytes: it is held against the hashes that were written with it.
     """
     folder = Path(folder)
+    manifest = open_run(folder).manifest
     files = [text for name, content in report_files(folder).items() if (text := _difference(folder / name, content))]
     said, notes = _said_since(folder), list[str]()
     maker = _other_maker(folder) if files else None
     if maker is not None:
         notes = [f"{folder / PAGE}: made by {maker}, not made again here; `jbclog report {folder}` makes a new one"]
-        files = [f"{folder}/{name}: {text}" for name, text in report_disagreements(folder)]
-    manifest = open_run(folder).manifest
+        found = report_disagreements(folder, manifest, read_annotations(folder))
+        files = [f"{folder}/{name}: {text}" for name, text in found]
     verdict = held(folder, manifest)
     return Held([*said, *files, *_changed(folder, manifest), *verdict.differing], [*notes, *verdict.notes])
 
@@ -114,7 +131,8 @@ def report_files(folder: Path) -> dict[str, bytes]:
         JOINTS: joints.parquet,
         **{f"{TABLES}/{name}.csv": text.encode() for name, text in csv_tables(document, joints.rows()).items()},
     }
-    vouched = {**document, "written": {name: hashlib.sha256(content).hexdigest() for name, content in sorted(files.items())}}
+    written = {name: hashlib.sha256(content).hexdigest() for name, content in sorted(files.items())}
+    vouched = {**document, "vouched_in": ANNOTATIONS, "written": written}
     return {**files, DATA: (json.dumps(vouched, indent=1, ensure_ascii=False, allow_nan=False) + "\n").encode()}
 
 

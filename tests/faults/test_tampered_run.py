@@ -6,6 +6,9 @@ some minutes; the default run turns over some of them in each file.
 
 from __future__ import annotations
 
+import hashlib
+import json
+import os
 import shutil
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -16,18 +19,22 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 import pytest
 from make_run import make_run
+from typer.testing import CliRunner
 
+from jbclog.cli.app import app
 from jbclog.errors import RecordError
 from jbclog.record.annotations import append
+from jbclog.record.annotations import read as read_annotations
 from jbclog.record.chain import breaks, digest, first_link
 from jbclog.record.check import check
 from jbclog.record.conclude import files_of
+from jbclog.record.elsewhere import uncovered
 from jbclog.record.guarded import plain_events
 from jbclog.record.ledger import ledger_of
 from jbclog.record.lineage import previous_run, short_head
-from jbclog.record.manifest import manifest_sha256, read_manifest, write_manifest
+from jbclog.record.manifest import DIGEST, END, OF_0_1, manifest_sha256, read_manifest, write_manifest
 from jbclog.record.parts import part_paths
-from jbclog.report import write_report
+from jbclog.report import verify_report, write_report
 
 STRIDE = 1499
 
@@ -46,6 +53,22 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def run(whole: Path, tmp_path: Path) -> Path:
     """A copy of its own."""
     return Path(shutil.copytree(whole, tmp_path / whole.name))
+
+
+@pytest.fixture(scope="module")
+def whole_with_report(whole: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The same with a report, and with what was said after that."""
+    run = Path(shutil.copytree(whole, tmp_path_factory.mktemp("reported") / whole.name))
+    write_report(run)
+    append(run, who="A. Rossi", what="SN-0014 too", why="cracked joint", utc_s=1_790_000_200.0)
+    assert check(run) == []
+    return run
+
+
+@pytest.fixture
+def reported(whole_with_report: Path, tmp_path: Path) -> Path:
+    """A copy of its own of the one with a report."""
+    return Path(shutil.copytree(whole_with_report, tmp_path / "reported" / whole_with_report.name))
 
 
 def files(folder: Path) -> list[Path]:
@@ -84,6 +107,23 @@ def test_bytes_that_are_turned_over_are_found_and_their_file_is_named(run: Path)
 
     assert list(turned_over(run, some)) == []
     assert check(run) == []
+
+
+def test_bytes_of_a_report_that_are_turned_over_are_found_and_their_file_is_named(reported: Path) -> None:
+    def some(size: int) -> Iterator[int]:
+        return iter(sorted({*range(7, size, max(STRIDE, size // 3)), 0, size - 1}))
+
+    assert list(turned_over(reported, some)) == []
+    assert check(reported) == []
+    assert list(uncovered(reported, None)) == []
+
+
+@pytest.mark.campaign
+@pytest.mark.timeout(3600)
+def test_every_97th_byte_of_a_report_and_of_every_file_beside_it(reported: Path, counted: Callable[..., None]) -> None:
+    count = sum(len(range(0, path.stat().st_size, 97)) for path in files(reported))
+    assert list(turned_over(reported, lambda size: iter(range(0, size, 97)))) == []
+    counted(bytes_turned_over=count, unnoticed=0)
 
 
 @pytest.mark.campaign
@@ -246,8 +286,9 @@ def test_the_report_beside_it_finds_it(bare: Path) -> None:
     write_report(bare)
     assert check(bare) == []
     forged(bare)
-    (finding,) = check(bare)
-    assert "report.json: was made from another manifest" in str(finding)
+    one, two = map(str, check(bare))
+    assert one.startswith("annotations.jsonl: line 1 does not carry the hash of the manifest")
+    assert two.startswith("report.json: was made from another manifest")
 
 
 def test_an_annotation_finds_it(run: Path) -> None:
@@ -300,6 +341,157 @@ def test_a_forged_page_in_a_run_without_a_report(bare: Path) -> None:
     assert named(bare) == set()
     (bare / "figures" / "more.svg").write_text("<svg/>")
     assert named(bare) == {"figures/more.svg"}
+
+
+def altered(folder: Path, change: Callable[[dict[str, object]], object]) -> None:
+    """The report's facts with a change."""
+    facts = json.loads((folder / "report.json").read_bytes())
+    change(facts)
+    (folder / "report.json").write_text(json.dumps(facts))
+
+
+def accepted(facts: dict[str, object]) -> None:
+    facts["verdict"] = {**facts["verdict"], "word": "ACCEPT"}  # type: ignore[dict-item]
+
+
+def without_its_line(folder: Path) -> None:
+    """The annotations up to the line that vouches for the report."""
+    path = folder / "annotations.jsonl"
+    path.write_bytes(b"".join(line for line in path.read_bytes().splitlines(keepends=True)[:2]))
+
+
+def test_a_report_made_twice_is_vouched_for_once_and_names_what_was_said_before(bare: Path) -> None:
+    append(bare, who="A. Rossi", what="SN-0012 was scrapped", why="cracked joint")
+    head = read_annotations(bare).head
+    write_report(bare)
+    made = {path: path.read_bytes() for path in files(bare)}
+    write_report(bare)
+    assert {path: path.read_bytes() for path in files(bare)} == made
+    assert read_annotations(bare).head == head == json.loads((bare / "report.json").read_bytes())["annotations_head"]
+    assert len(read_annotations(bare).said) == 1
+    assert verify_report(bare) == []
+
+
+def test_a_report_behind_a_line_that_was_cut_off_is_what_it_is_when_made_again(run: Path) -> None:
+    with (run / "annotations.jsonl").open("ab") as file:
+        file.write(b'{"seq": 3, "ti')
+    write_report(run)
+    assert check(run) == []
+    assert verify_report(run) == []
+
+
+def test_a_report_that_was_changed(reported: Path) -> None:
+    altered(reported, accepted)
+    assert named(reported) == {"report.json"}
+    assert CliRunner().invoke(app, ["check", str(reported)]).exit_code == 1
+
+
+def test_a_report_that_was_changed_whose_line_was_taken_away(reported: Path) -> None:
+    without_its_line(reported)
+    assert [str(one).split(",")[0] for one in check(reported)] == ["report.json: is vouched for by a line of annotations.jsonl"]
+    altered(reported, lambda facts: facts.pop("vouched_in"))
+    assert named(reported) == set()
+    assert [file for file, _ in uncovered(reported, None)] == ["report.json"]
+    said = CliRunner().invoke(app, ["check", str(reported)])
+    assert said.exit_code == 0
+    assert "not covered: report.json: not vouched for" in said.output
+    altered(reported, accepted)
+    (finding,) = check(reported)
+    assert str(finding).startswith("report.json: verdict: ACCEPT, the manifest says ")
+
+
+def test_a_page_that_was_changed_after_the_list_of_written_files_was_removed(reported: Path) -> None:
+    altered(reported, lambda facts: facts.pop("written"))
+    (reported / "report.html").write_text("ACCEPT")
+    assert named(reported) == {"report.json"}
+    without_its_line(reported)
+    altered(reported, lambda facts: facts.pop("vouched_in"))
+    assert named(reported) == set()
+    on_list = {file for file, _ in uncovered(reported, None)}
+    assert {"report.json", "report.html", "report.pdf", "joints.parquet", "tables/rules.csv"} <= on_list
+
+
+def test_what_was_said_before_the_report_is_taken_away_with_its_line(reported: Path) -> None:
+    (reported / "annotations.jsonl").unlink()
+    altered(reported, lambda facts: facts.pop("vouched_in"))
+    (finding,) = check(reported)
+    assert str(finding).startswith("annotations.jsonl: has not the line that was the last when report.json was made")
+
+
+def test_a_report_that_was_taken_away(reported: Path) -> None:
+    (reported / "report.json").unlink()
+    assert "report.json" in named(reported)
+
+
+@pytest.mark.parametrize("name", ["report.pdf", "annotations.jsonl", "guard.lock", "lease.json", "figures/x.svg"])
+def test_a_folder_under_the_name_of_a_file(bare: Path, name: str) -> None:
+    (bare / name).mkdir(parents=True)
+    (bare / name / "x").write_text("x")
+    assert any(file.startswith(name) for file in named(bare))
+
+
+def test_a_pipe_under_the_name_of_a_page(bare: Path) -> None:
+    os.mkfifo(bare / "report.pdf")
+    assert named(bare) == {"report.pdf"}
+
+
+def test_a_guard_s_lock_is_an_empty_file_or_not_there(run: Path, tmp_path: Path) -> None:
+    lock = run / "guard.lock"
+    lock.touch()
+    assert check(run) == []
+    lock.write_bytes(bytes(1 << 20))
+    assert named(run) == {"guard.lock"}
+    lock.unlink()
+    (tmp_path / "elsewhere").touch()
+    lock.symlink_to(tmp_path / "elsewhere")
+    assert named(run) == {"guard.lock"}
+
+
+# -- an older record than it was ------------------------------------------------------------------------------------------
+
+
+def downgrades(folder: Path) -> Iterator[tuple[str, bytes]]:
+    """The manifest without each of its keys, with a digest of its own, and as one of the first release."""
+    facts = json.loads((folder / "manifest.json").read_bytes())
+    del facts["digest"]
+    for key in facts:
+        yield f"without {key}", with_digest({name: value for name, value in facts.items() if name != key})
+    yield "of rules 1", with_digest({**facts, "rules": 1})
+    yield "of the first release", plain({name: value for name, value in facts.items() if name in OF_0_1})
+    yield "without a digest", plain(facts)
+
+
+def plain(facts: dict[str, object]) -> bytes:
+    return (json.dumps(facts, indent=1, ensure_ascii=False) + "\n").encode()
+
+
+def with_digest(facts: dict[str, object]) -> bytes:
+    text = plain(facts)
+    return text.removesuffix(END) + (DIGEST % hashlib.sha256(text).hexdigest()).encode()
+
+
+def test_each_downgrade_of_the_manifest_is_found_where_the_head_is_known(bare: Path, counted: Callable[..., None]) -> None:
+    printed, data = short_head(manifest_sha256(bare)), (bare / "manifest.json").read_bytes()
+    assert len(printed.replace("-", "")) == 24
+    count = 0
+    for name, changed in downgrades(bare):
+        (bare / "manifest.json").write_bytes(changed)
+        try:
+            found = [str(finding) for finding in check(bare, printed)]
+        except RecordError as error:
+            found = [str(error)]
+        assert any("manifest" in text for text in found), name
+        count += 1
+    assert count > 20
+    (bare / "manifest.json").write_bytes(data)
+    assert check(bare, printed) == []
+    counted(downgrades=count, unnoticed=0)
+
+
+def test_a_manifest_of_the_first_release_is_on_the_list_of_what_is_not_covered(bare: Path) -> None:
+    (bare / "manifest.json").write_bytes(dict(downgrades(bare))["of the first release"])
+    assert [file for file, _ in uncovered(bare, None)] == ["manifest.json"]
+    assert list(uncovered(bare, manifest_sha256(bare))) == []
 
 
 def test_a_manifest_behind_a_link(bare: Path, tmp_path: Path) -> None:

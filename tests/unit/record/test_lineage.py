@@ -107,13 +107,16 @@ def test_heads_as_people_type_them() -> None:
         assert not is_head(typed, sha256)
     for typed in ("3f2a-91bc", "xyz", "", sha256 + "0000"):
         assert not HEAD.fullmatch(typed)
+    assert short_head(sha256).replace("-", "") == sha256[:24]  # 96 bits
+    assert is_head(short_head(sha256), sha256)
+    assert not is_head(short_head(sha256)[:-1] + "1", sha256)
 
 
 def test_a_report_of_another_record_is_found(tmp_path: Path) -> None:
     run = make_run(tmp_path, seconds=2.0)
     (run / "report.json").write_text(json.dumps({"manifest_sha256": "ab" * 32}))
     (finding,) = check(run)
-    assert str(finding).startswith("report.json: was made from another manifest: abab-abab-abab-abab, this one is ")
+    assert str(finding).startswith("report.json: was made from another manifest: abab-abab-abab-abab-abab-abab, this one is ")
     for text in ("", "[]", "1", "{}", "[" * 9000):
         (run / "report.json").write_text(text)
         assert [str(one) for one in check(run)] == ["report.json: is no report of a run"]

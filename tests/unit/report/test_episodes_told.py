@@ -65,7 +65,7 @@ def test_alarms_are_those_of_their_command_with_what_was_acknowledged_since(tmp_
     assert verify_report(folder) == []
     assert facts["alarms"]["waiting"] == 0
     assert "A. Rossi, 2026-09-21 14:28:20: door open" in html
-    assert f"head <code>{facts['annotations_head'][:16]}</code>" in html
+    assert f"head <code>{facts['annotations_head'][:24]}</code>" in html
     assert facts["annotations_head"] in html.split("<footer>")[1]
     assert "not acknowledged" not in html
 
