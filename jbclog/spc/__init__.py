@@ -7,35 +7,49 @@ Start reading: `study.py`, what is asked for; `refusal.py`, when it is refused; 
 
 Sources: NIST/SEMATECH e-Handbook of Statistical Methods, chapter 6; D. C. Montgomery, Introduction to Statistical Quality
 Control; L. S. Nelson, The Shewhart Control Chart: Tests for Special Causes, J. Quality Technology 16 (1984); A. F. Bissell,
-How Reliable is Your Capability Index?, Applied Statistics 39 (1990); AIAG, Measurement Systems Analysis, 4th edition.
+How Reliable is Your Capability Index?, Applied Statistics 39 (1990); AIAG, Measurement Systems Analysis, 4th edition; ISO 22514-2.
 """
 
 from jbclog.spc.capability import Capability, Index
-from jbclog.spc.charts import Chart, ewma, individuals, means, moving_ranges, ranges
+from jbclog.spc.charts import Chart, cusum, ewma, individuals, means, means_by_sd, moving_ranges, ranges, rates, sds, shares
+from jbclog.spc.distribution import Fit, fitting
 from jbclog.spc.equivalence import Equivalence, Mean, equivalence, equivalence_of
 from jbclog.spc.gauge import GaugeStudy, gauge_study
-from jbclog.spc.nelson import Signal
+from jbclog.spc.nelson import ALL_TESTS, DEFAULT_TESTS, FALSE_ALARMS, FalseAlarms, Signal
 from jbclog.spc.refusal import Refused
-from jbclog.spc.study import capability, control_chart, subgroup_charts
+from jbclog.spc.study import ProbabilityPlot, capability, control_chart, probability_plot, subgroup_charts
 
 __all__ = [
+    "ALL_TESTS",
+    "DEFAULT_TESTS",
+    "FALSE_ALARMS",
     "Capability",
     "Chart",
     "Equivalence",
+    "FalseAlarms",
+    "Fit",
     "GaugeStudy",
     "Index",
     "Mean",
+    "ProbabilityPlot",
     "Refused",
     "Signal",
     "capability",
     "control_chart",
+    "cusum",
     "equivalence",
     "equivalence_of",
     "ewma",
+    "fitting",
     "gauge_study",
     "individuals",
     "means",
+    "means_by_sd",
     "moving_ranges",
+    "probability_plot",
     "ranges",
+    "rates",
+    "sds",
+    "shares",
     "subgroup_charts",
 ]

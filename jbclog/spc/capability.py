@@ -1,17 +1,24 @@
 """Capability indices with what they can be trusted for: bounds and intervals, never a bare number.
 
-Cp and Cpk take the spread from differences of neighbours, Pp and Ppk from all values. Confidence of Cp and Pp is that of a
-variance (chi-squared); of Cpk and Ppk Bissell's approximation (1990).
+Of normal values Cp and Cpk take the spread from differences of neighbours, Pp and Ppk from all values. Confidence of Cp and Pp is
+that of a variance (chi-squared); of Cpk and Ppk Bissell's approximation (1990).
+
+Of others all are shares of the way from the median to the percentiles 0.135 and 99.865 (ISO 22514-2), which is three sigma where
+values are normal; Cp and Cpk are then Pp and Ppk, as the process is stable. Their bounds are by bootstrap. Where no distribution
+fits, the percentiles are those of the values themselves, and the bound is that of the share beyond the limits (Clopper-Pearson).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import sqrt
 
-from scipy.special import gammaincinv, ndtri
+import numpy as np
+from scipy.special import betaincinv, gammaincinv, ndtr, ndtri
 
+from jbclog.spc.bootstrap import basic_bounds, drawn_indices, quantile_indices
 from jbclog.spc.charts import Floats, sigma_of_moving_ranges
+from jbclog.spc.distribution import REACH, Fit
 
 CONFIDENCE = 0.95
 MOVING_RANGE_SHARE = 0.62
@@ -30,7 +37,11 @@ class Index:
 
 @dataclass(frozen=True, slots=True)
 class Capability:
-    """How the values lie within their limits. `cp` and `pp` are None where only one limit is stated."""
+    """How the values lie within their limits. `cp` and `pp` are None where only one limit is stated.
+
+    `distribution` is the one that fits ("percentiles": none), `chance` how far values as far from it are to be expected;
+    `percentiles` are 0.135, 50 and 99.865.
+    """
 
     n: int
     mean: float
@@ -42,6 +53,9 @@ class Capability:
     cpk: Index
     pp: Index | None
     ppk: Index
+    distribution: str = "normal"
+    chance: float | None = None
+    percentiles: tuple[float, float, float] | None = None
 
 
 def indices(points: Floats, lower: float | None, upper: float | None) -> Capability:
@@ -52,6 +66,48 @@ def indices(points: Floats, lower: float | None, upper: float | None) -> Capabil
     cp, pp = (_potential(lower, upper, sigma, freedom) for sigma, freedom in zip((within, overall), freedoms, strict=True))
     cpk, ppk = (_actual(mean, lower, upper, s, n, freedom) for s, freedom in zip((within, overall), freedoms, strict=True))
     return Capability(n, mean, within, overall, lower, upper, cp, cpk, pp, ppk)
+
+
+def indices_of_fit(points: Floats, fit: Fit, lower: float | None, upper: float | None) -> Capability:
+    """The indices of values of another distribution than normal."""
+    low, middle, high = fit.at(-REACH), fit.at(0.0), fit.at(REACH)
+    both, nearer = quantile_indices(np.array([low]), np.array([middle]), np.array([high]), lower, upper)
+    drawn_both, drawn_nearer, scale = drawn_indices(fit, len(points), lower, upper)
+    pp = None if lower is None or upper is None else _bounded(float(both[0]), drawn_both, scale)
+    ppk = _bounded(float(nearer[0]), drawn_nearer, scale)
+    within, overall = sigma_of_moving_ranges(points), float(points.std(ddof=1))
+    found = Capability(len(points), float(points.mean()), within, overall, lower, upper, pp, ppk, pp, ppk)
+    return replace(found, distribution=fit.name, chance=fit.chance, percentiles=(low, middle, high))
+
+
+def indices_of_percentiles(points: Floats, lower: float | None, upper: float | None) -> Capability:
+    """The indices of many values that no distribution fits, by their own percentiles."""
+    low, middle, high = (float(one) for one in np.quantile(points, ndtr([-REACH, 0.0, REACH]), method="median_unbiased"))
+    both, nearer = quantile_indices(np.array([low]), np.array([middle]), np.array([high]), lower, upper)
+    beyond = 0 if lower is None else int(np.count_nonzero(points < lower))
+    beyond += 0 if upper is None else int(np.count_nonzero(points > upper))
+    one, tail, rest = (_index_of_share(beyond, len(points), share) for share in (1 - CONFIDENCE, (1 - CONFIDENCE) / 2, None))
+    value = float(nearer[0])
+    ppk = Index(value, min(one, value), min(tail, value), max(rest, value))
+    pp = None if lower is None or upper is None else Index(float(both[0]), ppk.bound, ppk.low, float("inf"))
+    within, overall = sigma_of_moving_ranges(points), float(points.std(ddof=1))
+    found = Capability(len(points), float(points.mean()), within, overall, lower, upper, pp, ppk, pp, ppk)
+    return replace(found, distribution="percentiles", percentiles=(low, middle, high))
+
+
+def _index_of_share(beyond: int, n: int, chance: float | None) -> float:
+    """The index whose share beyond a limit is the greatest (None: the least) that so many of `n` allow."""
+    if chance is None:
+        least = float(betaincinv(beyond, n - beyond + 1, (1 - CONFIDENCE) / 2)) if beyond else 0.0
+        return float(-ndtri(least)) / 3 if least > 0 else float("inf")
+    most = float(betaincinv(beyond + 1, n - beyond, 1 - chance)) if beyond < n else 1.0
+    return float(-ndtri(most)) / 3
+
+
+def _bounded(value: float, drawn: Floats, scale: float) -> Index:
+    tail = (1 - CONFIDENCE) / 2
+    bound, low, high = basic_bounds(value, drawn, scale, (CONFIDENCE, 1 - tail, tail))
+    return Index(value, bound, low, high)
 
 
 def _potential(lower: float | None, upper: float | None, sigma: float, freedom: float) -> Index | None:

@@ -9,13 +9,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from math import sqrt
+from math import exp, sqrt
 
 import numpy as np
-from scipy.special import log_ndtr, ndtr, ndtri, pdtrc
+from scipy.special import ndtr, ndtri, pdtrc, stdtr
 
 from jbclog.spc.charts import Chart, Floats
+from jbclog.spc.distribution import Fit, normal_chance
 from jbclog.spc.nelson import TESTS
+from jbclog.spc.populations import two_populations
 
 LEAST_POINTS = 20  # for limits of a chart; fewer are guesses (Montgomery: 20 to 25)
 LEAST_FOR_CAPABILITY = 30  # at which the lower bound of a Cpk of 1.33 is 1.03
@@ -23,7 +25,9 @@ MOST_LAG_1 = 0.3
 ALIKE = 0.01  # chance of a correlation as high in values that have nothing to do with each other
 LEAST_STEPS = 5  # different values, below which the resolution and not the process makes the spread
 BY_CHANCE = 0.01  # chance that a stable process gives so many signals
+SHIFT_BY_CHANCE = 0.005  # of a step, and of a drift, in a process that has neither
 NOT_NORMAL = 0.01
+LEAST_FOR_PERCENTILES = 741  # of which one in 0.135 % is expected
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,8 +103,47 @@ def _occasions(places: list[int]) -> int:
     return sum(before is None or place > before + 1 for before, place in zip([None, *places], places, strict=False))
 
 
+def shifted(points: Floats) -> Refused | None:
+    """A step or a drift, by ranks: whatever the distribution (Pettitt 1979; Spearman)."""
+    n, ranks = len(points), ranked(points)
+    sums = np.cumsum(2 * ranks - (n + 1))[:-1]
+    place = int(np.abs(sums).argmax())
+    step = min(1.0, 2 * exp(-6 * float(sums[place]) ** 2 / (n**3 + n**2)))
+    order = np.arange(n) - (n - 1) / 2
+    away = ranks - ranks.mean()
+    rho = float(order @ away) / sqrt(float(order @ order) * float(away @ away) or 1.0)
+    drift = 2 * float(stdtr(n - 2, -abs(rho) * sqrt((n - 2) / max(1 - rho**2, 1e-12))))
+    if min(step, drift) >= SHIFT_BY_CHANCE:
+        return None
+    what = f"it drifts (rank correlation with the order {rho:+.2f}, p = {drift:.2g})"
+    if step <= drift:
+        before, after = float(np.median(points[: place + 1])), float(np.median(points[place + 1 :]))
+        what = f"it steps after value {place + 1} of {n} (median {before:.4g} before, {after:.4g} after; Pettitt, p = {step:.2g})"
+    return Refused("unstable", f"The process is not stable: {what}; an index would describe no process that exists.")
+
+
+def mixed(points: Floats, fit: Fit, resolution: float | None) -> Refused | None:
+    """Two processes in one series."""
+    two = two_populations(points, fit, resolution)
+    if two is None:
+        return None
+    text = f"The values are of two populations, about {two.means[0]:.4g} ({two.share:.0%}) and about {two.means[1]:.4g}; "
+    return Refused("two_populations", text + "chart each by itself.")
+
+
+def ranked(points: Floats) -> Floats:
+    """The rank of each value from 1; equal ones share the mean of theirs."""
+    _, places, counts = np.unique(points, return_inverse=True, return_counts=True)
+    return np.asarray((np.cumsum(counts) - (counts - 1) / 2)[places], dtype=np.float64)
+
+
+def rank_scores(points: Floats) -> Floats:
+    """Normal scores by rank alone, for values that no distribution fits."""
+    return np.asarray(ndtri((ranked(points) - 0.5) / len(points)))
+
+
 def not_normal(points: Floats) -> Refused | None:
-    """Indices are shares of a normal distribution (Anderson-Darling, D'Agostino and Stephens 1986)."""
+    """Why there is no normal index; kept for series that are known to be normal (Anderson-Darling)."""
     chance = anderson_darling_chance(points)
     if chance >= NOT_NORMAL:
         return None
@@ -108,19 +151,15 @@ def not_normal(points: Floats) -> Refused | None:
     return Refused("not_normal", text + "so the index would not mean the share that it is read as.")
 
 
+def no_distribution(points: Floats) -> Refused | None:
+    """Where no family fits, percentiles of the values themselves take many of them."""
+    n = len(points)
+    if n >= LEAST_FOR_PERCENTILES:
+        return None
+    text = f"No distribution fits the {n} values (Anderson-Darling, p below 0.05 for normal, lognormal, Weibull and Box-Cox); "
+    return Refused("not_normal", f"{text}their own percentiles 0.135 and 99.865 take at least {LEAST_FOR_PERCENTILES} values.")
+
+
 def anderson_darling_chance(points: Floats) -> float:
     """The chance of values as far from normal, mean and spread estimated from them (Stephens' approximation)."""
-    n = len(points)
-    ordered = np.sort((points - points.mean()) / points.std(ddof=1))
-    low, high = log_ndtr(ordered), log_ndtr(-ordered[::-1])
-    squared = -n - float(((2 * np.arange(1, n + 1) - 1) * (low + high)).sum()) / n
-    a = squared * (1 + 0.75 / n + 2.25 / n**2)
-    if a >= 0.6:
-        chance = np.exp(1.2937 - 5.709 * a + 0.0186 * a**2) if a < 13 else 0.0
-    elif a > 0.34:
-        chance = np.exp(0.9177 - 4.279 * a - 1.38 * a**2)
-    elif a > 0.2:
-        chance = 1 - np.exp(-8.318 + 42.796 * a - 59.938 * a**2)
-    else:
-        chance = 1 - np.exp(-13.436 + 101.14 * a - 223.73 * a**2)
-    return float(chance)
+    return normal_chance(points)

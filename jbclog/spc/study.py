@@ -2,29 +2,51 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
+
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.special import ndtri
 
 from jbclog.errors import UsageError
 from jbclog.spc import charts
-from jbclog.spc.capability import Capability, indices
+from jbclog.spc.capability import Capability, indices, indices_of_fit, indices_of_percentiles
 from jbclog.spc.charts import Chart, Floats
+from jbclog.spc.distribution import fitting, normal_fit
+from jbclog.spc.nelson import DEFAULT_TESTS
 from jbclog.spc.refusal import (
     LEAST_FOR_CAPABILITY,
     LEAST_POINTS,
     Refused,
     autocorrelated,
     first_refusal,
-    not_normal,
+    mixed,
+    no_distribution,
+    rank_scores,
+    shifted,
     too_few,
     unresolved,
     unstable,
 )
 
 
-def control_chart(values: ArrayLike, *, resolution: float | None = None) -> tuple[Chart, Chart] | Refused:
+@dataclass(frozen=True, slots=True, eq=False)
+class ProbabilityPlot:
+    """Ordered values against the normal scores of their ranks (Blom), and the line of the distribution, where one fits."""
+
+    scores: Floats
+    values: Floats
+    line: Floats | None
+    distribution: str | None
+    chance: float | None
+
+
+def control_chart(
+    values: ArrayLike, *, resolution: float | None = None, tests: tuple[int, ...] = DEFAULT_TESTS
+) -> tuple[Chart, Chart] | Refused:
     """The individuals and the moving range chart of a feature in the order in which it came; NaN, not known, is left out.
 
+    Limits are those of the distribution that fits, of a normal one where none does: what is unstable has none, and shows.
     `resolution` is the least step of the values, in their unit. Raises `UsageError` where a value is infinite.
     """
     points = _known(values)
@@ -32,10 +54,13 @@ def control_chart(values: ArrayLike, *, resolution: float | None = None) -> tupl
         (
             lambda: too_few(len(points), LEAST_POINTS, "values"),
             lambda: unresolved(points, float(points.std(ddof=1)), resolution),
-            lambda: autocorrelated(points),
         )
     )
-    return refused or (charts.individuals(points), charts.moving_ranges(points))
+    if refused is not None:
+        return refused
+    fit = fitting(points, _step(points, resolution))
+    refused = autocorrelated(points if fit is None else fit.scores(points))
+    return refused or (charts.individuals(points, tests, fit=fit), charts.moving_ranges(points, fit=fit))
 
 
 def subgroup_charts(subgroups: ArrayLike, *, resolution: float | None = None) -> tuple[Chart, Chart] | Refused:
@@ -56,6 +81,8 @@ def capability(
 ) -> Capability | Refused:
     """Cp, Cpk, Pp and Ppk of a feature against its limits, with bounds; NaN, not known, is left out, and `n` counts the others.
 
+    The distribution comes first, then stability on the scale on which it is normal, then the indices by its percentiles.
+
     Raises `UsageError` where no limit is stated, the lower one is not below the upper, or a value is infinite.
     """
     if lower is None and upper is None:
@@ -63,16 +90,63 @@ def capability(
     if lower is not None and upper is not None and lower >= upper:
         raise UsageError(f"the lower limit {lower:g} is not below the upper limit {upper:g}")
     points = _known(values)
+    step = _step(points, resolution)
     refused = first_refusal(
         (
             lambda: too_few(len(points), LEAST_FOR_CAPABILITY, "values"),
             lambda: unresolved(points, float(points.std(ddof=1)), resolution),
-            lambda: autocorrelated(points),
-            lambda: unstable(charts.individuals(points)),
-            lambda: not_normal(points),
         )
     )
-    return refused or indices(points, lower, upper)
+    if refused is not None:
+        return refused
+    fit = fitting(points, step)
+    scores = rank_scores(points) if fit is None else fit.scores(points)
+    refused = first_refusal(
+        (
+            lambda: autocorrelated(scores),
+            lambda: unstable(charts.individuals(scores if fit is None else fit.scores(_inwards(points, step)))),
+            lambda: shifted(points),
+            lambda: mixed(points, fit or normal_fit(points), step),
+            lambda: no_distribution(points) if fit is None else None,
+        )
+    )
+    if refused is not None:
+        return refused
+    if fit is None:
+        return indices_of_percentiles(points, lower, upper)
+    if fit.name != "normal":
+        return indices_of_fit(points, fit, lower, upper)
+    return replace(indices(points, lower, upper), chance=fit.chance, percentiles=(fit.at(-3.0), fit.at(0.0), fit.at(3.0)))
+
+
+def probability_plot(values: ArrayLike, *, resolution: float | None = None) -> ProbabilityPlot:
+    """The values against the scores of their ranks, and the line of the distribution that fits.
+
+    Raises `UsageError` where there are fewer than two values, or one is infinite.
+    """
+    points = np.sort(_known(values))
+    if len(points) < 2:
+        raise UsageError(f"a probability plot takes at least two values, not {len(points)}")
+    ranks = np.asarray(ndtri((np.arange(1, len(points) + 1) - 0.375) / (len(points) + 0.25)))
+    fit = fitting(points, _step(points, resolution))
+    line = None if fit is None else fit.family.quantiles(fit.fitted, ranks)
+    return ProbabilityPlot(ranks, points, line, None if fit is None else fit.name, None if fit is None else fit.chance)
+
+
+def _inwards(points: Floats, step: float | None) -> Floats:
+    """Values as near to their median as their step allows: rounding alone is to make no outlier."""
+    if not step:
+        return points
+    away = points - np.median(points)
+    return np.asarray(points - np.sign(away) * np.minimum(np.abs(away), step / 2))
+
+
+def _step(points: Floats, resolution: float | None) -> float | None:
+    """The step of the values: the one that is stated, or the least difference where most of them are equal to another."""
+    distinct = np.unique(points)
+    if resolution or len(distinct) > len(points) / 2 or len(distinct) < 2:
+        return resolution
+    return float(np.diff(distinct).min())
 
 
 def _known(values: ArrayLike) -> Floats:

@@ -7,7 +7,7 @@ from math import sqrt
 import numpy as np
 import pytest
 
-from jbclog.spc import ewma, individuals, means, moving_ranges, ranges
+from jbclog.spc import control_chart, cusum, ewma, individuals, means, means_by_sd, moving_ranges, ranges, rates, sds, shares
 from jbclog.spc.constants import c4, d2, d3
 
 # Montgomery, Introduction to Statistical Quality Control, appendix VI; the same in ASTM E2587
@@ -100,3 +100,60 @@ def test_what_is_no_row_of_known_values_is_refused(wrong: list[float]) -> None:
 
 def test_a_chart_of_equal_values_has_no_signals() -> None:
     assert individuals([5.0] * 30).signals == ()
+
+
+# Montgomery, Introduction to Statistical Quality Control, table 9.1: mean 10 for 20 values, then 11; sigma 1
+CUSUM_DATA = [
+    *(9.45, 7.99, 9.29, 11.66, 12.16, 10.18, 8.04, 11.46, 9.20, 10.34, 9.03, 11.47, 10.51, 9.40, 10.08),
+    *(9.37, 10.62, 10.31, 8.52, 10.84, 10.90, 9.33, 12.29, 11.50, 10.60, 11.08, 10.38, 11.62, 11.31, 10.52),
+]
+
+
+def test_cusum_of_montgomery() -> None:
+    """Table 9.2: the upper sum is 5.28 at value 29 and 5.30 at 30, beyond h = 5; individuals show nothing."""
+    up, down = cusum(CUSUM_DATA, centre=10, sigma=1)
+    assert up.points[[0, 3, 4, 28, 29]].round(2).tolist() == [0.0, 1.16, 2.82, 5.28, 5.30]
+    assert down.points[[0, 1, 2]].round(2).tolist() == [-0.05, -1.56, -1.77]
+    assert [one.last + 1 for one in up.signals] == [29, 30]
+    assert down.signals == ()
+    assert individuals(CUSUM_DATA, centre=10, sigma=1, tests=(1,)).signals == ()
+
+
+def test_p_chart_of_montgomery() -> None:
+    """Example 7.1, cans of orange juice: p-bar 0.2313, limits 0.0524 and 0.4102; samples 15 and 23 are beyond."""
+    found = [12, 15, 8, 10, 4, 7, 16, 9, 14, 10, 5, 6, 17, 12, 22, 8, 10, 5, 13, 11, 20, 18, 24, 15, 9, 12, 7, 13, 9, 6]
+    chart = shares(found, 50)
+    assert (round(chart.centre, 4), round(chart.lower[0], 4), round(chart.upper[0], 4)) == (0.2313, 0.0524, 0.4102)
+    assert [one.last + 1 for one in chart.signals] == [15, 23]
+
+
+def test_u_chart_of_montgomery() -> None:
+    """Example 7.4, shipments: u-bar 0.0740, limits 0 and 0.1894."""
+    found = [2, 3, 8, 1, 1, 4, 1, 4, 5, 1, 8, 2, 4, 3, 4, 1, 8, 3, 7, 4]
+    chart = rates(found, 50)
+    assert (round(chart.centre, 4), chart.lower[0], round(chart.upper[0], 4)) == (0.0740, 0.0, 0.1894)
+    assert chart.signals == ()
+
+
+@pytest.mark.parametrize(("n", "a3", "b3", "b4"), [(2, 2.659, 0, 3.267), (5, 1.427, 0, 2.089), (10, 0.975, 0.284, 1.716)])
+def test_limits_by_standard_deviations_are_the_textbook_s(n: int, a3: float, b3: float, b4: float) -> None:
+    """Montgomery, appendix VI: A3, B3, B4."""
+    rows = np.random.default_rng(n).normal(74, 0.01, (25, n))
+    spread = rows.std(axis=1, ddof=1).mean()
+    middle, widths = means_by_sd(rows), sds(rows)
+    assert (middle.upper[0] - middle.centre) / spread == pytest.approx(a3, abs=6e-4)
+    assert (widths.lower[0] / spread, widths.upper[0] / spread) == pytest.approx((b3, b4), abs=6e-4)
+
+
+def test_limits_are_on_the_scale_of_the_distribution() -> None:
+    """A lognormal feature: three sigma of its mean would call its tail out of the ordinary, and allow values below zero."""
+    values = np.random.default_rng(12).lognormal(0, 0.6, 300)
+    found = control_chart(values)
+    assert isinstance(found, tuple)
+    chart, spans = found
+    assert chart.distribution == "lognormal"
+    assert chart.lower[0] > 0
+    assert chart.upper[0] == pytest.approx(np.exp(np.log(values).mean() + 3 * np.log(values).std(ddof=1)))
+    plain = [one for one in individuals(values).signals if one.test == 1]
+    assert len([one for one in chart.signals if one.test == 1]) < len(plain)
+    assert len(spans.signals) < len(moving_ranges(values).signals)

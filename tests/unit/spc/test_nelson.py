@@ -9,7 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from jbclog.spc.nelson import TESTS, signals
+from jbclog.spc import individuals
+from jbclog.spc.nelson import ALL_TESTS, DEFAULT_TESTS, FALSE_ALARMS, TESTS, FalseAlarms, false_alarms, signals
 
 PATTERNS: dict[int, list[float]] = {
     1: [3.1],
@@ -85,3 +86,31 @@ def test_rates_of_a_stable_process(test: int) -> None:
     places = [one.last for one in signals(zones, tests=(test,))]
     begun = sum(b - a > 1 for a, b in zip([-9, *places], places, strict=False))
     assert begun / len(zones) == pytest.approx(TESTS[test - 1].rate or 0, rel=0.1)
+
+
+def test_the_default_is_four_of_them_and_the_others_are_there() -> None:
+    values = np.array(PATTERNS[4] * 3)
+    assert 4 not in {one.test for one in individuals(values).signals}
+    assert 4 in {one.test for one in individuals(values, ALL_TESTS).signals}
+    assert individuals(values).tests == DEFAULT_TESTS == (1, 2, 3, 5)
+
+
+@pytest.mark.parametrize("tests", [DEFAULT_TESTS, ALL_TESTS])
+def test_false_alarms_are_those_that_are_stated(tests: tuple[int, ...]) -> None:
+    held(tests, 300, seed=9_001, error=0.15)
+
+
+@pytest.mark.campaign
+@pytest.mark.parametrize("tests", [DEFAULT_TESTS, ALL_TESTS])
+def test_campaign_of_false_alarms(tests: tuple[int, ...], capsys: pytest.CaptureFixture[str]) -> None:
+    found = held(tests, 10_000, seed=9_002, error=0.03)
+    with capsys.disabled():
+        print(f"\ntests {tests}: {found.text}; {100 * 10_000} points tried")
+
+
+def held(tests: tuple[int, ...], series: int, seed: int, error: float) -> FalseAlarms:
+    found, stated = false_alarms(tests, series, seed), FALSE_ALARMS[tests]
+    assert found.per_100 == pytest.approx(stated.per_100, rel=error)
+    assert found.run_length == pytest.approx(stated.run_length, rel=error)
+    assert found.series == pytest.approx(stated.series, rel=error)
+    return found
