@@ -72,7 +72,9 @@ class Charted:
             return f"{said} Without limits: {self.why[0]}"
         tests = list(dict.fromkeys(one.text for one in self.chart[0].signals))
         found = "No point is out of the ordinary" if not tests else f"{_points(len(self.signalling))} ({'; '.join(tests)})"
-        return f"{said} Individuals and moving ranges with limits at three sigma (I-MR, Nelson's tests). {found}."
+        chart = self.chart[0]
+        limits = "three sigma" if chart.distribution == "normal" else f"percentiles 0.135 and 99.865 ({chart.distribution})"
+        return f"{said} Individuals and moving ranges with limits at {limits} (I-MR, Nelson's tests 1, 2, 3 and 5). {found}."
 
 
 def _points(count: int) -> str:
@@ -131,10 +133,11 @@ def _lines(panel: Panel, values: Floats, chart: Chart | None) -> None:
         _level(panel, middle, CENTRE)
         panel.labelled([(middle, f"median {middle:.2f}", style.INK)])
         return
-    ends = [(float(chart.upper[0]), "limit"), (chart.centre, "mean"), (float(chart.lower[0]), "limit")]
+    middle_name = "mean" if chart.distribution == "normal" or chart.name != "individuals" else "median"
+    ends = [(float(chart.upper[0]), "limit"), (chart.centre, middle_name), (float(chart.lower[0]), "limit")]
     for value, name in ends:
         _level(panel, value, LIMIT if name == "limit" else CENTRE)
-    told = [one for one in ends if one[0] > 0 or one[1] == "mean"]
+    told = [one for one in ends if one[0] > 0 or one[1] != "limit"]
     panel.labelled([(value, f"{name} {value:.2f}", style.ALARM if name == "limit" else style.INK) for value, name in told])
 
 
