@@ -65,6 +65,7 @@ class Trend:
     capability: spc.Capability | spc.Refused | None
     changes: list[str] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
+    resolution: float | None = None
 
     @property
     def known(self) -> list[Point]:
@@ -122,7 +123,7 @@ def trends(
 ) -> list[Trend]:
     """A trend for each station and port. Raises `UsageError` for a metric that there is not, or limits that are none."""
     unit = metric_unit(metric)
-    _expect_limits(lower, upper)
+    expect_limits(lower, upper)
     found = {one.folder.name: one for one in runs.found}
     return [
         _trend(place, metric, unit, points, lower, upper, found)
@@ -157,7 +158,7 @@ def _number(value: object) -> float | None:
     return float(value) if isinstance(value, int | float) else None
 
 
-def _expect_limits(lower: float | None, upper: float | None) -> None:
+def expect_limits(lower: float | None, upper: float | None) -> None:
     for name, value in (("--lower", lower), ("--upper", upper)):
         if value is not None and not np.isfinite(value):
             raise UsageError(f"{name} {value}: give a number")
@@ -182,7 +183,7 @@ def _trend(
     index = spc.capability(values, lower=lower, upper=upper, resolution=resolution) if asked else None
     changes = list(_changes([one.run for one in points], found, *place))
     warnings = list(_other_rates([found[one.run] for one in points if one.value is not None], place[0]))
-    return Trend(*place, metric, unit, points, chart, index, changes, warnings)
+    return Trend(*place, metric, unit, points, chart, index, changes, warnings, resolution)
 
 
 def _other_rates(runs: Iterable[Found], station: str) -> Iterator[str]:

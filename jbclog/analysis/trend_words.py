@@ -52,13 +52,19 @@ def chart_text(trend: Trend) -> str:
     return f"individuals {values.centre:.4g}, limits {values.lower[0]:.4g} to {values.upper[0]:.4g} {trend.unit}; {told}"
 
 
-def capability_text(found: spc.Capability | spc.Refused) -> str:
+def capability_text(found: spc.Capability | spc.Refused, each: str = "run") -> str:
     """The indices with their bounds, or why there are none."""
     if isinstance(found, spc.Refused):
         return f"none. {found.text}"
     named = (("Cp", found.cp), ("Cpk", found.cpk), ("Pp", found.pp), ("Ppk", found.ppk))
-    told = [f"{name} {index.value:.2f} (at least {index.bound:.2f})" for name, index in named if index is not None]
-    return f"{', '.join(told)}; 95 % bounds of {found.n} runs"
+    shown = named if found.distribution == "normal" else named[2:]  # else Cp and Cpk are the same
+    told = [f"{name} {index.value:.2f} (at least {index.bound:.2f})" for name, index in shown if index is not None]
+    by = "" if found.distribution == "normal" else f" by {_named(found.distribution)} (ISO 22514-2)"
+    return f"{', '.join(told)}; 95 % bounds of {found.n} {each}s{by}"
+
+
+def _named(distribution: str) -> str:
+    return "the values' own percentiles" if distribution == "percentiles" else f"the percentiles of a {distribution} distribution"
 
 
 def facts(trend: Trend) -> dict[str, object]:

@@ -9,10 +9,12 @@ from jbclog.cli.alarms import alarms
 from jbclog.cli.annotate import annotate
 from jbclog.cli.audit import audit
 from jbclog.cli.batch import batch
+from jbclog.cli.chart import chart
 from jbclog.cli.check import check
 from jbclog.cli.compare import compare
 from jbclog.cli.demo import demo
 from jbclog.cli.doctor import doctor
+from jbclog.cli.limits import limits
 from jbclog.cli.maintenance import maintenance
 from jbclog.cli.names import ReadCommand, WriteCommand
 from jbclog.cli.plan import plan
@@ -59,6 +61,8 @@ def _main(
 for verb in (demo, sim, scan, doctor, plan, run, batch, safe, runs, report, check, alarms, annotate, recover, replay):
     app.command()(verb)
 app.command()(trend)
+app.command()(chart)
+app.command()(limits)
 app.command()(compare)
 app.command()(verify)
 app.command("where-used")(where_used)

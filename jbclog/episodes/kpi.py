@@ -3,10 +3,10 @@
 Definitions. *Rate*: alarms raised in any ten minutes, the greatest. *Flood*: it begins with more than `FLOOD_BEGINS` alarms in
 ten minutes and ends with fewer than `FLOOD_ENDS`. *Chattering*: one limit of one port raises `CHATTERING` alarms or more
 within a minute. *Fleeting*: over in less than `FLEETING_S`. *Stale*: stands for longer than `STALE_S`. *Time between alarms*
-(MTBA): the recorded time over the number of alarms that were raised in it. *Latency of acknowledgement*: from the moment at
-which an alarm was raised until somebody acknowledged it, median and 95 % quantile over those that were; a run is acknowledged
-once it is sealed, so it is not shorter than what was left of the run. The numbers are those that practice has for the console of
-one operator (ISA-18.2, EEMUA 191 as quoted by vendors); here they are of one station.
+(MTBA): the recorded time over the number of alarms that were raised in it, from two on; one alarm gives no mean. *Latency of
+acknowledgement*: from the moment at which an alarm was raised until somebody acknowledged it, median and 95 % quantile over those
+that were; a run is acknowledged once it is sealed, so it is not shorter than what was left of the run. The numbers are those that
+practice has for the console of one operator (ISA-18.2, EEMUA 191 as quoted by vendors); here they are of one station.
 """
 
 from __future__ import annotations
@@ -28,6 +28,7 @@ MINUTE_S: Final = 60.0
 FLEETING_S: Final = 5.0
 STALE_S: Final = 86400.0
 TOP: Final = 10
+FEWEST_APART: Final = 2
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,6 +113,8 @@ def _apart(count: int, length_s: float | None) -> Seconds:
         return Seconds(None, count, "Nothing was recorded.")
     if not count:
         return Seconds(None, 0, f"No alarm was raised in {length_s:.0f} s.")
+    if count < FEWEST_APART:
+        return Seconds(None, count, f"One alarm was raised in {length_s:.0f} s; a mean time between alarms takes two.")
     return Seconds(round(length_s / count, 6), count)
 
 

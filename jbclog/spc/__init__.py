@@ -11,13 +11,34 @@ How Reliable is Your Capability Index?, Applied Statistics 39 (1990); AIAG, Meas
 """
 
 from jbclog.spc.capability import Capability, Index
-from jbclog.spc.charts import Chart, cusum, ewma, individuals, means, means_by_sd, moving_ranges, ranges, rates, sds, shares
+from jbclog.spc.charts import (
+    Chart,
+    cusum,
+    ewma,
+    fixed,
+    individuals,
+    means,
+    means_by_sd,
+    moving_ranges,
+    ranges,
+    rates,
+    sds,
+    shares,
+)
 from jbclog.spc.distribution import Fit, fitting
 from jbclog.spc.equivalence import Equivalence, Mean, equivalence, equivalence_of
 from jbclog.spc.gauge import GaugeStudy, gauge_study
 from jbclog.spc.nelson import ALL_TESTS, DEFAULT_TESTS, FALSE_ALARMS, FalseAlarms, Signal
 from jbclog.spc.refusal import Refused
-from jbclog.spc.study import ProbabilityPlot, capability, control_chart, probability_plot, subgroup_charts
+from jbclog.spc.study import (
+    ProbabilityPlot,
+    capability,
+    control_chart,
+    phase_one,
+    probability_plot,
+    subgroup_charts,
+    subgroup_charts_by_sd,
+)
 
 __all__ = [
     "ALL_TESTS",
@@ -41,15 +62,18 @@ __all__ = [
     "equivalence_of",
     "ewma",
     "fitting",
+    "fixed",
     "gauge_study",
     "individuals",
     "means",
     "means_by_sd",
     "moving_ranges",
+    "phase_one",
     "probability_plot",
     "ranges",
     "rates",
     "sds",
     "shares",
     "subgroup_charts",
+    "subgroup_charts_by_sd",
 ]

@@ -62,6 +62,20 @@ def individuals(
     return _three_sigma("individuals", points, middle_of_all, sigma_of_moving_ranges(points) if sigma is None else sigma, tests)
 
 
+def fixed(values: ArrayLike, centre: float, lower: float, upper: float, tests: tuple[int, ...] = DEFAULT_TESTS) -> Chart:
+    """Individual values against limits that were known beforehand, from a phase I study.
+
+    Where these are not even, distances are in thirds of the way to the limit on their side.
+    """
+    points = np.asarray(values, dtype=np.float64)
+    if points.ndim != 1 or not np.isfinite(points).all():
+        raise ValueError("a chart takes a row of values that are all known")
+    if not lower < centre < upper:
+        raise ValueError(f"the centre {centre:g} is not between the limits {lower:g} and {upper:g}")
+    edges = np.full(len(points), lower), np.full(len(points), upper)
+    return _chart("individuals", points, centre, (upper - lower) / 6, *edges, tests)
+
+
 def moving_ranges(values: ArrayLike, *, fit: Fit | None = None) -> Chart:
     """Moving ranges of two; they overlap, so only the limit is a test. With `fit` the limit is that of its differences."""
     spans = np.abs(np.diff(_floats(values)))

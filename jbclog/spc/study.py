@@ -12,7 +12,7 @@ from jbclog.errors import UsageError
 from jbclog.spc import charts
 from jbclog.spc.capability import Capability, indices, indices_of_fit, indices_of_percentiles
 from jbclog.spc.charts import Chart, Floats
-from jbclog.spc.distribution import fitting, normal_fit
+from jbclog.spc.distribution import Fit, fitting, normal_fit
 from jbclog.spc.nelson import DEFAULT_TESTS
 from jbclog.spc.refusal import (
     LEAST_FOR_CAPABILITY,
@@ -63,6 +63,36 @@ def control_chart(
     return refused or (charts.individuals(points, tests, fit=fit), charts.moving_ranges(points, fit=fit))
 
 
+def subgroup_charts_by_sd(
+    subgroups: ArrayLike, *, resolution: float | None = None, tests: tuple[int, ...] = DEFAULT_TESTS
+) -> tuple[Chart, Chart] | Refused:
+    """The charts of means and standard deviations of subgroups, a row each (X-bar and S)."""
+    rows = np.asarray(subgroups, dtype=np.float64)
+    refused = first_refusal(
+        (
+            lambda: too_few(len(rows), LEAST_POINTS, "subgroups"),
+            lambda: unresolved(rows.ravel(), float(rows.std(axis=1, ddof=1).mean()), resolution),
+            lambda: autocorrelated(rows.mean(axis=1)),
+        )
+    )
+    return refused or (charts.means_by_sd(rows, tests), charts.sds(rows))
+
+
+def phase_one(values: ArrayLike, *, resolution: float | None = None) -> Chart | Refused:
+    """The individuals chart whose limits may be kept for later values: of a feature that is stable and follows a distribution.
+
+    Raises `UsageError` where a value is infinite.
+    """
+    points = _known(values)
+    fit = _stable(points, resolution)
+    if isinstance(fit, Refused):
+        return fit
+    if fit is None:
+        text = f"No distribution fits the {len(points)} values, so no limits can be given that later values keep to."
+        return Refused("not_normal", text)
+    return charts.individuals(points, fit=fit)
+
+
 def subgroup_charts(subgroups: ArrayLike, *, resolution: float | None = None) -> tuple[Chart, Chart] | Refused:
     """The charts of means and ranges of subgroups, a row each."""
     rows = np.asarray(subgroups, dtype=np.float64)
@@ -90,6 +120,18 @@ def capability(
     if lower is not None and upper is not None and lower >= upper:
         raise UsageError(f"the lower limit {lower:g} is not below the upper limit {upper:g}")
     points = _known(values)
+    fit = _stable(points, resolution)
+    if isinstance(fit, Refused):
+        return fit
+    if fit is None:
+        return indices_of_percentiles(points, lower, upper)
+    if fit.name != "normal":
+        return indices_of_fit(points, fit, lower, upper)
+    return replace(indices(points, lower, upper), chance=fit.chance, percentiles=(fit.at(-3.0), fit.at(0.0), fit.at(3.0)))
+
+
+def _stable(points: Floats, resolution: float | None) -> Fit | Refused | None:
+    """The distribution of a stable feature; None where none fits, and the values are enough to go by their own percentiles."""
     step = _step(points, resolution)
     refused = first_refusal(
         (
@@ -110,13 +152,7 @@ def capability(
             lambda: no_distribution(points) if fit is None else None,
         )
     )
-    if refused is not None:
-        return refused
-    if fit is None:
-        return indices_of_percentiles(points, lower, upper)
-    if fit.name != "normal":
-        return indices_of_fit(points, fit, lower, upper)
-    return replace(indices(points, lower, upper), chance=fit.chance, percentiles=(fit.at(-3.0), fit.at(0.0), fit.at(3.0)))
+    return refused or fit
 
 
 def probability_plot(values: ArrayLike, *, resolution: float | None = None) -> ProbabilityPlot:

@@ -1,0 +1,165 @@
+"""`jbclog chart`: a control chart within a run, or over runs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import typer
+
+from jbclog.cli import options
+from jbclog.cli.output import ends_with_errors_told, note, tell, tell_json
+from jbclog.cli.place import expect_run, is_folder
+from jbclog.errors import RecordError, UsageError
+
+if TYPE_CHECKING:
+    from jbclog.analysis.charting import Charted, Counted, Ranked
+    from jbclog.analysis.control_limits import Limits
+
+PICTURES = (".png", ".svg", ".pdf")
+
+
+@ends_with_errors_told
+def chart(
+    source: Path = typer.Argument(..., metavar="RUN|DIR", help="A run's folder, or a folder of runs.", show_default=False),
+    metric: str = typer.Option(
+        "recovery_s", "--metric", "-m", metavar="NAME", help="A metric of joints (RUN) or runs (DIR); alarms, rejects, losses."
+    ),
+    kind: str | None = typer.Option(
+        None, "--kind", "-k", metavar="KIND", help="imr, ewma, cusum, xbar-s; u, p, pareto for counts.", show_default=False
+    ),
+    station: str | None = typer.Option(None, "--station", "-s", metavar="NAME", help="Only this station.", show_default=False),
+    port: int | None = options.PORT,
+    lower: float | None = typer.Option(None, metavar="VALUE", help="Lower limit for capability.", show_default=False),
+    upper: float | None = typer.Option(None, metavar="VALUE", help="Upper limit for capability.", show_default=False),
+    limits: Path | None = typer.Option(
+        None, "--limits", metavar="FILE", help="Fixed control limits (`jbclog limits learn`).", show_default=False
+    ),
+    size: int = typer.Option(5, "--size", min=2, max=1000, metavar="N", help="Values in a subgroup (xbar-s)."),
+    every: str = typer.Option("10m", "--every", metavar="TIME", help="Stretch in which a run's alarms are counted."),
+    all_tests: bool = typer.Option(False, "--all-tests", help="All eight of Nelson's tests. Default: 1, 2, 3 and 5."),
+    plot: Path | None = typer.Option(None, "--plot", metavar="FILE", help="Draw it: a .png, .svg or .pdf file."),
+    as_json: bool = options.AS_JSON,
+) -> None:
+    """Show control charts and capability within a run or over runs.
+
+    Each port has its own chart. Limits follow the distribution that fits the values. Values that are too few, alike to their
+    neighbours or below their resolution have no limits, and the reason is given. --limits adds fixed limits from a file.
+
+    \b
+    Example:
+      jbclog chart runs/20261121T013000Z-bench-3-k7qd --metric dwell_s --upper 4 --plot dwell.png
+    """
+    if plot is not None and plot.suffix.lower() not in PICTURES:
+        raise UsageError(f"--plot {plot}: give a file that ends in {', '.join(PICTURES)}")
+    from jbclog.analysis.charting import COUNTED
+
+    if metric in COUNTED:
+        for option, given in (("--limits", limits), ("--lower", lower), ("--upper", upper)):
+            if given is not None:
+                raise UsageError(f"{option} is for metrics that are measured; {metric} are counted")
+        found: list[Charted | Counted | Ranked] = [_counted(source, metric, kind, every)]
+        cited = None
+    else:
+        from jbclog.analysis.control_limits import read_limits
+
+        read = None if limits is None else read_limits(limits)
+        held = None if read is None else read[0]
+        found = [*_measured(source, metric, kind or "imr", station, port, lower, upper, size, held, all_tests=all_tests)]
+        cited = None if read is None else read[1]
+    _tell(found, source, metric, cited, as_json=as_json)
+    if plot is not None:
+        _draw(found, plot)
+
+
+def _is_run(source: Path) -> bool:
+    """Whether it is one run; else a folder of runs. Raises `UsageError` where it is no folder."""
+    from jbclog.record.recover import is_run
+
+    if not is_folder(source):
+        raise UsageError(f"{source}: there is no such folder; runs are in `runs/`, or where --out put them")
+    if not is_run(source.resolve()):
+        return False
+    expect_run(source)
+    return True
+
+
+def _measured(
+    source: Path,
+    metric: str,
+    kind: str,
+    station: str | None,
+    port: int | None,
+    lower: float | None,
+    upper: float | None,
+    size: int,
+    limits: Limits | None,
+    *,
+    all_tests: bool,
+) -> list[Charted]:
+    from jbclog.analysis import open_run, open_runs
+    from jbclog.analysis.charting import OF_VALUES, charted, series_of_run, series_of_runs
+    from jbclog.analysis.trend import expect_limits
+    from jbclog.spc import ALL_TESTS, DEFAULT_TESTS
+
+    if kind not in OF_VALUES:
+        raise UsageError(f"--kind {kind}: {metric} has {', '.join(OF_VALUES)}")
+    expect_limits(lower, upper)
+    if _is_run(source):
+        series = series_of_run(open_run(source), metric, station, port)
+    else:
+        series = series_of_runs(open_runs(source), metric, station, port)
+    tests = ALL_TESTS if all_tests else DEFAULT_TESTS
+    fixed = [None if limits is None else limits.of(one) for one in series]
+    return [
+        charted(one, kind, size=size, tests=tests, fixed=its, lower=lower, upper=upper)
+        for one, its in zip(series, fixed, strict=True)
+    ]
+
+
+def _counted(source: Path, metric: str, kind: str | None, every: str) -> Counted | Ranked:
+    from jbclog.analysis import charting, open_run, open_runs
+    from jbclog.recipe.spans import EXAMPLES, span_s
+
+    possible = charting.COUNTED[metric]
+    if kind not in (None, *possible):
+        raise UsageError(f"--kind {kind}: {metric} has {', '.join(possible)}")
+    is_run, is_ranked = _is_run(source), (kind or possible[0]) == "pareto"
+    if metric == "rejects":
+        if is_run:
+            raise UsageError("rejects are counted over runs: give the folder of runs")
+        return charting.rejects(open_runs(source))
+    if is_ranked:
+        rank = charting.ranked_alarms if metric == "alarms" else charting.ranked_losses
+        return rank([open_run(source)] if is_run else open_runs(source))
+    if not is_run:
+        return charting.alarms_in_runs(open_runs(source))
+    seconds = span_s(every)
+    if not seconds:
+        raise UsageError(f"--every {every}: give {EXAMPLES}")
+    return charting.alarms_in_run(open_run(source), seconds)
+
+
+def _tell(found: list[Charted | Counted | Ranked], source: Path, metric: str, cited: str | None, *, as_json: bool) -> None:
+    from jbclog.analysis.chart_words import facts, lines
+
+    if as_json:
+        tell_json({"source": str(source), "metric": metric, "limits_sha256": cited, "charts": [facts(one) for one in found]})
+        return
+    for one in found:
+        for text in lines(one):
+            tell(text)
+    if cited is not None:
+        tell(f"fixed limits: SHA-256 {cited}")
+    if not found:
+        note(f"{source}: no values of {metric}")
+
+
+def _draw(found: list[Charted | Counted | Ranked], plot: Path) -> None:
+    from jbclog.analysis.chart_plot import chart_figure
+
+    try:
+        chart_figure(found).savefig(plot, dpi=150)
+    except OSError as error:
+        raise RecordError(f"{plot} cannot be written: {error.strerror or error}") from error
+    note(f"written: {plot}")

@@ -1,0 +1,93 @@
+"""`jbclog limits`: fixed control limits from a phase I study."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import typer
+
+from jbclog.cli import options
+from jbclog.cli.output import ends_with_errors_told, note, tell, tell_json
+from jbclog.cli.place import expect_run
+from jbclog.errors import RecordError, UsageError
+
+LEARN, SHOW = "learn", "show"
+
+
+@ends_with_errors_told
+def limits(
+    words: list[str] = typer.Argument(
+        ..., metavar="learn RUN... | show FILE", help="Runs to learn from, or a file of limits.", show_default=False
+    ),
+    metric: str = typer.Option("recovery_s", "--metric", "-m", metavar="NAME", help="A metric of joints."),
+    station: str | None = typer.Option(None, "--station", "-s", metavar="NAME", help="Only this station.", show_default=False),
+    port: int | None = options.PORT,
+    out: Path = typer.Option(Path("limits.json"), "--out", "-o", metavar="FILE", help="The file to write; it must not exist."),
+    as_json: bool = options.AS_JSON,
+) -> None:
+    """Learn fixed control limits from stable runs, or show them.
+
+    A phase I study: the joints of the runs, in the order given, for each port. A port gets limits where its values are stable and
+    a distribution fits them; else the reason is given, and the program ends with 1. `jbclog chart --limits` cites the file by its
+    SHA-256.
+
+    \b
+    Example:
+      jbclog limits learn runs/20261121T013000Z-bench-3-k7qd --metric dwell_s --out dwell.json
+    """
+    if words[0] == SHOW and len(words) == 2:
+        _show(Path(words[1]), as_json=as_json)
+    elif words[0] == LEARN and len(words) > 1:
+        _learn([Path(word) for word in words[1:]], metric, station, port, out, as_json=as_json)
+    else:
+        raise UsageError("limits: give learn RUN..., or show FILE")
+
+
+def _learn(runs: list[Path], metric: str, station: str | None, port: int | None, out: Path, *, as_json: bool) -> None:
+    for run in runs:
+        expect_run(run)
+    if out.exists():
+        raise UsageError(f"--out {out} is there already; charts cite limits by their hash, so give another name")
+    from jbclog.analysis import open_run
+    from jbclog.analysis.charting import joined, joint_metrics, series_of_run
+    from jbclog.analysis.control_limits import Source, as_bytes, learn, limits_of
+    from jbclog.record.durable import write_new
+    from jbclog.record.manifest import manifest_sha256
+    from jbclog.spc import Refused
+
+    series = joined([each for run in runs for each in series_of_run(open_run(run), metric, station, port)])
+    learnt = [(one, learn(one)) for one in series]
+    found = [its for _, its in learnt if not isinstance(its, Refused)]
+    refused = {f"{one.station} port {one.port}": its.text for one, its in learnt if isinstance(its, Refused)}
+    for place, why in refused.items():
+        note(f"{place}: no limits. {why}")
+    if found:
+        sources = [Source(run.resolve().name, manifest_sha256(run)) for run in runs]
+        data = as_bytes(limits_of(metric, joint_metrics()[metric], "joint", found, sources))
+        try:
+            write_new(out, data)
+        except OSError as error:
+            raise RecordError(f"{out} cannot be written: {error.strerror or error}") from error
+        _show(out, as_json=as_json, refused=refused)
+    elif as_json:
+        tell_json({"file": None, "limits": [], "refused": refused})
+    if refused or not found:
+        note(f"{len(found)} of {len(learnt)} ports have limits")
+        raise typer.Exit(1)
+
+
+def _show(path: Path, *, as_json: bool, refused: dict[str, str] | None = None) -> None:
+    from dataclasses import asdict
+
+    from jbclog.analysis.control_limits import read_limits
+
+    found, sha256 = read_limits(path)
+    if as_json:
+        tell_json({"file": str(path), "sha256": sha256, **asdict(found), "refused": refused or {}})
+        return
+    for one in found.limits:
+        edges = f"{one.lower:.4g} to {one.upper:.4g} {found.unit} ({one.distribution}, n {one.n})"
+        tell(f"{one.station} port {one.port}  {found.metric}  centre {one.centre:.4g}, limits {edges}")
+    for source in found.sources:
+        tell(f"from {source.run}  {source.manifest_sha256}")
+    tell(f"{path}: SHA-256 {sha256}")

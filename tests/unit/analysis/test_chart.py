@@ -1,0 +1,197 @@
+"""Charts within a run and over runs, and limits that are learnt once and cited."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from many_runs import many_runs, one_run
+from typer.testing import CliRunner, Result
+
+from jbclog import spc
+from jbclog.analysis import Run, open_run
+from jbclog.analysis.charting import Series, charted, joined, joint_metrics, ranked, series_of_run
+from jbclog.analysis.control_limits import Fixed, learn
+from jbclog.analysis.joint_table import JOINTS_SCHEMA
+from jbclog.cli.app import app
+from jbclog.record.manifest import read_manifest, write_manifest
+
+STEADY = np.random.default_rng(15).lognormal(0.3, 0.5, 60)
+
+
+def made(values: list[float], port: int = 1) -> Series:
+    return Series("dde-1", port, "dwell_s", "s", "joint", np.array(values), [f"joint {n}" for n in range(1, len(values) + 1)])
+
+
+def joints(values: list[float]) -> pd.DataFrame:
+    """The joints of a port, whose dwell is these values."""
+    rows = [dict.fromkeys(JOINTS_SCHEMA.names) | {"station": "dde-1", "port": 1, "joint": n} for n in range(1, len(values) + 1)]
+    table = pd.DataFrame(rows)
+    return table.assign(dwell_s=pd.array(values, dtype="Float64"))
+
+
+@pytest.fixture(scope="module")
+def home(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return one_run(tmp_path_factory.mktemp("runs"), 0)
+
+
+@pytest.fixture
+def dwells(monkeypatch: pytest.MonkeyPatch) -> list[float]:
+    """What the joints of every run dwell, until a test says otherwise: what is made of joints is looked at, not their finding."""
+    values = list(STEADY)
+    monkeypatch.setattr(Run, "joints", lambda _, station=None: joints(values))
+    return values
+
+
+def call(*words: str | Path) -> Result:
+    return CliRunner().invoke(app, [*map(str, words)])
+
+
+def test_a_chart_within_a_run(home: Path, dwells: list[float]) -> None:
+    dwells[40] = 30.0
+    ended = call("chart", home, "-m", "dwell_s")
+    assert ended.exit_code == 0
+    assert "dde-1 port 1  dwell_s  60 joints" in ended.stdout
+    assert "joint 41: test 1: one point beyond three sigma" in ended.stdout
+    assert "0.87 false alarms in 100 points, the first after 118 on average; 53 % of series of 100 have one" in ended.stdout
+    assert "1.5 false alarms" in call("chart", home, "-m", "dwell_s", "--all-tests").stdout
+
+
+def test_a_joint_without_the_metric_is_counted_and_no_point(home: Path, dwells: list[float]) -> None:
+    dwells[3] = np.nan
+    (series,) = series_of_run(open_run(home), "dwell_s")
+    assert (len(series.values), series.missing, series.names[3]) == (59, 1, "joint 5")
+
+
+def test_capability_of_a_skewed_feature_is_given_with_its_distribution(home: Path, dwells: list[float]) -> None:
+    assert "lognormal" in call("chart", home, "-m", "dwell_s", "--upper", "9").stdout
+    found = json.loads(call("chart", home, "-m", "dwell_s", "--upper", "9", "--json").stdout)
+    (one,) = found["charts"]
+    again = spc.capability(STEADY, upper=9)
+    assert isinstance(again, spc.Capability)
+    assert one["capability"]["ppk"]["bound"] == again.ppk.bound
+    assert one["charts"][0]["false_alarms"]["run_length"] == 118.0
+
+
+def test_every_kind_of_values(home: Path, dwells: list[float], tmp_path: Path) -> None:
+    dwells[:] = list(np.random.default_rng(16).normal(2, 0.2, 123))
+    dwells[100:] = [value + 0.3 for value in dwells[100:]]
+    for kind, said in (("ewma", "EWMA"), ("cusum", "CUSUM up"), ("xbar-s", "subgroup standard deviations")):
+        ended = call("chart", home, "-m", "dwell_s", "-k", kind, "--plot", tmp_path / f"{kind}.svg")
+        assert (ended.exit_code, ended.exception) == (0, None)
+        assert f"  {said}: centre" in ended.stdout
+        assert (tmp_path / f"{kind}.svg").stat().st_size > 5000
+    assert "The last 3 of 123 values fill no subgroup of 5" in ended.stdout
+    few = call("chart", home, "-m", "dwell_s", "-k", "xbar-s", "--size", "10").stdout
+    assert "There are 12 subgroups; it takes at least 20." in few
+
+
+def test_a_shift_shows_in_sums_before_it_shows_in_values() -> None:
+    values = np.random.default_rng(17).normal(0, 1, 60)
+    values[30:] += 1.0
+    fixed = Fixed("dde-1", 1, 0.0, -3.0, 3.0, "normal", 100)
+    found = charted(made(list(np.where(np.arange(60) == 0, 0.0, values))), "cusum", fixed=fixed)
+    if isinstance(found.charts, spc.Refused):
+        assert found.charts.kind == "autocorrelated"  # its own limits: the shift makes neighbours alike
+    assert [one.last for one in spc.cusum(values, centre=0, sigma=1)[0].signals]
+
+
+def test_limits_are_learnt_kept_and_cited(home: Path, dwells: list[float], tmp_path: Path) -> None:
+    file = tmp_path / "dwell.json"
+    learnt = call("limits", "learn", home, "-m", "dwell_s", "--out", file)
+    assert (learnt.exit_code, learnt.exception) == (0, None)
+    sha256 = hashlib.sha256(file.read_bytes()).hexdigest()
+    assert f"SHA-256 {sha256}" in learnt.stdout
+    assert call("limits", "show", file).stdout == learnt.stdout
+    document = json.loads(file.read_bytes())
+    assert document["sources"][0]["run"] == home.name
+    chart = spc.phase_one(STEADY)
+    assert isinstance(chart, spc.Chart)
+    assert (document["limits"][0]["upper"], document["limits"][0]["distribution"]) == (chart.upper[0], "lognormal")
+    again = call("limits", "learn", home, "-m", "dwell_s", "--out", file)
+    assert (again.exit_code, "is there already" in again.stderr) == (2, True)
+    dwells[:] = [value * 4 for value in dwells]  # later, everything takes four times as long: no signal by its own limits
+    later = json.loads(call("chart", home, "-m", "dwell_s", "--limits", file, "--json").stdout)
+    assert later["limits_sha256"] == sha256
+    assert len(later["charts"][0]["fixed"]["signals"]) > 20
+    assert not [one for one in later["charts"][0]["charts"][0]["signals"] if "test 1" in one[1]]
+    wrong = call("chart", home, "-m", "recovery_s", "--limits", file)
+    assert (wrong.exit_code, "the limits are of dwell_s" in wrong.stderr) == (2, True)
+
+
+def test_what_is_not_stable_teaches_no_limits(home: Path, dwells: list[float], tmp_path: Path) -> None:
+    dwells[30:] = [value * 2.5 for value in dwells[30:]]
+    ended = call("limits", "learn", home, "-m", "dwell_s", "--out", tmp_path / "none.json")
+    assert ended.exit_code == 1
+    assert "dde-1 port 1: no limits." in ended.stderr
+    assert not (tmp_path / "none.json").exists()
+
+
+@pytest.mark.parametrize("text", ["", "{}", "[1]", '{"format": "x"}', "\x00"])
+def test_a_file_that_is_none(home: Path, dwells: list[float], tmp_path: Path, text: str) -> None:
+    (tmp_path / "x.json").write_text(text)
+    ended = call("chart", home, "-m", "dwell_s", "--limits", tmp_path / "x.json")
+    assert (ended.exit_code, "is no file of control limits" in ended.stderr) == (4, True)
+
+
+def test_series_of_several_runs_are_one_behind_the_other() -> None:
+    both = joined([made([1.0, 2.0]), made([5.0], port=2), made([3.0])])
+    assert [(one.port, list(one.values)) for one in both] == [(1, [1.0, 2.0, 3.0]), (2, [5.0])]
+    assert isinstance(learn(both[0]), spc.Refused)
+
+
+def test_alarms_and_losses_of_a_run(home: Path) -> None:
+    ended = call("chart", home, "-m", "alarms", "--every", "2s")
+    assert ended.exit_code == 0
+    assert ended.stdout.startswith("alarms: 0 in 0.00")
+    assert "u: centre 0" in ended.stdout
+    assert "There are 1 stretches; a chart of counts takes at least 10." in call("chart", home, "-m", "alarms").stdout
+    assert call("chart", home, "-m", "losses").stdout.startswith("losses: ")
+
+
+def test_a_pareto_ranks() -> None:
+    found = ranked("losses", {"b timeout": 30, "a timeout": 10, "c bcc": 60})
+    assert [(name, count, so_far) for name, count, _, so_far in found.rows] == [
+        ("c bcc", 60, 60.0),
+        ("b timeout", 30, 90.0),
+        ("a timeout", 10, 100.0),
+    ]
+
+
+def test_rejects_by_day(tmp_path: Path) -> None:
+    folders = many_runs(tmp_path, [0.0] * 12)
+    for number, folder in enumerate(folders):
+        manifest = read_manifest(folder)
+        day = f"2026-09-{10 + number}T06:00:00.000000Z"
+        write_manifest(folder, replace(manifest, verdict="REJECT" if number == 4 else "ACCEPT", started=day))
+    found = json.loads(call("chart", tmp_path, "-m", "rejects", "--json").stdout)["charts"][0]
+    assert (sum(found["counts"]), sum(found["sizes"]), found["names"][4]) == (1.0, 12.0, "2026-09-14")
+    assert found["chart"]["centre"] == pytest.approx(1 / 12)
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("-m", "dwel_s"), "did you mean dwell_s"),
+        (("-k", "u"), "--kind u"),
+        (("-m", "alarms", "-k", "imr"), "--kind imr"),
+        (("-m", "rejects"), "give the folder of runs"),
+        (("-m", "alarms", "--every", "x"), "--every x"),
+        (("-m", "alarms", "--upper", "3"), "counted"),
+        (("--plot", "x.exe"), ".png"),
+        (("--lower", "5", "--upper", "5"), "not below"),
+    ],
+)
+def test_wrong_usage(home: Path, words: tuple[str, ...], said: str) -> None:
+    ended = call("chart", home, *words)
+    assert (ended.exit_code, said in ended.stderr) == (2, True)
+
+
+def test_a_metric_is_any_number_of_a_joint() -> None:
+    assert joint_metrics()["dwell_s"] == "s"
+    assert "confidence" not in joint_metrics()
