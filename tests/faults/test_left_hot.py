@@ -20,6 +20,7 @@ from command import jbclog, until
 from guarded import TOOLS, Blow, ended, events, guard_that_is_there, only_run, running, told_after
 from served_line import ServedLine
 
+from jbclog import open_run
 from jbclog.guard import whereabouts
 from jbclog.guard.lease import NAME as LEASE
 from jbclog.guard.lease import kept
@@ -27,6 +28,8 @@ from jbclog.record.annotations import read
 from jbclog.record.check import check
 from jbclog.record.guarded import DIARY
 from jbclog.record.manifest import read_manifest
+
+HOT_C = 300
 
 
 @pytest.fixture(autouse=True)
@@ -50,13 +53,19 @@ def left_hot(line: ServedLine, tmp_path: Path) -> Path:
     with running(line, tmp_path / "runs") as run:
         folder = only_run(tmp_path / "runs")
         assert until(lambda: len(kept(folder)) == 4 and all(lease.ports for lease in kept(folder)))
-        time.sleep(1.0)  # so that every tool was read
+        assert until(lambda: was_read(folder) == TOOLS)
         os.kill(run.pid, signal.SIGSTOP)
         os.kill(guard_that_is_there(run.pid), signal.SIGKILL)
         run.kill()
         ended(run)
     assert line.at_work() == TOOLS, "somebody has saved them already"
     return folder
+
+
+def was_read(folder: Path) -> int:
+    """How many tools have a temperature in what is kept so far of a run that goes on."""
+    samples = open_run(folder).samples().dropna(subset="temperature_c")
+    return int((samples.groupby(["station", "port"])["temperature_c"].max() >= HOT_C).sum())
 
 
 def annotated(folder: Path) -> list[tuple[str, str]]:
