@@ -110,10 +110,10 @@ def test_the_borders_of_the_usual_stations() -> None:
         return 1000 * demand.greatest_turnaround_s(rate_hz, KEPT_BY_AUTO)
 
     assert border_ms((1, 2), 10) == pytest.approx(-1.01, abs=0.01)  # the bytes alone are too many
-    assert border_ms((1, 2), 5) == pytest.approx(11.51, abs=0.01)
-    assert border_ms((1, 2), 4) == pytest.approx(17.57, abs=0.01)
-    assert border_ms((1,), 10) == pytest.approx(12.00, abs=0.01)
-    assert border_ms((1, 2, 3, 4), 4) == pytest.approx(1.79, abs=0.01)
+    assert border_ms((1, 2), 5) == pytest.approx(11.50, abs=0.01)
+    assert border_ms((1, 2), 4) == pytest.approx(17.56, abs=0.01)
+    assert border_ms((1,), 10) == pytest.approx(11.99, abs=0.01)
+    assert border_ms((1, 2, 3, 4), 4) == pytest.approx(1.78, abs=0.01)
 
 
 @pytest.mark.parametrize(
@@ -194,18 +194,18 @@ def bench_plan(turnaround_ms: float | None, tmp_path: Path) -> Plan:
 def test_a_plan_names_what_it_assumes_and_what_it_would_take(tmp_path: Path) -> None:
     bench_plan(None, tmp_path)
     told = CliRunner().invoke(app, ["plan", str(RECIPE), "--line", str(tmp_path / "line.toml")]).stdout
-    assert "a fifth of the link free: 5 Hz up to 11.51 ms of response time" in told
-    assert "a fifth of the link free: 10 Hz up to 11.99 ms of response time" in told
+    assert "a fifth of the link free: 5 Hz up to 11.50 ms of response time" in told
+    assert "a fifth of the link free: 10 Hz up to 11.98 ms of response time" in told
     assert "assumed   0 ms: the line file has no turnaround_ms" in told
     bench_plan(16.0, tmp_path)
     said = CliRunner().invoke(app, ["plan", str(RECIPE), "--line", str(tmp_path / "line.toml")]).stdout
-    assert "4 Hz up to 17.57 ms" in said
+    assert "4 Hz up to 17.56 ms" in said
     assert "assumed   turnaround_ms of the line file" in said
     (first, *_) = json.loads(
         CliRunner().invoke(app, ["plan", str(RECIPE), "--line", str(tmp_path / "line.toml"), "--json"]).stdout
     )["stations"]
     names = ("asked_rate", "rate_hz", "assumed_turnaround_ms", "auto_up_to_turnaround_ms")
-    assert [first[name] for name in names] == ["auto", 4, 16, pytest.approx(17.57, abs=0.01)]
+    assert [first[name] for name in names] == ["auto", 4, 16, pytest.approx(17.56, abs=0.01)]
 
 
 def test_what_the_bare_link_cannot_carry_is_an_error_of_the_plan(tmp_path: Path) -> None:
