@@ -22,6 +22,7 @@ from jbclog.station.make import client_for
 from jbclog.station.patient import patiently
 from jbclog.wire import LineFormat
 
+EXAMINED, PREPARED, HEATED = 1, 2, 3  # the steps of a start, by what is done at their end (`start.py`)
 AS_AUTO = AUTO
 AS_FIT = "fit"
 AS_FAST_AS_POSSIBLE = "max"
@@ -111,7 +112,7 @@ class Desk:
         self.ports: dict[int, PortState] = {}
         self.held: dict[str, Value] = {}  # station-wide settings
         self.not_supported: set[str] = set()
-        self.step = 1  # of the start, that it is at
+        self.step = EXAMINED  # of the start, that it is at
         self.has_started = False
         self.written: list[str] = []  # settings that were changed at the start, with what they were before
         self.tries = 1  # of what something is decided by: more while the run starts
@@ -186,6 +187,13 @@ class Desk:
         if self.recipe.suction == "keep":
             return None if state is None else status.with_suction(word, on=known is not None and status.sucks(known))
         return status.with_suction(word, on=self.recipe.suction == "on")
+
+    @property
+    def spares_resting(self) -> bool:
+        """Whether a safe order leaves a tool alone that rests: before the third step of the start this run has ordered no status
+        and no setpoint, and a tool that sleeps, or lies in its extractor, would be heated to be told to stand.
+        """
+        return self.step <= PREPARED
 
     def keeps_suction(self, port: PortState) -> bool:
         """Whether a safe order keeps suction on at `port`. It never waits for a reading: what is not known counts as off."""

@@ -39,7 +39,8 @@ def put_in_safe_state(desk: Desk, port: PortState) -> Steps[None]:
 def _put(desk: Desk, ports: list[PortState], *, feeds: bool) -> Steps[Task]:
     """Make these ports safe. What came of it is in the facts, too, whatever ends this early."""
     tools = [Tool(port.number, desk.keeps_suction(port)) for port in ports]
-    task = Task(desk.station, desk.family, desk.safe_state, tools, feeds, lambda: _is_ours(desk), desk.is_proven)
+    spare = desk.spares_resting
+    task = Task(desk.station, desk.family, desk.safe_state, tools, feeds, lambda: _is_ours(desk), desk.is_proven, spare)
     desk.facts.safe_state |= dict.fromkeys((port.number for port in ports), FAILED)
     try:
         yield from secure(task)
@@ -63,6 +64,8 @@ def _is_verified(desk: Desk, port: PortState) -> bool:
 def _tell(desk: Desk, port: PortState, tool: Tool) -> None:
     if _is_verified(desk, port):
         text, severity = f"Port {port.number}: the tool is in its safe state, as read back: {_state_of(desk, port)}", Severity.INFO
+        if tool.was_spared:
+            text = f"Port {port.number}: the tool rests already and is left as it is, as read back: {_state_of(desk, port)}"
         if tool.fell_back:
             text, severity = f"{text}; {tool.fell_back}", Severity.WARNING
         desk.note("safety.safe_state", severity, f"{text}.", port=port.number)

@@ -5,7 +5,8 @@
 3. Write what can: setpoints, then the tools' status.
 
 A station that fails in the first step is the end of a start that has written nothing. In the others no setting is rolled back:
-what was written is named, and each tool that was touched goes to its safe state (`run.py`). The counters come last, while the
+what was written is named, and each tool that was touched goes to its safe state (`run.py`); before the third step one that rests
+already is left alone, because an order could heat it. The counters come last, while the
 tools warm up: nothing depends on them. The sessions know nothing of each other: they wish to wait (`effects.Gather`), and the
 driver answers when all are there, or throws `NotStarted`.
 """
@@ -19,11 +20,9 @@ from jbclog.session.condition import bring_condition, look_at_condition
 from jbclog.session.counters import read_counters
 from jbclog.session.identify import identify
 from jbclog.session.omega_states import told_text
-from jbclog.session.order import Desk
+from jbclog.session.order import EXAMINED, HEATED, PREPARED, Desk
 from jbclog.session.pace import Pace, choose_pace, chosen_text
 from jbclog.session.provisos import learn_provisos
-
-EXAMINED, PREPARED, HEATED = 1, 2, 3
 
 
 def start(desk: Desk) -> Steps[Pace]:

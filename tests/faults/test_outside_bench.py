@@ -189,11 +189,26 @@ def test_what_is_written_where_when_one_fails(how: str) -> None:
         assert [one for name in FOUR for one in orders[name] if HEATS.match(one)] == []
         assert "WD1200004" in orders["dde"]
         assert "sleep delay of port 1 4 min (was 5 min)" in outcome.not_started["hde"]  # named, and not rolled back
+        rested = [name for name in FOUR if name != "hde" or "silent" not in how]
+        assert [one for name in rested for one in orders[name] if one.startswith("WPS")] == []  # they are cold
     if step == 3:
         assert [one.station.name for name, one in cables.items() if is_hot(one) and (name != "hde" or "silent" not in how)] == []
     others = {outcome.desks[name].facts.outcome for name in FOUR if name != "hde"}
     assert others == {"not_started"}
     assert all("hde" in outcome.not_started[name] for name in FOUR)
+
+
+@pytest.mark.parametrize("name", ["dde", "nae", "hde"])
+def test_one_at_work_is_told_to_rest_where_step_two_fails(name: str) -> None:
+    cables = eight(0, 0.0, FOUR)
+    spoil, _ = BAD["refuses in step two"]
+    spoil(cables["hde"])
+    cables[name].station.write("PS1", "00000", 0.0)
+    outcome = virtual(cables)
+    assert set(outcome.not_started) == set(FOUR)
+    told = [(one, text) for one in FOUR for text in ordered(cables[one]) if text.startswith("WPS")]
+    assert told == [(name, "WPS100001")]
+    assert [one for one, cable_ in cables.items() if is_hot(cable_)] == []
 
 
 @pytest.mark.parametrize("how", BAD)

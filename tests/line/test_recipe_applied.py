@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import pytest
 from odd_answers import say
-from virtual_run import RECIPE, VirtualRun, line_text, prepare
+from virtual_run import RECIPE, VirtualRun, is_cold_in_extractor, line_text, prepare
 
 from jbclog.commands.family import FAMILIES
 from jbclog.commands.status import STAND, WORKING
@@ -45,8 +45,14 @@ def assert_stopped_before_sampling(run: VirtualRun, *words: str) -> None:
     assert run.memory.samples == []
     for word in words:
         assert word in run.facts.reason
+    (desk,) = run.desks.values()
     for port in {write.port for write in run.station.log.writes if write.port}:
-        assert [write.value for write in run.station.log.written("status") if write.port == port] == [STAND]
+        told = [write.value for write in run.station.log.written("status") if write.port == port]
+        if desk.step > 2:
+            assert told == [STAND]
+        else:  # it rested, and would be heated to be told to stand
+            assert told == []
+            assert is_cold_in_extractor(run.station, port)
 
 
 # -- outcomes ----------------------------------------------------------------------------------------------------------------

@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import pytest
-from virtual_run import RECIPE, Heard, Tap, VirtualRun, prepare
+from virtual_run import RECIPE, Heard, Tap, VirtualRun, is_cold_in_extractor, prepare
 
 from jbclog.commands.status import STAND, WORKING
 from jbclog.drive.barrier import SILENT_S
@@ -67,6 +67,11 @@ def line_of(sims: dict[str, str]) -> str:
     return line
 
 
+def start_with(sim: str, also: str) -> VirtualRun:
+    """A run that has not begun, with these of "b" and "c"."""
+    return prepare(line_of({"b": sim, "c": also}), RECIPE, 2.0, 2.0)
+
+
 def run_with(
     deaf: Deaf = never, sim: str = "", *, pulled: bool = False, allow_missing: bool = False, also: str = "", duration_s: float = 2.0
 ) -> VirtualRun:
@@ -106,8 +111,12 @@ def assert_all_touched_are_safe(run: VirtualRun) -> None:
         station, facts = run.stations[name], run.desks[name].facts
         assert isinstance(station, VirtualStation)
         if station.log.writes and not facts.unsafe:
-            assert station.log.written("status")[-1].value == STAND
             assert facts.safe_state == {1: "verified"}
+            if run.desks[name].step <= 2:  # it rested, and would be heated to be told to stand
+                assert is_cold_in_extractor(station, 1)
+                assert station.log.written("status") == []
+            else:
+                assert station.log.written("status")[-1].value == STAND
 
 
 def assert_is_not_started(run: VirtualRun, step: int) -> None:
@@ -194,6 +203,24 @@ def test_one_that_fails_in_step_two_heats_nothing_and_what_was_written_is_named(
         assert isinstance(station, VirtualStation)
         assert station.plant.ports[1].tools[2].sleep_delay == 5  # nothing is rolled back
         assert run.desks[name].facts.touched == [1]
+
+
+@pytest.mark.parametrize("state", ["extractor", "sleep", "working", "held hot"])
+def test_a_tool_that_rests_when_step_two_fails_is_not_told_to_stand(state: str) -> None:
+    """One at work is told, and so is one that its extractor does not cool."""
+    run = start_with(nak("alarm_high_limit"), "extractor_cools = false" if state == "held hot" else "")
+    word = {"extractor": (0, True), "held hot": (0, True), "sleep": (2, False), "working": (0, False)}[state]
+    for name in NAMES:
+        station = run.stations[name]
+        assert isinstance(station, VirtualStation)
+        station.plant.ports[1].order(*word)
+    run.go()
+    rests = state in ("extractor", "sleep")
+    assert writes(run, "c")[-1].startswith(COOLS) != rests
+    assert (COOLS in writes(run, "a")) == (state == "working")
+    told = {event.station: event.text for event in run.memory.of_kind("safety.safe_state")}
+    assert run.desks["c"].facts.safe_state == {1: "verified"}
+    assert ("rests already and is left as it is" in told["c"]) == rests
 
 
 # -- step three ------------------------------------------------------------------------------------------------------------

@@ -140,6 +140,13 @@ def _text(frame: bytes) -> str:
     return body[4:] if body[:1].isdigit() else body
 
 
+def is_cold_in_extractor(station: VirtualStation | VirtualOmega, port: int) -> bool:
+    """Whether the tool lies as a station delivers it, and was not heated."""
+    assert isinstance(station, VirtualStation)
+    found = station.plant.ports[port]
+    return found.doing.extractor and found.tip.temperature_c < 40
+
+
 @dataclass
 class VirtualRun:
     """What a run left behind: the journal, the stations' own view, and the facts."""
