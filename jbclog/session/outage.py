@@ -21,17 +21,19 @@ from jbclog.session.watch import stop_on, tell_change
 FIRST_SEEK_S = 0.25
 SEEK_GROWTH = 1.3  # gentle, so that a short drop-out is not made much longer by the search
 LONGEST_SEEK_S = 5.0
+SEEK_AT_END_S = 3.0  # after the run's end, before a station is called gone: its tools have to be made safe anyway
 HOT_C = 60  # a tip that was last seen above this is called hot
 
 
 class Gone(Exception):
-    """The run's duration ended while the station was away."""
+    """The run's duration ended while the station was away, and it did not come back right after it."""
 
 
 def outage(desk: Desk, sampler: Sampler, tick: int, lost: Lost) -> Steps[int]:
     """Live through an outage that began in `tick`; give the tick at which sampling goes on.
 
-    Raises `Gone` where the run ends first, `SettingChanged` where the recipe stops on a difference.
+    Raises `Gone` where the run ends first and the station is not found soon after, `SettingChanged` where the recipe stops on a
+    difference.
     """
     _tell_loss(desk, lost)
     sampler.begin_outage(tick)
@@ -40,6 +42,7 @@ def outage(desk: Desk, sampler: Sampler, tick: int, lost: Lost) -> Steps[int]:
 
 def _live_through(desk: Desk, sampler: Sampler, tick: int, lost: Lost) -> Steps[int]:
     began, pause = desk.now, FIRST_SEEK_S
+    last_heard = min(desk.station.heard, began)
     why = lost.cause.reason if isinstance(lost.cause, RobotModeOff) else LinkError.reason
     held = _all_held(desk)
     seek_at = began + pause
@@ -52,12 +55,31 @@ def _live_through(desk: Desk, sampler: Sampler, tick: int, lost: Lost) -> Steps[
         is_back = yield from _seek(desk, reopen=why == LinkError.reason)
         tick = sampler.miss_until(tick, desk.now, why)
         if is_back:
-            _tell_return(desk, began, why)
-            _compare(desk, held)
+            _resume(desk, began, why, held)
             return tick
         pause = min(SEEK_GROWTH * pause, LONGEST_SEEK_S)
         seek_at = desk.now + pause
-    raise Gone(f"{desk.name}: away since {desk.now - began:.1f} s when the run ended ({lost})")
+    if (yield from _seek_at_end(desk, reopen=why == LinkError.reason)):
+        _resume(desk, began, why, held)
+        return tick
+    away = f"away for {desk.now - last_heard:.1f} s, still {SEEK_AT_END_S:g} s after the end of the run"
+    raise Gone(f"{desk.name}: {away} ({lost})")
+
+
+def _seek_at_end(desk: Desk, *, reopen: bool) -> Steps[bool]:
+    """Whether the station is found within `SEEK_AT_END_S`. One that is late as the run ends has had no other chance."""
+    end = desk.now + SEEK_AT_END_S
+    while desk.now < end:
+        desk.station.unasked((yield Wait(min(desk.now + FIRST_SEEK_S, end))))
+        if (yield from _seek(desk, reopen=reopen)):
+            return True
+    return False
+
+
+def _resume(desk: Desk, began: float, why: str, held: dict[int | None, dict[str, Value]]) -> None:
+    """The station is back, and has been looked at."""
+    _tell_return(desk, began, why)
+    _compare(desk, held)
 
 
 def _tell_loss(desk: Desk, lost: Lost) -> None:

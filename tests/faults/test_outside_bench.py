@@ -17,6 +17,8 @@ from outside_runs import AIR, TIP, Outcome, eight, virtual, wrong_values
 from sane import assert_memory_is_bounded
 
 from jbclog import open_run
+from jbclog.clock import VirtualClock
+from jbclog.rows import COLUMN
 
 FOUR = ("dde", "nae", "hde", "jtse")
 HOW_OFTEN = re.compile(r"in \d+ (try|tries|writes?)\b|only \d+ of 12 questions|silent for 10 s in step \d|not start because")
@@ -145,13 +147,32 @@ def test_starts_by_the_command_line_on_real_ports(number: int, tmp_path: Path, c
         recipes = {name: f'recipe = "{"air" if name == "jtse" else "tip"}.toml"' for name in cables}
         (tmp_path / "line.toml").write_text(line_file(served.urls, {name: name for name in cables}, more=recipes))
         run = jbclog("run", "--line", tmp_path / "line.toml", "--out", tmp_path / "runs", "--duration", "2s")
-    assert run.returncode == 0 or "away since" in run.stderr, run.stderr  # late just when the run ended
+    assert run.returncode == 0, run.stderr
     recorded = open_run(run.stdout.split()[-1])
     settings = recorded.settings()
     confirmed = settings[settings["outcome"] == "confirmed"]
     assert set(confirmed["station"]) == set(cables)
     assert [name for name, one in cables.items() if is_hot(one)] == []
     counted(on_real_ports_starts=1, on_real_ports_frames=sum(row.what == "asked" for one in cables.values() for row in one.rows))
+
+
+@pytest.mark.parametrize(("for_s", "family"), [(0.6, "nae"), (1.0, "dde"), (1.5, "hde"), (1.0, "jtse"), (60.0, "dde")])
+def test_one_that_is_late_as_the_run_ends_gets_its_chance(for_s: float, family: str) -> None:
+    """It is waited for for a few seconds, found again, and its outage counts; one that stays silent is gone."""
+    begun_at = virtual({family: cable(family, 1)}, duration_s=5.0).memory.samples[0][COLUMN["time"]]
+    one = cable(family, 1)
+    one.silent_from = int(str(begun_at)) / 1e6 - (VirtualClock().utc() - VirtualClock().monotonic()) + 4.7
+    one.silent_until = one.silent_from + for_s
+    facts = virtual({family: one}, duration_s=5.0).desks[family].facts
+    assert facts.outages == 1
+    if for_s > 10:
+        assert facts.outcome == "gone"
+        away = re.search(r"away for (\d+\.\d) s, still 3 s after the end of the run", facts.reason)
+        assert away is not None, facts.reason
+        assert 3.3 < float(away[1]) < 8.0
+    else:
+        assert (facts.outcome, facts.unsafe) == ("completed", [])
+        assert set(facts.safe_state.values()) == {"verified"}
 
 
 def test_every_kind_of_accident_happens() -> None:

@@ -75,6 +75,23 @@ def test_nothing_is_written_while_it_is_away_or_when_it_is_back(kind: str) -> No
     assert [write.value for write in run.station.log.written("status") if write.port == 1] == [WORKING, STAND]
 
 
+@pytest.mark.parametrize("kind", ["dropout", "silence"])
+@pytest.mark.parametrize("for_s", [1.0, 2.0, 30.0])
+def test_one_that_goes_away_as_the_run_ends_is_sought_for_three_seconds(kind: str, for_s: float) -> None:
+    run = prepare(line_text(fault(kind, at_s=11.8, for_s=for_s)), duration_s=12).go()
+    assert_account_holds(run)
+    assert run.facts.outages == 1
+    if for_s < 3:
+        assert (run.facts.outcome, run.facts.reason) == ("completed", "")
+        assert len(run.memory.of_kind("link.back")) == 1
+        assert run.facts.safe_state == {1: "verified", 2: "verified"}
+    else:
+        assert run.facts.outcome == "gone"
+        away = re.search(r"away for (\d+\.\d) s, still 3 s after the end of the run", run.facts.reason)
+        assert away is not None, run.facts.reason
+        assert 2.9 < float(away[1]) < 8.0
+
+
 def test_a_hot_tip_behind_a_cut_cable_is_critical() -> None:
     run = prepare(line_text(away_for_3_s("dropout")), duration_s=12).go()
     (event,) = run.memory.of_kind("link.lost")
