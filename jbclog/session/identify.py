@@ -5,7 +5,7 @@ from __future__ import annotations
 from jbclog.commands.family import ROBOT
 from jbclog.commands.models import not_accepted, other_model, unknown_model
 from jbclog.effects import Reopen, Steps, Wait
-from jbclog.errors import LinkError, NotSupported, OutOfRange, Refusal, RobotModeOff, StartRefused, StationError
+from jbclog.errors import LinkError, NotReceived, NotSupported, OutOfRange, Refusal, RobotModeOff, StartRefused, StationError
 from jbclog.rows import Severity
 from jbclog.session.identity import learn_identity
 from jbclog.session.order import Desk, PortState
@@ -99,7 +99,7 @@ def _learn_family(desk: Desk) -> Steps[None]:
     if desk.family.name not in desk.recipe.families:
         raise StartRefused(f"{desk.name}: recipe {desk.recipe.name} is not for family {desk.family.name}")
     if "software_version" in desk.family.commands:
-        desk.facts.software = yield from _optional_text(desk, "software_version")
+        desk.facts.software = yield from _software(desk)
 
 
 def _accept_model(desk: Desk) -> Steps[None]:
@@ -116,11 +116,18 @@ def _accept_model(desk: Desk) -> Steps[None]:
     desk.note("station.model_accepted", Severity.INFO, text, raw=model)
 
 
-def _optional_text(desk: Desk, name: str) -> Steps[str | None]:
+def _software(desk: Desk) -> Steps[str | None]:
+    """The software version; None where the station refuses the question, which is how it says that it does not know it, or where
+    it could not be read. That is a warning, because what is not known identifies nobody.
+    """
     try:
-        return str((yield from desk.agreed(desk.command(name))))
-    except StationError:
-        desk.not_supported.add(name)
+        return str((yield from desk.agreed(desk.command("software_version"))))
+    except StationError as error:
+        if isinstance(error, Refusal) and not isinstance(error, NotReceived | RobotModeOff):
+            desk.not_supported.add("software_version")
+            return None
+        text = f"The software version could not be read ({error}): after an outage the station is identified without it."
+        desk.note("identity.not_known", Severity.WARNING, text)
         return None
 
 

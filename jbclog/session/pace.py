@@ -74,7 +74,8 @@ def choose_pace(desk: Desk) -> Pace:
     """Decide the rate. Raises `StartRefused` naming the best rate and the greatest turnaround where it does not fit."""
     order, facts = desk.order, desk.facts
     readings = readings_for(desk.family, list(desk.ports), desk.recipe, order.line, order.address is not None)
-    readings = [one for one in readings if one.name not in desk.not_supported]
+    unread = {"software_version"} if facts.software is None else set()  # there is nothing to compare it with
+    readings = [one for one in readings if one.name not in desk.not_supported | unread]
     demand, seen = Demand.of(readings), facts.turnaround_us
     usual = response(desk.family, seen["median"] / 1e6, seen["p99"] / 1e6)
     asked = facts.asked_rate = asked_rate(order.rate, desk.recipe, desk.family)

@@ -311,6 +311,24 @@ def test_a_station_that_says_nothing_for_a_moment_is_asked_again(command: str) -
     assert run.facts.software is not None
 
 
+@pytest.mark.parametrize(("kind", "told"), [("silence", True), ("nak", False)])
+def test_a_software_that_could_not_be_read_is_not_known_and_one_that_is_refused_is_not_supported(kind: str, told: bool) -> None:
+    keys = {"code": 4} if kind == "nak" else {}
+    run = prepare(line_text(fault(kind, command="software_version", **keys)), duration_s=1).go()
+    assert run.facts.outcome == "completed"
+    assert run.facts.software is None
+    assert ("software_version" in run.facts.not_supported) != told
+    events = run.memory.of_kind("identity.not_known")
+    assert [event.severity for event in events] == ["warning"] * told
+    assert all("in 5 tries" in event.text and "identified without it" in event.text for event in events)
+
+
+def test_a_software_that_is_told_later_than_the_start_makes_nobody_another_station() -> None:
+    run = prepare(line_text(fault("silence", command="software_version", at_s=0, for_s=30)), duration_s=150).go()
+    assert (run.facts.outcome, run.facts.outages, run.facts.software) == ("completed", 0, None)
+    assert len(run.memory.of_kind("identity.not_known")) == 1
+
+
 def test_a_link_that_breaks_in_a_write_leaves_it_unconfirmed() -> None:
     at_s = moment_of("WHA100380") + 0.001
     run = prepare(line_text(fault("dropout", at_s=at_s, for_s=3)), duration_s=5).go()
