@@ -185,13 +185,24 @@ class Dialogue:
                     self._note_time(heard.now, question, self.line.seconds(len(question.frame) + len(found.encode())))
                     return data
                 if not isinstance(failure, AnswerCorrupt):
-                    text = f"{question.title()}: answered by {found.header}{found.text}, which is no answer to it"
-                    failure = AnswerFormat(text)
+                    failure = AnswerFormat(f"{question.title()}: answered by {self._why_no_answer(found)}")
             heard = yield Listen(until)
         self.now = heard.now
         self._is_overdue = until == end
         self._reader.reset()
         raise failure
+
+    def _why_no_answer(self, frame: Frame) -> str:
+        """What came in place of an answer, in words; of a frame from another address, which one."""
+        said, pair, own = f"{frame.header}{frame.text}", (frame.source, frame.target), (self.address, self.host_address)
+        expected = [(None, None)] if self.address is None else [own, own[::-1], *self._moving]
+        if pair in expected:
+            return f"{said}, which is no answer to it"
+        if frame.source is None:
+            return f"{said} without an address, not from address {self.address:02d}"
+        other = next((one for one in pair if one not in own), frame.source)
+        asked = "though no address is used" if self.address is None else f"not {self.address:02d}"
+        return f"{said} from address {other:02d}, {asked}"
 
     def _rest_of(self, question: Question, corrupt: Corrupt, end: float) -> float:
         """Until when to listen behind a corrupt frame: one as long as the answer was the answer."""

@@ -181,6 +181,25 @@ def test_every_kind_of_accident_happens() -> None:
     assert set().union(*(one.faults for one in cables.values())) == set(KINDS)
 
 
+def test_a_name_that_comes_from_elsewhere_refuses_with_the_address_it_came_from() -> None:
+    one = cable("hde", 3)
+    one.script = dict.fromkeys(range(200), "other address")
+    one.rng.choice = lambda _of: 20  # type: ignore[method-assign]  # always the same neighbour
+    one.rng.random = lambda: 0.9  # type: ignore[method-assign]  # and never the station itself
+    (why,) = virtual({"hde": one}).not_started.values()
+    assert "from address 20, not 01" in why
+    assert "no answer to it" not in why
+
+
+def test_a_software_that_is_never_told_is_a_warning_and_not_counted_as_unknown_to_the_station() -> None:
+    one = cable("dde", 1)
+    one.is_silent_to = lambda text: text == "RSVR"
+    outcome = virtual({"dde": one})
+    facts = outcome.desks["dde"].facts
+    assert (facts.outcome, facts.software, facts.not_supported.count("software_version")) == ("completed", None, 0)
+    assert [event.severity for event in outcome.memory.of_kind("identity.not_known")] == ["warning"]
+
+
 # -- one of several does not start ------------------------------------------------------------------------------------------------
 
 BAD = {

@@ -68,6 +68,22 @@ def test_a_line_without_addresses_takes_answers_without_addresses_only() -> None
     assert talk.station.strays == {"address": 1}
 
 
+@pytest.mark.parametrize(
+    ("frame", "address", "said"),
+    [
+        (framed("ATT100999", 5, 0), 1, "ATT100999 from address 05, not 01"),
+        (framed("ATT100999", 0, 20), 1, "ATT100999 from address 20, not 01"),  # either order of addresses
+        (framed("ATT100999", 99, 0), None, "ATT100999 from address 99, though no address is used"),
+        (framed("ATT100999", None, None), 1, "ATT100999 without an address, not from address 01"),
+        (framed("APP100999", 1, 0), 1, "APP100999, which is no answer to it"),
+    ],
+)
+def test_what_came_in_place_of_an_answer_is_named_with_its_address(frame: bytes, address: int | None, said: str) -> None:
+    talk = Talk(replies=lambda text: [frame if text == "RTT1" else PROBE[1]], address=address)
+    with pytest.raises(AnswerFormat, match=f"answered by {said}$"):
+        talk.do(read_tip)
+
+
 # -- header, code, length, digits ----------------------------------------------------------------------------------
 
 
