@@ -14,15 +14,16 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from jbclog.features import Wire, dips, find_joints
+from jbclog.features import Asked, Joint, Wire, find_joints
+from jbclog.features.asked import asked_of
 from jbclog.features.feeds import feeds_of
 from jbclog.features.port_rows import COLUMNS, PUSHING, WORKING, Clock, PortRows, series_of
-from jbclog.features.recovery import LATEST_S, Dip
-from jbclog.judge import PortJoints
+from jbclog.judge import PortJoints, Recovery
 from jbclog.judge.idle import Flags, Floats
 from jbclog.judge.rules import has_feeder, has_tip
 from jbclog.judge.samples import Counts
 from jbclog.judge.stepped import steps_of
+from jbclog.record.joints_asked import joints_asked
 from jbclog.record.parts import row_groups
 from jbclog.record.schema import SCHEMAS
 from jbclog.rows import StationFacts
@@ -40,10 +41,15 @@ def joint_evidence(folder: Path, stations: Sequence[StationFacts], t0_utc: float
         samples = _of_stations(folder, "samples", COLUMNS, [facts.name for facts in some])
         for facts in some:
             clock, rows = Clock(facts.period_s, steps, t0_us), samples.filter(pc.equal(samples["station"], facts.name))
+            asked = asked_of(joints_asked(folder, facts))
             counters = _of_stations(folder, "counters", COUNTERS, [facts.name]) if has_feeder(facts) else None
             for port in facts.ports:
                 found[facts.name, port] = _port(
-                    facts, _of_port(rows, port), None if counters is None else _of_port(counters, port), clock
+                    facts,
+                    _of_port(rows, port),
+                    None if counters is None else _of_port(counters, port),
+                    clock,
+                    asked,
                 )
     return found
 
@@ -74,25 +80,23 @@ def _of_port(rows: pa.Table, port: int) -> pa.Table:
     return rows.filter(pc.equal(rows["port"], port))
 
 
-def _port(facts: StationFacts, rows: pa.Table, counters: pa.Table | None, clock: Clock) -> PortJoints:
+def _port(facts: StationFacts, rows: pa.Table, counters: pa.Table | None, clock: Clock, asked: Asked) -> PortJoints:
     if not rows.num_rows:
         return PortJoints(why="Nothing was recorded at all.")
     series = series_of(facts, _port_rows(rows, clock))
-    found = find_joints(series)
-    recoveries = _recoveries(dips(series, found), float(series.seconds[-1]))
-    if counters is None:
-        return PortJoints(recoveries)
+    found = find_joints(series, asked)
+    recoveries = [_recovery(joint) for joint in found.joints]
+    if counters is None or found.why is not None:
+        return PortJoints(recoveries, why=found.why)
     stepped_s = sum(abs(step.size_s) for step in clock.steps)
     return PortJoints(recoveries, feeds_of(series, _wire(counters, clock), found.joints, stepped_s))
 
 
-def _recoveries(seen: Sequence[Dip], end_s: float) -> list[float | None]:
-    """Of each joint, without those after which the record ended too early to say; that has nothing to do with how long it took."""
-    return [
-        None if dip.recovery_s is None else round(dip.recovery_s, 6)
-        for dip in seen
-        if dip.recovery_s is not None or dip.draw.end_s + LATEST_S <= end_s
-    ]
+def _recovery(joint: Joint) -> Recovery | None:
+    """What the judge has to know of a joint; None where nothing is known of its recovery."""
+    if joint.recovery_s is not None:
+        return Recovery(round(joint.recovery_s, 6), True)
+    return None if joint.had_s is None else Recovery(round(joint.had_s, 6), joint.recovered)
 
 
 def _port_rows(rows: pa.Table, clock: Clock) -> PortRows:

@@ -19,12 +19,13 @@ import pyarrow.compute as pc
 from jbclog.analysis.alarm_rows import stations_of
 from jbclog.analysis.joint_table import JOINTS_SCHEMA, read_joints
 from jbclog.analysis.left_metrics import left_metrics, metric_table
-from jbclog.features import DEFINITIONS, Measured, Series, Wire, find_joints, heat_of, measure_port
+from jbclog.features import DEFINITIONS, Joint, Measured, Series, Wire, find_joints, measure_port
+from jbclog.features.asked import asked_of
 from jbclog.features.port_rows import COLUMNS, PUSHING, WORKING, Clock, PortRows, kind_of, series_of
-from jbclog.features.recovery import Dip
 from jbclog.judge.idle import Floats
 from jbclog.judge.samples import Counts
 from jbclog.judge.stepped import Step
+from jbclog.record.joints_asked import joints_asked
 from jbclog.record.manifest import manifest_sha256
 from jbclog.rows import StationFacts
 
@@ -58,7 +59,7 @@ def joints_and_metrics(run: Run) -> tuple[pa.Table, list[dict[str, object]]]:
     joints: list[dict[str, object]] = []
     metrics: list[dict[str, object]] = []
     for facts, port, measured, moments in _measured(run, None):
-        joints += [_row(facts, port, number, dip, moments) for number, dip in enumerate(measured.dips, 1)]
+        joints += [_row(facts, port, number, joint, moments) for number, joint in enumerate(measured.joints, 1)]
         metrics += [{"station": facts.name, "port": port, **_named(asdict(figure))} for figure in measured.figures]
     return pa.Table.from_pylist(joints, schema=JOINTS_SCHEMA), metrics
 
@@ -73,7 +74,7 @@ def joints_table(run: Run, station: str | None = None) -> pa.Table:
     """The joints of a run in the order of stations, ports and times."""
     rows: list[dict[str, object]] = []
     for facts, port, measured, moments in _measured(run, station):
-        rows += [_row(facts, port, number, dip, moments) for number, dip in enumerate(measured.dips, 1)]
+        rows += [_row(facts, port, number, joint, moments) for number, joint in enumerate(measured.joints, 1)]
     return pa.Table.from_pylist(rows, schema=JOINTS_SCHEMA)
 
 
@@ -111,14 +112,15 @@ def joint_count(run: Run, ended_s: float | None = None) -> int:
     for facts, _, series, _, _ in _ports(run, None):
         if kind_of(facts) == "tip" and len(series.seconds):
             latest = inf if ended_s is None else float(series.seconds[-1]) - ended_s
-            count += sum(draw.end_s <= latest for draw in find_joints(series).joints)
+            count += sum(joint.end_s <= latest for joint in find_joints(series, asked_of(joints_asked(run.folder, facts))).joints)
     return count
 
 
 def _measured(run: Run, station: str | None) -> Iterator[tuple[StationFacts, int, Measured, _Moments]]:
     """Each port of each station, measured."""
     for facts, port, series, wire, moments in _ports(run, station):
-        yield facts, port, measure_port(series, kind_of(facts), wire), moments
+        asked = asked_of(joints_asked(run.folder, facts))
+        yield facts, port, measure_port(series, kind_of(facts), wire, asked), moments
 
 
 def _ports(run: Run, station: str | None) -> Iterator[tuple[StationFacts, int, Series, Wire | None, _Moments]]:
@@ -189,8 +191,8 @@ def _micros(rows: pd.DataFrame) -> Counts:
     return np.asarray(rows["time"].astype("int64"), dtype=np.int64)
 
 
-def _row(facts: StationFacts, port: int, number: int, dip: Dip, moments: _Moments) -> dict[str, object]:
-    draw, energy, rated_w = dip.draw, dip.energy, facts.rated_power_w
+def _row(facts: StationFacts, port: int, number: int, joint: Joint, moments: _Moments) -> dict[str, object]:
+    draw, energy, rated_w = joint.draw, joint.energy, facts.rated_power_w
     return {
         "station": facts.name,
         "port": port,
@@ -199,17 +201,26 @@ def _row(facts: StationFacts, port: int, number: int, dip: Dip, moments: _Moment
         "end": moments.at(draw.end_s),
         "start_s": round(draw.start_s, 6),
         "end_s": round(draw.end_s, 6),
-        "touches": len(draw.touches),
-        "dwell_s": _tidy(sum(touch.dwell_s for touch in draw.touches)),
-        "depth_c": _tidy(dip.depth_c),
-        "recovery_s": _tidy(dip.recovery_s),
-        "peak_permille": _tidy(max(touch.peak for touch in draw.touches)),
-        "heat_permille_s": _tidy(heat_of(dip)),
+        "touches": draw.contacts,
+        "dwell_s": _tidy(draw.dwell_s),
+        "depth_c": _tidy(joint.depth_c),
+        "recovery_s": _tidy(joint.recovery_s),
+        "peak_permille": _tidy(draw.peak),
+        "heat_permille_s": _tidy(draw.heat),
         "energy_permille_s": _tidy(energy),
         "energy_j": None if energy is None or rated_w is None else _tidy(energy * rated_w / 1000),
         "fed": draw.fed,
         "confidence": draw.confidence,
-        "why": dip.why,
+        "why": joint.why,
+        "kind": draw.kind,
+        "heat_j": _tidy(joint.heat_j),
+        "setpoint_c": _tidy(joint.setpoint_c),
+        "deficit_c": _tidy(joint.deficit_c),
+        "resting_below_c": _tidy(joint.resting_below_c),
+        "lowest_c": _tidy(joint.lowest_c),
+        "end_c": _tidy(joint.end_c),
+        "recovered": joint.recovered,
+        "had_s": _tidy(joint.had_s),
     }
 
 

@@ -5,11 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final
 
+from jbclog.features.asked import LEAST_DWELL_S, MERGE_GAP_S, RECOVERED_WITHIN_C
+from jbclog.features.drawn import SURE_DWELL_S, SURE_HEAT, SURE_PEAK
 from jbclog.features.energy import AT_LEAST_PERMILLE
 from jbclog.features.heating import AFTER_S, BAND_C, CALM_C, HOLD_S, LEAST_RISE_C
 from jbclog.features.idling import LEAST_DRIFT_S, LEAST_MEANS, MEAN_S
-from jbclog.features.joints import LEAST_DWELL_S, LEAST_HEAT, LEAST_PEAK, MERGE_S
-from jbclog.features.recovery import BACK_C, BACK_FOR_S, BEFORE_S, LATEST_S
+from jbclog.features.recovery import BACK_FOR_S
 from jbclog.features.wire import LEAST_READINGS, PUSHED_S
 
 
@@ -60,19 +61,31 @@ DEFINITIONS: Final = (
     Definition(
         "joints",
         "count",
-        f"Draws of heat that dwell {LEAST_DWELL_S:g} s, take {LEAST_HEAT:g} ‰·s and peak at {LEAST_PEAK:g} ‰ at least; touches "
-        f"less than {MERGE_S:g} s apart are one. With a feeder, touches to which wire was pushed. Joints "
-        "shorter than two sampling periods can be missed, and below 5 Hz wipes be taken for joints. Says nothing of quality.",
+        f"Draws of heat of {LEAST_DWELL_S:g} s or more, found by the tip's heat balance; contacts less than {MERGE_GAP_S:g} s "
+        "apart are one (both can be set in the recipe). With a feeder that decides, feeds; a feed without a draw is a joint of low "
+        "confidence. None where the heat balance cannot be known. Says nothing of quality.",
         TIP,
     ),
     Definition(
-        "joint_depth_c",
-        "°C",
-        f"Median of the {BEFORE_S:g} s before a joint minus its lowest temperature. {_EACH}",
+        "joints_kind_not_known",
+        "count",
+        f"Joints that may as well be wipes or touches without solder: shorter than {SURE_DWELL_S:g} s, "
+        f"less than {SURE_HEAT:g} ‰·s, or never {SURE_PEAK:g} ‰.",
         TIP,
     ),
+    Definition("joints_not_recovered", "count", "Joints that the next draw of heat followed before the tip was back.", TIP),
+    Definition("recovered_before_next_percent", "%", "Share of the joints after which the tip was back before the next draw.", TIP),
+    Definition("joint_deficit_c", "°C", f"Setpoint minus temperature at a joint's start. {_EACH}", TIP),
+    Definition(
+        "joint_resting_below_c",
+        "°C",
+        f"Temperature at which the tip rests at this setpoint minus temperature at a joint's start. {_EACH}",
+        TIP,
+    ),
+    Definition("joint_depth_c", "°C", f"Temperature at a joint's start minus its lowest until the tip is back. {_EACH}", TIP),
     Definition("joint_dwell_s", "s", f"Time in which heat flows into the work. {_EACH}", TIP),
     Definition("joint_heat_permille_s", "‰·s", f"Heat that went into the work, above what holds the tip. {_EACH}", TIP),
+    Definition("joint_heat_j", "J", "The same × full-scale power / 1000, where the line file declares that power.", TIP),
     Definition(
         "joint_energy_permille_s",
         "‰·s",
@@ -82,11 +95,19 @@ DEFINITIONS: Final = (
     Definition(
         "recovery_s",
         "s",
-        f"From a joint's start until the temperature is back within {BACK_C:g} °C of what it was before for {BACK_FOR_S:g} s; none "
-        f"where the next joint came first or it took more than {LATEST_S:g} s after the joint. {_EACH}",
+        f"From a joint's start until the tip is no more than {RECOVERED_WITHIN_C:g} °C (recovered_within_c in the recipe) below "
+        f"the level at which it rests at this setpoint, for {BACK_FOR_S:g} s; below the setpoint where no rest was seen. Median; a "
+        "joint that was followed by the next or cut off before is censored (Kaplan-Meier).",
         TIP,
     ),
     Definition("recovery_p95_s", "s", "The 95 % quantile of the same.", TIP),
+    Definition(
+        "tip_capacity_permille_s_per_k",
+        "‰·s/K",
+        "Heat capacity of the tip as the run shows it; the resolution is twice its standard uncertainty.",
+        TIP,
+    ),
+    Definition("tip_loss_permille_per_k", "‰/K", "Heat that the tip gives to the air, per K above 25 °C; the same.", TIP),
     Definition("power_mean_permille", "‰", "Mean of the power readings while the tool works."),
     Definition("energy_permille_s", "‰·s", "Integral of the power over the whole record (trapezoids)."),
     Definition(
@@ -98,6 +119,8 @@ DEFINITIONS: Final = (
     Definition("joint_share_percent", "%", "Dwell of all joints as a share of the working time.", TIP),
     Definition("wire_mm", "mm", "Dispensed length, last reading of the counter minus the first.", FEEDER),
     Definition("wire_feeds", "count", "Dispensing cycles, last reading of the counter minus the first.", FEEDER),
+    Definition("feeds_without_draw", "count", "Feeds in which the tip drew no heat that shows.", FEEDER),
+    Definition("draws_without_feed", "count", "Draws of heat in which no wire was seen pushed.", FEEDER),
     Definition("wire_per_joint_mm", "mm", "Dispensed length over the joints found between the two readings.", FEEDER),
     Definition("wire_per_feed_mm", "mm", "Dispensed length over dispensing cycles.", FEEDER),
     Definition("wire_delivered_percent", "%", "Wire per feed as a share of the length that is set.", FEEDER),

@@ -1,12 +1,11 @@
 """Power and energy: what the heater was told to give.
 
-Definitions. Power is in per mille of the station's theoretical maximum (R-PP). *Energy* is its integral over the whole record by
-the trapezoid rule on the run's own grid, in ‰·s; without a value where the record has a gap. *Recorded energy* is the same over
-the stretches without a gap, and so a lower bound. In joules, ‰·s × the full-scale power / 1000, only where the line file declares
-that power.
-*Mean power*: the mean of the readings while the tool works. *Duty*: the time at `AT_LEAST_PERMILLE` or more as a share of the
-working readings. *Utilisation*: readings of the state in which the tool works, as a share of all readings of the state.
-*Joint share*: the time in joints as a share of the working time.
+Definitions. Power is in per mille of the station's theoretical maximum (R-PP). *Energy* is its integral over the whole record
+by the trapezoid rule on the run's own grid, in ‰·s; without a value where the record has a gap. *Recorded energy* is the same
+over the stretches without a gap, and so a lower bound. In joules, ‰·s × the full-scale power / 1000, only where the line file
+declares that power. *Mean power*: the mean of the readings while the tool works. *Duty*: the time at `AT_LEAST_PERMILLE` or
+more as a share of the working readings. *Utilisation*: readings of the state in which the tool works, as a share of all
+readings of the state. *Joint share*: the time in joints as a share of the working time.
 """
 
 from __future__ import annotations
@@ -16,13 +15,13 @@ from collections.abc import Sequence
 import numpy as np
 
 from jbclog.features.figure import Figure, no_figure
-from jbclog.features.joints import Draw
+from jbclog.features.recovery import Joint
 from jbclog.features.series import RESOLUTION_PERMILLE, Series, Window
 
 AT_LEAST_PERMILLE = 500.0
 
 
-def energy(series: Series, joints: Sequence[Draw] | None) -> list[Figure]:
+def energy(series: Series, joints: Sequence[Joint] | None) -> list[Figure]:
     """Power, energy, duty and utilisation; `joints` is None for tools in which joints are not looked for."""
     power = series.whole(series.rows.power)
     return [
@@ -88,10 +87,10 @@ def _utilisation(series: Series) -> Figure:
     return Figure("utilisation_percent", 100.0 * float(series.rows.working.sum()) / known, "%", known, coverage, 100.0 / known)
 
 
-def _joint_share(series: Series, joints: Sequence[Draw]) -> Figure:
+def _joint_share(series: Series, joints: Sequence[Joint]) -> Figure:
     working = int(series.rows.working.sum())
     if not working:
         return no_figure("joint_share_percent", "%", "The tool was never seen working.")
-    busy = sum(touch.dwell_s for draw in joints for touch in draw.touches)
+    busy = sum(joint.dwell_s for joint in joints)
     share = 100.0 * busy / (working * series.period_s)
     return Figure("joint_share_percent", share, "%", len(joints), series.whole(series.rows.temperature).coverage, 100.0 / working)

@@ -1,7 +1,7 @@
 """Joints found and feeds counted between two readings of the feeder's counter, for the judge (`judge/joint_rules.py`).
 
-The counter is read with its time in UTC and the joints stand on the run's grid, so the two fit to `EDGE_S`, and to no better than
-the wall clock was stepped: a joint nearer to the first or the last reading is one of which the side is not known.
+The counter is read with its time in UTC and the joints stand on the run's grid, so the two fit to `EDGE_S`, and to no better
+than the wall clock was stepped: a joint nearer to the first or the last reading is one of which the side is not known.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Final
 
-from jbclog.features.joints import Draw
+from jbclog.features.recovery import Joint
 from jbclog.features.series import Series
 from jbclog.features.wire import Wire, between, grown
 from jbclog.judge.jointed import Feeds
@@ -17,7 +17,7 @@ from jbclog.judge.jointed import Feeds
 EDGE_S: Final = 1.0
 
 
-def feeds_of(series: Series, wire: Wire, joints: Sequence[Draw], stepped_s: float = 0.0) -> Feeds:
+def feeds_of(series: Series, wire: Wire, joints: Sequence[Joint], stepped_s: float = 0.0) -> Feeds:
     """What was found and counted between the first and the last reading; `stepped_s` is by how much the wall clock was stepped."""
     counted = grown("wire_feeds", "count", wire.cycles, 1.0)
     if counted.value is None:
@@ -28,7 +28,7 @@ def feeds_of(series: Series, wire: Wire, joints: Sequence[Draw], stepped_s: floa
     return Feeds(found, sum(sides), len(sides) - sum(sides), round(counted.value), _lost_s(series, start, end))
 
 
-def _is_near(draw: Draw, edges: Sequence[float], slack_s: float) -> bool:
+def _is_near(draw: Joint, edges: Sequence[float], slack_s: float) -> bool:
     return any(draw.start_s - slack_s <= edge <= draw.end_s + slack_s for edge in edges)
 
 

@@ -1,9 +1,9 @@
 """Heating up: how long it takes, how far it goes beyond, when it has settled.
 
-Definitions. A *heat-up* begins when the tool goes to work (or the record begins with it working), or when its setting is raised
-by `LEAST_RISE_C` or more, with a tip that is more than `BAND_C` below its setting. Where the record begins with a working tool, it
-begins when the tool was ordered to work, if that was at most `ORDER_S` before the first row; else its beginning is not known, and
-it is left out.
+Definitions. A *heat-up* begins when the tool goes to work (or the record begins with it working), or when its setting is
+raised by `LEAST_RISE_C` or more, with a tip that is more than `BAND_C` below its setting. Where the record begins with a
+working tool, it begins when the tool was ordered to work, if that was at most `ORDER_S` before the first row; else its
+beginning is not known, and it is left out.
 
 *Heat-up time*: from that moment until the tip first enters its setting ± `BAND_C` and stays within for `HOLD_S`.
 *Overshoot*: the highest temperature minus the setting in the `AFTER_S` after that entry, or until the setting or the state

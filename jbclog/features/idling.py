@@ -6,9 +6,9 @@ figures and the verdict's are the same. *Idle error*: mean of temperature minus 
 P. K. Sen 1968) of the means of the idle readings of each `MEAN_S`, over an hour; it takes `LEAST_MEANS` of them, `LEAST_DRIFT_S`
 apart.
 
-Idle readings have no one window: they are taken from stretches without a gap, each of which has to settle anew. `coverage` is the
-share of the run's rows whose temperature was read. A spread below the resolution divided by √12 is the resolution's, not the tip's;
-then there is no value, since the true one may be anything up to it.
+Idle readings have no one window: they are taken from stretches without a gap, each of which has to settle anew. `coverage` is
+the share of the run's rows whose temperature was read. A spread below the resolution divided by √12 is the resolution's, not
+the tip's; then there is no value, since the true one may be anything up to it.
 """
 
 from __future__ import annotations

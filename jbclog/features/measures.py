@@ -5,13 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final
 
+from jbclog.features.asked import Asked
 from jbclog.features.definitions import DEFINITIONS
 from jbclog.features.energy import energy
 from jbclog.features.figure import Figure, no_figure
 from jbclog.features.heating import heating
 from jbclog.features.idling import idling
+from jbclog.features.joint_figures import joint_figures
 from jbclog.features.joints import Found, find_joints
-from jbclog.features.recovery import Dip, dips, recovery
+from jbclog.features.recovery import Joint
 from jbclog.features.series import Series
 from jbclog.features.wire import Wire, wire_figures
 
@@ -28,21 +30,25 @@ class Measured:
     """The metrics of a port and the joints that some of them rest on."""
 
     figures: list[Figure]
-    dips: list[Dip]
+    found: Found | None = None
+
+    @property
+    def joints(self) -> list[Joint]:
+        return [] if self.found is None else self.found.joints
 
 
-def measure_port(series: Series, kind: str, wire: Wire | None = None) -> Measured:
-    """Every metric of a port whose tool is a ``tip``, hot ``air`` or an ``omega``."""
+def measure_port(series: Series, kind: str, wire: Wire | None = None, asked: Asked | None = None) -> Measured:
+    """Every metric of a port whose tool is a ``tip``, hot ``air`` or an ``omega``; joints as the recipe asks for them."""
     if kind == "omega":
-        return Measured([no_figure(one.name, one.unit, NOT_OF[kind]) for one in DEFINITIONS], [])
-    found = find_joints(series) if kind == "tip" else Found([], [], 0.0, 0.0)
-    seen = dips(series, found)
-    figures = [*heating(series), *idling(series), *energy(series, found.joints if kind == "tip" else None)]
-    if kind == "tip":
-        figures += [*recovery(series, found, seen), *wire_figures(series, wire, found.joints)]
-    return Measured(_in_order(figures, kind), seen)
+        return Measured([no_figure(one.name, one.unit, NOT_OF[kind]) for one in DEFINITIONS])
+    found = find_joints(series, asked) if kind == "tip" else None
+    figures = [*heating(series), *idling(series), *energy(series, None if found is None or found.why else found.joints)]
+    if found is not None:
+        figures += [*joint_figures(series, found), *wire_figures(series, wire, found.joints)]
+    return Measured(_in_order(figures, kind, found), found)
 
 
-def _in_order(figures: list[Figure], kind: str) -> list[Figure]:
+def _in_order(figures: list[Figure], kind: str, found: Found | None) -> list[Figure]:
     by_name = {figure.name: figure for figure in figures}
-    return [by_name.get(one.name) or no_figure(one.name, one.unit, NOT_OF[kind]) for one in DEFINITIONS]
+    why = NOT_OF[kind] if found is None or found.why is None else found.why
+    return [by_name.get(one.name) or no_figure(one.name, one.unit, why) for one in DEFINITIONS]

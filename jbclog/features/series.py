@@ -116,17 +116,32 @@ class Stretch:
     def __len__(self) -> int:
         return len(self.seconds)
 
+    def take(self, rows: slice) -> Stretch:
+        columns = (self.seconds[rows], self.temperature[rows], self.power[rows], self.setting[rows])
+        return Stretch(self.period_s, *columns)
+
+
+BRIDGED_S = 0.5
+"""A shorter time without readings is bridged where transients are looked at: a draw that spans it would be cut in two."""
+
+
+RISE_C, RISE_K_PER_S = 25.0, 300.0
+FALL_C, FALL_K_PER_S = 60.0, 400.0
+"""No tip moves so far so fast: another tool, or none, is in its place."""
+
 
 def stretches(series: Series, shortest_s: float = 3.0) -> list[Stretch]:
-    """The parts of the record that can be looked at for transients: working, both read, no gap. A single lost row is bridged."""
+    """The parts of the record that can be looked at for transients: working, both read, no gap beyond `BRIDGED_S`."""
     rows = series.rows
     there = ~np.isnan(rows.temperature) & ~np.isnan(rows.power) & rows.working
     places = np.flatnonzero(there)
     if not len(places):
         return []
-    apart = np.diff(rows.seconds[places]) > series.gap_s + 1e-6
+    apart = np.diff(rows.seconds[places]) > max(series.gap_s, BRIDGED_S) + 1e-6
+    moved, took_s = np.diff(rows.temperature[places]), np.diff(rows.seconds[places])
+    leaps = (moved > np.maximum(RISE_C, RISE_K_PER_S * took_s)) | (-moved > np.maximum(FALL_C, FALL_K_PER_S * took_s))
     rested = np.diff(np.cumsum(series.known & ~rows.working)[places]) > 0
-    pieces = np.split(places, np.flatnonzero(apart | rested) + 1)
+    pieces = np.split(places, np.flatnonzero(apart | rested | leaps) + 1)
     setting = setting_in_force(rows.seconds, rows.setting)
     found = [_even(rows, setting, piece, series.period_s) for piece in pieces if len(piece) > 1]
     return [stretch for stretch in found if len(stretch) * series.period_s >= shortest_s]

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from jbclog.features.figure import Figure, no_figure
-from jbclog.features.joints import Draw
+from jbclog.features.recovery import Joint
 from jbclog.features.series import Series
 from jbclog.judge.idle import Floats
 
@@ -48,7 +48,7 @@ class Wire:
     set_length_mm: float | None = None
 
 
-def wire_figures(series: Series, wire: Wire | None, joints: Sequence[Draw]) -> list[Figure]:
+def wire_figures(series: Series, wire: Wire | None, joints: Sequence[Joint]) -> list[Figure]:
     """All figures of the wire; without values where there is no feeder."""
     if wire is None or series.feeding is None:
         return [no_figure(name, unit, "The tool has no feeder.") for name, unit in NAMES]
@@ -82,7 +82,7 @@ def _ratio(name: str, unit: str, over: Figure, under: Figure) -> Figure:
     return Figure(name, over.value / under.value, unit, round(under.value), 100.0, (over.resolution or 0.0) / under.value)
 
 
-def _per_joint(series: Series, wire: Wire, joints: Sequence[Draw], length: Figure) -> Figure:
+def _per_joint(series: Series, wire: Wire, joints: Sequence[Joint], length: Figure) -> Figure:
     name, unit = "wire_per_joint_mm", "mm"
     if length.value is None:
         return no_figure(name, unit, length.why or "")

@@ -10,7 +10,7 @@ Start reading: `verdict.py`, then `rules.py`; `samples.py`, `idle.py` and `bound
 from jbclog.judge.acceptance import Acceptance, Limits, asks_for_joints
 from jbclog.judge.bound import Bound
 from jbclog.judge.evidence import Evidence
-from jbclog.judge.jointed import Feeds, Joints, PortJoints
+from jbclog.judge.jointed import Feeds, Joints, PortJoints, Recovery
 from jbclog.judge.reached import Asks
 from jbclog.judge.rule import Result, Rule
 from jbclog.judge.samples import PortMeasure, judged_signals, measure
@@ -29,6 +29,7 @@ __all__ = [
     "Limits",
     "PortJoints",
     "PortMeasure",
+    "Recovery",
     "Result",
     "Rule",
     "Verdict",

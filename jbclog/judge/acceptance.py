@@ -47,6 +47,10 @@ class Acceptance(Protocol):
         """Longest time in which the tip is to be back after 95 joints of 100."""
 
     @property
+    def recovered_before_next_percent(self) -> float | None:
+        """Least share of the joints after which the tip is back before the next one."""
+
+    @property
     def joints_against_counter_percent(self) -> float | None:
         """Greatest difference, either way, of the joints found from the feeds that the feeder counted."""
 
@@ -70,6 +74,7 @@ class Limits:
     alarms_max: int | None = None
     verification_days: float | None = None
     recovery_p95_s: float | None = None
+    recovered_before_next_percent: float | None = None
     joints_against_counter_percent: float | None = None
     reached_within_c: float | None = None
     at_work_percent: float | None = None
@@ -77,7 +82,7 @@ class Limits:
 
 
 REACHED_LIMITS = ("reached_within_c", "at_work_percent")
-JOINT_LIMITS = ("recovery_p95_s", "joints_against_counter_percent")
+JOINT_LIMITS = ("recovery_p95_s", "recovered_before_next_percent", "joints_against_counter_percent")
 LIMIT_NAMES = (
     "coverage_percent",
     "longest_gap_s",

@@ -1,10 +1,17 @@
-"""The rules about joints: how long the tip takes to be back, and whether as many were found as the feeder counted.
+"""The rules about joints: how long the tip takes to be back, how often it is, and whether the feeder counted as many.
 
 *Recovery* is judged by the 95 % quantile over the joints of a port and by its upper bound (`quantile`): that of a joint is the
-time from its start until the tip is back (`features/recovery.py`). *Joints against the counter*: joints found minus dispensing
-cycles counted (R-DC), in per cent of these, between the first and the last reading of the counter; it holds where one feed makes
-one joint. A difference that joints in a gap of the record, or so near to a reading that their side is not known, can explain is
-missing evidence and breaks no limit.
+time from its start until the tip is back at the level at which it rests (`features/recovery.py`). A joint that the next one
+followed before that took longer than the time it had: it is censored in the quantile (`censored`) and counts as longer than any in
+the bound, as does one of which nothing is known; where more than 5 % are known to have taken longer than the limit, it is broken.
+What the record cut off says nothing.
+
+*Recovered before the next*: the share of the joints after which the tip was back in time. It is no sample but all joints of the
+run; those that were cut off may be either, and the limit has to be kept whichever they are.
+
+*Joints against the counter*: joints found minus dispensing cycles counted (R-DC), in per cent of these, between the first and the
+last reading of the counter; it holds where one feed makes one joint. A difference that joints in a gap of the record, or so near
+to a reading that their side is not known, can explain is missing evidence and breaks no limit.
 """
 
 from __future__ import annotations
@@ -12,14 +19,15 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from jbclog.judge.acceptance import Acceptance, is_bare
+from jbclog.judge.censored import censored_quantile
 from jbclog.judge.evidence import Evidence
 from jbclog.judge.jointed import Feeds, PortJoints
-from jbclog.judge.quantile import p95, upper_p95
+from jbclog.judge.quantile import SHARE, upper_p95
 from jbclog.judge.rule import Result, Rule
 from jbclog.judge.rules import has_feeder, has_tip, not_applicable
 from jbclog.rows import StationFacts
 
-RECOVERY, AGAINST_COUNTER = "recovery_p95", "joints_against_counter"
+RECOVERY, RECOVERED, AGAINST_COUNTER = "recovery_p95", "recovered_before_next", "joints_against_counter"
 NOT_SOUGHT = PortJoints(why="Its joints were not looked for.")
 
 
@@ -28,6 +36,8 @@ def joint_rules(facts: StationFacts, port: int, acceptance: Acceptance, evidence
     seen = evidence.joints.get((facts.name, port), NOT_SOUGHT)
     if acceptance.recovery_p95_s is not None:
         yield recovery_rule(facts, port, acceptance.recovery_p95_s, seen, bare=is_bare(acceptance))
+    if acceptance.recovered_before_next_percent is not None:
+        yield recovered_rule(facts, port, acceptance.recovered_before_next_percent, seen)
     if acceptance.joints_against_counter_percent is not None:
         yield counter_rule(facts, port, acceptance.joints_against_counter_percent, seen)
 
@@ -36,12 +46,29 @@ def recovery_rule(facts: StationFacts, port: int, most_s: float, seen: PortJoint
     """How long the tip takes to be back, 95 joints of 100."""
     if not has_tip(facts):
         return not_applicable(RECOVERY, facts.name, port, most_s, "s", "joints")
-    known = [value for value in seen.recoveries if value is not None]
-    if seen.why is not None or not known:
+    told = [one for one in seen.recoveries if one is not None]
+    decided = [one for one in told if one.back is not None]
+    if not decided or seen.why is not None:
         text = seen.why or ("The recovery of no joint is known." if seen.recoveries else "No joints were found.")
         return Rule(RECOVERY, facts.name, port, most_s, None, "s", Result.MISSING, text)
-    value, bound = p95(known), upper_p95(seen.recoveries)
-    text = f"{value:.2f} s until the tip is back, 95 % of {len(known)} joints; {most_s:g} s allowed."
+    late = sum(one.back is False for one in decided)
+    value = censored_quantile([(one.seconds, bool(one.back)) for one in told], SHARE)
+    longer = sum(one.seconds > most_s for one in decided)
+    if value is None:
+        text = f"After {late} of {len(decided)} joints the next one came before the tip was back."
+        is_broken = longer > (1 - SHARE) * len(decided)
+        text = (
+            f"{text} {longer} took longer than the {most_s:g} s allowed." if is_broken else f"{text} Their recovery is not known."
+        )
+        return Rule(RECOVERY, facts.name, port, most_s, None, "s", Result.FAIL if is_broken else Result.MISSING, text)
+    return _bounded_recovery(facts, port, most_s, round(value, 6), seen, bare)
+
+
+def _bounded_recovery(facts: StationFacts, port: int, most_s: float, value: float, seen: PortJoints, bare: bool) -> Rule:
+    """The rule with the bound of its quantile."""
+    counted = [one for one in seen.recoveries if one is None or one.back is not None]
+    bound = upper_p95([one.seconds if one is not None and one.back else None for one in counted])
+    text = f"{value:.2f} s until the tip is back, 95 % of {len(counted)} joints; {most_s:g} s allowed."
     if value > most_s:
         kept = None if isinstance(bound, str) else bound
         return Rule(RECOVERY, facts.name, port, most_s, value, "s", Result.FAIL, text, kept)
@@ -53,6 +80,27 @@ def recovery_rule(facts: StationFacts, port: int, most_s: float, seen: PortJoint
         text = f"{text} The 95 % bound reaches {bound.high:.2f} s: too little was seen to be sure."
         return Rule(RECOVERY, facts.name, port, most_s, value, "s", Result.MISSING, text, bound)
     return Rule(RECOVERY, facts.name, port, most_s, value, "s", Result.PASS, text, bound)
+
+
+def recovered_rule(facts: StationFacts, port: int, least: float, seen: PortJoints) -> Rule:
+    """After how many joints the tip is back before the next one."""
+    if not has_tip(facts):
+        return not_applicable(RECOVERED, facts.name, port, least, "%", "joints")
+    back = sum(one is not None and one.back is True for one in seen.recoveries)
+    late = sum(one is not None and one.back is False for one in seen.recoveries)
+    joints, open_ = len(seen.recoveries), len(seen.recoveries) - back - late
+    if seen.why is not None or not back + late:
+        text = seen.why or ("The recovery of no joint is known." if joints else "No joints were found.")
+        return Rule(RECOVERED, facts.name, port, least, None, "%", Result.MISSING, text)
+    percent = 100 * back / (back + late)
+    text = f"The tip was back before the next joint after {back} of {back + late} joints; {least:g} % are asked."
+    if 100 * (back + open_) / joints < least:
+        result = Result.FAIL
+    elif 100 * back / joints >= least or not open_:
+        result = Result.PASS
+    else:
+        result, text = Result.MISSING, f"{text} {open_} more were cut off and may change that."
+    return Rule(RECOVERED, facts.name, port, least, percent, "%", result, text)
 
 
 def counter_rule(facts: StationFacts, port: int, most: float, seen: PortJoints) -> Rule:

@@ -10,6 +10,18 @@ from dataclasses import dataclass
 
 
 @dataclass(frozen=True, slots=True)
+class Recovery:
+    """Of one joint: the time in s until the tip was back, or, where it was not seen back, the time that it had.
+
+    `back` is True where it was back before the next joint, False where the next joint came first, None where the record, the tool's
+    work or the setpoint ended before that.
+    """
+
+    seconds: float
+    back: bool | None
+
+
+@dataclass(frozen=True, slots=True)
 class Feeds:
     """Joints found and feeds counted (R-DC) between two readings of the feeder's counter.
 
@@ -28,12 +40,12 @@ class Feeds:
 
 @dataclass(frozen=True, slots=True)
 class PortJoints:
-    """The joints of one port, in their order: the recovery of each in s, None where it is not known.
+    """The joints of one port, in their order: the recovery of each, None where it is not known.
 
-    `feeds` is None for a tool without a feeder. `why` says that the joints could not be looked for, and why.
+    `feeds` is None for a tool without a feeder. `why` says that joints, or some of them, are not known, and why.
     """
 
-    recoveries: Sequence[float | None] = ()
+    recoveries: Sequence[Recovery | None] = ()
     feeds: Feeds | None = None
     why: str | None = None
 

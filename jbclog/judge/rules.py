@@ -133,6 +133,7 @@ def no_limit_applies(facts: StationFacts, acceptance: Acceptance) -> bool:
         "alarms_max": tells(facts, "alarm_high"),
         "verification_days": tells(facts, TEMPERATURE),
         "recovery_p95_s": has_tip(facts),
+        "recovered_before_next_percent": has_tip(facts),
         "joints_against_counter_percent": has_feeder(facts),
         "reached_within_c": tells(facts, TEMPERATURE),
         "at_work_percent": tells(facts, TEMPERATURE),

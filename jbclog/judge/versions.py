@@ -15,17 +15,20 @@ from typing import Final
 class Version:
     """One version. `changed`: rules that are new in it or find another figure than before, by name.
 
-    `keeps_earlier`: whether the judge can still do what these rules were before.
+    `keeps_earlier`: whether the judge can still do what these rules were before; but for those that are `gone`.
     """
 
     number: int
     means: str
     changed: frozenset[str] = frozenset()
     keeps_earlier: bool = True
+    gone: frozenset[str] = frozenset()
 
 
 BOUNDS_HOLD: Final = 3
 """The version from which on a figure has a bound that holds where readings follow each other, and no limit is kept without one."""
+
+OF_JOINTS: Final = ("recovery_p95", "recovered_before_next", "joints_against_counter")
 
 VERSIONS: Final = (
     Version(1, "the first release"),
@@ -37,8 +40,10 @@ VERSIONS: Final = (
     ),
     Version(
         BOUNDS_HOLD,
-        "only readings of a tip at rest are idle; bounds hold under slow drift; a limit without a bound is not kept",
-        frozenset({"idle_error", "idle_sd"}),
+        "only readings of a tip at rest are idle; bounds hold under slow drift; a limit without a bound is not kept; "
+        "joints are found by the tip's own heat balance; a tip is back at the level at which it rests",
+        frozenset({"idle_error", "idle_sd", *OF_JOINTS}),
+        gone=frozenset(OF_JOINTS),
     ),
 )
 RULES: Final = VERSIONS[-1].number
@@ -52,5 +57,5 @@ def is_known(number: int) -> bool:
 
 def not_kept(number: int) -> frozenset[str]:
     """The rules of version `number` that cannot be judged here as they were then."""
-    later = [one.changed for one in VERSIONS if one.number > number and not one.keeps_earlier]
+    later = [one.gone if one.keeps_earlier else one.changed for one in VERSIONS if one.number > number]
     return frozenset().union(*later)

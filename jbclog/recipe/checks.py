@@ -31,6 +31,7 @@ SECTION_FAMILIES: Final[Mapping[str, tuple[str, ...]]] = {
 
 LIMIT_FAMILIES: Final[Mapping[str, tuple[str, ...]]] = {
     "recovery_p95_s": SOLDERING,
+    "recovered_before_next_percent": SOLDERING,
     "joints_against_counter_percent": SECTION_FAMILIES["feeder"],
     "reached_within_c": (*SOLDERING, *SECTION_FAMILIES["air"]),
     "at_work_percent": (*SOLDERING, *SECTION_FAMILIES["air"]),

@@ -166,10 +166,21 @@ class Acceptance(Table):
     alarms_max: int | None = Field(None, ge=0, description="a whole number from 0 on")
     verification_days: float | None = Field(None, ge=0, description="days from 0 on")
     recovery_p95_s: float | None = Field(None, gt=0, le=10, description="seconds, more than 0 and up to 10")
+    recovered_before_next_percent: float | None = Field(None, ge=0, le=100, description="0 to 100")
     joints_against_counter_percent: float | None = Field(None, ge=0, le=100, description="0 to 100")
     reached_within_c: float | None = Field(None, gt=0, le=100, description="°C, more than 0 and up to 100")
     at_work_percent: float | None = Field(None, ge=0, le=100, description="0 to 100")
     confidence: Confidence = Field(0.95, description='0.95 or "none"')
+
+
+class Joints(Table):
+    """What counts as a joint when joints are looked for. None: learnt from the run, and shown in the report."""
+
+    least_dwell_s: float | None = Field(None, ge=0.1, le=60, description="seconds from 0.1 to 60")
+    merge_gap_s: float | None = Field(None, ge=0, le=10, description="seconds from 0 to 10")
+    expected_every_s: float | None = Field(None, ge=0.5, le=3600, description="seconds from 0.5 to 3600")
+    recovered_within_c: float = Field(3.0, ge=1, le=50, description="°C from 1 to 50")
+    wire_decides: bool | None = Field(None, description="true or false")
 
 
 PortName = Literal["1", "2", "3", "4"]
@@ -188,4 +199,5 @@ class RecipeTables(PortSettings):
     episodes: Episodes = Episodes()
     metadata: Metadata = Metadata()
     units: Units = Units()
+    joints: Joints = Joints()
     acceptance: Acceptance | None = None

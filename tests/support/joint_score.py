@@ -2,8 +2,8 @@
 
 The rule, fixed before anything was tuned: one true joint and one found joint are the same where they overlap for at least half
 of the shorter of the two; each counts once. Left out on both sides: what touches a gap of the record (half a second around it),
-and what cannot be told apart (`UNTOLD`). Every other found joint is a false one, of the class that it overlaps or comes within
-a second of.
+and what cannot be told apart (`UNTOLD`). What may be one joint or two (`EITHER`) is found where one of them is. Every other found
+joint is a false one, of the class that it overlaps or comes within a second of.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-from second_plant import UNTOLD, Trial, Truth
+from second_plant import EITHER, UNTOLD, Trial, Truth
 
 Interval = tuple[float, float]
 BESIDE_S = 1.0
@@ -60,6 +60,8 @@ def score(trial: Trial, found: Sequence[Interval]) -> Score:
         fitting = [joint for joint in left if truth.is_joint and same(place, joint)]
         if fitting:
             left.remove(max(fitting, key=lambda joint: overlap(place, joint)))
+            if truth.kind in EITHER:
+                left = [joint for joint in left if overlap(place, joint) <= 0]
         if truth.is_joint:
             (result.hit if fitting else result.missed)[truth.kind] += 1
     for joint in left:

@@ -7,8 +7,10 @@ temperature is told in whole degrees with noise. Every trial has other heat capa
 and lag, drawn from its seed. What the tip touches is a mass that warms up and leaks into a board, wetted within tenths of
 a second.
 
-What happens (`SHARES`), and what of it is a joint. *A joint* is one contact with work that takes solder, or several less than
-half a second apart (a double dip); two joints are at least a second apart.
+What happens (`SHARES`), and what of it is a joint. *A joint* is one draw of heat into work, or two less than half a second apart (a
+double dip, which may also be found as two); two joints are at least a second apart. What draws heat and takes no solder (a touch, a
+wipe, a rest in a sponge) is a draw as well: told apart by nothing in power and temperature but its size, it is reported beside
+the rest, in no F1.
 
 ==============  ======  ==========================================================================================
 small           joint   a pad: 0.7 to 1.1 s
@@ -17,14 +19,13 @@ large           joint   a pin on a plane: 1.5 to 3.5 s
 saturated       joint   a shield can or a busbar: the heater gives all it has for 2 to 4 s
 double          joint   a contact, 0.2 to 0.5 s beside it, and once more on the same, still warm work
 pair            2       two small or medium joints, one second to one and a half apart
-touch           none    the dry tip touches metal: hardly any heat goes over
-sponge          none    one to three wipes of 0.15 to 0.35 s over a wet sponge
-brass           none    two to four pokes of 0.2 to 0.4 s into brass wool
+touch           -       the dry tip touches metal: hardly any heat goes over
+sponge          -       one to three wipes of 0.15 to 0.35 s over a wet sponge
+brass           -       two to four pokes of 0.2 to 0.4 s into brass wool
 set             none    the setting changes by 20 to 50 °C
 sleep           none    the tool sleeps at 150 °C for a while, and wakes
 lost            none    the record has a gap of 2 to 6 s; a joint that it cuts is not counted either way
-soak            -       the tip rests in a wet sponge for as long as a joint. Told apart by nothing in power and
-                        temperature; reported beside the rest, in no F1
+soak            -       the tip rests in a wet sponge for as long as a joint
 ==============  ======  ==========================================================================================
 """
 
@@ -55,7 +56,8 @@ SHARES = {
     "soak": 0.03,
 }
 JOINTS = frozenset(["small", "medium", "large", "saturated", "double", "pair"])
-UNTOLD = frozenset(["soak"])
+UNTOLD = frozenset(["soak", "touch", "sponge", "brass"])
+EITHER = frozenset(["double"])  # one joint or two
 AMBIENT_C, BOARD_C, SLEEP_C = 24.0, 40.0, 150.0
 
 Floats = NDArray[np.float64]

@@ -52,7 +52,8 @@ def test_the_recorder_judges_joints(soldered: Path) -> None:
     joints = open_run(soldered).joints()
     assert len(joints) > 60
     assert manifest.verdict == "ACCEPT"
-    assert recovery["observed"] == pytest.approx(np.percentile(joints["recovery_s"].dropna(), 95))
+    observed = np.sort(joints["recovery_s"].dropna())[int(np.ceil(0.95 * joints["recovery_s"].notna().sum())) - 1]
+    assert recovery["observed"] == pytest.approx(observed, abs=1e-3)
     bound = recovery["bound"]
     assert isinstance(bound, dict)
     assert bound["n"] == len(joints) - 1  # with the last one the record ended
@@ -63,7 +64,8 @@ def test_the_recorder_judges_joints(soldered: Path) -> None:
 def test_the_joints_judged_are_those_that_are_told(soldered: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     manifest, joints = read_manifest(soldered), open_run(soldered).joints()
     found = joint_evidence(soldered, manifest.stations, manifest.t0_utc)
-    assert list(found["dde-1", 1].recoveries) == pytest.approx(list(joints["recovery_s"].dropna()))
+    back = [one.seconds for one in found["dde-1", 1].recoveries if one is not None and one.back]
+    assert back == pytest.approx(list(joints["recovery_s"].dropna()), abs=1e-3)
     monkeypatch.setattr(evidence_of, "MOST_ROWS", 1)
     twice = [*manifest.stations, replace(manifest.stations[0], name="not there")]
     assert joint_evidence(soldered, twice, manifest.t0_utc)["dde-1", 1] == found["dde-1", 1]
@@ -122,7 +124,7 @@ def feeds(series: Series, times: list[float], counts: list[float], stepped_s: fl
 def made(lose: tuple[float, float] = (0.0, 0.0)) -> Series:
     """Two minutes of a tip at 10 Hz that gives heat away for a second each six seconds, from 10 s on: 18 joints."""
     seconds = np.arange(1200) / 10
-    busy = ((seconds % 6 >= 4) & (seconds % 6 < 5) & (seconds > 9)).astype(np.float64)
+    busy = ((seconds % 6 >= 4) & (seconds % 6 < 4.9) & (seconds > 9)).astype(np.float64)
     temperature, power = 350 - 8 * busy, 60 + 500 * busy
     lost = (seconds >= lose[0]) & (seconds < lose[1])
     temperature[lost] = power[lost] = np.nan

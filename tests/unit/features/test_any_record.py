@@ -54,7 +54,7 @@ def test_every_figure_has_a_value_or_a_reason(seed: int) -> None:
             assert figure.value is None or math.isfinite(figure.value), figure
             assert figure.why != "", figure
             assert figure.coverage is None or 0 <= figure.coverage <= 100, figure
-    joints = [dip.draw for dip in measure_port(series, "tip").dips]
+    joints = measure_port(series, "tip").joints
     assert all(one.end_s <= two.start_s for one, two in pairwise(joints))
     assert all(series.seconds[0] <= one.start_s <= one.end_s <= series.seconds[-1] for one in joints)
     assert all(0 <= one.confidence <= 1 for one in joints)

@@ -7,8 +7,7 @@ from joint_score import all_of, told
 from second_record import scores, series_of
 from tuning_plant import SEEDS, trial
 
-from jbclog.features.heat import find_tip
-from jbclog.features.series import stretches
+from jbclog.features import find_joints
 from jbclog.sim.tip import CAPACITY_J_PER_K, Tip
 
 
@@ -22,5 +21,6 @@ def test_joints_of_the_tuning_plant() -> None:
 def test_the_heat_capacity_of_the_tip_is_found(monkeypatch: pytest.MonkeyPatch, rated_w: float) -> None:
     """Nobody told it; in ‰·s/K it is the joules per kelvin over the watts of a per mille."""
     monkeypatch.setattr("tuning_plant.Tip", lambda ambient_c, _: Tip(ambient_c, rated_w))
-    found = [find_tip(stretches(series_of(trial(seed), 10.0))).capacity for seed in SEEDS[:6]]
+    models = [find_joints(series_of(trial(seed), 10.0)).model for seed in SEEDS[:6]]
+    found = [0.0 if model is None else model.capacity for model in models]
     assert min(found) == pytest.approx(1000 * CAPACITY_J_PER_K / rated_w, rel=0.06)  # half of them have a second mass

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -180,16 +181,24 @@ def test_a_joint_beside_a_gap_has_no_recovery_and_the_count_has_no_value() -> No
     assert "18 were found" in str(found["joints"].why)
 
 
+def power_for(course: Callable[[Floats], Floats], starts: Sequence[float]) -> Callable[[Floats], Floats]:
+    """The power of a tip of 10 ‰·s/K that goes through this course and gives 500 ‰ away for 1.5 s from each start on."""
+
+    def power(at: Floats) -> Floats:
+        into = sum(np.where((at >= start) & (at < start + 1.5), 500.0, 0.0) for start in starts)
+        return 100 * (course(at) - 25) / 325 + 10 * (course(at + 0.05) - course(at - 0.05)) / 0.1 + into
+
+    return power
+
+
 def test_the_next_joint_came_before_the_tip_was_back() -> None:
-    temperature, power = joints_at([10.0, 20.0, 30.0])
-
-    def held_down(at: Floats) -> Floats:
-        low = (at > 11.5) & (at < 20.0)
-        return np.where(low, 340.0, temperature(at))
-
-    measured = measure_port(made(60, held_down, power), "tip").dips
-    assert measured[0].recovery_s is None
-    assert "next joint" in str(measured[0].why) or "not back" in str(measured[0].why)
+    course = line(
+        (0, 350), (10, 350), (11.5, 330), (12.5, 340), (20, 340), (21.5, 325), (22.5, 350), (30, 350), (31.5, 330), (32.5, 350)
+    )
+    measured = measure_port(made(60, course, power_for(course, [10.0, 20.0, 30.0])), "tip").joints
+    assert (measured[0].recovered, measured[0].recovery_s, measured[0].had_s) == (False, None, pytest.approx(10.0, abs=0.2))
+    assert "next joint" in str(measured[0].why)
+    assert (measured[1].deficit_c, measured[1].resting_below_c) == (pytest.approx(10.0), pytest.approx(10.0))
     assert measured[-1].recovery_s == pytest.approx(2.4, abs=0.11)
 
 
@@ -204,8 +213,14 @@ def test_wire_decides_where_a_feeder_tells() -> None:
     series = soldering()
     found = find_joints(replace(series, feeding=wired(series.seconds)))
     assert found.by_wire
-    assert [joint.start_s for joint in found.joints] == pytest.approx(STARTS[:10], abs=0.2)
+    alone, *others = found.joints
+    assert (alone.start_s, alone.draw.heat) == (pytest.approx(4.2), None)  # a feed of which no draw was found
+    assert alone.confidence < 0.5
+    assert [joint.start_s for joint in others] == pytest.approx(STARTS[:10], abs=0.2)
     assert len(found.others) == 8
+    seen = found.witnessed
+    assert seen is not None
+    assert (seen.feeds, seen.feeds_without_draw, seen.draws_without_feed) == (11, 1, 8)
     silent = find_joints(replace(series, feeding=np.zeros(len(series.seconds))))
     assert not silent.by_wire  # nobody feeds here: the wire says nothing
     assert len(silent.joints) == 18
@@ -265,7 +280,7 @@ def test_wire_per_joint_per_feed_delivered_and_speed() -> None:
     assert found["wire_feeds"].value == 15
     assert found["wire_per_feed_mm"].value == pytest.approx(4.8)
     assert found["wire_delivered_percent"].value == pytest.approx(96.0)
-    assert found["wire_per_joint_mm"].value == pytest.approx(72 / 14)  # joints at 10, 16, ... 88 s
+    assert found["wire_per_joint_mm"].value == pytest.approx(72 / 15)  # joints at 10, 16, ... 88 s, and a feed at 4 s
     assert found["wire_speed_mm_s"].value == pytest.approx(72 / (15 * 0.5))
     assert found["wire_clog_suspicions"].value == 0
 

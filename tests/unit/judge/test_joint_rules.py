@@ -9,16 +9,20 @@ from typing import Any
 import numpy as np
 import pytest
 
-from jbclog.judge import Feeds, Judgement, Limits, PortJoints, Rule, judge
+from jbclog.judge import Feeds, Judgement, Limits, PortJoints, Recovery, Rule, judge
 
 RECOVERY = Limits(recovery_p95_s=2.5)
 COUNTER = Limits(joints_against_counter_percent=2.0)
 QUICK = [1.5] * 117
+NAMES = ("recovery_p95", "recovered_before_next", "joints_against_counter")
+RECOVERED = Limits(recovered_before_next_percent=95.0)
+LATE, CUT_OFF = Recovery(1.8, back=False), Recovery(1.8, back=None)  # s that the tip had
 
 
-def mixed(recoveries: Sequence[float | None]) -> list[float | None]:
-    """The same as chance orders them: slow ones that follow each other are worth fewer."""
-    return [recoveries[place] for place in np.random.default_rng(1).permutation(len(recoveries))]
+def mixed(recoveries: Sequence[float | Recovery | None]) -> list[Recovery | None]:
+    """The same as chance orders them: slow ones that follow each other are worth fewer. A number: back after so long."""
+    told = [Recovery(one, True) if isinstance(one, float) else one for one in recoveries]
+    return [told[place] for place in np.random.default_rng(1).permutation(len(told))]
 
 
 def judged(case: Any, tip: Callable[..., Any], limits: Limits, seen: PortJoints | None, family: str = "ale") -> Judgement:
@@ -28,7 +32,7 @@ def judged(case: Any, tip: Callable[..., Any], limits: Limits, seen: PortJoints 
 
 
 def the_rule(judgement: Judgement) -> Rule:
-    (found,) = [rule for rule in judgement.rules if rule.name in ("recovery_p95", "joints_against_counter")]
+    (found,) = [rule for rule in judgement.rules if rule.name in NAMES]
     assert found.text.endswith(".")
     return found
 
@@ -49,7 +53,7 @@ def the_rule(judgement: Judgement) -> Rule:
     ],
 )
 def test_recovery_is_judged_by_its_figure_and_kept_by_its_bound(
-    case: Any, tip: Callable[..., Any], recoveries: Sequence[float | None], result: str, verdict: str
+    case: Any, tip: Callable[..., Any], recoveries: Sequence[float | Recovery | None], result: str, verdict: str
 ) -> None:
     judgement = judged(case, tip, RECOVERY, PortJoints(mixed(recoveries)))
     rule = the_rule(judgement)
@@ -65,6 +69,47 @@ def test_the_figure_the_bound_and_n_stand_in_the_rule(case: Any, tip: Callable[.
     assert (rule.bound.high, rule.bound.n) == (2.6, 122)
     start = "1.50 s until the tip is back, 95 % of 122 joints; 2.5 s allowed. "
     assert rule.text == start + "The 95 % bound reaches 2.60 s: too little was seen to be sure."
+
+
+@pytest.mark.parametrize(
+    ("limits", "result", "observed"),
+    [
+        (Limits(recovery_p95_s=3.0), "missing", None),
+        (Limits(recovery_p95_s=1.5), "fail", None),  # longer than what is allowed, all of them
+        (RECOVERED, "fail", 0),
+    ],
+)
+def test_a_line_whose_tip_never_recovers_is_no_pass(
+    case: Any, tip: Callable[..., Any], limits: Limits, result: str, observed: float | None
+) -> None:
+    """488 joints, each followed by the next after 1.8 s with a tip that is still far below: no recovery is known to be short."""
+    rule = the_rule(judged(case, tip, limits, PortJoints([LATE] * 488)))
+    assert (rule.result, rule.observed) == (result, observed)
+    if limits != RECOVERED:
+        assert "After 488 of 488 joints the next one came before the tip was back." in rule.text
+
+
+@pytest.mark.parametrize(
+    ("recoveries", "result"),
+    [
+        ([*[1.5] * 95, *[LATE] * 5], "pass"),
+        ([*[1.5] * 94, *[LATE] * 6], "fail"),
+        ([*[1.5] * 95, *[LATE] * 4, CUT_OFF], "pass"),
+        ([*[1.5] * 94, *[LATE] * 5, CUT_OFF], "missing"),  # the one that was cut off decides, and nobody knows it
+        ([*[1.5] * 93, *[LATE] * 5, CUT_OFF, None], "missing"),
+        ([CUT_OFF] * 3, "missing"),
+        ([], "missing"),
+    ],
+)
+def test_the_share_of_joints_that_recovered_in_time(
+    case: Any, tip: Callable[..., Any], recoveries: Sequence[float | Recovery | None], result: str
+) -> None:
+    assert the_rule(judged(case, tip, RECOVERED, PortJoints(mixed(recoveries)))).result == result
+
+
+def test_a_joint_that_was_cut_off_says_nothing_of_recovery(case: Any, tip: Callable[..., Any]) -> None:
+    rule = the_rule(judged(case, tip, RECOVERY, PortJoints(mixed([*QUICK, CUT_OFF, CUT_OFF]))))
+    assert (rule.result, rule.bound and rule.bound.n) == ("pass", 117)
 
 
 @pytest.mark.parametrize(
@@ -96,7 +141,7 @@ def test_joints_against_the_counter(case: Any, tip: Callable[..., Any], feeds: F
         assert rule.text == feeds.why
 
 
-@pytest.mark.parametrize("limits", [RECOVERY, COUNTER])
+@pytest.mark.parametrize("limits", [RECOVERY, RECOVERED, COUNTER])
 @pytest.mark.parametrize("seen", [None, PortJoints(why="Its joints could not be looked for.")])
 def test_joints_that_nobody_looked_for_are_missing_evidence(
     case: Any, tip: Callable[..., Any], limits: Limits, seen: PortJoints | None
@@ -105,7 +150,9 @@ def test_joints_that_nobody_looked_for_are_missing_evidence(
     assert (the_rule(judgement).result, judgement.verdict) == ("missing", "INCONCLUSIVE")
 
 
-@pytest.mark.parametrize(("limits", "family"), [(RECOVERY, "jtse"), (RECOVERY, "omega"), (COUNTER, "dde"), (COUNTER, "jtse")])
+@pytest.mark.parametrize(
+    ("limits", "family"), [(RECOVERY, "jtse"), (RECOVERED, "omega"), (RECOVERY, "omega"), (COUNTER, "dde"), (COUNTER, "jtse")]
+)
 def test_a_station_without_joints_or_feeder_is_not_judged_by_them(
     case: Any, tip: Callable[..., Any], limits: Limits, family: str
 ) -> None:

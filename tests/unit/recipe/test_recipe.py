@@ -205,7 +205,7 @@ on = true
         'job.toml:42: metadata.required[1]: "oprator" is unknown; did you mean operator?',
         "job.toml:45: acceptance.coverage_percent: 101 is not allowed; 0 to 100",
         "job.toml:47: lighting: unknown; allowed here: temperature, sleep, hibernation, alarm, recipe, port, feeder, air, omega, "
-        "sampling, run, episodes, metadata, units, acceptance",
+        "sampling, run, episodes, metadata, units, joints, acceptance",
     ]
 
 

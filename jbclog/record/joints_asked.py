@@ -1,0 +1,21 @@
+"""What the copies of a run's recipes say of joints: their `[joints]` tables, as they were checked when the run began."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+
+from jbclog.rows import StationFacts
+
+
+def joints_asked(folder: Path, facts: StationFacts) -> Mapping[str, object]:
+    """The keys of a station's `[joints]`; none where its recipe has none or cannot be read."""
+    if facts.recipe is None:
+        return {}
+    try:
+        text = (folder / "recipes" / Path(facts.recipe).name).read_text(encoding="utf-8")
+        table = tomllib.loads(text).get("joints")
+    except (OSError, ValueError):
+        return {}
+    return table if isinstance(table, dict) else {}
