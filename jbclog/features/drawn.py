@@ -14,8 +14,9 @@ import numpy as np
 
 from jbclog.features.asked import Taken
 from jbclog.features.draws import HIGH_NOISES, HIGH_PERMILLE, Flow, Span, find_spans
-from jbclog.features.thermal import ThermalModel, smoothing_s
+from jbclog.features.thermal import ThermalModel
 
+LEAST_HEAT: Final = 20.0  # ‰·s: less is within what the heat balance leaves; the smallest pad takes 100
 SURE_DWELL_S, SURE_HEAT, SURE_PEAK = 0.45, 65.0, 80.0
 FEW_READINGS: Final = 3
 JOINT, NOT_KNOWN = "joint", "not known"
@@ -57,12 +58,13 @@ def draws_of(part: Flow, model: ThermalModel, settings: Taken) -> list[Draw]:
             together[-1].append(span)
         else:
             together.append([span])
-    return [_draw(part, model, some, together, number) for number, some in enumerate(together)]
+    found = [_draw(part, model, some, together, number) for number, some in enumerate(together)]
+    return [draw for draw in found if (draw.heat or 0.0) >= LEAST_HEAT]
 
 
 def _draw(part: Flow, model: ThermalModel, some: list[Span], every: list[list[Span]], number: int) -> Draw:
     flow, period = part.flow, part.stretch.period_s
-    beside = max(round(2 * smoothing_s(period) / period), 1)
+    beside = max(round(2 * model.noise.smooth_s / period), 1)
     before = every[number - 1][-1].last + 1 if number else 0
     behind = every[number + 1][0].first if number + 1 < len(every) else len(flow)
     first, last = max(some[0].first - beside, before), min(some[-1].last + beside + 1, behind)

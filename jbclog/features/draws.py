@@ -26,19 +26,19 @@ from typing import Final
 import numpy as np
 
 from jbclog.features.series import Stretch
-from jbclog.features.thermal import COARSE_S, Noise, ThermalModel, flow_of, rate, smooth, smoothing_s
+from jbclog.features.thermal import COARSE_S, Noise, ThermalModel, flow_of, rate, smooth
 from jbclog.judge.idle import Flags, Floats
 
 HIGH_NOISES, HIGH_PERMILLE = 4.0, 35.0
 LOW_NOISES, LOW_PERMILLE = 2.0, 14.0
 EDGE_NOISES: Final = 3.0
-VALLEY_NOISES, VALLEY_SHARE = 2.0, 0.4
-CLEAR_NOISES: Final = 5.0
+VALLEY_NOISES, VALLEY_SHARE = 2.0, 0.6
+CLEAR_NOISES: Final = 6.0
 FRESH_NOISES: Final = 5.0
 FRESH_TIMES: Final = 2.5  # of the flow before: a contact that goes on does not rise so far
-COARSE_NOISES, COARSE_SHARE = 2.0, 0.75
+COARSE_NOISES, COARSE_SHARE = 2.0, 0.65
 EXPECTED_SHARE, EXPECTED_VALLEY = 0.6, 0.6  # of the time expected between two joints, and of the lower neighbour
-BESIDE_S: Final = 0.5  # how far from a valley its neighbours are looked at
+BESIDE_S: Final = 0.8  # how far from a valley its neighbours are looked at
 LOOK_S: Final = 0.3  # how far from the low limit's crossing a start is looked for
 TAIL_S: Final = 0.5  # of a contact's end: over this its last flow is taken
 
@@ -66,7 +66,7 @@ class Flow:
 
 def flows(stretch: Stretch, model: ThermalModel, ready: Flags) -> Flow:
     """The flow of a stretch; what flows before the tip is ready goes into the tip."""
-    return Flow(stretch, np.where(ready, flow_of(stretch, model.values), 0.0))
+    return Flow(stretch, np.where(ready, flow_of(stretch, model.values, model.noise.smooth_s), 0.0))
 
 
 def find_spans(part: Flow, noise: Noise, expected_every_s: float | None = None) -> list[Span]:
@@ -75,7 +75,7 @@ def find_spans(part: Flow, noise: Noise, expected_every_s: float | None = None) 
         return []
     period = part.stretch.period_s
     rises = rate(part.flow, period)
-    more = float(np.sqrt(max(COARSE_S**2 - smoothing_s(period) ** 2, 0.0))) / period
+    more = float(np.sqrt(max(COARSE_S**2 - noise.smooth_s**2, 0.0))) / period
     coarse = smooth(part.flow, more) if more > 0.1 else part.flow
     looked = _Looked(part, rises, *_edges(rises, EDGE_NOISES * noise.rate), coarse, noise, expected_every_s)
     contacts = [one for one in _joined(looked, _parts(looked)) if looked.top(*one) >= looked.high]

@@ -25,7 +25,17 @@ import numpy as np
 from jbclog.features.draws import Flow, find_spans
 from jbclog.features.mixture import Rows, first_estimate, weighted_fit
 from jbclog.features.ready import Readied
-from jbclog.features.thermal import Balance, Noise, ThermalModel, balance_of, noise_of, temperature_noise, term_noise
+from jbclog.features.thermal import (
+    Balance,
+    Noise,
+    ThermalModel,
+    balance_of,
+    noise_of,
+    smooth,
+    smoothing_s,
+    temperature_noise,
+    term_noise,
+)
 from jbclog.judge.idle import Flags, Floats
 
 ROUNDS: Final = 3
@@ -118,7 +128,7 @@ class _Part:
 def _rest(one: _Part, values: Floats, noise: Noise) -> Flags:
     """The rows of a stretch that are far enough from any contact."""
     stretch = one.readied.stretch
-    flow = _flow(one, values)
+    flow = _flow(one, values, noise)
     rest = np.ones(len(stretch), dtype=np.bool_)
     margin = max(round(MARGIN_S / stretch.period_s), 1)
     for span in find_spans(Flow(stretch, flow), noise):
@@ -126,8 +136,13 @@ def _rest(one: _Part, values: Floats, noise: Noise) -> Flags:
     return rest
 
 
-def _flow(one: _Part, values: Floats) -> Floats:
-    return np.asarray(np.where(one.readied.ready, one.balance.power - one.balance.terms @ values, 0.0), dtype=np.float64)
+def _flow(one: _Part, values: Floats, noise: Noise) -> Floats:
+    """The flow of a stretch, smoothed as draws are found in it."""
+    period = one.readied.stretch.period_s
+    flow = one.balance.power - one.balance.terms @ values
+    more = float(np.sqrt(max(noise.smooth_s**2 - smoothing_s(period) ** 2, 0.0))) / period
+    smoothed = smooth(flow, more) if more > 0.1 else flow
+    return np.asarray(np.where(one.readied.ready, smoothed, 0.0), dtype=np.float64)
 
 
 def _weights(left: Floats, noise: float) -> Floats:
@@ -154,7 +169,7 @@ def _without_capacity(parts: Sequence[_Part], rest: Rows, values: Floats, noise_
     for capacity in TRIED:
         tried = np.array([capacity, values[1], 0.0, 0.0])
         noise = noise_of(period, tried, noise_c)
-        if any(find_spans(Flow(one.readied.stretch, _flow(one, tried)), noise) for one in parts):
+        if any(find_spans(Flow(one.readied.stretch, _flow(one, tried, noise)), noise) for one in parts):
             return Identified(None, "The tip was never seen warming or cooling without contact: its heat capacity is not known.")
     loss = float(np.median(rest.power / np.maximum(rest.terms[:, 1], 1.0)))
     noise = noise_of(period, np.array([USUAL_CAPACITY, loss, 0.0, 0.0]), noise_c)

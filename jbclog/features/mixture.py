@@ -130,11 +130,13 @@ def weighted_fit(terms: Floats, power: Floats, weight: Floats, stiffness: Floats
 def _within(moments: Floats, right: Floats) -> Floats:
     """The least squares solution; second mass and lag are held at their bounds where they would go beyond."""
     values = np.linalg.solve(moments, right)
+    held: list[int] = []
     for place in (3, 2):
         low, high = LAG_RANGE if place == 3 else (0.0, values[0] * (max(values[3], 0.0) + SENSOR_LAG_S))
-        held = min(max(values[place], low), high)
-        if held != values[place]:
-            free = [one for one in range(4) if one != place]
-            values[place] = held
-            values[free] = np.linalg.solve(moments[np.ix_(free, free)], right[free] - moments[free, place] * held)
+        bound = min(max(values[place], low), high)
+        if bound != values[place]:
+            held.append(place)
+            values[place] = bound
+            free = [one for one in range(4) if one not in held]
+            values[free] = np.linalg.solve(moments[np.ix_(free, free)], right[free] - moments[np.ix_(free, held)] @ values[held])
     return np.asarray(values, dtype=np.float64)

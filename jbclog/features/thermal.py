@@ -27,6 +27,9 @@ from jbclog.judge.idle import Floats
 AIR_C: Final = 25.0
 SMOOTH_S: Final = 0.1  # two draws half a second apart stay apart
 COARSE_S: Final = 0.3  # the smoothing in which a small flow shows
+QUIET_PERMILLE: Final = 45.0  # a flow with more noise is smoothed more: a pad takes 300 ‰
+SMOOTHER: Final = (1.0, 1.4, 2.0)
+MOST_SMOOTH_S: Final = 0.2
 SMOOTH_PERIODS: Final = 0.7  # below this a sampled Gaussian has no derivative worth the name
 STEP_NOISE: Final = 1 / np.sqrt(12)  # of a reading in whole °C, where nothing else moves it
 MOST_NOISE_C: Final = 2.0
@@ -37,11 +40,15 @@ NAMES: Final = ("capacity", "loss", "second", "lag_s")
 
 @dataclass(frozen=True, slots=True)
 class Noise:
-    """Standard deviations at rest: of the flow in ‰, of its rate of change in ‰/s, and of the flow smoothed to `COARSE_S` in ‰."""
+    """Standard deviations at rest: of the flow in ‰, of its rate of change in ‰/s, and of the flow smoothed to `COARSE_S` in ‰.
+
+    `smooth_s` is the smoothing of the flow that they are of.
+    """
 
     flow: float
     rate: float
     coarse: float
+    smooth_s: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,11 +110,11 @@ def balance_of(stretch: Stretch) -> Balance:
     return Balance(smooth(stretch.power, sigma, 0), np.stack(terms, axis=1))
 
 
-def flow_of(stretch: Stretch, values: Floats) -> Floats:
+def flow_of(stretch: Stretch, values: Floats, smooth_s: float) -> Floats:
     """The flow into the work in ‰, in each row: two filters instead of five."""
     from scipy.ndimage import correlate1d  # here, so that a verb which measures nothing does not load it
 
-    of_power, of_temperature = _kernels(stretch.period_s, values, smoothing_s(stretch.period_s))
+    of_power, of_temperature = _kernels(stretch.period_s, values, smooth_s)
     above_air = stretch.temperature - AIR_C
     beside = len(of_power) // 2
     into = correlate1d(_longer(stretch.power, beside), of_power) - correlate1d(_longer(above_air, beside), of_temperature)
@@ -136,14 +143,22 @@ def rate(flow: Floats, period_s: float) -> Floats:
 
 
 def noise_of(period_s: float, values: Floats, temperature_noise: float) -> Noise:
-    """What the noise of the temperature leaves in the flow, and what the power adds."""
-    kernel = _kernels(period_s, values, smoothing_s(period_s))[1]
-    coarse = _kernels(period_s, values, max(COARSE_S, smoothing_s(period_s)))[1]
+    """What the noise of the temperature leaves in the flow, smoothed as little as keeps it below `QUIET_PERMILLE`."""
+    least = smoothing_s(period_s)
+    smoothings = [times * least for times in SMOOTHER if times == 1 or times * least <= MOST_SMOOTH_S]
+    found = [_noise_of(period_s, values, temperature_noise, smooth_s) for smooth_s in smoothings]
+    return next((one for one in found if one.flow <= QUIET_PERMILLE), found[-1])
+
+
+def _noise_of(period_s: float, values: Floats, temperature_noise: float, smooth_s: float) -> Noise:
+    kernel = _kernels(period_s, values, smooth_s)[1]
+    coarse = _kernels(period_s, values, max(COARSE_S, smooth_s))[1]
     of_rate = _length(rate(np.pad(kernel, 2), period_s)) * temperature_noise
     return Noise(
         float(np.hypot(_length(kernel) * temperature_noise, POWER_NOISE_PERMILLE)),
         float(np.hypot(of_rate, POWER_NOISE_PERMILLE / EDGE_NOISE_S)),
         float(np.hypot(_length(coarse) * temperature_noise, POWER_NOISE_PERMILLE)),
+        smooth_s,
     )
 
 
