@@ -17,7 +17,7 @@ from jbclog.features.draws import HIGH_NOISES, HIGH_PERMILLE, Flow, Span, find_s
 from jbclog.features.thermal import ThermalModel
 
 LEAST_HEAT: Final = 20.0  # ‰·s: less is within what the heat balance leaves; the smallest pad takes 100
-SURE_DWELL_S, SURE_HEAT, SURE_PEAK = 0.45, 65.0, 80.0
+SURE_DWELL_S, SURE_HEAT, SURE_PEAK = 0.5, 65.0, 80.0
 FEW_READINGS: Final = 3
 JOINT, NOT_KNOWN = "joint", "not known"
 ENDS, BEGINS = "The record, or the tool's work, ends in it.", "The record, or the tool's work, begins in it."

@@ -40,7 +40,8 @@ COARSE_NOISES, COARSE_SHARE = 2.0, 0.65
 EXPECTED_SHARE, EXPECTED_VALLEY = 0.6, 0.6  # of the time expected between two joints, and of the lower neighbour
 BESIDE_S: Final = 0.8  # how far from a valley its neighbours are looked at
 LOOK_S: Final = 0.3  # how far from the low limit's crossing a start is looked for
-TAIL_S: Final = 0.5  # of a contact's end: over this its last flow is taken
+TAIL_S: Final = 0.6  # how far from the end of the run a contact's end is looked for
+LEVEL_S, EDGE_S = 0.6, 0.15  # before the steepest fall: from when to when a contact's last flow is taken
 
 Part = tuple[int, int]
 """First row, and one behind the last."""
@@ -177,18 +178,35 @@ def _span(looked: _Looked, one: Part, next_first: int) -> Span:
     peak = first + int(looked.flow[first:last].argmax())
     begin = max(first - looked.rows(LOOK_S), 0)
     start = begin + int(looked.rises[begin : peak + 1].argmax())
-    end = _end(looked, start, last, next_first)
-    return Span(_moment(looked.part, looked.rises, start), _moment(looked.part, -looked.rises, end), start, end)
+    end, end_s = _end(looked, start, last, next_first)
+    return Span(_moment(looked.part, looked.rises, start), end_s, start, end)
 
 
-def _end(looked: _Looked, start: int, last: int, next_first: int) -> int:
-    """The row of its end: the last fall beyond the noise, or else the steepest fall, or else the record's last row."""
-    if last >= len(looked.flow):
-        return len(looked.flow) - 1
+def _end(looked: _Looked, start: int, last: int, next_first: int) -> tuple[int, float]:
+    """The row of its end, and the moment: where a fall from its last flow to nothing is most likely, or the record's last row."""
+    flow, seconds, period = looked.flow, looked.part.stretch.seconds, looked.part.stretch.period_s
+    if last >= len(flow):
+        return len(flow) - 1, float(seconds[-1])
+    fall = _fall(looked, start, last, next_first)
+    until = min(max(last + looked.rows(LOOK_S), fall + looked.rows(TAIL_S)), next_first, len(flow))
+    begin = max(fall - looked.rows(TAIL_S), start + 1)
+    if until - begin < 2:
+        return fall, float(seconds[fall])
+    before = max(fall - looked.rows(LEVEL_S), start)
+    level = flow[before : max(fall - looked.rows(EDGE_S), before + 1)].mean()
+    half = 0.5 * max(float(level), looked.noise.flow)
+    end = begin + int(np.cumsum(flow[begin:until] - half).argmax())
+    beyond = 0.5
+    if end + 1 < len(flow) and flow[end] > flow[end + 1]:
+        beyond = min(max(float((flow[end] - half) / (flow[end] - flow[end + 1])), 0.0), 1.0)
+    return end, min(float(seconds[end]) + beyond * period, float(seconds[-1]))
+
+
+def _fall(looked: _Looked, start: int, last: int, next_first: int) -> int:
+    """The row of the steepest fall at its end."""
     until = min(last + looked.rows(LOOK_S), next_first, len(looked.flow))
-    falls = _within(looked.downward, start, until)
-    behind = falls[-1] if falls and falls[-1] >= last - looked.rows(TAIL_S) else max(last - 1 - looked.rows(LOOK_S), start)
-    return behind if behind in falls[-1:] else behind + int(looked.rises[behind:until].argmin())
+    begin = max(last - 1 - looked.rows(TAIL_S), start + 1)
+    return begin + int(looked.rises[begin:until].argmin()) if until > begin else last - 1
 
 
 def _moment(part: Flow, steepness: Floats, row: int) -> float:

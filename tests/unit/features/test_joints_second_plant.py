@@ -15,7 +15,7 @@ from second_record import scores, series_of
 from jbclog.features import Joint, find_joints
 
 RATES = (10.0, 5.0, 2.0, 1.0)
-LEAST = {10.0: 0.98, 5.0: 0.96, 2.0: 0.94, 1.0: 0.82}
+LEAST = {10.0: 0.99, 5.0: 0.98, 2.0: 0.96, 1.0: 0.90}
 
 
 @pytest.fixture(scope="module")
@@ -40,8 +40,8 @@ def test_joints_are_found_at_ten_hertz(records: dict[float, list[Trial]]) -> Non
     shown(10.0, found)
     every = all_of(found)
     assert every.events.total() > 1000
-    assert every.f1 >= 0.98
-    assert worst_tenth(found).f1 >= 0.90
+    assert every.f1 >= 0.99
+    assert worst_tenth(found).f1 >= 0.95
     for kind in ("large", "medium", "saturated", "double"):
         assert every.hit[kind] >= 0.97 * every.events[kind], kind
     for kind in ("set", "sleep"):
@@ -55,7 +55,7 @@ def test_what_draws_heat_is_a_draw_whether_it_takes_solder_or_not(records: dict[
     assert every.untold["soak"] >= 0.9 * every.events["soak"]
     wipes = [joint for trial in records[10.0][:10] for joint in _in(trial, ("sponge", "brass", "touch"))]
     assert wipes
-    assert sum(joint.kind == "not known" for joint in wipes) >= 0.7 * len(wipes)
+    assert sum(joint.kind == "not known" for joint in wipes) >= 0.6 * len(wipes)
 
 
 def _in(trial: Trial, kinds: Sequence[str]) -> list[Joint]:
