@@ -4,11 +4,10 @@ Definitions. The *level* is where the tip rests at this setpoint (`levels`), or 
 of a joint the tip is `deficit_c` below its setpoint and `resting_below_c` below the level at which it rests. *Depth* is the
 temperature at the start minus the lowest from then until the tip is back.
 
-The tip is *back* at the first moment after its lowest at which it is no more than the band (`recovered_within_c`) below the
-level, and stays so for `BACK_FOR_S`; it is back at once where it never left the band. *Recovery* is the time from the joint's
-start until then. A joint that is followed by the next draw of heat before that is *not recovered*: its recovery is longer
-than the time that it had. A joint that the end of the record, a gap, a stand or another setpoint cuts off is censored: it is
-neither.
+The tip is *back* at the first moment after its lowest at which it is no more than the band (`recovered_within_c`) below the level,
+and stays so for `BACK_FOR_S`; it is back at once where it never left the band. *Recovery* is the time from the joint's start until
+then. A joint that is followed by the next draw of heat before that is *not recovered*: its recovery is longer than the time that
+it had. A joint that the end of the record, a gap, a stand or another setpoint cuts off is censored: it is neither.
 
 *Energy* is the power above what holds the tip, from the start until it is back, ‰·s (trapezoids).
 """
@@ -17,20 +16,23 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 
 from jbclog.features.drawn import Draw
-from jbclog.features.series import Series, Window
+from jbclog.features.series import Series
 from jbclog.features.thermal import AIR_C
-from jbclog.judge.idle import Floats, setting_in_force
+from jbclog.features.track import Track, track_of
+from jbclog.judge.idle import Flags, Floats, setting_in_force
 
-BEFORE_S: Final = 0.3
 BACK_FOR_S: Final = 0.3
-LOOK_S: Final = 60.0  # a tip that is not back by then is cut off: the window of one joint stays small
+LOOK_S: Final = 60.0  # a tip that is not back by then is cut off: what is looked at of one joint stays small
 NEXT_CAME: Final = "The next joint began before the tip was back."
+NOT_READ: Final = "Nothing was read at its start."
+GAP: Final = "The record has a gap in it."
+UNKNOWN_SETPOINT: Final = "The setpoint is not known."
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,154 +93,157 @@ def joints_of(
     series: Series, draws: Sequence[Draw], every: Sequence[Draw], levels: Mapping[float, float], within_c: float
 ) -> list[Joint]:
     """The joints that these draws are; `every` draw, also of those that are none, can come before the tip is back."""
-    setpoints = setting_in_force(series.seconds, series.rows.setting)
-    starts = sorted({draw.start_s for draw in (*draws, *every)})
-    tip = _Tip(series, setpoints, _changes(series), _stands(series), levels, within_c)
-    return [_joint(tip, draw, _following(starts, draw.start_s)) for draw in draws]
+    if not draws or not len(series.seconds):
+        return [Joint(draw, why=NOT_READ) for draw in draws]
+    tip = _Tip(track_of(series, series.rows.temperature), levels, within_c, series.rated_w)
+    seen = _seen(series, tip.track, draws, every)
+    joints = [_joint(tip, seen, number, draw) for number, draw in enumerate(draws)]
+    return _with_energy(series, joints)
 
 
 @dataclass(frozen=True, slots=True)
 class _Tip:
-    series: Series
-    setpoints: Floats
-    changes: list[tuple[float, float]]
-    stands: list[float]
+    track: Track
     levels: Mapping[float, float]
     within_c: float
+    rated_w: float | None
 
 
-def _following(starts: list[float], start_s: float) -> float | None:
-    place = bisect_right(starts, start_s)
-    return starts[place] if place < len(starts) else None
+@dataclass(frozen=True, slots=True)
+class _Seen:
+    """Of each joint: setpoint (NaN: not known), until when it can be watched and why not for longer (None: the next draw).
+
+    `first`, `last` and `touched` are places of its readings: the first, behind the last, and behind the last of its contact.
+    """
+
+    setpoints: Floats
+    stops: Floats
+    cuts: list[str | None]
+    first: list[int]
+    last: list[int]
+    touched: list[int]
+    broken: Flags
+    gaps: Flags
 
 
-def _changes(series: Series) -> list[tuple[float, float]]:
-    """Between which readings the setpoint changed: when the one before was read last, and when the new one first."""
+def _seen(series: Series, track: Track, draws: Sequence[Draw], every: Sequence[Draw]) -> _Seen:
+    starts, ends = np.array([draw.start_s for draw in draws]), np.array([draw.end_s for draw in draws])
+    setpoints = setting_in_force(series.seconds, series.rows.setting)
+    rows = np.clip(np.searchsorted(series.seconds, starts + 1e-6) - 1, 0, None)
+    stops, cuts = _stops(series, starts, ends, np.array(sorted({draw.start_s for draw in (*draws, *every)})))
+    before = np.clip(track.last(starts) - 1, 0, None)  # the reading at the start, or the one before it
+    late = starts - track.seconds[before] > series.gap_s if len(track.seconds) else np.ones(len(starts), dtype=np.bool_)
+    broken = late | track.has_gap(starts, np.maximum(ends, starts + series.period_s))
+    last, touched = track.last(stops), track.last(ends)
+    return _Seen(
+        setpoints[rows], stops, cuts, before.tolist(), last.tolist(), touched.tolist(), broken, track.has_gap(starts, stops)
+    )
+
+
+def _stops(series: Series, starts: Floats, ends: Floats, draws: Floats) -> tuple[Floats, list[str | None]]:
+    """Until when each joint can be watched, and what cuts it off then."""
+    reasons = (
+        "The record ended before the tip was back.",
+        f"The tip was not back {LOOK_S:g} s after it.",
+        "The setpoint changed before the tip was back.",
+        "The tool stopped working before the tip was back.",
+    )
+    moments = np.stack(
+        [np.full(len(starts), series.seconds[-1]), ends + LOOK_S, _changed(series, starts), _following(_stands(series), starts)]
+    )
+    stops, which = moments.min(axis=0), moments.argmin(axis=0).tolist()
+    following = _following(draws, starts)
+    is_next = following <= stops
+    cuts = [None if after else reasons[place] for after, place in zip(is_next.tolist(), which, strict=True)]
+    return np.where(is_next, following - series.period_s / 2, stops), cuts
+
+
+def _following(moments: Floats, starts: Floats) -> Floats:
+    """The first of the moments after each start; infinite where there is none."""
+    return np.append(moments, np.inf)[np.searchsorted(moments, starts, side="right")]
+
+
+def _changed(series: Series, starts: Floats) -> Floats:
+    """From when on the setpoint in force at each start may be another: since it was last read before the change."""
     read = ~np.isnan(series.rows.setting)
     at, values = series.seconds[read], series.rows.setting[read]
     places = np.flatnonzero(np.diff(values) != 0)
-    return [(float(at[place]), float(at[place + 1])) for place in places]
+    before, behind = np.append(at[places], np.inf), at[places + 1]
+    return np.asarray(np.maximum(before[np.searchsorted(behind, starts, side="right")], starts), dtype=np.float64)
 
 
-def _changed(changes: list[tuple[float, float]], start_s: float) -> list[float]:
-    """From when on the setpoint in force at `start_s` may be another."""
-    place = bisect_right(changes, start_s, key=lambda change: change[1])
-    return [max(before, start_s) for before, _ in changes[place : place + 1]]
-
-
-def _stands(series: Series) -> list[float]:
+def _stands(series: Series) -> Floats:
     """When the tool stopped working."""
     working = series.rows.working | ~series.known
-    return [float(moment) for moment in series.seconds[1:][working[:-1] & ~working[1:]]]
+    return np.asarray(series.seconds[1:][working[:-1] & ~working[1:]], dtype=np.float64)
 
 
-def _joint(tip: _Tip, draw: Draw, next_s: float | None) -> Joint:
-    series, temperature = tip.series, tip.series.rows.temperature
-    rated_w = series.rated_w
-    heat_j = None if draw.heat is None or rated_w is None else draw.heat * rated_w / 1000
-    stop_s, cut = _stop(tip, draw, next_s)
-    before = series.window(temperature, draw.start_s - max(BEFORE_S, series.period_s), draw.start_s)
-    after = series.window(temperature, draw.start_s, stop_s)
-    touched = series.window(temperature, draw.start_s, draw.end_s)
-    if not before.n or not touched.n or touched.gap:
-        return Joint(draw, heat_j, why=touched.gap or "Nothing was read at its start.")
-    begin, setpoint = float(before.values[-1]), _setpoint(tip, draw.start_s)
-    level = None if setpoint is None else tip.levels.get(setpoint)
-    told = Joint(
-        draw,
-        heat_j,
-        setpoint,
-        None if setpoint is None else setpoint - begin,
-        None if level is None else level - begin,
-        end_c=float(touched.values[-1]) if touched.n else None,
-    )
-    if setpoint is None:
-        return _with(told, begin, touched, why="The setpoint is not known.")
-    if not after.n or stop_s <= draw.start_s:
-        return _with(told, begin, touched, had_s=0.0, why=cut or NEXT_CAME)
-    back_s = _back_s(after, (setpoint if level is None else level) - tip.within_c)
-    return _recovered(tip, told, begin, after, back_s, stop_s, cut)
+def _joint(tip: _Tip, seen: _Seen, number: int, draw: Draw) -> Joint:
+    heat_j = None if draw.heat is None or tip.rated_w is None else draw.heat * tip.rated_w / 1000
+    if seen.broken[number]:
+        return Joint(draw, heat_j, why=GAP)
+    first, touched = seen.first[number], max(seen.touched[number], seen.first[number] + 1)
+    values, setpoint = tip.track.values, float(seen.setpoints[number])
+    begin, contact = float(values[first]), values[first:touched]
+    lowest = float(contact.min())
+    told = Joint(draw, heat_j, depth_c=begin - lowest, lowest_c=lowest, end_c=float(contact[-1]), why=UNKNOWN_SETPOINT)
+    if np.isnan(setpoint):
+        return told
+    level = tip.levels.get(setpoint)
+    told = replace(told, setpoint_c=setpoint, deficit_c=setpoint - begin, resting_below_c=None if level is None else level - begin)
+    return _recovered(tip, seen, number, told, (setpoint if level is None else level) - tip.within_c)
 
 
-def _stop(tip: _Tip, draw: Draw, next_s: float | None) -> tuple[float, str | None]:
-    """Until when the tip can be watched, and what cuts it off then; None: the next draw."""
-    ends = [
-        (float(tip.series.seconds[-1]), "The record ended before the tip was back."),
-        (draw.end_s + LOOK_S, f"The tip was not back {LOOK_S:g} s after it."),
-        *((moment, "The setpoint changed before the tip was back.") for moment in _changed(tip.changes, draw.start_s)),
-        *((moment, "The tool stopped working before the tip was back.") for moment in _first(tip.stands, draw.start_s)),
-    ]
-    stop, why = min(ends)
-    if next_s is not None and next_s <= stop:
-        return next_s - tip.series.period_s / 2, None
-    return stop, why
+def _recovered(tip: _Tip, seen: _Seen, number: int, told: Joint, floor: float) -> Joint:
+    """The joint with whether the tip was back, and when."""
+    first, last, cut = seen.first[number], seen.last[number], seen.cuts[number]
+    had = max(float(seen.stops[number]) - told.start_s, 0.0)
+    values, seconds = tip.track.values[first:last], tip.track.seconds[first:last]
+    back = _back(seconds, values, floor, float(seen.stops[number])) if len(values) and had else None
+    if back is None:
+        if seen.gaps[number] and had:
+            return replace(told, why=GAP)
+        return _lowered(replace(told, recovered=False if cut is None else None, had_s=had, why=cut or NEXT_CAME), values)
+    if tip.track.gaps[first + back] > tip.track.gaps[first]:
+        return replace(told, why=GAP)
+    never_left = not bool((values[: back + 1] < floor).any())
+    recovery = 0.0 if never_left else float(seconds[back]) - told.start_s
+    told = replace(told, recovered=True, recovery_s=max(recovery, 0.0), had_s=had, why=None)
+    return _lowered(told, values[: back + 1])
 
 
-def _first(moments: list[float], after_s: float) -> list[float]:
-    place = bisect_right(moments, after_s)
-    return moments[place : place + 1]
+def _lowered(told: Joint, values: Floats) -> Joint:
+    """The joint with the lowest of these readings, which may come after the contact."""
+    assert told.lowest_c is not None
+    assert told.depth_c is not None
+    lower = min(float(values.min()), told.lowest_c) if len(values) else told.lowest_c
+    return replace(told, lowest_c=lower, depth_c=told.depth_c + told.lowest_c - lower)
 
 
-def _setpoint(tip: _Tip, moment: float) -> float | None:
-    row = int(np.searchsorted(tip.series.seconds, moment + 1e-6)) - 1
-    value = float(tip.setpoints[max(row, 0)])
-    return None if np.isnan(value) else value
-
-
-def _recovered(tip: _Tip, told: Joint, begin: float, after: Window, back_s: float | None, stop_s: float, cut: str | None) -> Joint:
-    series, draw = tip.series, told.draw
-    seen = series.window(series.rows.temperature, draw.start_s, stop_s if back_s is None else back_s)
-    if seen.gap:
-        return _with(told, begin, after, why=seen.gap)
-    had = max(stop_s - draw.start_s, 0.0)
-    if back_s is None:
-        why = NEXT_CAME if cut is None else cut
-        return _with(told, begin, seen, recovered=False if cut is None else None, had_s=had, why=why)
-    never_left = not bool((after.values[after.seconds <= back_s + 1e-6] < _floor(tip, told)).any())
-    recovery = 0.0 if never_left else back_s - draw.start_s
-    energy = _energy(series, draw, max(back_s, draw.end_s))
-    return _with(told, begin, seen, recovered=True, recovery_s=recovery, had_s=had, energy=energy)
-
-
-def _floor(tip: _Tip, told: Joint) -> float:
-    assert told.setpoint_c is not None
-    return tip.levels.get(told.setpoint_c, told.setpoint_c) - tip.within_c
-
-
-def _with(
-    told: Joint,
-    begin: float,
-    seen: Window,
-    recovered: bool | None = None,
-    recovery_s: float | None = None,
-    had_s: float | None = None,
-    energy: float | None = None,
-    why: str | None = None,
-) -> Joint:
-    lowest = float(seen.values.min()) if seen.n else None
-    depth = None if lowest is None else max(begin - lowest, 0.0)
-    known = (told.heat_j, told.setpoint_c, told.deficit_c, told.resting_below_c)
-    return Joint(told.draw, *known, depth, lowest, told.end_c, recovered, recovery_s, had_s, energy, why)
-
-
-def _back_s(after: Window, floor: float) -> float | None:
-    """When the temperature is back after its lowest; None where it is not."""
-    lowest = int(np.argmin(after.values))
-    low = after.values < floor
-    for place in np.flatnonzero(~low[lowest:]) + lowest:
-        left = after.seconds[place:][low[place:]]
-        until = left[0] if len(left) else after.end_s + after.period_s
-        if until - after.seconds[place] >= BACK_FOR_S - 1e-6:
-            return float(after.seconds[place])
+def _back(seconds: Floats, values: Floats, floor: float, stop_s: float) -> int | None:
+    """The place at which the temperature is back after its lowest; None where it is not."""
+    lowest = int(values.argmin())
+    low = values < floor
+    falls = np.flatnonzero(low[lowest + 1 :] & ~low[lowest:-1]) + lowest + 1  # where it leaves the band again
+    begins = [lowest] if not low[lowest] else []
+    begins += (np.flatnonzero(~low[lowest + 1 :] & low[lowest:-1]) + lowest + 1).tolist()
+    for begin in begins:
+        place = bisect_right(falls, begin)
+        until = float(seconds[falls[place]]) if place < len(falls) else stop_s
+        if until - float(seconds[begin]) >= BACK_FOR_S - 1e-6:
+            return int(begin)
     return None
 
 
-def _energy(series: Series, draw: Draw, until_s: float) -> float | None:
-    """Power above holding power from the joint's start on, ‰·s (trapezoid)."""
-    power = series.window(series.rows.power, draw.start_s, until_s)
-    temperature = series.window(series.rows.temperature, draw.start_s, until_s)
-    if draw.loss is None or power.gap or temperature.gap or power.n < 2:
-        return None
-    holding = draw.loss * (np.interp(power.seconds, temperature.seconds, temperature.values) - AIR_C)
-    above = power.values - holding
-    return float(np.sum(np.diff(power.seconds) * (above[1:] + above[:-1]) / 2.0))
+def _with_energy(series: Series, joints: list[Joint]) -> list[Joint]:
+    """The joints that recovered with the power above holding power until then."""
+    power, above_air = track_of(series, series.rows.power), track_of(series, series.rows.temperature - AIR_C)
+    starts = np.array([joint.start_s for joint in joints])
+    ends = np.array([max(joint.start_s + (joint.recovery_s or 0.0), joint.end_s) for joint in joints])
+    loss = np.array([np.nan if joint.draw.loss is None else joint.draw.loss for joint in joints])
+    energies = power.area_between(starts, ends) - loss * above_air.area_between(starts, ends)
+    known = ~np.isnan(energies) & ~power.has_gap(starts, ends) & ~above_air.has_gap(starts, ends)
+    return [
+        replace(joint, energy=float(energy)) if is_known and joint.recovered else joint
+        for joint, energy, is_known in zip(joints, energies, known.tolist(), strict=True)
+    ]
