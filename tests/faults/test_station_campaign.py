@@ -319,7 +319,7 @@ def assert_tools_rest_or_are_told(run: VirtualRun) -> None:
     for name, desk in run.desks.items():
         for number in desk.facts.touched:
             port = station(run, int(name[-1])).plant.ports[number]
-            rests = port.tool == 0 or port.doing.state != WORKING
+            rests = port.tool == 0 or port.doing.state != WORKING or (port.doing.extractor and port.character.extractor_cools)
             told = any(f"port {number}:" in text for text in desk.facts.unsafe)
             assert rests or told, (name, number)
 
