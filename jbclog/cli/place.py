@@ -5,11 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 
 from jbclog.errors import RecordError, UsageError
-from jbclog.foreign.mounts import expect_answer
 
 
 def is_folder(path: Path) -> bool:
     """Whether there is a folder; a name that no file can have is none. Raises `RecordError` where its network mount hangs."""
+    from jbclog.foreign.mounts import expect_answer  # here, so that help does not load it
+
     expect_answer(path)
     try:
         return path.is_dir()

@@ -79,16 +79,16 @@ def test_joints_are_held_against_the_feeders_own_count() -> None:
 def test_capability_is_given_where_it_means_something_and_refused_elsewhere() -> None:
     node = executed(CAPABILITY)
     worn, steady = shown(node, "words").split("dde-2 port 1")
-    assert "test 6: four of five points beyond one sigma" in worn
+    assert "test 5: two of three points beyond two sigma on one side" in worn
     assert "their spread is that of the resolution" in steady
     slopes = [line.split() for line in shown(node, "slopes").splitlines()[1:]]
     drifts = {row[3]: (float(row[6]), float(row[7])) for row in slopes}
     assert drifts["T-0231"][0] > 0  # 0.05 s more of dwell were put in each day
-    assert drifts["T-0198"] == (0.0, 0.0)
+    assert drifts["T-0198"][0] <= 0.0 <= drifts["T-0198"][1]
     indices = shown(node, "indices")
     assert re.search(r"dde-1 +1 +220 +NaN +NaN", indices)
     assert "Neighbouring values are alike" in indices
-    index, bound = (float(text) for text in re.findall(r"dde-2 +1 +220 +([\d.]+) +([\d.]+)", indices)[0])
+    index, bound = (float(text) for text in re.findall(r"dde-2 +1 +110 +([\d.]+) +([\d.]+)", indices)[0])
     assert 1 < bound < index < 2
     for cell in ("charts", "room", "means"):
         assert has_picture(node, cell), cell

@@ -142,7 +142,6 @@ def test_the_run_folder_is_as_told(demo: Demo) -> None:
         "lease.json",
         "guard.lock",
         "guard.jsonl",
-        "annotations.jsonl",
     }  # of a run that is open, and of one that was damaged
     assert told >= other
     assert told - other == {path.name for path in demo.run.iterdir()}
