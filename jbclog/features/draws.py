@@ -38,6 +38,7 @@ FRESH_NOISES: Final = 5.0
 FRESH_TIMES: Final = 2.5  # of the flow before: a contact that goes on does not rise so far
 COARSE_NOISES, COARSE_SHARE = 2.0, 0.65
 EXPECTED_SHARE, EXPECTED_VALLEY = 0.6, 0.6  # of the time expected between two joints, and of the lower neighbour
+FAR_S: Final = 1.5  # two parts so far from each other are apart, which spares the look
 BESIDE_S: Final = 0.8  # how far from a valley its neighbours are looked at
 LOOK_S: Final = 0.3  # how far from the low limit's crossing a start is looked for
 TAIL_S: Final = 0.6  # how far from the end of the run a contact's end is looked for
@@ -155,20 +156,23 @@ def _joined(looked: _Looked, parts: list[Part]) -> list[Part]:
 
 def _apart(looked: _Looked, one: Part, other: Part) -> bool:
     """Whether the flow was zero between the two."""
+    flow, coarse, noise = looked.flow, looked.coarse, looked.noise
+    between = slice(one[1] - 1, other[0] + 1)
+    lowest, lowest_coarse = float(flow[between].min()), float(coarse[between].min())
+    near_zero = VALLEY_NOISES * noise.flow
+    if other[0] - one[1] > looked.rows(FAR_S) or (lowest < near_zero and lowest_coarse <= COARSE_NOISES * noise.coarse):
+        return True
     beside = looked.rows(BESIDE_S)
     left, right = slice(max(one[0], one[1] - beside), one[1]), slice(other[0], min(other[1], other[0] + beside))
-    between = slice(one[1] - 1, other[0] + 1)
-    before, after = float(looked.flow[left].max()), float(looked.flow[right].max())
-    lowest, coarse = float(looked.flow[between].min()), float(looked.coarse[between].min())
-    near_zero = VALLEY_NOISES * looked.noise.flow
+    before, after = float(flow[left].max()), float(flow[right].max())
+    lower, coarse_lower = min(before, after), min(float(coarse[left].max()), float(coarse[right].max()))
     if looked.expected_every_s and other[0] - one[0] >= looked.rows(EXPECTED_SHARE * looked.expected_every_s):
-        return lowest < max(near_zero, EXPECTED_VALLEY * min(before, after))
-    coarse_lower = min(float(looked.coarse[left].max()), float(looked.coarse[right].max()))
-    if coarse <= max(COARSE_NOISES * looked.noise.coarse, LOW_PERMILLE, COARSE_SHARE * coarse_lower):
-        return lowest < max(near_zero, VALLEY_SHARE * min(before, after))
-    if min(before, after) >= CLEAR_NOISES * looked.noise.flow:
-        return lowest < VALLEY_SHARE * min(before, after)
-    is_fresh = after >= max(FRESH_NOISES * looked.noise.flow, FRESH_TIMES * before)
+        return lowest < max(near_zero, EXPECTED_VALLEY * lower)
+    if lowest_coarse <= max(LOW_PERMILLE, COARSE_SHARE * coarse_lower):
+        return lowest < max(near_zero, VALLEY_SHARE * lower)
+    if lower >= CLEAR_NOISES * noise.flow:
+        return lowest < VALLEY_SHARE * lower
+    is_fresh = after >= max(FRESH_NOISES * noise.flow, FRESH_TIMES * before)
     return is_fresh and lowest < max(near_zero, VALLEY_SHARE * after)
 
 

@@ -116,6 +116,7 @@ class _Seen:
     `first`, `last` and `touched` are places of its readings: the first, behind the last, and behind the last of its contact.
     """
 
+    starts: Floats
     setpoints: Floats
     stops: Floats
     cuts: list[str | None]
@@ -136,7 +137,7 @@ def _seen(series: Series, track: Track, draws: Sequence[Draw], every: Sequence[D
     broken = late | track.has_gap(starts, np.maximum(ends, starts + series.period_s))
     last, touched = track.last(stops), track.last(ends)
     return _Seen(
-        setpoints[rows], stops, cuts, before.tolist(), last.tolist(), touched.tolist(), broken, track.has_gap(starts, stops)
+        starts, setpoints[rows], stops, cuts, before.tolist(), last.tolist(), touched.tolist(), broken, track.has_gap(starts, stops)
     )
 
 
@@ -184,40 +185,44 @@ def _joint(tip: _Tip, seen: _Seen, number: int, draw: Draw) -> Joint:
         return Joint(draw, heat_j, why=GAP)
     first, touched = seen.first[number], max(seen.touched[number], seen.first[number] + 1)
     values, setpoint = tip.track.values, float(seen.setpoints[number])
-    begin, contact = float(values[first]), values[first:touched]
-    lowest = float(contact.min())
-    told = Joint(draw, heat_j, depth_c=begin - lowest, lowest_c=lowest, end_c=float(contact[-1]), why=UNKNOWN_SETPOINT)
+    begin, end, lowest = float(values[first]), float(values[touched - 1]), float(values[first:touched].min())
     if np.isnan(setpoint):
-        return told
+        return Joint(draw, heat_j, depth_c=begin - lowest, lowest_c=lowest, end_c=end, why=UNKNOWN_SETPOINT)
     level = tip.levels.get(setpoint)
-    told = replace(told, setpoint_c=setpoint, deficit_c=setpoint - begin, resting_below_c=None if level is None else level - begin)
-    return _recovered(tip, seen, number, told, (setpoint if level is None else level) - tip.within_c)
+    below = None if level is None else level - begin
+    after = _after(tip, seen, number, (setpoint if level is None else level) - tip.within_c)
+    lowest = min(lowest, after.lowest)
+    known = (after.recovered, after.recovery_s, after.had_s)
+    return Joint(draw, heat_j, setpoint, setpoint - begin, below, begin - lowest, lowest, end, *known, None, after.why)
 
 
-def _recovered(tip: _Tip, seen: _Seen, number: int, told: Joint, floor: float) -> Joint:
-    """The joint with whether the tip was back, and when."""
-    first, last, cut = seen.first[number], seen.last[number], seen.cuts[number]
-    had = max(float(seen.stops[number]) - told.start_s, 0.0)
+@dataclass(frozen=True, slots=True)
+class _After:
+    """What came after a joint's start: whether the tip was back and after how long, and the lowest until then."""
+
+    recovered: bool | None
+    recovery_s: float | None
+    had_s: float | None
+    lowest: float
+    why: str | None
+
+
+def _after(tip: _Tip, seen: _Seen, number: int, floor: float) -> _After:
+    first, last, stop = seen.first[number], seen.last[number], float(seen.stops[number])
     values, seconds = tip.track.values[first:last], tip.track.seconds[first:last]
-    back = _back(seconds, values, floor, float(seen.stops[number])) if len(values) and had else None
+    had = max(stop - float(seen.starts[number]), 0.0)
+    back = _back(seconds, values, floor, stop) if len(values) and had else None
     if back is None:
+        lowest = float(values.min()) if len(values) else np.inf
         if seen.gaps[number] and had:
-            return replace(told, why=GAP)
-        return _lowered(replace(told, recovered=False if cut is None else None, had_s=had, why=cut or NEXT_CAME), values)
+            return _After(None, None, None, np.inf, GAP)
+        cut = seen.cuts[number]
+        return _After(False if cut is None else None, None, had, lowest, cut or NEXT_CAME)
     if tip.track.gaps[first + back] > tip.track.gaps[first]:
-        return replace(told, why=GAP)
-    never_left = not bool((values[: back + 1] < floor).any())
-    recovery = 0.0 if never_left else float(seconds[back]) - told.start_s
-    told = replace(told, recovered=True, recovery_s=max(recovery, 0.0), had_s=had, why=None)
-    return _lowered(told, values[: back + 1])
-
-
-def _lowered(told: Joint, values: Floats) -> Joint:
-    """The joint with the lowest of these readings, which may come after the contact."""
-    assert told.lowest_c is not None
-    assert told.depth_c is not None
-    lower = min(float(values.min()), told.lowest_c) if len(values) else told.lowest_c
-    return replace(told, lowest_c=lower, depth_c=told.depth_c + told.lowest_c - lower)
+        return _After(None, None, None, np.inf, GAP)
+    lowest = float(values[: back + 1].min())
+    recovery = 0.0 if lowest >= floor else max(float(seconds[back]) - float(seen.starts[number]), 0.0)
+    return _After(True, recovery, had, lowest, None)
 
 
 def _back(seconds: Floats, values: Floats, floor: float, stop_s: float) -> int | None:
