@@ -55,7 +55,7 @@ def test_where_one_refuses_a_setting_that_cannot_heat_none_is_heated_and_what_wa
     assert code == 3
     assert "exit 3: b: alarm high limit of port 1" in said
     assert [text for name in "ab" for text in wire.writes(name) if text.startswith(HEATS)] == []
-    assert [wire.writes(name)[-1] for name in "ab"] == ["WPS100001", "WPS100001"]
+    assert [text for name in "ab" for text in wire.writes(name) if text.startswith("WPS")] == []  # they rest, and are spared
     assert all("sleep delay of port 1 5 min (was 9 min)" in one.reason for one in manifest.stations)
     assert all(one.safe_state == {1: "verified"} for one in manifest.stations)
 
