@@ -240,7 +240,7 @@ TABLE = [
         39,
         line(
             "joints_per_minute = 0\n"
-            + fault("silence", command="alarm_flags", port=1, at_s=20, for_s=1.8)
+            + fault("silence", command="alarm_flags", port=1, at_s=20, for_s=2.3)
             + fault("overheat", port=1, at_s=18.5, for_s=1.2, by_c=30)
         ),
         ("alarm.unknown",),
