@@ -7,7 +7,8 @@ from virtual_run import line_text
 
 def line(*sims: str) -> str:
     """A line of DDEs, each with its own sim table."""
-    stations = [line_text(f"seed = {number}\n{sim}").replace("turnaround_ms = 1.0", "turnaround_ms = 0.9").split("[[station]]")[1] for number, sim in enumerate(sims, 1)]
+    texts = [line_text(f"seed = {number}\n{sim}") for number, sim in enumerate(sims, 1)]
+    stations = [text.replace("turnaround_ms = 1.0", "turnaround_ms = 0.9").split("[[station]]")[1] for text in texts]
     named = [text.replace("dde-1", f"dde-{number}") for number, text in enumerate(stations, 1)]
     return line_text().split("[[station]]")[0] + "".join(f"[[station]]{text}\n" for text in named)
 
