@@ -6,6 +6,7 @@ import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 
+from jbclog.foreign.files import Kind, read_foreign
 from jbclog.rows import StationFacts
 
 
@@ -14,8 +15,8 @@ def joints_asked(folder: Path, facts: StationFacts) -> Mapping[str, object]:
     if facts.recipe is None:
         return {}
     try:
-        text = (folder / "recipes" / Path(facts.recipe).name).read_text(encoding="utf-8")
-        table = tomllib.loads(text).get("joints")
+        data = read_foreign(folder / "recipes" / Path(facts.recipe).name, Kind.SETTINGS)
+        table = tomllib.loads(data.decode()).get("joints")
     except (OSError, ValueError):
         return {}
     return table if isinstance(table, dict) else {}

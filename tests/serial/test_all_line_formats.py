@@ -66,7 +66,7 @@ def test_stations_at_all_rates_are_recorded_side_by_side(tmp_path: Path) -> None
     line.write_text(LINE + "".join(STATION.format(baudrate=rate, form=form) for rate, form in zip(BAUDRATES, formats, strict=True)))
     recipe.write_text(RECIPE)
     with SimProcess(line, tmp_path / "sim") as sim:
-        arguments = ("--line", sim.line_path, "--out", tmp_path / "runs", "--rate", "fit", "--duration", "3s", "--json")
+        arguments = ("--line", sim.line_path, "--out", tmp_path / "runs", "--rate", "fit", "--duration", "5s", "--json")
         said = jbclog("run", recipe, *arguments)
         assert [one.format for one in load_line(sim.line_path).stations] == formats
     assert said.returncode == 0, said.stderr
