@@ -20,6 +20,7 @@ from jbclog.judge.versions import is_known, not_kept
 from jbclog.recipe.load import load_recipe
 from jbclog.recipe.model import Recipe
 from jbclog.record.manifest import Manifest
+from jbclog.record.recipe_copies import recipe_copy
 from jbclog.rows import StationFacts
 
 Place = tuple[str, str | None, int | None]
@@ -104,20 +105,16 @@ def _recipes(folder: Path, manifest: Manifest) -> tuple[dict[str, Recipe | None]
     unread: list[StationFacts] = []
     for facts in manifest.stations:
         try:
-            recipes[facts.name] = None if facts.recipe is None else load_recipe(_copy(folder, facts.recipe), links=False)
+            recipes[facts.name] = None if facts.recipe is None else load_recipe(recipe_copy(folder, facts.recipe), links=False)
         except (Problems, UsageError, OSError):
             unread.append(facts)
     return recipes, unread
 
 
-def _copy(folder: Path, recipe: str) -> Path:
-    return folder / "recipes" / Path(recipe).name
-
-
 def _is_as_sealed(folder: Path, manifest: Manifest, facts: StationFacts) -> bool:
     """Whether its recipe is, byte for byte, the one that ran: then it is this jbclog that does not take it."""
-    path = _copy(folder, facts.recipe or "")
     try:
+        path = recipe_copy(folder, facts.recipe or "")
         found = hashlib.sha256(read_foreign(path, Kind.SETTINGS)).hexdigest()
     except OSError:
         return False

@@ -25,6 +25,7 @@ from jbclog.judge.idle import IdleError
 from jbclog.judge.samples import Measures
 from jbclog.record.finding_runs import ending
 from jbclog.record.manifest import Manifest
+from jbclog.record.recipe_copies import recipe_copy
 
 MARGIN_C: Final = 2.0
 KEY: Final = ["station", "port"]
@@ -152,11 +153,8 @@ def _recipe_difference(first: Run, second: Run) -> list[str]:
 def _recipe_texts(run: Run) -> dict[str, str]:
     found = {}
     for recipe in run.manifest.recipes:
-        path = run.folder / recipe.file
-        if ".." in path.parts or path.is_symlink():
-            continue
         try:
-            found[recipe.file] = read_foreign(path, Kind.SETTINGS).decode(errors="replace")
+            found[recipe.file] = read_foreign(recipe_copy(run.folder, recipe.file), Kind.SETTINGS).decode(errors="replace")
         except OSError:
             found[recipe.file] = "(its copy cannot be read)"
     return found

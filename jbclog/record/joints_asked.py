@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from jbclog.foreign.files import Kind, read_foreign
+from jbclog.record.recipe_copies import recipe_copy
 from jbclog.rows import StationFacts
 
 
@@ -15,7 +16,7 @@ def joints_asked(folder: Path, facts: StationFacts) -> Mapping[str, object]:
     if facts.recipe is None:
         return {}
     try:
-        data = read_foreign(folder / "recipes" / Path(facts.recipe).name, Kind.SETTINGS)
+        data = read_foreign(recipe_copy(folder, facts.recipe), Kind.SETTINGS)
         table = tomllib.loads(data.decode()).get("joints")
     except (OSError, ValueError):
         return {}

@@ -18,7 +18,6 @@ from types import MappingProxyType
 from typing import Final
 
 from jbclog.errors import RecordError, Unsafe
-from jbclog.foreign.files import Kind, read_foreign
 from jbclog.foreign.mounts import expect_answer
 from jbclog.record import bad_parts, damage, guarded, left_hot, wire, wire_check
 from jbclog.record.conclude import NOT_KEPT, conclude, last_micros, live_files, remove_live, stations_of, unkept_rows
@@ -27,6 +26,7 @@ from jbclog.record.live import AT_RISK_S
 from jbclog.record.lock import FolderLock, witness
 from jbclog.record.manifest import NAME, Lost, Manifest, NoManifest, read_manifest, wrong_digest
 from jbclog.record.parts import remove_leavings, remove_unfinished
+from jbclog.record.recipe_copies import recipe_texts
 from jbclog.record.schema import TABLES
 from jbclog.record.seal import seal_rows
 from jbclog.record.stock import Stock
@@ -227,13 +227,9 @@ def _was_to_be_judged(folder: Path, manifest: Manifest) -> bool:
     if manifest.verdict is not None:
         return manifest.verdict != "NOT JUDGED"
     try:
-        return any("acceptance" in tomllib.loads(_recipe(path)) for path in (folder / "recipes").glob("*.toml"))
+        return any("acceptance" in tomllib.loads(text.decode()) for text in recipe_texts(folder))
     except (OSError, ValueError, RecursionError):
         return True
-
-
-def _recipe(path: Path) -> str:
-    return read_foreign(path, Kind.SETTINGS).decode()
 
 
 def _wire(folder: Path, manifest: Manifest) -> str | None:

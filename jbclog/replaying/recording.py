@@ -12,6 +12,7 @@ from jbclog.recipe.line import Line, Replay, StationSpec, load_line
 from jbclog.recipe.load import load_recipe
 from jbclog.record import wire_check
 from jbclog.record.manifest import NAME, Manifest, read_manifest
+from jbclog.record.recipe_copies import recipe_copy
 from jbclog.record.wire import Head, read_exchanges, read_to_hole, wire_path, wire_paths
 from jbclog.rows import StationFacts
 from jbclog.session.order import AS_FAST_AS_POSSIBLE
@@ -41,7 +42,7 @@ class Recording:
         return next(iter(self.heads.values()))
 
     def recipe_path(self, station: str) -> Path:
-        return self.folder / "recipes" / self.heads[station].recipe
+        return recipe_copy(self.folder, self.heads[station].recipe)
 
     def ticks(self, station: str) -> Ticks | None:
         """The grid on which a station was sampled, on the recorder's clock. None where that is not known, or there was none."""
@@ -159,5 +160,5 @@ def plan_of(recording: Recording) -> Plan:
 
 def _station_plan(recording: Recording, spec: StationSpec, wanted: Wanted) -> StationPlan:
     """Stations of one run may have rates of their own, where the run was itself a replay."""
-    recipe = load_recipe(recording.recipe_path(spec.name))
+    recipe = load_recipe(recording.recipe_path(spec.name), links=False)
     return station_plan(spec, recipe, replace(wanted, rate=recording.heads[spec.name].rate))

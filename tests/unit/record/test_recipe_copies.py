@@ -1,0 +1,44 @@
+"""A link in the place of a run's recipes is not followed, whoever reads them; the run is answered all the same."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from make_run import make_run
+from typer.testing import CliRunner
+
+from jbclog.cli.app import app
+from jbclog.foreign.files import NotReadable
+from jbclog.record.joints_asked import joints_asked
+from jbclog.record.manifest import read_manifest
+from jbclog.record.recipe_copies import recipe_copy, recipe_texts
+
+
+@pytest.fixture
+def linked(tmp_path: Path) -> Path:
+    """A run whose recipes lie elsewhere, as they were, behind a link."""
+    folder = make_run(tmp_path / "runs", 4.0)
+    (folder / "recipes").rename(tmp_path / "elsewhere")
+    (folder / "recipes").symlink_to(tmp_path / "elsewhere")
+    return folder
+
+
+def test_they_are_not_read_behind_a_link(linked: Path) -> None:
+    facts = read_manifest(linked).stations[0]
+    assert facts.recipe is not None
+    for read in (lambda: recipe_copy(linked, facts.recipe or ""), lambda: recipe_texts(linked)):
+        with pytest.raises(NotReadable, match="recipes/ is a link, not a folder"):
+            read()
+    assert joints_asked(linked, facts) == {}
+
+
+@pytest.mark.parametrize("verb", ["check", "report --verify", "report", "replay", "compare"])
+def test_each_verb_answers_in_a_line(linked: Path, verb: str) -> None:
+    words = [*verb.split(), str(linked), *([str(linked)] if verb == "compare" else [])]
+    result = CliRunner().invoke(app, words)
+    assert "internal error" not in result.output
+    assert not isinstance(result.exception, OSError)
+    if verb in ("check", "report --verify"):
+        assert result.exit_code != 0
+        assert "recipes" in result.output
