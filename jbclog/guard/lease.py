@@ -110,12 +110,25 @@ def _sync(folder: Path) -> None:
 
 def kept(folder: Path) -> list[StationLease]:
     """What stands in the lease in this folder, as far as it can be read; nothing where there is none."""
+    return _read(folder)[0]
+
+
+def unreadable(folder: Path) -> str:
+    """Why the lease in this folder, or a line of it, cannot be read; empty where it can be, or there is none."""
+    return _read(folder)[1]
+
+
+def _read(folder: Path) -> tuple[list[StationLease], str]:
     try:
-        lines = read_foreign(folder / NAME, Kind.LEASE).decode().split("\n")
-    except (OSError, ValueError):
-        return []
-    found = []
-    for line in lines:
-        with suppress(ValueError):  # one that cannot be read must not hide the others
+        lines = read_foreign(folder / NAME, Kind.LEASE).decode().splitlines()
+    except FileNotFoundError:
+        return [], ""
+    except (OSError, ValueError) as error:
+        return [], str(error)
+    found, wrong = [], ""
+    for number, line in enumerate(lines, 1):
+        try:
             found.append(StationLease.from_json(line))
-    return found
+        except ValueError:  # one that cannot be read must not hide the others
+            wrong = f"line {number} is no lease of a station"
+    return found, wrong

@@ -35,15 +35,34 @@ def settle(out: Path, urls: Collection[str], is_recording: IsRecording) -> list[
 
     A run that goes on holds its ports itself.
     """
-    return [done for folder in unclosed(out, urls) if (done := _settle(folder, urls, is_recording)) is not None]
+    settled = [done for folder in unclosed(out, urls) if (done := _settle(folder, urls, is_recording)) is not None]
+    return [*settled, *(_not_known(folder, why) for folder, why in _unreadable(out) if not is_recording(folder))]
+
+
+def _unreadable(out: Path) -> Iterator[tuple[Path, str]]:
+    """Folders with a lease that cannot be read, and why."""
+    for folder in _with_lease(out):
+        why = lease.unreadable(folder)
+        if why:
+            yield folder, why
+
+
+def _not_known(folder: Path, why: str) -> LeftOver:
+    path = folder / lease.NAME
+    text = f"{path} cannot be read ({why}): whether run {folder.name} left tools hot is not known."
+    return LeftOver(False, f"{text} Make them safe with `jbclog safe`, then remove that file.")
 
 
 def unclosed(out: Path | None, urls: Collection[str]) -> Iterator[Path]:
     """The folders whose leases hold any of these ports: below `out`, and wherever this user has others."""
-    below = [path.parent.resolve() for path in out.glob(f"*/{lease.NAME}")] if out is not None and out.is_dir() else []
-    for folder in sorted({*below, *whereabouts.known()}):
+    for folder in _with_lease(out):
         if any(_is_wanted(station, urls) for station in lease.kept(folder)):
             yield folder
+
+
+def _with_lease(out: Path | None) -> list[Path]:
+    below = [path.parent.resolve() for path in out.glob(f"*/{lease.NAME}")] if out is not None and out.is_dir() else []
+    return sorted({*below, *whereabouts.known()})
 
 
 def _is_wanted(station: StationLease, urls: Collection[str]) -> bool:

@@ -7,7 +7,6 @@ not known. The lease that is still open says which tools are meant, and so does 
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -58,22 +57,41 @@ class Last:
 
 def leases(folder: Path) -> dict[str, Lease]:
     """The lease that is open in the folder, as far as it can be read."""
+    return _lease(folder)[0]
+
+
+def unreadable_lease(folder: Path) -> str:
+    """Why the lease in the folder, or a part of it, cannot be read; empty where it can be, or there is none."""
+    return _lease(folder)[1]
+
+
+def _lease(folder: Path) -> tuple[dict[str, Lease], str]:
     found: dict[str, Lease] = {}
-    with suppress(OSError, ValueError):
-        for line in read_foreign(folder / guarded.LEASE, Kind.LEASE).decode().splitlines():
-            with suppress(ValueError, KeyError, TypeError):
-                told = json_of(line)
-                found[str(told["name"])] = Lease(tuple(int(port) for port in told.get("ports", ())), bool(told.get("feeds")))
-    return found
+    try:
+        lines = read_foreign(folder / guarded.LEASE, Kind.LEASE).decode().splitlines()
+    except FileNotFoundError:
+        return found, ""
+    except (OSError, ValueError) as error:
+        return found, str(error)
+    wrong = ""
+    for number, line in enumerate(lines, 1):
+        try:
+            told = json_of(line)
+            found[str(told["name"])] = Lease(tuple(int(port) for port in told.get("ports", ())), bool(told.get("feeds")))
+        except (ValueError, KeyError, TypeError, AttributeError):
+            wrong = f"line {number} is no lease of a station"
+    return found, wrong
 
 
 def warning(folder: Path, unsafe: Collection[str] = ()) -> str:
     """The sentence for people about the stations that may still be hot, `unsafe` among them; empty where there are none."""
-    names = ", ".join(sorted({*leases(folder), *unsafe}))
-    if not names:
-        return ""
-    told = f"Tools of {names} may still be hot: nobody is known to have made them safe."
-    return f"{told} `jbclog safe` does, or a new run on their ports."
+    names, why = ", ".join(sorted({*leases(folder), *unsafe})), unreadable_lease(folder)
+    told = []
+    if names:
+        told.append(f"Tools of {names} may still be hot: nobody is known to have made them safe.")
+    if why:
+        told.append(f"{guarded.LEASE} cannot be read ({why}): which tools of this run may still be hot is not known.")
+    return " ".join([*told, "`jbclog safe` makes them safe, as does a new run on their ports."]) if told else ""
 
 
 def unknown(folder: Path, stations: list[StationFacts], guard: str | None) -> list[Unknown]:
@@ -84,13 +102,13 @@ def unknown(folder: Path, stations: list[StationFacts], guard: str | None) -> li
 
 
 def _places(folder: Path, stations: list[StationFacts]) -> Iterator[tuple[str, int | None]]:
-    held = leases(folder)
+    held, why = _lease(folder)
     was_taken_over = any(event.kind in TOOK_OVER for event in guarded.diary(folder))
     for facts in stations:
         lease, goes_on = held.get(facts.name, Lease()), facts.outcome == RUNNING and facts.asked_safe_state != ""
-        ports = {*lease.ports, *(facts.touched if goes_on else ())}
+        ports = {*lease.ports, *(facts.touched if goes_on or why else ())}
         yield from ((facts.name, port) for port in sorted(ports - facts.safe_state.keys()))
-        if lease.feeds or (goes_on and facts.may_feed and not was_taken_over):
+        if lease.feeds or ((goes_on or why) and facts.may_feed and not was_taken_over):
             yield facts.name, None
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -13,6 +14,7 @@ from typer.testing import CliRunner
 
 from jbclog.cli.app import app
 from jbclog.guard.diary import Diary
+from jbclog.guard.left_over import settle
 from jbclog.record import conclude as concluding
 from jbclog.record import left_hot
 from jbclog.record.check import check
@@ -73,6 +75,24 @@ def test_a_lease_that_nobody_closed_is_told_port_by_port_with_what_was_last_read
 
 def test_what_was_touched_is_told_although_no_lease_could_be_kept(left: Left) -> None:
     assert [port for port, _, _ in told(recover(left(TOUCHED)).folder)] == [1, 2]
+
+
+@pytest.mark.parametrize(
+    "made", [lambda path: os.mkfifo(path), lambda path: path.write_bytes(b"\xff{torn"), lambda path: path.mkdir()]
+)
+def test_a_lease_that_cannot_be_read_is_no_closed_one(left: Left, made: Callable[[Path], object]) -> None:
+    """What it named is not known; the tools that were touched are told, and the next start of the line says it as well."""
+    folder = left(TOUCHED)
+    made(folder / LEASE)
+    done = recover(folder)
+    assert [port for port, _, _ in told(folder)] == [1, 2]
+    assert not done.is_safe
+    assert "lease.json cannot be read (" in done.text
+    assert "which tools of this run may still be hot is not known" in done.text
+    assert CliRunner().invoke(app, ["recover", str(folder)]).exit_code == 5
+    (found,) = settle(folder.parent, {"nowhere"}, lambda _: False)
+    assert not found.is_safe
+    assert f"whether run {folder.name} left tools hot is not known" in found.text
 
 
 def test_without_a_guard_that_is_the_reason(left: Left) -> None:
