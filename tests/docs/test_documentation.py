@@ -1,0 +1,84 @@
+"""The pages below docs/: their links lead somewhere, their commands exist, and what they repeat of the code is what it says."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+from readme import ROOT
+from verbs import calls, wrong
+
+from jbclog.foreign.files import GIB, KIB, LIMITS, MIB, Kind
+from jbclog.spc.nelson import ALL_TESTS, DEFAULT_TESTS, FALSE_ALARMS
+
+DOCS, TESTS = ROOT / "docs", ROOT / "tests"
+PAGES = sorted(DOCS.glob("*.md"))
+every_page = pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+FENCE = re.compile(r"^```(\w*)\n(.*?)^```$", re.DOTALL | re.MULTILINE)
+
+
+def text_of(name: str) -> str:
+    return (DOCS / name).read_text(encoding="utf-8")
+
+
+@every_page
+def test_links_lead_somewhere(page: Path) -> None:
+    links = re.findall(r"\]\(([^)\"\s]+)", FENCE.sub("", page.read_text(encoding="utf-8")))
+    local = [link.partition("#")[0] for link in links if "://" not in link]
+    assert [link for link in local if link and not (page.parent / link).exists()] == []
+
+
+@every_page
+def test_commands_exist(page: Path) -> None:
+    text = page.read_text(encoding="utf-8")
+    typed = [block for language, block in FENCE.findall(text) if language == "sh"]
+    typed += re.findall(r"`([^`\n]+)`", FENCE.sub("", text))
+    assert [fault for one in typed for words in calls(one) if (fault := wrong(words))] == []
+
+
+@every_page
+def test_the_readme_leads_to_it(page: Path) -> None:
+    """Or a page does that the README leads to."""
+    leading = [ROOT / "README.md", *(one for one in PAGES if one != page)]
+    assert any(f"{page.name})" in one.read_text(encoding="utf-8") for one in leading)
+
+
+def test_every_campaign_has_its_row() -> None:
+    named = set(re.findall(r"`([\w/]+/test_\w+\.py)`", text_of("campaigns.md")))
+    files = (path.relative_to(TESTS) for path in TESTS.rglob("test_*.py") if "docs" not in path.parts and has_campaign(path))
+    assert named == {path.as_posix() for path in files}
+
+
+def has_campaign(path: Path) -> bool:
+    """By its mark, or because it runs a slice of its trials by default."""
+    text = path.read_text(encoding="utf-8")
+    return "pytest.mark.campaign" in text or "from slices import" in text
+
+
+def test_the_sizes_of_foreign_files_are_the_limits() -> None:
+    rows = dict(re.findall(r"^\| ([^|]+) \| (\d+ [KMG]iB) \|$", text_of("foreign-files.md"), re.MULTILINE))
+    units = {"KiB": KIB, "MiB": MIB, "GiB": GIB}
+    told = {names: int(size.split()[0]) * units[size.split()[1]] for names, size in rows.items()}
+    kinds = {
+        "manifest, annotations, verifications, a job's state": (Kind.MANIFEST, Kind.ANNOTATIONS, Kind.VERIFICATIONS, Kind.JOB),
+        "report.json": (Kind.REPORT,),
+        "other files of a report": (Kind.OF_REPORT,),
+        "lease": (Kind.LEASE,),
+        "guard's diary, list of damage": (Kind.DIARY, Kind.DAMAGE),
+        "lock; line, recipe or jobs file": (Kind.LOCK, Kind.SETTINGS),
+        "batch journal": (Kind.JOURNAL,),
+        "audit ledger": (Kind.LEDGER,),
+        "serial capture, part of a table": (Kind.WIRE, Kind.PART),
+        "live store": (Kind.STORE,),
+    }
+    assert told.keys() == kinds.keys()
+    assert all(LIMITS[kind] == told[names] for names, some in kinds.items() for kind in some)
+
+
+def test_the_false_alarms_are_those_that_charts_state() -> None:
+    for tests, row in ((DEFAULT_TESTS, "1, 2, 3, 5 (default)"), (ALL_TESTS, "all eight (`--all-tests`)")):
+        stated = FALSE_ALARMS[tests]
+        figures = [getattr(stated, name) for name in stated.__dataclass_fields__]
+        cells = f"| {row} | {figures[0]:g} | {figures[1]:g} points | {100 * figures[2]:.0f} % |"
+        assert cells in text_of("capability.md")
