@@ -54,14 +54,19 @@ def metrics_of(run: Run, station: str | None = None) -> pd.DataFrame:
     return metric_table(rows)
 
 
-def joints_and_metrics(run: Run) -> tuple[pa.Table, list[dict[str, object]]]:
-    """The joints of a run as `joints_table` has them, and the rows of `metrics_of`, from one pass over the samples."""
+def joints_and_metrics(run: Run) -> tuple[pa.Table, list[dict[str, object]], list[dict[str, object]]]:
+    """The joints of a run as `joints_table` has them, and the rows of `metrics_of`, from one pass over the samples.
+
+    Then what the joints of each port were found with: its `[joints]`, with the values that the run told.
+    """
     joints: list[dict[str, object]] = []
     metrics: list[dict[str, object]] = []
+    taken: list[dict[str, object]] = []
     for facts, port, measured, moments in _measured(run, None):
         joints += [_row(facts, port, number, joint, moments) for number, joint in enumerate(measured.joints, 1)]
         metrics += [{"station": facts.name, "port": port, **_named(asdict(figure))} for figure in measured.figures]
-    return pa.Table.from_pylist(joints, schema=JOINTS_SCHEMA), metrics
+        taken += [] if measured.found is None else [{"station": facts.name, "port": port, **asdict(measured.found.asked)}]
+    return pa.Table.from_pylist(joints, schema=JOINTS_SCHEMA), metrics, taken
 
 
 def definitions() -> pd.DataFrame:

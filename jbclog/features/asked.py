@@ -9,6 +9,7 @@ from typing import Final
 RECOVERED_WITHIN_C: Final = 3.0
 LEAST_DWELL_S, LEAST_DWELL_PERIODS = 0.25, 0.6
 MERGE_GAP_S, MERGE_GAP_PERIODS = 0.25, 1.0
+LEARNT: Final = ("least_dwell_s", "merge_gap_s", "wire_decides")
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,13 +36,14 @@ def asked_of(table: Mapping[str, object]) -> Asked:
 
 @dataclass(frozen=True, slots=True)
 class Taken:
-    """What joints of a run were found with."""
+    """What joints of a run were found with. `learnt`: the keys of which the recipe says nothing and the run told the value."""
 
     least_dwell_s: float
     merge_gap_s: float
     expected_every_s: float | None
     recovered_within_c: float
     wire_decides: bool
+    learnt: tuple[str, ...] = ()
 
 
 def taken(asked: Asked, period_s: float, wire_decides: bool) -> Taken:
@@ -53,4 +55,5 @@ def taken(asked: Asked, period_s: float, wire_decides: bool) -> Taken:
         asked.expected_every_s,
         asked.recovered_within_c,
         wire_decides if asked.wire_decides is None else asked.wire_decides and wire_decides,
+        tuple(name for name in LEARNT if getattr(asked, name) is None),
     )

@@ -20,7 +20,7 @@ import numpy as np
 
 from jbclog.features.figure import Figure, no_figure
 from jbclog.features.series import RESOLUTION_C, Series
-from jbclog.judge.idle import BLOCK_S, ENOUGH_ROWS, ENOUGH_S, Floats, idle_readings
+from jbclog.judge.idle import BLOCK_S, ENOUGH_ROWS, ENOUGH_S, NOT_IDLE, Floats, idle_readings
 
 MEAN_S, LEAST_MEANS, LEAST_DRIFT_S, MOST_MEANS = 10.0, 6, 300.0, 500
 FLOOR_C = RESOLUTION_C / sqrt(12)
@@ -31,9 +31,8 @@ def idling(series: Series) -> list[Figure]:
     seconds, errors = _idle(series)
     coverage = series.whole(series.rows.temperature).coverage
     if len(errors) < ENOUGH_ROWS or len(errors) * series.period_s < ENOUGH_S:
-        why = f"Fewer than {ENOUGH_ROWS} idle readings, or less than {ENOUGH_S:g} s of them."
         names = (("idle_error_c", "°C"), ("idle_sd_c", "°C"), ("idle_range_c", "°C"), ("drift_c_per_h", "°C/h"))
-        return [no_figure(name, unit, why, len(errors), coverage) for name, unit in names]
+        return [no_figure(name, unit, NOT_IDLE, len(errors), coverage) for name, unit in names]
     return [
         Figure("idle_error_c", float(errors.mean()), "°C", len(errors), coverage, RESOLUTION_C),
         _spread(errors, coverage),

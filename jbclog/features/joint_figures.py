@@ -9,6 +9,7 @@ many joints have a value, `coverage` their share of all joints.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -21,6 +22,7 @@ from jbclog.judge.censored import censored_quantile
 
 HALF, NEARLY_ALL = 0.5, 0.95
 NONE_FOUND: Final = "No joints were found."
+NEVER_AT_REST: Final = "The tip was never seen at rest at a setpoint of these joints."
 
 Value = Callable[[Joint], float | None]
 
@@ -32,7 +34,7 @@ def joint_figures(series: Series, found: Found) -> list[Figure]:
     return [
         *_counts(series, found),
         _middle("joint_deficit_c", "°C", RESOLUTION_C, found, lambda joint: joint.deficit_c),
-        _middle("joint_resting_below_c", "°C", RESOLUTION_C, found, lambda joint: joint.resting_below_c),
+        _resting_below(found),
         _middle("joint_depth_c", "°C", RESOLUTION_C, found, lambda joint: joint.depth_c),
         _middle("joint_dwell_s", "s", period, found, lambda joint: joint.dwell_s),
         _middle("joint_heat_permille_s", "‰·s", heat, found, lambda joint: joint.heat),
@@ -82,6 +84,12 @@ def _middle(name: str, unit: str, resolution: float | None, found: Found, value:
         why = "The station's full-scale power is not declared (rated_power_w in the line file)."
         return no_figure(name, unit, why if unit == "J" and resolution is None else _none(found))
     return Figure(name, float(np.median(values)), unit, len(values), _share(values, found.joints), resolution)
+
+
+def _resting_below(found: Found) -> Figure:
+    """Where the tip was never seen at rest, that is the reason, whatever else is not known of a joint."""
+    figure = _middle("joint_resting_below_c", "°C", RESOLUTION_C, found, lambda joint: joint.resting_below_c)
+    return figure if figure.value is not None or found.levels or not found.joints else replace(figure, why=NEVER_AT_REST)
 
 
 def _recovery(name: str, share: float, period: float, found: Found) -> Figure:

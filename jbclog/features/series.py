@@ -100,7 +100,7 @@ class Window:
             return "Nothing was read in its window: it is one gap."
         if longest <= self.gap_s + 1e-6:
             return None
-        return f"Its window has a gap: no reading for {longest:.1f} s; {self.gap_s:g} s would be none."
+        return f"The record has a gap: no reading for {longest:.1f} s; {self.gap_s:g} s are allowed between two."
 
 
 @dataclass(frozen=True, slots=True)

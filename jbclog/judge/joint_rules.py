@@ -42,6 +42,13 @@ def joint_rules(facts: StationFacts, port: int, acceptance: Acceptance, evidence
         yield counter_rule(facts, port, acceptance.joints_against_counter_percent, seen)
 
 
+def _unknown(seen: PortJoints) -> str | None:
+    """That joints are not known, or not all of them, and why; None where they are."""
+    if seen.why is None:
+        return None
+    return f"{'Not all joints are' if seen.recoveries else 'Joints are not'} known: {seen.why[:1].lower()}{seen.why[1:]}"
+
+
 def recovery_rule(facts: StationFacts, port: int, most_s: float, seen: PortJoints, *, bare: bool = False) -> Rule:
     """How long the tip takes to be back, 95 joints of 100."""
     if not has_tip(facts):
@@ -49,7 +56,7 @@ def recovery_rule(facts: StationFacts, port: int, most_s: float, seen: PortJoint
     told = [one for one in seen.recoveries if one is not None]
     decided = [one for one in told if one.back is not None]
     if not decided or seen.why is not None:
-        text = seen.why or ("The recovery of no joint is known." if seen.recoveries else "No joints were found.")
+        text = _unknown(seen) or ("The recovery of no joint is known." if seen.recoveries else "No joints were found.")
         return Rule(RECOVERY, facts.name, port, most_s, None, "s", Result.MISSING, text)
     late = sum(one.back is False for one in decided)
     value = censored_quantile([(one.seconds, bool(one.back)) for one in told], SHARE)
@@ -90,7 +97,7 @@ def recovered_rule(facts: StationFacts, port: int, least: float, seen: PortJoint
     late = sum(one is not None and one.back is False for one in seen.recoveries)
     joints, open_ = len(seen.recoveries), len(seen.recoveries) - back - late
     if seen.why is not None or not back + late:
-        text = seen.why or ("The recovery of no joint is known." if joints else "No joints were found.")
+        text = _unknown(seen) or ("The recovery of no joint is known." if joints else "No joints were found.")
         return Rule(RECOVERED, facts.name, port, least, None, "%", Result.MISSING, text)
     percent = 100 * back / (back + late)
     text = f"The tip was back before the next joint after {back} of {back + late} joints; {least:g} % are asked."
@@ -109,7 +116,7 @@ def counter_rule(facts: StationFacts, port: int, most: float, seen: PortJoints) 
         return not_applicable(AGAINST_COUNTER, facts.name, port, most, "%", "dispensing cycles")
     feeds = seen.feeds
     if seen.why is not None or feeds is None or not feeds.counted:
-        text = seen.why or ("The feeder's counter was not read." if feeds is None else feeds.why or "Nothing was fed.")
+        text = _unknown(seen) or ("The feeder's counter was not read." if feeds is None else feeds.why or "Nothing was fed.")
         return Rule(AGAINST_COUNTER, facts.name, port, most, None, "%", Result.MISSING, text)
     percent = 100 * (feeds.found - feeds.counted) / feeds.counted
     text = f"{feeds.found} joints found, {feeds.counted} feeds counted, {percent:+.2f} %; {most:g} % allowed either way."

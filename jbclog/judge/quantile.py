@@ -41,7 +41,7 @@ def upper_p95(values: Sequence[float | None]) -> Bound | str:
     above = int(len(values) * most_above(effective) / effective)
     unknown = len(values) - len(known)
     if unknown > above:
-        return f"The recovery of {unknown} more is not known and may be longer; a 95 % bound bears {above} of these."
+        return f"The recovery of {unknown} of them is not known and may be longer; a 95 % bound allows {above}."
     highest = float(np.sort(known)[len(known) - 1 - (above - unknown)])
     return Bound(None, highest, len(values), effective)
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from jbclog.report.style import WIDE
 from jbclog.report.timescale import duration_text, moment
-from jbclog.report.trace import Trace
+from jbclog.report.trace import LATE, Trace
 
 MOST_GAPS_NAMED = 3
 
@@ -20,6 +20,8 @@ def caption(trace: Trace) -> str:
     if len(trace.seconds) > 2 * WIDE.stretches:
         stretch = (trace.end - trace.start) / WIDE.stretches
         parts.append(f"Line: mean, band: least to greatest of every {duration_text(stretch)}.")
+    if trace.joints:
+        parts.append(joints_marked(trace))
     gaps = sorted(trace.gaps, key=lambda gap: (-round(gap.seconds, 6), gap.start))
     named = [
         f"{gap.word.replace('_', ' ')} {duration_text(gap.seconds)} at {_clock(trace, gap.start)}" for gap in gaps[:MOST_GAPS_NAMED]
@@ -32,7 +34,15 @@ def caption(trace: Trace) -> str:
 
 def closer_caption(part: Trace, why: str) -> str:
     """Which minute it is and why that one."""
-    return f"Closer: {_clock(part, part.start)} to {_clock(part, part.end)}, around {why}."
+    joints = f" {joints_marked(part)}" if part.joints else ""
+    return f"Closer: {_clock(part, part.start)} to {_clock(part, part.end)}, around {why}.{joints}"
+
+
+def joints_marked(trace: Trace) -> str:
+    """What the bars at the foot of the temperature are."""
+    count, late = len(trace.joints), sum(one.word == LATE for one in trace.joints)
+    bars = f"Bars at the foot: {count} joint{'s' * (count != 1)}"
+    return f"{bars}; high and red: {late} after which the next one came before the tip was back." if late else f"{bars}."
 
 
 def description(place: str, trace: Trace) -> str:
@@ -44,7 +54,8 @@ def description(place: str, trace: Trace) -> str:
     alarms = sum(mark.kind == "alarm" for mark in trace.marks)
     length = duration_text(trace.end - trace.start)
     what = "tip" if trace.air is None else "air"
-    return f"{place}: {what} temperature {seen} over {length}, {alarms} alarms, {len(trace.gaps)} gaps, power below."
+    joints = f"{len(trace.joints)} joints, " if trace.joints else ""
+    return f"{place}: {what} temperature {seen} over {length}, {joints}{alarms} alarms, {len(trace.gaps)} gaps, power below."
 
 
 def _day(trace: Trace) -> str:

@@ -91,11 +91,17 @@ class TipFacts:
 
 @dataclass(slots=True)
 class PowerFacts:
-    """Power and its sum over the rows that have it; in Wh only where the line file states the rated power."""
+    """The highest power, and its integral: the metrics of that name (`features/energy.py`), `why` there is none.
+
+    Joules and Wh only where the line file states the rated power; what was recorded beside a gap is the least that it can be.
+    """
 
     greatest_permille: float | None
     energy_permille_s: float | None
+    energy_recorded_permille_s: float | None
+    energy_j: float | None
     energy_wh: float | None
+    energy_why: str | None
 
 
 @dataclass(slots=True)
@@ -122,12 +128,15 @@ class AirFacts:
 class JointFacts:
     """The joints of a port: `figures` are metrics with n, coverage, resolution and `why` there is no value (`features`).
 
-    `signals`: points of the chart that are out of the ordinary; None where it has no limits, `refused` then says why, and
-    `refused_kind` in a word.
+    `taken`: what they were found with, the recipe's `[joints]` and what the run told. `never_back` says that the line hardly
+    lets the tip recover, where that is so. `signals`: points of the chart that are out of the ordinary; None where it has no
+    limits, `refused` then says why, and `refused_kind` in a word.
     """
 
     figures: dict[str, dict[str, object]]
     found: int
+    taken: dict[str, object]
+    never_back: str | None
     signals: int | None
     refused: str | None
     refused_kind: str | None

@@ -26,6 +26,7 @@ NAMED_LEFT, NAMED_RIGHT = 56.0, 16.0  # of a figure that has lanes only
 BETWEEN, ABOVE_LANES, UPPER = 15.0, 7.0, 0.7  # rooms between the fields; the temperature's share of the height
 STATE_LANE_PT = 19.0  # where there is nothing but lanes
 SHORT_S = 1.0
+WIDE_JOINT = 3.0  # times what can just be seen: from there on a joint is shaded over the full height
 RARE = 0.02  # samples that may lie in the coarse part of a scale
 
 
@@ -101,6 +102,7 @@ def _temperature(panel: Panel, trace: Trace, moments: list[float]) -> None:
     low, high, knee = panel.y.low, panel.y.high, panel.y.knee
     values = round_marks(low, high, 5) if knee is None else _bent_marks(low, knee, high)
     _ground(panel, trace, moments, values)
+    _joints(panel, trace)
     _curve(panel, _thinned(trace, trace.temperature, panel.form), style.TEMPERATURE, style.TEMPERATURE_BAND, "temperature")
     labels: list[Label] = []
     known = _known(trace.setting)
@@ -112,6 +114,16 @@ def _temperature(panel: Panel, trace: Trace, moments: list[float]) -> None:
     of_work = any(text == "work" for _, text, _ in labels)
     panel.headed(f"{'Tip' if trace.air is None else 'Air'} temperature in °C{', and that of the work' * of_work}")
     panel.labelled(labels)
+
+
+def _joints(panel: Panel, trace: Trace) -> None:
+    """A bar at the foot for each joint, wide enough to be seen; a higher one where the tip was not back before the next."""
+    least = least_seen_s(trace, panel.form)
+    for word, colour in style.JOINT_COLOURS.items():
+        spans = merged((span for span in trace.joints if span.word == word), least)
+        ends = [panel.x.at([one.start, one.end]).tolist() for one in (widened(span, least) for span in spans)]
+        high = style.JOINT_HEIGHTS[word]
+        panel.drawing.fields([(a, panel.bottom - high, b - a, high) for a, b in ends], colour, f"joint {word}")
 
 
 def _bent_marks(low: float, knee: float, high: float) -> list[float]:
@@ -210,7 +222,7 @@ def _knee(temperature: Floats, lines: Sequence[Floats], low: float, high: float)
 
 
 def _ground(panel: Panel, trace: Trace, moments: list[float], values: list[float]) -> None:
-    """What lies beneath the curves: the coarser part, alarms and errors, hair lines, then gaps over the full height.
+    """What lies beneath the curves: the coarser part, joints, alarms and errors, hair lines, then gaps over the full height.
 
     A gap that is shorter than both `SHORT_S` and what can be seen is left to the lane below: a hundred single lost
     readings would hide the curve that they leave nearly whole.
@@ -219,6 +231,9 @@ def _ground(panel: Panel, trace: Trace, moments: list[float], values: list[float
     if coarser:
         panel.drawing.field(panel.left, panel.bottom - coarser, panel.width, coarser, style.COARSER_TINT)
     least = least_seen_s(trace, panel.form)
+    for joint in trace.joints:
+        if joint.seconds > WIDE_JOINT * least:
+            panel.shaded(joint, style.JOINT_TINT, of="joint")
     for mark in trace.marks:
         panel.shaded(widened(mark.span, least), style.MARK_TINTS[mark.kind], of="mark")
     panel.ruled(moments, values)

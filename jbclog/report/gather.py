@@ -31,6 +31,7 @@ from jbclog.report.facts import (
     StationReport,
     VerdictFacts,
 )
+from jbclog.report.joint_words import jointed, never_back_at
 from jbclog.report.joints import Joints, unit_rows
 from jbclog.report.marks import happenings
 from jbclog.report.overview import Overview
@@ -64,6 +65,9 @@ def gather(run: Run, joints: Joints, plates: Plates) -> Facts:
     verdict, said = verdict_facts(folder, manifest), read_annotations(folder)
     stations = list(_stations(run, joints, plates, verdict))
     names = [facts.name for facts in manifest.stations]
+    rows = jointed({"stations": [asdict(station) for station in stations]})
+    said_first = 1 if is_cut_off(manifest) else 0
+    verdict.reasons[said_first:said_first] = [Reason("none", text) for text in never_back_at(rows)]
     if is_cut_off(manifest):
         verdict.reasons[1:1] = list(_not_made_safe(stations))
     return Facts(

@@ -1,7 +1,9 @@
-"""The recovery of joint after joint as a small chart: individuals and moving ranges with limits where `spc` allows them.
+"""Joint after joint as small multiples: how far below its setpoint the tip begins, and how long it takes to be back.
 
-Where it refuses (too few, alike to their neighbours, a spread below the resolution) the points are drawn without limits, and the
-caption says why. Of more joints than can be told apart each stretch has its least and greatest; points that signal always are.
+The recovery has individuals and moving ranges with limits where `spc` allows them. Where it refuses (too few, alike to their
+neighbours, a spread below the resolution), and where too many joints were followed by the next before the tip was back, the points
+are drawn without limits, and the caption says why. A joint that was followed so stands at the time that it had, with an arrow: its
+recovery is longer. Of more joints than can be told apart each stretch has its least and greatest; points that signal always are.
 """
 
 from __future__ import annotations
@@ -23,9 +25,11 @@ from jbclog.spc import Chart, Refused, control_chart
 Floats = NDArray[np.float64]
 
 LEFT, RIGHT, TOP, BOTTOM, BETWEEN = 36.0, 62.0, 12.0, 19.0, 15.0
-UPPER_PT, LOWER_PT = 74.0, 34.0  # the heights of individuals and of moving ranges
+UPPER_PT, LOWER_PT = 74.0, 34.0  # the heights of individuals, and of deficits and moving ranges
 FEWEST: Final = 5  # joints from which on a chart says more than a row of numbers
 MOST_DOTS: Final = 300
+MOST_LATE: Final = 0.05  # the share of joints without recovery above which limits of the others would flatter
+ARROW_PT: Final = 5.0
 LIMIT = Stroke(style.ALARM, 0.9, (4.4, 1.7))
 CENTRE = Stroke(style.INK, 0.7)
 JOINED = Stroke(style.TEMPERATURE_BAND, 0.7)
@@ -33,12 +37,18 @@ JOINED = Stroke(style.TEMPERATURE_BAND, 0.7)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Charted:
-    """The recovery of those joints that have one, by their number; the chart, or why it has no limits."""
+    """The recovery of those joints that have one, by their number; the chart, or why it has no limits.
+
+    `deficits`: setpoint minus temperature at the start, of every joint (NaN: not known). `late`: the numbers of the joints that the
+    next one followed before the tip was back, and the time in s that each had.
+    """
 
     numbers: Floats
     seconds: Floats
     joints: int
     found: tuple[Chart, Chart] | Refused
+    deficits: Floats
+    late: tuple[Floats, Floats]
 
     @property
     def chart(self) -> tuple[Chart, Chart] | None:
@@ -51,7 +61,7 @@ class Charted:
 
     @property
     def is_worth_it(self) -> bool:
-        return len(self.seconds) >= FEWEST
+        return len(self.seconds) + len(self.late[0]) >= FEWEST
 
     @property
     def signals(self) -> int | None:
@@ -66,8 +76,7 @@ class Charted:
     @property
     def caption(self) -> str:
         """What it shows, and what it refuses to."""
-        have = "all" if len(self.seconds) == self.joints else f"{len(self.seconds)} of {self.joints}"
-        said = f"Recovery of one joint after the other; {have} {'have' if len(self.seconds) != 1 else 'has'} one."
+        said = f"Deficit and recovery of one joint after the other. {self._have}"
         if self.chart is None:
             return f"{said} Without limits: {self.why[0]}"
         tests = list(dict.fromkeys(one.text for one in self.chart[0].signals))
@@ -76,54 +85,124 @@ class Charted:
         limits = "three sigma" if chart.distribution == "normal" else f"percentiles 0.135 and 99.865 ({chart.distribution})"
         return f"{said} Individuals and moving ranges with limits at {limits} (I-MR, Nelson's tests 1, 2, 3 and 5). {found}."
 
+    @property
+    def _have(self) -> str:
+        """How many joints have a recovery, and what the arrows are."""
+        back, late = len(self.seconds), len(self.late[0])
+        have = "All joints have a recovery." if back == self.joints else f"{back} of {self.joints} joints have a recovery."
+        return f"{have}{' Arrows: longer, as the next joint came before the tip was back.' if late else ''}"
+
 
 def _points(count: int) -> str:
     return f"{count} point{'s' * (count > 1)} out of the ordinary"
 
 
-def charted(recovery: Floats, resolution: float | None) -> Charted:
-    """The chart of these recoveries (NaN: none) in the order of their joints."""
-    there = ~np.isnan(recovery)
+def charted(recovery: Floats, resolution: float | None, deficits: Floats | None = None, had: Floats | None = None) -> Charted:
+    """The chart of these recoveries (NaN: none) in the order of their joints.
+
+    `had`: the time in s until the next joint, where that came before the tip was back; NaN elsewhere.
+    """
+    none = np.full(len(recovery), np.nan)
+    there, had = ~np.isnan(recovery), none if had is None else had
     seconds, numbers = recovery[there], np.flatnonzero(there).astype(np.float64) + 1
-    return Charted(numbers, seconds, len(recovery), control_chart(seconds, resolution=resolution))
+    late = ~np.isnan(had)
+    waited = (np.flatnonzero(late).astype(np.float64) + 1, had[late])
+    found = _too_many_late(len(waited[0]), len(seconds)) or control_chart(seconds, resolution=resolution)
+    return Charted(numbers, seconds, len(recovery), found, none if deficits is None else deficits, waited)
+
+
+def _too_many_late(late: int, back: int) -> Refused | None:
+    """Why limits of those that recovered would say nothing of all of them."""
+    if late <= MOST_LATE * (late + back):
+        return None
+    return Refused("not_recovered", f"After {late} of {late + back} joints the next one came before the tip was back.")
 
 
 def draw_chart(one: Charted, form: Format) -> Drawing:
-    """The drawing; the moving ranges are below where there are limits."""
-    lower = 0.0 if one.chart is None else BETWEEN + LOWER_PT
-    drawing = Drawing(form.width_pt, TOP + UPPER_PT + lower + BOTTOM)
+    """The drawing: the deficits where they are known, the recoveries, and where these have limits their moving ranges."""
+    deficits = np.flatnonzero(~np.isnan(one.deficits))
+    heights = [*([LOWER_PT] if len(deficits) else []), UPPER_PT, *([] if one.chart is None else [LOWER_PT])]
+    drawing = Drawing(form.width_pt, TOP + sum(heights) + BETWEEN * (len(heights) - 1) + BOTTOM)
     last = max(float(one.joints), 2.0)
     x = Scale(0.5, last + 0.5, LEFT, form.width_pt - RIGHT)
     marks = [(mark, f"{mark:g}") for mark in round_marks(1, last, form.time_marks)]
-    top = _panel(drawing, form, x, TOP, UPPER_PT)
-    _row(top, one.numbers, one.seconds, None if one.chart is None else one.chart[0], one.signalling, [mark for mark, _ in marks])
-    top.headed("Recovery in s, by number of the joint")
-    bottom = top
+    tops = [TOP + sum(heights[:row]) + BETWEEN * row for row in range(len(heights))]
+    panels = [_panel(drawing, form, x, top, height) for top, height in zip(tops, heights, strict=True)]
+    moments, rows = [mark for mark, _ in marks], iter(panels)
+    if len(deficits):
+        _deficits(next(rows), deficits.astype(np.float64) + 1, one.deficits[deficits], moments)
+    _recoveries(next(rows), one, moments)
     if one.chart is not None:
-        bottom = _panel(drawing, form, x, TOP + UPPER_PT + BETWEEN, LOWER_PT)
-        _row(bottom, one.numbers[1:], one.chart[1].points, one.chart[1], [], [mark for mark, _ in marks])
-        bottom.headed("Difference to the one before in s")
-    bottom.timed(marks)
+        lower = next(rows)
+        _row(lower, one.numbers[1:], one.chart[1].points, one.chart[1], [], moments)
+        lower.headed("Difference to the one before in s")
+    panels[-1].timed(marks)
     return drawing
+
+
+def _deficits(place: Panel, numbers: Floats, celsius: Floats, marks: list[float]) -> None:
+    """How far below its setpoint the tip began each joint; 0 is on the scale, so that a small one looks small."""
+    panel = _grounded(place, np.append(celsius, [0.0, 5.0]), marks)
+    middle = float(np.median(celsius))
+    _level(panel, middle, CENTRE)
+    panel.labelled([(middle, f"median {middle:.1f}", style.INK)])
+    _points_of(panel, numbers, celsius, "deficit")
+    panel.headed("Below the setpoint at the start in °C")
+
+
+def _recoveries(place: Panel, one: Charted, marks: list[float]) -> None:
+    limits = None if one.chart is None else one.chart[0]
+    _row(place, one.numbers, one.seconds, limits, one.signalling, marks, one.late)
+    place.headed("Recovery in s, by number of the joint")
 
 
 def _panel(drawing: Drawing, form: Format, x: Scale, top: float, height: float) -> Panel:
     return Panel(drawing, form, LEFT, top, x.end - LEFT, height, x, Scale(0.0, 1.0, top + height, top))
 
 
-def _row(place: Panel, numbers: Floats, values: Floats, chart: Chart | None, signalling: list[int], marks: list[float]) -> None:
+def _row(
+    place: Panel,
+    numbers: Floats,
+    values: Floats,
+    chart: Chart | None,
+    signalling: list[int],
+    marks: list[float],
+    late: tuple[Floats, Floats] = (np.empty(0), np.empty(0)),
+) -> None:
     limits = np.empty(0) if chart is None else np.array([chart.lower[0], chart.upper[0]])
-    all_of_it = np.concatenate([values, limits])
-    air = max(0.08 * float(np.ptp(all_of_it)), 0.02)
-    panel = place.scaled(float(all_of_it.min()) - air, float(all_of_it.max()) + air)
+    arrows = late[1] + (1.5 * ARROW_PT / place.height * float(np.ptp(late[1])) if len(late[1]) else 0.0)
+    panel = _grounded(place, np.concatenate([values, limits, late[1], arrows]), marks)
+    if len(values):
+        _lines(panel, values, chart)
+        _points_of(panel, numbers, values, "recovery")
+    _late(panel, *late)
+    for where in signalling:
+        panel.drawing.dots(panel.x.at([numbers[where]]), panel.y.at([values[where]]), 4.2, style.ALARM, "signal")
+
+
+def _grounded(place: Panel, values: Floats, marks: list[float]) -> Panel:
+    """The field with a scale that holds these values."""
+    air = max(0.08 * float(np.ptp(values)), 0.02)
+    panel = place.scaled(float(values.min()) - air, float(values.max()) + air)
     steps = round_marks(panel.y.low, panel.y.high, 4 if panel.height > LOWER_PT else 2, whole=False)
     panel.ruled(marks, steps)
     panel.numbered(steps)
     panel.framed()
-    _lines(panel, values, chart)
-    _points_of(panel, numbers, values)
-    for where in signalling:
-        panel.drawing.dots(panel.x.at([numbers[where]]), panel.y.at([values[where]]), 4.2, style.ALARM, "signal")
+    return panel
+
+
+def _late(panel: Panel, numbers: Floats, seconds: Floats) -> None:
+    """An arrow upwards from the time that each of these joints had."""
+    if not len(numbers):
+        return
+    if len(numbers) > MOST_DOTS:
+        curve = envelope(numbers, seconds, MOST_DOTS, float("inf"))
+        numbers, seconds = curve.seconds, curve.low
+    x, y = panel.x.at(numbers), panel.y.at(seconds)
+    panel.drawing.bars(x, y, y - ARROW_PT, Stroke(style.ALARM, 0.9), "late")
+    head = np.column_stack([x - 1.4, x, x + 1.4, np.full(len(x), np.nan)]).ravel()
+    tips = np.column_stack([y - ARROW_PT + 1.6, y - ARROW_PT, y - ARROW_PT + 1.6, np.full(len(x), np.nan)]).ravel()
+    panel.drawing.line(head, tips, Stroke(style.ALARM, 0.9), "late")
 
 
 def _lines(panel: Panel, values: Floats, chart: Chart | None) -> None:
@@ -146,12 +225,12 @@ def _level(panel: Panel, value: float, stroke: Stroke) -> None:
     panel.drawing.line([panel.left, panel.right], [y, y], stroke, "limit")
 
 
-def _points_of(panel: Panel, numbers: Floats, values: Floats) -> None:
+def _points_of(panel: Panel, numbers: Floats, values: Floats, of: str) -> None:
     if len(values) <= MOST_DOTS:
         panel.drawing.line(panel.x.at(numbers), panel.y.at(values), JOINED)
-        panel.drawing.dots(panel.x.at(numbers), panel.y.at(values), 2.0, style.TEMPERATURE, "recovery")
+        panel.drawing.dots(panel.x.at(numbers), panel.y.at(values), 2.0, style.TEMPERATURE, of)
         return
     curve = envelope(numbers, values, MOST_DOTS, float("inf"))
     at = panel.x.at(curve.seconds)
-    panel.drawing.bars(at, panel.y.at(curve.low), panel.y.at(curve.high), Stroke(style.TEMPERATURE_BAND, 1.0), "recovery")
-    panel.drawing.dots(at, panel.y.at(curve.mean), 1.6, style.TEMPERATURE, "recovery")
+    panel.drawing.bars(at, panel.y.at(curve.low), panel.y.at(curve.high), Stroke(style.TEMPERATURE_BAND, 1.0), of)
+    panel.drawing.dots(at, panel.y.at(curve.mean), 1.6, style.TEMPERATURE, of)

@@ -5,11 +5,28 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Final
 
+from jbclog.report.text import measured, number
+
 Row = Mapping[str, object]
+
+NEVER, SELDOM = 0.95, 0.5  # the share of the joints that the next one followed before the tip was back
+ENOUGH: Final = 5  # joints of which that is said
+REFUSED: Final = {
+    "too_few": "too few joints",
+    "unresolved": "their spread is that of the resolution",
+    "autocorrelated": "neighbours are alike",
+    "not_recovered": "too many joints without recovery",
+}
+NOTE: Final = (
+    "Found by the tip's heat balance; nothing here says that a joint is good. Recovery: from a joint's start until the tip is back "
+    "at the level at which it rests; a joint that the next one follows before that counts as longer (Kaplan and Meier 1958). The "
+    "idle error is how far that level lies from the setpoint. Deficit: setpoint minus temperature at the start. Deficit, depth, "
+    "dwell and heat: medians."
+)
 
 
 def jointed(report: Mapping[str, object]) -> list[Row]:
-    """A row for each port that has joints: `station`, `port` and `joints`."""
+    """A row for each port whose joints were looked for: `station`, `port` and `joints`."""
     return [
         {"station": station["name"], "port": port["port"], "joints": port["joints"]}
         for station in _rows(report["stations"])
@@ -18,25 +35,104 @@ def jointed(report: Mapping[str, object]) -> list[Row]:
     ]
 
 
-REFUSED: Final = {
-    "too_few": "too few of them",
-    "unresolved": "their spread is that of the resolution",
-    "autocorrelated": "neighbours are alike",
-}
+def never_back(late: int, told: int, deficit_c: float | None) -> str | None:
+    """A sentence where the next joint mostly begins before the tip is back; `late` of the `told` joints whose recovery was seen."""
+    if told < ENOUGH or late < SELDOM * told:
+        return None
+    how = "never lets the tip recover" if late == told else "hardly ever lets the tip recover"
+    how = how if late >= NEVER * told else "seldom lets the tip recover"
+    begins = "" if deficit_c is None or deficit_c < 0.5 else f"; joints begin {deficit_c:.0f} °C below the setpoint (median)"
+    return f"This line {how}: after {late} of {told} joints the next one began before the tip was back{begins}."
+
+
+def never_back_at(rows: Sequence[Row]) -> list[str]:
+    """The same of every port where it is so, each sentence with its place."""
+    said = [(row, _mapping(row["joints"]).get("never_back")) for row in rows]
+    return [f"{row['station']} port {row['port']}: {text}" for row, text in said if text is not None]
+
+
+def found_with(rows: Sequence[Row]) -> list[str]:
+    """What counted as a joint, what of that the run told, and whose feeder decides: a sentence each."""
+    texts: dict[str, list[str]] = {}
+    fed: list[str] = []
+    for row in rows:
+        taken, place = _mapping(_mapping(row["joints"]).get("taken")), f"{row['station']} port {row['port']}"
+        if taken:
+            texts.setdefault(_found_with(taken), []).append(place)
+            fed += [place] if taken["wire_decides"] else []
+    said = list(texts) if len(texts) == 1 else [f"{', '.join(places)}: {text}" for text, places in texts.items()]
+    return [*said, *([f"The feeder decides what is a joint: {', '.join(fed)}."] if fed else [])]
+
+
+def _found_with(taken: Row) -> str:
+    learnt = [str(name) for name in _items(taken.get("learnt"))]
+    expected = taken.get("expected_every_s")
+    parts = [
+        f"A joint lasts {measured(taken['least_dwell_s'], 's')} or more",
+        f"contacts less than {measured(taken['merge_gap_s'], 's')} apart are one",
+        f"the tip is back within {measured(taken['recovered_within_c'], '°C')}",
+        *([] if expected is None else [f"one is expected every {measured(expected, 's')}"]),
+    ]
+    told = f" Learnt from the run, as the recipe's [joints] leaves it open: {', '.join(learnt)}." if learnt else ""
+    return f"{'; '.join(parts)}.{told}"
+
+
+def heat(row: Row) -> str:
+    """The median heat of a joint: in joules where watts are known."""
+    figures = _mapping(_mapping(row["joints"])["figures"])
+    joules, relative = (_mapping(figures[name])["value"] for name in ("joint_heat_j", "joint_heat_permille_s"))
+    if joules is not None:
+        return f"{number(joules, 1)} J"
+    return "–" if relative is None else f"{number(relative, 0)} ‰·s"
+
+
+def idle(row: Row) -> str:
+    """The port's idle error."""
+    error = _mapping(_mapping(_mapping(row["joints"])["figures"]).get("idle_error_c")).get("value")
+    return "not known" if not isinstance(error, float) else f"{number(round(error, 1), 1)} °C"
+
+
+def count(row: Row) -> str:
+    """How many joints; not known where the record cannot say."""
+    joints = _mapping(row["joints"])
+    known = _mapping(_mapping(joints["figures"])["joints"])["value"]
+    return number(joints["found"]) if known is not None else "not known"
 
 
 def remark(row: Row) -> str:
-    """What the chart says in short, and where the count may not be whole."""
-    joints = row["joints"]
-    assert isinstance(joints, Mapping)
-    count = joints["figures"]["joints"]
-    return f"{_chart(joints)}{' Joints in gaps are not known.' if count['value'] is None else ''}"
+    """Why the count is not known, what the line does to the tip, what may be no joint, and what the chart says in short."""
+    joints = _mapping(row["joints"])
+    figures = _mapping(joints["figures"])
+    parts = [_not_known(joints), joints["never_back"], _kind(figures), *_feeds(figures), _chart(joints)]
+    return " ".join(str(part) for part in parts if part)
 
 
-def _chart(joints: Row) -> str:
+def _not_known(joints: Row) -> str | None:
+    why = _mapping(_mapping(joints["figures"])["joints"])["why"]
+    if why is None:
+        return None
+    return f"{'Not all joints are' if joints['found'] else 'Joints are not'} known: {str(why)[:1].lower()}{str(why)[1:]}"
+
+
+def _kind(figures: Row) -> str | None:
+    unknown = _mapping(figures.get("joints_kind_not_known")).get("value")
+    if not isinstance(unknown, float) or not unknown:
+        return None
+    return f"{unknown:.0f} may be {'wipes or touches' if unknown != 1 else 'a wipe or a touch'} without solder: kind not known."
+
+
+def _feeds(figures: Row) -> list[str]:
+    feeds, draws = (_mapping(figures.get(name)).get("value") for name in ("feeds_without_draw", "draws_without_feed"))
+    if not isinstance(feeds, float) or not isinstance(draws, float):
+        return []
+    return [f"Feeds without a draw of heat: {feeds:.0f}; draws without a feed: {draws:.0f}."]
+
+
+def _chart(joints: Row) -> str | None:
+    if not joints["found"]:
+        return None if _not_known(joints) else "No joints were found."
     if joints["signals"] is None:
-        refused = REFUSED.get(str(joints["refused_kind"]), "see its caption")
-        return "No joints were found." if not joints["found"] else f"Without limits: {refused}."
+        return f"Without limits: {REFUSED.get(str(joints['refused_kind']), 'see its caption')}."
     if not joints["signals"]:
         return "No point out of the ordinary."
     return f"{joints['signals']} point{'s' if joints['signals'] != 1 else ''} out of the ordinary."
@@ -44,3 +140,11 @@ def _chart(joints: Row) -> str:
 
 def _rows(value: object) -> Sequence[Row]:
     return value if isinstance(value, list | tuple) else ()
+
+
+def _items(value: object) -> Sequence[object]:
+    return value if isinstance(value, list | tuple) else ()
+
+
+def _mapping(value: object) -> Row:
+    return value if isinstance(value, Mapping) else {}

@@ -18,17 +18,26 @@ from jbclog.analysis.joint_table import FILE as JOINTS
 from jbclog.analysis.joint_table import JOINTS_SCHEMA, as_bytes
 from jbclog.record.manifest import manifest_sha256
 from jbclog.report.facts import Figure, JointFacts
-from jbclog.report.joint_chart import Charted, charted, draw_chart
+from jbclog.report.joint_chart import Charted, Floats, charted, draw_chart
+from jbclog.report.joint_words import never_back
+from jbclog.report.spans import Span
 from jbclog.report.style import NARROW, WIDE
 from jbclog.report.svg import svg_text
 from jbclog.report.text import iso
+from jbclog.report.trace import BACK, CUT_OFF, LATE
 
 __all__ = ["COLUMNS", "JOINTS", "Joints", "joint_facts", "joints_of", "unit_rows"]
 
 UNIT: Final = "unit"
 COLUMNS: Final = (UNIT, *JOINTS_SCHEMA.names)  # of tables/joints.csv
-METRICS: Final = ("joints", "recovery_s", "recovery_p95_s", "joint_depth_c", "joint_dwell_s", "joint_energy_permille_s")
+METRICS: Final[tuple[str, ...]] = (
+    *("joints", "joints_kind_not_known", "joints_not_recovered", "recovered_before_next_percent"),
+    *("joint_deficit_c", "joint_resting_below_c", "recovery_s", "recovery_p95_s", "idle_error_c", "joint_depth_c"),
+    *("joint_dwell_s", "joint_heat_permille_s", "joint_heat_j", "joint_energy_permille_s"),
+    *("feeds_without_draw", "draws_without_feed"),
+)
 OF_JOINTS: Final = "joints"
+AT_WORK: Final = "power_mean_permille"  # a port whose tool never worked makes none, and there is nothing to say of them
 
 Row = dict[str, object]
 
@@ -41,6 +50,24 @@ class Joints:
     parquet: bytes
     metrics: list[Row]
     units: list[str | None]
+    taken: list[Row]
+
+    def of_port(self, station: str, port: int) -> pa.Table:
+        """The joints of one port."""
+        return self.table.filter(pc.and_(pc.equal(self.table["station"], station), pc.equal(self.table["port"], port)))
+
+    def told(self, station: str, port: int) -> dict[str, Row]:
+        """The metrics of one port by their names."""
+        return {str(row["metric"]): row for row in self.metrics if row["station"] == station and row["port"] == port}
+
+    def spans(self, station: str, port: int) -> list[Span]:
+        """The joints of one port, each with the word for whether the tip was back before the next."""
+        joints = self.of_port(station, port)
+        names = ("start_s", "end_s", "recovered")
+        return [
+            Span(start, end, BACK if back else CUT_OFF if back is None else LATE)
+            for start, end, back in zip(*(joints[name].to_pylist() for name in names), strict=True)
+        ]
 
     def rows(self) -> list[Row]:
         """A row for each with its unit: for spreadsheets."""
@@ -50,27 +77,41 @@ class Joints:
 
 def joints_of(run: Run) -> Joints:
     """Found anew from the samples; the same run gives the same bytes. Raises `RecordError`."""
-    table, metrics = joints_and_metrics(run)
+    table, metrics, taken = joints_and_metrics(run)
     units = run.unit_at(pd.Series(table["start"].to_pandas())).tolist() if table.num_rows else []
     serials = [None if pd.isna(serial) else str(serial) for serial in units]
-    return Joints(table, as_bytes(table, manifest_sha256(run.folder)), metrics, serials)
+    return Joints(table, as_bytes(table, manifest_sha256(run.folder)), metrics, serials, taken)
 
 
 def joint_facts(found: Joints, station: str, port: int, file: str) -> tuple[JointFacts, Charted] | None:
     """The figures of one port and its chart, whose file begins with `file`; None for what makes no joints."""
-    told = {str(row["metric"]): row for row in found.metrics if row["station"] == station and row["port"] == port}
-    of_port = pc.and_(pc.equal(found.table["station"], station), pc.equal(found.table["port"], port))
-    recovery = np.asarray(found.table["recovery_s"].filter(of_port).to_numpy(), dtype=np.float64)  # null: NaN
-    if OF_JOINTS not in told or (told[OF_JOINTS]["why"] is not None and not len(recovery)):
+    told, joints = found.told(station, port), found.of_port(station, port)
+    if OF_JOINTS not in told or not told[AT_WORK]["n"]:
         return None
+    recovery, deficits, had = (_floats(joints[name]) for name in ("recovery_s", "deficit_c", "had_s"))
+    late = _floats(pc.equal(joints["recovered"], False).cast(pa.float64())) == 1
     resolution = told["recovery_s"]["resolution"]
-    chart = charted(recovery, resolution if isinstance(resolution, float) else None)
+    chart = charted(recovery, resolution if isinstance(resolution, float) else None, deficits, np.where(late, had, np.nan))
     figure = None
     if chart.is_worth_it:
         wide, narrow = (svg_text(draw_chart(chart, form)) for form in (WIDE, NARROW))
         figure = Figure(f"figures/{file}-joints.svg", chart.caption, f"{station}, port {port}: {chart.caption}", wide, narrow)
-    facts = JointFacts({name: told[name] for name in METRICS if name in told}, len(recovery), chart.signals, *chart.why, figure)
-    return facts, chart
+    figures = {name: told[name] for name in METRICS if name in told}
+    taken = next(({**row} for row in found.taken if row["station"] == station and row["port"] == port), {})
+    never = never_back(
+        int(late.sum()), int(np.count_nonzero(~joints["recovered"].is_null().to_numpy())), _value(figures, "joint_deficit_c")
+    )
+    return JointFacts(figures, len(recovery), taken, never, chart.signals, *chart.why, figure), chart
+
+
+def _value(figures: Mapping[str, Row], name: str) -> float | None:
+    value = figures[name]["value"] if name in figures else None
+    return value if isinstance(value, float) else None
+
+
+def _floats(column: pa.ChunkedArray) -> Floats:
+    """With NaN for null."""
+    return np.asarray(column.to_numpy(), dtype=np.float64)
 
 
 def unit_rows(found: Joints) -> list[Row]:

@@ -16,6 +16,7 @@ from urllib.parse import quote
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
+from jbclog.report import joint_words
 from jbclog.report.alarms import WITNESSES
 from jbclog.report.facts import Zoom
 from jbclog.report.joint_words import jointed, remark
@@ -86,10 +87,14 @@ def _environment() -> Environment:
         interval=interval,
         jointed=jointed,
         remark=remark,
+        found_with=joint_words.found_with,
+        joint_count=joint_words.count,
+        joint_heat=joint_words.heat,
+        idle_error=joint_words.idle,
         verified=short,
     )
     environment.globals.update(signs=SIGNS, result_signs=RESULT_SIGNS, endings=ENDINGS)
-    environment.globals.update(witnesses=WITNESSES, most_alarms=MOST_ALARMS, most_units=MOST_UNITS)
+    environment.globals.update(witnesses=WITNESSES, most_alarms=MOST_ALARMS, most_units=MOST_UNITS, joint_note=joint_words.NOTE)
     return environment
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 
-from jbclog.report import style
+from jbclog.report import joint_words, style
 from jbclog.report.alarms import WITNESSES
 from jbclog.report.facts import Facts
 from jbclog.report.joint_words import jointed, remark
@@ -19,16 +19,18 @@ BAD = Type(7, bold=True, colour="#8f1f06")
 MOST_INCIDENTS, MOST_UNITS = 60, 60
 ALARMS = ("No.", "Where", "What", "Began, UTC", ">Lasted", ">Farthest", "Told by", "Acknowledged")
 FIGURES = ("Station", "Witness", ">Alarms", ">Most in 10 min", ">Floods", ">Fleeting", ">Stale", ">Apart", "Chattering")
-JOINTS = ("Where", ">Joints", ">Half within", ">95 % within", ">n", ">Depth", ">Dwell", ">Energy", "Chart of the recovery")
+JOINTS = (
+    *("Where", ">Joints", ">Back before next", ">Deficit", ">Half back in", ">95 % back in"),
+    *(">Idle error", ">Depth", ">Dwell", ">Heat"),
+)
+BEFORE_IDLE = (("recovered_before_next_percent", "%"), ("joint_deficit_c", "°C"), ("recovery_s", "s"), ("recovery_p95_s", "s"))
+BEHIND_IDLE = (("joint_depth_c", "°C"), ("joint_dwell_s", "s"))
 UNITS = (">Joints", ">Recovery, half within", ">Slowest", ">n", "Unit")
 WITNESSED = (
     "A the station's flag, B our samples with the alarm's delay and a dead band, C every sample beyond the limit, which alone is "
     "no alarm. Began: between two readings."
 )
-FOUND = (
-    "Found in the course of power and temperature; nothing here says that a joint is good. Recovery: from a joint's start until "
-    "the tip is back. Depth, dwell and energy above idle: medians. All of them are in tables/joints.csv and joints.parquet."
-)
+FOUND = f"{joint_words.NOTE} All joints are in tables/joints.csv and joints.parquet."
 
 Row = Mapping[str, object]
 
@@ -90,8 +92,11 @@ def joint_tables(paper: Paper, facts: Facts) -> None:
     if not rows:
         return
     paper.heading("Joints")
-    paper.say(FOUND, QUIET)
+    paper.say(clean(together(f"{FOUND} {' '.join(joint_words.found_with(rows))}")), QUIET)
     paper.table(_titles(JOINTS), [_joints(row) for row in rows])
+    paper.skip(0.04)
+    for row in rows:
+        paper.say(f"•  {clean(together(f'{place(row)}: {remark(row)}'))}", TEXT)
     if facts.units:
         paper.skip(0.08)
         paper.table(_titles(UNITS), [_unit(row) for row in facts.units[:MOST_UNITS]])
@@ -102,12 +107,9 @@ def _joints(row: Row) -> list[Cell]:
     joints = row["joints"]
     assert isinstance(joints, Mapping)
     told = joints["figures"]
-    names = (("recovery_s", "s"), ("recovery_p95_s", "s"))
-    words = [place(row), number(joints["found"]), *(measured(told[name]["value"], unit) for name, unit in names)]
-    words += [number(told["recovery_s"]["n"]), measured(told["joint_depth_c"]["value"], "°C")]
-    energy = told["joint_energy_permille_s"]["value"]
-    words += [measured(told["joint_dwell_s"]["value"], "s"), "–" if energy is None else f"{number(energy, 0)} ‰ s"]
-    return _cells([*words, remark(row)], range(1, 8))
+    words = [place(row), joint_words.count(row), *(measured(told[name]["value"], unit) for name, unit in BEFORE_IDLE)]
+    words += [joint_words.idle(row), *(measured(told[name]["value"], unit) for name, unit in BEHIND_IDLE), joint_words.heat(row)]
+    return _cells(words, range(1, len(words)))
 
 
 def _unit(row: Row) -> list[Cell]:

@@ -31,6 +31,7 @@ from jbclog.report.zoom import MOST_STRETCHES, zoom_of
 from jbclog.rows import StationFacts, TipCheck
 
 MOST_GAPS = 50
+ENERGIES = ("energy_permille_s", "energy_recorded_permille_s", "energy_j")
 
 PortLedger = Mapping[str, Mapping[str, int]]
 
@@ -61,6 +62,7 @@ def port_facts(facts: StationFacts, port: int, file: str, rows: pd.DataFrame, co
         trace(rows, grid, of_states="temperature_c" not in signals, of_air=tells_air(facts)),
         limits=limits_of(context.settings, facts.name, port, context.t0_utc_us),
         marks=marks_of(context.happenings, facts.name, port),
+        joints=context.joints.spans(facts.name, port),
     )
     measure = context.measures.get((facts.name, port))
     ledger = context.ledger.get(facts.name, {}).get(str(port), {})
@@ -75,7 +77,7 @@ def port_facts(facts: StationFacts, port: int, file: str, rows: pd.DataFrame, co
         tool=facts.tools.get(port),
         recorded=recorded,
         tip=_tip(drawn, measure),
-        power=_power(drawn, facts.rated_power_w),
+        power=_power(drawn, context.joints.told(facts.name, port)),
         states=states_facts(drawn.states) if drawn.states else None,
         air=None if drawn.air is None else air_facts(drawn.air),
         alarms=sum(mark.kind == "alarm" for mark in drawn.marks),
@@ -138,11 +140,23 @@ def _tip(drawn: Trace, measure: PortMeasure | None) -> TipFacts:
     )
 
 
-def _power(drawn: Trace, rated_power_w: float | None) -> PowerFacts:
-    known = drawn.power[~np.isnan(drawn.power)]
-    energy = float(known.sum()) * drawn.period_s if len(known) else None
-    hours = None if energy is None or not rated_power_w else energy / 1000 * rated_power_w / 3600
-    return PowerFacts(_extreme(drawn.power, np.max), energy, hours)
+def _power(drawn: Trace, told: Mapping[str, Mapping[str, object]]) -> PowerFacts:
+    """The energies are the metrics': there is one of each."""
+    whole, recorded, joules = (told.get(name, {}).get("value") for name in ENERGIES)
+    why = told.get(ENERGIES[0], {}).get("why")
+    highest = _extreme(drawn.power, np.max)
+    return PowerFacts(
+        highest,
+        _float(whole),
+        _float(recorded),
+        _float(joules),
+        None if not isinstance(joules, float) else joules / 3600,
+        None if why is None or highest is None else str(why),
+    )
+
+
+def _float(value: object) -> float | None:
+    return value if isinstance(value, float) else None
 
 
 def _extreme(values: Floats, which: Callable[[Floats], np.float64]) -> float | None:
@@ -184,7 +198,7 @@ def _joints(station: str, port: int, file: str, context: Context) -> JointFacts 
     if found is None:
         return None
     facts, chart = found
-    if facts.chart is not None and (facts.signals or not context.crowded):
+    if facts.chart is not None and (facts.signals or facts.never_back or not context.crowded):
         context.plates.add(clean(f"{station}, port {port}, joints"), facts.chart.caption, draw_chart(chart, PRINT))
     return facts
 

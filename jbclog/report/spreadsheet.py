@@ -36,7 +36,7 @@ TABLES: Final[Mapping[str, Sequence[str]]] = {
         *("due", "readings", "coverage_percent", "longest_gap_s", "late_p99_ms"),
         *("set_c", "alarm_high_c", "alarm_low_c", "least_c", "greatest_c"),
         *("idle_n", "idle_n_effective", "idle_error_c", "idle_error_low_c", "idle_error_high_c", "idle_sd_c", "idle_sd_high_c"),
-        *("alarms", "doubtful_alarms", "greatest_permille", "energy_permille_s", "energy_wh"),
+        *("alarms", "doubtful_alarms", "greatest_permille", "energy_permille_s", "energy_wh", "energy_j"),
     ),
     "events": ("seq", "time", "earliest", "station", "port", "kind", "severity", "code", "text", "value", "limit", "raw"),
     "settings": ("time", "station", "port", "tool", "setting", "unit", "requested", "written", "readback", "nak", "outcome"),

@@ -67,6 +67,9 @@ def hatch(word: str, wide: bool) -> str | None:
 
 MARK_COLOURS: Final = {"alarm": ALARM, "unconfirmed": UNCONFIRMED, "error": ERROR}
 MARK_TINTS: Final = {"alarm": "#f6ded3", "unconfirmed": "#f3e8d3", "error": "#ece0e9"}  # behind the curves
+JOINT_COLOURS: Final = {"back": TEMPERATURE, "cut off": NO_DATA, "late": ALARM}  # in the order in which they lie
+JOINT_HEIGHTS: Final = {"back": 4.0, "cut off": 4.0, "late": 7.0}
+JOINT_TINT: Final = "#eaf1f8"
 COARSER_TINT: Final = "#f1f3f5"
 
 

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 NOT_APPLICABLE = "not applicable"
 FEW = 12  # so many rules are read at a glance and need no summary
 
-LEAST_IS_WORST = ("coverage", "reached")
+LEAST_IS_WORST = ("coverage", "reached", "recovered_before_next")
 
 Rule = Mapping[str, object]
 

@@ -16,6 +16,7 @@ from jbclog.report.states import is_any_told, state_lanes
 
 Floats = NDArray[np.float64]
 JOINED_PERIODS = 1.5  # samples further apart than this are not joined by a line
+BACK, LATE, CUT_OFF = "back", "late", "cut off"  # whether the tip was back before the next joint
 SETTING_JOINED_S = 15.0  # the setting is due each 5 s; two losses are bridged in the drawing, and only there
 
 
@@ -69,6 +70,7 @@ class Trace:
     marks: Sequence[Mark] = field(default_factory=tuple)
     states: Mapping[str, list[Span]] = field(default_factory=dict)  # lanes of a station that tells no temperature
     air: Air | None = None  # of hot air
+    joints: Sequence[Span] = ()  # their words are `BACK`, `LATE`, `CUT_OFF`
 
     @property
     def start(self) -> float:
@@ -92,6 +94,7 @@ class Trace:
             marks=[mark for mark in self.marks if mark.span.end >= start and mark.span.start <= end],
             states={name: within(spans, start, end) for name, spans in self.states.items()},
             air=None if self.air is None else self.air.between(rows, start, end),
+            joints=within(self.joints, start, end),
         )
 
 

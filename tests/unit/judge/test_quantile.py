@@ -52,7 +52,7 @@ def test_a_recovery_that_is_not_known_counts_as_the_longest() -> None:
     assert not isinstance(lacking, str)
     assert (whole.high, lacking.high) == (91, 92)
     text = upper_p95([None if value < 2 else value for value in known])
-    assert text == "The recovery of 2 more is not known and may be longer; a 95 % bound bears 1 of these."
+    assert text == "The recovery of 2 of them is not known and may be longer; a 95 % bound allows 1."
 
 
 def test_a_limit_in_tenths_is_met_by_the_same_tenths() -> None:

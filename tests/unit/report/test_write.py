@@ -364,7 +364,7 @@ def test_figures_of_a_port_come_from_its_rows(tmp_path: Path) -> None:
     assert (port["tip"]["least_c"], port["tip"]["greatest_c"], port["tip"]["set_c"]) == (25, 444, 350)
     assert (port["tip"]["alarm_high_c"], port["tip"]["alarm_low_c"]) == (380, 300)
     assert (port["recorded"]["readings"], port["recorded"]["due"], port["alarms"]) == (600, 600, 1)
-    energy = float(np.nansum(columns["power_permille"])) * 0.1
+    energy = float(np.trapezoid(columns["power_permille"], dx=0.1))
     assert port["power"]["energy_permille_s"] == pytest.approx(energy)
     assert port["power"]["energy_wh"] == pytest.approx(energy / 1000 * 130 / 3600)
     assert "25 to 444 °C" in page.text
