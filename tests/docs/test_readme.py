@@ -76,11 +76,11 @@ def test_by_hand_with_two_terminals(clone: Path, monkeypatch: pytest.MonkeyPatch
     first, second = section("By hand, with two terminals").split("```sh\n")[1:]
     (arguments,) = calls(first.partition("```")[0])
     typed = second.partition("```")[0]
-    assert "--duration 60s" in typed
+    assert "--duration 3m" in typed
     stations = started(*arguments)
     try:
         assert until(Path("virtual/line.toml").exists)
-        script = "set -x\n" + typed.replace("--duration 60s", "--duration 3s")
+        script = "set -x\n" + typed.replace("--duration 3m", "--duration 3s")
         done = subprocess.run(["bash", "-c", script], capture_output=True, text=True, timeout=200, check=False)
     finally:
         stations.send_signal(signal.SIGINT)
@@ -94,7 +94,7 @@ def test_by_hand_with_two_terminals(clone: Path, monkeypatch: pytest.MonkeyPatch
         f"{run}: everything agrees (head {short_head(manifest_sha256(run))})",
         f"{run.name}: finished already; nothing was changed.",
     ]
-    assert "INCONCLUSIVE; exit code 1" in done.stderr  # three seconds show no idle tip; the sixty of the text do
+    assert "INCONCLUSIVE; exit code 1" in done.stderr  # three seconds show no tip at rest; the three minutes of the text do
 
 
 # -- snippets ---------------------------------------------------------------------------------------------------------------
