@@ -157,5 +157,6 @@ def _tell_timers(lines: Sequence[Path], files: Mapping[str, Path | None], fail_o
     given += [(option, path) for option, path in files.items() if path is not None]
     words = [word for option, path in given for word in (option, str(path.absolute()))]
     words += ["--fail-on", fail_on] if fail_on else []
-    ledger = files["--ledger"] or LEDGER_PLACE
-    tell(*timers_lines(Timed(program(), tuple(words), str(ledger.absolute().parent), getpass.getuser())))
+    written = [files["--ledger"] or LEDGER_PLACE, *(path for option in ("--html", "--csv") if (path := files[option]) is not None)]
+    folders = dict.fromkeys(str(path.absolute().parent) for path in written)
+    tell(*timers_lines(Timed(program(), tuple(words), tuple(folders), getpass.getuser())))

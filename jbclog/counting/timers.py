@@ -12,14 +12,53 @@ HOUR, MINUTE = 6, 17  # no hour that summer time takes away or gives twice; no m
 LONGEST: Final = "15min"
 UNIT: Final = "jbclog-audit"
 
+HARDENED: Final = """\
+NoNewPrivileges=yes
+CapabilityBoundingSet=
+AmbientCapabilities=
+ProtectSystem=strict
+PrivateTmp=yes
+PrivateMounts=yes
+ProtectClock=yes
+ProtectControlGroups=yes
+ProtectHostname=yes
+ProtectKernelLogs=yes
+ProtectKernelModules=yes
+ProtectKernelTunables=yes
+LockPersonality=yes
+MemoryDenyWriteExecute=yes
+RemoveIPC=yes
+RestrictNamespaces=yes
+RestrictRealtime=yes
+RestrictSUIDSGID=yes
+SystemCallArchitectures=native
+SystemCallFilter=@system-service
+SystemCallFilter=~@privileged @resources
+SystemCallFilter=setpriority
+SystemCallErrorNumber=EPERM
+RestrictAddressFamilies=AF_UNIX AF_INET AF_INET6
+# Serial ports of USB adapters and of the computer; another kind needs a line with the name that /proc/devices has for it.
+DevicePolicy=closed
+DeviceAllow=char-ttyUSB rw
+DeviceAllow=char-ttyACM rw
+DeviceAllow=char-ttyS rw
+"""
+"""What a unit that talks to stations may do, and nothing else. The unit in profiles/systemd has the same lines and says why.
+
+Left as they are: PrivateDevices (it takes the serial ports away), ProtectProc and ProcSubset (they hide who holds a port).
+"""
+
 
 @dataclass(frozen=True, slots=True)
 class Timed:
-    """What is to be called: the program, and its words behind `audit`, paths among them absolute."""
+    """What is to be called: the program, and its words behind `audit`, paths among them absolute.
+
+    `folders` are those that it writes into, the ledger's first.
+    """
 
     program: str
     words: tuple[str, ...]
-    folder: str
+    folders: tuple[str, ...]
     user: str
 
     @property
@@ -46,9 +85,10 @@ def cron_line(timed: Timed) -> str:
 
 def service_text(timed: Timed) -> str:
     """The unit that does it once."""
+    folders = " ".join(map(_path, timed.folders))
     return f"""[Unit]
 Description=jbclog counter audit
-RequiresMountsFor={timed.folder.replace("%", "%%")}
+RequiresMountsFor={folders}
 
 [Service]
 Type=oneshot
@@ -58,7 +98,11 @@ ExecStart={" ".join(map(_quoted, timed.call))}
 # 1: something is due or suspect; the page and the exit code say so, and the service itself did its work.
 SuccessExitStatus=1
 TimeoutStartSec={LONGEST}
-"""
+
+# It reads what it is given and writes only here; a ledger or page that you move needs its new folder here.
+ReadWritePaths={folders}
+ProtectHome=read-only
+{HARDENED}"""
 
 
 def timer_text() -> str:
@@ -102,6 +146,12 @@ def _windows(timed: Timed) -> list[str]:
         "#   if the task is already running: `Do not start a new instance`.",
         "# All times in the ledger are UTC, so that summer time changes nothing in it.",
     ]
+
+
+def _path(path: str) -> str:
+    """A path as the keys with lists of paths take it: % means something there, and a blank ends it."""
+    plain = path.replace("\\", "\\\\").replace('"', '\\"').replace("%", "%%")
+    return f'"{plain}"' if plain != path or any(sign.isspace() or sign == "'" for sign in path) else path
 
 
 def _quoted(word: str) -> str:

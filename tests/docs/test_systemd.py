@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import shutil
-import subprocess
 from pathlib import Path
 
 import pytest
-from unit_file import UNIT, command, unit
+from unit_file import UNIT, analyzed, command, exposed, unit
 from verbs import wrong
 
+from jbclog.counting.timers import HARDENED
 from jbclog.guard.process import TAKEN_OVER_S
 from jbclog.line_safe import ASKED_S, DONE_S, GUARD_S, KILLED_S
 
@@ -45,11 +44,34 @@ def test_what_it_says_to_type_is_its_own_name() -> None:
 
 
 def test_systemd_itself_has_nothing_against_it(tmp_path: Path) -> None:
-    """Where it is installed: this is no test of it."""
-    if (verify := shutil.which("systemd-analyze")) is None:
-        return
     program = Path("/bin/true").resolve()  # in the place of one that is not installed
     copy = tmp_path / UNIT.name.replace("@", "@bench")
     copy.write_text(UNIT.read_text(encoding="utf-8").replace(command("ExecStart")[0], str(program)), encoding="utf-8")
-    done = subprocess.run([verify, "verify", "--man=no", str(copy)], capture_output=True, text=True, check=False, timeout=200)
+    done = analyzed("verify", "--man=no", copy)
     assert [line for line in done.stderr.splitlines() if UNIT.stem in line] == []
+
+
+# -- what it may do: tests/serial/test_hardened.py runs it so ---------------------------------------------------------------
+
+
+def test_systemd_finds_it_closed(tmp_path: Path) -> None:
+    copy = tmp_path / UNIT.name.replace("@", "@bench")
+    copy.write_text(UNIT.read_text(encoding="utf-8"), encoding="utf-8")
+    assert exposed(copy) is None
+    copy.write_text(copy.read_text(encoding="utf-8").replace("NoNewPrivileges=yes\nCapabilityBoundingSet=\n", ""), encoding="utf-8")
+    assert exposed(copy) is not None  # the threshold is one
+
+
+def test_it_may_do_no_more_than_the_printed_unit() -> None:
+    mine = {line for line in UNIT.read_text(encoding="utf-8").splitlines() if not line.startswith("#")}
+    assert {line for line in HARDENED.splitlines() if not line.startswith("#")} <= mine
+
+
+def test_serial_ports_and_its_own_folder_are_left_to_it() -> None:
+    service = unit()["Service"]
+    assert "PrivateDevices" not in service
+    assert service["SupplementaryGroups"] == "dialout"
+    assert {f"DeviceAllow=char-{kind} rw" for kind in ("ttyUSB", "ttyACM", "ttyS")} <= {*UNIT.read_text().splitlines()}
+    state = Path("/var/lib", service["StateDirectory"])  # which systemd makes, and keeps writable
+    places = (command("ExecStart")[-1], service["Environment"].partition("XDG_STATE_HOME=")[2])
+    assert all(Path(place).is_relative_to(state) for place in places)

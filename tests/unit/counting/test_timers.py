@@ -4,17 +4,18 @@ from __future__ import annotations
 
 import re
 import shlex
-import shutil
 import subprocess
 from pathlib import Path
 
 import pytest
+from unit_file import analyzed, exposed
 from verbs import wrong
 
 from jbclog.counting.timers import HOUR, MINUTE, UNIT, Timed, cron_line, program, service_text, timer_text, timers_lines
 
 WORDS = ("--line", "/etc/jbclog/bench 3.toml", "--ledger", "/var/lib/jbclog/100%/$HOME/it's.jsonl")
-TIMED = Timed("/opt/jbclog/bin/jbclog", WORDS, "/var/lib/jbclog", "jbclog")
+FOLDERS = ("/var/lib/jbclog/100%/$HOME", '/srv/the "pages"')
+TIMED = Timed("/opt/jbclog/bin/jbclog", WORDS, FOLDERS, "jbclog")
 
 
 def test_cron_gives_the_shell_what_was_meant() -> None:
@@ -42,19 +43,27 @@ def test_everything_says_where_it_goes() -> None:
 
 
 def test_systemd_has_nothing_against_it(tmp_path: Path) -> None:
-    """Where it is installed: this is no test of it."""
-    if (analyze := shutil.which("systemd-analyze")) is None:
-        return
     service, timer = tmp_path / f"{UNIT}.service", tmp_path / f"{UNIT}.timer"
-    there = Timed(str(Path("/bin/true").resolve()), WORDS, "/var/lib", "root")
+    there = Timed(str(Path("/bin/true").resolve()), WORDS, ("/var/lib", *FOLDERS), "root")
     service.write_text(service_text(there), encoding="utf-8")
     timer.write_text(timer_text(), encoding="utf-8")
-    done = subprocess.run(
-        [analyze, "verify", "--man=no", str(service), str(timer)], capture_output=True, text=True, check=False, timeout=200
-    )
+    done = analyzed("verify", "--man=no", service, timer)
     assert [line for line in done.stderr.splitlines() if UNIT in line] == []
     calendar = re.findall(r"OnCalendar=(.*)", timer_text())
-    assert subprocess.run([analyze, "calendar", *calendar], capture_output=True, check=False, timeout=200).returncode == 0
+    assert analyzed("calendar", *calendar).returncode == 0
+
+
+def test_systemd_finds_it_closed(tmp_path: Path) -> None:
+    service = tmp_path / f"{UNIT}.service"
+    service.write_text(service_text(TIMED), encoding="utf-8")
+    assert exposed(service) is None
+
+
+def test_it_may_write_where_its_files_are_and_nowhere_else() -> None:
+    """By systemd's own rules: words in double quotes, %% for %; $ means nothing there."""
+    (line,) = re.findall(r"^ReadWritePaths=(.*)", service_text(TIMED), re.MULTILINE)
+    assert tuple(one.replace("%%", "%") for one in shlex.split(line)) == FOLDERS
+    assert "ProtectSystem=strict" in service_text(TIMED)
 
 
 @pytest.mark.parametrize("word", WORDS)
