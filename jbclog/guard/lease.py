@@ -6,13 +6,14 @@ import json
 import os
 from collections.abc import Iterable
 from contextlib import suppress
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
-from typing import Final
+from typing import Final, cast
 
 from jbclog.foreign.files import Kind, read_foreign
 from jbclog.foreign.numbers import json_of
 from jbclog.guard import whereabouts
+from jbclog.record.from_json import Misfit, build
 from jbclog.same_port import is_one_port
 
 NAME: Final = "lease.json"
@@ -57,14 +58,15 @@ class StationLease:
 
     @classmethod
     def from_json(cls, text: str) -> StationLease:
-        """Raises `ValueError` where `text` is no lease."""
+        """Raises `ValueError` where `text` is no lease, or says more than this version knows: it may be what must not be done."""
         told = json_of(text)
         try:
-            ports = tuple(int(port) for port in told.pop("ports"))
-            suction = tuple(int(port) for port in told.pop("suction", ()))
-            return cls(**told, ports=ports, suction=suction)
-        except (TypeError, KeyError, AttributeError) as error:
+            lease = cast(StationLease, build(cls, told))
+        except Misfit as error:
             raise ValueError(f"no lease: {error}") from error
+        if unknown := told.keys() - {one.name for one in fields(cls)}:
+            raise ValueError(f"no lease: {', '.join(sorted(unknown))} is not known")
+        return lease
 
 
 def keep(folder: Path, stations: Iterable[StationLease]) -> None:

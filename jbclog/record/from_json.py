@@ -14,7 +14,7 @@ class Misfit(Exception):
 
 
 def build(hint: object, data: object, key: str = "") -> object:
-    """`data` as the type `hint`: dataclasses, lists, dictionaries, unions and plain values. Raises `Misfit`.
+    """`data` as the type `hint`: dataclasses, lists, tuples, dictionaries, unions and plain values. Raises `Misfit`.
 
     Keys that the dataclass does not have are left out: a later jbclog of the same schema may have added them.
     """
@@ -25,8 +25,8 @@ def build(hint: object, data: object, key: str = "") -> object:
     origin, inside = get_origin(hint), get_args(hint)
     if origin in (Union, types.UnionType):
         return _first_that_fits(inside, data, key)
-    if origin is list and isinstance(data, list):
-        return [build(inside[0], item, f"{key}[{place}]") for place, item in enumerate(data)]
+    if origin in (list, tuple) and isinstance(data, list):  # of tuples those of any length: tuple[int, ...]
+        return origin(build(inside[0], item, f"{key}[{place}]") for place, item in enumerate(data))
     if origin is dict and isinstance(data, dict):
         return {_key(inside[0], name, key): build(inside[1], item, f"{key}.{name}") for name, item in data.items()}
     if hint is float and type(data) is int:
