@@ -1,4 +1,4 @@
-"""Files and streams made of good ones: what a fuzzer feeds. Good ones, and those that once broke something, are in tests/data/fuzz."""
+"""Files and streams made of good ones, as a fuzzer feeds them. The good ones, and what once broke something: tests/data/fuzz."""
 
 from __future__ import annotations
 
