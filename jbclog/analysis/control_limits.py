@@ -17,7 +17,7 @@ from jbclog import spc
 from jbclog.analysis.charting import Series
 from jbclog.errors import RecordError, UsageError
 from jbclog.foreign.files import Kind, read_foreign
-from jbclog.record.from_json import Misfit, build
+from jbclog.foreign.from_json import Misfit, build
 
 FORMAT: Final = "jbclog control limits 1"
 

@@ -11,10 +11,10 @@ from dataclasses import asdict, fields
 from functools import cache, lru_cache
 from typing import Final, cast
 
+from jbclog.foreign.from_json import Misfit, build
 from jbclog.foreign.numbers import json_of
 from jbclog.odometer.observed import Count, Entry, Errors, Fact, Identity, Observation, Standing
 from jbclog.record.chained import line_of, sha256
-from jbclog.record.from_json import Misfit, build
 
 Plain = dict[str, object]
 OWN: Final = b', "sha256": "'

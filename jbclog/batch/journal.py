@@ -22,9 +22,9 @@ from jbclog.batch.standing import Standing, standing_of
 from jbclog.errors import RecordError
 from jbclog.foreign.files import Kind as FileKind
 from jbclog.foreign.files import read_foreign
+from jbclog.foreign.from_json import Misfit, build
 from jbclog.record.chained import add_line, chain_in, fields_of, line_of, sha256
 from jbclog.record.durable import sync_folder, write_whole
-from jbclog.record.from_json import Misfit, build
 
 NAME: Final = "journal.jsonl"
 JOBS_FILE: Final = "jobs.toml"

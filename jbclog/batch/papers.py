@@ -15,10 +15,10 @@ from pathlib import Path
 from typing import Final, cast
 
 from jbclog.foreign.files import Kind, open_foreign, read_foreign
+from jbclog.foreign.from_json import Misfit, build
 from jbclog.foreign.numbers import json_of, read_json
 from jbclog.locked import is_locked
 from jbclog.record.durable import write_whole
-from jbclog.record.from_json import Misfit, build
 from jbclog.rows import EventRow, Severity
 
 JOB: Final = "job.json"

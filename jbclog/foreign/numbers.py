@@ -22,20 +22,26 @@ FIRST_S, LAST_S = 0.0, 7_258_118_400.0  # 1970 to 2200, in seconds: pandas' time
 YEARS: Final = range(1970, 2200)
 
 
-def json_of(data: bytes | str) -> Any:
-    """What `data` says. Raises ValueError where it is no JSON, nested too deeply, or has a number that nobody can reckon with."""
+def json_of(data: bytes | str, *, in_utf8: bool = False) -> Any:
+    """What `data` says. Raises ValueError where it is no JSON, nested too deeply, or has a number that nobody can reckon with.
+
+    `in_utf8`: it was written without escapes. Then no text in it is one that cannot be written so again (half of a pair).
+    """
     text = data if isinstance(data, str) else data.decode()
     if text.count("{") + text.count("[") > MOST_OBJECTS:
         raise ValueError(f"it has more than {MOST_OBJECTS} objects and lists")
     try:
-        return (_CAREFUL if _DOUBTFUL.search(text) else _PLAIN).decode(text)
+        told = (_CAREFUL if _DOUBTFUL.search(text) else _PLAIN).decode(text)
+        if in_utf8 and _HALF.search(text):
+            json.dumps(told, ensure_ascii=False).encode()
     except RecursionError:
         raise ValueError("it is nested too deeply") from None
+    return told
 
 
-def read_json(path: Path, kind: Kind, *, links: bool = False) -> Any:
+def read_json(path: Path, kind: Kind, *, links: bool = False, in_utf8: bool = False) -> Any:
     """What the file at `path` says. Raises OSError or ValueError."""
-    return json_of(read_foreign(path, kind, links=links))
+    return json_of(read_foreign(path, kind, links=links), in_utf8=in_utf8)
 
 
 def _whole(text: str) -> int:
@@ -59,6 +65,10 @@ _PLAIN: Final = json.JSONDecoder(parse_constant=_no_number)
 _CAREFUL: Final = json.JSONDecoder(parse_int=_whole, parse_float=_finite, parse_constant=_no_number)  # it takes thrice the time
 _DOUBTFUL: Final = re.compile(r"[0-9]{19}|[\s:,\[]-?[0-9.]+[eE]\+?[0-9]{2}|^-?[0-9.]+[eE]")
 """What may be a large number; hashes, in which digits and letters follow each other, seldom look like one."""
+
+
+_HALF: Final = re.compile(r"\\u[dD][89a-fA-F]")
+"""One of the two escapes of a sign beyond 16 bits; without the other it is none."""
 
 
 def expect_moment(seconds: float | None) -> None:

@@ -11,9 +11,9 @@ from pathlib import Path
 from typing import Final, cast
 
 from jbclog.foreign.files import Kind, read_foreign
+from jbclog.foreign.from_json import Misfit, build
 from jbclog.foreign.numbers import json_of
 from jbclog.guard import whereabouts
-from jbclog.record.from_json import Misfit, build
 from jbclog.same_port import is_one_port
 
 NAME: Final = "lease.json"
@@ -57,7 +57,7 @@ class StationLease:
         return json.dumps(asdict(self))
 
     @classmethod
-    def from_json(cls, text: str) -> StationLease:
+    def from_json(cls, text: str | bytes) -> StationLease:
         """Raises `ValueError` where `text` is no lease, or says more than this version knows: it may be what must not be done."""
         told = json_of(text)
         try:
@@ -122,7 +122,7 @@ def unreadable(folder: Path) -> str:
 
 def _read(folder: Path) -> tuple[list[StationLease], str]:
     try:
-        lines = read_foreign(folder / NAME, Kind.LEASE).decode().splitlines()
+        lines = read_foreign(folder / NAME, Kind.LEASE).splitlines()
     except FileNotFoundError:
         return [], ""
     except (OSError, ValueError) as error:

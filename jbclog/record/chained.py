@@ -62,7 +62,7 @@ def line_of(fields: Mapping[str, object]) -> bytes:
 
 def fields_of(line: bytes) -> dict[str, object]:
     """The fields of a line without its hash. Raises ValueError, TypeError, AttributeError, KeyError or RecursionError."""
-    fields: dict[str, object] = json_of(line)
+    fields: dict[str, object] = json_of(line, in_utf8=True)
     fields.pop("sha256")
     return fields
 

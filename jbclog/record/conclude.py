@@ -18,12 +18,12 @@ import pyarrow.compute as pc
 
 from jbclog.errors import RecordError
 from jbclog.foreign.files import Kind, open_foreign
+from jbclog.foreign.from_json import Misfit, build
 from jbclog.foreign.numbers import json_of
 from jbclog.foreign.tables import metadata_of
 from jbclog.record import damage, guarded, left_hot, wire
 from jbclog.record.annotations import NAME as ANNOTATIONS
 from jbclog.record.durable import sync_folder
-from jbclog.record.from_json import Misfit, build
 from jbclog.record.ledger import ledger_of
 from jbclog.record.lock import FolderLock, witness
 from jbclog.record.manifest import NAME, Lost, Manifest, SealedFile, iso, write_manifest

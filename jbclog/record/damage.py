@@ -13,9 +13,9 @@ from pathlib import Path
 from typing import Final, cast
 
 from jbclog.foreign.files import Kind, read_foreign
+from jbclog.foreign.from_json import Misfit, build
 from jbclog.foreign.numbers import json_of
 from jbclog.record.durable import sync_folder, write_whole
-from jbclog.record.from_json import Misfit, build
 
 NOTES: Final = "damage.jsonl"
 REMAINS: Final = "damaged"

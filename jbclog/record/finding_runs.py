@@ -20,11 +20,11 @@ from typing import Final, cast
 
 from jbclog.errors import RecordError
 from jbclog.foreign.files import Kind, read_foreign
+from jbclog.foreign.from_json import Misfit, build
 from jbclog.foreign.mounts import expect_answer
 from jbclog.foreign.numbers import expect_year, json_of
 from jbclog.record.annotations import NAME as ANNOTATIONS
 from jbclog.record.folder import RUN_NAME
-from jbclog.record.from_json import Misfit, build
 from jbclog.record.lock import is_held
 from jbclog.record.manifest import NAME, STATES, LineFile, Lost, Metadata, RecipeFile, Unit, why_changed
 from jbclog.record.schema import SCHEMA_VERSION
@@ -217,7 +217,7 @@ def summary_of(folder: Path, wanted: Filter = ALL) -> Found | Unreadable | None:
         changed = why_changed(data)
         if changed is None and not wanted.may_be_in(data, has_annotations=(folder / ANNOTATIONS).exists()):
             return None
-        told = cast(_Summary, build(_Summary, json_of(data)))
+        told = cast(_Summary, build(_Summary, json_of(data, in_utf8=True)))
         if told.state not in STATES or told.schema > SCHEMA_VERSION:
             return Unreadable(folder, "its manifest is of a newer jbclog, or none")
         if told.started is not None:

@@ -68,7 +68,7 @@ def unreadable_lease(folder: Path) -> str:
 def _lease(folder: Path) -> tuple[dict[str, Lease], str]:
     found: dict[str, Lease] = {}
     try:
-        lines = read_foreign(folder / guarded.LEASE, Kind.LEASE).decode().splitlines()
+        lines = read_foreign(folder / guarded.LEASE, Kind.LEASE).splitlines()
     except FileNotFoundError:
         return found, ""
     except (OSError, ValueError) as error:

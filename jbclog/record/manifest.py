@@ -12,9 +12,9 @@ from typing import Final, cast
 
 from jbclog.errors import RecordError
 from jbclog.foreign.files import Kind, read_foreign
+from jbclog.foreign.from_json import Misfit, build
 from jbclog.foreign.numbers import expect_moment, expect_year, json_of, read_json
 from jbclog.record.durable import write_whole
-from jbclog.record.from_json import Misfit, build
 from jbclog.record.schema import SCHEMA_VERSION
 from jbclog.rows import Goal, StationFacts, TipCheck
 
@@ -209,7 +209,7 @@ def read_manifest(folder: Path) -> Manifest:
     """The manifest of the run in `folder`. Raises `RecordError`: none there, not one, or of a newer jbclog."""
     path = folder / NAME
     try:
-        data = read_json(path, Kind.MANIFEST)
+        data = read_json(path, Kind.MANIFEST, in_utf8=True)
         version = data.get("schema")
         if isinstance(version, int) and version > SCHEMA_VERSION:
             raise RecordError(f"{path}: written with schema {version}; this jbclog knows {SCHEMA_VERSION}")
@@ -245,8 +245,8 @@ def write_manifest(folder: Path, manifest: Manifest) -> None:
 
 
 def manifest_text(manifest: Manifest) -> str:
-    """As it stands in the file, with its digest."""
-    plain = json.dumps(asdict(manifest), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+    """As it stands in the file, with its digest; what UTF-8 cannot write (a folder's name in another code) is a question mark."""
+    plain = json.dumps(asdict(manifest), indent=1, ensure_ascii=False, allow_nan=False).encode(errors="replace").decode() + "\n"
     return plain.removesuffix(END.decode()) + DIGEST % hashlib.sha256(plain.encode()).hexdigest()
 
 
@@ -272,7 +272,8 @@ def why_changed(data: bytes) -> str | None:
     """The same of a manifest that was read already."""
     found = _DIGEST.search(data)
     if found is None:
-        is_old = set(json_of(data)) <= OF_0_1
+        told = json_of(data)
+        is_old = isinstance(told, dict) and told.keys() <= OF_0_1
         return None if is_old else "has lost its digest: it was changed"
     plain = data[: found.start()] + END
     return None if hashlib.sha256(plain).hexdigest().encode() == found[1] else "was changed: its digest is another"

@@ -36,8 +36,8 @@ from typing import Final, cast
 
 from jbclog.errors import RecordError
 from jbclog.foreign.files import Kind, expect_regular, is_plain_folder, open_foreign
+from jbclog.foreign.from_json import Misfit, build
 from jbclog.foreign.numbers import expect_moment, json_of
-from jbclog.record.from_json import Misfit, build
 from jbclog.record.wire_blocks import FIXED, Block, Gap, blocks
 from jbclog.record.wire_rows import row_of
 from jbclog.tape import Row

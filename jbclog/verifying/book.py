@@ -13,9 +13,9 @@ from typing import Final, cast
 
 from jbclog.errors import RecordError
 from jbclog.foreign.files import Kind, read_foreign
+from jbclog.foreign.from_json import Misfit, build
 from jbclog.record.chained import add_line, chain_in, fields_of, line_of, sha256
 from jbclog.record.durable import sync_folder
-from jbclog.record.from_json import Misfit, build
 from jbclog.verifying.verification import Verification
 
 NAME: Final = "verifications.jsonl"

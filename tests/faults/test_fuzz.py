@@ -34,7 +34,7 @@ from jbclog.commands.family import FAMILIES
 from jbclog.errors import Problems, RecordError
 from jbclog.foreign.numbers import json_of
 from jbclog.guard.lease import NAME as LEASE
-from jbclog.guard.lease import StationLease, kept
+from jbclog.guard.lease import StationLease, kept, unreadable
 from jbclog.protocol import omega, reader
 from jbclog.protocol.frame import Frame
 from jbclog.recipe.line import parse_line
@@ -199,13 +199,14 @@ IS = {
 
 def lease(data: bytes, folder: Path) -> None:
     (folder / LEASE).write_bytes(data)
-    lines = []
-    for line in data.split(b"\n"):
-        try:
+    lines, alone = [], []
+    for line in data.splitlines():
+        with suppress(ValueError):
             lines.append(json_of(line))
-        except ValueError:
-            continue
+            alone.append(StationLease.from_json(line))
     stations = kept(folder)
+    assert stations == alone  # a line that cannot be read hides no other, and is told
+    assert bool(unreadable(folder)) == (len(alone) < len(data.splitlines()))
     for station in stations:
         told = {name: getattr(station, name) for name in TYPES}
         assert all(IS[TYPES[name]](value) for name, value in told.items()), told

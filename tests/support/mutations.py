@@ -89,7 +89,7 @@ def _trees(seed: bytes) -> list[Any]:
     try:
         return [json.loads(seed)]
     except ValueError:
-        return [json.loads(line) for line in seed.splitlines()]
+        return [json.loads(line.decode(errors="replace")) for line in seed.splitlines()]
 
 
 def with_junk(tree: Any, rng: Rng) -> Any:

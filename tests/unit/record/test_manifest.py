@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from jbclog.errors import RecordError
+from jbclog.foreign.from_json import Misfit, build
 from jbclog.record import durable
-from jbclog.record.from_json import Misfit, build
 from jbclog.record.manifest import (
     LineFile,
     Lost,
