@@ -80,8 +80,11 @@ def test_what_was_touched_is_told_although_no_lease_could_be_kept(left: Left) ->
 @pytest.mark.parametrize(
     "made", [lambda path: os.mkfifo(path), lambda path: path.write_bytes(b"\xff{torn"), lambda path: path.mkdir()]
 )
-def test_a_lease_that_cannot_be_read_is_no_closed_one(left: Left, made: Callable[[Path], object]) -> None:
+def test_a_lease_that_cannot_be_read_is_no_closed_one(
+    left: Left, made: Callable[[Path], object], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """What it named is not known; the tools that were touched are told, and the next start of the line says it as well."""
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))  # other tests leave leases that cannot be read
     folder = left(TOUCHED)
     made(folder / LEASE)
     done = recover(folder)
