@@ -1,19 +1,23 @@
 """The metrics as `report` left them in `report.json`: so that many runs are looked at without going through their samples again.
 
-They are taken where that file was made from this very manifest, by this very version, in which the definitions are the same; else
-they are computed anew. What somebody changed in that file since is found by `report --verify`, and not here.
+They are taken where that file was made from this very manifest, by this very version and its rules, in which the definitions are
+the same, and where a line of the annotations vouches for its bytes; else they are computed anew.
 """
 
 from __future__ import annotations
 
+from hashlib import sha256
 from pathlib import Path
 from typing import Final
 
 import pandas as pd
 
 from jbclog import __version__
-from jbclog.foreign.files import Kind
-from jbclog.foreign.numbers import read_json
+from jbclog.errors import RecordError
+from jbclog.foreign.files import Kind, read_foreign
+from jbclog.foreign.numbers import json_of
+from jbclog.judge import RULES
+from jbclog.record.annotations import read
 
 FILE: Final = "report.json"
 METRICS: Final = {
@@ -33,12 +37,14 @@ METRICS: Final = {
 def left_metrics(folder: Path, manifest_sha256: str) -> pd.DataFrame | None:
     """The table of all metrics of the run; None where the report does not have it, or is not this run's or this version's."""
     try:
-        document = read_json(folder / FILE, Kind.REPORT)
-        if (document["manifest_sha256"], document["jbclog"]) != (manifest_sha256, __version__):
+        data = read_foreign(folder / FILE, Kind.REPORT)
+        document = json_of(data)
+        made_by = document["manifest_sha256"], document["jbclog"], document["rules"]
+        if made_by != (manifest_sha256, __version__, RULES) or read(folder).report != sha256(data).hexdigest():
             return None
         rows = document["metrics"]
         return metric_table(rows) if isinstance(rows, list) else None
-    except (OSError, ValueError, TypeError, KeyError, OverflowError, RecursionError):
+    except (RecordError, OSError, ValueError, TypeError, KeyError, OverflowError, RecursionError):
         return None
 
 

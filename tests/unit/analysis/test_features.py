@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from hashlib import sha256
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +19,7 @@ from jbclog.analysis import features, open_run
 from jbclog.analysis.joint_table import JOINTS_SCHEMA
 from jbclog.features import DEFINITIONS, measure_port
 from jbclog.plan import Wanted, make_plan
+from jbclog.record.annotations import vouch
 from jbclog.record.manifest import manifest_sha256
 from jbclog.report import write_report
 
@@ -105,6 +107,7 @@ def test_metrics_that_a_report_left_are_taken_and_others_are_not(soldered: Path,
     others = (
         {**one, "manifest_sha256": "0" * 64},
         {**one, "jbclog": "0.0.1"},
+        {**one, "rules": 1},
         {**one, "metrics": None},
         {**one, "metrics": [{**one["metrics"][0], "n": None}]},
         {**one, "metrics": [{**one["metrics"][0], "value": "much"}]},
@@ -112,8 +115,12 @@ def test_metrics_that_a_report_left_are_taken_and_others_are_not(soldered: Path,
     )
     for number, other in enumerate(others, 1):
         path.write_text(json.dumps(other), encoding="utf-8")
+        vouch(soldered, sha256(path.read_bytes()).hexdigest())
         pd.testing.assert_frame_equal(run.metrics(), before)
         assert len(computed) == number
+    path.write_text(text.replace('"joints"', '"jOints"'), encoding="utf-8")  # nobody vouches for that
+    pd.testing.assert_frame_equal(run.metrics(), before)
+    assert len(computed) == len(others) + 1
     path.write_text("[" * 100_000, encoding="utf-8")
     pd.testing.assert_frame_equal(run.metrics(), before)
     path.unlink()
