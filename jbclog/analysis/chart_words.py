@@ -39,6 +39,8 @@ def _charted(one: Charted) -> Iterator[str]:
         rate = spc.FALSE_ALARMS.get(one.charts[0].tests)
         if rate is not None:
             yield f"  tests {', '.join(map(str, one.charts[0].tests))}: {rate.text}"
+        if (points := spc.RUN_LENGTHS.get(one.charts[0].name)) is not None:
+            yield f"  on a stable process the first false alarm after {points:.0f} points on average"
     if one.fixed is not None:
         yield from _chart(one.fixed, series.names, series.unit, "fixed limits")
     if one.capability is not None:

@@ -23,6 +23,7 @@ from jbclog.analysis.joint_table import JOINTS_SCHEMA
 from jbclog.analysis.trend import metric_unit, trends
 from jbclog.episodes import Detector, Episode
 from jbclog.errors import UsageError
+from jbclog.spc.refusal import there_are
 
 if TYPE_CHECKING:
     from jbclog.analysis.control_limits import Fixed
@@ -35,12 +36,19 @@ COUNTED: Final = {"alarms": ("u", "pareto"), "rejects": ("p",), "losses": ("pare
 """What is counted and not measured, and its charts; the first is the default."""
 NOT_A_METRIC: Final = ("start_s", "end_s", "confidence")
 LEAST_COUNTED: Final = 10
+RECOVERY: Final = "recovery_s"
+MOST_LATE: Final = 0.05  # the share of joints without recovery above which figures of the others would flatter
+NO_LOSS: Final = frozenset({"due", "ok", "not_counting"})  # an answer that says that nothing is counted now is no loss
 Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Series:
-    """A feature in the order in which it came; `missing` more have none. `each` is what a point is: ``joint`` or ``run``."""
+    """A feature in the order in which it came; `missing` more have none. `each` is what a point is: ``joint`` or ``run``.
+
+    `late`: of those the joints that the next one followed before the tip was back, where the feature is the recovery. `why`: the
+    joints of the port are not known.
+    """
 
     station: str
     port: int
@@ -51,6 +59,8 @@ class Series:
     names: list[str]
     missing: int = 0
     resolution: float | None = None
+    late: int = 0
+    why: str | None = None
 
     @property
     def place(self) -> tuple[str, int]:
@@ -106,8 +116,8 @@ def series_of_run(run: Run, metric: str, station: str | None = None, port: int |
     known = joint_metrics()
     if metric not in known:
         near = get_close_matches(metric[:64], known, n=1)
-        meant = f"did you mean {near[0]}? " if near else ""
-        raise UsageError(f"joints have no metric {metric[:64]!r}; {meant}They have {', '.join(known)}; or {', '.join(COUNTED)}")
+        meant = f"; did you mean {near[0]}?" if near else "."
+        raise UsageError(f"joints have no metric {metric[:64]!r}{meant} They have {', '.join(known)}; or {', '.join(COUNTED)}")
     joints = run.joints(station)
     found = []
     for (name, number), rows in joints.groupby(["station", "port"], sort=True):
@@ -117,8 +127,30 @@ def series_of_run(run: Run, metric: str, station: str | None = None, port: int |
         values = rows[metric].to_numpy(dtype=np.float64, na_value=np.nan)
         there = ~np.isnan(values)
         names = [f"joint {joint}" for joint in rows["joint"].to_numpy()[there]]
-        found.append(Series(str(name), at, metric, known[metric], "joint", values[there], names, int((~there).sum())))
-    return found
+        late = int(rows["recovered"].eq(False).sum()) if metric == RECOVERY else 0
+        found.append(Series(str(name), at, metric, known[metric], "joint", values[there], names, int((~there).sum()), late=late))
+    none = np.empty(0)
+    found += [
+        Series(name, at, metric, known[metric], "joint", none, [], why=why)
+        for (name, at), why in _not_known(run, station, {one.place for one in found}).items()
+        if port in (None, at)
+    ]
+    return sorted(found, key=lambda one: one.place)
+
+
+def _not_known(run: Run, station: str | None, seen: set[tuple[str, int]]) -> dict[tuple[str, int], str]:
+    """The other ports that worked and whose joints are not known, and why."""
+    ports = {(facts.name, port) for facts in run.manifest.stations for port in facts.ports if station in (None, facts.name)}
+    if not ports - seen:
+        return {}
+    told: dict[tuple[str, int], dict[str, tuple[object, str]]] = {}
+    for row in run.metrics(station).to_dict("records"):
+        told.setdefault((str(row["station"]), int(row["port"])), {})[str(row["metric"])] = (row["n"], str(row["why"]))
+    return {
+        place: metrics["joints"][1]
+        for place, metrics in told.items()
+        if place in ports - seen and metrics["power_mean_permille"][0] and metrics["joints"][1] not in ("None", "nan", "<NA>")
+    }
 
 
 def series_of_runs(runs: Runs, metric: str, station: str | None = None, port: int | None = None) -> list[Series]:
@@ -151,6 +183,39 @@ def charted(
     upper: float | None = None,
 ) -> Charted:
     """The charts of one feature. Capability is held against `lower` and `upper`, where any is stated."""
+    refused = _joints_unknown(series) or too_many_late(series.late, len(series.values))
+    if refused is not None:
+        return Charted(series, kind, series.names, refused, capability=None if lower is None and upper is None else refused)
+    made = _charted(series, kind, size, tests, fixed, lower, upper)
+    return made if not series.late else replace(made, notes=[*made.notes, _left_out(series.late)])
+
+
+def _joints_unknown(series: Series) -> spc.Refused | None:
+    if series.why is None or len(series.values):
+        return None
+    return spc.Refused("not_known", f"Joints are not known: {series.why[:1].lower()}{series.why[1:]}")
+
+
+def too_many_late(late: int, back: int) -> spc.Refused | None:
+    """Why the recoveries of the joints after which the tip was back say nothing of all joints; None where they do."""
+    if late <= MOST_LATE * (late + back):
+        return None
+    return spc.Refused("not_recovered", f"After {late} of {late + back} joints the next one came before the tip was back.")
+
+
+def _left_out(late: int) -> str:
+    return f"{late} joint{'s' * (late != 1)} that the next one followed before the tip was back left out: longer than seen."
+
+
+def _charted(
+    series: Series,
+    kind: str,
+    size: int,
+    tests: tuple[int, ...],
+    fixed: Fixed | None,
+    lower: float | None,
+    upper: float | None,
+) -> Charted:
     values, step = series.values, series.resolution
     asked = lower is not None or upper is not None
     index = spc.capability(values, lower=lower, upper=upper, resolution=step) if asked else None
@@ -232,7 +297,7 @@ def ranked_losses(runs: Iterable[Run]) -> Ranked:
         for station, ports in run.manifest.ledger.items():
             for signals in ports.values():
                 for counts in signals.values():
-                    lost.update({f"{station} {reason}": n for reason, n in counts.items() if reason not in ("due", "ok") and n})
+                    lost.update({f"{station} {reason}": n for reason, n in counts.items() if reason not in NO_LOSS and n})
     return ranked("losses", lost)
 
 
@@ -252,7 +317,7 @@ def _u(metric: str, what: str, names: list[str], counts: Floats, hours: Floats) 
 def _too_few(count: int, what: str) -> spc.Refused | None:
     if count >= LEAST_COUNTED:
         return None
-    return spc.Refused("too_few", f"There are {count} {what}; a chart of counts takes at least {LEAST_COUNTED}.")
+    return spc.Refused("too_few", f"{there_are(count, what)}; a chart of counts takes at least {LEAST_COUNTED}.")
 
 
 def _episodes(run: Run) -> list[Episode]:
@@ -277,6 +342,7 @@ def joined(series: Iterable[Series]) -> list[Series]:
         before = by_place.get(one.place)
         if before is not None:
             values, names = np.concatenate([before.values, one.values]), [*before.names, *one.names]
-            one = replace(before, values=values, names=names, missing=before.missing + one.missing)
+            missing, late = before.missing + one.missing, before.late + one.late
+            one = replace(before, values=values, names=names, missing=missing, late=late, why=before.why or one.why)
         by_place[one.place] = one
     return [by_place[place] for place in sorted(by_place)]

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Final, cast
 
 from jbclog import spc
-from jbclog.analysis.charting import Series
+from jbclog.analysis.charting import Series, too_many_late
 from jbclog.errors import RecordError, UsageError
 from jbclog.foreign.files import Kind, read_foreign
 from jbclog.foreign.from_json import Misfit, build
@@ -65,7 +65,7 @@ class Limits:
 
 def learn(series: Series) -> Fixed | spc.Refused:
     """The limits of one feature, where it is stable and a distribution fits it."""
-    chart = spc.phase_one(series.values, resolution=series.resolution)
+    chart = too_many_late(series.late, len(series.values)) or spc.phase_one(series.values, resolution=series.resolution)
     if isinstance(chart, spc.Refused):
         return chart
     edges = float(chart.lower[0]), float(chart.upper[0])

@@ -14,6 +14,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from jbclog.analysis.charting import too_many_late
 from jbclog.report import style
 from jbclog.report.drawing import Drawing, Stroke
 from jbclog.report.envelope import envelope
@@ -28,7 +29,6 @@ LEFT, RIGHT, TOP, BOTTOM, BETWEEN = 36.0, 62.0, 12.0, 19.0, 15.0
 UPPER_PT, LOWER_PT = 74.0, 34.0  # the heights of individuals, and of deficits and moving ranges
 FEWEST: Final = 5  # joints from which on a chart says more than a row of numbers
 MOST_DOTS: Final = 300
-MOST_LATE: Final = 0.05  # the share of joints without recovery above which limits of the others would flatter
 ARROW_PT: Final = 5.0
 LIMIT = Stroke(style.ALARM, 0.9, (4.4, 1.7))
 CENTRE = Stroke(style.INK, 0.7)
@@ -107,15 +107,8 @@ def charted(recovery: Floats, resolution: float | None, deficits: Floats | None 
     seconds, numbers = recovery[there], np.flatnonzero(there).astype(np.float64) + 1
     late = ~np.isnan(had)
     waited = (np.flatnonzero(late).astype(np.float64) + 1, had[late])
-    found = _too_many_late(len(waited[0]), len(seconds)) or control_chart(seconds, resolution=resolution)
+    found = too_many_late(len(waited[0]), len(seconds)) or control_chart(seconds, resolution=resolution)
     return Charted(numbers, seconds, len(recovery), found, none if deficits is None else deficits, waited)
-
-
-def _too_many_late(late: int, back: int) -> Refused | None:
-    """Why limits of those that recovered would say nothing of all of them."""
-    if late <= MOST_LATE * (late + back):
-        return None
-    return Refused("not_recovered", f"After {late} of {late + back} joints the next one came before the tip was back.")
 
 
 def draw_chart(one: Charted, form: Format) -> Drawing:

@@ -12,6 +12,7 @@ How Reliable is Your Capability Index?, Applied Statistics 39 (1990); AIAG, Meas
 
 from jbclog.spc.capability import Capability, Index
 from jbclog.spc.charts import (
+    RUN_LENGTHS,
     Chart,
     cusum,
     ewma,
@@ -44,6 +45,7 @@ __all__ = [
     "ALL_TESTS",
     "DEFAULT_TESTS",
     "FALSE_ALARMS",
+    "RUN_LENGTHS",
     "Capability",
     "Chart",
     "Equivalence",

@@ -50,7 +50,14 @@ def too_few(count: int, least: int, what: str) -> Refused | None:
     """Limits and indices of a handful of values say more about the handful than about the process."""
     if count >= least:
         return None
-    return Refused("too_few", f"There are {count} {what}; it takes at least {least}.")
+    return Refused("too_few", f"{there_are(count, what)}; it takes at least {least}.")
+
+
+def there_are(count: int, what: str) -> str:
+    """``There are 3 days with alarms``, ``There is 1 day with alarms``."""
+    noun, *rest = what.split(" ", 1)
+    one = noun.removesuffix("es" if noun.endswith("ches") else "s")
+    return f"There {'is' if count == 1 else 'are'} {count} {' '.join([one if count == 1 else noun, *rest])}"
 
 
 def lag_1(points: Floats) -> float:

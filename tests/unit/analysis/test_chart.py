@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -15,11 +15,13 @@ from typer.testing import CliRunner, Result
 
 from jbclog import spc
 from jbclog.analysis import Run, open_run
-from jbclog.analysis.charting import Series, charted, joined, joint_metrics, ranked, series_of_run
+from jbclog.analysis.chart_words import lines
+from jbclog.analysis.charting import Series, charted, joined, joint_metrics, ranked, ranked_losses, series_of_run
 from jbclog.analysis.control_limits import Fixed, learn
 from jbclog.analysis.joint_table import JOINTS_SCHEMA
 from jbclog.cli.app import app
 from jbclog.record.manifest import read_manifest, write_manifest
+from jbclog.spc.refusal import there_are
 
 STEADY = np.random.default_rng(15).lognormal(0.3, 0.5, 60)
 
@@ -124,6 +126,62 @@ def test_limits_are_learnt_kept_and_cited(home: Path, dwells: list[float], tmp_p
     assert (wrong.exit_code, "the limits are of dwell_s" in wrong.stderr) == (2, True)
 
 
+def test_a_recovery_that_most_joints_lack_has_no_chart_no_capability_and_teaches_no_limits() -> None:
+    few, many = (
+        Series("dde-1", 1, "recovery_s", "s", "joint", STEADY, [str(n) for n in range(60)], late, late=late) for late in (3, 4)
+    )
+    kept, refused = charted(few, upper=9), charted(many, upper=9)
+    assert not isinstance(kept.charts, spc.Refused)
+    assert "3 joints that the next one followed before the tip was back left out" in " ".join(lines(kept))
+    assert isinstance(refused.charts, spc.Refused)
+    assert isinstance(refused.capability, spc.Refused)
+    assert "After 4 of 64 joints the next one came before the tip was back." in " ".join(lines(refused))
+    assert isinstance(learn(many), spc.Refused)
+    assert joined([few, many])[0].late == 7
+
+
+def test_a_port_whose_joints_are_not_known_is_named_with_the_reason(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    rows = [("joints", 0, "Only 2.0 s of the record are without contact."), ("power_mean_permille", 900, None)]
+    metrics = pd.DataFrame([{"station": "dde-1", "port": 1, "metric": name, "n": n, "why": why} for name, n, why in rows])
+    monkeypatch.setattr(Run, "joints", lambda *_: JOINTS_SCHEMA.empty_table().to_pandas())
+    monkeypatch.setattr(Run, "metrics", lambda *_: metrics)
+    (series,) = series_of_run(open_run(home), "recovery_s")
+    assert "chart: none. Joints are not known: only 2.0 s of the record are without contact." in " ".join(lines(charted(series)))
+    metrics.loc[0, "why"] = None  # there are none, and that is known
+    assert series_of_run(open_run(home), "recovery_s") == []
+
+
+@pytest.mark.parametrize(("count", "text"), [(1, "There is 1 day with alarms"), (0, "There are 0 days with alarms")])
+def test_one_is_one(count: int, text: str) -> None:
+    assert there_are(count, "days with alarms") == text
+    assert there_are(1, "stretches") == "There is 1 stretch"
+    assert there_are(1, "values") == "There is 1 value"
+
+
+def test_what_does_not_count_is_no_loss() -> None:
+    @dataclass
+    class Manifest:
+        ledger: dict[str, dict[str, dict[str, dict[str, int]]]]
+
+    @dataclass
+    class Record:
+        manifest: Manifest
+
+    ledger = {"dde-1": {"1": {"delay_s": {"due": 9, "ok": 3, "not_counting": 5, "timeout": 1}}}}
+    assert ranked_losses([Record(Manifest(ledger))]).rows == [("dde-1 timeout", 1, 100.0, 100.0)]  # type: ignore[list-item]
+
+
+@pytest.mark.parametrize("kind", ["ewma", "cusum"])
+def test_every_kind_states_its_false_alarms(kind: str) -> None:
+    chart = (spc.ewma(np.arange(5.0)),) if kind == "ewma" else spc.cusum(np.arange(5.0))
+    generator, lengths = np.random.default_rng(3), []
+    for _ in range(60):
+        points = generator.normal(size=4000)
+        found = (spc.ewma(points, centre=0, sigma=1),) if kind == "ewma" else spc.cusum(points, centre=0, sigma=1)
+        lengths.append(min((signal.last for one in found for signal in one.signals), default=3999) + 1)
+    assert np.mean(lengths) == pytest.approx(spc.RUN_LENGTHS[chart[0].name], rel=0.45)  # 60 of them: 13 % by chance
+
+
 def test_what_is_not_stable_teaches_no_limits(home: Path, dwells: list[float], tmp_path: Path) -> None:
     dwells[30:] = [value * 2.5 for value in dwells[30:]]
     ended = call("limits", "learn", home, "-m", "dwell_s", "--out", tmp_path / "none.json")
@@ -150,7 +208,7 @@ def test_alarms_and_losses_of_a_run(home: Path) -> None:
     assert ended.exit_code == 0
     assert ended.stdout.startswith("alarms: 0 in 0.00")
     assert "u: centre 0" in ended.stdout
-    assert "There are 1 stretches; a chart of counts takes at least 10." in call("chart", home, "-m", "alarms").stdout
+    assert "There is 1 stretch; a chart of counts takes at least 10." in call("chart", home, "-m", "alarms").stdout
     assert call("chart", home, "-m", "losses").stdout.startswith("losses: ")
 
 
