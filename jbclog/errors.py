@@ -9,6 +9,7 @@
     │   ├── PortBusy                somebody else holds the port
     │   ├── PortForbidden           this user may not open it
     │   ├── PortMissing             there is no such port
+    │   ├── LinkFlooded             far more bytes come over it than answers are due
     │   └── OtherStation            what answers is not the station that the run began with
     ├── StationError                the link works, the station did not give what was asked
     │   ├── AnswerTimeout (TimeoutError)
@@ -92,6 +93,17 @@ class PortForbidden(LinkError):
 
 class PortMissing(LinkError):
     """There is no port of that name: unplugged, or named otherwise."""
+
+
+class LinkFlooded(LinkError):
+    """`came` bytes came over the link in `seconds`, where answers of `due` bytes were due and `limit` is the most."""
+
+    def __init__(self, came: int, due: int, seconds: float, limit: int) -> None:
+        text = f"the link is flooded: {came} bytes came in {seconds:.1f} s, answers of {due} bytes were due (limit: {limit} bytes)"
+        super().__init__(f"{text}; find what sends on it")
+        self.came = came
+        self.seconds = seconds
+        self.limit = limit
 
 
 class OtherStation(LinkError):

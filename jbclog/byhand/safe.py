@@ -14,9 +14,11 @@ from jbclog.byhand.contact import NO_TOOL, PORTS, Contact, Target, expect_borne_
 from jbclog.byhand.cooling import DELAYS, Cooling, cooling_of, temperature_of
 from jbclog.commands.command import TOOLS_WITH_A_PLACE
 from jbclog.commands.family import Family, family_of
-from jbclog.effects import Steps
-from jbclog.errors import LinkError, StartRefused, StationError
+from jbclog.effects import Steps, Wait
+from jbclog.errors import LinkError, LinkFlooded, StartRefused, StationError
 from jbclog.safety.secure import SENT, Task, Tool, secure
+from jbclog.station.agreed import agreed
+from jbclog.station.make import client_for
 
 SWITCH_OFF: Final = "switch the station off"
 
@@ -72,7 +74,13 @@ class StationMadeSafe:
 
 def make_safe(target: Target, made: StationMadeSafe) -> Steps[None]:
     """Put every tool of a station in its safe state, its feeder stopped first. Raises `StartRefused` and `LinkError`."""
-    contact = yield from meet(target)
+    try:
+        contact = yield from meet(target)
+    except LinkFlooded as flood:
+        if target.family is None or not target.family.safe_states:
+            raise
+        yield from _order_over_flood(target, target.family, made, flood)
+        return
     family = contact.family = yield from _proven(contact, made)
     made.model, made.family = contact.model, family.name
     if not family.safe_states:
@@ -95,7 +103,38 @@ def make_safe(target: Target, made: StationMadeSafe) -> Steps[None]:
     if family.has_feeder:
         made.feeder = "running" if task.feeds else "stopped"
     for tool, one in zip(task.tools, made.tools, strict=True):
-        yield from _tell(contact, tool, one, tools[tool.port])
+        yield from _tell(contact, task, tool, one, tools[tool.port])
+
+
+def _order_over_flood(target: Target, family: Family, made: StationMadeSafe, flood: LinkFlooded) -> Steps[None]:
+    """Order the safe state on every port that the line file or the family has, though nothing that is heard proves anything."""
+    client = client_for(family, target.line, target.address)
+    client.unasked((yield Wait(0.0)))
+    client.flow.is_flooded = True
+    ports = target.ports or family.ports or PORTS
+
+    def prove() -> Steps[bool]:
+        model = str((yield from agreed(client, family.commands["model"])))
+        return family.proves(model) if target.model is None else model == target.model
+
+    tools = [Tool(port) for port in ports]
+    task = Task(client, family, family.safe_states[0], tools, family.has_feeder, prove, is_proven=False)
+    yield from secure(task)
+    made.family, made.note = family.name, str(flood)
+    if family.has_feeder:
+        made.feeder = "running" if task.feeds else "stopped"
+    for tool in tools:
+        one = MadeSafe(tool.port, None, told=None if tool.ordered is None else family.status.state(tool.ordered))
+        if tool.is_safe and tool.status is not None:
+            one.state = family.status.state(tool.status)
+        else:
+            one.problem = _unconfirmed(tool, task)
+        made.tools.append(one)
+
+
+def _unconfirmed(tool: Tool, task: Task) -> str:
+    what = "was told to rest and does not confirm it" if tool.reached == SENT else "could not be made safe"
+    return f"it {what}{'' if task.flood is None else ' (its link is flooded)'}; it may be hot: {SWITCH_OFF}"
 
 
 def _proven(contact: Contact, made: StationMadeSafe) -> Steps[Family]:
@@ -133,14 +172,14 @@ def _find_tools(contact: Contact, made: StationMadeSafe) -> Steps[dict[int, int 
     return tools
 
 
-def _tell(contact: Contact, tool: Tool, made: MadeSafe, code: int | None) -> Steps[None]:
+def _tell(contact: Contact, task: Task, tool: Tool, made: MadeSafe, code: int | None) -> Steps[None]:
     status = contact.family.status
     made.rested, made.fell_back = tool.was_spared, tool.fell_back
     made.told = None if tool.ordered is None else status.state(tool.ordered)
-    made.temperature_c = made.last_c = yield from temperature_of(contact, tool.port)
+    if task.flood is None:
+        made.temperature_c = made.last_c = yield from temperature_of(contact, tool.port)
     if not tool.is_safe or tool.status is None:
-        what = "was told to rest and does not confirm it" if tool.reached == SENT else "could not be made safe"
-        made.problem = f"it {what}; it may be hot: {SWITCH_OFF}"
+        made.problem = _unconfirmed(tool, task)
         return
     made.state, made.suction = status.state(tool.status), status.sucks(tool.status)
     made.cooling = yield from cooling_of(contact, tool.port, code, made.state)

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from typing import Protocol, TypeVar
 
 from jbclog.clock import Clock, SystemClock
+from jbclog.drive.budget import REST_S, Budget
 from jbclog.effects import Ask, Gather, Heard, Listen, Steps, Wait, Wish
 from jbclog.errors import LinkError
 
@@ -55,15 +56,18 @@ class _Puller:
         self._now = clock.monotonic
         self._port: Port | None = None
         self._sent = 0.0
+        self._budget = Budget()
+        self._rests_until = 0.0  # a port that brings more than answers: a thread that never waits keeps the others from going on
 
     def do(self, wish: Wish) -> Heard:
         if isinstance(wish, Ask):
             port = self._open()
             self._sent = self._now()
             port.write(wish.data)
-            return self._heard(port.read(wish.patience_s))
+            self._budget.asked()
+            return self._heard(self._read(port, self._sent + wish.patience_s))
         if isinstance(wish, Listen):
-            return self._heard(self._open().read(max(wish.until - self._now(), 0.0)))
+            return self._heard(self._read(self._open(), wish.until))
         if isinstance(wish, Wait):
             self._sleep(max(wish.until - self._now(), 0.0))
             return self._heard(self._unasked())
@@ -73,10 +77,21 @@ class _Puller:
         self._port = self._open_port()
         return self._heard(b"")
 
+    def _read(self, port: Port, until: float) -> bytes:
+        """The next bytes, or none at `until`."""
+        if self._rests_until:
+            self._sleep(max(min(self._rests_until, until) - self._now(), 0.0))
+            self._rests_until = 0.0
+        data = port.read(max(until - self._now(), 0.0))
+        if data and self._budget.is_spent(len(data)):
+            self._rests_until = self._now() + REST_S
+        return data
+
     def close(self) -> None:
         if self._port is not None:
             self._port.close()
             self._port = None
+            self._rests_until = 0.0
 
     def _unasked(self) -> bytes:
         """What came during a wait. A link that broke meanwhile is told at the next question."""

@@ -10,6 +10,7 @@ from concurrent.futures import Future
 from typing import TYPE_CHECKING
 
 from jbclog.drive.blocking import OpenPort, Port
+from jbclog.drive.budget import MOST_KEPT, REST_S, Budget
 from jbclog.drive.pump import Pump
 from jbclog.effects import Ask, Gather, Heard, Listen, RunEnded, Steps, Wait, Wish
 from jbclog.errors import LinkError
@@ -28,6 +29,7 @@ class Pulled:
     __slots__ = (
         "_armed",
         "_broken",
+        "_budget",
         "_deadline",
         "_ending",
         "_failing",
@@ -37,6 +39,7 @@ class Pulled:
         "_is_gathered",
         "_is_started",
         "_is_told_to_end",
+        "_is_watched",
         "_late_s",
         "_listening",
         "_loop",
@@ -47,6 +50,7 @@ class Pulled:
         "_port",
         "_pump",
         "_reactor",
+        "_rest",
         "_send",
         "_sent",
         "_session",
@@ -68,6 +72,9 @@ class Pulled:
         self._opening = False
         self._listening = False
         self._unasked = b""
+        self._budget = Budget()
+        self._is_watched = False  # whether its port is read as soon as something comes
+        self._rest: asyncio.TimerHandle | None = None  # until when it is not
         self._sent = 0.0
         self._deadline = NEVER
         self._armed = NEVER  # when the next alarm that counts will ring
@@ -110,8 +117,7 @@ class Pulled:
         """The other sessions are there, too."""
         if self._is_gathered:
             self._is_gathered = False
-            unasked, self._unasked = self._unasked, b""
-            self._tell(self._now(), unasked)
+            self._tell(self._now(), self._take_unasked())
 
     def throw(self, error: RunEnded) -> None:
         """The run does not start, or starts without this session."""
@@ -178,6 +184,9 @@ class Pulled:
             self._fail_soon(error)
             return
         self._listening = True
+        self._budget.asked()
+        if not self._is_watched:
+            self._watch()
         self._arm(sent + wish.patience_s)
 
     def _await(self, until: float, *, listening: bool) -> None:
@@ -187,6 +196,8 @@ class Pulled:
         self._listening = listening
         if listening and self._unasked:
             until = 0.0
+        elif not self._is_watched:
+            self._watch()
         self._arm(until)
 
     # -- time ------------------------------------------------------------------------------------------------------------
@@ -208,9 +219,8 @@ class Pulled:
             self._arm(deadline)
             return
         self._deadline = NEVER
-        unasked, self._unasked = self._unasked, b""
         self._listening = False
-        self._tell(now, unasked)
+        self._tell(now, self._take_unasked())
 
     # -- bytes -----------------------------------------------------------------------------------------------------------
 
@@ -229,12 +239,50 @@ class Pulled:
     def on_bytes(self, data: bytes) -> None:
         """Bytes came: the session's, if it listens; else they wait until it does."""
         self._heard = now = self._now()
+        if self._budget.is_spent(len(data)):
+            self._let_rest()
         if self._listening:
             self._listening = False
             self._deadline = NEVER
             self._tell(now, data)
         else:
             self._unasked += data
+            if len(self._unasked) >= MOST_KEPT:
+                self._unwatch()
+
+    def _take_unasked(self) -> bytes:
+        unasked, self._unasked = self._unasked, b""
+        return unasked
+
+    def _let_rest(self) -> None:
+        """Read nothing for a while: what comes is too much to be answers."""
+        self._unwatch()
+        if self._rest is None:
+            self._rest = self._loop.call_later(REST_S, self._rested)
+
+    def _rested(self) -> None:
+        self._rest = None
+        if self._listening or len(self._unasked) < MOST_KEPT:
+            self._watch()
+
+    def _watch(self) -> None:
+        """Have the port read as soon as something comes, unless it rests."""
+        if self._is_watched or self._rest is not None or self._port is None:
+            return
+        self._is_watched = True
+        if self._pump is not None:
+            self._pump.go_on()
+        elif self._fileno is not None:
+            self._reactor.readers.add(self._fileno, self._on_readable)
+
+    def _unwatch(self) -> None:
+        if not self._is_watched:
+            return
+        self._is_watched = False
+        if self._pump is not None:
+            self._pump.rest()
+        elif self._fileno is not None:
+            self._reactor.readers.remove(self._fileno)
 
     def _on_broken(self, error: LinkError) -> None:
         self._drop_port()
@@ -276,10 +324,9 @@ class Pulled:
     def _take_port(self, port: Port) -> None:
         self._port, self._broken, self._unasked = port, None, b""
         self._fileno = port.fileno()
-        if self._fileno is not None:
-            self._reactor.readers.add(self._fileno, self._on_readable)
-        else:
+        if self._fileno is None:
             self._pump = Pump(self._loop, port, self.on_pumped)
+        self._watch()
 
     def on_pumped(self, pump: Pump, data: bytes, error: LinkError | None) -> None:
         """What the reading thread of a port brought; too late where the port has been closed since."""
@@ -293,9 +340,11 @@ class Pulled:
     def _drop_port(self) -> Future[None] | None:
         """Give the port up; it is closed in a thread, for a driver may take its time."""
         port, self._port = self._port, None
-        if self._fileno is not None:
-            self._reactor.readers.remove(self._fileno)
-            self._fileno = None
+        self._unwatch()
+        if self._rest is not None:
+            self._rest.cancel()
+            self._rest = None
+        self._fileno = None
         if self._pump is not None:
             self._pump.stop()
             self._pump = None

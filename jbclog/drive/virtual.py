@@ -8,11 +8,12 @@ from __future__ import annotations
 
 import heapq
 from collections.abc import Callable, Sequence
-from itertools import count
+from itertools import accumulate, count
 from typing import Protocol
 
 from jbclog.clock import VirtualClock
 from jbclog.drive.barrier import Barrier
+from jbclog.drive.budget import MOST_KEPT
 from jbclog.effects import Ask, Gather, Heard, Listen, RunEnded, Steps, Wait, Wish
 from jbclog.errors import LinkError
 
@@ -49,6 +50,12 @@ class VirtualDriver:
         """Do `call` at `moment` (monotonic seconds)."""
         heapq.heappush(self._events, (moment, next(self._order), call))
 
+    def say(self, name: str, data: bytes) -> None:
+        """Have `data` come now, unasked, to the session of that name."""
+        for wire in self._wires:
+            if wire.name == name:
+                wire.come(data)
+
     def end(self, why: str) -> None:
         """End every session; each makes its tools safe before it returns."""
         self.barrier.disband()
@@ -69,10 +76,17 @@ def _moment(coming: tuple[float, bytes]) -> float:
     return coming[0]  # and not the bytes: what is there at one moment keeps its order
 
 
+def _kept(pieces: Sequence[bytes]) -> Sequence[bytes]:
+    """As many as a driver of real ports keeps while nobody listens; the rest waits in the system."""
+    so_far = accumulate(map(len, pieces))
+    return pieces[: 1 + sum(size < MOST_KEPT for size in so_far)]
+
+
 class _Wire:
     """One session, its peer, and the bytes under way to it."""
 
     def __init__(self, driver: VirtualDriver, session: Steps[object], peer: Peer, name: str) -> None:
+        self.name = name
         self._driver = driver
         self._session = session
         self._peer = peer
@@ -95,6 +109,14 @@ class _Wire:
         if self._ending is None and not self.is_ended:
             self._ending = RunEnded(why)
             self._pull(lambda: self._session.throw(RunEnded(why)))
+
+    def come(self, data: bytes) -> None:
+        """Bytes that nobody asked for; lost where the port is not open."""
+        if self._is_open and not self.is_ended:
+            now, turn = self._driver.clock.monotonic(), self._turn
+            self._coming = sorted([*self._coming, (now, data)], key=_moment)
+            if self._listening:
+                self._driver.at(now, lambda: self._wake(turn))
 
     def heard_at(self) -> float:
         return self._heard
@@ -162,7 +184,7 @@ class _Wire:
             self._pull(lambda: self._session.throw(LinkError("the cable was pulled out")))
             return
         due = [data for at, data in self._coming if at <= now]
-        taken = due[:1] if self._listening else due  # a listener gets each piece as it comes
+        taken = due[:1] if self._listening else _kept(due)  # a listener gets each piece as it comes
         self._coming = self._coming[len(taken) :]
         self._heard = now if taken else self._heard
         late_s, self._late_s = self._driver.late_s - self._late_s, self._driver.late_s

@@ -7,7 +7,7 @@ from collections.abc import Collection, Iterator
 
 from jbclog.commands.family import FAMILIES
 from jbclog.commands.models import accept_line
-from jbclog.errors import LinkError, PortBusy, PortForbidden, PortMissing
+from jbclog.errors import LinkError, LinkFlooded, PortBusy, PortForbidden, PortMissing
 from jbclog.finding.finding import Finding
 from jbclog.finding.found import PortReport, StationFound
 from jbclog.finding.trials import ADDRESSES, THOROUGH, plan_for
@@ -26,6 +26,7 @@ BREAKS: tuple[tuple[type[LinkError], str], ...] = (
     (PortBusy, "port.busy"),
     (PortForbidden, "port.permission"),
     (PortMissing, "port.missing"),
+    (LinkFlooded, "link.flooded"),
     (LinkError, "port.broken"),
 )
 FIRMLY = "see that both plugs sit firmly, and keep the cable away from power lines"
@@ -75,6 +76,8 @@ def _nobody(report: PortReport) -> Finding:
     if report.binary is not None:
         what = f"what comes at {report.binary} is like JBC's binary protocol, which a station speaks that is not in Robot mode"
         return Finding("robot_mode.binary", url, what, SWITCH_ON)
+    if report.flood is not None:
+        return _broken(url, report.flood)
     if report.echoed:
         what = "each question comes back as it was sent, and no answer: a loop-back, or an adapter for RS-485 with echo"
         return Finding("line.echo", url, what, "take the loop-back off, or take an adapter for RS-232")

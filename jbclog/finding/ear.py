@@ -8,13 +8,16 @@ from typing import TypeVar
 
 from jbclog.commands.robot import COMMON
 from jbclog.effects import Ask, Heard, Listen, Steps
+from jbclog.errors import LinkFlooded
 from jbclog.protocol.frame import Frame
 from jbclog.protocol.omega import OmegaReader, encode
 from jbclog.protocol.reader import FrameReader
+from jbclog.station.flow import MOST_TIMES, SECOND
 
 T = TypeVar("T")
 
 MOST_KEPT = 256  # bytes of what came
+USUAL_ANSWERS = 48  # bytes of three, as many as are asked for in a second of a scan
 HOST = 0
 MODEL = next(command for command in COMMON if command.name == "model")
 OMEGA_QUESTION = encode("A")  # 003, 11.3.1
@@ -38,10 +41,15 @@ class Came:
 
 
 class Ear:
-    """Collects what comes. `now` is the last moment that was told, monotonic seconds."""
+    """Collects what comes. `now` is the last moment that was told, monotonic seconds.
+
+    What brings more at once than an answer has is listened to for a second, once: `flood` says so where it goes on like that.
+    """
 
     def __init__(self) -> None:
         self.now = 0.0
+        self.flood: LinkFlooded | None = None
+        self._has_measured = False
 
     def ask(self, question: bytes, patience_s: float, answer_in: Callable[[bytes], object | None]) -> Steps[Came]:
         """Send `question` and take what comes until `answer_in` finds an answer in it, or `patience_s` are over."""
@@ -61,7 +69,20 @@ class Ear:
             heard = yield Listen(until)
             data += heard.data
         self.now = heard.now
+        if len(data) >= MOST_KEPT and not self._has_measured:
+            yield from self._measure(heard.now)
         return Came(_without(question, data)[:MOST_KEPT], bool(question) and question in data)
+
+    def _measure(self, began: float) -> Steps[None]:
+        """Count what comes in a second in which nothing is asked."""
+        self._has_measured = True
+        came = 0
+        while self.now < began + SECOND:
+            heard = yield Listen(began + SECOND)
+            self.now, came = heard.now, came + len(heard.data)
+        limit = MOST_TIMES * USUAL_ANSWERS
+        if came > limit:
+            self.flood = LinkFlooded(came, USUAL_ANSWERS, self.now - began, limit)
 
 
 def _without(question: bytes, data: bytes) -> bytes:

@@ -6,7 +6,7 @@ from collections import Counter
 from dataclasses import dataclass, field
 
 from jbclog.commands.family import ROBOT, Family
-from jbclog.errors import LinkError
+from jbclog.errors import LinkError, LinkFlooded
 from jbclog.finding.trials import ADDRESSES
 from jbclog.wire import LineFormat
 
@@ -72,6 +72,7 @@ class PortReport:
 
     `echoed`: a question came back as it was sent. `binary` is the line format at which somebody speaks JBC's other protocol.
     `asked` are the addresses that each line format is tried with.
+    `flood`: far more came than answers are.
     `garbage` is what came and was no answer, at most `MOST_KEPT` bytes a line format. `sent` counts each question at each format.
     """
 
@@ -86,4 +87,5 @@ class PortReport:
     sent: Counter[tuple[LineFormat, bytes]] = field(default_factory=Counter)
     seconds: float = 0.0
     stopped: bool = False
+    flood: LinkFlooded | None = None
     asked: tuple[int | None, ...] = ADDRESSES

@@ -54,6 +54,7 @@ def scan(plan: ScanPlan, dial: Dial, report: PortReport) -> Steps[None]:
         yield from this.try_all()
     except LinkError as error:
         report.broken = error
+    report.flood = this.ear.flood
     report.seconds = this.ear.now - began
     report.stopped = dial.stop
 

@@ -111,6 +111,7 @@ class TakeOver:
             self._tell(lease, "safety.safe_state", severity, f"the tool {text}, as read back: {state}{why}", tool.port)
             return
         what = "was told its safe state by the guard and does not confirm it" if tool.reached == SENT else "could not be made safe"
+        what += "" if task.flood is None else " (its link is flooded)"
         self._tell(lease, "safety.not_safe", CRITICAL, f"the tool {what}; {HOT}", tool.port)
 
     def _tell(self, lease: StationLease, kind: str, severity: str, text: str, port: int | None = None) -> None:

@@ -19,6 +19,7 @@ NOT_AS_PLANNED = frozenset(
         "alarm.unknown",  # a lost answer: there may have been a flag
         "clock.step",
         "host.suspended",
+        "link.flooded",
         "link.lost",
         "safety.no_cooldown",  # allow_no_cooldown was used
         "setting.changed",

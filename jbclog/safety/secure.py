@@ -6,6 +6,9 @@ done: an order that was acknowledged and not read back is `SENT`, and what is re
 
 A state that counts only when the tool is seen to cool is ordered on all tools of a station first; then they are watched
 together, so that four of them take no longer than one. What is left of the time is enough for the states that follow.
+
+On a flooded link nothing that is heard proves anything: neither who is there nor what was done. A tool that stays hot is the worse
+of the two evils, so the order that needs no proof goes out all the same, and is `SENT`, never `VERIFIED`.
 """
 
 from __future__ import annotations
@@ -18,10 +21,12 @@ from jbclog.commands.command import Command
 from jbclog.commands.family import Family
 from jbclog.commands.status import StatusWord
 from jbclog.effects import Reopen, Steps, Wait
-from jbclog.errors import AnswerTimeout, LinkError, NotReceived, NotSupported, Refusal, RobotModeOff, StationError
+from jbclog.errors import AnswerTimeout, LinkError, LinkFlooded, NotReceived, NotSupported, Refusal, RobotModeOff, StationError
+from jbclog.quantities import Value
 from jbclog.safety.in_time import in_time
 from jbclog.station.agreed import agreed
 from jbclog.station.client import Client
+from jbclog.station.flow import expect_quiet
 
 ALLOWED_S = 3.0  # for one station (faults.md, section 9)
 TRIES = 3
@@ -44,7 +49,8 @@ Prove = Callable[[], Steps[bool]]
 
 @dataclass(slots=True)
 class Tool:
-    """One port's tool and how far it got: `FAILED`, `SENT` (acknowledged) or `VERIFIED` (read back as `status`).
+    """One port's tool and how far it got: `FAILED`, `SENT` (acknowledged, or over a flooded link) or `VERIFIED` (read back as
+    `status`).
 
     `suction`: whether the orders keep suction on (hot air); None where it is learnt by looking, and off until then.
     """
@@ -120,10 +126,13 @@ class Task:
     prove: Prove
     is_proven: bool = True
     spare: bool = False
+    is_stranger: bool = False  # before, another station was found there: it is told nothing that it has not proven to be meant
+    flood: LinkFlooded | None = None  # that its link brought, and the orders had to do without an answer
     is_silent: bool = False  # the last that was asked was not answered: acknowledgements are not waited for long
     has_waited: bool = field(init=False, default=False)  # in vain, for an acknowledgement
     order_s: float = field(init=False, default=ORDER_S)  # how long an order to one tool takes, with its reading back
     has_fed: bool = field(init=False)
+    is_flooded: bool = field(init=False, default=False)  # its link, in this round
     end: float = field(init=False, default=0.0)
 
     def __post_init__(self) -> None:
@@ -145,6 +154,10 @@ class Task:
         """When the orders to so many tools must begin, so that all of them go out and are read back."""
         return self.end - MARGIN_S - tools * self.order_s if tools else self.end
 
+    def note_flood(self, flood: LinkFlooded) -> None:
+        """Its link is flooded: who is there, and what was done, has to be proven anew."""
+        self.flood, self.is_flooded, self.is_proven = flood, True, False
+
     @property
     def is_done(self) -> bool:
         return not self.feeds and all(tool.is_safe for tool in self.tools)
@@ -161,12 +174,48 @@ def secure(task: Task) -> Steps[None]:
 
 
 def _in_rounds(task: Task) -> Steps[None]:
+    if task.client.flow.is_flooded:
+        yield from _order_blindly(task)
     for round_ in range(TRIES):
         if round_:
             yield from _spread(task, TRIES - round_)
+        task.is_flooded = False
         yield from _round(task, is_first=not round_)
+        if task.is_flooded or task.client.flow.is_suspect:
+            yield from _order_blindly(task)
         if task.is_done or task.client.now >= task.end:
             return
+
+
+def _order_blindly(task: Task) -> Steps[None]:
+    """Tell the feeder to stop and each tool the state that always may be ordered; whatever was read of them before is void."""
+    if task.is_stranger:
+        return
+    if task.has_fed:
+        task.feeds = True
+        yield from _write_blindly(task, "stop_feeding", 0)
+    for tool in task.tools:
+        if tool.reached == VERIFIED:
+            tool.reached = FAILED if tool.was_spared else SENT
+        word = task.words(tool)[-1]
+        tool.was_spared = False
+        tool.tell(word)
+        if (yield from _write_blindly(task, "status", word, tool.port)):
+            tool.reached = SENT
+
+
+def _write_blindly(task: Task, name: str, value: Value, port: int | None = None) -> Steps[bool]:
+    """Whether this went out, whatever came back."""
+    before = task.client.exchanges
+    try:
+        yield from task.client.write(task.family.commands[name], value, port, hurry=True)
+    except LinkFlooded as flood:
+        task.flood = flood
+    except LinkError:
+        task.is_proven = False
+    except StationError:
+        pass
+    return task.client.exchanges > before
 
 
 def _spread(task: Task, rounds_left: int) -> Steps[None]:
@@ -409,6 +458,9 @@ def _heat(task: Task, tool: Tool, *, with_power: bool = True) -> Steps[_Heat]:
         return _Heat(celsius, tells_power=False)
     except StationError:
         return _Heat(celsius)
+    except LinkFlooded as flood:
+        task.note_flood(flood)
+        return _Heat(celsius)
     except LinkError:
         task.is_proven = False  # whoever is there next has to say so first
         return _Heat(celsius)
@@ -434,9 +486,9 @@ def _two_of(task: Task, command: Command, tool: Tool) -> Steps[list[float]]:
 
 def _is_reachable(task: Task) -> Steps[bool]:
     """Whether the station that is meant, and no other, is at the end of the line."""
-    if not task.is_proven:
+    if not task.is_proven and not task.is_flooded:
         yield from _reach_again(task, LinkError("not proven"))
-    return task.is_proven
+    return task.is_proven and not task.is_flooded
 
 
 def _reach_again(task: Task, error: LinkError | StationError) -> Steps[None]:
@@ -444,6 +496,9 @@ def _reach_again(task: Task, error: LinkError | StationError) -> Steps[None]:
 
     A station that is merely silent may still hear; one behind a cable that was out may be another.
     """
+    if isinstance(error, LinkFlooded):
+        task.note_flood(error)
+        return
     task.is_proven &= not isinstance(error, LinkError)
     task.is_silent = isinstance(error, AnswerTimeout)
     if isinstance(error, Refusal):
@@ -452,10 +507,15 @@ def _reach_again(task: Task, error: LinkError | StationError) -> Steps[None]:
     while client.now < task.end:
         try:
             client.unasked((yield Reopen()))
+            if client.flow.is_flooded:
+                yield from expect_quiet(client)
             if not task.is_proven:
                 task.is_proven = yield from task.prove()
             if task.is_proven:
                 return
+        except LinkFlooded as flood:
+            task.note_flood(flood)
+            return
         except LinkError:
             task.is_proven = False
         except StationError:

@@ -5,11 +5,23 @@ from __future__ import annotations
 from jbclog.commands.family import ROBOT
 from jbclog.commands.models import not_accepted, other_model, unknown_model
 from jbclog.effects import Reopen, Steps, Wait
-from jbclog.errors import LinkError, NotReceived, NotSupported, OutOfRange, Refusal, RobotModeOff, StartRefused, StationError
+from jbclog.errors import (
+    LinkError,
+    LinkFlooded,
+    NotReceived,
+    NotSupported,
+    OutOfRange,
+    Refusal,
+    RobotModeOff,
+    StartRefused,
+    StationError,
+)
 from jbclog.rows import Severity
 from jbclog.session.identity import learn_identity
+from jbclog.session.loss import tell_flood
 from jbclog.session.order import Desk, PortState
 from jbclog.station.borne_out import NOT_DRIVEN, why_not_borne_out
+from jbclog.station.flow import expect_quiet
 from jbclog.station.patient import START_TRIES, pause
 from jbclog.station.turnaround import LEAST_ANSWERED, READS, response_time
 
@@ -49,9 +61,13 @@ def connect(desk: Desk, *, reopen: bool, tries: int) -> Steps[str | None]:
     try:
         if reopen:
             desk.station.unasked((yield Reopen()))
+        if desk.is_flooded:
+            yield from expect_quiet(desk.station)
         return (yield from _answer(desk, tries))
     except LinkError as error:
         desk.is_proven = False
+        if isinstance(error, LinkFlooded):
+            tell_flood(desk, error)
         raise Absent(f"{desk.name}: {error}") from error
 
 

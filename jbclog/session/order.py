@@ -125,6 +125,9 @@ class Desk:
         self.link_is_faster: str | None = None  # than its line format says, in words, where it is
         self.plugged_hours: dict[int, tuple[int, float]] = {}  # by port, with the moment at which they were read
         self.said_at: dict[str, float] = {}  # when model and software last were those of this run's station
+        self.is_flooded = False  # its link is, and that was told
+        self.flood_pause_s = 0.0  # before a flooded link is opened again
+        self.flood_ended: float | None = None  # when the station was back after one
         self.stranger: str | None = None  # who answers where this station was, in words
         self._family = order.family
         self.facts = StationFacts(

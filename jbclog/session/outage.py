@@ -8,21 +8,18 @@ from __future__ import annotations
 
 from jbclog.commands.command import Scope
 from jbclog.effects import Steps, Wait
-from jbclog.errors import LinkError, OtherStation, RobotModeOff, StartRefused, StationError
+from jbclog.errors import LinkError, LinkFlooded, RobotModeOff, StartRefused, StationError
 from jbclog.quantities import Value
 from jbclog.rows import Severity
 from jbclog.session.apply import note_status, read_all
 from jbclog.session.identify import connect
 from jbclog.session.identity import recognise
+from jbclog.session.loss import FIRST_SEEK_S, first_pause_s, next_pause_s, tell_flood, tell_flood_over, tell_loss
 from jbclog.session.order import Desk, PortState
 from jbclog.session.sampling import Lost, Sampler
 from jbclog.session.watch import stop_on, tell_change
 
-FIRST_SEEK_S = 0.25
-SEEK_GROWTH = 1.3  # gentle, so that a short drop-out is not made much longer by the search
-LONGEST_SEEK_S = 5.0
 SEEK_AT_END_S = 3.0  # after the run's end, before a station is called gone: its tools have to be made safe anyway
-HOT_C = 60  # a tip that was last seen above this is called hot
 
 
 class Gone(Exception):
@@ -35,13 +32,14 @@ def outage(desk: Desk, sampler: Sampler, tick: int, lost: Lost) -> Steps[int]:
     Raises `Gone` where the run ends first and the station is not found soon after, `SettingChanged` where the recipe stops on a
     difference.
     """
-    _tell_loss(desk, lost)
+    tell_loss(desk, lost.cause)
+    desk.is_proven &= not isinstance(lost.cause, LinkError)
     sampler.begin_outage(tick)
     return (yield from sampler.watched(_live_through(desk, sampler, tick, lost)))
 
 
 def _live_through(desk: Desk, sampler: Sampler, tick: int, lost: Lost) -> Steps[int]:
-    began, pause = desk.now, FIRST_SEEK_S
+    began, pause = desk.now, first_pause_s(desk)
     last_heard = min(desk.station.heard, began)
     why = lost.cause.reason if isinstance(lost.cause, RobotModeOff) else LinkError.reason
     held = _all_held(desk)
@@ -52,27 +50,33 @@ def _live_through(desk: Desk, sampler: Sampler, tick: int, lost: Lost) -> Steps[
         tick = sampler.miss_until(tick, desk.now, why)
         if desk.now < seek_at:
             continue
-        is_back = yield from _seek(desk, reopen=why == LinkError.reason)
+        is_back = yield from _seek(desk, reopen=why == LinkError.reason or desk.is_flooded)
         tick = sampler.miss_until(tick, desk.now, why)
         if is_back:
             _resume(desk, began, why, held)
             return tick
-        pause = min(SEEK_GROWTH * pause, LONGEST_SEEK_S)
+        pause = next_pause_s(desk, pause)
         seek_at = desk.now + pause
+    over = desk.now
     if (yield from _seek_at_end(desk, reopen=why == LinkError.reason)):
         _resume(desk, began, why, held)
         return tick
-    away = f"away for {desk.now - last_heard:.1f} s, still {SEEK_AT_END_S:g} s after the end of the run"
+    away = f"away for {desk.now - last_heard:.1f} s, still {desk.now - over:.0f} s after the end of the run"
     raise Gone(f"{desk.name}: {away} ({lost})")
 
 
 def _seek_at_end(desk: Desk, *, reopen: bool) -> Steps[bool]:
-    """Whether the station is found within `SEEK_AT_END_S`. One that is late as the run ends has had no other chance."""
+    """Whether the station is found within `SEEK_AT_END_S`. One that is late as the run ends has had no other chance.
+
+    A flooded link is tried once.
+    """
     end = desk.now + SEEK_AT_END_S
     while desk.now < end:
         desk.station.unasked((yield Wait(min(desk.now + FIRST_SEEK_S, end))))
         if (yield from _seek(desk, reopen=reopen)):
             return True
+        if desk.is_flooded:
+            break
     return False
 
 
@@ -82,27 +86,9 @@ def _resume(desk: Desk, began: float, why: str, held: dict[int | None, dict[str,
     _compare(desk, held)
 
 
-def _tell_loss(desk: Desk, lost: Lost) -> None:
-    desk.facts.outages += 1
-    desk.connected = False
-    desk.is_proven &= not isinstance(lost.cause, LinkError)
-    if isinstance(lost.cause, RobotModeOff):
-        text = "Robot mode was switched off at the station. It is asked again from time to time; nothing is written to it."
-        desk.note("robot.off", Severity.ERROR, text)
-        return
-    hot = [port for port in desk.ports.values() if port.touched and (port.temperature_c or 0) > HOT_C]
-    severity = Severity.CRITICAL if hot else Severity.ERROR
-    tips = ", ".join(f"port {port.number} at {port.temperature_c} °C" for port in hot)
-    warning = f" Its {desk.family.hot_part} stays as it was last set: {tips}." if hot else ""
-    if isinstance(lost.cause, OtherStation):
-        text = f"The station may be another now: {lost.cause}.{warning}"
-        desk.note("link.lost", severity, text, since=lost.cause.since)
-    else:
-        desk.note("link.lost", severity, f"The station cannot be reached: {lost.cause}.{warning}")
-
-
 def _tell_return(desk: Desk, began: float, why: str) -> None:
     desk.connected = True
+    tell_flood_over(desk)
     away = desk.now - began
     kind = "robot.on" if why == "robot_off" else "link.back"
     known = "its identity and settings have been read again"
@@ -121,6 +107,9 @@ def _seek(desk: Desk, *, reopen: bool) -> Steps[bool]:
             return False
         yield from _read_tools(desk)
         yield from read_all(desk)
+    except LinkFlooded as flood:
+        tell_flood(desk, flood)
+        return False
     except (LinkError, StartRefused, StationError):
         return False
     return True

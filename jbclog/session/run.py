@@ -8,13 +8,14 @@
 from __future__ import annotations
 
 from jbclog.effects import START_STEPS, LeftOut, NotStarted, RunEnded, Steps
-from jbclog.errors import JbclogError, LinkError, StartRefused, StationError
+from jbclog.errors import JbclogError, LinkError, LinkFlooded, StartRefused, StationError
 from jbclog.rows import NoJournal, Severity, StationFacts
 from jbclog.scheduler import Grid
 from jbclog.session.anomalies import compare_countdowns
 from jbclog.session.condition import check_condition
 from jbclog.session.counters import read_counters
 from jbclog.session.identify import Absent
+from jbclog.session.loss import tell_flood
 from jbclog.session.order import Desk
 from jbclog.session.outage import Gone, outage
 from jbclog.session.pace import Pace
@@ -51,6 +52,8 @@ def run_station(desk: Desk) -> Steps[StationFacts]:
     except SettingChanged as error:
         facts.outcome, facts.reason = "stopped", str(error)
     except (LinkError, StationError) as error:
+        if isinstance(error, LinkFlooded):
+            tell_flood(desk, error)
         facts.outcome, facts.reason = "gone", f"{desk.name}: {error}"
     except Exception as error:
         _fail(desk, error)

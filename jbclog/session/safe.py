@@ -6,6 +6,7 @@ from jbclog.effects import Steps, Wait
 from jbclog.rows import Severity
 from jbclog.safety.secure import FAILED, SENT, VERIFIED, Task, Tool, secure
 from jbclog.session.identity import recognise
+from jbclog.session.loss import tell_flood
 from jbclog.session.order import Desk, PortState
 
 
@@ -40,12 +41,17 @@ def _put(desk: Desk, ports: list[PortState], *, feeds: bool) -> Steps[Task]:
     """Make these ports safe. What came of it is in the facts, too, whatever ends this early."""
     tools = [Tool(port.number, desk.keeps_suction(port)) for port in ports]
     spare = desk.spares_resting
-    task = Task(desk.station, desk.family, desk.safe_state, tools, feeds, lambda: _is_ours(desk), desk.is_proven, spare)
+    is_stranger = desk.stranger is not None
+    task = Task(
+        desk.station, desk.family, desk.safe_state, tools, feeds, lambda: _is_ours(desk), desk.is_proven, spare, is_stranger
+    )
     desk.facts.safe_state |= dict.fromkeys((port.number for port in ports), FAILED)
     try:
         yield from secure(task)
     finally:
         desk.is_proven = task.is_proven
+        if task.flood is not None:
+            tell_flood(desk, task.flood)
         for port, tool in zip(ports, tools, strict=True):
             desk.facts.safe_state[port.number] = tool.reached
             port.status = tool.status or port.status
@@ -81,6 +87,8 @@ def _unsafe_text(desk: Desk, port: PortState) -> str:
     last = "never read" if port.temperature_c is None else f"last read {port.temperature_c} °C"
     sent = desk.facts.safe_state.get(port.number) == SENT
     what = "was told to go to its safe state and does not confirm it" if sent else "could not be put in its safe state"
+    if desk.is_flooded:
+        what += " (its link is flooded)"
     if desk.stranger:
         what += f" (on its cable is now {desk.stranger})"
     return f"{desk.name} port {port.number}: {what}, its {desk.family.hot_part} may be hot ({last}); switch the station off"

@@ -10,6 +10,7 @@ from jbclog.commands.command import Command
 from jbclog.effects import Heard, Steps
 from jbclog.quantities import Value
 from jbclog.station.anomalies import Anomalies
+from jbclog.station.flow import Flow
 
 Permit = Callable[[Command, Value, int | None, int | None], None]
 """Asked before each write with its command, value, port and tool; raises `WriteForbidden`, and then nothing is sent."""
@@ -39,7 +40,7 @@ class Client(Protocol):
     whole; `now` is the last moment that anything was heard of, or not. `first_sent` is the first question sent since
     somebody set it to None. `data` is the data field of the last answer that carried one, as it came. `strays` counts by
     kind what was on the line and answered nothing, `anomalies` what was taken although it is not as recommended.
-    `permit` is asked before each write.
+    `permit` is asked before each write. `flow` is what came over the link against what was due: reads raise `LinkFlooded`.
     """
 
     permit: Permit
@@ -52,6 +53,7 @@ class Client(Protocol):
     data: str
     strays: Counter[str]
     anomalies: Anomalies
+    flow: Flow
 
     @property
     def garbage_bytes(self) -> int:

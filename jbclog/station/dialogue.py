@@ -41,6 +41,7 @@ from jbclog.errors import (
 from jbclog.protocol.frame import Frame
 from jbclog.protocol.reader import Corrupt, FrameReader
 from jbclog.station.anomalies import Anomalies
+from jbclog.station.flow import Flow
 from jbclog.station.question import Question, known_answers
 from jbclog.wire import LineFormat
 
@@ -96,6 +97,7 @@ class Dialogue:
         self.turnaround_s: float | None = None  # the longest seen lately
         self.strays: Counter[str] = Counter()
         self.anomalies = Anomalies()
+        self.flow = Flow()
         self._reader = FrameReader()
         self._doubted: list[str] = []  # codes of questions whose answers may be under way, oldest first
         self._is_clear = True  # nothing was in doubt when the pending question left
@@ -150,7 +152,9 @@ class Dialogue:
         return question.wire_s + max(from_reads, question.least_s)
 
     def _exchange(self, question: Question) -> Steps[str]:
-        """Ask once; give the data field of the answer."""
+        """Ask once; give the data field of the answer. On a flooded link nothing is asked, but a write goes out."""
+        if not question.is_write:
+            self._expect_no_flood()
         self._reader.reset()  # what came before the question cannot answer it
         self._last = self._pending
         self._pending = question.code
@@ -158,24 +162,37 @@ class Dialogue:
         self._doubted.append(question.code)  # until that or any later one is answered
         if len(self._doubted) > MOST_DOUBTED:
             del self._doubted[0]
-        heard = yield Ask(question.frame, self.patience_s(question))
+        patience_s = self._patience_s(question)
+        heard = yield Ask(question.frame, patience_s)
         self.exchanges += 1
         self.sent = heard.sent
         if self.first_sent is None:
             self.first_sent = heard.sent
+        is_suspect = self.flow.came(heard.now, len(heard.data), question.answer_length)
         text = question.text_in(heard.data)
-        if text is None:
-            return (yield from self._gather(question, heard))
+        if text is None or is_suspect:
+            return (yield from self._gather(question, heard, heard.sent + patience_s))
         self._note_time(heard.now, question, question.wire_s)
         return text
 
-    def _gather(self, question: Question, heard: Heard) -> Steps[str]:
-        """The answer out of whatever comes: in pieces, among garbage, after frames that answer nothing."""
-        end = until = heard.sent + self.patience_s(question)
+    def _patience_s(self, question: Question) -> float:
+        """The same at this moment: an acknowledgement is not found in a flood, and other tools wait to be told."""
+        if question.is_write and (self.flow.is_flooded or self.flow.is_suspect):
+            return question.wire_s + LEAST_S
+        return self.patience_s(question)
+
+    def _gather(self, question: Question, heard: Heard, end: float) -> Steps[str]:
+        """The answer out of whatever comes until `end`: in pieces, among garbage, after frames that answer nothing."""
+        until = end
         failure: StationError = AnswerTimeout(f"{question.title()}: no answer within {until - heard.sent:.3f} s")
         while heard.data:
             self.now = heard.now
+            self._expect_no_flood()
             for found in self._reader.feed(heard.data):
+                if self.flow.is_suspect:
+                    self.strays["flood"] += 1
+                    failure = AnswerFormat(f"{question.title()}: far more came than an answer, and none of it is believed")
+                    continue
                 if isinstance(found, Corrupt):
                     failure = AnswerCorrupt(f"{question.title()}: wrong check byte in {found.raw.hex(' ')}")
                     until = min(until, self._rest_of(question, found, end))
@@ -187,10 +204,16 @@ class Dialogue:
                 if not isinstance(failure, AnswerCorrupt):
                     failure = AnswerFormat(f"{question.title()}: answered by {self._why_no_answer(found)}")
             heard = yield Listen(until)
+            self.flow.came(heard.now, len(heard.data))
         self.now = heard.now
         self._is_overdue = until == end
         self._reader.reset()
         raise failure
+
+    def _expect_no_flood(self) -> None:
+        """Raise `LinkFlooded` where far more has come over the last second than answers are."""
+        if self.flow.found is not None:
+            raise self.flow.taken()
 
     def _why_no_answer(self, frame: Frame) -> str:
         """What came in place of an answer, in words; of a frame from another address, which one."""
@@ -331,8 +354,10 @@ class Dialogue:
         while self.now < end:
             heard = yield Listen(self.now + quiet)
             self.now = heard.now
+            self.flow.came(heard.now, len(heard.data))
             if not heard.data:
                 break
+            self._expect_no_flood()
             self.strays["late"] += 1
             self._reader.feed(heard.data)
         self._reader.reset()

@@ -35,6 +35,7 @@ from jbclog.protocol.reader import Corrupt
 from jbclog.quantities import Value
 from jbclog.station.anomalies import Anomalies
 from jbclog.station.client import Asking, Permit, anything
+from jbclog.station.flow import Flow
 from jbclog.wire import AROUND, LineFormat
 
 REPEATS = 2  # a read goes out three times at most
@@ -68,6 +69,7 @@ class OmegaQuestion:
     answer: str  # the letter, and the number of a condition
     digits: int | None  # characters behind the letter; None: any number
     may_lack: bool  # whether an answer without them is one, too
+    answer_length: int  # characters that the whole answer may have
     wire_s: float
     tries: int
     name: str
@@ -98,6 +100,7 @@ class OmegaStation:
         self.turnaround_s = 0.0  # the longest seen lately
         self.strays: Counter[str] = Counter()
         self.anomalies = Anomalies()
+        self.flow = Flow()
         self.by_itself: list[Said] = []
         self.without_digit: set[str] = set()  # letters of answers that have come without what should stand behind them
         self._reader = OmegaReader()
@@ -176,8 +179,17 @@ class OmegaStation:
 
     def unasked(self, heard: Heard) -> None:
         """Take note of the moment, and of what came although nothing was asked."""
-        self.now = heard.now
+        self._hear(heard)
         self._sort(None, heard)
+
+    def _hear(self, heard: Heard) -> None:
+        self.now = heard.now
+        self.flow.came(heard.now, len(heard.data))
+
+    def _expect_no_flood(self) -> None:
+        """Raise `LinkFlooded` where far more has come over the last second than answers are."""
+        if self.flow.found is not None:
+            raise self.flow.taken()
 
     # -- questions -------------------------------------------------------------------------------------------------
 
@@ -191,10 +203,12 @@ class OmegaStation:
 
     def _shape(self, command: Command, text: str, answer: str) -> OmegaQuestion:
         frame, digits, number = encode(text), command.answer_digits, text[1:5]
-        wire_s = self.line.seconds(len(frame) + AROUND + 1 + (RECORD if digits is None else digits))
+        length = AROUND + 1 + (RECORD if digits is None else digits)
+        wire_s = self.line.seconds(len(frame) + length)
         name = command.name.replace("_", " ") + (f" {int(number, 16)}" if number else "")
         may_lack = isinstance(command.quantity, Digit) and command.quantity.may_lack
-        return OmegaQuestion(command, frame, answer, digits, may_lack, wire_s, 1 if command.asked_once else 1 + REPEATS, name)
+        tries = 1 if command.asked_once else 1 + REPEATS
+        return OmegaQuestion(command, frame, answer, digits, may_lack, length, wire_s, tries, name)
 
     def _note_length(self, question: OmegaQuestion) -> None:
         """Reckon with the answer as it comes: one without its digit is a character shorter."""
@@ -227,7 +241,7 @@ class OmegaStation:
         """Nothing is asked before `moment`; what comes until then answers nothing."""
         while self.now < moment:
             heard = yield Listen(moment)
-            self.now = heard.now
+            self._hear(heard)
             self._sort(None, heard)
 
     # -- one exchange ----------------------------------------------------------------------------------------------
@@ -238,14 +252,17 @@ class OmegaStation:
 
     def _exchange(self, question: OmegaQuestion) -> Steps[str]:
         """Send it, and give what stands behind the letter of its answer. Raises one of `UNCERTAIN`."""
+        self._expect_no_flood()
         patience_s = self.patience_s(question)
         heard = yield Ask(question.frame, patience_s)
+        self.flow.came(heard.now, len(heard.data), question.answer_length)
         self.exchanges += 1
         self.sent, until = heard.sent, heard.sent + patience_s
         if self.first_sent is None:
             self.first_sent = heard.sent
         unanswered: StationError = AnswerTimeout(f"{question.title()}: no answer within {patience_s:.3f} s")
         while heard.data:
+            self._expect_no_flood()
             self.now = heard.now
             try:
                 found = self._sort(question, heard)
@@ -255,6 +272,7 @@ class OmegaStation:
                 self._note_answer(question, heard.now)
                 return found[0]
             heard = yield Listen(until)
+            self.flow.came(heard.now, len(heard.data))
         self.now = heard.now
         self._reader.reset()
         self._doubted[question.letter] = self.sent + GONE_S
@@ -268,7 +286,9 @@ class OmegaStation:
         answers: list[str] = []
         damaged: StationError | None = None
         for found in self._reader.feed(heard.data):
-            if isinstance(found, Corrupt):
+            if self.flow.is_suspect:
+                self.strays["flood"] += 1
+            elif isinstance(found, Corrupt):
                 self.strays["sum"] += 1
                 damaged = AnswerCorrupt(f"wrong sum in {found.raw.hex(' ')}")
             elif found in LATE:
@@ -313,7 +333,7 @@ class OmegaStation:
                     f"{question.title()}: neither h nor i within {COMPLETION_S:g} s; an unknown number is ignored without an answer"
                 )
             heard = yield Listen(min(end, self.now + LOOK_S))
-            self.now = heard.now
+            self._hear(heard)
             self._sort(None, heard)
             if not heard.data and not (yield from self._settle(question.letter)):
                 raise StationSilent(f"{question.title()}: it was sent, and now nothing answers any more")

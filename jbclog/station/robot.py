@@ -201,6 +201,7 @@ class Station(Dialogue):
     def unasked(self, heard: Heard) -> None:
         """Take note of the moment, and of bytes that came although nothing was asked."""
         self.now = heard.now
+        self.flow.came(heard.now, len(heard.data))
         if heard.data:
             self.strays["unasked"] += 1
             self._reader.feed(heard.data)  # and forgotten with the next question

@@ -25,6 +25,7 @@ try:
 except ImportError:  # Windows, which opens every port for one program alone
     fcntl = termios = None  # type: ignore[assignment]  # told apart below
 
+HELD_BY_SYSTEM = 1 << 16  # bytes of a connection that wait to be read; a server that sends more has to wait
 WRITE_S = 1.0  # only for ports that pyserial writes to itself
 PSEUDO_TERMINALS = "/dev/pts/"
 LOCKED = (errno.EBUSY, errno.EAGAIN)
@@ -119,6 +120,7 @@ def _port(url: str, opened: serial.SerialBase, exclusive: bool) -> Port:
     if isinstance(connection, socket.socket):
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         connection.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+        connection.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, HELD_BY_SYSTEM)
         return _connected(url, opened, connection, descriptor)
     return ObjectPort(url, opened) if descriptor is None else _device_port(url, opened, descriptor, exclusive)
 

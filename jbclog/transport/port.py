@@ -12,6 +12,7 @@ from __future__ import annotations
 import contextlib
 import os
 import select
+import sys
 import threading
 import time
 from collections.abc import Callable
@@ -21,16 +22,18 @@ import serial
 
 from jbclog.errors import LinkError
 
-MOST_AT_ONCE = 4096
+MOST_AT_ONCE = 1024  # bytes of a read: many answers
 CLOSE_S = 0.2  # a driver may hang in close(); then a thread is left to wait for it
 SLICE_S = 0.02  # the time-out that a port without a descriptor is opened with; rfc2217 negotiates anew when it is changed
 CLOSED = -1  # in place of the descriptor: the system refuses it like any other that is gone
 
 try:
+    import fcntl
     import termios
 
     BROKEN: tuple[type[Exception], ...] = (OSError, ValueError, TypeError, AttributeError, termios.error)
 except ImportError:  # Windows
+    fcntl = None  # type: ignore[assignment]  # told apart above
     BROKEN = (OSError, ValueError, TypeError, AttributeError)
 """What pyserial throws when a port is unplugged, closed or gone; SerialException is an OSError."""
 
@@ -48,10 +51,10 @@ class Port(Protocol):
         """Hand all of `data` to the system, at once."""
 
     def read_now(self) -> bytes:
-        """What is there; nothing where nothing is."""
+        """What is there, `MOST_AT_ONCE` bytes at the most; nothing where nothing is."""
 
     def read(self, timeout_s: float) -> bytes:
-        """Wait for the first bytes; nothing where none came within `timeout_s`."""
+        """Wait for the first bytes, about `MOST_AT_ONCE` at the most; nothing where none came within `timeout_s`."""
 
     def close(self) -> None:
         """Give the port back. Never raises, never waits for long; twice is as good as once."""
@@ -69,6 +72,16 @@ def give_back(*steps: Callable[[], object]) -> None:
 
     threading.Thread(target=work, name="close-port", daemon=True).start()
     done.wait(CLOSE_S)
+
+
+def unread(descriptor: int | None) -> int:
+    """How many bytes have come that nobody has read; 0 where the system does not say."""
+    if descriptor is None or fcntl is None:
+        return 0
+    try:
+        return int.from_bytes(fcntl.ioctl(descriptor, termios.FIONREAD, bytes(4)), sys.byteorder)
+    except OSError:
+        return 0
 
 
 def lost(url: str, what: str, error: BaseException | None = None) -> LinkError:
@@ -164,7 +177,7 @@ class ObjectPort:
     def read_now(self) -> bytes:
         opened = self._object()
         try:
-            return opened.read(waiting) if (waiting := _waiting(opened)) else b""
+            return opened.read(min(waiting, MOST_AT_ONCE)) if (waiting := _waiting(opened)) else b""
         except BROKEN as error:
             raise self._gone("it cannot be read", error) from error
 

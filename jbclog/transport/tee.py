@@ -8,7 +8,7 @@ from typing import Literal, Self
 
 from jbclog.errors import LinkError
 from jbclog.tape import Passed
-from jbclog.transport.port import Port
+from jbclog.transport.port import Port, unread
 
 Keep = Callable[[Passed], object]
 
@@ -16,7 +16,8 @@ Keep = Callable[[Passed], object]
 class Tee:
     """A `Port` around a port. `keep` is called in the thread that moves the bytes: a bounded deque's `append`.
 
-    A question is noted before it is handed over, so that it stands before its answer whoever reads that.
+    A question is noted before it is handed over, so that it stands before its answer whoever reads that. What was read is noted
+    to the byte; what had come and was not read when the port is closed is counted there.
     """
 
     def __init__(self, port: Port, keep: Keep, now: Callable[[], float] = time.monotonic) -> None:
@@ -58,7 +59,8 @@ class Tee:
         return self._heard(lambda: self._port.read(timeout_s))
 
     def close(self) -> None:
-        self._end("closed")
+        left = unread(self._port.fileno()) if self._is_there else 0
+        self._end("closed", f"{left} bytes that had come were not read" if left else "")
         self._port.close()
 
     def _heard(self, read: Callable[[], bytes]) -> bytes:

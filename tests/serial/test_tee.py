@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections import deque
 
 import pytest
+from command import until
 from far_ends import terminal
 
 from jbclog.errors import LinkError
 from jbclog.tape import Passed
 from jbclog.transport import Port, Tee, open_port
+from jbclog.transport.port import unread
 from jbclog.wire import LineFormat
 
 
@@ -39,6 +41,18 @@ def test_every_byte_is_kept_in_order_with_its_moment() -> None:
         (5.0, "closed", b"", ""),
         (6.0, "sent", b"never sent", ""),  # noted before it is handed over: an answer can never stand before its question
     ]
+
+
+def test_what_had_come_and_was_not_read_is_counted_when_the_port_is_closed() -> None:
+    kept: list[Passed] = []
+    with terminal() as far:
+        port = Tee.opened(lambda: open_port(far.url, LineFormat()), kept.append)
+        far.say(b"x" * 3000)
+        assert len(port.read(1.0)) == 1024
+        assert until(lambda: unread(port.fileno()) == 3000 - 1024, 2.0)
+        port.close()
+    assert kept[-1].text == "1976 bytes that had come were not read"
+    assert sum(len(row.data) for row in kept) == 1024
 
 
 def test_a_link_that_breaks_is_lost_once() -> None:

@@ -8,6 +8,7 @@ import time
 from collections.abc import Callable
 
 from jbclog.errors import LinkError
+from jbclog.transport.port import MOST_AT_ONCE
 
 Reply = Callable[[bytes], bytes]
 
@@ -38,7 +39,7 @@ class PairPort:
 
     def read_now(self) -> bytes:
         try:
-            data = self.near.recv(4096)
+            data = self.near.recv(MOST_AT_ONCE)
         except BlockingIOError:
             return b""
         except OSError as error:

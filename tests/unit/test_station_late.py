@@ -14,7 +14,7 @@ from talk import PROMPT_S, Answer, Talk, framed
 
 from jbclog.commands.family import FAMILIES
 from jbclog.effects import Steps
-from jbclog.errors import StationError, StationSilent
+from jbclog.errors import LinkFlooded, StationError, StationSilent
 from jbclog.station.dialogue import LEAST_S, QUIET_S, UNMEASURED_S, least_s
 from jbclog.station.robot import Station
 from jbclog.wire import LineFormat
@@ -202,11 +202,12 @@ def test_the_turnaround_is_learnt_from_answers() -> None:
     assert talk.station.turnaround_s == pytest.approx(0.060, rel=0.01)
 
 
-def test_a_line_that_never_falls_silent_ends_the_waiting() -> None:
-    """A babbling device: bounded time, bounded memory."""
-    babble = [(0.005 * step, b"\xaa" * 50) for step in range(4000)]
+@pytest.mark.parametrize(("every_s", "size", "error"), [(0.005, 50, LinkFlooded), (0.015, 2, StationError)])
+def test_a_line_that_never_falls_silent_ends_the_waiting(every_s: float, size: int, error: type[Exception]) -> None:
+    """A babbling device: bounded time, bounded memory. Ten times an answer in a second is a flood."""
+    babble = [(every_s * step, b"\xaa" * size) for step in range(4000)]
     talk = Talk(replies=lambda text: babble if text == "RTT1" and talk.end.heard == ["RTT1"] else [])
     before = talk.clock.monotonic()
-    with pytest.raises(StationError):
+    with pytest.raises(error):
         talk.do(lambda station: station.read(TIP, 1))
     assert talk.clock.monotonic() - before < 5

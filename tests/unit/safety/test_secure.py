@@ -442,3 +442,74 @@ def test_a_state_that_is_not_safe_is_never_ordered(family: str, wanted: str) -> 
     safe = {made.family.status.orders[name] for name in (*made.family.safe_states, *made.family.status.last_resorts)}
     assert written(device)
     assert set(written(device)) <= safe
+
+
+# -- a flooded link ----------------------------------------------------------------------------------------------------
+
+
+class FloodedCable(Cable):
+    """One that brings a kilobyte of copies of a frame every 50 ms, whatever is asked, for so many seconds."""
+
+    def __init__(self, end: VirtualStation, frame: bytes, seconds: float = 99.0, *, is_out: bool = False) -> None:
+        super().__init__(end, is_out=is_out)
+        self._copies = (frame * 1000)[:1024]
+        self._until = ASKED_AT + seconds
+        self._next_at = ASKED_AT
+
+    def _next(self, until: float) -> Heard:
+        copies_at = max(self._next_at, self.now)
+        answer_at = self.coming[0][0] if self.coming else until
+        if copies_at > min(answer_at, until, self._until):
+            return super()._next(until)
+        sent, self.now = self.now, copies_at
+        self._next_at = copies_at + 0.05
+        return Heard(self.now, self._copies, sent)
+
+    def _waited(self, wish: Wait) -> Heard:
+        came = self._copies if max(wish.until, self.now) < self._until else b""
+        return super()._waited(wish)._replace(data=came)
+
+
+def framed(text: str) -> bytes:
+    covered = b"\x020100" + text.encode() + b"\x03"
+    return covered + bytes([reduce(xor, covered)])
+
+
+SAFE, OTHER, OURS = framed("APS100001"), framed("ASMNNAE"), framed("ASMNDDE")
+
+
+@pytest.mark.parametrize("frame", [SAFE, OTHER, OURS, b"\xaa"])
+@pytest.mark.parametrize("is_proven", [True, False])
+@pytest.mark.parametrize("spare", [True, False])
+def test_on_a_flooded_link_each_tool_is_told_and_none_is_verified(frame: bytes, is_proven: bool, spare: bool) -> None:
+    """Whatever the copies say: that it is safe, or that it is another station."""
+    device, made = station(), task(1, 2, is_proven=is_proven, spare=spare)
+    cable = FloodedCable(device, frame)
+    cable.pull(secure(made))
+    assert set(map(str, written(device))) == {str(STAND)}
+    assert {write.port for write in device.log.written("status") if write.at >= ASKED_AT} == {1, 2}
+    assert [tool.reached for tool in made.tools] == [SENT, SENT]
+    assert made.flood is not None
+    assert cable.now - ASKED_AT < ALLOWED_S + 1.5
+
+
+def test_a_stranger_that_was_found_before_the_flood_is_told_nothing() -> None:
+    stranger, made = station("nae"), task(1, 2, is_proven=False)
+    made.is_stranger = True
+    FloodedCable(stranger, b"\xaa").pull(secure(made))
+    assert written(stranger) == []
+    assert [tool.reached for tool in made.tools] == [FAILED, FAILED]
+
+
+def test_a_flood_that_ends_in_time_is_followed_by_a_proof() -> None:
+    device, made = station(), task(1, 2)
+    FloodedCable(device, b"\xaa", 1.2).pull(secure(made))
+    assert [tool.reached for tool in made.tools] == [VERIFIED, VERIFIED]
+
+
+def test_what_is_not_handed_over_is_not_sent() -> None:
+    device, made = station(), task(1, 2)
+    made.client.flow.is_flooded = True
+    cable = FloodedCable(device, b"\xaa", is_out=True)
+    cable.pull(secure(made))
+    assert [tool.reached for tool in made.tools] == [FAILED, FAILED]
