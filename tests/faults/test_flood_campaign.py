@@ -1,0 +1,218 @@
+"""Links of a real run are flooded: the others are no later for it, the run ends in time, the guard stays quiet, memory is bounded.
+
+``pytest -n0 -s -m campaign tests/faults/test_flood_campaign.py`` crosses bytes a second, shapes, rates, numbers of flooders and
+transports; the slice by default is one run. Lateness is that of the rows of the stations that are not flooded, held against the
+same run without a flood on the same machine.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import cache
+from itertools import product
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Final
+
+import pandas as pd
+import pytest
+from command import WireLog
+from flooders import Flooded, Flooders
+from flooding import SHAPES
+from several import line
+from virtual_run import RECIPE
+
+from jbclog.record.check import check
+from jbclog.record.manifest import read_manifest
+from jbclog.sim.process import SimProcess
+
+STATIONS: Final = 4
+SECONDS: Final = 5
+BEGIN_S: Final = 1.5  # behind the order to work: the run is sampling by then
+LATER_MS: Final = 50.0
+ENDS_WITHIN_S: Final = 10.0
+MOST_MB: Final = 40.0  # more than without a flood
+AS_MANY_AS_TAKEN: Final = 0.0
+FOR_EVER: Final = 1e6
+
+
+@dataclass(frozen=True)
+class Case:
+    """One run."""
+
+    transport: str = "tcp"
+    shape: str = "copies of an answer"
+    bytes_per_s: float = AS_MANY_AS_TAKEN
+    rate: float = 5.0
+    flooders: int = 2
+    piece: int = 4096
+    end_s: float = FOR_EVER
+    capture: bool = False
+
+    def __str__(self) -> str:
+        return f"{self.transport}, {self.shape}, {self.bytes_per_s:g} B/s in {self.piece}, {self.rate:g} Hz, {self.flooders}"
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a run came to."""
+
+    late_ms: float  # the latest row of the stations that are not flooded
+    before_ms: float  # the same of the rows before the flood
+    skipped: int  # of theirs
+    over_s: float  # from the last of these rows to the end of the process
+    peak_mb: float
+    flooded: int  # stations with link.flooded
+    kinds: frozenset[str]
+    captured_kb: float
+    unsafe: int
+
+
+def run(case: Case, folder: Path, *, flooded: bool = True) -> Outcome:
+    """Record a line whose first stations are flooded; safe orders must have reached each."""
+    names = [f"dde-{number}" for number in range(1, STATIONS + 1)]
+    (folder / "source.toml").write_text(line(*("" for _ in names)))
+    (folder / "recipe.toml").write_text(RECIPE + 'on_difference = "continue"\n')
+    log = folder / "wire.jsonl"
+    with SimProcess(folder / "source.toml", folder / "sim", log=log) as sim:
+        plans = [
+            Flooded(
+                str(folder / f"near-{name}") if case.transport == "pty" else "",
+                str(folder / "sim" / name),
+                case.shape,
+                case.bytes_per_s,
+                BEGIN_S if flooded else FOR_EVER,
+                case.end_s,
+                case.piece,
+                after="WPS1",
+            )
+            for name in names[: case.flooders]
+        ]
+        text = sim.line_path.read_text()
+        with Flooders(folder / "flooders.json", plans) as served:
+            for name, url in zip(names, served.urls, strict=False):
+                text = re.sub(rf'(name = "{name}"\n(?:.*\n)*?url = )".*?"', rf'\1"{url}"', text)
+            (folder / "sim" / "flooded.toml").write_text(text)
+            ended = _recorded(folder, case)
+        wire = WireLog(log)
+        for name in names:
+            told = [text for text in wire.writes(name) if text.startswith("WPS")]
+            assert {"WPS100001", "WPS200001"} <= set(told), f"{name} was not told to stand: {told}"
+    return _outcome(case, names, *ended)
+
+
+def _recorded(folder: Path, case: Case) -> tuple[Path, float, float]:
+    """The run's folder, the moment at which its process had ended, and the most memory that it had, in MB."""
+    command = [sys.executable, "-c", "from jbclog.cli import main; main()", "run", str(folder / "recipe.toml")]
+    command += ["--line", str(folder / "sim" / "flooded.toml"), "--out", str(folder / "runs"), "-d", f"{SECONDS}s"]
+    command += ["--rate", f"{case.rate:g}", *(["--wire"] if case.capture else [])]
+    with (folder / "said").open("w") as said:
+        process = subprocess.Popen(command, stdout=said, stderr=subprocess.STDOUT)
+        _, _, used = os.wait4(process.pid, 0)
+    process.returncode = 0  # it was waited for
+    (run_folder,) = [path for path in (folder / "runs").iterdir() if path.is_dir()]
+    return run_folder, pd.Timestamp.now("UTC").timestamp(), used.ru_maxrss / 1024
+
+
+def _outcome(case: Case, names: list[str], folder: Path, ended_s: float, peak_mb: float) -> Outcome:
+    assert check(folder) == []
+    samples, events = pd.read_parquet(folder / "samples"), pd.read_parquet(folder / "events")
+    others = samples[~samples["station"].isin(names[: case.flooders])]
+    last = others["time"].max()
+    facts = {one.name: one for one in read_manifest(folder).stations}
+    assert {facts[name].outcome for name in names[case.flooders :]} == {"completed"}, facts
+    before = others[others["time"] < events[events["kind"] == "link.flooded"]["time"].min() - pd.Timedelta(seconds=1.5)]
+    return Outcome(
+        late_ms=float(others["late_us"].max()) / 1000,
+        before_ms=float(before["late_us"].max()) / 1000,
+        skipped=int((others["quality"] == "skipped").sum()) + sum(facts[name].skipped for name in names[case.flooders :]),
+        over_s=ended_s - last.timestamp(),
+        peak_mb=peak_mb,
+        flooded=events[events["kind"] == "link.flooded"]["station"].nunique(),
+        kinds=frozenset(events["kind"]),
+        captured_kb=sum(path.stat().st_size for path in folder.glob("wire/*")) / 1024,
+        unsafe=sum(len(facts[name].unsafe) for name in names),
+    )
+
+
+@cache
+def sound(transport: str, rate: float, again: int = 0) -> Outcome:
+    """The same run without a flood."""
+    with TemporaryDirectory() as folder:
+        return run(Case(transport, rate=rate), Path(folder), flooded=False)
+
+
+def look_at(case: Case, folder: Path) -> tuple[Outcome, Outcome]:
+    """Run it, and once more, with the run that it is held against, where the machine made others late."""
+    for again in range(3):
+        (folder / str(again)).mkdir()
+        found, control = run(case, folder / str(again)), sound(case.transport, case.rate, again)
+        if found.late_ms - control.late_ms < LATER_MS and found.skipped <= control.skipped:
+            break
+    assert found.late_ms - control.late_ms < LATER_MS, (found, control)
+    assert found.skipped <= control.skipped, (found, control)
+    assert found.peak_mb - control.peak_mb < MOST_MB
+    assert_bounded(found, case.flooders)
+    assert control.flooded == 0
+    return found, control
+
+
+def assert_bounded(found: Outcome, flooders: int) -> None:
+    """It ended in time, each flood was told, and nothing else was."""
+    assert found.over_s < ENDS_WITHIN_S
+    assert found.flooded == flooders
+    assert {kind for kind in found.kinds if kind.startswith(("guard.", "host.suspended", "run.failed"))} == set()
+
+
+def test_two_servers_without_end_delay_nobody(tmp_path: Path) -> None:
+    """The first report: others 1.4 s late, 62 s in place of 15, and the guard killed the recorder."""
+    found = run(Case(capture=True), tmp_path)
+    if found.late_ms - found.before_ms > LATER_MS:  # the machine has other things to do
+        (tmp_path / "again").mkdir()
+        found = run(Case(capture=True), tmp_path / "again")
+    assert found.late_ms - found.before_ms < LATER_MS
+    assert_bounded(found, 2)
+    assert found.unsafe == 4  # told, and not verified: each tool of theirs
+    assert found.captured_kb < 1024
+
+
+SPEEDS: Final = (3_000.0, 50_000.0, AS_MANY_AS_TAKEN)
+
+
+def cases() -> Iterator[Case]:
+    """Each speed with each shape over each transport; rates, numbers and pieces in turn."""
+    turns = product((5.0, 1.0, 10.0), (1, 2, 3), (4096, 16, 64))
+    others = list(turns)
+    for number, (transport, speed, shape) in enumerate(product(("tcp", "pty"), SPEEDS, SHAPES)):
+        rate, flooders, piece = others[(number * 5) % len(others)]
+        yield Case(transport, shape, speed, rate, flooders, piece)
+
+
+@pytest.mark.campaign
+@pytest.mark.timeout(3600)
+def test_every_speed_and_shape_over_every_transport(tmp_path: Path, counted: Callable[..., None]) -> None:
+    rows = []
+    for number, case in enumerate(cases()):
+        (tmp_path / str(number)).mkdir()
+        print(case, flush=True)
+        found, control = look_at(case, tmp_path / str(number))
+        speed = f"{case.bytes_per_s:g}" if case.bytes_per_s else "all that is taken"
+        rows.append(
+            [
+                *(case.transport, case.shape, speed, f"{case.piece}", f"{case.rate:g}", f"{case.flooders}"),
+                *(f"{found.late_ms - control.late_ms:+.1f}", f"{found.over_s:.1f}", f"{found.peak_mb - control.peak_mb:+.0f}"),
+            ]
+        )
+    print("\n".join(rows_as_markdown(rows)))
+    counted(runs=len(rows), guard_events=0)
+
+
+def rows_as_markdown(rows: list[list[str]]) -> Iterator[str]:
+    yield "| transport | shape | bytes/s | piece | Hz | flooded of 4 | others later, ms | end after the last row, s | memory, MB |"
+    yield "|---|---|---|---|---|---|---|---|---|"
+    yield from ("| " + " | ".join(row) + " |" for row in rows)
