@@ -126,7 +126,8 @@ def _outcome(case: Case, names: list[str], folder: Path, ended_s: float, peak_mb
     last = others["time"].max()
     facts = {one.name: one for one in read_manifest(folder).stations}
     assert {facts[name].outcome for name in names[case.flooders :]} == {"completed"}, facts
-    before = others[others["time"] < events[events["kind"] == "link.flooded"]["time"].min() - pd.Timedelta(seconds=1.5)]
+    floods = events[events["kind"] == "link.flooded"]["time"]
+    before = others[others["time"] < floods.min() - pd.Timedelta(seconds=1.5)] if len(floods) else others
     return Outcome(
         late_ms=float(others["late_us"].max()) / 1000,
         before_ms=float(before["late_us"].max()) / 1000,
