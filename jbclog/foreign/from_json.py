@@ -8,6 +8,8 @@ from dataclasses import MISSING, fields, is_dataclass
 from functools import cache
 from typing import Union, cast, get_args, get_origin, get_type_hints
 
+from jbclog.foreign.numbers import LARGEST
+
 
 class Misfit(Exception):
     """Something that is not what its type hint says."""
@@ -29,7 +31,7 @@ def build(hint: object, data: object, key: str = "") -> object:
         return origin(build(inside[0], item, f"{key}[{place}]") for place, item in enumerate(data))
     if origin is dict and isinstance(data, dict):
         return {_key(inside[0], name, key): build(inside[1], item, f"{key}.{name}") for name, item in data.items()}
-    if hint is float and type(data) is int:
+    if hint is float and type(data) is int and abs(data) <= LARGEST:
         return float(data)
     if hint is object:
         return data
