@@ -350,6 +350,15 @@ class Pulled:
             self._pump = None
         return None if port is None else self._reactor.openers.submit(port.close)
 
+    def let_go(self) -> None:
+        """Give the port up, wherever the session stands."""
+        port = self._port
+        try:
+            self._drop_port()
+        except Exception:  # no thread, no memory for one
+            if port is not None:
+                port.close()
+
     def _finish(self, broken: Exception | None = None) -> None:
         self._is_ended = True
         self._armed = NEVER

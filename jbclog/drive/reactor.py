@@ -20,6 +20,7 @@ from jbclog.drive.pulled import NEVER, Pulled, Session
 from jbclog.drive.waiting import Readers, exact_selector
 
 OPENERS = 8  # ports opened at the same time
+ENDING_S = 5.0  # that sessions have for making their tools safe once something broke beside them; then it is the guard's
 _now = clock.elapsed  # which the loop is made to run on
 
 
@@ -50,6 +51,7 @@ class Reactor:
         self._timer: asyncio.TimerHandle | None = None  # for the first of them
         self.beat = Beat(self.loop, fast.speed if fast else 1.0)
         self._failure: Exception | None = None
+        self.loop.set_exception_handler(self._broke)
         self.barrier = Barrier(self.now, self._at, goes_on=goes_on)
 
     def add(self, session: Session, open_port: OpenPort, name: str = "") -> None:
@@ -64,7 +66,10 @@ class Reactor:
 
         def again() -> None:
             self.loop.call_later(seconds, again)
-            call()
+            try:
+                call()
+            except Exception as error:  # no session waits for it
+                self.loop.default_exception_handler({"message": f"{call} failed", "exception": error})
 
         self.loop.call_later(seconds, again)
 
@@ -75,24 +80,50 @@ class Reactor:
             wire.end(why)
 
     def run(self, at_end: Callable[[], None] = lambda: None) -> None:
-        """Pull until the last session has ended. Raises what the first session raised that should have raised nothing.
+        """Pull until the last session has ended. Raises what first was raised, in a session or beside it, and should not have been.
 
-        `at_end` is called when all have ended as they should, before ports are waited for whose opening or closing hangs.
+        `at_end` is called when all have ended as they should, before ports are waited for whose opening or closing hangs. Whatever
+        happened, no port is open afterwards: another process may have to make its tools safe.
         """
         try:
             for wire in list(self._wires):
                 self.loop.call_soon(wire.start)
             if self._wires:
                 self.beat.start()
-                self.loop.run_forever()
+                self._turn()
             if self._failure is None:
                 at_end()
         finally:
+            for wire in self._wires:  # of sessions that have not come to their ends
+                wire.let_go()
             self.openers.shutdown()  # which waits until the ports are closed, about a second at the most
             self.readers.close()
             self.loop.close()
         if self._failure is not None:
             raise self._failure
+
+    def _turn(self) -> None:
+        """Turn the loop until the last session has ended.
+
+        What breaks beside the sessions (memory is refused, say) may have lost what one of them waits for. All are ended in good
+        order then, and those that do not come to their ends within `ENDING_S` are left where they stand.
+        """
+        end = float("inf")
+        while self._wires and _now() < end:
+            try:
+                if self._failure is not None and end > _now() + ENDING_S:
+                    end = _now() + ENDING_S
+                    self.loop.call_at(end, self.loop.stop)
+                    self.end("the program failed")
+                self.loop.run_forever()
+            except Exception as error:
+                self._failure = self._failure or error
+
+    def _broke(self, loop: asyncio.AbstractEventLoop, context: dict[str, object]) -> None:
+        """Something was raised in a callback of the loop."""
+        error = context.get("exception")
+        self._failure = self._failure or (error if isinstance(error, Exception) else RuntimeError(str(context.get("message"))))
+        loop.stop()
 
     def failed(self, wire: Pulled, error: Exception) -> None:
         """The session of `wire` broke, which no session may; the others are ended in good order."""

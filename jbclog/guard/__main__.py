@@ -35,6 +35,7 @@ DEATH_S = 1.0  # that a killed recorder is given to let go of its ports
 SHELF_S = 1.0
 AGAIN_S = 5.0
 GO_ON_S = 600.0
+TRIES = 3
 
 
 def main() -> int:
@@ -49,13 +50,19 @@ def main() -> int:
             with suppress(OSError):  # then it has to do without
                 diary.reserve()
             left = _guard(recorder, shelf, diary)
-            _keep(left, shelf, diary)
+            try:
+                _keep(left, shelf, diary)
+            except Exception as error:  # what is left is tried again all the same
+                _say_failed(error)
             let_go(STDOUT)  # a recorder that waits for the outcome sees that there is one
     except RecordError as error:
         say(str(error))
         return error.exit_code
     except OSError as error:
         say(f"{folder}: no guard can be there: {error}")
+        return RecordError.exit_code
+    except Exception as error:  # the recorder starts another one
+        _say_failed(error)
         return RecordError.exit_code
     if left:
         let_go(STDERR)
@@ -77,8 +84,26 @@ def _guard(recorder: Recorder, shelf: Shelf, diary: Diary) -> Sequence[StationLe
     os.set_blocking(STDOUT, False)
     _answer(READY)
     watch = Watch(time.monotonic())
-    verdict = _watch(watch, shelf)
-    return () if verdict is Verdict.DONE else _take_over(watch, verdict, recorder, diary)
+    for _ in range(TRIES):
+        try:
+            verdict = _watch(watch, shelf)
+            return () if verdict is Verdict.DONE else _take_over(watch, verdict, recorder, diary)
+        except Exception as error:  # of this program: memory was refused, say
+            if _is_followed(watch, recorder):
+                raise
+            _say_failed(error)
+    return [station for station in watch.stations.values() if station.holds]
+
+
+def _is_followed(watch: Watch, recorder: Recorder) -> bool:
+    """Whether another guard comes when this one ends: the recorder lives, and renews its lease. Else there is nobody."""
+    renews = not watch.has_failed and time.monotonic() - watch.heard_at < HUNG_S
+    return renews and not recorder.is_gone_within(DYING_S)
+
+
+def _say_failed(error: Exception) -> None:
+    with suppress(Exception):
+        say(f"the guard failed, {type(error).__name__}: {error}")
 
 
 def _watch(watch: Watch, shelf: Shelf) -> Verdict:
@@ -122,7 +147,7 @@ def _go_on(folder: Path, left: Sequence[StationLease], shelf: Shelf, diary: Diar
     end = time.monotonic() + GO_ON_S
     while left and time.monotonic() < end:
         time.sleep(AGAIN_S)
-        with suppress(RecordError, OSError), only_one(folder):
+        with suppress(Exception), only_one(folder):
             if shelf.was_cleared:
                 return
             left = TakeOver(left, diary, again=True).run()

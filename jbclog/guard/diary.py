@@ -14,9 +14,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from threading import Lock
-from typing import Final
+from typing import Any, Final
 
-from jbclog.errors import RecordError
 from jbclog.foreign.files import Kind, expect_opened
 from jbclog.foreign.numbers import read_json
 
@@ -56,13 +55,19 @@ class Diary:
         """One line: an event of the record (contract, "events"), with the time of now."""
         row = {"time": time.time_ns() // 1000, "kind": kind, "severity": severity, "text": text, "station": station, "port": port}
         try:
-            with self._lock:
-                if is_sealed(self._folder):
-                    self._annotate(kind, text, station, port)
-                else:
-                    self._append(json.dumps(row).encode())
-        except (OSError, RecordError):
-            self.is_torn = True
+            self._write(row)
+        except Exception:  # the disk, or for a moment no memory
+            try:
+                self._write(row)
+            except Exception:
+                self.is_torn = True
+
+    def _write(self, row: dict[str, Any]) -> None:
+        with self._lock:
+            if is_sealed(self._folder):
+                self._annotate(row["kind"], row["text"], row["station"], row["port"])
+            else:
+                self._append(json.dumps(row).encode())
 
     def tidy(self) -> None:
         """Give the room back that was not needed, and the file where nothing was: the run is over. Does not raise."""

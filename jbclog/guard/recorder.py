@@ -26,16 +26,16 @@ class Recorder:
 
     def end(self, grace_s: float, patience_s: float) -> bool:
         """See that it is gone, so that it holds no port: killed where it still lives after `grace_s`. Whether it is gone."""
-        if self._is_gone_within(grace_s):
+        if self.is_gone_within(grace_s):
             return True
         self._kill()
-        return self._is_gone_within(patience_s)
+        return self.is_gone_within(patience_s)
 
     @property
     def _is_parent(self) -> bool:
         return os.getppid() == self._pid
 
-    def _is_gone_within(self, seconds: float) -> bool:
+    def is_gone_within(self, seconds: float) -> bool:
         if self._descriptor is not None and not self._is_gone:
             watched = select.poll()
             watched.register(self._descriptor, select.POLLIN)

@@ -51,20 +51,24 @@ class Shelf:
 
     def _write_on(self) -> None:
         while True:
-            with self._changed:
-                self._is_writing = False
-                self._changed.notify_all()
-                self._changed.wait_for(lambda: self._waiting is not None)
-                stations, self._waiting, self._is_writing = self._waiting or [], None, True
-            self._keep(stations)
+            with suppress(Exception):  # what comes next is kept all the same
+                self._write_next()
+
+    def _write_next(self) -> None:
+        with self._changed:
+            self._is_writing = False
+            self._changed.notify_all()
+            self._changed.wait_for(lambda: self._waiting is not None)
+            stations, self._waiting, self._is_writing = self._waiting or [], None, True
+        self._keep(stations)
 
     def _keep(self, stations: list[StationLease]) -> None:
         try:
             lease.keep(self._folder, stations)
             self._is_kept = any(station.holds for station in stations)
-        except OSError:
-            self._is_kept = False
-        with suppress(OSError):
+        except Exception:
+            self._is_kept = False  # no reason to stop watching
+        with suppress(Exception):
             self._diary.reserve(sum(len(station.ports) + LINES_A_STATION for station in stations if station.holds))
         for station in stations:
             make_ready(station.url)

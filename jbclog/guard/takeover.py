@@ -70,8 +70,7 @@ class TakeOver:
 
     def _one(self, lease: StationLease) -> None:
         try:
-            task = self._task(lease)
-            blocking.run(secure(task), lambda: _open(lease), sleep=time.sleep)
+            task = self._surely_secured(lease)
         except Exception as error:  # one station that cannot be saved must not keep the others from it
             self._tell(lease, "guard.failed", CRITICAL, f"the guard failed, {type(error).__name__}: {error}; {HOT}")
             return
@@ -80,6 +79,18 @@ class TakeOver:
             self._tell_tool(lease, task, tool)
         if task.feeds:
             self._tell(lease, "safety.not_safe", CRITICAL, "the guard could not stop the feeder; switch the station off")
+
+    def _surely_secured(self, lease: StationLease) -> Task:
+        """What `secure` made of it. A fault of this program may be one of a moment: memory was refused, say."""
+        try:
+            return self._secured(lease)
+        except Exception:
+            return self._secured(lease)
+
+    def _secured(self, lease: StationLease) -> Task:
+        task = self._task(lease)
+        blocking.run(secure(task), lambda: _open(lease), sleep=time.sleep)
+        return task
 
     def _take_note(self, lease: StationLease, task: Task) -> None:
         remaining = replace(lease, ports=tuple(tool.port for tool in task.tools if not tool.is_safe), feeds=task.feeds)

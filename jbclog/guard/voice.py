@@ -13,7 +13,7 @@ STDERR = 2
 
 def say(text: str) -> None:
     """A line, where it can be written at once. What a station or a file brought must not steer a terminal."""
-    with suppress(OSError):
+    with suppress(Exception):  # nothing that is said is worth a tool
         watched = select.poll()
         watched.register(STDERR, select.POLLOUT)
         if any(event & select.POLLOUT for _, event in watched.poll(0)):

@@ -86,6 +86,8 @@ def _array(values: Sequence[object], column: _Column) -> pa.Array:
         if column.whole and pa.infer_type(values) not in _WHOLE:  # a fraction would be cut off without a word
             raise NotRows(f"{column.name}: not whole numbers")
         array = pa.scalar(values, column.list_type).values
+    except MemoryError:  # one of Arrow's errors is one: no fault of the rows
+        raise
     except (pa.ArrowException, ValueError, TypeError, OverflowError) as error:
         raise NotRows(f"{column.name}: {error}") from error
     if not column.nullable and array.null_count:

@@ -60,9 +60,11 @@ class Chain:
             "raw": event.raw,
             "prev_sha256": self._previous,
         }
-        self._previous = digest(row)
+        values: list[object] = [row[column] for column in COLUMNS]
+        previous = digest(row)
         self._seq += 1
-        return [row[column] for column in COLUMNS]
+        self._previous = previous
+        return values
 
 
 def breaks(run: str, rows: Iterable[Mapping[str, object]]) -> Iterable[tuple[int, str]]:

@@ -63,17 +63,30 @@ class Intake:
     # -- the writer ----------------------------------------------------------------------------------------------------
 
     def take(self) -> dict[str, str]:
-        """Put what was handed over into the backlog; give the facts that changed, as JSON by station."""
+        """Put what was handed over into the backlog; give the facts that changed, as JSON by station.
+
+        Where something is raised that is no row's fault, all that is not in the backlog by then waits for the next time.
+        """
         with self._handing:
             values, self._values = self._values, _no_values()
             events, self._events = self._events, []
             facts, self._facts = self._facts, {}
-        for event in events:
-            self._link(event, values["events"])
-        for table in TABLES:
-            if values[table]:
-                self._encode(table, values[table])
-        return {station: json.dumps(fact) for station, fact in facts.items()}
+        try:
+            while events:
+                self._link(events[0], values["events"])
+                del events[0]
+            for table in TABLES:
+                if values[table]:
+                    self._encode(table, values[table])
+                    values[table] = []
+            return {station: json.dumps(fact) for station, fact in facts.items()}
+        except BaseException:
+            with self._handing:
+                for table in TABLES:
+                    self._values[table][:0] = values[table]
+                self._events[:0] = events
+                self._facts = facts | self._facts
+            raise
 
     def drop_oldest(self) -> None:
         """Make room in memory where there is too much: the oldest samples go; their numbers stay, without rows."""

@@ -186,14 +186,18 @@ class LiveStore:
     def _write_on(self) -> None:
         next_seal = time.monotonic() + (self._seal_every_s or 0.0)
         while not self._ending:
-            self._wake.wait(COMMIT_S)
-            self._wake.clear()
-            with self._committing:
-                self._commit()
-                self._reap()
-            if self._seal_every_s is not None and time.monotonic() >= next_seal:
-                next_seal += self._seal_every_s
-                self.seal_now()
+            try:
+                self._wake.wait(COMMIT_S)
+                self._wake.clear()
+                with self._committing:
+                    self._commit()
+                    self._reap()
+                if self._seal_every_s is not None and time.monotonic() >= next_seal:
+                    next_seal += self._seal_every_s
+                    self.seal_now()
+            except Exception as error:  # as in `_stored`: what was handed over waits for the next turn
+                with contextlib.suppress(Exception):
+                    self._fail(str(error) or type(error).__name__)
 
     def _commit(self, *, closing: bool = False) -> bool:
         """Store everything handed over so far, or keep it for the next time; give whether all is safe. Then it is told."""
@@ -229,7 +233,7 @@ class LiveStore:
             if self._intake.backlog or self._unstored or closing:
                 return self._store(closing)
         except Exception as error:  # whatever it is, the recorder must hear of it and the thread go on
-            self._fail(str(error))
+            self._fail(str(error) or type(error).__name__)
             return False
         return True
 

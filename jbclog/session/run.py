@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from jbclog.effects import START_STEPS, LeftOut, NotStarted, RunEnded, Steps
 from jbclog.errors import JbclogError, LinkError, LinkFlooded, StartRefused, StationError
-from jbclog.rows import NoJournal, Severity, StationFacts
+from jbclog.rows import Journal, NoJournal, Severity, StationFacts
 from jbclog.scheduler import Grid
 from jbclog.session.anomalies import compare_countdowns
 from jbclog.session.condition import check_condition
@@ -122,7 +122,7 @@ def _close(desk: Desk) -> Steps[None]:
     at_work = [port for port in desk.ports.values() if is_at_work(desk, port)]
     yield from _surely_make_safe(desk)
     try:
-        if desk.connected and desk.after_safe is not None:
+        if desk.connected and desk.after_safe is not None and not isinstance(desk.journal, NoJournal):
             yield from compare_countdowns(desk, at_work)
             yield from desk.after_safe()
             yield from read_counters(desk)
@@ -134,7 +134,8 @@ def _close(desk: Desk) -> Steps[None]:
 
 
 def _surely_make_safe(desk: Desk) -> Steps[None]:
-    """Nothing that happens meanwhile ends this early: not the run's end, not a record that cannot be kept."""
+    """Nothing ends this early: not the run's end, not a fault of the program, not a record that cannot be kept."""
+    journals: list[Journal] = [desk.journal, NoJournal()]  # with which it is tried again
     while True:
         try:
             yield from make_safe(desk)
@@ -142,8 +143,8 @@ def _surely_make_safe(desk: Desk) -> Steps[None]:
             continue
         except Exception as error:
             _fail(desk, error)
-            if not isinstance(desk.journal, NoJournal):
-                desk.journal = NoJournal()
+            if journals:
+                desk.journal = journals.pop(0)
                 continue
             desk.facts.unsafe.append(f"{desk.name}: its tools could not be made safe, {error}")
         return

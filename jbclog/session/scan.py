@@ -171,7 +171,11 @@ class Scanner:
             raise
         else:
             scan.last_heard = probe.look.heard_at = self._station.heard
-            self._keep(probe, scan, value)
+            try:
+                self._keep(probe, scan, value)
+            except Exception:  # a fault of this program: what does not stand in the row is not accounted for as read
+                probe.due -= probe.place is None or scan.row[probe.place] is None
+                raise
         finally:
             if scan.first_sent is None:
                 scan.first_sent = self._station.first_sent

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import pytest
+from account import assert_account_holds
 from listed_writes import strange_writes
 from virtual_run import RECIPE, Memory, VirtualRun, is_cold_in_extractor, line_text, prepare
 
 from jbclog.commands.status import EXTRACTOR, STAND, WORKING
+from jbclog.effects import Steps
 from jbclog.errors import RecordError
 from jbclog.rows import EventRow, SampleRow
+from jbclog.session import run as session_run
+from jbclog.session.order import Desk
 from jbclog.session.scan import Scanner
 from jbclog.sim.port import Port
 from jbclog.sim.state import STAND as STANDING
@@ -141,6 +145,7 @@ def test_a_fault_of_this_program(monkeypatch: pytest.MonkeyPatch, reading: int) 
     assert run.facts.outcome == "failed"
     assert "ZeroDivisionError: injected" in run.facts.reason
     assert_safe(run)
+    assert_account_holds(run)
 
 
 class BrokenJournal(Memory):
@@ -173,6 +178,25 @@ def test_a_record_that_cannot_be_kept(after: int) -> None:
 
 
 # -- what is written, and to whom ------------------------------------------------------------------------------------------
+
+
+def test_a_fault_of_a_moment_while_it_is_made_safe_costs_no_row_of_the_record(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Memory is refused once, say: the tools rest, and what is read and told after that is in the record, too."""
+    real, refused = session_run.make_safe, list[str]()
+
+    def refusing(desk: Desk) -> Steps[None]:
+        if not refused:
+            refused.append(desk.name)
+            raise MemoryError
+        return real(desk)
+
+    monkeypatch.setattr(session_run, "make_safe", refusing)
+    run = prepare(line_text()).go()
+    assert refused
+    assert "MemoryError" in run.facts.reason
+    assert (run.facts.outcome, run.facts.safe_state) == ("failed", {1: "verified", 2: "verified"})
+    assert len(run.memory.of_kind("safety.safe_state")) == 2
+    assert_account_holds(run)
 
 
 def test_what_was_not_touched_is_not_written_to() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import threading
 import time
 from collections.abc import Callable
@@ -331,6 +332,51 @@ def test_a_session_that_breaks_ends_the_others_in_good_order() -> None:
     with pytest.raises(ZeroDivisionError, match="injected"):
         reactor.run()
     assert story == ["a session broke: injected", "dnats"]
+
+
+def test_what_breaks_beside_the_sessions_ends_them_in_good_order() -> None:
+    """An alarm that was lost, say, because there was no memory for it: somebody may wait for it for ever."""
+    story = []
+
+    def steady() -> Steps[None]:
+        try:
+            yield Wait(soon(LONG_S))
+        except RunEnded as end:
+            story.append(str(end))
+        yield Reopen()
+        story.append((yield Ask(b"stand", LONG_S)).data.decode())
+
+    def fail() -> None:
+        raise MemoryError
+
+    reactor = Reactor()
+    reactor.add(steady(), PairPort)
+    reactor.loop.call_later(0.05, fail)
+    with pytest.raises(MemoryError):
+        reactor.run(lambda: story.append("all well"))
+    assert story == ["the program failed", "dnats"]
+
+
+def test_sessions_that_do_not_end_then_are_left_with_their_ports_closed(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Their tools are the guard's, which could not open what is open here."""
+    monkeypatch.setattr("jbclog.drive.reactor.ENDING_S", 0.2)
+    port = PairPort()
+
+    def deaf() -> Steps[None]:
+        yield Reopen()
+        while True:
+            with contextlib.suppress(RunEnded):
+                yield Wait(soon(LONG_S))
+
+    def fail() -> None:
+        raise MemoryError
+
+    reactor = Reactor()
+    reactor.add(deaf(), lambda: port)
+    reactor.loop.call_later(0.1, fail)
+    with pytest.raises(MemoryError):
+        reactor.run()
+    assert port.is_closed
 
 
 def test_what_is_called_every_so_often_is_called_whatever_it_raised(caplog: pytest.LogCaptureFixture) -> None:

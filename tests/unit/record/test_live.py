@@ -7,6 +7,7 @@ import sqlite3
 import threading
 import time
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from pathlib import Path
 
 import few_rows
@@ -241,6 +242,30 @@ def test_a_row_that_is_none_takes_no_other_with_it(tmp_path: Path) -> None:
     assert few_rows.sealed_numbers(folder) == [number for number in range(20) if number != 13]
     assert few_rows.sealed_events(folder) == [0, 7]
     assert store.dropped_rows == 2
+
+
+@pytest.mark.parametrize("table", ["samples", "events", "counters"])
+def test_what_memory_was_refused_for_is_taken_in_the_next_time(table: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each row once, in its order, and the events' chain whole; that it happened is told."""
+    store, refused, encode = begun(tmp_path), list[str](), intake.encode
+
+    def encoded(number: int, name: str, values: Sequence[object]) -> Batch:
+        if name == table and not refused:
+            refused.append(name)
+            raise MemoryError
+        return encode(number, name, values)
+
+    monkeypatch.setattr(intake, "encode", encoded)
+    for first in (0, 100, 200):
+        hand_over(store, range(first, first + 100))
+        with suppress(RecordError):
+            store.commit_now()
+    folder = finished(store)
+    assert refused == [table]
+    assert "MemoryError" in str(store.failure)
+    assert few_rows.sealed_numbers(folder) == list(range(300))
+    assert few_rows.sealed_events(folder) == list(range(0, 300, few_rows.EVENT_EVERY))
+    assert few_rows.table(folder, "counters").num_rows == 3
 
 
 def test_a_callback_that_fails_stops_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
