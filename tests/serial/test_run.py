@@ -78,7 +78,7 @@ def test_a_signal_cuts_a_stated_duration_short_and_leaves_the_tools_safe(
     bench: Bench, tmp_path: Path, number: signal.Signals, code: int
 ) -> None:
     line, wire = bench
-    run = started("run", RECIPE, "--line", line, "--out", tmp_path / "runs", "-d", "60s", "--rate", "5")
+    run = started("run", RECIPE, "--line", line, "--out", tmp_path / "runs", "-d", "60s", "--rate", "auto")
     assert until(lambda: is_sampling(tmp_path / "runs"))
     run.send_signal(number)
     run.send_signal(number)  # impatience changes nothing
@@ -190,7 +190,7 @@ def small_disk(tmp_path: Path) -> Iterator[Path]:
 
 def test_a_full_disk_ends_the_run_with_the_tools_safe(bench: Bench, tmp_path: Path, small_disk: Path) -> None:
     line, wire = bench
-    run = started("run", RECIPE, "--line", line, "--out", small_disk, "-d", "60s", "--rate", "5")
+    run = started("run", RECIPE, "--line", line, "--out", small_disk, "-d", "60s", "--rate", "auto")
     assert until(lambda: is_sampling(small_disk))
     with (small_disk / "other-data").open("wb") as filler:
         while True:
