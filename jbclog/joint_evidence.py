@@ -7,6 +7,7 @@ time, and is asked only for stations whose recipe has a limit about joints.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from math import ceil
 from pathlib import Path
 from typing import Final
 
@@ -14,9 +15,10 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from jbclog.features import Asked, Joint, Wire, find_joints
+from jbclog.features import Asked, Joint, Series, Wire, find_joints
 from jbclog.features.asked import asked_of
 from jbclog.features.feeds import feeds_of
+from jbclog.features.joints import Found as JointsFound
 from jbclog.features.port_rows import COLUMNS, PUSHING, WORKING, Clock, PortRows, series_of
 from jbclog.judge import PortJoints, Recovery
 from jbclog.judge.idle import Flags, Floats
@@ -86,10 +88,18 @@ def _port(facts: StationFacts, rows: pa.Table, counters: pa.Table | None, clock:
     series = series_of(facts, _port_rows(rows, clock))
     found = find_joints(series, asked)
     recoveries = [_recovery(joint) for joint in found.joints]
-    if counters is None or found.why is not None:
-        return PortJoints(recoveries, why=found.why)
-    stepped_s = sum(abs(step.size_s) for step in clock.steps)
-    return PortJoints(recoveries, feeds_of(series, _wire(counters, clock), found.joints, stepped_s))
+    feeds = None
+    if counters is not None and found.why is None:
+        stepped_s = sum(abs(step.size_s) for step in clock.steps)
+        feeds = feeds_of(series, _wire(counters, clock), found.joints, stepped_s)
+    return PortJoints(recoveries, feeds, found.why, _hidden(series, found), found.unseen_s)
+
+
+def _hidden(series: Series, found: JointsFound) -> int:
+    """How many joints there may be where nothing was read: one in each piece, or as many as elsewhere in that time."""
+    seen_s = len(series.seconds) * series.period_s - found.unseen_s
+    rate = len(found.joints) / seen_s if seen_s > 0 else 0.0
+    return max(found.unseen, ceil(rate * found.unseen_s))
 
 
 def _recovery(joint: Joint) -> Recovery | None:

@@ -19,6 +19,7 @@ from jbclog.features.joints import Found
 from jbclog.features.recovery import Joint
 from jbclog.features.series import RESOLUTION_C, RESOLUTION_PERMILLE, Series
 from jbclog.judge.censored import censored_quantile
+from jbclog.judge.jointed import not_read
 
 HALF, NEARLY_ALL = 0.5, 0.95
 NONE_FOUND: Final = "No joints were found."
@@ -75,7 +76,7 @@ def _count(name: str, count: int | None, why: str | None, n: int, coverage: floa
 def _none(found: Found, text: str = "No joint has it.") -> str:
     if found.joints:
         return next((joint.why for joint in found.joints if joint.why), text)
-    return found.why or NONE_FOUND
+    return found.why or (f"{NONE_FOUND} {not_read(found.unseen_s)}" if found.unseen_s else NONE_FOUND)
 
 
 def _middle(name: str, unit: str, resolution: float | None, found: Found, value: Value) -> Figure:

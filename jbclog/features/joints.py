@@ -23,7 +23,7 @@ from jbclog.features.identify import identify
 from jbclog.features.levels import resting_levels
 from jbclog.features.ready import Readied, readied
 from jbclog.features.recovery import Joint, joints_of
-from jbclog.features.series import Series, stretches
+from jbclog.features.series import Series, stretches, unseen
 from jbclog.features.thermal import ThermalModel
 from jbclog.features.tools import by_tool
 
@@ -35,7 +35,8 @@ class Found:
     """What came of looking for joints in a port.
 
     `others` are draws that are none: too short, or without a feed where wire decides. `why`: joints are not known, or only some.
-    `levels` are the temperatures in °C at which the tip rests, by setpoint. `models` has one for each tool.
+    `levels` are the temperatures in °C at which the tip rests, by setpoint. `models` has one for each tool. `unseen_s`: for how
+    long the tool may have worked and nothing could be looked at, in `unseen` pieces; joints in these are not known.
     """
 
     joints: list[Joint]
@@ -45,6 +46,8 @@ class Found:
     asked: Taken
     witnessed: Witnessed | None = None
     why: str | None = None
+    unseen_s: float = 0.0
+    unseen: int = 0
 
     @property
     def model(self) -> ThermalModel | None:
@@ -60,9 +63,10 @@ def find_joints(series: Series, asked: Asked | None = None) -> Found:
     """The joints of a port, in order, with what each did to the tip."""
     asked = asked or Asked()
     settings = taken(asked, series.period_s, False)
-    parts = readied(stretches(series))
+    found = stretches(series)
+    parts, lost = readied(found), unseen(series, found)
     if not parts:
-        return Found([], [], [], {}, settings, why=NEVER_READ)
+        return Found([], [], [], {}, settings, None, NEVER_READ, *lost)
     looked, models, why = _looked(series, parts, settings)
     every = [draw for flow, model in zip(looked, models, strict=True) for draw in draws_of(flow, model, settings)]
     seen = witnessed(series, every, asked.wire_decides)
@@ -70,7 +74,7 @@ def find_joints(series: Series, asked: Asked | None = None) -> Found:
     draws, others = _sorted(every if seen is None else seen.draws, settings)
     levels = resting_levels(looked, every)
     joints = joints_of(series, draws, every, levels, settings.recovered_within_c)
-    return Found(joints, others, list(dict.fromkeys(models)), levels, settings, seen, why)
+    return Found(joints, others, list(dict.fromkeys(models)), levels, settings, seen, why, *lost)
 
 
 def _looked(series: Series, parts: Sequence[Readied], settings: Taken) -> tuple[list[Flow], list[ThermalModel], str | None]:

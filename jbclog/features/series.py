@@ -7,6 +7,7 @@ than half a second, since such rows are as far apart as the station is slow. Wha
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -145,6 +146,26 @@ def stretches(series: Series, shortest_s: float = 3.0) -> list[Stretch]:
     setting = setting_in_force(rows.seconds, rows.setting)
     found = [_even(rows, setting, piece, series.period_s) for piece in pieces if len(piece) > 1]
     return [stretch for stretch in found if len(stretch) * series.period_s >= shortest_s]
+
+
+def unseen(series: Series, parts: Sequence[Stretch]) -> tuple[float, int]:
+    """For how many seconds of work, and in how many pieces, nothing could be looked at: gaps, and what is too short between two.
+
+    Where the state was not read the tool may have worked. Pieces of up to `BRIDGED_S` are none.
+    """
+    at, period = series.seconds, series.period_s
+    if len(at) < 2 or not period:
+        return 0.0, 0
+    looked = np.zeros(len(at), dtype=np.bool_)
+    for part in parts:
+        looked |= (at >= part.seconds[0] - period / 2) & (at <= part.seconds[-1] + period / 2)
+    lost = (series.rows.working | ~series.known) & ~looked
+    edges = np.flatnonzero(np.diff(lost.astype(np.int8), prepend=0, append=0)).reshape(-1, 2)
+    pieces = [float(at[last - 1] - at[first]) + period for first, last in edges]
+    steps = np.diff(at)
+    absent = steps[(steps > max(series.gap_s, BRIDGED_S)) & ~lost[:-1] & ~lost[1:]] - period
+    long = [piece for piece in [*pieces, *absent.tolist()] if piece > BRIDGED_S]
+    return sum(long), len(long)
 
 
 def _even(rows: Block, setting: Floats, places: NDArray[np.int64], period_s: float) -> Stretch:

@@ -7,7 +7,8 @@ the bound, as does one of which nothing is known; where more than 5 % are known 
 What the record cut off says nothing.
 
 *Recovered before the next*: the share of the joints after which the tip was back in time. It is no sample but all joints of the
-run; those that were cut off may be either, and the limit has to be kept whichever they are.
+run; those that were cut off may be either, and the limit has to be kept whichever they are. So may those that nobody could see: one
+in each gap of the record, or as many as in the rest of the time. In the bound of the recovery these count as longer, too.
 
 *Joints against the counter*: joints found minus dispensing cycles counted (R-DC), in per cent of these, between the first and the
 last reading of the counter; it holds where one feed makes one joint. A difference that joints in a gap of the record, or so near
@@ -21,7 +22,7 @@ from collections.abc import Iterator
 from jbclog.judge.acceptance import Acceptance, is_bare
 from jbclog.judge.censored import censored_quantile
 from jbclog.judge.evidence import Evidence
-from jbclog.judge.jointed import Feeds, PortJoints
+from jbclog.judge.jointed import Feeds, PortJoints, not_read
 from jbclog.judge.quantile import SHARE, upper_p95
 from jbclog.judge.rule import Result, Rule
 from jbclog.judge.rules import has_feeder, has_tip, not_applicable
@@ -49,6 +50,11 @@ def _unknown(seen: PortJoints) -> str | None:
     return f"{'Not all joints are' if seen.recoveries else 'Joints are not'} known: {seen.why[:1].lower()}{seen.why[1:]}"
 
 
+def _none_known(seen: PortJoints) -> str:
+    none = "The recovery of no joint is known." if seen.recoveries else "No joints were found."
+    return f"{none} {not_read(seen.unseen_s)}" if seen.hidden else none
+
+
 def recovery_rule(facts: StationFacts, port: int, most_s: float, seen: PortJoints, *, bare: bool = False) -> Rule:
     """How long the tip takes to be back, 95 joints of 100."""
     if not has_tip(facts):
@@ -56,7 +62,7 @@ def recovery_rule(facts: StationFacts, port: int, most_s: float, seen: PortJoint
     told = [one for one in seen.recoveries if one is not None]
     decided = [one for one in told if one.back is not None]
     if not decided or seen.why is not None:
-        text = _unknown(seen) or ("The recovery of no joint is known." if seen.recoveries else "No joints were found.")
+        text = _unknown(seen) or _none_known(seen)
         return Rule(RECOVERY, facts.name, port, most_s, None, "s", Result.MISSING, text)
     late = sum(one.back is False for one in decided)
     value = censored_quantile([(one.seconds, bool(one.back)) for one in told], SHARE)
@@ -74,15 +80,19 @@ def recovery_rule(facts: StationFacts, port: int, most_s: float, seen: PortJoint
 def _bounded_recovery(facts: StationFacts, port: int, most_s: float, value: float, seen: PortJoints, bare: bool) -> Rule:
     """The rule with the bound of its quantile."""
     counted = [one for one in seen.recoveries if one is None or one.back is not None]
-    bound = upper_p95([one.seconds if one is not None and one.back else None for one in counted])
-    text = f"{value:.2f} s until the tip is back, 95 % of {len(counted)} joints; {most_s:g} s allowed."
+    hidden = [None] * seen.hidden
+    told = [one.seconds if one is not None and one.back else None for one in counted]
+    bound = upper_p95(told)
+    bound = upper_p95([*told, *hidden]) if hidden and not isinstance(bound, str) else bound
+    text = f"{value:.2f} s until the tip is back, 95 % of {_joints(len(counted))}; {most_s:g} s allowed."
     if value > most_s:
         kept = None if isinstance(bound, str) else bound
         return Rule(RECOVERY, facts.name, port, most_s, value, "s", Result.FAIL, text, kept)
     if bare:
         return Rule(RECOVERY, facts.name, port, most_s, value, "s", Result.PASS, text, None if isinstance(bound, str) else bound)
     if isinstance(bound, str):
-        return Rule(RECOVERY, facts.name, port, most_s, value, "s", Result.MISSING, f"{text} {bound}")
+        text = f"{text} {bound} {not_read(seen.unseen_s)}" if seen.hidden else f"{text} {bound}"
+        return Rule(RECOVERY, facts.name, port, most_s, value, "s", Result.MISSING, text)
     if not bound.keeps(most_s):
         text = f"{text} The 95 % bound reaches {bound.high:.2f} s: too little was seen to be sure."
         return Rule(RECOVERY, facts.name, port, most_s, value, "s", Result.MISSING, text, bound)
@@ -95,19 +105,29 @@ def recovered_rule(facts: StationFacts, port: int, least: float, seen: PortJoint
         return not_applicable(RECOVERED, facts.name, port, least, "%", "joints")
     back = sum(one is not None and one.back is True for one in seen.recoveries)
     late = sum(one is not None and one.back is False for one in seen.recoveries)
-    joints, open_ = len(seen.recoveries), len(seen.recoveries) - back - late
+    joints = len(seen.recoveries) + seen.hidden
+    open_ = joints - back - late
     if seen.why is not None or not back + late:
-        text = _unknown(seen) or ("The recovery of no joint is known." if joints else "No joints were found.")
+        text = _unknown(seen) or _none_known(seen)
         return Rule(RECOVERED, facts.name, port, least, None, "%", Result.MISSING, text)
     percent = 100 * back / (back + late)
-    text = f"The tip was back before the next joint after {back} of {back + late} joints; {least:g} % are asked."
+    text = f"The tip was back before the next joint after {back} of {_joints(back + late)}; {least:g} % are asked."
     if 100 * (back + open_) / joints < least:
         result = Result.FAIL
     elif 100 * back / joints >= least or not open_:
         result = Result.PASS
     else:
-        result, text = Result.MISSING, f"{text} {open_} more were cut off and may change that."
+        cut = open_ - seen.hidden
+        result, text = (
+            Result.MISSING,
+            f"{text} {cut} more {'were' if cut != 1 else 'was'} cut off and may change that." if cut else text,
+        )
+        text = f"{text} {not_read(seen.unseen_s)}" if seen.hidden else text
     return Rule(RECOVERED, facts.name, port, least, percent, "%", result, text)
+
+
+def _joints(count: int) -> str:
+    return f"{count} joint{'s' * (count != 1)}"
 
 
 def counter_rule(facts: StationFacts, port: int, most: float, seen: PortJoints) -> Rule:

@@ -42,12 +42,20 @@ class Feeds:
 class PortJoints:
     """The joints of one port, in their order: the recovery of each, None where it is not known.
 
-    `feeds` is None for a tool without a feeder. `why` says that joints, or some of them, are not known, and why.
+    `feeds` is None for a tool without a feeder. `why` says that joints, or some of them, are not known, and why. `hidden`: how many
+    more there may be in the `unseen_s` seconds of work that were not read.
     """
 
     recoveries: Sequence[Recovery | None] = ()
     feeds: Feeds | None = None
     why: str | None = None
+    hidden: int = 0
+    unseen_s: float = 0.0
+
+
+def not_read(seconds: float) -> str:
+    """That there may be joints that nobody could see, as a sentence."""
+    return f"Joints in gaps ({seconds:.1f} s) are not known."
 
 
 Joints = Mapping[tuple[str, int], PortJoints]

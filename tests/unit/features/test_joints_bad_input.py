@@ -75,6 +75,22 @@ def test_a_gap_in_every_joint_leaves_the_count_unknown() -> None:
     assert all(joint.recovery_s is None for joint in find_joints(series).joints if joint.why and "gap" in joint.why)
 
 
+def test_how_long_nobody_could_look() -> None:
+    """Gaps, and what is too short between two of them; single readings that are lost are bridged, and a tool at rest is no gap."""
+    whole = soldered(EACH_FIVE[:4], 60.0)
+    assert (find_joints(whole).unseen_s, find_joints(whole).unseen) == (0, 0)
+    one = find_joints(lose(whole, (20.0, 23.0), (40.0, 40.2)))
+    assert (one.unseen_s, one.unseen) == (pytest.approx(3.0), 1)
+    between = find_joints(lose(whole, (20.0, 23.0), (25.0, 28.0)))
+    assert (between.unseen_s, between.unseen) == (pytest.approx(8.0), 1)
+    rows = whole.rows
+    gone = (whole.seconds > 30.05) & (whole.seconds < 34.95)
+    absent = replace(whole, rows=rows.take(~gone), known=whole.known[~gone])
+    assert (find_joints(absent).unseen_s, find_joints(absent).unseen) == (pytest.approx(4.9), 1)
+    stood = replace(whole, rows=replace(rows, working=rows.working & ~gone))
+    assert find_joints(stood).unseen == 0
+
+
 def test_a_joint_that_the_record_cuts_off_is_censored() -> None:
     joints = find_joints(soldered([*EACH_FIVE[:6], (45.0, 50.0)], 46.0)).joints
     assert len(joints) == 7

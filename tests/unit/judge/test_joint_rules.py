@@ -107,6 +107,27 @@ def test_the_share_of_joints_that_recovered_in_time(
     assert the_rule(judged(case, tip, RECOVERED, PortJoints(mixed(recoveries)))).result == result
 
 
+@pytest.mark.parametrize(
+    ("limits", "back", "hidden", "result"),
+    [
+        (RECOVERED, 1, 0, "pass"),
+        (RECOVERED, 1, 1, "missing"),  # one joint was seen, and the rest lies in gaps
+        (RECOVERED, 200, 10, "pass"),
+        (RECOVERED, 200, 11, "missing"),
+        (RECOVERED, 0, 3, "missing"),
+        (RECOVERY, 120, 1, "pass"),
+        (RECOVERY, 120, 4, "missing"),
+        (RECOVERY, 57, 5, "missing"),  # what nobody saw is no evidence
+    ],
+)
+def test_joints_that_nobody_could_see_may_be_anything(
+    case: Any, tip: Callable[..., Any], limits: Limits, back: int, hidden: int, result: str
+) -> None:
+    rule = the_rule(judged(case, tip, limits, PortJoints(mixed([1.5] * back), hidden=hidden, unseen_s=3.0 * hidden)))
+    assert rule.result == result
+    assert (f"Joints in gaps ({3.0 * hidden:.1f} s) are not known." in rule.text) == (bool(hidden) and result == "missing")
+
+
 def test_a_joint_that_was_cut_off_says_nothing_of_recovery(case: Any, tip: Callable[..., Any]) -> None:
     rule = the_rule(judged(case, tip, RECOVERY, PortJoints(mixed([*QUICK, CUT_OFF, CUT_OFF]))))
     assert (rule.result, rule.bound and rule.bound.n) == ("pass", 117)

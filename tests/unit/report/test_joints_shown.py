@@ -232,6 +232,16 @@ def test_joints_that_are_not_known_are_named_with_the_reason(tmp_path: Path) -> 
     assert "No joints were found." not in page
 
 
+def test_one_joint_before_a_record_full_of_gaps_proves_nothing(tmp_path: Path) -> None:
+    """Gaps of 3 s in every joint but the first: the share that recovered is not 1 of 1."""
+    series = lose(soldered(CALM, 90.0), *((start - 0.5, start + 2.5) for start, _ in CALM[1:]))
+    folder = sealed(tmp_path, series)
+    rules = {rule.name: rule for rule in judge_again(folder, read_manifest(folder)).rules}
+    share, recovery = rules["recovered_before_next"], rules["recovery_p95"]
+    assert (share.observed, share.result, recovery.result) == (100, "missing", "missing")
+    assert "Joints in gaps (" in share.text
+
+
 def test_there_is_one_energy(calm: Told) -> None:
     """Of metrics, ports.csv, report.json and page; the trapezoid of the power."""
     page = calm.page
