@@ -157,7 +157,7 @@ class Goals:
             count = self.come(goal)
             if count is not None and count >= goal.wanted:
                 self.is_met = True
-                text = _told(goal, count)
+                text = _told(goal, count, so_far=goal.what == JOINTS)
                 self._tell("run.goal", f"{text}; the run ends.", Severity.INFO, count)
                 self._end(text)
                 return
@@ -185,6 +185,7 @@ class Goals:
         return replace(goal, reached=count, text=f"{_told(goal, count)}.")
 
 
-def _told(goal: Goal, count: int) -> str:
-    done = "finished" if goal.what == UNITS else "found"
+def _told(goal: Goal, count: int, *, so_far: bool = False) -> str:
+    """`so_far`: found in what was recorded until then, which the whole record may not bear out."""
+    done = "finished" if goal.what == UNITS else "found so far (provisional)" if so_far else "found"
     return f"{goal.what.capitalize()} {done}: {count}, wanted: {goal.wanted}"

@@ -41,7 +41,7 @@ STATION_ENDINGS = {
     "running": (Result.MISSING, "It was being recorded when the record broke off."),
 }
 CONFIDENCE = "confidence"
-JUDGED_BARE = 'The recipe judges bare figures (confidence = "none"): how well they are known was not asked.'
+JUDGED_BARE = 'The recipe judges bare figures (confidence = "none"): how certain they are is not part of the verdict.'
 NEVER_ANSWERED = "It was never reached."
 
 

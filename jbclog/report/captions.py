@@ -19,7 +19,7 @@ def caption(trace: Trace) -> str:
         parts.append(f"The setting is known where it was read{', at the dots' if read <= WIDE.most_dots else ''}.")
     if len(trace.seconds) > 2 * WIDE.stretches:
         stretch = (trace.end - trace.start) / WIDE.stretches
-        parts.append(f"Line: mean, band: least to greatest of every {duration_text(stretch)}.")
+        parts.append(f"Line: mean, band: min–max of every {duration_text(stretch)}.")
     if trace.joints:
         parts.append(joints_marked(trace))
     gaps = sorted(trace.gaps, key=lambda gap: (-round(gap.seconds, 6), gap.start))

@@ -132,7 +132,7 @@ def _chart(joints: Row) -> str | None:
     if not joints["found"]:
         return None if _not_known(joints) else "No joints were found."
     if joints["signals"] is None:
-        return f"Without limits: {REFUSED.get(str(joints['refused_kind']), 'see its caption')}."
+        return f"Chart without limits: {REFUSED.get(str(joints['refused_kind']), 'see its caption')}."
     if not joints["signals"]:
         return "No point out of the ordinary."
     return f"{joints['signals']} point{'s' if joints['signals'] != 1 else ''} out of the ordinary."

@@ -7,15 +7,17 @@ every request and every script but ours, which it knows by its hash and which le
 from __future__ import annotations
 
 import base64
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import cache
 from hashlib import sha256
 from importlib.resources import files
+from typing import Final
 from urllib.parse import quote
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
+from jbclog.judge.rules import CONFIDENCE
 from jbclog.report import joint_words
 from jbclog.report.alarms import WITNESSES
 from jbclog.report.facts import Zoom
@@ -94,8 +96,19 @@ def _environment() -> Environment:
         verified=short,
     )
     environment.globals.update(signs=SIGNS, result_signs=RESULT_SIGNS, endings=ENDINGS)
-    environment.globals.update(witnesses=WITNESSES, most_alarms=MOST_ALARMS, most_units=MOST_UNITS, joint_note=joint_words.NOTE)
+    environment.globals.update(
+        witnesses=WITNESSES, most_alarms=MOST_ALARMS, most_units=MOST_UNITS, joint_note=joint_words.NOTE, kept_by=kept_by
+    )
     return environment
+
+
+KEPT: Final = "An estimated figure keeps its limit when the figure and its bound keep it; without a bound it is not known to."
+
+
+def kept_by(rules: Sequence[Mapping[str, object]]) -> str:
+    """When an estimated figure keeps its limit, and where a recipe says otherwise."""
+    bare = list(dict.fromkeys(str(rule["station"]) for rule in rules if rule.get("name") == CONFIDENCE))
+    return f"{KEPT} Not so on {', '.join(bare)}: its recipe judges bare figures." if bare else KEPT
 
 
 def _duration(seconds: float | None) -> str:

@@ -13,7 +13,7 @@ from jbclog.report import style
 from jbclog.report.drawing import Stroke
 from jbclog.report.facts import Facts, PortFacts, StationReport
 from jbclog.report.letters import LACKING_MEANS, width_in
-from jbclog.report.page import ENDINGS, RESULT_SIGNS, SIGNS, place
+from jbclog.report.page import ENDINGS, RESULT_SIGNS, SIGNS, kept_by, place
 from jbclog.report.paper import INNER, SIDE, WIDTH, Cell, Paper, Type, lacks_letters, pdf_bytes
 from jbclog.report.pdf_tables import alarm_tables, joint_tables
 from jbclog.report.plates import Plates
@@ -172,13 +172,10 @@ def _rests_on(paper: Paper, facts: Facts) -> None:
         )
     kept = sum(rule["result"] == "pass" for rule in rules)
     paper.skip(0.04)
-    paper.say(f"{kept} of {len(rules)} rules kept. {BOUNDS}", QUIET)
+    paper.say(f"{kept} of {len(rules)} rules kept. {BOUNDS} {clean(kept_by(rules))}", QUIET)
 
 
-BOUNDS = (
-    "Bound: how well an estimated figure is known, with 95 % confidence, corrected for autocorrelation; counts need none. An "
-    "estimated figure keeps its limit when figure and bound keep it; without a bound it is not known to."
-)
+BOUNDS = "Bound: how well an estimated figure is known, with 95 % confidence, corrected for autocorrelation; counts need none."
 
 
 def _unkept(paper: Paper, rules: Sequence[Row]) -> None:
@@ -269,7 +266,7 @@ def _back(paper: Paper, facts: Facts) -> None:
     paper.heading("What this record does not claim")
     for claim in facts.not_claimed:
         paper.say(f"•  {claim}", TEXT)
-    paper.heading("Where this comes from")
+    paper.heading("Provenance")
     said = [f"Manifest SHA-256 {facts.manifest_sha256}", f"Data SHA-256 {facts.data_sha256}"]
     said += [f"Run before on this line: {facts.previous}", f"Made by jbclog {facts.jbclog}. Reproduce: {facts.reproduce}"]
     for text in (*said, f"Compare: jbclog check RUN --head {facts.head}"):

@@ -17,15 +17,15 @@ from jbclog.report.timescale import duration_text
 TEXT, QUIET, HEAD = Type(7), Type(7, colour=style.QUIET), Type(7, bold=True, colour=style.QUIET)
 BAD = Type(7, bold=True, colour="#8f1f06")
 MOST_INCIDENTS, MOST_UNITS = 60, 60
-ALARMS = ("No.", "Where", "What", "Began, UTC", ">Lasted", ">Farthest", "Told by", "Acknowledged")
+ALARMS = ("No.", "Where", "What", "Began, UTC", ">Lasted", ">Peak", "Source", "Acknowledged")
 FIGURES = ("Station", "Witness", ">Alarms", ">Most in 10 min", ">Floods", ">Fleeting", ">Stale", ">Apart", "Chattering")
 JOINTS = (
-    *("Where", ">Joints", ">Back before next", ">Deficit", ">Half back in", ">95 % back in"),
+    *("Where", ">Joints", ">Back before next", ">Deficit", ">Median recovery", ">95 % recovery"),
     *(">Idle error", ">Depth", ">Dwell", ">Heat"),
 )
 BEFORE_IDLE = (("recovered_before_next_percent", "%"), ("joint_deficit_c", "°C"), ("recovery_s", "s"), ("recovery_p95_s", "s"))
 BEHIND_IDLE = (("joint_depth_c", "°C"), ("joint_dwell_s", "s"))
-UNITS = (">Joints", ">Recovery, half within", ">Slowest", ">n", "Unit")
+UNITS = (">Joints", ">Median recovery", ">Slowest", ">n", "Unit")
 WITNESSED = (
     "A the station's flag, B our samples with the alarm's delay and a dead band, C every sample beyond the limit, which alone is "
     "no alarm. Began: between two readings."

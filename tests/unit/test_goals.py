@@ -157,7 +157,7 @@ def test_a_run_ends_once_when_enough_joints_are_found(monkeypatch: pytest.Monkey
     goals, told = counted(monkeypatch, 3, None, 6, 7, 7)
     for _ in range(4):
         goals.look()
-    assert told.ends == ["Joints found: 6, wanted: 5"]
+    assert told.ends == ["Joints found so far (provisional): 6, wanted: 5"]
     assert goals.reached() == [Goal("joints", 5, 7, "Joints found: 7, wanted: 5.")]
 
 

@@ -21,7 +21,7 @@ from jbclog.report.style import WIDE
 from jbclog.report.trace import Grid, Trace, trace
 from jbclog.rows import StationFacts
 
-HEAD = [("Set", "320 °C"), ("Air, least to greatest", "320 to 320 °C"), ("Idle error ± sd", "0.0 ± 0.0 °C")]
+HEAD = [("Set", "320 °C"), ("Air, min–max", "320 to 320 °C"), ("Idle error ± sd", "0.0 ± 0.0 °C")]
 
 
 def jtse(rows: int) -> StationFacts:
@@ -115,7 +115,7 @@ def folder(tmp_path: Path) -> Path:
 
 def test_the_page_speaks_of_air_and_not_of_tips_and_alarms(folder: Path) -> None:
     html = write_report(folder).read_text("utf-8")
-    for words in ("Air, least to greatest", "Work, least to greatest", "60 to 160 °C", "400 ‰", "2 times"):
+    for words in ("Air, min–max", "Work, min–max", "60 to 160 °C", "400 ‰", "2 times"):
         assert words in html
     assert "<dt>Alarms" not in html
     assert "Tip, least" not in html

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import html
 import json
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,6 +16,7 @@ from scripted_tip import Contact, soldered
 from sealed_run import seal, station, table
 
 from jbclog.features import Series
+from jbclog.judge.rules import JUDGED_BARE
 from jbclog.judged_again import judge_again
 from jbclog.record.manifest import read_manifest
 from jbclog.report import style, write_report
@@ -22,6 +24,7 @@ from jbclog.report.drawing import Drawing, Shape
 from jbclog.report.figure import draw
 from jbclog.report.joint_chart import charted, draw_chart
 from jbclog.report.joint_words import never_back
+from jbclog.report.page import KEPT, kept_by
 from jbclog.report.spans import Span
 from jbclog.report.style import WIDE
 from jbclog.report.summary import summary
@@ -211,7 +214,7 @@ def test_idle_error_stands_beside_recovery_and_what_was_found_with_is_said(calm:
         in page.replace("&#39;", "'")
     )
     head = page[page.index("Back before next") : page.index("Heat</tr>")]
-    assert head.index("95&nbsp;% back in") < head.index("Idle error") < head.index("Depth")
+    assert head.index("95&nbsp;% recovery") < head.index("Idle error") < head.index("Depth")
     assert port["joints"]["taken"]["learnt"] == ["least_dwell_s", "merge_gap_s", "wire_decides"]
 
 
@@ -266,6 +269,14 @@ def test_an_energy_with_a_gap_is_not_known_anywhere(tmp_path: Path) -> None:
     assert port["power"]["energy_recorded_permille_s"] > 0
     assert "no reading" in port["power"]["energy_why"]
     assert "<dd>not known: gaps</dd>" in page
+
+
+def test_page_and_paper_say_in_the_verdict_that_bare_figures_were_judged(tmp_path: Path) -> None:
+    one = told(sealed(tmp_path, soldered(CALM, 90.0), recipe=RECIPE.replace("idle_error_c", 'confidence = "none"\nidle_error_c')))
+    assert one.data["verdict"]["reasons"][0]["text"] == f"dde-1: {JUDGED_BARE}"
+    assert JUDGED_BARE in html.unescape(one.page[: one.page.index("What the verdict rests on")])
+    assert "Not so on dde-1: its recipe judges bare figures." in one.page
+    assert kept_by([]) == KEPT
 
 
 def test_the_worst_share_of_recovered_joints_is_the_least() -> None:
