@@ -45,17 +45,7 @@ def in_the_log(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def in_the_pages(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A run whose rows are all in the pages of the database, which have no check sums of their own."""
-    store = few_rows.begun(tmp_path_factory.mktemp("runs"))
-    store.setting(few_rows.setting(0))
-    store.facts(few_rows.facts())
-    for first in range(0, ROWS, ROWS // 3):
-        few_rows.hand_over(store, range(first, first + ROWS // 3))
-        store.commit_now()
-    store._keeping.close()  # brings the log into the pages; the store does not get to say that it was closed
-    store._ending = True
-    store._thread.join()
-    store.release()
-    return store.folder
+    return few_rows.abandoned(tmp_path_factory.mktemp("runs"), commits=3, rows=ROWS // 3, in_pages=True)
 
 
 def altered(folder: Path, home: Path, name: str, alteration: Alteration, place: int) -> Path:

@@ -280,11 +280,11 @@ def capture_text(data: bytes, folder: Path) -> None:
 STORE_ROWS = 30
 
 
-def _abandoned(folder: Path) -> Path:
+def _abandoned(folder: Path, *, in_pages: bool) -> Path:
     """A run that was cut off; made once for a folder."""
-    place = folder / "whole"
+    place = folder / f"whole-{in_pages}"
     if not place.exists():
-        few_rows.abandoned(place, commits=3, rows=STORE_ROWS // 3)
+        few_rows.abandoned(place, commits=3, rows=STORE_ROWS // 3, in_pages=in_pages)
     (run,) = place.iterdir()
     return run
 
@@ -293,8 +293,8 @@ def _seeds_of_alterations() -> st.SearchStrategy[Any]:
     return st.tuples(st.integers(0, 2**32), st.integers(1, 6))
 
 
-def _copied(folder: Path) -> Path:
-    run = _abandoned(folder)
+def _copied(folder: Path, *, in_pages: bool = True) -> Path:
+    run = _abandoned(folder, in_pages=in_pages)
     copy = folder / "copy" / run.name
     shutil.rmtree(copy.parent, ignore_errors=True)
     shutil.copytree(run, copy)
@@ -303,8 +303,9 @@ def _copied(folder: Path) -> Path:
 
 def store(case: Any, folder: Path) -> None:
     """Bytes altered, in the file or its log. What is left is what was handed over; what is missing is told."""
-    rng, run = Random(case[0]), _copied(folder)
-    path = run / rng.choice(("live.sqlite", "live.sqlite-wal", "live.sqlite-wal"))
+    rng = Random(case[0])
+    name = rng.choice(("live.sqlite", "live.sqlite", "live.sqlite-wal"))
+    path = (run := _copied(folder, in_pages=name == "live.sqlite")) / name
     data = path.read_bytes()
     path.write_bytes(altered(data, [data], [b"\xff" * 8, b"batch", b"CREATE VIEW"], rng, case[1]))
     try:

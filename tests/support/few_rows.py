@@ -65,15 +65,24 @@ def begun(out: Path, **more: object) -> LiveStore:
     return store
 
 
-def abandoned(out: Path, commits: int = 3, rows: int = 50) -> Path:
-    """The folder of a run whose recorder vanished after `commits` commits of `rows` samples each."""
+def abandoned(out: Path, commits: int = 3, rows: int = 50, *, in_pages: bool = False) -> Path:
+    """The folder of a run whose recorder vanished after `commits` commits of `rows` samples each.
+
+    They are in SQLite's log, which has check sums of its own, or `in_pages` of the database, which have none.
+    """
     store = begun(out)
     store.setting(setting(0))
     store.facts(facts())
     for commit in range(commits):
         hand_over(store, range(commit * rows, (commit + 1) * rows))
         store.commit_now()
-    vanish(store)
+    if in_pages:
+        store._keeping.close()  # brings the log into the pages; the store does not get to say that it was closed
+        store._ending = True
+        store._thread.join()
+        store.release()
+    else:
+        vanish(store)
     return store.folder
 
 
