@@ -123,6 +123,7 @@ class Starving:
             "PYTHONMALLOC": "malloc",
             "FAILING_ALLOC": str(self.home),
             "FAILING_ALLOC_IN": WORD[self.who],
+            "XDG_STATE_HOME": str(self.home / "state"),
         }
         words = ["run", self.line.recipe, "--line", self.line.path, "--out", self.out, "--rate", "fit"]
         words += ["-d", "1h" if self.who == TAKING_OVER else f"{DURATION_S:g}s"]
