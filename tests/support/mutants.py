@@ -7,11 +7,12 @@
     python tests/support/mutants.py run WORK safety 600   # try mutants of a package for 600 s; again to go on
     python tests/support/mutants.py report WORK           # the share that was noticed, with its 95 % interval (Wilson)
 
-A mutant is one changed place: a comparison, an operator, a number, a condition, a statement left out, a value returned. Texts, types
-and imports are left alone. It is made in a copy of the repository below WORK, so that processes that tests start have it, too. Tests
-are run quickest first, for as long as they usually take `MOST_S` altogether: a mutant that survives those counts as survived. One
-that takes three times as long as usual is noticed. WORK/PACKAGE.jsonl holds what came of each, and is gone on with. Real processes are
-not followed by the measuring of lines: what the guard does in its own is tried with the tests in `SPAWNED`, too.
+A mutant is one changed place: a comparison, an operator, a number, a condition, a statement left out, a value returned.
+Texts, types and imports are left alone. It is made in a copy of the repository below WORK, so that processes that tests start
+have it, too. Tests are run quickest first, for as long as they usually take `MOST_S` altogether: a mutant that survives those
+counts as survived. One that takes three times as long as usual is noticed. WORK/PACKAGE.jsonl holds what came of each, and is
+gone on with. Real processes are not followed by the measuring of lines: what the guard does in its own is tried with the tests
+in `SPAWNED`, too.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ import shutil
 import subprocess
 import sys
 import time
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -35,6 +36,7 @@ HERE = Path(__file__).resolve().parents[2]
 PACKAGES = ("session", "guard", "safety")
 SAMPLE, SEED = 500, 20261122
 MOST_S, SLOW_S = 45.0, 30.0
+WITHIN = 12  # lines of a statement, of which the first is what is measured
 COVERING = (
     *("tests/unit/guard", "tests/unit/safety", "tests/unit/drive/test_reactor.py", "tests/unit/test_guarding.py"),
     *("tests/unit/test_station_late.py", "tests/unit/test_what_can_heat.py", "tests/unit/record/test_left_hot.py", "tests/line"),
@@ -56,7 +58,7 @@ CALLS = {"min": "max", "max": "min", "any": "all", "all": "any"}
 
 
 def changes(node: ast.AST) -> Iterator[tuple[str, Any]]:
-    """What may be done to a node: a word for it, and a function that does it to a copy of the node and gives what stands there then."""
+    """What may be done to a node: a word for it, and a function that does it to a copy and gives what stands there then."""
     match node:
         case ast.Compare(ops=[one]) if type(one) in COMPARE:
             yield COMPARE[type(one)].__name__, lambda new: (setattr(new, "ops", [COMPARE[type(new.ops[0])]()]), new)[1]
@@ -249,6 +251,7 @@ if pytest is not None and os.environ.get("MUTANTS_COVER"):
 def covering(known: dict[str, Any], name: str, line: int) -> list[str]:
     """The tests that run the line, quickest first; of a line that runs when it is loaded, those that run anything of its file."""
     took, lines = known["took"], known["lines"].get(name, {})
+    line = next((before for before in range(line, max(line - WITHIN, 0), -1) if str(before) in lines), line)
     tests = set(lines.get(str(line), ()))
     if not tests and str(line) in lines:
         tests = {test for some in lines.values() for test in some}
@@ -261,7 +264,7 @@ def covering(known: dict[str, Any], name: str, line: int) -> list[str]:
     return chosen
 
 
-# -- trying -------------------------------------------------------------------------------------------------------------------------
+# -- trying --------------------------------------------------------------------------------------------------------------
 
 
 def run(work: Path, package: str, seconds: float) -> None:
@@ -292,13 +295,11 @@ def tried(known: dict[str, Any], tree: Path, package: str, one: tuple[str, int, 
             seconds += more
     finally:
         shutil.copy2(HERE / name, tree / name)
-    outcome = {0: "survived", 1: "noticed", -1: "noticed", 2: "noticed", 3: "noticed", 4: "noticed", 5: "not covered"}.get(
-        code, "noticed"
-    )
+    outcome = {0: "survived", 4: "not tried", 5: "not covered"}.get(code, "noticed")
     return {"outcome": outcome, "code": code, "tests": len(tests), "seconds": round(seconds, 1), "said": said[-200:]}
 
 
-# -- the score ------------------------------------------------------------------------------------------------------------------------
+# -- the score --------------------------------------------------------------------------------------------------------------
 
 
 def wilson(hits: int, count: int, z: float = 1.959964) -> tuple[float, float]:
@@ -312,30 +313,15 @@ def wilson(hits: int, count: int, z: float = 1.959964) -> tuple[float, float]:
 
 
 def report(work: Path) -> None:
-    print(
-        f"{'package':10}{'mutants':>9}{'sample':>8}{'tried':>7}{'noticed':>9}{'survived':>10}{'not covered':>13}   score, 95 % interval"
-    )
+    print("package: mutants, sample, tried, noticed, survived, not covered; share that was noticed, with its 95 % interval")
     for package in PACKAGES:
         path = work / f"{package}.jsonl"
         rows = [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
-        count = defaultdict(int)
-        for row in rows:
-            count[row["outcome"]] += 1
+        count = Counter(row["outcome"] for row in rows)
         low, high = wilson(count["noticed"], len(rows))
         share = f"{count['noticed'] / len(rows):.0%} ({low:.0%} to {high:.0%})" if rows else "-"
-        figures = [
-            len(mutants_of(package)),
-            len(sample(package)),
-            len(rows),
-            count["noticed"],
-            count["survived"],
-            count["not covered"],
-        ]
-        print(
-            f"{package:10}"
-            + "".join(f"{figure:>{width}}" for figure, width in zip(figures, (9, 8, 7, 9, 10, 13), strict=True))
-            + f"   {share}"
-        )
+        found = ", ".join(str(count[word]) for word in ("noticed", "survived", "not covered"))
+        print(f"{package}: {len(mutants_of(package))}, {len(sample(package))}, {len(rows)}, {found}; {share}")
         for row in rows:
             if row["outcome"] != "noticed":
                 name, line, word, *_ = row["mutant"]

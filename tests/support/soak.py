@@ -15,7 +15,7 @@ import sys
 import time
 from collections import Counter
 from collections.abc import Iterator
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from random import Random
@@ -24,6 +24,7 @@ from typing import get_args
 
 import odd_host
 import pandas as pd
+from flooders import Flooded, Flooders
 from guarded import guard_of
 from invariants import Ended, violations
 from several import fault
@@ -46,6 +47,9 @@ MOST_GUARDS = 15  # below the number after which a run does without
 MOST_GROWTH = 0.10
 MOST_GROWTH_MB = 12.0
 MOST_DESCRIPTORS = 12  # that may be open in one half more than in the other: parts that are sealed, ports that are opened
+FLOOD = "flood"  # no fault of a station: somebody else on its wire
+FLOODS = ("noise", "STX alone")  # others could be taken for an answer until the flood is seen to be one
+FLOOD_BYTES_PER_S = 200_000.0
 OF_THEMSELVES = ("host.busy", "safety.not_available")  # they need nothing that was done to the station
 WARNED = ("warning", "error", "critical")
 
@@ -180,6 +184,15 @@ def history(rng: Random, family: str, seconds: float, calm_s: float) -> list[Odd
         at += lasts + SETTLES_S + rng.uniform(0.5, 1.5) * calm_s
 
 
+def with_a_flood(rng: Random, odd: list[Odd], seconds: float) -> list[Odd]:
+    """A history without what takes the cable out, which a flooder is in, and with one flood in the place of one of its faults."""
+    found = [one for one in odd if one.kind != "dropout"]
+    number = rng.randrange(len(found)) if found else 0
+    begin = found[number].begin if found else QUIET_S + rng.uniform(0, seconds / 4)
+    flood = Odd(FLOOD, begin, begin + rng.uniform(1.5, 4.0), {"shape": rng.choice(FLOODS), "tcp": rng.random() < 0.5})
+    return [*found[:number], flood, *found[number + 1 :]]
+
+
 def line_text(histories: dict[str, list[Odd]], families: dict[str, str]) -> str:
     tables = ['[line]\nname = "soak"\n']
     for number, (name, odd) in enumerate(histories.items()):
@@ -187,7 +200,8 @@ def line_text(histories: dict[str, list[Odd]], families: dict[str, str]) -> str:
         ports = "" if family in ("jtse", "omega") else "ports = [1]\n"
         recipe = RECIPE_OF.get(family, "tip")
         tables.append(f'[[station]]\nname = "{name}"\nurl = "{name}"\nfamily = "{family}"\n{ports}recipe = "{recipe}.toml"\n')
-        tables.append(f"[station.sim]\nseed = {number}\nturnaround_ms = 1.0\n" + "".join(one.text for one in odd))
+        faults = "".join(one.text for one in odd if one.kind != FLOOD)
+        tables.append(f"[station.sim]\nseed = {number}\nturnaround_ms = 1.0\n{faults}")
     return "\n".join(tables)
 
 
@@ -223,6 +237,10 @@ class Soak:
         rng = Random(self.seed)
         self.families = {f"{FAMILIES[n % len(FAMILIES)]}-{n + 1}": FAMILIES[n % len(FAMILIES)] for n in range(self.count)}
         self.histories = {name: history(rng, family, self.seconds, self.calm_s) for name, family in self.families.items()}
+        able = [name for name, family in self.families.items() if family in ("dde", "nae", "dme", "hde")]
+        self.flooded = rng.sample(able, max(1, self.count // 5))
+        for name in self.flooded:
+            self.histories[name] = with_a_flood(rng, self.histories[name], self.seconds)
         self.rng = rng
         self._terminals: dict[str, str] = {}
         self._taken: list[tuple[int, int]] = []
@@ -250,18 +268,41 @@ class Soak:
             line = sim.line_path
             for name in RECIPES:
                 (line.parent / f"{name}.toml").write_text(RECIPES[name])
-            words = ["run", "--line", line, "--out", self.out, "-d", f"{self.seconds:g}s"]
-            steps = ",".join(f"step={STEPS_S[n % len(STEPS_S)]:g}" for n in range(1000))
-            command = [sys.executable, odd_host.__file__, steps, *map(str, words)]
-            own = {**os.environ, "XDG_STATE_HOME": str(self.home / "state")}  # what others left hot is none of its business
-            recorder = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, env=own)
-            try:
-                self._accompany(recorder, line.parent)
-                self.said = recorder.communicate(timeout=120)[1]
-            finally:
-                recorder.kill()
-                recorder.communicate()
+            with self._flooded_links(line):
+                words = ["run", "--line", line, "--out", self.out, "-d", f"{self.seconds:g}s"]
+                steps = ",".join(f"step={STEPS_S[n % len(STEPS_S)]:g}" for n in range(1000))
+                command = [sys.executable, odd_host.__file__, steps, *map(str, words)]
+                own = {**os.environ, "XDG_STATE_HOME": str(self.home / "state")}  # what others left hot is none of its business
+                recorder = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, env=own)
+                try:
+                    self._accompany(recorder, line.parent)
+                    self.said = recorder.communicate(timeout=120)[1]
+                finally:
+                    recorder.kill()
+                    recorder.communicate()
         self.code = recorder.returncode
+
+    @contextmanager
+    def _flooded_links(self, line: Path) -> Iterator[None]:
+        """Flooders between the run and these stations; the line file leads to them."""
+        floods = {name: one for name in self.flooded for one in self.histories[name] if one.kind == FLOOD}
+        links = [
+            Flooded(
+                "" if one.keys["tcp"] else str(self.home / f"near-{name}"),
+                str(line.parent / name),
+                str(one.keys["shape"]),
+                FLOOD_BYTES_PER_S,
+                one.begin,
+                one.end,
+            )
+            for name, one in floods.items()
+        ]
+        with Flooders(self.home / "flooders.json", links) as served:
+            text = line.read_text()
+            for name, url in zip(floods, served.urls, strict=True):
+                text = text.replace(f'"{line.parent / name}"', f'"{url}"')
+            line.write_text(text)
+            yield
 
     def _accompany(self, recorder: subprocess.Popen[str], links: Path) -> None:
         """Do to the recorder what is to be done, until it has ended, and look at it."""
@@ -370,6 +411,9 @@ class Soak:
         steps = [float(value) for value in events["value"][events["kind"] == "clock.step"]]
         if len(steps) != len(self.steps) or any(abs(one - other) > 1 for one, other in zip(steps, self.steps, strict=True)):
             yield f"the clock was stepped by {self.steps}, and the record has {steps}"
+        told = set(events["station"][events["kind"] == "link.flooded"])
+        if told != set(self.flooded):
+            yield f"the links of {self.flooded} were flooded, and the record has {told}"
         kinds = Counter(events["kind"])
         if kinds["guard.lost"] != len(self.guards):
             yield f"the guard was struck {len(self.guards)} times: {self.guards}; the record has {kinds['guard.lost']} times"
