@@ -14,7 +14,7 @@ from verbs import wrong
 from jbclog.counting.timers import HOUR, MINUTE, UNIT, Timed, cron_line, program, service_text, timer_text, timers_lines
 
 WORDS = ("--line", "/etc/jbclog/bench 3.toml", "--ledger", "/var/lib/jbclog/100%/$HOME/it's.jsonl")
-FOLDERS = ("/var/lib/jbclog/100%/$HOME", '/srv/the "pages"')
+FOLDERS = ("/var/lib/jbclog/100%/$HOME", '/var/lib/the "pages"')
 TIMED = Timed("/opt/jbclog/bin/jbclog", WORDS, FOLDERS, "jbclog")
 
 
