@@ -111,7 +111,7 @@ def recovered_rule(facts: StationFacts, port: int, least: float, seen: PortJoint
         text = _unknown(seen) or _none_known(seen)
         return Rule(RECOVERED, facts.name, port, least, None, "%", Result.MISSING, text)
     percent = 100 * back / (back + late)
-    text = f"The tip was back before the next joint after {back} of {_joints(back + late)}; {least:g} % are asked."
+    text = f"The tip was back before the next joint after {back} of {_joints(back + late)}; {least:g} % required."
     if 100 * (back + open_) / joints < least:
         result = Result.FAIL
     elif 100 * back / joints >= least or not open_:

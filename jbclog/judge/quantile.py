@@ -37,7 +37,7 @@ def upper_p95(values: Sequence[float | None]) -> Bound | str:
     effective = worth(known) * len(values) / max(len(known), 1)
     if effective < LEAST:
         worth_of = f", worth {effective:.0f} that are independent" if len(values) >= LEAST else ""
-        return f"A 95 % bound of it takes {LEAST} joints; there are {len(values)}{worth_of}."
+        return f"A 95 % bound takes {LEAST} joints; there are {len(values)}{worth_of}."
     above = int(len(values) * most_above(effective) / effective)
     unknown = len(values) - len(known)
     if unknown > above:

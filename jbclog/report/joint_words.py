@@ -73,7 +73,7 @@ def _found_with(taken: Row) -> str:
         f"the tip is back within {measured(taken['recovered_within_c'], '°C')}",
         *([] if expected is None else [f"one is expected every {measured(expected, 's')}"]),
     ]
-    told = f" Learnt from the run, as the recipe's [joints] leaves it open: {', '.join(learnt)}." if learnt else ""
+    told = f" Learnt from the run, because the recipe's [joints] does not set them: {', '.join(learnt)}." if learnt else ""
     return f"{'; '.join(parts)}.{told}"
 
 

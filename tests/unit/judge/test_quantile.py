@@ -28,7 +28,7 @@ def test_it_holds_as_often_as_it_says(n: int) -> None:
 
 
 def test_few_joints_give_no_bound_and_a_sentence() -> None:
-    assert upper_p95([1.0] * 58) == "A 95 % bound of it takes 59 joints; there are 58."
+    assert upper_p95([1.0] * 58) == "A 95 % bound takes 59 joints; there are 58."
     bound = upper_p95([1.0, *[0.5] * 58])
     assert not isinstance(bound, str)
     assert (bound.low, bound.high, bound.n, bound.n_effective) == (None, 1.0, 59, 59)
@@ -42,7 +42,7 @@ def test_joints_that_are_alike_are_worth_fewer() -> None:
     assert worth(np.array(course)) == pytest.approx(1000 * 0.2 / 1.8, rel=0.4)
     refused = upper_p95(course[:200])
     assert isinstance(refused, str)
-    assert refused.startswith("A 95 % bound of it takes 59 joints; there are 200, worth ")
+    assert refused.startswith("A 95 % bound takes 59 joints; there are 200, worth ")
 
 
 def test_a_recovery_that_is_not_known_counts_as_the_longest() -> None:

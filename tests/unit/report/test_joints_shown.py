@@ -210,7 +210,7 @@ def test_idle_error_stands_beside_recovery_and_what_was_found_with_is_said(calm:
     port = calm.port
     assert "A joint lasts 0.25\u00a0s or more" in page
     assert (
-        "Learnt from the run, as the recipe's [joints] leaves it open: least_dwell_s, merge_gap_s, wire_decides."
+        "Learnt from the run, because the recipe's [joints] does not set them: least_dwell_s, merge_gap_s, wire_decides."
         in page.replace("&#39;", "'")
     )
     head = page[page.index("Back before next") : page.index("Heat</tr>")]
