@@ -77,7 +77,7 @@ def identify(parts: Sequence[Readied]) -> Identified:
     )
     usable = np.concatenate([one.usable for one in rows])
     if usable.sum() < LEAST_REST_ROWS:
-        return Identified(None, f"The tip was hot in {int(usable.sum())} readings: too few to know its heat capacity.")
+        return Identified(None, f"The tip was hot in {int(usable.sum())} readings; its heat balance takes {LEAST_REST_ROWS}.")
     values, rest = first_estimate(every.take(usable)), usable
     for _ in range(ROUNDS):
         noise = noise_of(period, values, noise_c)
@@ -181,7 +181,8 @@ def _judged(rows: Rows, rest: Flags, ready: Flags, values: Floats, period_s: flo
     """The model with its uncertainties, where it is plausible."""
     noise, rest_s = noise_of(period_s, values, noise_c), float(rest.sum()) * period_s
     if rest.sum() < LEAST_REST_ROWS or rest_s < LEAST_REST_S:
-        why = f"Only {rest_s:.1f} s of the record are without contact: too little to know the tip's heat balance."
+        took = f"{LEAST_REST_S:g} s and {LEAST_REST_ROWS} readings"
+        why = f"Only {rest_s:.1f} s ({rest.sum()} readings) are without contact; the tip's heat balance takes {took}."
         return Identified(None, why)
     unsure = _uncertainties(rows.terms[rest], rows.power[rest], values, noise.flow, max(round(CLUSTER_S / period_s), 1))
     capacity, loss, second, lag = values.tolist()
