@@ -17,7 +17,8 @@ from jbclog.station.flow import MOST_TIMES, SECOND
 T = TypeVar("T")
 
 MOST_KEPT = 256  # bytes of what came
-USUAL_ANSWERS = 48  # bytes of three, as many as are asked for in a second of a scan
+MEASURES = 3
+USUAL_ANSWERS = 200  # bytes a second; ten times that is more than a line at 19200 carries, whose noise may have another cause
 HOST = 0
 MODEL = next(command for command in COMMON if command.name == "model")
 OMEGA_QUESTION = encode("A")  # 003, 11.3.1
@@ -43,13 +44,13 @@ class Came:
 class Ear:
     """Collects what comes. `now` is the last moment that was told, monotonic seconds.
 
-    What brings more at once than an answer has is listened to for a second, once: `flood` says so where it goes on like that.
+    What brings more at once than an answer has is listened to for a second, so many times: `flood` says so where it goes on.
     """
 
     def __init__(self) -> None:
         self.now = 0.0
         self.flood: LinkFlooded | None = None
-        self._has_measured = False
+        self._measures_left = MEASURES
 
     def ask(self, question: bytes, patience_s: float, answer_in: Callable[[bytes], object | None]) -> Steps[Came]:
         """Send `question` and take what comes until `answer_in` finds an answer in it, or `patience_s` are over."""
@@ -69,13 +70,13 @@ class Ear:
             heard = yield Listen(until)
             data += heard.data
         self.now = heard.now
-        if len(data) >= MOST_KEPT and not self._has_measured:
+        if len(data) >= MOST_KEPT and self._measures_left and self.flood is None:
             yield from self._measure(heard.now)
         return Came(_without(question, data)[:MOST_KEPT], bool(question) and question in data)
 
     def _measure(self, began: float) -> Steps[None]:
         """Count what comes in a second in which nothing is asked."""
-        self._has_measured = True
+        self._measures_left -= 1
         came = 0
         while self.now < began + SECOND:
             heard = yield Listen(began + SECOND)

@@ -12,7 +12,7 @@ import select
 import signal
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from contextlib import suppress
 from pathlib import Path
 
@@ -49,7 +49,7 @@ def main() -> int:
         with only_one(folder, PREDECESSOR_S):
             with suppress(OSError):  # then it has to do without
                 diary.reserve()
-            left = _guard(recorder, shelf, diary)
+            left, flooded = _guard(recorder, shelf, diary)
             try:
                 _keep(left, shelf, diary)
             except Exception as error:  # what is left is tried again all the same
@@ -66,7 +66,7 @@ def main() -> int:
         return RecordError.exit_code
     if left:
         let_go(STDERR)
-        _go_on(folder, left, shelf, diary)
+        _go_on(folder, left, flooded, shelf, diary)
     return 0
 
 
@@ -79,20 +79,20 @@ def _keep(left: Sequence[StationLease], shelf: Shelf, diary: Diary) -> None:
         diary.tidy()
 
 
-def _guard(recorder: Recorder, shelf: Shelf, diary: Diary) -> Sequence[StationLease]:
-    """Watch, and take over where it comes to that; give what is left that may be hot."""
+def _guard(recorder: Recorder, shelf: Shelf, diary: Diary) -> tuple[Sequence[StationLease], Collection[str]]:
+    """Watch, and take over where it comes to that; give what is left that may be hot, and what was told over a flooded link."""
     os.set_blocking(STDOUT, False)
     _answer(READY)
     watch = Watch(time.monotonic())
     for _ in range(TRIES):
         try:
             verdict = _watch(watch, shelf)
-            return () if verdict is Verdict.DONE else _take_over(watch, verdict, recorder, diary)
+            return ((), ()) if verdict is Verdict.DONE else _take_over(watch, verdict, recorder, diary)
         except Exception as error:  # of this program: memory was refused, say
             if _is_followed(watch, recorder):
                 raise
             _say_failed(error)
-    return [station for station in watch.stations.values() if station.holds]
+    return [station for station in watch.stations.values() if station.holds], ()
 
 
 def _is_followed(watch: Watch, recorder: Recorder) -> bool:
@@ -132,17 +132,18 @@ def _answer(data: bytes) -> None:
         os.write(STDOUT, data)
 
 
-def _take_over(watch: Watch, verdict: Verdict, recorder: Recorder, diary: Diary) -> list[StationLease]:
+def _take_over(watch: Watch, verdict: Verdict, recorder: Recorder, diary: Diary) -> tuple[Sequence[StationLease], Collection[str]]:
     if verdict is not Verdict.FAILED:  # one that failed has closed its ports
         recorder.end(0.0 if verdict is Verdict.HUNG else DYING_S, DEATH_S)
-    left = TakeOver(list(watch.stations.values()), diary).run()
+    taking_over = TakeOver(list(watch.stations.values()), diary)
+    left = taking_over.run()
     why = f"{verdict.value} for {HUNG_S:g} s and was ended" if verdict is Verdict.HUNG else verdict.value
     outcome = (ERROR, "every tool is in its safe state") if not left else (CRITICAL, "not every tool could be made safe")
     diary.write("guard.took_over", outcome[0], f"The guard took over, because {why}: {outcome[1]}.")
-    return left
+    return left, taking_over.flooded
 
 
-def _go_on(folder: Path, left: Sequence[StationLease], shelf: Shelf, diary: Diary) -> None:
+def _go_on(folder: Path, left: Sequence[StationLease], flooded: Collection[str], shelf: Shelf, diary: Diary) -> None:
     """Try again, until all is safe, or somebody else has seen to it, or time is up. Between tries the folder is free."""
     end = time.monotonic() + GO_ON_S
     while left and time.monotonic() < end:
@@ -150,7 +151,8 @@ def _go_on(folder: Path, left: Sequence[StationLease], shelf: Shelf, diary: Diar
         with suppress(Exception), only_one(folder):
             if shelf.was_cleared:
                 return
-            left = TakeOver(left, diary, again=True).run()
+            taking_over = TakeOver(left, diary, again=True, flooded=flooded)
+            left, flooded = taking_over.run(), taking_over.flooded
             _keep(left, shelf, diary)
     with suppress(RecordError, OSError), only_one(folder):
         diary.tidy()

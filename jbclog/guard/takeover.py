@@ -7,7 +7,7 @@ the diary and on stderr, tool by tool, as soon as it is known.
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from threading import Thread
@@ -36,9 +36,19 @@ class TakeOver:
     """Makes safe what these leases hold, and tells the diary. `left` are those of them that still hold something.
 
     `again`: it was tried before, and what could not be done then was told. `spare`: a tool that rests already is left alone.
+    `flooded` are the stations that were told over a flooded link; one that is told again and again would never sleep.
     """
 
-    def __init__(self, stations: Sequence[StationLease], diary: Diary, *, again: bool = False, spare: bool = False) -> None:
+    def __init__(
+        self,
+        stations: Sequence[StationLease],
+        diary: Diary,
+        *,
+        again: bool = False,
+        spare: bool = False,
+        flooded: Collection[str] = (),
+    ) -> None:
+        self.flooded = set(flooded)
         self._left = {station.name: station for station in stations if station.holds}  # until it is known better
         self._diary = diary
         self._again = again
@@ -74,6 +84,8 @@ class TakeOver:
         except Exception as error:  # one station that cannot be saved must not keep the others from it
             self._tell(lease, "guard.failed", CRITICAL, f"the guard failed, {type(error).__name__}: {error}; {HOT}")
             return
+        if task.flood is not None and all(tool.reached == SENT for tool in task.tools):
+            self.flooded.add(lease.name)
         self._take_note(lease, task)
         for tool in task.tools:
             self._tell_tool(lease, task, tool)
@@ -112,6 +124,7 @@ class TakeOver:
             lambda: _is_the_one(client, lease),
             is_proven=False,
             spare=self._spare,
+            is_stranger=lease.name in self.flooded,
         )
 
     def _tell_tool(self, lease: StationLease, task: Task, tool: Tool) -> None:

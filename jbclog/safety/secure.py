@@ -126,7 +126,7 @@ class Task:
     prove: Prove
     is_proven: bool = True
     spare: bool = False
-    is_stranger: bool = False  # before, another station was found there: it is told nothing that it has not proven to be meant
+    is_stranger: bool = False  # nothing is told over a flooded link: another station was found there, or it was told before
     flood: LinkFlooded | None = None  # that its link brought, and the orders had to do without an answer
     is_silent: bool = False  # the last that was asked was not answered: acknowledgements are not waited for long
     has_waited: bool = field(init=False, default=False)  # in vain, for an acknowledgement

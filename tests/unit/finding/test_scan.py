@@ -195,6 +195,24 @@ def test_the_binary_protocol_is_told_by_what_it_says(line: LineFormat, said: byt
     assert report.binary.baudrate == line.baudrate
 
 
+@pytest.mark.parametrize("said", [b"\xaa", framed("ATT100077"), framed("ASMNDDE")], ids=["noise", "an answer", "models"])
+def test_a_port_that_is_flooded_is_told_within_seconds(said: bytes) -> None:
+    clock = VirtualClock()
+    began, flood = clock.monotonic(), (said * 1000)[:1000]
+    report = scanned(Cable(Silence(), LineFormat(), speaks=(0.01, flood)), clock=clock)
+    assert kinds(report) == ["link.flooded"]
+    (finding,) = diagnose(report)
+    assert "bytes came in 1." in finding.what
+    assert finding.step == "find what sends on it"
+    assert clock.monotonic() - began < 15
+    assert sum(map(len, report.garbage.values())) <= 256 * len(report.tried)
+
+
+@pytest.mark.parametrize("every_s", [0.5, 0.05])
+def test_something_that_speaks_a_little_is_no_flood(every_s: float) -> None:
+    assert kinds(scanned(Cable(Silence(), LineFormat(4800), speaks=(every_s, b"$GPRMC,1*6A\r\n")))) == ["line.format"]
+
+
 def test_a_model_that_no_table_has_is_told_and_not_driven() -> None:
     report = scanned(station_cable("dde", sim='model = "ZZQ"'))
     assert kinds(report) == ["station.unknown"]
