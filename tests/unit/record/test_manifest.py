@@ -24,6 +24,7 @@ from jbclog.record.manifest import (
     manifest_sha256,
     read_manifest,
     write_manifest,
+    wrong_digest,
 )
 from jbclog.rows import Goal, StationFacts
 
@@ -151,3 +152,10 @@ def test_what_was_said_is_told_once_each_and_no_tag_stands_for_something_else() 
 def test_each_serial_stands_once() -> None:
     manifest = Manifest("r", metadata=Metadata(units=["1", "2"]), units=[Unit("2", "t"), Unit("3", "t"), Unit("2", "u")])
     assert manifest.serials() == ["1", "2", "3"]
+
+
+def test_what_utf_8_cannot_write_is_a_question_mark_and_the_digest_holds(tmp_path: Path) -> None:
+    """The url of a station below a folder whose name is in another code: a run of it must be sealed all the same."""
+    write_manifest(tmp_path, Manifest("r", stations=[StationFacts("a", "/home/b\udcff/a", "dde")]))
+    assert read_manifest(tmp_path).stations[0].url == "/home/b?/a"
+    assert wrong_digest(tmp_path) is None
