@@ -73,7 +73,7 @@ class TakeOver:
         thread = Thread(target=self._one, args=(station,), daemon=True)
         try:
             thread.start()
-        except RuntimeError:
+        except (RuntimeError, MemoryError):
             self._one(station)
             return None
         return thread

@@ -47,9 +47,11 @@ def open_port(url: str, line: LineFormat, *, exclusive: bool = True) -> Port:
         raise _refused(url, _device(opened, url), error) from error
     try:
         return _port(url, opened, exclusive)
-    except OSError as error:
+    except BaseException as error:  # whatever it is: a port that nobody holds would be locked all the same
         give_back(opened.close)
-        raise lost(url, "it went while it was opened", error) from error
+        if isinstance(error, OSError):
+            raise lost(url, "it went while it was opened", error) from error
+        raise
 
 
 def make_ready(url: str) -> None:
@@ -145,8 +147,12 @@ def _device_port(url: str, opened: serial.SerialBase, descriptor: int, exclusive
     with contextlib.suppress(*BROKEN):  # FTDI adapters hold an answer back for 16 ms unless told so
         opened.set_low_latency_mode(True)  # type: ignore[attr-defined]  # Linux only
     own = os.dup(descriptor)
-    opened.close()
-    return DescriptorPort(url, own, lambda: _close_device(own))
+    try:
+        opened.close()
+        return DescriptorPort(url, own, lambda: _close_device(own))
+    except BaseException:
+        os.close(own)
+        raise
 
 
 def _descriptor(url: str, opened: serial.SerialBase) -> int | None:
