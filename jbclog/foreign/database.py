@@ -6,7 +6,7 @@ import sqlite3
 import time
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 from urllib.parse import quote
 
 from jbclog.foreign.files import Kind, expect_regular
@@ -64,6 +64,13 @@ def _expect_regular(path: Path, *, must_be_there: bool) -> None:
 
 class Database(sqlite3.Connection):
     """A connection whose statements end: one that takes too long is interrupted (sqlite3.OperationalError)."""
+
+    def execute(self, sql: str, parameters: Any = (), /) -> sqlite3.Cursor:
+        """As of any connection. Where SQLite's complaint quotes bytes of the file that are no text, Python cannot even tell it."""
+        try:
+            return super().execute(sql, parameters)
+        except UnicodeDecodeError as error:
+            raise NotAStore("malformed: SQLite's complaint quotes bytes of it that are no text") from error
 
     def within(self, seconds: float = STATEMENT_S) -> None:
         """Give what is asked from now on so long."""

@@ -96,6 +96,16 @@ def test_the_first_bytes_of_the_pages(in_the_pages: Path, tmp_path: Path) -> Non
         assert_nothing_is_wrong_silently(altered(in_the_pages, tmp_path, "live.sqlite", flip, place))
 
 
+def test_a_complaint_that_quotes_what_is_no_text(in_the_pages: Path, tmp_path: Path) -> None:
+    """SQLite quotes the damaged words of the schema; where they are no UTF-8, Python raises another error than for all else."""
+
+    def quoted(data: bytearray, _: int) -> None:
+        place = data.index(b"notenote")
+        data[place : place + 8] = b"n\xa2te\xa2ote"
+
+    assert_nothing_is_wrong_silently(altered(in_the_pages, tmp_path, "live.sqlite", quoted, 0))
+
+
 @pytest.mark.campaign
 @pytest.mark.timeout(3600)
 @pytest.mark.parametrize("remainder", range(4))
