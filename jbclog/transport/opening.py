@@ -11,6 +11,9 @@ import contextlib
 import errno
 import os
 import socket
+import sys
+from collections.abc import Callable
+from queue import Queue
 
 import serial
 
@@ -26,6 +29,7 @@ except ImportError:  # Windows, which opens every port for one program alone
     fcntl = termios = None  # type: ignore[assignment]  # told apart below
 
 HELD_BY_SYSTEM = 1 << 16  # bytes of a connection that wait to be read; a server that sends more has to wait
+MOST_WAITING = 4096  # bytes of an rfc2217 port
 WRITE_S = 1.0  # only for ports that pyserial writes to itself
 PSEUDO_TERMINALS = "/dev/pts/"
 LOCKED = (errno.EBUSY, errno.EAGAIN)
@@ -130,15 +134,36 @@ def _port(url: str, opened: serial.SerialBase, exclusive: bool) -> Port:
 def _connected(url: str, opened: serial.SerialBase, connection: socket.socket, descriptor: int | None) -> Port:
     """pyserial's own closing sleeps 0.3 s, and leaves the connection open where the server went first."""
 
+    let_all_in = _bound(opened)
+
     def hang_up() -> None:
         with contextlib.suppress(OSError):
             connection.shutdown(socket.SHUT_RDWR)
         connection.close()
+        let_all_in()
 
     if descriptor is None:
         return ObjectPort(url, opened, hang_up)
     opened.is_open = False  # so that it does not close the connection a second time
     return DescriptorPort(url, descriptor, hang_up)
+
+
+def _bound(opened: serial.SerialBase) -> Callable[[], None]:
+    """pyserial's rfc2217 puts each byte into a queue without an end, in a thread of its own: let that wait where nobody reads.
+
+    Gives what lets the thread go on, to its end, when the port is closed.
+    """
+    queue = getattr(opened, "_read_buffer", None)  # so named in every pyserial there has been
+    if not isinstance(queue, Queue):
+        return lambda: None
+    queue.maxsize = MOST_WAITING
+
+    def let_all_in() -> None:
+        with queue.mutex:
+            queue.maxsize = sys.maxsize
+            queue.not_full.notify_all()
+
+    return let_all_in
 
 
 def _device_port(url: str, opened: serial.SerialBase, descriptor: int, exclusive: bool) -> Port:

@@ -11,17 +11,22 @@ import subprocess
 import sys
 import termios
 import time
+from contextlib import suppress
 from pathlib import Path
+from threading import Event, Thread
+from threading import enumerate as enumerate_threads
 
 import pytest
 import serial
+from command import until
 from far_ends import Server, Terminal, open_descriptors, rfc2217_server, server, terminal
 from serial import rfc2217
 
 from jbclog.errors import LinkError, PortBusy, PortForbidden, PortMissing
 from jbclog.transport import Port, open_port
 from jbclog.transport.holder import holder_of, in_words
-from jbclog.transport.opening import make_ready
+from jbclog.transport.opening import MOST_WAITING, make_ready
+from jbclog.transport.port import ObjectPort
 from jbclog.wire import LineFormat
 
 LINE = LineFormat()
@@ -368,3 +373,32 @@ def test_the_far_end_sees_the_client_go_at_once() -> None:
     port.close()
     assert far.client.recv(10) == b""
     far.end()
+
+
+@rfc2217_of_python_3_11
+def test_an_rfc2217_server_that_sends_without_end_has_to_wait(capfd: pytest.CaptureFixture[str]) -> None:
+    """pyserial would keep all of it."""
+    is_over = Event()
+    with terminal() as device, rfc2217_server(device) as server:
+        port = open_port(server.url, LineFormat())
+        before = {thread for thread in enumerate_threads() if "RFC 2217" in thread.name}
+
+        def flood() -> None:
+            assert server.client is not None
+            with suppress(OSError):
+                while not is_over.is_set():
+                    server.client.send(b"x" * 4096)
+
+        sender = Thread(target=flood, daemon=True)
+        sender.start()
+        time.sleep(1.0)
+        assert isinstance(port, ObjectPort)
+        opened = port._object()
+        assert opened.in_waiting <= MOST_WAITING  # type: ignore[attr-defined]
+        assert port.read(1.0).startswith(b"x")
+        port.close()
+        is_over.set()
+        assert until(lambda: not any(thread.is_alive() for thread in before), 10)
+    sender.join(5)
+    assert before
+    assert capfd.readouterr().err == ""
