@@ -41,12 +41,16 @@ class VerdictFacts:
 
 @dataclass(frozen=True, slots=True)
 class Zoom:
-    """What the page's script draws: `start` and `end` in seconds since 1970, `lines` in °C by name, and as base64 `data`."""
+    """What the page's script draws: `start` and `end` in seconds since 1970, `lines` in °C by name, and as base64 `data`.
+
+    `joints`: of each its start since `start` and its length in tenths of a second, hexadecimal; ``!`` where the tip was not back.
+    """
 
     start: float
     end: float
     lines: str
     data: str
+    joints: str = ""
 
 
 @dataclass(slots=True)

@@ -12,10 +12,11 @@ from typing import Final
 import numpy as np
 
 from jbclog.report.facts import Zoom
-from jbclog.report.trace import Floats, Trace
+from jbclog.report.trace import LATE, Floats, Trace
 
 ALL_STRETCHES: Final = 120_000  # of all ports together: 1.3 MB of page
 MOST_STRETCHES: Final = 48_000  # of one port: eight hours in steps of 0.6 s
+JOINTS_PER_STRETCH: Final = 0.5  # some 10 bytes each: beside the curves' data they stay small
 NOTHING: Final = -32768
 SERIES: Final = 4  # temperature low and high, power low and high
 
@@ -34,7 +35,14 @@ def zoom_of(trace: Trace, most: int) -> Zoom | None:
     series = [*_ends(trace.temperature, place, count), *_ends(trace.power, place, count)]
     zero_s = trace.grid.t0_utc_us / 1e6
     data = base64.b64encode(np.concatenate(series).astype("<i2").tobytes()).decode()
-    return Zoom(round(zero_s + trace.start, 3), round(zero_s + trace.end, 3), _lines(trace), data)
+    joints = _joints(trace) if len(trace.joints) <= most * JOINTS_PER_STRETCH else ""
+    return Zoom(round(zero_s + trace.start, 3), round(zero_s + trace.end, 3), _lines(trace), data, joints)
+
+
+def _joints(trace: Trace) -> str:
+    """``12c.8,1a4.9!``"""
+    tenths = [(round(10 * (one.start - trace.start)), round(10 * one.seconds), one.word == LATE) for one in trace.joints]
+    return ",".join(f"{max(start, 0):x}.{length:x}{'!' * late}" for start, length, late in tenths)
 
 
 def _ends(values: Floats, place: np.ndarray[tuple[int], np.dtype[np.int64]], count: int) -> tuple[Floats, Floats]:

@@ -28,6 +28,10 @@
   function install(figure) {
     var set = figure.dataset, first = +set.start, last = +set.end, series = null, from = first, to = last, drag = null;
     var lines = set.lines ? set.lines.split(",").map(function (one) { return one.split(" "); }) : [];
+    var joints = (set.joints || "").split(",").filter(Boolean).map(function (one) {
+      var parts = one.replace("!", "").split("."), begin = first + parseInt(parts[0], 16) / 10;
+      return [begin, begin + parseInt(parts[1], 16) / 10, one.indexOf("!") > 0];
+    });
     var bar = element("div", "", figure), canvas = null, told = null;
     bar.className = "closer";
     var open = element("button", "Look closer", bar);
@@ -108,6 +112,7 @@
       times(c, p);
       var seen = ends(0, index(from), index(to)) || [0, 400], wanted = +((lines[0] || [])[1] || seen[0]);
       var low = Math.min(seen[0], wanted), high = Math.max(seen[1], wanted), air = Math.max(4, 0.08 * (high - low));
+      touched(c, p, 22, 0.64 * p.height);
       panel(c, p, 0, 22, 0.64 * p.height, low - air, high + air, "#0b4f8a", "#9cc3e6", "Tip temperature in \u00b0C".replace("Tip", set.what), lines);
       panel(c, p, 2, 0.64 * p.height + 24, p.height - 24, 0, Math.max(100, (ends(2, index(from), index(to)) || [0, 1000])[1] * 1.08), "#7a4d00", "#efc98a", "Power in \u2030", []);
       if (drag) {
@@ -115,6 +120,17 @@
         c.fillStyle = "rgba(28, 39, 51, .14)";
         c.fillRect(Math.min(a, b), 8, Math.abs(b - a), p.height - 30);
       }
+    }
+    function touched(c, p, top, bottom) {
+      function x(second) { return p.left + (Math.min(Math.max(second, from), to) - from) / (to - from) * (p.right - p.left); }
+      joints.forEach(function (one) {
+        if (one[1] < from || one[0] > to) return;
+        var a = x(one[0]), wide = Math.max(x(one[1]) - a, 1), high = one[2] ? 9 : 5;
+        c.fillStyle = "rgba(11, 79, 138, .09)";
+        if (wide > 4) c.fillRect(a, top, wide, bottom - top);
+        c.fillStyle = one[2] ? "#c8400a" : "#0b4f8a";
+        c.fillRect(a, bottom - high, wide, high);
+      });
     }
     function times(c, p) {
       var most = Math.max(2, (p.right - p.left) / 90), i = 0, second, x;

@@ -10,7 +10,8 @@ import pandas as pd
 import pytest
 
 from jbclog.report.facts import Zoom
-from jbclog.report.trace import Grid, Trace, trace
+from jbclog.report.spans import Span
+from jbclog.report.trace import BACK, CUT_OFF, LATE, Grid, Trace, trace
 from jbclog.report.zoom import ALL_STRETCHES, NOTHING, most_stretches, zoom_of
 
 
@@ -55,6 +56,16 @@ def test_what_was_not_read_is_not_joined() -> None:
     found = series(zoom_of(drawn, 500))
     assert set(found[0, 100:150].tolist()) == {NOTHING}
     assert NOTHING not in found[0, :100]
+
+
+def test_the_joints_are_there_too_and_those_without_recovery_apart() -> None:
+    joints = [Span(10.0, 11.04, BACK), Span(20.0, 20.8, LATE), Span(30.0, 45.0, CUT_OFF)]
+    found = zoom_of(replace(traced(500), joints=joints), 500)
+    assert found is not None
+    assert found.joints == "64.a,c8.8!,12c.96"
+    crowded = zoom_of(replace(traced(500), joints=joints * 100), 500)
+    assert crowded is not None
+    assert crowded.joints == ""
 
 
 def test_nothing_read_is_nothing_to_look_at() -> None:
