@@ -16,6 +16,7 @@ from jbclog.analysis import Run
 from jbclog.analysis.features import joints_and_metrics
 from jbclog.analysis.joint_table import FILE as JOINTS
 from jbclog.analysis.joint_table import JOINTS_SCHEMA, as_bytes
+from jbclog.judge.censored import censored_quantile
 from jbclog.record.manifest import manifest_sha256
 from jbclog.report.facts import Figure, JointFacts
 from jbclog.report.joint_chart import Charted, Floats, charted, draw_chart
@@ -40,6 +41,8 @@ OF_JOINTS: Final = "joints"
 AT_WORK: Final = "power_mean_permille"  # a port whose tool never worked makes none, and there is nothing to say of them
 
 Row = dict[str, object]
+Told = tuple[float | None, float | None, bool | None]
+"""Of a joint: its recovery, the time that it had, and whether the tip was back before the next."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,19 +119,27 @@ def _floats(column: pa.ChunkedArray) -> Floats:
 
 def unit_rows(found: Joints) -> list[Row]:
     """For each unit of which joints are known, in the order in which they came: how many, and their recovery."""
-    recovery = found.table["recovery_s"].to_pylist()
-    by_unit: dict[str | None, list[float | None]] = {}
-    for unit, seconds in zip(found.units, recovery, strict=True):
-        by_unit.setdefault(unit, []).append(seconds)
+    told = zip(*(found.table[name].to_pylist() for name in ("recovery_s", "had_s", "recovered")), strict=True)
+    by_unit: dict[str | None, list[Told]] = {}
+    for unit, joint in zip(found.units, told, strict=True):
+        by_unit.setdefault(unit, []).append(joint)
     if not any(by_unit):  # nobody named a unit
         return []
     return [{UNIT: unit, "joints": len(these), **_recovery(these)} for unit, these in by_unit.items()]
 
 
-def _recovery(seconds: Sequence[float | None]) -> Row:
-    known = [one for one in seconds if one is not None]
-    middle, slowest = (round(float(np.median(known)), 3), max(known)) if known else (None, None)
-    return {"recovery_n": len(known), "recovery_p50_s": middle, "recovery_slowest_s": slowest}
+def _recovery(joints: Sequence[Told]) -> Row:
+    """Of one unit: its median, and its slowest where every recovery was seen; one that the next joint cut short was longer."""
+    known = [seconds for seconds, _, _ in joints if seconds is not None]
+    late = sum(back is False for _, _, back in joints)
+    times = [(had, False) if seconds is None else (seconds, True) for seconds, had, _ in joints]
+    middle = censored_quantile([one for one in times if one[0] is not None], 0.5)
+    return {
+        "recovery_n": len(known),
+        "not_recovered": late,
+        "recovery_p50_s": None if middle is None else round(middle, 3),
+        "recovery_slowest_s": max(known) if known and not late else None,
+    }
 
 
 def _times(row: Mapping[str, object]) -> Row:

@@ -25,7 +25,7 @@ JOINTS = (
 )
 BEFORE_IDLE = (("recovered_before_next_percent", "%"), ("joint_deficit_c", "°C"), ("recovery_s", "s"), ("recovery_p95_s", "s"))
 BEHIND_IDLE = (("joint_depth_c", "°C"), ("joint_dwell_s", "s"))
-UNITS = (">Joints", ">Median recovery", ">Slowest", ">n", "Unit")
+UNITS = (">Joints", ">Median recovery", ">Slowest", ">n", ">Not back before next", "Unit")
 WITNESSED = (
     "A the station's flag, B our samples with the alarm's delay and a dead band, C every sample beyond the limit, which alone is "
     "no alarm. Began: between two readings."
@@ -115,7 +115,7 @@ def _joints(row: Row) -> list[Cell]:
 def _unit(row: Row) -> list[Cell]:
     seconds = [measured(row[name], "s") for name in ("recovery_p50_s", "recovery_slowest_s")]
     unit = str(row["unit"] or "none on the bench, or not known")
-    return _cells([number(row["joints"]), *seconds, number(row["recovery_n"]), unit], range(4))
+    return _cells([number(row["joints"]), *seconds, number(row["recovery_n"]), number(row["not_recovered"]), unit], range(5))
 
 
 def _more(paper: Paper, count: int, where: str) -> None:

@@ -45,7 +45,7 @@ TABLES: Final[Mapping[str, Sequence[str]]] = {
     "alarms": ALARMS,
     "joints": JOINTS,
     "metrics": ("station", "port", "metric", "value", "unit", "n", "coverage", "resolution", "why"),
-    "units": ("unit", "joints", "recovery_n", "recovery_p50_s", "recovery_slowest_s"),
+    "units": ("unit", "joints", "recovery_n", "recovery_p50_s", "recovery_slowest_s", "not_recovered"),
 }
 """Columns by table; the ledger has one more for each reason that occurs."""
 

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
 import pytest
 from made_series import lose
 from scripted_tip import Contact, soldered
@@ -24,6 +25,7 @@ from jbclog.report.drawing import Drawing, Shape
 from jbclog.report.figure import draw
 from jbclog.report.joint_chart import charted, draw_chart
 from jbclog.report.joint_words import never_back
+from jbclog.report.joints import Joints, unit_rows
 from jbclog.report.page import KEPT, kept_by
 from jbclog.report.spans import Span
 from jbclog.report.style import WIDE
@@ -269,6 +271,17 @@ def test_an_energy_with_a_gap_is_not_known_anywhere(tmp_path: Path) -> None:
     assert port["power"]["energy_recorded_permille_s"] > 0
     assert "no reading" in port["power"]["energy_why"]
     assert "<dd>not known: gaps</dd>" in page
+
+
+def test_a_unit_with_joints_without_recovery_has_no_slowest_and_no_flattering_median() -> None:
+    rows = [(1.2, 1.2, True), (1.4, 1.4, True), (None, 1.8, False), (None, 1.8, False), (None, None, None)]
+    columns = {name: [row[number] for row in rows] for number, name in enumerate(("recovery_s", "had_s", "recovered"))}
+    found = Joints(pa.table(columns), b"", [], ["SN-1"] * 5, [])
+    (unit,) = unit_rows(found)
+    assert (unit["joints"], unit["recovery_n"], unit["not_recovered"]) == (5, 2, 2)
+    assert (unit["recovery_p50_s"], unit["recovery_slowest_s"]) == (1.4, None)
+    (quick,) = unit_rows(Joints(pa.table(columns)[:2], b"", [], ["SN-1"] * 2, []))
+    assert (quick["not_recovered"], quick["recovery_slowest_s"]) == (0, 1.4)
 
 
 def test_page_and_paper_say_in_the_verdict_that_bare_figures_were_judged(tmp_path: Path) -> None:

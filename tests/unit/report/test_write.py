@@ -33,7 +33,7 @@ ELEMENTS = {
 }
 ATTRIBUTES = {"lang", "charset", "name", "content", "http-equiv", "class", "id", "href", "src", "alt"}
 BESIDE = ("tables/joints.csv", "tables/metrics.csv", "joints.parquet")  # files of the report itself
-ATTRIBUTES |= {"data-what", "data-start", "data-end", "data-lines", "data-zoom"}
+ATTRIBUTES |= {"data-what", "data-start", "data-end", "data-joints", "data-lines", "data-zoom"}
 
 
 class Page(HTMLParser):
