@@ -30,6 +30,9 @@ def state(tmp_path: Path) -> Path:
         pytest.skip("needs root and systemd-analyze (Debian package systemd)")
     folder = tmp_path / "state"
     folder.mkdir()
+    tried = output([sys.executable, confined.__file__, str(UNIT), str(folder), "true"])
+    if tried.returncode != 0:  # a container that may not
+        pytest.skip(f"needs a root that may unshare and mount: {tried.stderr}")
     return folder
 
 
