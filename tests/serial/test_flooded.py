@@ -56,6 +56,7 @@ def told(wire: WireLog, station: str) -> set[str]:
     return {text for text in wire.writes(station) if text.startswith("WPS")}
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize(
     ("transport", "shape"), [("tcp", "noise"), ("tcp", "another model's answers"), ("pty", "copies of an answer")]
 )
