@@ -115,4 +115,12 @@ def _ended(folder: Path) -> set[str]:
         for path in segments(folder):
             with closing(Segment.look(path)) as segment:
                 facts |= segment.notes(FACTS)
-    return {name for name, text in facts.items() if json.loads(text).get("outcome") != RUNNING}
+    return {name for name, text in facts.items() if _says_ended(text)}
+
+
+def _says_ended(text: str) -> bool:
+    """Whether a station's facts say that its session is over; those of anybody's run may be no facts at all."""
+    with contextlib.suppress(ValueError, RecursionError):
+        facts = json.loads(text)
+        return isinstance(facts, dict) and facts.get("outcome", RUNNING) != RUNNING
+    return False

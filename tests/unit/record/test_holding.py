@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from jbclog.record.folder import create_run
-from jbclog.record.holding import run_of, run_that_holds, runs_in_progress
+from jbclog.record.holding import _says_ended, run_of, run_that_holds, runs_in_progress
 from jbclog.record.live import LiveStore
 from jbclog.record.manifest import Manifest, read_manifest, write_manifest
 from jbclog.rows import StationFacts
@@ -106,3 +106,14 @@ def test_a_server_s_port_is_known_under_all_names_of_its_host(tmp_path: Path) ->
     finally:
         store.close()
         store.release()
+
+
+@pytest.mark.parametrize("text", ['{"outcome": "compl', "", "[]", "[" * 100_000, "3"])
+def test_facts_that_are_none_say_nothing(text: str) -> None:
+    """Of anybody's run on this machine: they must keep nobody from starting."""
+    assert not _says_ended(text)
+
+
+def test_facts_say_whether_a_session_is_over() -> None:
+    assert _says_ended('{"outcome": "completed"}')
+    assert not _says_ended('{"outcome": "running"}')
