@@ -23,7 +23,7 @@ from far_ends import Server, Terminal, open_descriptors, rfc2217_server, server,
 from serial import rfc2217
 
 from jbclog.errors import LinkError, PortBusy, PortForbidden, PortMissing
-from jbclog.transport import Port, open_port
+from jbclog.transport import Port, open_port, opening
 from jbclog.transport.holder import holder_of, in_words
 from jbclog.transport.opening import MOST_WAITING, make_ready
 from jbclog.transport.port import ObjectPort
@@ -243,7 +243,7 @@ def test_a_terminal_bears_no_mark_that_would_outlive_a_killed_recorder() -> None
 
 HOLD = """
 import sys
-from jbclog.transport import open_port
+from jbclog.transport import open_port, opening
 from jbclog.wire import LineFormat
 port = open_port(sys.argv[1], LineFormat())
 print("held", flush=True)
@@ -363,6 +363,23 @@ def test_a_failed_opening_leaves_nothing_open() -> None:
             with pytest.raises(LinkError):
                 open_port("/dev/null", LINE)
         port.close()
+    assert open_descriptors() == before
+
+
+@pytest.mark.parametrize("step", ["_keep_others_out", "DescriptorPort"])
+def test_an_opening_that_memory_is_refused_for_locks_nobody_out(step: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A guard tries again, and must not find the port in its own hands."""
+
+    def refuse(*_: object) -> None:
+        raise MemoryError
+
+    before = open_descriptors()
+    with terminal() as far:
+        with monkeypatch.context() as patch:
+            patch.setattr(opening, step, refuse)
+            with pytest.raises(MemoryError):
+                open_port(far.url, LINE)
+        open_port(far.url, LINE).close()
     assert open_descriptors() == before
 
 
