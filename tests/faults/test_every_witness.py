@@ -277,7 +277,10 @@ family = "dde"
 READ_ONLY = '[recipe]\nname = "read"\nrevision = 1\nfamilies = ["dde"]\n[sampling]\nrate_hz = 4\n'
 
 
-def test_on_real_terminals_a_silent_station_is_away_and_its_neighbour_bears_out_that_the_computer_went_on(tmp_path: Path) -> None:
+def test_on_real_terminals_a_silent_station_is_away_and_its_neighbour_bears_out_that_the_computer_went_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))  # what other tests left hot would be told of
     (tmp_path / "line").mkdir()
     with ServedLine(tmp_path / "line", REAL, READ_ONLY) as served:
         ended = jbclog("run", served.recipe, "--line", served.path, "--out", tmp_path / "runs", "-d", "13s")
