@@ -156,14 +156,14 @@ def sample(package: str) -> list[tuple[str, int, str, int, int]]:
 # -- which tests cover what -------------------------------------------------------------------------------------------------------
 
 
-def copied(work: Path) -> Path:
-    """A copy of the repository, of files that may be replaced one by one."""
-    tree = work / "tree"
+def copied(work: Path, name: str) -> Path:
+    """A copy of the repository of one's own."""
+    tree = work / name
     shutil.rmtree(tree, ignore_errors=True)
     listed = subprocess.run(["git", "ls-files", "-z"], cwd=HERE, capture_output=True, check=True, text=True).stdout
-    for name in filter(None, listed.split("\0")):
-        (tree / name).parent.mkdir(parents=True, exist_ok=True)
-        shutil.copy2(HERE / name, tree / name, follow_symlinks=False)
+    for file in filter(None, listed.split("\0")):
+        (tree / file).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copy2(HERE / file, tree / file, follow_symlinks=False)
     return tree
 
 
@@ -207,7 +207,7 @@ def tests_in(tree: Path, words: list[str], limit_s: float, **more: str) -> tuple
 def cover(work: Path) -> None:
     """Measure which test runs which line, and how long each takes."""
     work.mkdir(parents=True, exist_ok=True)
-    tree = copied(work)
+    tree = copied(work, "tree")
     words = ["-p", "mutants", "--maxfail=1000", *(name for name in COVERING if (tree / name).exists())]
     code, seconds, said = tests_in(tree, words, 3600, MUTANTS_COVER=str(work / "cover.json"))
     print(f"{seconds:.0f} s, exit code {code}: {said}")
@@ -249,11 +249,11 @@ if pytest is not None and os.environ.get("MUTANTS_COVER"):
 
 
 def covering(known: dict[str, Any], name: str, line: int) -> list[str]:
-    """The tests that run the line, quickest first; of a line that runs when it is loaded, those that run anything of its file."""
+    """The tests that run the line, quickest first; of one that no test runs, or that runs as it is loaded, those of its file."""
     took, lines = known["took"], known["lines"].get(name, {})
     line = next((before for before in range(line, max(line - WITHIN, 0), -1) if str(before) in lines), line)
     tests = set(lines.get(str(line), ()))
-    if not tests and str(line) in lines:
+    if not tests:
         tests = {test for some in lines.values() for test in some}
     chosen, total = [], 0.0
     for test in sorted(tests, key=lambda test: took.get(test, 1e9)):
@@ -269,7 +269,7 @@ def covering(known: dict[str, Any], name: str, line: int) -> list[str]:
 
 def run(work: Path, package: str, seconds: float) -> None:
     """Try mutants of the sample that have not been tried yet, for so long."""
-    known, tree, results = json.loads((work / "cover.json").read_text()), copied(work), work / f"{package}.jsonl"
+    known, tree, results = json.loads((work / "cover.json").read_text()), copied(work, f"tree-{package}"), work / f"{package}.jsonl"
     done = {tuple(json.loads(line)["mutant"]) for line in results.read_text().splitlines()} if results.exists() else set()
     end = time.monotonic() + seconds
     for one in sample(package):
