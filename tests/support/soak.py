@@ -412,7 +412,7 @@ class Soak:
         if len(steps) != len(self.steps) or any(abs(one - other) > 1 for one, other in zip(steps, self.steps, strict=True)):
             yield f"the clock was stepped by {self.steps}, and the record has {steps}"
         told = set(events["station"][events["kind"] == "link.flooded"])
-        if told != set(self.flooded):
+        if not told >= set(self.flooded):  # the noise of a fault may be one, too
             yield f"the links of {self.flooded} were flooded, and the record has {told}"
         kinds = Counter(events["kind"])
         if kinds["guard.lost"] != len(self.guards):
