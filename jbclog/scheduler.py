@@ -280,8 +280,9 @@ def readings_of(
             found.append(Reading(signal.name, command, port, asks, read_wire_s(line, command, addressed), pace, signal.columns))
     for counter, command in counters:
         for port in ports:
-            wire = read_wire_s(line, command, addressed)
-            found.append(Reading(counter.name, command, port, port, wire, counters_every_s, (), counter))
+            wire, pace = read_wire_s(line, command, addressed), period_s(counter.pace, alarms_every_s, counters_every_s)
+            every_s = counters_every_s if pace is None else min(pace, counters_every_s)
+            found.append(Reading(counter.name, command, port, port, wire, every_s, (), counter))
     return found
 
 

@@ -11,7 +11,15 @@ from jbclog.commands import ale, hotair, omega, robot, ucr
 from jbclog.commands.command import Command
 from jbclog.commands.defaults import AIR_DEFAULTS, FEEDER_DEFAULTS, OLD_DEFAULTS, SOLDERING_DEFAULTS, UCR_DEFAULTS, Default
 from jbclog.commands.robot import ErrorTable
-from jbclog.commands.signals import FEEDER_COUNTERS, FEEDER_SIGNALS, HOUR_COUNTERS, SOLDERING_SIGNALS, Counter, Signal
+from jbclog.commands.signals import (
+    DISPENSING_COUNTERS,
+    FEEDER_COUNTERS,
+    FEEDER_SIGNALS,
+    HOUR_COUNTERS,
+    SOLDERING_SIGNALS,
+    Counter,
+    Signal,
+)
 from jbclog.commands.status import NO_STATUS, SOLDERING_STATUS, StatusTable
 
 _MODEL = re.compile(r"[A-Za-z]+[A-Za-z0-9 _.-]*")
@@ -165,7 +173,7 @@ FAMILIES: Mapping[str, Family] = MappingProxyType(
                 robot.TOOLS_004,
                 safe_states=STAND_OR_EXTRACTOR,
                 run_statuses=RUN_STATUSES_002,
-                counters=(*HOUR_COUNTERS, *FEEDER_COUNTERS),
+                counters=(*HOUR_COUNTERS, *DISPENSING_COUNTERS),
                 defaults=UCR_DEFAULTS,
                 manual="004, 002",
             ),

@@ -55,11 +55,12 @@ FEEDER_SIGNALS = (
 
 @dataclass(frozen=True, slots=True)
 class Counter:
-    """A counter's command, its name in `counters` and its unit there."""
+    """A counter's command, its name in `counters` and its unit there. It is due no less often than `pace` and COUNTERS say."""
 
     command: str
     name: str
     unit: str
+    pace: Pace = Pace.COUNTERS
 
 
 HOUR_COUNTERS = (
@@ -71,7 +72,7 @@ HOUR_COUNTERS = (
     Counter("sleep_cycles", "sleep_cycles", "count"),
     Counter("desolder_cycles", "desolder_cycles", "count"),
 )
-FEEDER_COUNTERS = (
-    Counter("dispensed_cycles", "dispensed_cycles", "count"),
-    Counter("dispensed_length", "dispensed_mm", "mm"),
-)
+_DISPENSED_MM = Counter("dispensed_length", "dispensed_mm", "mm")
+DISPENSING_COUNTERS = (Counter("dispensed_cycles", "dispensed_cycles", "count"), _DISPENSED_MM)
+FEEDER_COUNTERS = (Counter("dispensed_cycles", "dispensed_cycles", "count", Pace.ALARMS), _DISPENSED_MM)
+"""Each feed is evidence of a joint, so where there is a feeder its cycles are read as often as its state."""

@@ -8,7 +8,7 @@ from random import Random
 from jbclog.commands.command import Scope
 from jbclog.commands.family import FAMILIES, Family, family_of
 from jbclog.commands.hotair import AIR_STATUS
-from jbclog.commands.signals import FEEDER_COUNTERS
+from jbclog.commands.signals import DISPENSING_COUNTERS
 from jbclog.errors import UsageError
 from jbclog.quantities import OFF, Value
 from jbclog.recipe.line import AUTO, StationSpec
@@ -69,7 +69,7 @@ def _face(sim: SimSpec, family: Family, ports: tuple[int, ...], model: str, now:
 
 def _check_names(station: str, sim: SimSpec, family: Family, face: Face) -> None:
     """A counter, a command or a port that is not there would silently do nothing."""
-    counters = {counter.command for counter in (*family.counters, *FEEDER_COUNTERS)} & set(family.commands)
+    counters = {counter.command for counter in (*family.counters, *DISPENSING_COUNTERS)} & set(family.commands)
     wrong = [f"counters: {name}" for name in sim.counters if name not in counters]
     wrong += [f"tools: {port}" for port in sim.tools if port not in face.ports]
     wrong += [f"quirks: {name}" for name in sim.quirks if name not in QUIRKS]
