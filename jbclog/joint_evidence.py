@@ -15,11 +15,11 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from jbclog.features import Asked, Joint, Series, Wire, find_joints
+from jbclog.features import Asked, Cycles, Joint, Series, find_joints
 from jbclog.features.asked import asked_of
 from jbclog.features.feeds import feeds_of
 from jbclog.features.joints import Found as JointsFound
-from jbclog.features.port_rows import COLUMNS, PUSHING, WORKING, Clock, PortRows, series_of
+from jbclog.features.port_rows import COLUMNS, CYCLES, PUSHING, WORKING, Clock, PortRows, cycles_of, series_of
 from jbclog.judge import PortJoints, Recovery
 from jbclog.judge.idle import Flags, Floats
 from jbclog.judge.rules import has_feeder, has_tip
@@ -32,7 +32,6 @@ from jbclog.rows import StationFacts
 
 MOST_ROWS: Final = 1_000_000  # at once in memory, some 100 MB
 COUNTERS: Final = ["time", "station", "port", "counter", "value"]
-CYCLES: Final = "dispensed_cycles"
 Found = dict[tuple[str, int], PortJoints]
 
 
@@ -85,14 +84,16 @@ def _of_port(rows: pa.Table, port: int) -> pa.Table:
 def _port(facts: StationFacts, rows: pa.Table, counters: pa.Table | None, clock: Clock, asked: Asked) -> PortJoints:
     if not rows.num_rows:
         return PortJoints(why="Nothing was recorded at all.")
-    series = series_of(facts, _port_rows(rows, clock))
+    port_rows = _port_rows(rows, clock)
+    cycles = None if counters is None else _cycles(counters, _micros(rows), port_rows.seconds)
+    series = series_of(facts, port_rows, cycles=cycles)
     found = find_joints(series, asked)
     recoveries = [_recovery(joint) for joint in found.joints]
     feeds = None
-    if counters is not None and found.why is None:
+    if counters is not None and found.heat_why is None:
         stepped_s = sum(abs(step.size_s) for step in clock.steps)
-        feeds = feeds_of(series, _wire(counters, clock), found.joints, stepped_s)
-    return PortJoints(recoveries, feeds, found.why, _hidden(series, found), found.unseen_s)
+        feeds = feeds_of(series, found.by_heat, stepped_s)
+    return PortJoints(recoveries, feeds, found.heat_why, _hidden(series, found), found.unseen_s)
 
 
 def _hidden(series: Series, found: JointsFound) -> int:
@@ -124,11 +125,9 @@ def _port_rows(rows: pa.Table, clock: Clock) -> PortRows:
     )
 
 
-def _wire(counters: pa.Table, clock: Clock) -> Wire:
-    """The feeds alone; what was fed is not asked for."""
+def _cycles(counters: pa.Table, rows_us: Counts, seconds: Floats) -> Cycles:
     read = counters.filter(pc.and_(pc.equal(counters["counter"], CYCLES), pc.is_valid(counters["value"])))
-    nothing = np.empty(0)
-    return Wire(nothing, nothing, clock.of(_micros(read)), _floats(read["value"]))
+    return cycles_of(_micros(read), _floats(read["value"]), rows_us, seconds)
 
 
 def _micros(rows: pa.Table) -> Counts:

@@ -21,8 +21,10 @@ from jbclog.analysis.joint_table import JOINTS_SCHEMA, read_joints
 from jbclog.analysis.left_metrics import left_metrics, metric_table
 from jbclog.features import DEFINITIONS, Joint, Measured, Series, Wire, find_joints, measure_port
 from jbclog.features.asked import asked_of
-from jbclog.features.port_rows import COLUMNS, PUSHING, WORKING, Clock, PortRows, kind_of, series_of
+from jbclog.features.port_rows import COLUMNS, CYCLES, PUSHING, WORKING, Clock, PortRows, cycles_of, kind_of, series_of
+from jbclog.features.series import Cycles
 from jbclog.judge.idle import Floats
+from jbclog.judge.rules import has_feeder
 from jbclog.judge.samples import Counts
 from jbclog.judge.stepped import Step
 from jbclog.record.joints_asked import joints_asked
@@ -142,8 +144,10 @@ def _ports(run: Run, station: str | None) -> Iterator[tuple[StationFacts, int, S
             utc_us = _micros(rows)
             clock = Clock(facts.period_s, steps, t0_us)
             seconds = clock.seconds(rows["tick"].to_numpy(dtype=np.float64), utc_us)
-            series = _series(facts, rows, seconds, _ordered_s(facts, settings, port, clock))
-            wire = _wire(facts, counters[counters["port"] == port], settings, clock)
+            counted = counters[counters["port"] == port]
+            cycles = _cycles(counted, utc_us, seconds) if has_feeder(facts) else None
+            series = _series(facts, rows, seconds, _ordered_s(facts, settings, port, clock), cycles)
+            wire = _wire(facts, counted, settings, clock)
             yield facts, port, series, wire, _Moments(seconds, utc_us)
 
 
@@ -161,7 +165,7 @@ def _steps(run: Run) -> list[Step]:
     return [Step(time / 1e6, value) for time, value in zip(steps["time"].astype("int64"), steps["value"], strict=True)]
 
 
-def _series(facts: StationFacts, rows: pd.DataFrame, seconds: Floats, ordered_s: float | None) -> Series:
+def _series(facts: StationFacts, rows: pd.DataFrame, seconds: Floats, ordered_s: float | None, cycles: Cycles | None) -> Series:
     temperature, power, setting, tool, error = (
         rows[name].to_numpy(dtype=np.float64, na_value=np.nan)
         for name in ("temperature_c", "power_permille", "set_c", "tool", "port_error")
@@ -170,25 +174,30 @@ def _series(facts: StationFacts, rows: pd.DataFrame, seconds: Floats, ordered_s:
     known = rows["status"].notna().to_numpy(dtype=np.bool_)
     motor = rows["motor"]
     feeding = np.where(motor.isna(), np.nan, (motor == PUSHING).to_numpy(dtype=np.float64, na_value=np.nan))
-    return series_of(facts, PortRows(seconds, temperature, power, setting, working, known, feeding, tool, error), ordered_s)
+    port_rows = PortRows(seconds, temperature, power, setting, working, known, feeding, tool, error)
+    return series_of(facts, port_rows, ordered_s, cycles)
 
 
 def _wire(facts: StationFacts, counters: pd.DataFrame, settings: pd.DataFrame, clock: Clock) -> Wire | None:
-    """The feeder's counters, and the length that is set where it was read."""
-    if facts.family != "ale":
+    """The feeder's counter of lengths, and the length that is set where it was read."""
+    if not has_feeder(facts):
         return None
-    length, cycles = (_counter(counters, name, clock) for name in ("dispensed_mm", "dispensed_cycles"))
+    length = _counter(counters, "dispensed_mm")
     told = settings[(settings["setting"] == "feeder_length") & settings["readback"].notna()]["readback"]
     try:
         set_mm = float(told.iloc[-1]) if len(told) else None
     except ValueError:
         set_mm = None
-    return Wire(*length, *cycles, set_mm)
+    return Wire(clock.of(_micros(length)), length["value"].to_numpy(dtype=np.float64), set_mm)
 
 
-def _counter(counters: pd.DataFrame, name: str, clock: Clock) -> tuple[Floats, Floats]:
-    rows = counters[(counters["counter"] == name) & counters["value"].notna()]
-    return clock.of(_micros(rows)), rows["value"].to_numpy(dtype=np.float64)
+def _cycles(counters: pd.DataFrame, rows_us: Counts, seconds: Floats) -> Cycles:
+    read = _counter(counters, CYCLES)
+    return cycles_of(_micros(read), read["value"].to_numpy(dtype=np.float64), rows_us, seconds)
+
+
+def _counter(counters: pd.DataFrame, name: str) -> pd.DataFrame:
+    return counters[(counters["counter"] == name) & counters["value"].notna()]
 
 
 def _micros(rows: pd.DataFrame) -> Counts:
@@ -207,7 +216,7 @@ def _row(facts: StationFacts, port: int, number: int, joint: Joint, moments: _Mo
         "start_s": round(draw.start_s, 6),
         "end_s": round(draw.end_s, 6),
         "touches": draw.contacts,
-        "dwell_s": _tidy(draw.dwell_s),
+        "dwell_s": _tidy(joint.dwell_s),
         "depth_c": _tidy(joint.depth_c),
         "recovery_s": _tidy(joint.recovery_s),
         "peak_permille": _tidy(draw.peak),

@@ -15,13 +15,14 @@ from jbclog.features.figure import Figure
 from jbclog.features.joints import Found, find_joints
 from jbclog.features.measures import Measured, measure_port
 from jbclog.features.recovery import Joint
-from jbclog.features.series import Series, nominal_period
+from jbclog.features.series import Cycles, Series, nominal_period
 from jbclog.features.thermal import ThermalModel
 from jbclog.features.wire import Wire
 
 __all__ = [
     "DEFINITIONS",
     "Asked",
+    "Cycles",
     "Definition",
     "Draw",
     "Figure",

@@ -62,17 +62,20 @@ DEFINITIONS: Final = (
         "joints",
         "count",
         f"Draws of heat of {LEAST_DWELL_S:g} s or more, found by the tip's heat balance; contacts less than {MERGE_GAP_S:g} s "
-        "apart are one (both can be set in the recipe). With a feeder that decides, feeds; a feed without a draw is a joint of low "
-        "confidence. None where the heat balance cannot be known. Says nothing of quality.",
+        "apart are one (both can be set in the recipe). With a feeder that decides, feeds too; a feed without a draw is a joint of "
+        "low confidence. None where neither heat balance nor feeder can tell. Says nothing of quality.",
         TIP,
     ),
     Definition(
         "joints_kind_not_known",
         "count",
         f"Joints that may as well be wipes or touches without solder: shorter than {SURE_DWELL_S:g} s, "
-        f"less than {SURE_HEAT:g} ‰·s, or never {SURE_PEAK:g} ‰.",
+        f"less than {SURE_HEAT:g} ‰·s, or never {SURE_PEAK:g} ‰; where wire decides, without a feed or without a draw.",
         TIP,
     ),
+    Definition("joints_by_heat", "count", "Joints that the heat balance alone tells of.", TIP),
+    Definition("joints_by_feeder", "count", "Feeds seen in the motor's state, and those that only the counter tells of.", FEEDER),
+    Definition("joints_fed_alone", "count", "Joints that only the feeder tells of.", FEEDER),
     Definition("joints_not_recovered", "count", "Joints that the next draw of heat followed before the tip was back.", TIP),
     Definition("recovered_before_next_percent", "%", "Share of the joints after which the tip was back before the next draw.", TIP),
     Definition("joint_deficit_c", "°C", f"Setpoint minus temperature at a joint's start. {_EACH}", TIP),

@@ -28,7 +28,8 @@ class Draw:
     """A draw of heat: seconds on the grid, s, ‰·s, ‰. `contacts` were put together in it; `fed` is None where that is not known.
 
     `cut` says what cut it off, where something did; `loss` is that of its tip's model in ‰/K. A feed of which no draw was found
-    has neither heat nor peak.
+    has neither heat nor peak, and its edges are those of the time in which it was. `cut_by_feeds`: it is a part of a draw in which
+    there were feeds of several joints. `is_unfed`: wire decides, and none was pushed in it.
     """
 
     start_s: float
@@ -41,12 +42,16 @@ class Draw:
     cut: str | None = None
     fed: bool | None = None
     loss: float | None = None
+    cut_by_feeds: bool = False
+    is_unfed: bool = False
 
     @property
     def kind(self) -> str:
-        """``joint``, or ``not known`` where it may as well be a wipe or a touch without solder."""
+        """``joint``, or ``not known`` where it may as well be a wipe or a touch without solder, or a feed without a joint."""
+        if self.is_unfed:
+            return NOT_KNOWN
         sure = self.dwell_s >= SURE_DWELL_S and (self.heat or 0.0) >= SURE_HEAT and (self.peak or 0.0) >= SURE_PEAK
-        return JOINT if self.fed or sure else NOT_KNOWN
+        return JOINT if (self.fed and self.heat is not None) or sure else NOT_KNOWN
 
 
 def draws_of(part: Flow, model: ThermalModel, settings: Taken) -> list[Draw]:

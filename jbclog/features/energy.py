@@ -91,6 +91,6 @@ def _joint_share(series: Series, joints: Sequence[Joint]) -> Figure:
     working = int(series.rows.working.sum())
     if not working:
         return no_figure("joint_share_percent", "%", "The tool was never seen working.")
-    busy = sum(joint.dwell_s for joint in joints)
+    busy = sum(joint.dwell_s or 0.0 for joint in joints)
     share = 100.0 * busy / (working * series.period_s)
     return Figure("joint_share_percent", share, "%", len(joints), series.whole(series.rows.temperature).coverage, 100.0 / working)

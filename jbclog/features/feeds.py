@@ -9,26 +9,29 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Final
 
-from jbclog.features.recovery import Joint
+from jbclog.features.drawn import Draw
 from jbclog.features.series import Series
-from jbclog.features.wire import Wire, between, grown
+from jbclog.features.wire import between, feeds_counted
 from jbclog.judge.jointed import Feeds
 
 EDGE_S: Final = 1.0
 
 
-def feeds_of(series: Series, wire: Wire, joints: Sequence[Joint], stepped_s: float = 0.0) -> Feeds:
-    """What was found and counted between the first and the last reading; `stepped_s` is by how much the wall clock was stepped."""
-    counted = grown("wire_feeds", "count", wire.cycles, 1.0)
-    if counted.value is None:
+def feeds_of(series: Series, draws: Sequence[Draw], stepped_s: float = 0.0) -> Feeds:
+    """What was found and counted between the first and the last reading; `stepped_s` is by how much the wall clock was stepped.
+
+    `draws` are the joints by heat alone: those that the feeder helped to find would be held against itself.
+    """
+    counted = feeds_counted(series)
+    if counted.value is None or series.cycles is None:
         return Feeds(0, 0, 0, None, why=counted.why or "")
-    start, end = between(series, wire.cycles_s)
-    sides = [start <= draw.start_s < end for draw in joints if _is_near(draw, (start, end), EDGE_S + stepped_s)]
-    found = sum(start <= draw.start_s < end for draw in joints)
+    start, end = between(series, series.cycles.seconds)
+    sides = [start <= draw.start_s < end for draw in draws if _is_near(draw, (start, end), EDGE_S + stepped_s)]
+    found = sum(start <= draw.start_s < end for draw in draws)
     return Feeds(found, sum(sides), len(sides) - sum(sides), round(counted.value), _lost_s(series, start, end))
 
 
-def _is_near(draw: Joint, edges: Sequence[float], slack_s: float) -> bool:
+def _is_near(draw: Draw, edges: Sequence[float], slack_s: float) -> bool:
     return any(draw.start_s - slack_s <= edge <= draw.end_s + slack_s for edge in edges)
 
 

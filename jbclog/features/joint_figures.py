@@ -52,16 +52,21 @@ def _counts(series: Series, found: Found) -> list[Figure]:
     coverage, joints = series.whole(series.rows.temperature).coverage, found.joints
     unknown = sum(joint.kind != "joint" for joint in joints)
     gap = series.whole(series.rows.temperature).gap or series.whole(series.rows.power).gap
-    why = found.why or (None if gap is None else f"{gap} Joints in gaps are not known.")
+    in_gaps = None if gap is None else f"{gap} Joints in gaps are not known."
+    why, heat_why = found.why or in_gaps, found.heat_why or in_gaps
     seen = found.witnessed
+    alone = sum(joint.heat is None for joint in joints)
     counts = (
-        ("joints", len(joints)),
-        ("joints_kind_not_known", unknown),
-        ("joints_not_recovered", sum(joint.recovered is False for joint in joints)),
-        ("feeds_without_draw", None if seen is None else seen.feeds_without_draw),
-        ("draws_without_feed", None if seen is None else seen.draws_without_feed),
+        ("joints", len(joints), why),
+        ("joints_kind_not_known", unknown, why),
+        ("joints_not_recovered", sum(joint.recovered is False for joint in joints), heat_why),
+        ("joints_by_heat", len(found.by_heat), heat_why),
+        ("joints_by_feeder", None if seen is None else seen.feeds, None),
+        ("joints_fed_alone", None if seen is None else alone, None),
+        ("feeds_without_draw", None if seen is None else seen.feeds_without_draw, heat_why),
+        ("draws_without_feed", None if seen is None else seen.draws_without_feed, heat_why),
     )
-    return [_count(name, count, why, len(joints), coverage) for name, count in counts]
+    return [_count(name, count, reason, len(joints), coverage) for name, count, reason in counts]
 
 
 def _count(name: str, count: int | None, why: str | None, n: int, coverage: float) -> Figure:
@@ -76,7 +81,8 @@ def _count(name: str, count: int | None, why: str | None, n: int, coverage: floa
 def _none(found: Found, text: str = "No joint has it.") -> str:
     if found.joints:
         return next((joint.why for joint in found.joints if joint.why), text)
-    return found.why or (f"{NONE_FOUND} {not_read(found.unseen_s)}" if found.unseen_s else NONE_FOUND)
+    why = found.why or found.heat_why
+    return why or (f"{NONE_FOUND} {not_read(found.unseen_s)}" if found.unseen_s else NONE_FOUND)
 
 
 def _middle(name: str, unit: str, resolution: float | None, found: Found, value: Value) -> Figure:
@@ -121,7 +127,7 @@ def _model(found: Found) -> list[Figure]:
     names = (("tip_capacity_permille_s_per_k", "‰·s/K"), ("tip_loss_permille_per_k", "‰/K"))
     model = found.model
     if model is None:
-        why = found.why or f"{len(found.models)} tools were used."
+        why = found.heat_why or f"{len(found.models)} tools were used."
         return [no_figure(name, unit, why) for name, unit in names]
     values = zip(names, (model.capacity, model.loss), model.uncertainties, strict=False)
     return [Figure(name, value, unit, 1, None, 2 * unsure) for (name, unit), value, unsure in values]

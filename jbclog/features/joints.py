@@ -13,7 +13,7 @@ reason is said, and no joints found is never told as none.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from jbclog.features.asked import Asked, Taken, taken
 from jbclog.features.drawn import Draw, draws_of
@@ -35,6 +35,8 @@ class Found:
     """What came of looking for joints in a port.
 
     `others` are draws that are none: too short, or without a feed where wire decides. `why`: joints are not known, or only some.
+    `heat_why`: the same of heat as a witness; where wire decides, the feeder alone tells of those joints, and `why` is None.
+    `by_heat` are the draws that are joints without the feeder's help.
     `levels` are the temperatures in °C at which the tip rests, by setpoint. `models` has one for each tool. `unseen_s`: for how
     long the tool may have worked and nothing could be looked at, in `unseen` pieces; joints in these are not known.
     """
@@ -48,6 +50,8 @@ class Found:
     why: str | None = None
     unseen_s: float = 0.0
     unseen: int = 0
+    heat_why: str | None = None
+    by_heat: list[Draw] = field(default_factory=list)
 
     @property
     def model(self) -> ThermalModel | None:
@@ -65,16 +69,17 @@ def find_joints(series: Series, asked: Asked | None = None) -> Found:
     settings = taken(asked, series.period_s, False)
     found = stretches(series)
     parts, lost = readied(found), unseen(series, found)
-    if not parts:
-        return Found([], [], [], {}, settings, None, NEVER_READ, *lost)
-    looked, models, why = _looked(series, parts, settings)
+    looked, models, why = _looked(series, parts, settings) if parts else ([], [], NEVER_READ)
     every = [draw for flow, model in zip(looked, models, strict=True) for draw in draws_of(flow, model, settings)]
-    seen = witnessed(series, every, asked.wire_decides)
+    seen = witnessed(series, every, looked, asked.wire_decides)
     settings = taken(asked, series.period_s, seen is not None and seen.decides)
     draws, others = _sorted(every if seen is None else seen.draws, settings)
+    others = sorted([*others, *(() if seen is None else seen.others)], key=lambda draw: draw.start_s)
     levels = resting_levels(looked, every)
-    joints = joints_of(series, draws, every, levels, settings.recovered_within_c)
-    return Found(joints, others, list(dict.fromkeys(models)), levels, settings, seen, why, *lost)
+    joints = joints_of(series, draws, [*draws, *others], levels, settings.recovered_within_c)
+    unknown = None if settings.wire_decides else why
+    by_heat, _ = _sorted(every, settings)
+    return Found(joints, others, list(dict.fromkeys(models)), levels, settings, seen, unknown, *lost, why, by_heat)
 
 
 def _looked(series: Series, parts: Sequence[Readied], settings: Taken) -> tuple[list[Flow], list[ThermalModel], str | None]:
@@ -99,6 +104,5 @@ def _sorted(draws: Sequence[Draw], settings: Taken) -> tuple[list[Draw], list[Dr
     others: list[Draw] = []
     for draw in draws:
         long = draw.dwell_s >= settings.least_dwell_s or draw.cut is not None or bool(draw.fed)
-        is_joint = long and (draw.fed is not False or not settings.wire_decides)
-        (joints if is_joint else others).append(draw)
+        (joints if long else others).append(draw)
     return joints, others

@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from jbclog.features.series import Series, nominal_period
+from jbclog.features.series import Cycles, Series, nominal_period
 from jbclog.judge.idle import Block, Flags, Floats
 from jbclog.judge.rules import has_feeder, has_tip
 from jbclog.judge.samples import Counts
@@ -21,6 +21,7 @@ COLUMNS: Final = [
 ]
 WORKING: Final = ("working", "on")
 PUSHING: Final = "forward"
+CYCLES: Final = "dispensed_cycles"
 STATES_FAMILIES: Final = ("omega",)
 
 
@@ -67,11 +68,21 @@ def kind_of(facts: StationFacts) -> str:
     return "omega" if facts.family in STATES_FAMILIES else "air"
 
 
-def series_of(facts: StationFacts, rows: PortRows, ordered_s: float | None = None) -> Series:
+def cycles_of(counted_us: Counts, counted: Floats, rows_us: Counts, seconds: Floats) -> Cycles:
+    """The feeder's counted cycles, which have only a time in UTC, on the grid seconds of their port's rows."""
+    if not len(seconds):
+        return Cycles(np.empty(0), np.empty(0))
+    rows_s, counted_s = np.maximum.accumulate(rows_us) / 1e6, counted_us / 1e6
+    placed = np.interp(counted_s, rows_s, seconds)
+    before, behind = np.minimum(counted_s - rows_s[0], 0.0), np.maximum(counted_s - rows_s[-1], 0.0)
+    return Cycles(np.maximum.accumulate(placed + before + behind), counted)
+
+
+def series_of(facts: StationFacts, rows: PortRows, ordered_s: float | None = None, cycles: Cycles | None = None) -> Series:
     """The port's rows with what is known of its station."""
     errors = rows.port_error if has_tip(facts) else np.full(len(rows.seconds), np.nan)
     block = Block(rows.seconds, rows.temperature, rows.power, rows.setting, rows.working, rows.tool, errors)
     block = replace(block, working=block.working & block.in_place)
     period = facts.period_s or nominal_period(rows.seconds)
     fed = rows.feeding if has_feeder(facts) else None
-    return Series(block, rows.known, period, fed, facts.rated_power_w, ordered_s, bool(facts.period_s))
+    return Series(block, rows.known, period, fed, facts.rated_power_w, ordered_s, bool(facts.period_s), cycles)

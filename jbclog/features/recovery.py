@@ -30,6 +30,8 @@ from jbclog.judge.idle import Flags, Floats, setting_in_force
 BACK_FOR_S: Final = 0.3
 LOOK_S: Final = 60.0  # a tip that is not back by then is cut off: what is looked at of one joint stays small
 NEXT_CAME: Final = "The next joint began before the tip was back."
+FEED_CAME: Final = "A feed without a draw of heat came before the tip was back."
+FEED_ALONE: Final = "Only the feeder tells of it; no draw of heat was found."
 NOT_READ: Final = "Nothing was read at its start."
 GAP: Final = "The record has a gap in it."
 UNKNOWN_SETPOINT: Final = "The setpoint is not known."
@@ -65,8 +67,9 @@ class Joint:
         return self.draw.end_s
 
     @property
-    def dwell_s(self) -> float:
-        return self.draw.dwell_s
+    def dwell_s(self) -> float | None:
+        """None where only the feeder tells of it."""
+        return None if self.draw.heat is None else self.draw.dwell_s
 
     @property
     def heat(self) -> float | None:
@@ -96,9 +99,12 @@ def joints_of(
     if not draws or not len(series.seconds):
         return [Joint(draw, why=NOT_READ) for draw in draws]
     tip = _Tip(track_of(series, series.rows.temperature), levels, within_c, series.rated_w)
-    seen = _seen(series, tip.track, draws, every)
-    joints = [_joint(tip, seen, number, draw) for number, draw in enumerate(draws)]
-    return _with_energy(series, joints)
+    drawn, fed = [draw for draw in draws if draw.heat is not None], [draw for draw in draws if draw.heat is None]
+    joints: list[Joint] = []
+    if drawn:
+        seen = _seen(series, tip.track, drawn, every, fed)
+        joints = _with_energy(series, [_joint(tip, seen, number, draw) for number, draw in enumerate(drawn)])
+    return sorted([*joints, *(Joint(draw, why=FEED_ALONE) for draw in fed)], key=lambda joint: joint.start_s)
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,11 +133,12 @@ class _Seen:
     gaps: Flags
 
 
-def _seen(series: Series, track: Track, draws: Sequence[Draw], every: Sequence[Draw]) -> _Seen:
+def _seen(series: Series, track: Track, draws: Sequence[Draw], every: Sequence[Draw], fed: Sequence[Draw]) -> _Seen:
     starts, ends = np.array([draw.start_s for draw in draws]), np.array([draw.end_s for draw in draws])
     setpoints = setting_in_force(series.seconds, series.rows.setting)
     rows = np.clip(np.searchsorted(series.seconds, starts + 1e-6) - 1, 0, None)
-    stops, cuts = _stops(series, starts, ends, np.array(sorted({draw.start_s for draw in (*draws, *every)})))
+    following = np.array(sorted({draw.start_s for draw in every if draw.heat is not None}))
+    stops, cuts = _stops(series, starts, ends, following, np.array([draw.start_s for draw in fed]))
     before = np.clip(track.last(starts) - 1, 0, None)  # the reading at the start, or the one before it
     late = starts - track.seconds[before] > series.gap_s if len(track.seconds) else np.ones(len(starts), dtype=np.bool_)
     broken = late | track.has_gap(starts, np.maximum(ends, starts + series.period_s))
@@ -141,16 +148,23 @@ def _seen(series: Series, track: Track, draws: Sequence[Draw], every: Sequence[D
     )
 
 
-def _stops(series: Series, starts: Floats, ends: Floats, draws: Floats) -> tuple[Floats, list[str | None]]:
+def _stops(series: Series, starts: Floats, ends: Floats, draws: Floats, feeds: Floats) -> tuple[Floats, list[str | None]]:
     """Until when each joint can be watched, and what cuts it off then."""
     reasons = (
         "The record ended before the tip was back.",
         f"The tip was not back {LOOK_S:g} s after it.",
         "The setpoint changed before the tip was back.",
         "The tool stopped working before the tip was back.",
+        FEED_CAME,
     )
     moments = np.stack(
-        [np.full(len(starts), series.seconds[-1]), ends + LOOK_S, _changed(series, starts), _following(_stands(series), starts)]
+        [
+            np.full(len(starts), series.seconds[-1]),
+            ends + LOOK_S,
+            _changed(series, starts),
+            _following(_stands(series), starts),
+            _following(feeds, starts),
+        ]
     )
     stops, which = moments.min(axis=0), moments.argmin(axis=0).tolist()
     following = _following(draws, starts)

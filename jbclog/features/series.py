@@ -20,12 +20,24 @@ RESOLUTION_C, RESOLUTION_PERMILLE = 1.0, 1.0  # of R-TT and R-PP (manuals 000 an
 
 
 @dataclass(frozen=True, slots=True)
+class Cycles:
+    """The feeder's counted cycles (R-DCx): when they were read, grid seconds, and how many they were."""
+
+    seconds: Floats
+    counted: Floats
+
+    def __len__(self) -> int:
+        return len(self.seconds)
+
+
+@dataclass(frozen=True, slots=True)
 class Series:
     """The rows of one port in their order.
 
     `rows` has seconds, °C, ‰, the setting in °C where it was read, and whether the tool works (hot air: is on); `known`
     tells where the state was read at all. `feeding` is 1 where the feeder's motor pushed wire, 0 where not, NaN where that
-    was not read; None for a tool without a feeder. `rated_w` is the power at 1000 ‰, where the line file declares it;
+    was not read; None for a tool without a feeder. `cycles` are the feeder's, where they were read.
+    `rated_w` is the power at 1000 ‰, where the line file declares it;
     `ordered_s` is when the run ordered the tool to work.
     """
 
@@ -36,6 +48,7 @@ class Series:
     rated_w: float | None = None
     ordered_s: float | None = None
     on_grid: bool = True
+    cycles: Cycles | None = None
 
     @property
     def seconds(self) -> Floats:

@@ -39,12 +39,10 @@ NAMES = (
 
 @dataclass(frozen=True, slots=True)
 class Wire:
-    """A feeder's counters by grid seconds, and what is set: mm, mm/s (None: not known)."""
+    """The feeder's counter of lengths by grid seconds, and the length that is set: mm (None: not known)."""
 
     length_s: Floats
     length_mm: Floats
-    cycles_s: Floats
-    cycles: Floats
     set_length_mm: float | None = None
 
 
@@ -52,7 +50,7 @@ def wire_figures(series: Series, wire: Wire | None, joints: Sequence[Joint]) -> 
     """All figures of the wire; without values where there is no feeder."""
     if wire is None or series.feeding is None:
         return [no_figure(name, unit, "The tool has no feeder.") for name, unit in NAMES]
-    length, feeds = grown("wire_mm", "mm", wire.length_mm, LENGTH_RESOLUTION_MM), grown("wire_feeds", "count", wire.cycles, 1.0)
+    length, feeds = grown("wire_mm", "mm", wire.length_mm, LENGTH_RESOLUTION_MM), feeds_counted(series)
     each = _ratio("wire_per_feed_mm", "mm", length, feeds)
     return [
         length,
@@ -63,6 +61,11 @@ def wire_figures(series: Series, wire: Wire | None, joints: Sequence[Joint]) -> 
         _speed(series, wire, length),
         _clogs(series, wire),
     ]
+
+
+def feeds_counted(series: Series) -> Figure:
+    """By how much the counter of feeds grew."""
+    return grown("wire_feeds", "count", np.empty(0) if series.cycles is None else series.cycles.counted, 1.0)
 
 
 def grown(name: str, unit: str, counter: Floats, resolution: float) -> Figure:

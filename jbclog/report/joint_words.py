@@ -61,7 +61,7 @@ def found_with(rows: Sequence[Row]) -> list[str]:
             texts.setdefault(_found_with(taken), []).append(place)
             fed += [place] if taken["wire_decides"] else []
     said = list(texts) if len(texts) == 1 else [f"{', '.join(places)}: {text}" for text, places in texts.items()]
-    return [*said, *([f"The feeder decides what is a joint: {', '.join(fed)}."] if fed else [])]
+    return [*said, *([f"Each feed of the feeder is a joint: {', '.join(fed)}."] if fed else [])]
 
 
 def _found_with(taken: Row) -> str:
@@ -115,17 +115,29 @@ def _not_known(joints: Row) -> str | None:
 
 
 def _kind(figures: Row) -> str | None:
-    unknown = _mapping(figures.get("joints_kind_not_known")).get("value")
-    if not isinstance(unknown, float) or not unknown:
+    unknown, alone = (_value(figures, name) for name in ("joints_kind_not_known", "joints_fed_alone"))
+    drawn = (unknown or 0.0) - (alone or 0.0)
+    if drawn <= 0:
         return None
-    return f"{unknown:.0f} may be {'wipes or touches' if unknown != 1 else 'a wipe or a touch'} without solder: kind not known."
+    return f"{drawn:.0f} may be {'wipes or touches' if drawn != 1 else 'a wipe or a touch'} without solder: kind not known."
 
 
 def _feeds(figures: Row) -> list[str]:
-    feeds, draws = (_mapping(figures.get(name)).get("value") for name in ("feeds_without_draw", "draws_without_feed"))
-    if not isinstance(feeds, float) or not isinstance(draws, float):
+    """What heat and the feeder tell apart; nothing without a feeder."""
+    feeds, alone = _value(figures, "joints_by_feeder"), _value(figures, "joints_fed_alone")
+    if feeds is None:
         return []
-    return [f"Feeds without a draw of heat: {feeds:.0f}; draws without a feed: {draws:.0f}."]
+    heat, without, draws = (_value(figures, name) for name in ("joints_by_heat", "feeds_without_draw", "draws_without_feed"))
+    only = f" {alone:.0f} of the joints by the feeder alone." if alone else ""
+    if heat is None or without is None or draws is None:
+        return [f"Feeds: {feeds:.0f}; joints by heat: not known.{only}"]
+    beside = f"feeds without a draw of heat: {without:.0f}; draws without a feed: {draws:.0f}"
+    return [f"Joints by heat: {heat:.0f}; feeds: {feeds:.0f}; {beside}.{only}"]
+
+
+def _value(figures: Row, name: str) -> float | None:
+    value = _mapping(figures.get(name)).get("value")
+    return float(value) if isinstance(value, int | float) else None
 
 
 def _chart(joints: Row) -> str | None:

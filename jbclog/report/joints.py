@@ -35,7 +35,7 @@ METRICS: Final[tuple[str, ...]] = (
     *("joints", "joints_kind_not_known", "joints_not_recovered", "recovered_before_next_percent"),
     *("joint_deficit_c", "joint_resting_below_c", "recovery_s", "recovery_p95_s", "idle_error_c", "joint_depth_c"),
     *("joint_dwell_s", "joint_heat_permille_s", "joint_heat_j", "joint_energy_permille_s"),
-    *("feeds_without_draw", "draws_without_feed"),
+    *("joints_by_heat", "joints_by_feeder", "joints_fed_alone", "feeds_without_draw", "draws_without_feed"),
 )
 OF_JOINTS: Final = "joints"
 AT_WORK: Final = "power_mean_permille"  # a port whose tool never worked makes none, and there is nothing to say of them

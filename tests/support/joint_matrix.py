@@ -24,7 +24,7 @@ The rule of scoring, fixed before anything was run:
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import pairwise, product
 
 import numpy as np
@@ -32,7 +32,7 @@ import second_plant
 import third_plant
 from third_plant import Floats, Script, Trial, Truth
 
-from jbclog.features import Series, find_joints
+from jbclog.features import Cycles, Series, find_joints
 from jbclog.judge.idle import Block
 from jbclog.sim.tip import CAPACITY_J_PER_K, LOSS_W_PER_K, Tip
 
@@ -238,7 +238,18 @@ class Outcome:
 
 def series_of(trial: Trial, hz: float, fed: bool) -> Series:
     rows = Block(trial.seconds, trial.temperature, trial.power, trial.setting, trial.working)
-    return Series(rows, ~np.isnan(trial.temperature), 1 / hz, feeding=trial.feeding if fed else None)
+    series = Series(rows, ~np.isnan(trial.temperature), 1 / hz)
+    read = ~np.isnan(trial.cycles)
+    counted = Cycles(trial.seconds[read], trial.cycles[read])
+    return replace(series, feeding=motor_of(trial), cycles=counted) if fed else series
+
+
+def motor_of(trial: Trial) -> Floats:
+    """Whether the motor pushes, as the status word tells it on every tick (R-PSx, manual 002); one reading in 200 is lost."""
+    begun = np.searchsorted([start for start, _ in trial.script.feeds], trial.seconds, side="right")
+    ends = np.array([-1.0, *(end for _, end in trial.script.feeds)])
+    lost = np.random.default_rng(len(trial.seconds)).random(len(trial.seconds)) < 0.005
+    return np.where(lost, np.nan, trial.seconds < ends[begun])
 
 
 def outcome_of(cell: Cell, trial: Trial, hz: float, fed: bool) -> Outcome:

@@ -39,6 +39,8 @@ def test_counters_are_readable_commands_in_their_unit(family: Family) -> None:
         assert command.access == "r"
         assert command.unit == counter.unit
     assert len({counter.name for counter in family.counters}) == len(family.counters)
+    often = {counter.name for counter in family.counters if counter.pace is not Pace.COUNTERS}
+    assert often == ({"dispensed_cycles"} if family.has_feeder else set())  # each feed is evidence of a joint
 
 
 @families

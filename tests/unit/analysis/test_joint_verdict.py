@@ -6,20 +6,21 @@ import shutil
 from dataclasses import replace
 from pathlib import Path
 
+import made_series
 import numpy as np
 import pytest
+from made_series import joints_at
 from recorded_run import RecordedRun
 from virtual_run import RECIPE, line_text
 
 from jbclog import __version__
 from jbclog import joint_evidence as evidence_of
 from jbclog.analysis import open_run
-from jbclog.features import Wire, find_joints
+from jbclog.features import Cycles, find_joints
 from jbclog.features.feeds import feeds_of
 from jbclog.features.series import Series
 from jbclog.joint_evidence import joint_evidence
 from jbclog.judge import Feeds
-from jbclog.judge.idle import Block
 from jbclog.judged_again import held, judge_again
 from jbclog.plan import Wanted, make_plan
 from jbclog.record.manifest import Manifest, read_manifest, write_manifest
@@ -39,7 +40,7 @@ def recorded(home: Path, recipe: str, seconds: float, sim: str = SIM) -> Path:
 
 @pytest.fixture(scope="module")
 def soldered(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return recorded(tmp_path_factory.mktemp("soldered"), RECIPE + FEEDER + ASKED, 170.0)
+    return recorded(tmp_path_factory.mktemp("soldered"), RECIPE + FEEDER + ASKED, 230.0)
 
 
 def rules(manifest: Manifest) -> dict[object, dict[str, object]]:
@@ -117,20 +118,15 @@ def test_what_this_program_cannot_do_ends_no_record(tmp_path: Path, monkeypatch:
 
 
 def feeds(series: Series, times: list[float], counts: list[float], stepped_s: float = 0.0) -> Feeds:
-    nothing = np.empty(0)
-    wire = Wire(nothing, nothing, np.array(times), np.array(counts))
-    return feeds_of(series, wire, find_joints(series).joints, stepped_s)
+    series = replace(series, cycles=Cycles(np.array(times), np.array(counts)))
+    return feeds_of(series, find_joints(series).by_heat, stepped_s)
 
 
 def made(lose: tuple[float, float] = (0.0, 0.0)) -> Series:
-    """Two minutes of a tip at 10 Hz that gives heat away for a second each six seconds, from 10 s on: 18 joints."""
-    seconds = np.arange(1200) / 10
-    busy = ((seconds % 6 >= 4) & (seconds % 6 < 4.9) & (seconds > 9)).astype(np.float64)
-    temperature, power = 350 - 8 * busy, 60 + 500 * busy
-    lost = (seconds >= lose[0]) & (seconds < lose[1])
-    temperature[lost] = power[lost] = np.nan
-    block = Block(seconds, temperature, power, np.full(1200, 350.0), ~lost)
-    return Series(block, ~lost, 0.1, busy)
+    """Two minutes of a tip at 10 Hz that gives heat away for 1.5 s each six seconds, from 10 s on, and is fed: 18 joints."""
+    series = made_series.made(120, *joints_at([10.0 + 6 * number for number in range(18)]))
+    busy = ((series.seconds % 6 >= 4.2) & (series.seconds % 6 < 4.9) & (series.seconds > 9)).astype(np.float64)
+    return made_series.lose(replace(series, feeding=busy), lose)
 
 
 def test_feeds_are_counted_between_the_first_and_the_last_reading() -> None:

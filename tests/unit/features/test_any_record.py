@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from made_series import made
 
-from jbclog.features import Series, Wire, measure_port
+from jbclog.features import Cycles, Series, Wire, measure_port
 from jbclog.judge.idle import Block
 
 
@@ -33,7 +33,13 @@ def any_series(seed: int) -> Series:
     rows = Block(series.seconds, temperature, power, setting, ~resting & ~lost)
     feeding = None if rng.random() < 0.5 else np.where(rng.random(count) < 0.1, np.nan, (rng.random(count) < 0.2).astype(float))
     return replace(
-        series, rows=rows, known=~lost, feeding=feeding, rated_w=float(rng.choice([20.0, 130.0])), on_grid=bool(rng.random() < 0.8)
+        series,
+        rows=rows,
+        known=~lost,
+        feeding=feeding,
+        rated_w=float(rng.choice([20.0, 130.0])),
+        on_grid=bool(rng.random() < 0.8),
+        cycles=any_cycles(seed),
     )
 
 
@@ -41,7 +47,14 @@ def any_wire(seed: int) -> Wire:
     rng = np.random.default_rng(seed)
     at = np.sort(rng.uniform(-1, 200, int(rng.integers(0, 6))))
     grown = np.cumsum(rng.choice([0.0, 5.0, 5.0, -3.0], len(at)))
-    return Wire(at, grown, at, np.abs(grown), None if seed % 2 else 5.0)
+    return Wire(at, grown, None if seed % 2 else 5.0)
+
+
+def any_cycles(seed: int) -> Cycles | None:
+    rng = np.random.default_rng([seed, 4])
+    at = np.sort(rng.uniform(-1, 200, int(rng.choice([0, 1, 5, 100]))))
+    counted = np.cumsum(rng.choice([0.0, 1.0, 3.0], len(at)) - (rng.random(len(at)) < 0.03) * 4)
+    return Cycles(at, counted) if rng.random() < 0.8 else None
 
 
 @pytest.mark.parametrize("seed", range(80))

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from made_series import Floats, joints_at, line, lose, made, rest, steps
 
-from jbclog.features import DEFINITIONS, Figure, Series, Wire, find_joints, measure_port
+from jbclog.features import DEFINITIONS, Cycles, Figure, Series, Wire, find_joints, measure_port
 
 
 def figures(series: Series, kind: str = "tip", wire: Wire | None = None) -> dict[str, Figure]:
@@ -216,8 +216,10 @@ def test_wire_decides_where_a_feeder_tells() -> None:
     alone, *others = found.joints
     assert (alone.start_s, alone.draw.heat) == (pytest.approx(4.2), None)  # a feed of which no draw was found
     assert alone.confidence < 0.5
-    assert [joint.start_s for joint in others] == pytest.approx(STARTS[:10], abs=0.2)
-    assert len(found.others) == 8
+    assert [joint.start_s for joint in others] == pytest.approx(STARTS, abs=0.2)
+    assert [joint.kind for joint in others] == ["joint"] * 10 + ["not known"] * 8  # without wire they may as well be wipes
+    assert (alone.kind, alone.dwell_s, alone.recovered, alone.deficit_c) == ("not known", None, None, None)
+    assert "feeder" in str(alone.why)
     seen = found.witnessed
     assert seen is not None
     assert (seen.feeds, seen.feeds_without_draw, seen.draws_without_feed) == (11, 1, 8)
@@ -269,14 +271,16 @@ def fed(mm: list[float], cycles: list[float], set_mm: float | None = 5.0) -> tup
     series = soldering()
     motor = ((series.seconds % 6 >= 4.2 - 1e-9) & (series.seconds % 6 < 4.7 - 1e-9)).astype(float)
     at = np.arange(len(mm)) * 30.0
-    return replace(series, feeding=motor), Wire(at, np.array(mm), at, np.array(cycles), set_mm)
+    counted = Cycles(at, np.array(cycles))
+    return replace(series, feeding=motor, cycles=counted), Wire(at, np.array(mm), set_mm)
 
 
 def test_wire_per_joint_per_feed_delivered_and_speed() -> None:
     series, wire = fed([100, 124, 148, 172, 196], [40, 45, 50, 55, 60])
     found = figures(series, wire=replace(wire, length_s=wire.length_s[:4], length_mm=wire.length_mm[:4]))
     assert found["wire_mm"].value == 72
-    found = figures(series, wire=Wire(wire.length_s[:4], wire.length_mm[:4], wire.cycles_s[:4], wire.cycles[:4], 5.0))
+    counted = Cycles(np.arange(4) * 30.0, np.array([40.0, 45.0, 50.0, 55.0]))
+    found = figures(replace(series, cycles=counted), wire=Wire(wire.length_s[:4], wire.length_mm[:4], 5.0))
     assert found["wire_feeds"].value == 15
     assert found["wire_per_feed_mm"].value == pytest.approx(4.8)
     assert found["wire_delivered_percent"].value == pytest.approx(96.0)
