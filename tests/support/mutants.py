@@ -46,6 +46,7 @@ COVERING = (
 )
 SPAWNED = {"guard": ["tests/faults/test_guard.py"]}
 SPAWNED_S = 120.0
+NOT_TRIED = "not tried"  # its tests are others by now: `cover` again
 
 
 # -- mutants --------------------------------------------------------------------------------------------------------------------
@@ -270,7 +271,8 @@ def covering(known: dict[str, Any], name: str, line: int) -> list[str]:
 def run(work: Path, package: str, seconds: float) -> None:
     """Try mutants of the sample that have not been tried yet, for so long."""
     known, tree, results = json.loads((work / "cover.json").read_text()), copied(work, f"tree-{package}"), work / f"{package}.jsonl"
-    done = {tuple(json.loads(line)["mutant"]) for line in results.read_text().splitlines()} if results.exists() else set()
+    before = [json.loads(line) for line in results.read_text().splitlines()] if results.exists() else []
+    done = {tuple(row["mutant"]) for row in before if row["outcome"] != NOT_TRIED}
     end = time.monotonic() + seconds
     for one in sample(package):
         if time.monotonic() > end:
@@ -294,7 +296,7 @@ def tried(known: dict[str, Any], tree: Path, package: str, one: tuple[str, int, 
             code, seconds, said = tests_in(tree, spawned, SPAWNED_S)
     finally:
         shutil.copy2(HERE / name, tree / name)
-    outcome = {0: "survived", 4: "not tried", 5: "not covered"}.get(code, "noticed")
+    outcome = {0: "survived", 4: NOT_TRIED, 5: "not covered"}.get(code, "noticed")
     return {"outcome": outcome, "code": code, "tests": len(tests), "seconds": round(seconds, 1), "said": said[-200:]}
 
 
@@ -316,6 +318,7 @@ def report(work: Path) -> None:
     for package in PACKAGES:
         path = work / f"{package}.jsonl"
         rows = [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
+        rows = [row for row in rows if row["outcome"] != NOT_TRIED]
         count = Counter(row["outcome"] for row in rows)
         low, high = wilson(count["noticed"], len(rows))
         share = f"{count['noticed'] / len(rows):.0%} ({low:.0%} to {high:.0%})" if rows else "-"

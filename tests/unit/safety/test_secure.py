@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import reduce
 from operator import xor
 from random import Random
@@ -14,6 +14,7 @@ from making_safe import ASKED_AT, Cable, Silent, station, task
 from jbclog.commands.status import EXTRACTOR, STAND, StatusWord
 from jbclog.effects import Ask, Heard, Listen, Steps, Wait
 from jbclog.errors import AnswerTimeout, LinkError
+from jbclog.safety import secure as secure_module
 from jbclog.safety.in_time import in_time
 from jbclog.safety.secure import ALLOWED_S, FAILED, SENT, VERIFIED, Task, secure
 from jbclog.sim.airface import AirFace
@@ -164,6 +165,31 @@ def test_a_tool_in_its_extractor_state_that_cools_or_is_cold_is_left_alone(famil
     assert is_extractor(made.tools[0].status)
 
 
+@pytest.mark.parametrize(
+    ("celsius", "permille", "is_cold"),
+    [
+        ((40, 41), (0, 0), True),
+        ((40, 61), (0, 0), False),
+        ((61, 40), (0, 0), False),
+        ((40, 41), (0, 21), False),
+        ((40, 41), (), False),  # nobody knows what its heater gets
+        ((), (0, 0), False),
+        ((), (), False),
+    ],
+)
+def test_a_tool_is_cold_where_both_answers_of_both_readings_say_so(
+    celsius: tuple[int, ...], permille: tuple[int, ...], is_cold: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def read(*_: object) -> Iterator[object]:
+        return secure_module._Heat(celsius, permille)
+        yield
+
+    monkeypatch.setattr(secure_module, "_heat", read)
+    with pytest.raises(StopIteration) as end:
+        next(secure_module._is_cold(None, None))  # type: ignore[arg-type]  # what they are is read by `_heat` alone
+    assert end.value.value is is_cold
+
+
 def test_four_cold_ones_are_seen_within_a_second() -> None:
     device, made = in_extractor("dme", 3600.0, 1, 2, 3, 4), task(1, 2, 3, 4, family="dme", spare=True)
     cable = Cable(device, now=ASKED_AT + 3600.0)
@@ -282,6 +308,25 @@ def test_where_it_is_acknowledged_and_ignored_stand_follows_at_once_and_is_told(
     assert [told_words(device, port)[-1] for port in FOUR] == [STAND] * 4
     assert {tool.fell_back for tool in made.tools} == {"extractor was acknowledged, but working was read back"}
     assert (made.is_done, seconds < 1.0) == (True, True)
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "cools"),
+    [
+        (((300, 301), (0, 0)), ((298, 298), (200, 200)), True),
+        (((300, 301), (0, 0)), ((299, 298), (200, 200)), False),  # by one degree only, in one of the pairs
+        (((300, 301), (0, 0)), ((298, 298), (200, 201)), False),
+        (((300, 301), (0, 0)), ((298, 298), ()), False),  # what its heater gets was not read
+        (((300, 301), ()), ((300, 300), (20, 20)), True),  # off
+        (((300, 301), ()), ((300, 300), (20, 21)), False),
+        (((), ()), ((298, 298), (200, 200)), False),
+        (((), ()), ((), ()), False),
+    ],
+)
+def test_a_tool_cools_where_all_answers_say_so(
+    before: tuple[tuple[int, ...], ...], after: tuple[tuple[int, ...], ...], cools: bool
+) -> None:
+    assert secure_module._cools(secure_module._Heat(*before), secure_module._Heat(*after)) is cools
 
 
 def test_a_falling_tip_whose_heater_works_against_it_does_not_cool() -> None:
