@@ -1,8 +1,9 @@
-"""A first estimate of a tip's thermal model from a record of which nobody says where the tip touched something.
+"""First estimates of a tip's thermal model from a record of which nobody says where the tip touched something.
 
 Each row is either rest, where the heat balance leaves no more than noise, or contact, where any amount of heat may leave and
 none may come back: a mixture of a regression and a flat distribution (DeSarbo and Cron, Journal of Classification 5, 1988),
-found by expectation and maximisation from a grid of starts. The noise of rest is bounded by what the noise of the temperature
+found by expectation and maximisation from a grid of starts. What is nearly as likely is told, too: the likeliest is not
+always the one that stands (`identify`). The noise of rest is bounded by what the noise of the temperature
 explains; without that bound dense contacts are taken for noise. Rows of a heat-up, in which nothing is soldered, are known
 rest.
 """
@@ -29,6 +30,7 @@ NOISE_ROOM: Final = 1.3  # times what the temperature's noise explains
 MOST_ROWS: Final = 4000
 STARTS, FINALISTS = 8, 4
 LEAST_SIGNAL: Final = 0.1  # of the moments, whatever the noise
+USUAL_CAPACITY, USUAL_LOSS = 10.0, 0.35  # ‰·s/K, ‰/K
 LAG_RANGE: Final = (-0.1, 1.5)  # s
 SENSOR_LAG_S: Final = 0.3  # second ≤ capacity × (lag + this): of two masses it is lag × the heater's, a sensor adds its own
 REFERENCE_NOISE: Final = 20.0
@@ -59,13 +61,18 @@ class _State:
     likelihood: float
 
 
-def first_estimate(rows: Rows) -> Floats:
-    """The four parameters that make the rows most likely."""
+def first_estimates(rows: Rows) -> list[Floats]:
+    """The four parameters that make the rows most likely, and others that nearly do; the likeliest first."""
     some = _some(rows)
     begun = [_maximised(some, _State(start, 0.4, 0.0), 6, 1.5) for start in _starts(some)]
     begun.sort(key=lambda state: -state.likelihood)
     ended = [_maximised(some, state, 25, 1.0) for state in begun[:FINALISTS]]
-    return max(ended, key=lambda state: state.likelihood).values
+    ended.sort(key=lambda state: -state.likelihood)
+    chosen: list[Floats] = []
+    for state in ended:
+        if all(_is_apart(state.values, one) for one in chosen):
+            chosen.append(state.values)
+    return chosen
 
 
 def _some(rows: Rows) -> Rows:
@@ -87,6 +94,7 @@ def _starts(rows: Rows) -> list[Floats]:
 
 
 def _is_apart(one: Floats, other: Floats) -> bool:
+    one, other = np.maximum(one, 1e-3), np.maximum(other, 1e-3)
     return bool(abs(np.log(one[0] / other[0])) > 0.25 or abs(np.log(one[1] / other[1])) > 0.4)
 
 

@@ -28,12 +28,15 @@ AIR_C: Final = 25.0
 SMOOTH_S: Final = 0.1  # two draws half a second apart stay apart
 COARSE_S: Final = 0.3  # the smoothing in which a small flow shows
 QUIET_PERMILLE: Final = 45.0  # a flow with more noise is smoothed more: a pad takes 300 ‰
-SMOOTHER: Final = (1.0, 1.4, 2.0)
-MOST_SMOOTH_S: Final = 0.2
+SMOOTHER: Final = (1.0, 1.4, 2.0, 3.0, 4.5)
+MOST_SMOOTH_S: Final = 0.45
 SMOOTH_PERIODS: Final = 0.7  # below this a sampled Gaussian has no derivative worth the name
 STEP_NOISE: Final = 1 / np.sqrt(12)  # of a reading in whole °C, where nothing else moves it
 MOST_NOISE_C: Final = 2.0
 POWER_NOISE_PERMILLE: Final = 6.0  # steps of up to 10 ‰, and a heater that fires whole mains cycles
+MOST_POWER_NOISE: Final = 200.0
+FAST_S: Final = 0.25  # of readings further apart, contact changes every one
+QUARTER_TO_SD: Final = 0.3186  # a quarter of normal values are within so many standard deviations
 EDGE_NOISE_S: Final = 0.2  # the time over which that noise changes
 NAMES: Final = ("capacity", "loss", "second", "lag_s")
 
@@ -142,22 +145,31 @@ def rate(flow: Floats, period_s: float) -> Floats:
     return np.asarray(np.gradient(flow) / period_s if len(flow) > 1 else np.zeros(len(flow)), dtype=np.float64)
 
 
-def noise_of(period_s: float, values: Floats, temperature_noise: float) -> Noise:
-    """What the noise of the temperature leaves in the flow, smoothed as little as keeps it below `QUIET_PERMILLE`."""
+def noises(period_s: float, values: Floats, temperature_noise: float, power_noise: float = 0.0) -> list[Noise]:
+    """What the noise of readings leaves in the flow, smoothed little to much."""
     least = smoothing_s(period_s)
     smoothings = [times * least for times in SMOOTHER if times == 1 or times * least <= MOST_SMOOTH_S]
-    found = [_noise_of(period_s, values, temperature_noise, smooth_s) for smooth_s in smoothings]
+    return [_noise_of(period_s, values, temperature_noise, power_noise, smooth_s) for smooth_s in smoothings]
+
+
+def noise_of(period_s: float, values: Floats, temperature_noise: float, power_noise: float = 0.0) -> Noise:
+    """The same, smoothed as little as keeps it below `QUIET_PERMILLE`."""
+    found = noises(period_s, values, temperature_noise, power_noise)
     return next((one for one in found if one.flow <= QUIET_PERMILLE), found[-1])
 
 
-def _noise_of(period_s: float, values: Floats, temperature_noise: float, smooth_s: float) -> Noise:
-    kernel = _kernels(period_s, values, smooth_s)[1]
-    coarse = _kernels(period_s, values, max(COARSE_S, smooth_s))[1]
-    of_rate = _length(rate(np.pad(kernel, 2), period_s)) * temperature_noise
+def _noise_of(period_s: float, values: Floats, temperature_noise: float, power_noise: float, smooth_s: float) -> Noise:
+    fine, coarse = _kernels(period_s, values, smooth_s), _kernels(period_s, values, max(COARSE_S, smooth_s))
+    changes = [rate(np.pad(kernel, 2), period_s) for kernel in fine]
+
+    def both(kernels: Sequence[Floats], least: float) -> float:
+        of_power, of_temperature = (_length(kernel) for kernel in kernels)
+        return float(np.hypot(of_temperature * temperature_noise, max(of_power * power_noise, least)))
+
     return Noise(
-        float(np.hypot(_length(kernel) * temperature_noise, POWER_NOISE_PERMILLE)),
-        float(np.hypot(of_rate, POWER_NOISE_PERMILLE / EDGE_NOISE_S)),
-        float(np.hypot(_length(coarse) * temperature_noise, POWER_NOISE_PERMILLE)),
+        both(fine, POWER_NOISE_PERMILLE),
+        both(changes, POWER_NOISE_PERMILLE / EDGE_NOISE_S),
+        both(coarse, POWER_NOISE_PERMILLE),
         smooth_s,
     )
 
@@ -182,6 +194,17 @@ def temperature_noise(stretches: Sequence[Stretch]) -> float:
         return 0.5
     spread = 1.4826 * float(np.median(np.abs(left - np.median(left)))) / np.sqrt(18 / 35)
     return float(min(max(spread, STEP_NOISE), MOST_NOISE_C))
+
+
+def power_noise(stretches: Sequence[Stretch]) -> float:
+    """The noise of a reading of the power in ‰, likewise, from the quarter of readings that a parabola fits best.
+
+    Heat comes in bursts, and the told power is a mean over some of them; contact changes it, too, but not all of the time.
+    """
+    left = np.abs(np.concatenate([_beside_parabola(stretch.power) for stretch in stretches]))
+    if len(left) < 20 or stretches[0].period_s > FAST_S:
+        return POWER_NOISE_PERMILLE
+    return float(min(np.quantile(left, 0.25) / QUARTER_TO_SD / np.sqrt(18 / 35), MOST_POWER_NOISE))
 
 
 def _beside_parabola(values: Floats) -> Floats:

@@ -1,6 +1,7 @@
-"""The matrix of joints: length × gap × rate × three tips × three plants, with and without a feeder; and how joints are scored.
+"""The matrix of joints: length × gap × rate × three tips × four plants, with and without a feeder; and how joints are scored.
 
-Plants: `sim` (the tip of `jbclog sim`, scaled), `second` (`second_plant`) and `third` (`third_plant`). All live through the same
+Plants: `sim` (the tip of `jbclog sim`, scaled), `second` (`second_plant`), `family` (`plant_family`) and `third` (`third_plant`);
+the first three are for tuning, the third for reporting only. All live through the same
 scripts: who solders what, when. Every trial holds joints of one length (+0 to 10 %) with one gap between them (+0 to 20 %), at
 least twenty of them or 90 s. Every other trial begins hot, with its first joint after 0.5 to 6 s. Every other trial never rests;
 in the others there are three pauses of 2 to 4 s, in each of which the tip is wiped, or touches dry metal, or its setting
@@ -28,6 +29,7 @@ from dataclasses import dataclass, field, replace
 from itertools import pairwise, product
 
 import numpy as np
+import plant_family
 import second_plant
 import third_plant
 from third_plant import Floats, Script, Trial, Truth
@@ -36,13 +38,13 @@ from jbclog.features import Cycles, Series, find_joints
 from jbclog.judge.idle import Block
 from jbclog.sim.tip import CAPACITY_J_PER_K, LOSS_W_PER_K, Tip
 
-PLANTS, TIPS = ("sim", "second", "third"), ("small", "medium", "large")
+PLANTS, TIPS = ("sim", "second", "family", "third"), ("small", "medium", "large")
 LENGTHS, GAPS, RATES = (0.3, 0.5, 0.8, 1.0, 1.5, 2.0, 3.0, 5.0), (0.5, 1.0, 1.2, 2.0, 5.0, 10.0), (10.0, 5.0, 2.0)
 EDGE_S, BESIDE_S = 0.2, 0.3
 STEP_S = third_plant.STEP_S
 BEFORE_S = 25.0  # of the second plant, before its record begins
 WIRE_K = 215.0  # by which wire is heated
-FIRST_SEED = {"sim": 91_001, "second": 92_001, "third": 93_001}
+FIRST_SEED = {"sim": 91_001, "second": 92_001, "family": 94_001, "third": 93_001}
 
 
 # -- the trials ---------------------------------------------------------------------------------------------------------------
@@ -121,12 +123,28 @@ def in_second_plant(scripts: Sequence[Script], seeds: Sequence[int], rates: Sequ
     size = np.array([{"small": 0.5, "medium": 1.0, "large": 2.0}[script.tip] for script in scripts])
     for name in ("rated_w", "heater", "tip", "between", "loss"):
         setattr(plants, name, getattr(plants, name) * size)
-    seen = second_plant.simulate(
-        plants, [_for_second(script) for script in scripts], round((BEFORE_S + max(one.seconds for one in scripts)) / STEP_S)
-    )
+    seen = second_plant.simulate(plants, [_for_second(script) for script in scripts], _steps(scripts))
+    seen.power = np.round(seen.power * 100) / 100
+    return _recorded(scripts, seen, plants.noise_c, seeds, rates)
+
+
+def in_family(scripts: Sequence[Script], seeds: Sequence[int], rates: Sequence[float]) -> dict[float, list[Trial]]:
+    """Another plant in each trial; wire is heat that the work takes up with its own."""
+    sizes = np.array([{"small": 0.5, "medium": 1.0, "large": 2.0}[script.tip] for script in scripts])
+    plants = plant_family.plants_of(seeds, sizes)
+    seen = plant_family.simulate(plants, [_for_second(script) for script in scripts], _steps(scripts))
+    return _recorded(scripts, seen, plants.noise_c, seeds, rates)
+
+
+def _steps(scripts: Sequence[Script]) -> int:
+    return round((BEFORE_S + max(one.seconds for one in scripts)) / STEP_S)
+
+
+def _recorded(
+    scripts: Sequence[Script], seen: second_plant.Recorded, noise: Floats, seeds: Sequence[int], rates: Sequence[float]
+) -> dict[float, list[Trial]]:
     first = round(BEFORE_S / STEP_S)
-    temperature, power = seen.temperature[:, first:], 10 * np.round(seen.power[:, first:] * 100)
-    noise = plants.noise_c
+    temperature, power = seen.temperature[:, first:], 1000 * seen.power[:, first:]
     return {
         hz: [
             third_plant.recorded(script, temperature[n], power[n], float(noise[n]), seed, hz)
@@ -205,7 +223,7 @@ def _sim_tip(script: Script, seed: int) -> tuple[Floats, Floats]:
     return np.repeat(temperature, every), np.repeat(power, every)
 
 
-SIMULATED = {"sim": in_sim, "second": in_second_plant, "third": third_plant.trials}
+SIMULATED = {"sim": in_sim, "second": in_second_plant, "family": in_family, "third": third_plant.trials}
 
 
 # -- the score ----------------------------------------------------------------------------------------------------------------

@@ -247,8 +247,8 @@ class Recorded:
 def simulate(plants: Plants, scripts: Sequence[Script], steps: int) -> Recorded:
     """All trials, in steps of `STEP_S`."""
     trials, rows = len(scripts), np.arange(len(scripts))
-    contact, table = _contact_at(scripts, steps)
-    aim = np.array([_aims(script, steps) for script in scripts])
+    contact, table = contact_at(scripts, steps)
+    aim = np.array([aims(script, steps) for script in scripts])
     heater, tip, felt = (np.full(trials, AMBIENT_C) for _ in range(3))
     work, wetted, before = np.full(trials, BOARD_C), np.zeros(trials), np.full(trials, -1)
     integral, owed, asked, told = np.zeros(trials), np.zeros(trials), np.zeros(trials), np.zeros(trials)
@@ -280,7 +280,7 @@ def simulate(plants: Plants, scripts: Sequence[Script], steps: int) -> Recorded:
     return out
 
 
-def _contact_at(scripts: Sequence[Script], steps: int) -> tuple[NDArray[np.int64], Floats]:
+def contact_at(scripts: Sequence[Script], steps: int) -> tuple[NDArray[np.int64], Floats]:
     """Which contact there is at each step (-1: none), and each trial's contacts, the first of them none."""
     most = max((len(script.contacts) for script in scripts), default=0)
     table = np.tile(np.array([0.0, 0.2, 0.1, np.nan]), (len(scripts), most + 1, 1))
@@ -293,7 +293,7 @@ def _contact_at(scripts: Sequence[Script], steps: int) -> tuple[NDArray[np.int64
     return contact, table
 
 
-def _aims(script: Script, steps: int) -> Floats:
+def aims(script: Script, steps: int) -> Floats:
     """What the regulator aims at, at each step."""
     aim = np.empty(steps)
     for start, setting in script.settings:
