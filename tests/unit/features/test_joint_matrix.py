@@ -19,12 +19,12 @@ REPEATS = 3  # 432 trials a plant; the first third of them (`repeat` 0) was fixe
 SLICE = [Cell("third", tip, *place) for tip in joint_matrix.TIPS for place in ((0.5, 2.0), (0.8, 1.0), (2.0, 1.2), (1.0, 0.5))]
 LONG, DENSE, BUSY, FED, WORST, NUMBER, EDGES = (name for name, *_ in joint_matrix.ROWS[:7])
 F1_ROWS = (LONG, DENSE, BUSY, FED)
-SLICE_HOLDS = {LONG: 0.80, DENSE: 0.66, BUSY: 0.61, FED: 0.97, EDGES: 0.69}
+SLICE_HOLDS = {LONG: 0.80, DENSE: 0.66, BUSY: 0.61, FED: 0.95, EDGES: 0.69}
 HOLDS = {  # what is true of finding joints as it is, not what is asked of it: F1 of F1_ROWS, at 10, 5 and 2 Hz
     "sim": ((0.95, 0.95, 0.93, 0.99), (0.94, 0.94, 0.93, 0.99), (0.80, 0.74, 0.43, 0.96)),
     "second": ((0.96, 0.96, 0.95, 0.99), (0.95, 0.95, 0.92, 0.99), (0.83, 0.79, 0.56, 0.97)),
     "family": ((0.90, 0.91, 0.90, 0.97), (0.86, 0.86, 0.86, 0.95), (0.70, 0.70, 0.55, 0.93)),
-    "third": ((0.88, 0.87, 0.66, 0.97), (0.78, 0.79, 0.68, 0.95), (0.55, 0.55, 0.38, 0.93)),
+    "third": ((0.88, 0.87, 0.66, 0.95), (0.78, 0.79, 0.68, 0.93), (0.55, 0.55, 0.38, 0.91)),
 }
 NUMBER_OFF = {"sim": 0.45, "second": 0.45, "family": 0.55, "third": 0.70}  # of the worst tip at any rate, where known
 HERE = Cell("third", "small", 1.0, 1.0)
