@@ -54,7 +54,8 @@ static int is_refused(void) {
     }
     if (__atomic_load_n(&page->wait, __ATOMIC_RELAXED) == 0) return 0;
     int64_t many = __atomic_load_n(&page->many, __ATOMIC_RELAXED);
-    if (many == 0 || (many > 0 && __atomic_fetch_sub(&page->many, 1, __ATOMIC_SEQ_CST) <= 0)) return 0;
+    while (many > 0 && !__atomic_compare_exchange_n(&page->many, &many, many - 1, 0, __ATOMIC_SEQ_CST, __ATOMIC_SEQ_CST)) {}
+    if (many == 0) return 0;
     __atomic_add_fetch(&page->refused, 1, __ATOMIC_RELAXED);
     errno = ENOMEM;
     return 1;
