@@ -35,10 +35,10 @@ class Held:
     notes: list[str] = field(default_factory=list)
 
 
-def judge_again(folder: Path, manifest: Manifest, by: int | None = None) -> Judgement:
+def judge_again(folder: Path, manifest: Manifest, by: int | None = None, *, counts_lacking: bool = True) -> Judgement:
     """Judge a sealed run by the copies of its recipes and by version `by` of the rules, its own where that is known.
 
-    A copy that cannot be read is missing evidence.
+    A copy that cannot be read is missing evidence. `counts_lacking` as in `Evidence`.
     """
     recipes, unread = _recipes(folder, manifest)
     acceptance = {name: None if recipe is None else recipe.acceptance for name, recipe in recipes.items()}
@@ -47,7 +47,16 @@ def judge_again(folder: Path, manifest: Manifest, by: int | None = None) -> Judg
     asking = [facts for facts in manifest.stations if asks_for_joints(acceptance.get(facts.name))]
     joints, checks = joint_evidence(folder, asking, manifest.t0_utc), manifest.verifications
     evidence = Evidence(
-        folder, manifest.stations, manifest.ledger, manifest.exit_status, lost, checks, joints, manifest.goals, asks
+        folder,
+        manifest.stations,
+        manifest.ledger,
+        manifest.exit_status,
+        lost,
+        checks,
+        joints,
+        manifest.goals,
+        asks,
+        counts_lacking,
     )
     judgement = judge(evidence, acceptance, own_version(manifest) if by is None else by)
     if not unread:
@@ -75,18 +84,28 @@ def held(folder: Path, manifest: Manifest) -> Held:
     why = _why_not(folder, manifest)
     if why is not None:
         return Held(notes=[f"verdict: judged by rules {manifest.rules}, not recomputable here: {why}"])
-    judgement = judge_again(folder, manifest)
-    before, now = _results(manifest.verdict_rules), _results(judgement.rules_as_dicts())
-    gone = not_kept(manifest.rules)
-    left = sorted({name for name, *_ in before if name in gone})
-    differing = [(_named(place), before.get(place), now.get(place)) for place in {**before, **now} if place[0] not in gone]
-    if judgement.verdict != manifest.verdict and not left:
-        differing.insert(0, ("", manifest.verdict, judgement.verdict))
+    differing = _differing(manifest, judge_again(folder, manifest))
+    if differing and manifest.rules == 1 and not _differing(manifest, judge_again(folder, manifest, counts_lacking=False)):
+        differing = []
     version = manifest.host.get("jbclog", "not known")
     by = "" if version == __version__ else f"; it was judged by jbclog {version}"
-    notes = [f"verdict, {name}: judged by rules {manifest.rules}, not recomputable here" for name in left]
-    told = [f"verdict{name}: was {was}, its record gives {gives}{by}" for name, was, gives in differing if was != gives]
-    return Held(told, notes)
+    notes = [f"verdict, {name}: judged by rules {manifest.rules}, not recomputable here" for name in _left(manifest)]
+    return Held([f"verdict{name}: was {was}, its record gives {gives}{by}" for name, was, gives in differing], notes)
+
+
+def _left(manifest: Manifest) -> list[str]:
+    """The rules of the sealed verdict that cannot be judged here as they were then."""
+    return sorted({name for name, *_ in _results(manifest.verdict_rules)} & not_kept(manifest.rules))
+
+
+def _differing(manifest: Manifest, judgement: Judgement) -> list[tuple[str, str | None, str | None]]:
+    """What of a verdict was something else than its record gives: the rule, and both."""
+    before, now = _results(manifest.verdict_rules), _results(judgement.rules_as_dicts())
+    gone = not_kept(manifest.rules)
+    found = [(_named(place), before.get(place), now.get(place)) for place in {**before, **now} if place[0] not in gone]
+    if not _left(manifest):
+        found.insert(0, ("", manifest.verdict, judgement.verdict))
+    return [one for one in found if one[1] != one[2]]
 
 
 def _why_not(folder: Path, manifest: Manifest) -> str | None:

@@ -24,7 +24,8 @@ class Evidence:
     `exit_status` is the manifest's; ``lost`` means that a crash ended the run and its last moments are missing. `lost`
     says what else the record lacks, in a sentence. `verifications` are those that its ports stood on when it began. `joints` are
     those of each port whose recipe has a limit about them. `goals` are the numbers that the run was to end with. `asks` is what
-    each station's recipe asks of its tools.
+    each station's recipe asks of its tools. `counts_lacking`: whether a setting that a station does not have is a deviation;
+    release 0.1.0 said nothing of it, by what is version 1 of the rules as well.
     """
 
     folder: Path
@@ -36,6 +37,7 @@ class Evidence:
     joints: Joints = field(default_factory=dict)
     goals: Sequence[Goal] = ()
     asks: Mapping[str, Asks] = field(default_factory=dict)
+    counts_lacking: bool = True
 
     def port_ledger(self, station: str, port: int) -> PortLedger:
         """The ledger of one port; empty where nothing was ever due."""

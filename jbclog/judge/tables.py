@@ -41,14 +41,16 @@ class Outcomes:
     lacking: list[str] = field(default_factory=list)
 
 
-def read_outcomes(folder: Path) -> dict[str, Outcomes]:
-    """What came of the settings, by station."""
+def read_outcomes(folder: Path, *, counts_lacking: bool = True) -> dict[str, Outcomes]:
+    """What came of the settings, by station; `counts_lacking`: also those that a station does not have."""
     found: dict[str, Outcomes] = {}
     for row in _rows(folder / "settings", ["station", "setting", "requested", "outcome"]):
         outcomes, outcome = found.setdefault(str(row["station"]), Outcomes()), str(row["outcome"])
         if outcome not in ("read", "repeated", "unsupported"):
             outcomes.counts[outcome] += 1
-        elif outcome == "unsupported" and row["requested"] is not None:  # of other families nothing is requested here
+        elif (
+            counts_lacking and outcome == "unsupported" and row["requested"] is not None
+        ):  # of other families nothing is requested here
             outcomes.lacking.append(str(row["setting"]))
     return found
 

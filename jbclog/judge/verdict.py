@@ -74,7 +74,7 @@ def _all_rules(evidence: Evidence, limits: Mapping[str, Acceptance], by: int) ->
     judged = [facts for facts in evidence.stations if facts.name in limits]
     within = {name: one.reached_within_c for name, one in limits.items() if one.reached_within_c is not None}
     measures = measure(evidence.folder, {facts.name: facts for facts in judged}, within, by)
-    events, outcomes = read_events(evidence.folder), read_outcomes(evidence.folder)
+    events, outcomes = read_events(evidence.folder), read_outcomes(evidence.folder, counts_lacking=evidence.counts_lacking)
     yield record_rule(evidence)
     yield from goal_rules(evidence)
     yield from (_no_facts(name) for name in limits if name not in {facts.name for facts in judged})

@@ -8,8 +8,10 @@ from pathlib import Path
 
 import pytest
 from release_corpus import HOME, SECONDS, TABLES, noted
+from typer.testing import CliRunner
 
 from jbclog.analysis.run import open_run
+from jbclog.cli.app import app
 from jbclog.record.annotations import read
 from jbclog.record.check import check
 from jbclog.record.recover import Outcome, recover
@@ -46,6 +48,7 @@ def test_a_sealed_run_says_what_it_said(release: str, tmp_path: Path) -> None:
 def test_a_sealed_run_agrees_and_gives_a_report(release: str, tmp_path: Path) -> None:
     folder = copy_of(release, "sealed", tmp_path)
     assert check(folder) == []
+    assert CliRunner().invoke(app, ["check", str(folder)]).exit_code == 0  # which holds its verdict against its record, too
     assert recover(folder).outcome is Outcome.WHOLE
     assert write_report(folder).is_file()
     assert check(folder) == []
