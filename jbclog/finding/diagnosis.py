@@ -57,9 +57,10 @@ def _not_drivable(url: str, station: StationFound, asked: Collection[int | None]
         return Finding("line.noisy", url, f"{who}, and says something else each time: {station.trouble}", FIRMLY)
     if station.robot_mode is False:
         return Finding("robot_mode.off", url, f"{who}, and refuses with N 00005: Robot mode is off", SWITCH_ON)
-    if station.refusal is not None and station.address is not None and station.address not in asked:
+    if station.address is not None and station.address not in asked and (station.refusal or station.trouble):
         step = f"ask it: `jbclog scan {url} --addresses {station.address}`; in a line file it is `address = {station.address}`"
-        return Finding("line.address", url, f"{who}, and refuses what was not for it ({station.refusal})", step)
+        does = f"refuses what was not for it ({station.refusal})" if station.refusal else f"then does not: {station.trouble}"
+        return Finding("line.address", url, f"{who}, and {does}", step)
     if station.refusal is not None:
         step = "set the addresses of its menu to the usual ones (01, or none), and scan again"
         return Finding("station.refuses", url, f"{who}, and does not say its model ({station.refusal})", step)

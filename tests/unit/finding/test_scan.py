@@ -367,8 +367,9 @@ def test_a_frame_from_an_address_that_was_asked_is_none_that_says_its_model() ->
 def test_a_refusal_by_an_address_that_does_not_answer_names_it_too() -> None:
     report = scanned(Cable(Silence(), LineFormat(9600), speaks=(2.0, framed("N00004", 99))))
     (found,) = diagnose(report)
-    assert found.kind == "station.silent"
+    assert found.kind == "line.address"
     assert "a station answers at 9600 8N1, address 99, and then does not" in found.what
+    assert found.step == "ask it: `jbclog scan port --addresses 99`; in a line file it is `address = 99`"
 
 
 class Refuser:
