@@ -52,6 +52,7 @@ ROUNDS, FINALISTS = 3, 2
 MARGIN_S: Final = 0.2
 HOT_C: Final = 85.0  # a colder tip tells little of its losses
 RISING_K_PER_S: Final = 5.0
+FULL_SHARE: Final = 0.95  # of the most power in it: what a heat-up takes while nothing is regulated yet
 PIECE_S: Final = 2.0  # over longer ones what the balance leaves out adds up
 LEAST_PIECE: Final = 4
 REWEIGHTED: Final = 6
@@ -96,7 +97,7 @@ def identify(parts: Sequence[Readied]) -> Identified:
     if usable.sum() < LEAST_REST_ROWS:
         return Identified(None, f"The tip was hot in {int(usable.sum())} readings; its heat balance takes {LEAST_REST_ROWS}.")
     every = _rows(rows, stretches[0].period_s, read)
-    known = np.concatenate([one.heats for one in rows])
+    known = np.concatenate([one.known for one in rows])
     begun = [_tried(rows, usable, known, start, read, 1) for start in _starts(first_estimates(every.take(usable)))]
     begun.sort(key=lambda one: -one.score)
     tried = [_tried(rows, usable, known, one.fit.values, read, ROUNDS - 1) for one in begun[:FINALISTS]]
@@ -184,8 +185,14 @@ class _Part:
 
     @property
     def heats(self) -> Flags:
-        """Rows of a heat-up: nothing is soldered in them."""
+        """Rows of a heat-up."""
         return np.asarray(self.hot & ~self.readied.ready & (self.balance.warming > RISING_K_PER_S), dtype=np.bool_)
+
+    @property
+    def known(self) -> Flags:
+        """Those at full power, in which hardly anybody solders; nearer to its setpoint somebody may have begun."""
+        power = self.readied.stretch.power
+        return np.asarray(self.heats & (power >= FULL_SHARE * power[self.heats].max(initial=0.0)), dtype=np.bool_)
 
     @property
     def usable(self) -> Flags:
@@ -207,7 +214,7 @@ def _rows(parts: Sequence[_Part], period_s: float, read: _Reading) -> Rows:
     return Rows(
         np.concatenate([one.balance.power for one in parts]),
         np.concatenate([one.balance.terms for one in parts]),
-        np.concatenate([one.heats for one in parts]),
+        np.concatenate([one.known for one in parts]),
         term_noise(period_s, read.celsius),
     )
 

@@ -200,7 +200,7 @@ def test_a_cable_that_is_put_back_is_enough(line: ServedLine, run: Path) -> None
     shelf.put(left)
     shelf.settle(5.0)
     threading.Timer(0.7, plug_in).start()
-    guard_itself._go_on(run, left, shelf, diary)
+    guard_itself._go_on(run, left, (), shelf, diary)
     assert (line.at_work(), (run / LEASE).exists()) == (0, False)
     assert told(run)[len(before) :] == [("safety.safe_state", "dde-1", 1), ("safety.safe_state", "dde-1", 2)]  # no word of failures
 
@@ -263,7 +263,7 @@ def test_it_ends_when_somebody_else_has_seen_to_it(line: ServedLine, run: Path) 
         shelf.settle(5.0)
         threading.Timer(0.5, see_to_it).start()
         began = time.monotonic()
-        guard_itself._go_on(run, left, shelf, Diary(run))
+        guard_itself._go_on(run, left, (), shelf, Diary(run))
         assert time.monotonic() - began < 30
     finally:
         plug_in()
@@ -273,7 +273,7 @@ def test_it_ends_when_somebody_else_has_seen_to_it(line: ServedLine, run: Path) 
 def test_it_ends_when_time_is_up(line: ServedLine, run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(guard_itself, "GO_ON_S", 0.5)
     stranger = replace(lease(line, "dde-1"), model="NAE")
-    guard_itself._go_on(run, [stranger], Shelf(run, Diary(run)), Diary(run))
+    guard_itself._go_on(run, [stranger], (), Shelf(run, Diary(run)), Diary(run))
     assert line.at_work() == 6
 
 

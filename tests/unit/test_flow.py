@@ -57,6 +57,16 @@ def test_it_is_taken_once_and_another_second_has_to_pass_for_the_next() -> None:
     assert flow.found is not None
 
 
+def test_answers_that_are_late_may_come_all_at_once_and_no_more_than_they() -> None:
+    """A station that was stuck answers forty questions of four seconds within one."""
+    for more, is_flood in ((0, False), (MOST_TIMES * 200, True)):
+        flow = Flow()
+        for tenth in range(40):
+            flow.came(100 + tenth / 10, 0, 16)
+        flow.came(104.0, 40 * 16 + more, 16)
+        assert flow.is_flooded is is_flood, more
+
+
 def test_a_quiet_second_ends_it() -> None:
     flow = fed(5000, 0)
     flow.taken()
