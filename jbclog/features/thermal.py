@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Final
 
 import numpy as np
@@ -216,11 +217,17 @@ def _beside_parabola(values: Floats) -> Floats:
 
 def _kernels(period_s: float, values: Floats, smooth_s: float) -> tuple[Floats, Floats]:
     """What power and temperature are weighted with, row by row, to give the flow."""
+    capacity, loss, second, lag = values
+    still, once, twice = _derivatives(period_s, smooth_s)
+    return still + lag * once, capacity * once + loss * still + second * twice
+
+
+@lru_cache(maxsize=64)  # a fit asks for the same few a hundred times
+def _derivatives(period_s: float, smooth_s: float) -> tuple[Floats, ...]:
+    """What gives a smoothed value and its first and second derivative by time."""
     sigma = smooth_s / period_s
     impulse = _impulse(sigma)
-    capacity, loss, second, lag = values
-    still, once, twice = (smooth(impulse, sigma, order)[::-1] / period_s**order for order in range(3))
-    return still + lag * once, capacity * once + loss * still + second * twice
+    return tuple(smooth(impulse, sigma, order)[::-1] / period_s**order for order in range(3))
 
 
 def _impulse(sigma: float) -> Floats:

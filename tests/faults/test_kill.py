@@ -53,7 +53,7 @@ def assert_scenario(scenario: str, outcomes: list[dict[str, object]]) -> None:
 @pytest.mark.parametrize("scenario", SCENARIOS)
 def test_killed_at_some_steps(tmp_path: Path, scenario: str, power: bool) -> None:
     first = 3 + 4 * power + SCENARIOS.index(scenario)
-    outcomes = killed(tmp_path, scenario, str(first), "19", *(["--power"] if power else []))
+    outcomes = killed(tmp_path, scenario, str(first), "23", *(["--power"] if power else []))
     assert len(outcomes) >= 2
     assert_scenario(scenario, outcomes)
 

@@ -23,6 +23,11 @@ def records() -> dict[float, list[Trial]]:
     return trials(SEEDS, rates=RATES)
 
 
+@pytest.fixture(scope="module")
+def found(records: dict[float, list[Trial]]) -> dict[float, list[Score]]:
+    return {hz: scores(records[hz], hz) for hz in RATES}
+
+
 def shown(hz: float, found: Sequence[Score]) -> None:
     print(f"\n{hz:g} Hz\n{told(found)}")
 
@@ -35,13 +40,12 @@ def curve(found: dict[float, list[Score]]) -> None:
         print(f"| {hz:g} Hz | {every.f1:.3f} | {worst_tenth(several).f1:.3f} | {numbers} |")
 
 
-def test_joints_are_found_at_ten_hertz(records: dict[float, list[Trial]]) -> None:
-    found = scores(records[10.0], 10.0)
-    shown(10.0, found)
-    every = all_of(found)
+def test_joints_are_found_at_ten_hertz(found: dict[float, list[Score]]) -> None:
+    shown(10.0, found[10.0])
+    every = all_of(found[10.0])
     assert every.events.total() > 1000
     assert every.f1 >= 0.99
-    assert worst_tenth(found).f1 >= 0.95
+    assert worst_tenth(found[10.0]).f1 >= 0.95
     for kind in ("large", "medium", "saturated", "double"):
         assert every.hit[kind] >= 0.97 * every.events[kind], kind
     for kind in ("set", "sleep"):
@@ -49,9 +53,11 @@ def test_joints_are_found_at_ten_hertz(records: dict[float, list[Trial]]) -> Non
     assert every.false["idle"] <= 10
 
 
-def test_what_draws_heat_is_a_draw_whether_it_takes_solder_or_not(records: dict[float, list[Trial]]) -> None:
+def test_what_draws_heat_is_a_draw_whether_it_takes_solder_or_not(
+    records: dict[float, list[Trial]], found: dict[float, list[Score]]
+) -> None:
     """What the definition of a joint says of itself: a rest in a sponge as long as a joint is one; wipes are of no known kind."""
-    every = all_of(scores(records[10.0], 10.0))
+    every = all_of(found[10.0])
     assert every.untold["soak"] >= 0.9 * every.events["soak"]
     wipes = [joint for trial in records[10.0][:10] for joint in _in(trial, ("sponge", "brass", "touch"))]
     assert wipes
@@ -66,12 +72,11 @@ def _in(trial: Trial, kinds: Sequence[str]) -> list[Joint]:
 
 
 @pytest.mark.parametrize("hz", RATES[1:])
-def test_how_it_falls_with_the_rate(records: dict[float, list[Trial]], hz: float) -> None:
-    assert all_of(scores(records[hz], hz)).f1 >= LEAST[hz]
+def test_how_it_falls_with_the_rate(found: dict[float, list[Score]], hz: float) -> None:
+    assert all_of(found[hz]).f1 >= LEAST[hz]
 
 
-def test_the_curve_falls(records: dict[float, list[Trial]]) -> None:
-    found = {hz: scores(records[hz], hz) for hz in RATES}
+def test_the_curve_falls(found: dict[float, list[Score]]) -> None:
     curve(found)
     falling = [all_of(several).f1 for several in found.values()]
     assert falling == sorted(falling, reverse=True)
