@@ -34,7 +34,9 @@ def place_of(url: str) -> PortPlace:
         with suppress(ValueError):  # which it raises for what is no number
             parts = urlsplit(url)
             return PortPlace(parts.hostname or "", parts.port or 0)
-    return PortPlace(os.path.realpath(url) if url.startswith("/") else url)
+    with suppress(ValueError):  # which it raises for what can be no path
+        return PortPlace(os.path.realpath(url) if url.startswith("/") else url)
+    return PortPlace(url)
 
 
 def is_one_port(url: str, other: str) -> bool:

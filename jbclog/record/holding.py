@@ -111,7 +111,7 @@ def _ended(folder: Path) -> set[str]:
     from jbclog.record.store import FACTS, Segment, segments
 
     facts: dict[str, str] = {}
-    with contextlib.suppress(OSError, sqlite3.Error):
+    with contextlib.suppress(OSError, sqlite3.Error, RecordError, ValueError, TypeError):  # those of anybody's run may be anything
         for path in segments(folder):
             with closing(Segment.look(path)) as segment:
                 facts |= segment.notes(FACTS)
@@ -120,7 +120,7 @@ def _ended(folder: Path) -> set[str]:
 
 def _says_ended(text: str) -> bool:
     """Whether a station's facts say that its session is over; those of anybody's run may be no facts at all."""
-    with contextlib.suppress(ValueError, RecursionError):
+    with contextlib.suppress(ValueError, TypeError, RecursionError):
         facts = json.loads(text)
         return isinstance(facts, dict) and facts.get("outcome", RUNNING) != RUNNING
     return False

@@ -294,7 +294,7 @@ def struck(start: Start, rng: random.Random, state: str) -> int:
     is_over = state in ("making safe", "sealing")
     run = start("dde-1", "ale-1", start_new_session=True, duration="0.5s" if is_over else "3h")
     numbers, all_of_them = rng.choices(ENDING, k=rng.randrange(1, 4)), rng.random() < 0.5
-    assert until(lambda: STATES[state](run), SOON_S), run.end()
+    assert until(lambda: STATES[state](run), SOON_S), (run.end(), run.said)
     for number in numbers:
         time.sleep(0.5 * rng.random())
         print(f"{state}: {number.name}{' to all processes of the terminal' if all_of_them else ''}")

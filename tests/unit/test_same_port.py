@@ -37,6 +37,8 @@ def test_one_port(url: str, other: str) -> None:
         ("socket://localhost:nothing", "socket://localhost:else"),
         ("/dev/jbc-1", "/dev/jbc-2"),
         ("COM3", "COM4"),
+        ("/dev/jbc\0-1", "/dev/jbc-1"),
+        ("/dev/jbc\ud800", "/dev/jbc-1"),
     ],
 )
 def test_two_ports(url: str, other: str) -> None:

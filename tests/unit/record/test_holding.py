@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import os
+import sqlite3
 import subprocess
 import sys
+import zlib
 from collections.abc import Iterator
+from contextlib import closing
 from pathlib import Path
 
 import pytest
@@ -112,6 +115,17 @@ def test_a_server_s_port_is_known_under_all_names_of_its_host(tmp_path: Path) ->
 def test_facts_that_are_none_say_nothing(text: str) -> None:
     """Of anybody's run on this machine: they must keep nobody from starting."""
     assert not _says_ended(text)
+
+
+@pytest.mark.parametrize("text", [3, b"\xff", '{"outcome": "compl'])
+def test_a_stranger_s_store_keeps_nobody_from_starting(run: tuple[Path, LiveStore], text: object) -> None:
+    """Its facts may be of any kind, with a check sum that fits."""
+    folder, store = run
+    store.facts(StationFacts("tcp-1", URL, "dde", outcome="stopped"))
+    store.commit_now()
+    with closing(sqlite3.connect(folder / "live.sqlite")) as db, db:
+        db.execute("UPDATE note SET text = ?, crc = ? WHERE key = 'tcp-1'", (text, zlib.crc32(f"facts tcp-1 {text}".encode())))
+    assert run_that_holds(URL) == folder
 
 
 def test_facts_say_whether_a_session_is_over() -> None:
