@@ -144,6 +144,7 @@ class Starving:
         except RecordError as error:
             return [f"not recovered: {error}"]
         said = re.sub(r"^Exception ignored in.*?MemoryError: $", "", self.said, flags=re.S | re.M)  # which Python says by itself
+        said = re.sub(r"^<bound method \S+ of .*?^MemoryError$", "", said, flags=re.S | re.M)  # a beat that is done again soon
         code = -signal.SIGABRT if NO_THREAD in said else self.code or 0  # as the C library ends it
         found = violations(self.folder, heard_in(self.line.log, begin), ended=Ended(code, said))
         manifest = read_manifest(self.folder)
