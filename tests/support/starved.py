@@ -68,7 +68,7 @@ class Starving:
 
     line: ServedLine
     home: Path
-    library: Path
+    preloaded: Path
     who: str
     nth: int
     many: int
@@ -119,7 +119,7 @@ class Starving:
     def _running(self) -> Iterator[subprocess.Popen[str]]:
         self.home.mkdir(parents=True)
         more = {
-            "LD_PRELOAD": str(self.library),
+            "LD_PRELOAD": str(self.preloaded),
             "PYTHONMALLOC": "malloc",
             "FAILING_ALLOC": str(self.home),
             "FAILING_ALLOC_IN": WORD[self.who],
