@@ -63,7 +63,8 @@ def test_answers_that_are_late_may_come_all_at_once_and_no_more_than_they() -> N
         flow = Flow()
         for tenth in range(40):
             flow.came(100 + tenth / 10, 0, 16)
-        flow.came(104.0, 40 * 16 + more, 16)
+        flow.came(104.0, 0)
+        flow.came(105.0, 40 * 16 + more)  # nothing more was asked meanwhile
         assert flow.is_flooded is is_flood, more
 
 
