@@ -1,11 +1,12 @@
-"""The matrix of joints: length × gap × rate × three tips × four plants, with and without a feeder; and how joints are scored.
+"""The matrix of joints: length × gap × rate × three tips × five plants, with and without a feeder; and how joints are scored.
 
-Plants: `sim` (the tip of `jbclog sim`, scaled), `second` (`second_plant`), `family` (`plant_family`) and `third` (`third_plant`);
-the first three are for tuning, the third for reporting only. All live through the same
-scripts: who solders what, when. Every trial holds joints of one length (+0 to 10 %) with one gap between them (+0 to 20 %), at
-least twenty of them or 90 s. Every other trial begins hot, with its first joint after 0.5 to 6 s. Every other trial never rests;
-in the others there are three pauses of 2 to 4 s, in each of which the tip is wiped, or touches dry metal, or its setting
-changes by 10 to 30 °C (and six seconds more go by), or it goes to its stand for 8 to 15 s (and wakes for six).
+Plants: `sim` (the tip of `jbclog sim`, scaled), `second` (`second_plant`), `family` (`plant_family`), `third` (`third_plant`) and
+`fifth` (`fifth_plant`). The first three are for tuning, the third and the fifth for reporting only: nothing is chosen by them.
+The fifth has scripts of its own (`fifth_plant`); the others live through the same: who solders what, when. Of these, every trial
+holds joints of one length (+0 to 10 %) with one gap between them (+0 to 20 %), at least twenty of them or 90 s. Every other trial
+begins hot, with its first joint after 0.5 to 6 s. Every other trial never rests; in the others there are three pauses of 2 to 4 s,
+in each of which the tip is wiped, or touches dry metal, or its setting changes by 10 to 30 °C (and six seconds more go by), or it
+goes to its stand for 8 to 15 s (and wakes for six).
 
 The rule of scoring, fixed before anything was run:
 
@@ -28,6 +29,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise, product
 
+import fifth_plant
 import numpy as np
 import plant_family
 import second_plant
@@ -38,13 +40,13 @@ from jbclog.features import Cycles, Series, find_joints
 from jbclog.judge.idle import Block
 from jbclog.sim.tip import CAPACITY_J_PER_K, LOSS_W_PER_K, Tip
 
-PLANTS, TIPS = ("sim", "second", "family", "third"), ("small", "medium", "large")
+PLANTS, TIPS = ("sim", "second", "family", "third", "fifth"), ("small", "medium", "large")
 LENGTHS, GAPS, RATES = (0.3, 0.5, 0.8, 1.0, 1.5, 2.0, 3.0, 5.0), (0.5, 1.0, 1.2, 2.0, 5.0, 10.0), (10.0, 5.0, 2.0)
 EDGE_S, BESIDE_S = 0.2, 0.3
 STEP_S = third_plant.STEP_S
 BEFORE_S = 25.0  # of the second plant, before its record begins
 WIRE_K = 215.0  # by which wire is heated
-FIRST_SEED = {"sim": 91_001, "second": 92_001, "family": 94_001, "third": 93_001}
+FIRST_SEED = {"sim": 91_001, "second": 92_001, "family": 94_001, "third": 93_001, "fifth": 95_001}
 
 
 # -- the trials ---------------------------------------------------------------------------------------------------------------
@@ -69,6 +71,8 @@ def cells_of(plant: str, repeats: int = 1) -> list[Cell]:
 
 
 def script_of(cell: Cell) -> Script:
+    if cell.plant == "fifth":
+        return fifth_plant.script_of(cell.tip, cell.length, cell.gap, cell.seed)
     rng = np.random.default_rng([cell.seed, 2])
     begins_hot, rests = (bool(flag) for flag in rng.random(2) < 0.5)
     aim = float(rng.integers(64, 81) * 5)
@@ -223,7 +227,13 @@ def _sim_tip(script: Script, seed: int) -> tuple[Floats, Floats]:
     return np.repeat(temperature, every), np.repeat(power, every)
 
 
-SIMULATED = {"sim": in_sim, "second": in_second_plant, "family": in_family, "third": third_plant.trials}
+SIMULATED = {
+    "sim": in_sim,
+    "second": in_second_plant,
+    "family": in_family,
+    "third": third_plant.trials,
+    "fifth": fifth_plant.trials,
+}
 
 
 # -- the score ----------------------------------------------------------------------------------------------------------------
