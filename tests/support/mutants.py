@@ -2,51 +2,79 @@
 
 ::
 
-    pip install coverage
-    python tests/support/mutants.py cover WORK            # once: which test runs which line; some minutes
+    python tests/support/mutants.py cover WORK            # once: a copy of the tree, and which test runs which line
     python tests/support/mutants.py run WORK safety 600   # try mutants of a package for 600 s; again to go on
+    python tests/support/mutants.py again WORK safety tests/unit/safety/test_secure.py   # survivors, with tests of today
     python tests/support/mutants.py report WORK           # the share that was noticed, with its 95 % interval (Wilson)
 
 A mutant is one changed place: a comparison, an operator, a number, a condition, a statement left out, a value returned.
-Texts, types and imports are left alone. It is made in a copy of the repository below WORK, so that processes that tests start
-have it, too. Tests are run quickest first, for as long as they usually take `MOST_S` altogether: a mutant that survives those
-counts as survived. One that takes three times as long as usual is noticed. WORK/PACKAGE.jsonl holds what came of each, and is
-gone on with. Real processes are not followed by the measuring of lines: what runs in the guard's alone is tried with the tests
-in `SPAWNED`. Both make the share that is noticed smaller than it is, never greater.
+Texts, types and imports are left alone. All is done in WORK/tree, a copy of the repository as it was when its lines were
+measured, so that processes that tests start have the mutant, too.
+
+A process that has collected all tests forks for each mutant; there the code of the changed function is replaced and the tests
+are run, cheapest first and each test function before its other parameters, up to `MOST_S` of CPU time altogether: a mutant that
+survives those counts as survived. What is changed outside functions (a constant, a default) is tried in a fork that has not
+imported the project yet. A test that takes far longer than usual has noticed. A test that runs in real time has to fail twice:
+a busy machine alone may fail it once. So the share that was noticed may be smaller than it is with all tests, hardly greater.
+WORK/PACKAGE.jsonl holds the outcome of each.
 """
 
 from __future__ import annotations
 
 import ast
+import compileall
 import copy
+import gc
+import importlib
 import json
 import math
 import os
 import random
+import re
+import resource
+import select
 import shutil
+import signal
 import subprocess
 import sys
+import threading
 import time
 from collections import Counter, defaultdict
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from pathlib import Path
+from types import CodeType, FrameType, FunctionType
 from typing import Any
 
 HERE = Path(__file__).resolve().parents[2]
 PACKAGES = ("session", "guard", "safety")
 SAMPLE, SEED = 500, 20261122
-MOST_S, SLOW_S = 45.0, 30.0
+MOST_S = 10.0  # of CPU time for a mutant
+SIBLINGS = 6  # parameters of a test function that are used
+SLOW_S, SLOW = 20.0, 5  # a test may take so long, and so many times as long as usual
+CPU_S = 3  # and so much more CPU time than five times the usual: an endless loop ends by that
+MORE_BYTES = 2 << 30
 WITHIN = 12  # lines of a statement, of which the first is what is measured
 COVERING = (
     *("tests/unit/guard", "tests/unit/safety", "tests/unit/drive/test_reactor.py", "tests/unit/test_guarding.py"),
     *("tests/unit/test_station_late.py", "tests/unit/test_what_can_heat.py", "tests/unit/record/test_left_hot.py", "tests/line"),
+    *("tests/unit/record/test_guarded.py", "tests/unit/cli/test_safe.py", "tests/unit/test_scheduler.py"),
     *("tests/faults/test_left_hot.py", "tests/faults/test_link_faults.py", "tests/faults/test_wrong_answers.py"),
     *("tests/faults/test_disturbed_runs.py", "tests/faults/test_outside_bench.py", "tests/faults/test_nothing_is_decided.py"),
     *("tests/faults/test_every_witness.py", "tests/faults/test_starts.py", "tests/serial/test_safe.py"),
+    *("tests/serial/test_take_over.py", "tests/faults/test_guard.py"),
 )
-SPAWNED = {"guard": ["tests/faults/test_guard.py"]}
-SPAWNED_S = 120.0
-NOT_TRIED = "not tried"  # its tests are others by now: `cover` again
+REAL = ("tests/serial/", "tests/unit/guard/", "tests/faults/test_guard.py", "tests/faults/test_left_hot.py", "tests/unit/drive/")
+REAL += ("tests/unit/record/test_left_hot.py", "tests/unit/cli/test_safe.py")
+OPTIONS = ("-n0", "-q", "-s", "-p", "no:cacheprovider", "--no-header", "--tb=no", "--hypothesis-seed=0", "-m", "not campaign")
+OPTIONS += ("-W", "ignore:Module already imported")
+WARM = ("numpy", "pandas", "pyarrow.parquet", "pydantic", "typer.testing", "serial", "hypothesis", "pytest", "sqlite3")
+ONE_THREAD = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "ARROW_NUM_THREADS")
+MARK = "JBCLOG_MUTANT"  # in the environment of all that a test starts: what outlives the test is ended by it
+TRACE = "JBCLOG_MUTANTS_TRACE"
+
+Mutant = tuple[str, int, str, int, int]
+"""File, line, word, number of the node, number of the change."""
 
 
 # -- mutants --------------------------------------------------------------------------------------------------------------------
@@ -55,6 +83,7 @@ COMPARE = {ast.Lt: ast.LtE, ast.LtE: ast.Lt, ast.Gt: ast.GtE, ast.GtE: ast.Gt, a
 COMPARE |= {ast.Is: ast.IsNot, ast.IsNot: ast.Is, ast.In: ast.NotIn, ast.NotIn: ast.In}
 OPERATE = {ast.Add: ast.Sub, ast.Sub: ast.Add, ast.Mult: ast.Div, ast.Div: ast.Mult, ast.FloorDiv: ast.Mult, ast.Mod: ast.FloorDiv}
 OPERATE |= {ast.BitOr: ast.BitAnd, ast.BitAnd: ast.BitOr}
+UNTOUCHED = ("annotation", "returns", "type_params", "decorator_list")
 CALLS = {"min": "max", "max": "min", "any": "all", "all": "any"}
 
 
@@ -107,7 +136,7 @@ class Places(ast.NodeVisitor):
         for which, (word, _) in enumerate(changes(node)):
             self.found.append((getattr(node, "lineno", 0), word, number, which))
         for name, value in ast.iter_fields(node):
-            if name in ("annotation", "returns", "type_params", "decorator_list") or isinstance(node, ast.Import | ast.ImportFrom):
+            if name in UNTOUCHED or isinstance(node, ast.Import | ast.ImportFrom):
                 continue
             for one in value if isinstance(value, list) else [value]:
                 if isinstance(one, ast.AST):
@@ -125,7 +154,7 @@ class Change(ast.NodeTransformer):
         if number == 0:
             return ast.copy_location(list(changes(node))[self._which][1](copy.deepcopy(node)), node)
         for name, value in ast.iter_fields(node):
-            if name in ("annotation", "returns", "type_params", "decorator_list") or isinstance(node, ast.Import | ast.ImportFrom):
+            if name in UNTOUCHED or isinstance(node, ast.Import | ast.ImportFrom):
                 continue
             if isinstance(value, list):
                 setattr(node, name, [self.visit(one) if isinstance(one, ast.AST) else one for one in value])
@@ -134,170 +163,515 @@ class Change(ast.NodeTransformer):
         return node
 
 
-def mutants_of(package: str) -> list[tuple[str, int, str, int, int]]:
-    """Every mutant: file, line, word, node, change."""
+def mutants_of(tree: Path, package: str) -> list[Mutant]:
     found = []
-    for path in sorted((HERE / "jbclog" / package).glob("*.py")):
+    for path in sorted((tree / "jbclog" / package).glob("*.py")):
         places = Places()
         places.visit(ast.parse(path.read_text()))
-        found += [(path.relative_to(HERE).as_posix(), *place) for place in places.found]
+        found += [(path.relative_to(tree).as_posix(), *place) for place in places.found]
     return found
 
 
-def mutated(path: Path, node: int, which: int) -> str:
-    tree = Change(node, which).visit(ast.parse(path.read_text()))
-    return ast.unparse(ast.fix_missing_locations(tree))
+def mutated(path: Path, node: int, which: int) -> ast.Module:
+    return ast.fix_missing_locations(Change(node, which).visit(ast.parse(path.read_text())))
 
 
-def sample(package: str) -> list[tuple[str, int, str, int, int]]:
-    everything = mutants_of(package)
+def sample(tree: Path, package: str) -> list[Mutant]:
+    everything = mutants_of(tree, package)
     return random.Random(f"{SEED} {package}").sample(everything, min(SAMPLE, len(everything)))
 
 
-# -- which tests cover what -------------------------------------------------------------------------------------------------------
+def function_at(path: Path, number: int) -> tuple[str, int] | None:
+    """Name and first line (of its decorators) of the outermost function in whose body this node is; None outside of functions."""
+    left, found = number, None
+
+    def walk(node: ast.AST, name: str, inside: tuple[str, int] | None) -> None:
+        nonlocal left, found
+        if left == 0:
+            found = inside
+        left -= 1
+        for field, value in ast.iter_fields(node):
+            if field in UNTOUCHED or isinstance(node, ast.Import | ast.ImportFrom):
+                continue
+            below, of = name, inside
+            if isinstance(node, ast.ClassDef):
+                below = f"{name}{node.name}."
+            if isinstance(node, ast.FunctionDef) and inside is None and field == "body":
+                of = (name + node.name, min([node.lineno, *(one.lineno for one in node.decorator_list)]))
+            for one in value if isinstance(value, list) else [value]:
+                if isinstance(one, ast.AST):
+                    walk(one, below, of)
+
+    walk(ast.parse(path.read_text()), "", None)
+    return found
 
 
-def copied(work: Path, name: str) -> Path:
-    """A copy of the repository of one's own."""
-    tree = work / name
+def called_as_it_loads(text: str) -> set[str]:
+    """The functions whose work is done, in part, when their module is imported."""
+    loads = [node for node in ast.parse(text).body if not isinstance(node, ast.FunctionDef | ast.ClassDef)]
+    calls = [call.func for node in loads for call in ast.walk(node) if isinstance(call, ast.Call)]
+    return {name.id for name in calls if isinstance(name, ast.Name)}
+
+
+# -- a copy, and children in it ---------------------------------------------------------------------------------------------------
+
+
+def copied(work: Path) -> Path:
+    """A copy of the repository of one's own; which commit it is of stands in `COMMIT`."""
+    tree = work / "tree"
     shutil.rmtree(tree, ignore_errors=True)
     listed = subprocess.run(["git", "ls-files", "-z"], cwd=HERE, capture_output=True, check=True, text=True).stdout
     for file in filter(None, listed.split("\0")):
         (tree / file).parent.mkdir(parents=True, exist_ok=True)
         shutil.copy2(HERE / file, tree / file, follow_symlinks=False)
+    commit = subprocess.run(["git", "describe", "--always", "--dirty"], cwd=HERE, capture_output=True, check=True, text=True).stdout
+    (tree / "COMMIT").write_text(commit)
+    compileall.compile_dir(tree / "jbclog", quiet=1)
     return tree
 
 
-def tests_in(tree: Path, words: list[str], limit_s: float, **more: str) -> tuple[int, float, str]:
-    """Run these tests in the copy: the exit code (-1: too long), seconds, the end of what was said."""
-    own = {
-        **os.environ,
-        "PYTHONPATH": os.pathsep.join([str(tree), str(tree / "tests/support")]),
-        "PYTHONDONTWRITEBYTECODE": "1",
-        **more,
-    }
-    began = time.monotonic()
-    command = [
-        sys.executable,
-        "-P",
-        "-m",
-        "pytest",
-        "-n0",
-        "-x",
-        "-q",
-        "--no-header",
-        "--tb=line",
-        "-p",
-        "no:cacheprovider",
-        *words,
-    ]
-    run = subprocess.Popen(
-        command, cwd=tree, env=own, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, start_new_session=True
+def enter(work: Path) -> None:
+    """Be in the copy, with everything imported that is not the project's."""
+    tree = work / "tree"
+    site = work / "site"
+    site.mkdir(exist_ok=True)
+    program = HERE / "tests/support/mutants.py"
+    (site / "sitecustomize.py").write_text(
+        f"import os, runpy\nif os.environ.get({TRACE!r}):\n    runpy.run_path({str(program)!r})['traced_here']()\n"
     )
-    try:
-        said, _ = run.communicate(timeout=limit_s)
-        return run.returncode, time.monotonic() - began, said[-300:]
-    except subprocess.TimeoutExpired:
-        os.killpg(
-            run.pid, 9
-        )  # it has a session of its own, and all that it started is in it but for guards, which end by themselves
-        run.communicate()
-        return -1, time.monotonic() - began, "too long"
+    os.chdir(tree)
+    os.environ |= dict.fromkeys(ONE_THREAD, "1")
+    os.environ |= {"PYTHONPATH": os.pathsep.join([str(tree), str(site)]), "HYPOTHESIS_STORAGE_DIRECTORY": str(work / "hypothesis")}
+    sys.path[:] = [str(tree), *(place for place in sys.path if Path(place).resolve() != Path(__file__).resolve().parent)]
+    for name in WARM:
+        importlib.import_module(name)
+
+
+def wanted(items: dict[str, Any], tests: Sequence[str]) -> list[Any]:
+    """Those of these tests that there are, in their order; of a file, all."""
+    return [item for test in tests for item in ([items[test]] if test in items else of_file(items, test))]
+
+
+def of_file(items: dict[str, Any], name: str) -> list[Any]:
+    return [item for test, item in items.items() if test.startswith(f"{name}::")]
+
+
+class Child:
+    """A fork that runs tests and says so, line by line: ``begun NODEID``, ``failed NODEID``, ``done``."""
+
+    def __init__(self, work: Path, act: Callable[[Callable[[str], None]], None], trace: Path | None = None) -> None:
+        self._place = work / f"child-{os.getpid()}"
+        shutil.rmtree(self._place, ignore_errors=True)
+        self._place.mkdir()
+        self._lines = b""
+        self._end, write = os.pipe()
+        sys.stdout.flush()
+        self.pid = os.fork()
+        if self.pid:
+            os.close(write)
+            return
+        try:
+            self._live(act, write, trace)
+        finally:
+            os._exit(9)
+
+    def _live(self, act: Callable[[Callable[[str], None]], None], write: int, trace: Path | None) -> None:
+        os.setsid()
+        quiet = os.open(os.devnull, os.O_RDWR)
+        for number in (0, 1, 2):
+            os.dup2(quiet, number)
+        sys.dont_write_bytecode = True
+        os.environ |= {MARK: str(os.getpid()), "XDG_STATE_HOME": str(self._place / "state"), "PYTHONDONTWRITEBYTECODE": "1"}
+        os.environ |= {"PYTEST_DEBUG_TEMPROOT": str(self._place)}
+        if trace is not None:
+            os.environ[TRACE] = str(trace)
+        resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+        size = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+        resource.setrlimit(resource.RLIMIT_AS, (size + MORE_BYTES, size + MORE_BYTES))
+        act(lambda text: os.write(write, f"{text}\n".encode()) and None)
+        os._exit(0)
+
+    def said(self, limit_s: Callable[[str], float]) -> Iterator[str]:
+        """What it says, until its end or until it has been silent for longer than `limit_s` of its last words."""
+        last, heard = "", b""
+        while select.select([self._end], [], [], limit_s(last))[0]:
+            if not (more := os.read(self._end, 65536)):
+                break
+            heard += more
+            *lines, heard = heard.split(b"\n")
+            for line in lines:
+                last = line.decode()
+                yield last
+
+    def end(self) -> int:
+        """End it, and all that was started in it; give how it ended."""
+        os.close(self._end)
+        with suppress(ProcessLookupError):
+            os.kill(self.pid, signal.SIGKILL)
+        _, status = os.waitpid(self.pid, 0)
+        mark = f"{MARK}={self.pid}".encode()
+        for place in Path("/proc").iterdir():
+            with suppress(OSError):
+                if place.name.isdigit() and mark in (place / "environ").read_bytes().split(b"\0"):
+                    os.kill(int(place.name), signal.SIGKILL)
+        shutil.rmtree(self._place, ignore_errors=True)
+        return status
+
+
+def allow_cpu(seconds: float) -> None:
+    """So much CPU time from now on, then SIGXCPU."""
+    used = time.process_time()
+    resource.setrlimit(resource.RLIMIT_CPU, (math.ceil(used + seconds), resource.RLIM_INFINITY))
+
+
+def allowed(took: dict[str, list[float]], test: str) -> float:
+    return SLOW * took.get(test, [10.0, 10.0])[1] + CPU_S
+
+
+def patience(took: dict[str, list[float]]) -> Callable[[str], float]:
+    return lambda last: SLOW_S + SLOW * took.get(last.partition(" ")[2], [20.0, 20.0])[0]
+
+
+# -- which tests cover what -------------------------------------------------------------------------------------------------------
+
+
+def watch_lines(note: Callable[[str, int], None]) -> None:
+    """Call `note` once for each line of a function of `PACKAGES` that is run, with its file."""
+    places = tuple(f"/jbclog/{package}/" for package in PACKAGES)
+    known: dict[CodeType, tuple[str, set[int]] | None] = {}
+
+    def of(code: CodeType) -> tuple[str, set[int]] | None:
+        name = code.co_filename
+        if not code.co_flags & 1 or not any(place in name for place in places):  # 1: a function, no module and no class
+            return None
+        return name[name.rindex("/jbclog/") + 1 :], {line for *_, line in code.co_lines() if line}
+
+    def calls(frame: FrameType, event: str, arg: object) -> Any:
+        code = frame.f_code
+        if code not in known:
+            known[code] = of(code)
+        return lines if known[code] is not None and known[code][1] else None  # type: ignore[index]
+
+    def lines(frame: FrameType, event: str, arg: object) -> Any:
+        name, left = known[frame.f_code]  # type: ignore[misc]
+        if event == "line" and frame.f_lineno in left:
+            left.discard(frame.f_lineno)
+            note(name, frame.f_lineno)
+        return lines
+
+    threading.settrace(calls)
+    sys.settrace(calls)
+
+
+def traced_here() -> None:
+    """Write down what this process runs; called as a process that a test started begins."""
+    file = os.open(os.environ[TRACE], os.O_WRONLY | os.O_APPEND | os.O_CREAT)
+    watch_lines(lambda name, line: os.write(file, f"{name}:{line}\n".encode()) and None)
+
+
+def chosen(items: Sequence[Any]) -> list[Any]:
+    """Some parameters of each test function, spread over all of them."""
+    groups = defaultdict(list)
+    for item in items:
+        groups[item.nodeid.partition("[")[0]].append(item)
+    result = []
+    for group in groups.values():
+        count = min(len(group), SIBLINGS)
+        result += [group[place * len(group) // count] for place in range(count)]
+    return result
+
+
+class Served:
+    """A plugin of pytest: instead of running what was collected, `act` is called with it."""
+
+    def __init__(self, act: Callable[[dict[str, Any]], None]) -> None:
+        self._act = act
+
+    def pytest_runtestloop(self, session: Any) -> bool:
+        items = {} if session.testsfailed else {item.nodeid: item for item in session.items}
+        gc.collect()
+        gc.freeze()
+        self._act(items)
+        return True
+
+
+def collected(act: Callable[[dict[str, Any]], None], words: Sequence[str]) -> None:
+    import pytest
+
+    pytest.main([*OPTIONS, *words], plugins=[Served(act)])
+
+
+def one_by_one(items: Sequence[Any], took: dict[str, list[float]], say: Callable[[str], None]) -> bool:
+    """Run these; whether all passed. It ends with the first that did not."""
+    from _pytest.runner import runtestprotocol
+
+    for item, following in zip(items, [*items[1:], None], strict=True):
+        say(f"begun {item.nodeid}")
+        allow_cpu(allowed(took, item.nodeid))
+        if any(report.failed for report in runtestprotocol(item, log=False, nextitem=following)):
+            say(f"failed {item.nodeid}")
+            return False
+    return True
 
 
 def cover(work: Path) -> None:
-    """Measure which test runs which line, and how long each takes."""
+    """Measure which test runs which line, and what each costs: seconds, and seconds of CPU time."""
     work.mkdir(parents=True, exist_ok=True)
-    tree = copied(work, "tree")
-    words = ["-p", "mutants", "--maxfail=1000", *(name for name in COVERING if (tree / name).exists())]
-    code, seconds, said = tests_in(tree, words, 3600, MUTANTS_COVER=str(work / "cover.json"))
-    print(f"{seconds:.0f} s, exit code {code}: {said}")
+    copied(work)
+    enter(work)
+    lines: dict[str, dict[int, list[str]]] = defaultdict(lambda: defaultdict(list))
+    took: dict[str, list[float]] = {}
+
+    def measure(items: dict[str, Any]) -> None:
+        trace = work / "trace"
+        for item in chosen(list(items.values())):
+            trace.write_text("")
+            began, status, passed = time.monotonic(), 0, False
+
+            def act(say: Callable[[str], None], item: Any = item) -> None:
+                traced_here()
+                if one_by_one([item], {item.nodeid: [99.0, 99.0]}, say):
+                    cpu = resource.getrusage(resource.RUSAGE_CHILDREN)
+                    say(f"done {time.process_time() + cpu.ru_utime + cpu.ru_stime}")
+
+            child, cpu = Child(work, act, trace), 0.0
+            for text in child.said(lambda _: 100.0):
+                if text.startswith("done "):
+                    passed, cpu = True, float(text.split()[1])
+            status = child.end()
+            if not passed:
+                print("left out", item.nodeid, status, flush=True)
+                continue
+            took[item.nodeid] = [round(time.monotonic() - began, 3), round(cpu, 3)]
+            for place in set(trace.read_text().split()):
+                name, _, line = place.rpartition(":")
+                lines[name][int(line)].append(item.nodeid)
+
+    collected(measure, [name for name in COVERING if Path(name).exists()])
+    (work / "cover.json").write_text(json.dumps({"lines": lines, "took": took}))
+    print(f"{len(took)} tests, {sum(cpu for _, cpu in took.values()):.0f} s of CPU time")
 
 
-try:
-    import pytest
-except ImportError:
-    pytest = None  # type: ignore[assignment]
-
-if pytest is not None and os.environ.get("MUTANTS_COVER"):
-    import coverage
-
-    _measured = coverage.Coverage(data_file=None, include=[f"*/jbclog/{package}/*" for package in PACKAGES], config_file=False)
-    _took: dict[str, float] = defaultdict(float)
-
-    def pytest_configure() -> None:
-        _measured.start()
-
-    @pytest.hookimpl(wrapper=True)
-    def pytest_runtest_protocol(item: Any) -> Iterator[None]:
-        _measured.switch_context(item.nodeid)
-        return (yield)
-
-    def pytest_runtest_logreport(report: Any) -> None:
-        _took[report.nodeid] += report.duration
-        if report.failed:
-            _took[report.nodeid] += 1e6  # one that fails without any mutant proves nothing
-
-    def pytest_unconfigure() -> None:
-        _measured.stop()
-        data, lines = _measured.get_data(), defaultdict(dict)
-        for path in data.measured_files():
-            name = Path(path).as_posix()
-            lines[name[name.rindex("/jbclog/") + 1 :]] = {
-                line: [one for one in tests if one] for line, tests in data.contexts_by_lineno(path).items()
-            }
-        Path(os.environ["MUTANTS_COVER"]).write_text(json.dumps({"lines": lines, "took": _took}))
+def lines_of(tree: Path, name: str, line: int) -> list[tuple[str, int]]:
+    """The lines where a change of this line outside of functions shows: where its name is used; its file's where it has none."""
+    text = (tree / name).read_text()
+    names = [
+        target.id
+        for node in ast.parse(text).body
+        if isinstance(node, ast.Assign | ast.AnnAssign) and node.lineno <= line <= (node.end_lineno or line)
+        for targets in (node.targets if isinstance(node, ast.Assign) else [node.target])
+        for target in ast.walk(targets)
+        if isinstance(target, ast.Name)
+    ]
+    if not names:
+        return [(name, number) for number in range(1, text.count("\n") + 1)]
+    word = re.compile(r"\b(" + "|".join(names) + r")\b")
+    found = []
+    for package in PACKAGES:
+        for path in sorted((tree / "jbclog" / package).glob("*.py")):
+            rows = path.read_text().splitlines()
+            found += [(path.relative_to(tree).as_posix(), number) for number, row in enumerate(rows, 1) if word.search(row)]
+    return found
 
 
-def covering(known: dict[str, Any], name: str, line: int) -> list[str]:
-    """The tests that run the line, quickest first; of one that no test runs, or that runs as it is loaded, those of its file."""
-    took, lines = known["took"], known["lines"].get(name, {})
-    line = next((before for before in range(line, max(line - WITHIN, 0), -1) if str(before) in lines), line)
-    tests = set(lines.get(str(line), ()))
-    if not tests:
-        tests = {test for some in lines.values() for test in some}
-    chosen, total = [], 0.0
-    for test in sorted(tests, key=lambda test: took.get(test, 1e9)):
-        total += took.get(test, 1e9)
-        if total > MOST_S:
-            break
-        chosen.append(test)
-    return chosen
+def covering(known: dict[str, Any], tree: Path, mutant: Mutant, noticed: Counter[str]) -> list[str]:
+    """The tests that run the line, cheapest first, other parameters of the same later, those that noticed much earlier."""
+    name, line, _, node, _ = mutant
+    took, lines = known["took"], known["lines"]
+    if function_at(tree / name, node) is not None:
+        measured = lines.get(name, {})
+        line = next((before for before in range(line, max(line - WITHIN, 0), -1) if str(before) in measured), line)
+        places = [(name, line)]
+    else:
+        places = lines_of(tree, name, line)
+    tests = {test for place, number in places for test in lines.get(place, {}).get(str(number), ())}
+    cost = {test: max(took[test][1], took[test][0] / 4) for test in tests}
+    siblings: Counter[str] = Counter()
+    order = {}
+    for test in sorted(tests, key=lambda test: cost[test]):
+        function = test.partition("[")[0]
+        siblings[function] += 1
+        order[test] = cost[test] * siblings[function] / (1 + noticed[test])
+    result, total = [], 0.0
+    for test in sorted(order, key=lambda test: order[test]):
+        if result and total + cost[test] > MOST_S:
+            continue
+        total += cost[test]
+        result.append(test)
+    return result
 
 
-# -- trying --------------------------------------------------------------------------------------------------------------
+# -- trying -----------------------------------------------------------------------------------------------------------------------
+
+
+class Trial:
+    """Tries mutants, each in a child: of one that has collected the tests, or of this process, which has not even imported the
+    project.
+    """
+
+    def __init__(self, work: Path, known: dict[str, Any], words: Sequence[str] = COVERING) -> None:
+        self.work, self.tree, self.took = work, work / "tree", known["took"]
+        ask, self._ask = os.pipe()
+        self._answer, answer = os.pipe()
+        self._warm = os.fork()
+        if not self._warm:
+            os.close(self._ask)
+            os.close(self._answer)
+            try:
+                collected(lambda items: self._serve(items, ask, answer), [name for name in words if Path(name).exists()])
+            finally:
+                os._exit(0)
+        os.close(ask)
+        os.close(answer)
+        self._answers = os.fdopen(self._answer, "r")
+        self._answers.readline()  # it has collected
+
+    def outcome(self, mutant: Mutant, tests: Sequence[str]) -> dict[str, Any]:
+        """What came of it. Done again with the test alone that noticed, where that runs in real time."""
+        began, cpu = time.monotonic(), _cpu()
+        name, _, _, node, which = mutant
+        path, left = self.tree / name, list(tests)
+        before = path.stat()
+        text = path.read_text()
+        function = function_at(path, node)
+        try:
+            changed = mutated(path, node, which)
+            code = None if function is None or function[0] in called_as_it_loads(text) else (str(path), *function, node, which)
+            path.write_text(ast.unparse(changed))
+            by, why = "", ""
+            while left:
+                by, why = self._tried(code, text, left)
+                if not by or not by.startswith(REAL):
+                    break
+                if self._tried(code, text, [by])[0]:
+                    break
+                left, by, why = left[left.index(by) + 1 :], "", ""
+        finally:
+            path.write_text(text)
+            os.utime(path, ns=(before.st_atime_ns, before.st_mtime_ns))
+        word = "not covered" if not tests else "noticed" if by else "survived"
+        seconds = round(time.monotonic() - began, 1)
+        return {"outcome": word, "by": by, "why": why, "tests": len(tests), "seconds": seconds, "cpu": round(_cpu() - cpu, 1)}
+
+    def _tried(self, code: tuple[str, str, int, int, int] | None, text: str, tests: Sequence[str]) -> tuple[str, str]:
+        if code is None:
+            return judged(Child(self.work, lambda say: self._cold(tests, say)), self.took)
+        os.write(self._ask, (json.dumps([code, text, list(tests)]) + "\n").encode())
+        by, why = json.loads(self._answers.readline())
+        return by, why
+
+    def _cold(self, tests: Sequence[str], say: Callable[[str], None]) -> None:
+        def act(items: dict[str, Any]) -> None:
+            if items and one_by_one(wanted(items, tests), self.took, say):
+                say("done")
+                os._exit(0)
+            if items:
+                os._exit(1)
+
+        collected(act, list(dict.fromkeys(test.partition("::")[0] for test in tests)))
+        say("failed to collect")
+        os._exit(0)
+
+    def _serve(self, items: dict[str, Any], ask: int, answer: int) -> None:
+        gc.unfreeze()
+        functions: dict[tuple[str, str, int], list[FunctionType]] = defaultdict(list)
+        for one in gc.get_objects():
+            if isinstance(one, FunctionType) and one.__code__.co_filename.startswith(str(self.tree / "jbclog")):
+                functions[one.__code__.co_filename, one.__code__.co_qualname, one.__code__.co_firstlineno].append(one)
+        gc.collect()
+        gc.freeze()
+        os.write(answer, b"ready\n")
+        for line in os.fdopen(ask, "r"):
+            (file, name, first, node, which), text, tests = json.loads(line)
+
+            def act(say: Callable[[str], None]) -> None:
+                tree = ast.fix_missing_locations(Change(node, which).visit(ast.parse(text)))  # noqa: B023
+                made = codes(compile(tree, file, "exec"))  # noqa: B023
+                (code,) = (one for one in made if (one.co_qualname, one.co_firstlineno) == (name, first))  # noqa: B023
+                for one in functions[file, name, first]:  # noqa: B023
+                    one.__code__ = code
+                if one_by_one(wanted(items, tests), self.took, say):  # noqa: B023
+                    say("done")
+
+            if not functions[file, name, first]:
+                raise LookupError(f"{file} {name} {first}")
+            os.write(answer, (json.dumps(judged(Child(self.work, act), self.took)) + "\n").encode())
+
+    def end(self) -> None:
+        os.close(self._ask)
+        self._answers.close()
+        os.waitpid(self._warm, 0)
+
+
+def _cpu() -> float:
+    return time.process_time()
+
+
+def codes(code: CodeType) -> Iterator[CodeType]:
+    """This and all within."""
+    yield code
+    for one in code.co_consts:
+        if isinstance(one, CodeType):
+            yield from codes(one)
+
+
+def judged(child: Child, took: dict[str, list[float]]) -> tuple[str, str]:
+    """The test that noticed, and how; both empty where all passed."""
+    last = "begun nothing"
+    for text in child.said(patience(took)):
+        last = text
+    status = child.end()
+    test = last.partition(" ")[2]
+    if last == "done":
+        return "", ""
+    if last.startswith("failed "):
+        return test, "failed"
+    is_killed = os.WIFSIGNALED(status) and os.WTERMSIG(status) in (signal.SIGKILL, signal.SIGXCPU)
+    return test, "too long" if is_killed else f"ended by {status}"
+
+
+def rows_of(work: Path, package: str) -> list[dict[str, Any]]:
+    path = work / f"{package}.jsonl"
+    return [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
 
 
 def run(work: Path, package: str, seconds: float) -> None:
     """Try mutants of the sample that have not been tried yet, for so long."""
-    known, tree, results = json.loads((work / "cover.json").read_text()), copied(work, f"tree-{package}"), work / f"{package}.jsonl"
-    before = [json.loads(line) for line in results.read_text().splitlines()] if results.exists() else []
-    done = {tuple(row["mutant"]) for row in before if row["outcome"] != NOT_TRIED}
-    end = time.monotonic() + seconds
-    for one in sample(package):
-        if time.monotonic() > end:
-            return
-        if one not in done:
-            outcome = tried(known, tree, package, one)
-            with results.open("a") as file:
-                file.write(json.dumps({"mutant": one, **outcome}) + "\n")
-            print(outcome["outcome"], one, f"{outcome['seconds']:.1f} s", flush=True)
+    known, tree, end = json.loads((work / "cover.json").read_text()), work / "tree", time.monotonic() + seconds
+    before = rows_of(work, package)
+    done = {tuple(row["mutant"]) for row in before}
+    noticed: dict[str, Counter[str]] = defaultdict(Counter)
+    for row in before:
+        noticed[row["mutant"][0]][row["by"]] += 1
+    enter(work)
+    trial = Trial(work, known)
+    with (work / f"{package}.jsonl").open("a") as file:
+        for one in sample(tree, package):
+            if time.monotonic() > end:
+                break
+            if one in done:
+                continue
+            outcome = trial.outcome(one, covering(known, tree, one, noticed[one[0]]))
+            noticed[one[0]][outcome["by"]] += 1
+            file.write(json.dumps({"mutant": one, **outcome}) + "\n")
+            file.flush()
+            print(outcome["outcome"], one, outcome["seconds"], outcome["by"], flush=True)
+    trial.end()
 
 
-def tried(known: dict[str, Any], tree: Path, package: str, one: tuple[str, int, str, int, int]) -> dict[str, Any]:
-    name, line, _, node, which = one
-    tests = covering(known, name, line)
-    spawned = SPAWNED.get(package, [])
-    try:
-        (tree / name).write_text(mutated(HERE / name, node, which))
-        usual = sum(known["took"][test] for test in tests)
-        code, seconds, said = (5, 0.0, "") if not tests else tests_in(tree, tests, 3 * usual + SLOW_S)
-        if not tests and spawned:
-            code, seconds, said = tests_in(tree, spawned, SPAWNED_S)
-    finally:
-        shutil.copy2(HERE / name, tree / name)
-    outcome = {0: "survived", 4: NOT_TRIED, 5: "not covered"}.get(code, "noticed")
-    return {"outcome": outcome, "code": code, "tests": len(tests), "seconds": round(seconds, 1), "said": said[-200:]}
+def again(work: Path, package: str, words: Sequence[str]) -> None:
+    """Try those that survived with tests as they are in the repository by now; what notices one is written to its row."""
+    tree, rows = work / "tree", rows_of(work, package)
+    for path in [*(HERE / "tests/support").glob("*.py"), *(HERE / word for word in words)]:
+        shutil.copy2(path, tree / path.relative_to(HERE))
+    enter(work)
+    trial = Trial(work, {"took": {}}, words)
+    for row in rows:
+        if row["outcome"] != "noticed" and not row.get("since"):
+            row["since"] = trial.outcome(tuple(row["mutant"]), words)["by"]
+            print(row["mutant"], row["since"], flush=True)
+    trial.end()
+    (work / f"{package}.jsonl").write_text("".join(json.dumps(row) + "\n" for row in rows))
 
 
 # -- the score --------------------------------------------------------------------------------------------------------------
@@ -316,18 +690,16 @@ def wilson(hits: int, count: int, z: float = 1.959964) -> tuple[float, float]:
 def report(work: Path) -> None:
     print("package: mutants, sample, tried, noticed, survived, not covered; share that was noticed, with its 95 % interval")
     for package in PACKAGES:
-        path = work / f"{package}.jsonl"
-        rows = [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
-        rows = [row for row in rows if row["outcome"] != NOT_TRIED]
+        rows, tree = rows_of(work, package), work / "tree"
         count = Counter(row["outcome"] for row in rows)
         low, high = wilson(count["noticed"], len(rows))
         share = f"{count['noticed'] / len(rows):.0%} ({low:.0%} to {high:.0%})" if rows else "-"
         found = ", ".join(str(count[word]) for word in ("noticed", "survived", "not covered"))
-        print(f"{package}: {len(mutants_of(package))}, {len(sample(package))}, {len(rows)}, {found}; {share}")
+        print(f"{package}: {len(mutants_of(tree, package))}, {len(sample(tree, package))}, {len(rows)}, {found}; {share}")
         for row in rows:
             if row["outcome"] != "noticed":
                 name, line, word, *_ = row["mutant"]
-                print(f"    {row['outcome']}: {name}:{line} {word}: {(HERE / name).read_text().splitlines()[line - 1].strip()}")
+                print(f"    {row['outcome']}: {name}:{line} {word}: {(tree / name).read_text().splitlines()[line - 1].strip()}")
 
 
 def main() -> None:
@@ -336,6 +708,8 @@ def main() -> None:
             cover(Path(work).resolve())
         case ["run", work, package, seconds]:
             run(Path(work).resolve(), package, float(seconds))
+        case ["again", work, package, *words]:
+            again(Path(work).resolve(), package, words)
         case ["report", work]:
             report(Path(work).resolve())
         case _:
