@@ -276,7 +276,7 @@ class Child:
             os._exit(9)
 
     def _live(self, act: Callable[[Callable[[str], None]], None], write: int, trace: Path | None) -> None:
-        os.setsid()
+        os.setpgid(0, 0)  # in the same session: where the system groups by session, its nice value holds
         quiet = os.open(os.devnull, os.O_RDWR)
         for number in (0, 1, 2):
             os.dup2(quiet, number)

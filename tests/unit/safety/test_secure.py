@@ -234,6 +234,25 @@ def test_where_nothing_is_to_be_spared_it_is_told() -> None:
     assert written(device) == [STAND]
 
 
+@pytest.mark.parametrize("family", ["dde", "ucr"])
+def test_what_was_told_is_not_taken_for_what_rested_already(family: str) -> None:
+    """The record would say that nobody made it safe."""
+    device, made = station(family, (1,)), task(1, family=family, spare=True)
+    asked: list[str] = []
+
+    class Mute(Lossy):
+        """It answers none of the questions from the first order on, for some time."""
+
+        def receive(self, data: bytes, now: float) -> list[tuple[float, bytes]]:
+            replies = super().receive(data, now)
+            return [] if now < ASKED_AT + 1.5 and any(text.startswith("WPS") for text in asked) else replies
+
+    cable = Cable(Mute(device, lambda: False), before=asked.append)
+    cable.pull(secure(made))
+    assert (made.tools[0].reached, made.tools[0].was_spared) == (VERIFIED, False)
+    assert set(written(device)) == {STAND}
+
+
 def is_extractor(status: StatusWord | None) -> bool:
     return status is not None and status[3] == EXTRACTOR[3]
 

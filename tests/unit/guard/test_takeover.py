@@ -1,0 +1,157 @@
+"""What a guard makes of the outcome of each station: what stays leased, what it writes down, what it opens."""
+
+from __future__ import annotations
+
+import json
+import resource
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from jbclog.commands.status import EXTRACTOR, STAND
+from jbclog.errors import LinkFlooded
+from jbclog.guard import takeover
+from jbclog.guard.diary import NAME as DIARY
+from jbclog.guard.diary import Diary
+from jbclog.guard.lease import StationLease
+from jbclog.guard.takeover import OPENING, TakeOver
+from jbclog.safety.secure import FAILED, SENT, VERIFIED, Task
+from jbclog.transport.descriptors import BESIDE
+
+LEASE = StationLease("dde-1", "/dev/no1", 19200, "8N1", 1, "dde", "DDE", "1.0", "stand", (1, 2), False)
+
+
+def told(folder: Path) -> list[tuple[str, str, int | None, str]]:
+    path = folder / DIARY
+    rows = [json.loads(line) for line in path.read_text().splitlines() if line] if path.exists() else []
+    return [(row["kind"], row["severity"], row["port"], row["text"]) for row in rows]
+
+
+@pytest.fixture
+def becomes(monkeypatch: pytest.MonkeyPatch) -> Callable[[Callable[[Task], None]], None]:
+    """What is made of the task, in place of talking to a station."""
+
+    def make(outcome: Callable[[Task], None]) -> None:
+        monkeypatch.setattr(takeover, "secure", lambda task: task)
+        monkeypatch.setattr(takeover.blocking, "run", lambda task, *_, **__: outcome(task))
+
+    return make
+
+
+def test_there_are_descriptors_for_all_ports_that_are_opened_at_once(tmp_path: Path) -> None:
+    nobodys = [replace(LEASE, name=f"s{number}", family="of a later version") for number in range(40)]
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (BESIDE + 40, hard))
+    try:
+        assert TakeOver(nobodys, Diary(tmp_path)).run() == nobodys
+        assert resource.getrlimit(resource.RLIMIT_NOFILE)[0] >= 40 * OPENING
+    finally:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
+
+
+def spared(task: Task) -> None:
+    for tool in task.tools:
+        tool.reached, tool.status, tool.was_spared = VERIFIED, STAND, True
+
+
+def put(task: Task) -> None:
+    for tool in task.tools:
+        tool.tell(STAND)
+        tool.reached, tool.status = VERIFIED, STAND
+
+
+def fallen_back(task: Task) -> None:
+    for tool in task.tools:
+        tool.tell(EXTRACTOR)
+        tool.pass_over(EXTRACTOR, "extractor was refused")
+        tool.tell(STAND)
+        tool.reached, tool.status = VERIFIED, STAND
+
+
+def sent(task: Task) -> None:
+    for tool in task.tools:
+        tool.tell(STAND)
+        tool.reached = SENT
+
+
+def flooded(task: Task) -> None:
+    sent(task)
+    task.flood = LinkFlooded(9000, 40, 1.0, 4096)
+
+
+def flooded_later(task: Task) -> None:
+    flooded(task)
+    task.tools[0].reached, task.tools[0].status = VERIFIED, STAND
+
+
+def one_failed(task: Task) -> None:
+    put(task)
+    task.tools[1].reached, task.tools[1].status = FAILED, None
+
+
+def feeding(task: Task) -> None:
+    put(task)
+    task.feeds = True
+
+
+PUT = ("safety.safe_state", "info", "The tool was put in its safe state by the guard, as read back: stand.")
+FELL_BACK = ("warning", "The tool was put in its safe state by the guard, as read back: stand; extractor was refused.")
+HOT = "it may be hot: switch the station off."
+UNCONFIRMED = "The tool was told its safe state by the guard and does not confirm it"
+NOT_SAFE = ("safety.not_safe", "critical")
+
+
+@pytest.mark.parametrize(
+    ("outcome", "lines", "left"),
+    [
+        (spared, [("safety.safe_state", "info", "The tool was in its safe state already, as read back: stand.")] * 2, None),
+        (put, [PUT] * 2, None),
+        (fallen_back, [("safety.safe_state", *FELL_BACK)] * 2, None),
+        (sent, [(*NOT_SAFE, f"{UNCONFIRMED}; {HOT}")] * 2, ((1, 2), False)),
+        (flooded, [(*NOT_SAFE, f"{UNCONFIRMED} (its link is flooded); {HOT}")] * 2, ((1, 2), False)),
+        (flooded_later, [PUT, (*NOT_SAFE, f"{UNCONFIRMED} (its link is flooded); {HOT}")], ((2,), False)),
+        (one_failed, [PUT, (*NOT_SAFE, f"The tool could not be made safe; {HOT}")], ((2,), False)),
+        (feeding, [PUT, PUT, (*NOT_SAFE, "The guard could not stop the feeder; switch the station off.")], ((), True)),
+    ],
+)
+@pytest.mark.parametrize("again", [False, True])
+def test_each_tool_is_in_the_diary_once_and_what_is_not_safe_stays_leased(
+    outcome: Callable[[Task], None],
+    lines: list[tuple[str, str, str]],
+    left: tuple[tuple[int, ...], bool] | None,
+    again: bool,
+    becomes: Callable[[Callable[[Task], None]], None],
+    tmp_path: Path,
+) -> None:
+    becomes(outcome)
+    taking_over = TakeOver([replace(LEASE, feeds=outcome is feeding)], Diary(tmp_path), again=again)
+    remaining = taking_over.run()
+    assert [(one.ports, one.feeds) for one in remaining] == ([] if left is None else [left])
+    ports = (1, 2, None)
+    expected = [
+        (kind, severity, port, text)
+        for (kind, severity, text), port in zip(lines, ports, strict=False)
+        if not (again and severity == "critical")  # that was said the first time
+    ]
+    assert told(tmp_path) == expected
+    assert taking_over.flooded == ({LEASE.name} if outcome is flooded else set())
+
+
+@pytest.mark.parametrize(("faults", "left"), [(1, []), (2, [LEASE])])
+def test_a_fault_of_a_moment_is_tried_again_and_one_that_stays_is_written_down(
+    faults: int, left: list[StationLease], becomes: Callable[[Callable[[Task], None]], None], tmp_path: Path
+) -> None:
+    tried: list[Task] = []
+
+    def fails(task: Task) -> None:
+        tried.append(task)
+        if len(tried) <= faults:
+            raise MemoryError("no memory")
+        put(task)
+
+    becomes(fails)
+    assert TakeOver([LEASE], Diary(tmp_path)).run() == left
+    lines = [line[:2] + line[3:] for line in told(tmp_path)]
+    assert lines == ([("guard.failed", "critical", f"The guard failed, MemoryError: no memory; {HOT}")] if left else [PUT] * 2)
