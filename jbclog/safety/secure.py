@@ -63,7 +63,6 @@ class Tool:
     ordered: StatusWord | None = None  # the last order that went out, whatever came of it
     was_lost: bool = False  # that order was not answered, and is not what was read back
     _first: StatusWord | None = None
-    _told: set[StatusWord] = field(default_factory=set)
     _passed_over: dict[StatusWord, str] = field(default_factory=dict)
     _ruled_out: set[StatusWord] = field(default_factory=set)
 
@@ -80,14 +79,9 @@ class Tool:
         """Why it was told another state than the one that was to be; empty where it was not."""
         return "; ".join(self._passed_over.values()) if self.ordered != self._first else ""
 
-    def is_told(self, word: StatusWord) -> bool:
-        """Whether this order has gone out to it."""
-        return word in self._told
-
     def tell(self, word: StatusWord) -> None:
         """Take note that this order goes out."""
         self._first = self._first or word
-        self._told.add(word)
         self.ordered, self.status, self.was_lost = word, None, False
 
     def pass_over(self, word: StatusWord, why: str, *, rule_out: bool = True) -> None:
