@@ -3,7 +3,7 @@
 ::
 
     python tests/support/mutants.py cover WORK            # once: a copy of the tree, and which test runs which line
-    python tests/support/mutants.py run WORK safety 600   # try mutants of a package for 600 s; again to go on
+    python tests/support/mutants.py run WORK safety,guard 600   # try mutants of these packages for 600 s; again to go on
     python tests/support/mutants.py again WORK safety tests/unit/safety/test_secure.py   # survivors, with tests of today
     python tests/support/mutants.py report WORK           # the share that was noticed, with its 95 % interval (Wilson)
 
@@ -42,6 +42,7 @@ import time
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
+from itertools import chain, zip_longest
 from pathlib import Path
 from types import CodeType, FrameType, FunctionType
 from typing import Any
@@ -49,7 +50,7 @@ from typing import Any
 HERE = Path(__file__).resolve().parents[2]
 PACKAGES = ("session", "guard", "safety")
 SAMPLE, SEED = 500, 20261122
-MOST_S = 10.0  # of CPU time for a mutant
+MOST_S = 6.0  # of CPU time for a mutant
 SIBLINGS = 6  # parameters of a test function that are used
 SLOW_S, SLOW = 20.0, 5  # a test may take so long, and so many times as long as usual
 CPU_S = 3  # and so much more CPU time than five times the usual: an endless loop ends by that
@@ -308,7 +309,8 @@ class Child:
         os.close(self._end)
         with suppress(ProcessLookupError):
             os.kill(self.pid, signal.SIGKILL)
-        _, status = os.waitpid(self.pid, 0)
+        _, status, used = os.wait4(self.pid, 0)
+        self.cpu_s = used.ru_utime + used.ru_stime
         mark = f"{MARK}={self.pid}".encode()
         for place in Path("/proc").iterdir():
             with suppress(OSError):
@@ -528,7 +530,7 @@ class Trial:
 
     def outcome(self, mutant: Mutant, tests: Sequence[str]) -> dict[str, Any]:
         """What came of it. Done again with the test alone that noticed, where that runs in real time."""
-        began, cpu = time.monotonic(), _cpu()
+        began, self._cpu_s = time.monotonic(), 0.0
         name, _, _, node, which = mutant
         path, left = self.tree / name, list(tests)
         before = path.stat()
@@ -551,13 +553,16 @@ class Trial:
             os.utime(path, ns=(before.st_atime_ns, before.st_mtime_ns))
         word = "not covered" if not tests else "noticed" if by else "survived"
         seconds = round(time.monotonic() - began, 1)
-        return {"outcome": word, "by": by, "why": why, "tests": len(tests), "seconds": seconds, "cpu": round(_cpu() - cpu, 1)}
+        return {"outcome": word, "by": by, "why": why, "tests": len(tests), "seconds": seconds, "cpu": round(self._cpu_s, 2)}
 
     def _tried(self, code: tuple[str, str, int, int, int] | None, text: str, tests: Sequence[str]) -> tuple[str, str]:
         if code is None:
-            return judged(Child(self.work, lambda say: self._cold(tests, say)), self.took)
+            by, why, cpu = judged(Child(self.work, lambda say: self._cold(tests, say)), self.took)
+            self._cpu_s += cpu
+            return by, why
         os.write(self._ask, (json.dumps([code, text, list(tests)]) + "\n").encode())
-        by, why = json.loads(self._answers.readline())
+        by, why, cpu = json.loads(self._answers.readline())
+        self._cpu_s += cpu
         return by, why
 
     def _cold(self, tests: Sequence[str], say: Callable[[str], None]) -> None:
@@ -603,10 +608,6 @@ class Trial:
         os.waitpid(self._warm, 0)
 
 
-def _cpu() -> float:
-    return time.process_time()
-
-
 def codes(code: CodeType) -> Iterator[CodeType]:
     """This and all within."""
     yield code
@@ -615,19 +616,19 @@ def codes(code: CodeType) -> Iterator[CodeType]:
             yield from codes(one)
 
 
-def judged(child: Child, took: dict[str, list[float]]) -> tuple[str, str]:
-    """The test that noticed, and how; both empty where all passed."""
+def judged(child: Child, took: dict[str, list[float]]) -> tuple[str, str, float]:
+    """The test that noticed, and how, both empty where all passed; seconds of CPU time."""
     last = "begun nothing"
     for text in child.said(patience(took)):
         last = text
     status = child.end()
     test = last.partition(" ")[2]
     if last == "done":
-        return "", ""
+        return "", "", child.cpu_s
     if last.startswith("failed "):
-        return test, "failed"
+        return test, "failed", child.cpu_s
     is_killed = os.WIFSIGNALED(status) and os.WTERMSIG(status) in (signal.SIGKILL, signal.SIGXCPU)
-    return test, "too long" if is_killed else f"ended by {status}"
+    return test, "too long" if is_killed else f"ended by {status}", child.cpu_s
 
 
 def rows_of(work: Path, package: str) -> list[dict[str, Any]]:
@@ -635,27 +636,25 @@ def rows_of(work: Path, package: str) -> list[dict[str, Any]]:
     return [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
 
 
-def run(work: Path, package: str, seconds: float) -> None:
-    """Try mutants of the sample that have not been tried yet, for so long."""
+def run(work: Path, packages: Sequence[str], seconds: float) -> None:
+    """Try mutants of the samples that have not been tried yet, of each package in turn, for so long."""
     known, tree, end = json.loads((work / "cover.json").read_text()), work / "tree", time.monotonic() + seconds
-    before = rows_of(work, package)
+    before = [row for package in packages for row in rows_of(work, package)]
     done = {tuple(row["mutant"]) for row in before}
     noticed: dict[str, Counter[str]] = defaultdict(Counter)
     for row in before:
         noticed[row["mutant"][0]][row["by"]] += 1
+    left = [[(package, one) for one in sample(tree, package) if one not in done] for package in packages]
     enter(work)
     trial = Trial(work, known)
-    with (work / f"{package}.jsonl").open("a") as file:
-        for one in sample(tree, package):
-            if time.monotonic() > end:
-                break
-            if one in done:
-                continue
-            outcome = trial.outcome(one, covering(known, tree, one, noticed[one[0]]))
-            noticed[one[0]][outcome["by"]] += 1
+    for package, one in filter(None, chain.from_iterable(zip_longest(*left))):
+        if time.monotonic() > end:
+            break
+        outcome = trial.outcome(one, covering(known, tree, one, noticed[one[0]]))
+        noticed[one[0]][outcome["by"]] += 1
+        with (work / f"{package}.jsonl").open("a") as file:
             file.write(json.dumps({"mutant": one, **outcome}) + "\n")
-            file.flush()
-            print(outcome["outcome"], one, outcome["seconds"], outcome["by"], flush=True)
+        print(outcome["outcome"], one, outcome["seconds"], outcome["cpu"], outcome["by"], flush=True)
     trial.end()
 
 
@@ -706,8 +705,8 @@ def main() -> None:
     match sys.argv[1:]:
         case ["cover", work]:
             cover(Path(work).resolve())
-        case ["run", work, package, seconds]:
-            run(Path(work).resolve(), package, float(seconds))
+        case ["run", work, packages, seconds]:
+            run(Path(work).resolve(), packages.split(","), float(seconds))
         case ["again", work, package, *words]:
             again(Path(work).resolve(), package, words)
         case ["report", work]:

@@ -19,7 +19,7 @@ from jbclog.safety.in_time import in_time
 from jbclog.safety.secure import ALLOWED_S, FAILED, SENT, VERIFIED, Task, secure
 from jbclog.sim.airface import AirFace
 from jbclog.sim.port import Port
-from jbclog.sim.state import WORKING
+from jbclog.sim.state import SLEEP, WORKING
 from jbclog.sim.virtual import VirtualStation
 
 
@@ -520,6 +520,10 @@ class FloodedCable(Cable):
         self._until = ASKED_AT + seconds
         self._next_at = ASKED_AT
 
+    def begin_at(self, at: float) -> None:
+        """It floods from then on only."""
+        self._next_at = at
+
     def _next(self, until: float) -> Heard:
         copies_at = max(self._next_at, self.now)
         answer_at = self.coming[0][0] if self.coming else until
@@ -530,7 +534,8 @@ class FloodedCable(Cable):
         return Heard(self.now, self._copies, sent)
 
     def _waited(self, wish: Wait) -> Heard:
-        came = self._copies if max(wish.until, self.now) < self._until else b""
+        begun, end = max(self._next_at, self.now), max(wish.until, self.now)
+        came = self._copies * (1 + int((end - begun) / 0.05)) if begun <= end < self._until else b""
         return super()._waited(wish)._replace(data=came)
 
 
@@ -577,3 +582,142 @@ def test_what_is_not_handed_over_is_not_sent() -> None:
     cable = FloodedCable(device, b"\xaa", is_out=True)
     cable.pull(secure(made))
     assert [tool.reached for tool in made.tools] == [FAILED, FAILED]
+
+
+@pytest.mark.parametrize(("feeds", "stops"), [(True, 1), (False, 0)])
+def test_on_a_flooded_link_a_feeder_that_may_run_is_told_to_stop_and_nobody_knows_that_it_did(feeds: bool, stops: int) -> None:
+    device, made = station("ale", (1,)), task(1, family="ale", feeds=feeds)
+    FloodedCable(device, b"\xaa").pull(secure(made))
+    assert min(len(device.log.written("stop_feeding")), 1) == stops
+    assert made.feeds == feeds
+
+
+@pytest.mark.parametrize("is_out", [True, False], ids=["no order goes out", "orders go out"])
+@pytest.mark.parametrize("spare", [True, False])
+def test_what_was_read_back_before_a_flood_is_not_believed_any_more(spare: bool, is_out: bool) -> None:
+    device, made = station(), task(1, 2, spare=spare)
+    if spare:
+        device.plant.ports[1].order(SLEEP, False)
+        device.plant.ports[2].order(SLEEP, False)
+    cable = FloodedCable(device, b"\xaa")
+    cable.begin_at(ASKED_AT + 99.0)
+    begun: list[float] = []
+
+    def flood_behind_the_first(question: str) -> None:
+        if question.startswith("RPS2") and not begun:
+            assert made.tools[0].reached == VERIFIED
+            begun.append(cable.now)
+            cable.begin_at(cable.now)
+        cable.is_out |= is_out and bool(begun) and question.startswith("WPS")
+
+    cable.before = flood_behind_the_first
+    cable.pull(secure(made))
+    assert [tool.was_spared for tool in made.tools] == [False, False]
+    if is_out:  # what was ordered before it was; what only rested was never ordered
+        assert [tool.reached for tool in made.tools] == ([FAILED, FAILED] if spare else [SENT, SENT])
+    else:
+        assert [tool.reached for tool in made.tools] == [SENT, SENT]
+        assert {write.port for write in device.log.written("status") if write.at >= ASKED_AT} == {1, 2}
+
+
+# -- a feeder --------------------------------------------------------------------------------------------------------------
+
+
+def feeding() -> VirtualStation:
+    """A feeder that runs on until it is stopped."""
+    device = station("ale", (1,))
+    assert device.plant.feeder is not None
+    device.plant.feeder.settings.feeder_mode = "continuous"
+    device.plant.feeder.start(ASKED_AT)
+    return device
+
+
+def test_a_feeder_that_a_robot_starts_again_is_stopped_again_when_the_tools_are_safe() -> None:
+    device, made = feeding(), task(1, family="ale", feeds=True)
+    assert device.plant.feeder is not None
+    started: list[str] = []
+
+    def start_again(question: str) -> None:
+        if question.startswith("RPS1") and not started:
+            started.append(question)
+            device.plant.feeder.start(cable.now)  # type: ignore[union-attr]  # it has one
+
+    cable = Cable(device, before=start_again)
+    cable.pull(secure(made))
+    assert len(device.log.written("stop_feeding")) == 2
+    assert (made.feeds, made.is_done, device.plant.feeder.motor(cable.now)) == (False, True, 0)
+
+
+@pytest.mark.parametrize("pulled_at", ["RFEE", "RPS1", "WSTP"])
+def test_a_feeder_that_nobody_could_look_at_counts_as_running(pulled_at: str) -> None:
+    device, made = feeding(), task(1, family="ale", feeds=True)
+
+    def pull(question: str) -> None:
+        cable.is_out |= question.startswith(pulled_at)
+
+    cable = Cable(device, before=pull)
+    cable.pull(secure(made))
+    assert (made.feeds, made.is_done) == (True, False)
+
+
+# -- while they are watched --------------------------------------------------------------------------------------------------
+
+
+def test_a_cable_that_is_out_while_a_tool_is_watched_proves_nothing_and_who_is_there_is_asked_before_it_is_told() -> None:
+    device = station("dde", (1, 2), "extractor_cools = false")
+    made, asked = task(1, 2, wanted="extractor"), list[str]()
+
+    def pull(question: str) -> None:
+        asked.append(question)
+        cable.is_out |= question.startswith("RTT1") and cable.now < ASKED_AT + 0.3
+
+    def plug_in() -> None:
+        cable.is_out = cable.now < ASKED_AT + 0.4
+
+    cable = Cable(device, before=pull, opens=plug_in)
+    cable.pull(secure(made))
+    assert [(tool.reached, tool.status) for tool in made.tools] == [(VERIFIED, STAND)] * 2
+    pulled = asked.index("RTT1")
+    assert "RSMN" in asked[pulled : next(place for place, text in enumerate(asked) if place > pulled and text[0] == "W")]
+
+
+def test_a_flood_that_begins_while_a_tool_is_watched_has_it_told_to_stand_without_proof() -> None:
+    device, made = station("dde", (1, 2)), task(1, 2, wanted="extractor")
+    cable = FloodedCable(device, b"\xaa")
+    cable.begin_at(ASKED_AT + 99.0)
+    begun: list[float] = []
+
+    def flood(question: str) -> None:
+        if question.startswith("RTT1") and not begun:
+            begun.append(cable.now)
+            cable.begin_at(cable.now)
+
+    cable.before = flood
+    cable.pull(secure(made))
+    assert made.flood is not None
+    assert [told_words(device, port) for port in (1, 2)] != [[EXTRACTOR]] * 2
+    assert [told_words(device, port)[-1] for port in (1, 2)] == [STAND, STAND]
+    assert [tool.reached for tool in made.tools] == [SENT, SENT]
+
+
+class WithoutPower:
+    """A station that does not know the question for the heater's power."""
+
+    def __init__(self, device: VirtualStation) -> None:
+        self._device = device
+
+    def receive(self, data: bytes, now: float) -> list[tuple[float, bytes]]:
+        replies = [(reply[0], reply[1]) for reply in self._device.receive(data, now)]
+        return [(at, framed("N00004")) for at, _ in replies] if b"RPP" in data else replies
+
+    def hung_up(self, now: float) -> bool:
+        return self._device.hung_up(now)
+
+
+@pytest.mark.parametrize(("heats_on", "words"), [(False, [EXTRACTOR]), (True, [EXTRACTOR, STAND])])
+def test_where_a_station_does_not_tell_its_power_a_tip_that_falls_is_proof_enough(heats_on: bool, words: list[StatusWord]) -> None:
+    device, made = station("dde", (1,)), task(1, wanted="extractor")
+    if heats_on:
+        held_hot(device, 1)
+    Cable(WithoutPower(device)).pull(secure(made))
+    assert (told_words(device, 1), made.is_done) == (words, True)
