@@ -43,8 +43,8 @@ def _stroke(stroke: Stroke) -> str:
 
 def _path(part: Floats, closed: bool) -> str:
     """``M x y x y ...``: pairs behind the first are lines to them."""
-    numbers = " ".join(repr(one).removesuffix(".0") for one in part.round(2).ravel().tolist())
-    return f"M{numbers}{'Z' if closed else ''}"
+    numbers = f"{' '.join(map(repr, part.round(2).ravel().tolist()))} ".replace(".0 ", " ")
+    return f"M{numbers.removesuffix(' ')}{'Z' if closed else ''}"
 
 
 def _n(number: float) -> str:

@@ -18,7 +18,7 @@ from scipy.special import betaincinv, gammaincinv, ndtr, ndtri
 
 from jbclog.spc.bootstrap import basic_bounds, drawn_indices, quantile_indices
 from jbclog.spc.charts import Floats, sigma_of_moving_ranges
-from jbclog.spc.distribution import REACH, Fit
+from jbclog.spc.distribution import REACH, Fit, widest_fit
 
 CONFIDENCE = 0.95
 MOVING_RANGE_SHARE = 0.62
@@ -69,15 +69,35 @@ def indices(points: Floats, lower: float | None, upper: float | None) -> Capabil
 
 
 def indices_of_fit(points: Floats, fit: Fit, lower: float | None, upper: float | None) -> Capability:
-    """The indices of values of another distribution than normal."""
+    """The indices of values of another distribution than normal; their bounds do not rest on the choice of that distribution."""
     low, middle, high = fit.at(-REACH), fit.at(0.0), fit.at(REACH)
-    both, nearer = quantile_indices(np.array([low]), np.array([middle]), np.array([high]), lower, upper)
-    drawn_both, drawn_nearer, scale = drawn_indices(fit, len(points), lower, upper)
-    pp = None if lower is None or upper is None else _bounded(float(both[0]), drawn_both, scale)
-    ppk = _bounded(float(nearer[0]), drawn_nearer, scale)
+    found = [_index_of_fit(one, len(points), lower, upper) for one in (fit, *_beside(points, fit))]
+    pps = [one for one, _ in found if one is not None]
+    pp, ppk = _widest(pps) if pps else None, _widest([one for _, one in found])
     within, overall = sigma_of_moving_ranges(points), float(points.std(ddof=1))
-    found = Capability(len(points), float(points.mean()), within, overall, lower, upper, pp, ppk, pp, ppk)
-    return replace(found, distribution=fit.name, chance=fit.chance, percentiles=(low, middle, high))
+    of_all = Capability(len(points), float(points.mean()), within, overall, lower, upper, pp, ppk, pp, ppk)
+    return replace(of_all, distribution=fit.name, chance=fit.chance, percentiles=(low, middle, high))
+
+
+def _beside(points: Floats, fit: Fit) -> tuple[Fit, ...]:
+    """The family of three parameters beside one of two: which of two fits is often chance, and with it the tail."""
+    wider = widest_fit(points) if fit.family.free == 2 and not fit.outliers else None
+    return () if wider is None else (wider,)
+
+
+def _index_of_fit(fit: Fit, n: int, lower: float | None, upper: float | None) -> tuple[Index | None, Index]:
+    """Pp, where both limits are stated, and Ppk by the percentiles of a fit, with bounds by bootstrap."""
+    low, middle, high = (np.array([fit.at(score)]) for score in (-REACH, 0.0, REACH))
+    both, nearer = quantile_indices(low, middle, high, lower, upper)
+    drawn_both, drawn_nearer, scale = drawn_indices(fit, n, lower, upper)
+    pp = None if lower is None or upper is None else _bounded(float(both[0]), drawn_both, scale)
+    return pp, _bounded(float(nearer[0]), drawn_nearer, scale)
+
+
+def _widest(found: list[Index]) -> Index:
+    """The first index with the widest bounds of all."""
+    bound, low = min(one.bound for one in found), min(one.low for one in found)
+    return Index(found[0].value, bound, low, max(one.high for one in found))
 
 
 def indices_of_percentiles(points: Floats, lower: float | None, upper: float | None) -> Capability:

@@ -14,9 +14,9 @@ from math import exp, sqrt
 import numpy as np
 from scipy.special import ndtr, ndtri, pdtrc, stdtr
 
-from jbclog.spc.charts import Chart, Floats
+from jbclog.spc.charts import BEYOND_3, Chart, Floats
 from jbclog.spc.distribution import Fit, normal_chance
-from jbclog.spc.nelson import TESTS
+from jbclog.spc.nelson import TESTS, signals
 from jbclog.spc.populations import two_populations
 
 LEAST_POINTS = 20  # for limits of a chart; fewer are guesses (Montgomery: 20 to 25)
@@ -89,20 +89,38 @@ def unresolved(points: Floats, sigma: float, resolution: float | None) -> Refuse
     return Refused("unresolved", text + "their spread is that of the resolution, not of the process.")
 
 
-def unstable(chart: Chart) -> Refused | None:
-    """A point further out, or more signals, than a stable process gives by chance; of long series some are expected."""
-    away = np.abs(chart.points - chart.centre) / chart.sigma
-    if ndtr(-away.max()) * 2 * len(away) < BY_CHANCE:
-        text = f"The process is not stable: a point of {len(away)} is {away.max():.1f} sigma from the centre"
+def unstable(chart: Chart, distances: Floats) -> Refused | None:
+    """A point further out, or more signals, than a stable process gives by chance; of long series some are expected.
+
+    `distances`: how far each point certainly is from the centre; 0 where it may be on either side, as a rounded value may.
+    """
+    n, zones = len(distances), distances / chart.sigma
+    farthest = float(np.abs(zones).max())
+    if ndtr(-farthest) * 2 * n < BY_CHANCE:
+        text = f"The process is not stable: a point of {n} is {farthest:.1f} sigma from the centre"
         return Refused("unstable", f"{text}; an index would describe no process that exists.")
-    for number, test in enumerate(TESTS, 1):
-        if test.rate is None:
-            continue
-        seen = _occasions([one.last for one in chart.signals if one.test == number])
-        if seen and pdtrc(seen - 1, test.rate * len(chart.points)) < BY_CHANCE:
-            text = f"The process is not stable: {test.text}, {seen} time{'s' * (seen > 1)} in {len(chart.points)} points"
-            return Refused("unstable", f"{text}; an index would describe no process that exists.")
-    return None
+    sides = zones[zones != 0]
+    return _too_often(1, zones, BEYOND_3) or _too_often(2, sides, rate_of_nine(sides))
+
+
+def _too_often(number: int, zones: Floats, rate: float) -> Refused | None:
+    """More signals of one of Nelson's tests than its rate explains."""
+    seen = _occasions([one.last for one in signals(zones, (number,))])
+    if not seen or pdtrc(seen - 1, rate * len(zones)) >= BY_CHANCE:
+        return None
+    text = f"The process is not stable: {TESTS[number - 1].text}, {seen} time{'s' * (seen > 1)} in {len(zones)} points"
+    return Refused("unstable", f"{text}; an index would describe no process that exists.")
+
+
+def rate_of_nine(sides: Floats) -> float:
+    """How often nine in a row on one side begin at a point, where the values lie above as often as these do.
+
+    Values on neither side are left out, as in any test of runs (Gibbons and Chakraborti, Nonparametric Statistical Inference,
+    chapter 3); the others need not be halved, as steps of a resolution seldom lie evenly about the centre.
+    """
+    above = float(np.mean(sides > 0)) if len(sides) else 0.5
+    below = 1 - above
+    return above**9 * below + below**9 * above
 
 
 def _occasions(places: list[int]) -> int:

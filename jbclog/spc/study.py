@@ -146,7 +146,7 @@ def _stable(points: Floats, resolution: float | None) -> Fit | Refused | None:
     refused = first_refusal(
         (
             lambda: autocorrelated(scores),
-            lambda: unstable(charts.individuals(scores if fit is None else fit.scores(_inwards(points, step)))),
+            lambda: _out_of_control(points, fit, scores, step),
             lambda: shifted(points),
             lambda: mixed(points, fit or normal_fit(points), step),
             lambda: no_distribution(points) if fit is None else None,
@@ -169,12 +169,20 @@ def probability_plot(values: ArrayLike, *, resolution: float | None = None) -> P
     return ProbabilityPlot(ranks, points, line, None if fit is None else fit.name, None if fit is None else fit.chance)
 
 
-def _inwards(points: Floats, step: float | None) -> Floats:
-    """Values as near to their median as their step allows: rounding alone is to make no outlier."""
+def _out_of_control(points: Floats, fit: Fit | None, scores: Floats, step: float | None) -> Refused | None:
+    """Points and patterns as no stable process has them, on the scale on which the values are normal.
+
+    Limits are from the values as they were read, so that they have the resolution's share. Against them stands what is certain of
+    each value: it lies as near to the centre as its step allows; one whose step holds the centre is on no side of it.
+    """
+    chart = charts.individuals(scores)
     if not step:
-        return points
-    away = points - np.median(points)
-    return np.asarray(points - np.sign(away) * np.minimum(np.abs(away), step / 2))
+        return unstable(chart, chart.points - chart.centre)
+    middle = float(np.median(points)) if fit is None else fit.at(0.0)
+    away = points - middle
+    is_at_centre = np.abs(away) <= step / 2
+    nearest = scores if fit is None else fit.scores(points - np.sign(away) * step / 2)
+    return unstable(chart, np.where(is_at_centre, 0.0, nearest))
 
 
 def _step(points: Floats, resolution: float | None) -> float | None:

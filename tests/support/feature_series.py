@@ -64,11 +64,14 @@ def _alike(rng: np.random.Generator, n: int) -> Floats:
 UNSTABLE: dict[str, Draw] = {"step": _step, "drift": _drift, "two populations": _two, "autocorrelated": _alike}
 
 
-def unstable(seed: int) -> list[tuple[str, Floats, float | None]]:
-    """Sixteen series that are not: a step of 2 sigma, a drift of 3, two populations 5 apart, neighbours alike (0.7)."""
+def unstable(seed: int, share: float = 0.0) -> list[tuple[str, Floats, float | None]]:
+    """Sixteen series that are not: a step of 2 sigma, a drift of 3, two populations 5 apart, neighbours alike (0.7).
+
+    With `share` as they are read in steps of that share of six standard deviations.
+    """
     rng = np.random.default_rng(seed)
     return [
-        (f"{name}, {n}, {'lognormal' if shape else 'normal'}", _scored(rng, n, draw(rng, n), shape), None)
+        (f"{name}, {n}, {'lognormal' if shape else 'normal'}", *in_steps(_scored(rng, n, draw(rng, n), shape), share))
         for name, draw in UNSTABLE.items()
         for n in SIZES
         for shape in (0, 1)
