@@ -1,0 +1,119 @@
+"""What somebody else made safe closes the lease that a run left open, as far as it was read back and no further."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from jbclog.guard import left_over
+from jbclog.guard.diary import NAME as DIARY
+from jbclog.guard.diary import Diary
+from jbclog.guard.lease import StationLease, keep, kept
+from jbclog.guard.left_over import LeftOver, Seen, close, settle
+from jbclog.guard.only_one import only_one
+
+URL = "/dev/no1"
+LEASE = StationLease("ale-1", URL, 19200, "8N1", 1, "ale", "ALE", "1.0", "stand", (1, 2), True)
+OTHER = replace(LEASE, name="dde-2", url="/dev/no2")
+STOOD: dict[int, str | None] = {1: "stand", 2: "sleep"}
+SAFE = Seen("ALE", STOOD, True)
+FOUND = [
+    ("safety.safe_state", "info", 1, "The tool was found safe, as read back: stand."),
+    ("safety.safe_state", "info", 2, "The tool was found safe, as read back: sleep."),
+]
+NO_TOOL = ("safety.safe_state", "info", 2, "There is no tool any more.")
+ALL_SAFE = ("guard.left_over", "error", None, "Run run had left tools of ale-1 as they were: every tool is in its safe state now.")
+NOT_ALL = (
+    "guard.left_over",
+    "critical",
+    None,
+    "Run run had left tools of ale-1 as they were: not every tool could be made safe.",
+)
+
+
+@pytest.fixture
+def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The folder of a run that was cut off with two lines in use."""
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+    folder = tmp_path / "run"
+    folder.mkdir()
+    keep(folder, [LEASE, OTHER])
+    return folder
+
+
+def told(folder: Path) -> list[tuple[str, str, int | None, str]]:
+    path = folder / DIARY
+    rows = [json.loads(line) for line in path.read_text().splitlines() if line] if path.exists() else []
+    return [(row["kind"], row["severity"], row["port"], row["text"]) for row in rows]
+
+
+def nobody(folder: Path) -> bool:
+    return False
+
+
+@pytest.mark.parametrize(
+    ("seen", "left", "lines"),
+    [
+        (SAFE, None, [*FOUND, ALL_SAFE]),
+        (Seen("ALE", {1: "stand", 2: None}, True), None, [FOUND[0], NO_TOOL, ALL_SAFE]),
+        (Seen("ALE", {1: "stand"}, True), ((2,), False), [FOUND[0], NOT_ALL]),
+        (Seen("ALE", STOOD, False), ((), True), [*FOUND, NOT_ALL]),
+        (Seen("ALE", {}, True), ((1, 2), False), [NOT_ALL]),
+    ],
+    ids=["all", "one unplugged", "one port", "feeder runs", "feeder only"],
+)
+def test_what_was_read_back_closes_so_much_of_the_lease(
+    run: Path, seen: Seen, left: tuple[tuple[int, ...], bool] | None, lines: list[tuple[str, str, int | None, str]]
+) -> None:
+    assert close([URL], lambda station: seen if station == LEASE else None, nobody, "jbclog safe") == [run]
+    after = {one.name: one for one in kept(run)}
+    assert after["dde-2"] == OTHER  # nobody has looked at it
+    assert ("ale-1" in after) == (left is not None)
+    if left is not None:
+        assert after["ale-1"] == replace(LEASE, ports=left[0], feeds=left[1])
+    assert told(run) == lines
+
+
+@pytest.mark.parametrize("seen", [None, SAFE._replace(model="ALF"), SAFE._replace(model=None)], ids=["nobody", "other", "nameless"])
+def test_where_another_was_seen_or_none_nothing_is_closed(run: Path, seen: Seen | None) -> None:
+    assert close([URL], lambda _: seen, nobody, "jbclog safe") == []
+    assert (kept(run), told(run)) == ([LEASE, OTHER], [])
+
+
+def test_a_run_that_goes_on_or_has_its_guard_there_closes_its_lease_itself(run: Path) -> None:
+    assert close([URL], lambda _: SAFE, lambda folder: folder == run, "jbclog safe") == []
+    with only_one(run):
+        assert close([URL], lambda _: SAFE, nobody, "jbclog safe") == []
+    assert close(["/dev/no3"], lambda _: SAFE, nobody, "jbclog safe") == []
+    assert (kept(run), told(run)) == ([LEASE, OTHER], [])
+
+
+def test_a_lease_stays_open_where_it_cannot_be_written_down_why_it_was_closed(run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(*_: object) -> None:
+        raise OSError("no space")
+
+    monkeypatch.setattr(Diary, "_write", full)
+    close([URL], lambda _: SAFE, nobody, "jbclog safe")
+    assert kept(run) == [LEASE, OTHER]
+
+
+def test_a_folder_whose_lock_cannot_be_had_is_named_and_keeps_nobody(run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def no_lock(*_: object) -> None:
+        raise OSError(30, "Read-only file system")
+
+    monkeypatch.setattr(left_over, "only_one", no_lock)
+    settled = settle(run.parent, [URL], nobody)
+    assert settled == [LeftOver(False, settled[0].text)]
+    assert "Run run left tools hot, and nothing could be done about it" in settled[0].text
+    assert "Read-only file system" in settled[0].text
+
+
+def test_a_guard_that_stays_is_not_waited_for_without_end(run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(left_over, "PATIENCE_S", 0.05)
+    monkeypatch.setattr(left_over, "AGAIN_S", 0.01)
+    with only_one(run):
+        assert settle(run.parent, [URL], nobody) == []
+    assert kept(run) == [LEASE, OTHER]
