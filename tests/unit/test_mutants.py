@@ -4,7 +4,11 @@ from __future__ import annotations
 
 import ast
 import random
+import subprocess
+import sys
+from collections import Counter
 from pathlib import Path
+from types import SimpleNamespace
 
 import mutants
 import pytest
@@ -43,7 +47,7 @@ def test_each_change_is_made_once(tmp_path: Path) -> None:
     places = mutants.Places()
     places.visit(ast.parse(BEFORE))
     plain = ast.unparse(ast.parse(BEFORE)).splitlines()
-    changed = [mutants.mutated(path, node, which).splitlines() for _, _, node, which in places.found]
+    changed = [ast.unparse(mutants.mutated(path, node, which)).splitlines() for _, _, node, which in places.found]
     lines = [line.strip() for text in changed for line in text if line not in plain]
     assert set(lines) == AFTER
     assert len(changed) == len(AFTER) + 1  # two statements that are left out look alike
@@ -51,12 +55,13 @@ def test_each_change_is_made_once(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("package", mutants.PACKAGES)
 def test_mutants_of_the_product_can_be_loaded_and_are_the_same_each_time(package: str) -> None:
-    assert mutants.sample(package) == mutants.sample(package)
-    for name, _, _, node, which in random.Random(1).sample(mutants.sample(package), 20):
+    chosen = mutants.sample(mutants.HERE, package)
+    assert chosen == mutants.sample(mutants.HERE, package)
+    for name, _, _, node, which in random.Random(1).sample(chosen, 20):
         before = ast.unparse(ast.parse((mutants.HERE / name).read_text()))
         after = mutants.mutated(mutants.HERE / name, node, which)
         compile(after, name, "exec")
-        assert after != before
+        assert ast.unparse(after) != before
 
 
 def test_the_interval_of_a_share() -> None:
@@ -65,12 +70,97 @@ def test_the_interval_of_a_share() -> None:
     assert mutants.wilson(0, 20) == pytest.approx((0.0, 0.1611), abs=5e-5)
 
 
-def test_tests_are_taken_quickest_first_for_so_long() -> None:
-    known = {
-        "took": {"a": 30.0, "b": 1.0, "c": 20.0, "d": 1e6},
-        "lines": {"x.py": {"1": [], "5": ["a", "b", "c", "d"], "9": ["b"]}},
-    }
-    assert mutants.covering(known, "x.py", 5) == ["b", "c"]
-    assert mutants.covering(known, "x.py", 7) == ["b", "c"]  # of the same statement
-    assert mutants.covering(known, "x.py", 1) == ["b", "c"]  # runs when the file is loaded
-    assert mutants.covering(known, "other.py", 5) == []
+CODE = """LIMIT_S = 2.0
+
+def is_late(seconds):
+    return is_over(
+        seconds,
+        LIMIT_S,
+    )
+
+def other(seconds):
+    return seconds
+"""
+NAME = "jbclog/session/code.py"
+
+
+@pytest.fixture
+def tree(tmp_path: Path) -> Path:
+    path = tmp_path / NAME
+    path.parent.mkdir(parents=True)
+    path.write_text(CODE)
+    return tmp_path
+
+
+def mutant(line: int, word: str = "") -> mutants.Mutant:
+    """The first change of this line."""
+    places = mutants.Places()
+    places.visit(ast.parse(CODE))
+    return next((NAME, *place) for place in places.found if place[0] == line and word in place[1])
+
+
+def test_tests_are_taken_cheapest_first_and_parameters_of_another_later(tree: Path) -> None:
+    took = {"a[1]": [0.1, 0.1], "a[2]": [0.15, 0.15], "b": [0.2, 0.2], "slow": [1.0, 99.0], "waits": [1.2, 0.1], "c": [0.1, 0.1]}
+    known = {"took": took, "lines": {NAME: {"4": ["a[1]", "a[2]", "b", "slow", "waits"], "6": ["b"], "10": ["c"]}}}
+    assert mutants.covering(known, tree, mutant(4), Counter()) == ["a[1]", "b", "a[2]", "waits"]
+    assert mutants.covering(known, tree, mutant(4), Counter(waits=9))[0] == "waits"  # it has noticed much
+    assert mutants.covering(known, tree, mutant(10), Counter()) == ["c"]
+    assert mutants.covering(known, tree, mutant(1), Counter()) == ["b"]  # where the constant is used
+    assert mutants.covering({"took": {}, "lines": {}}, tree, mutant(4), Counter()) == []
+
+
+def test_what_is_changed_in_a_function_is_known_by_its_name(tree: Path) -> None:
+    assert mutants.function_at(tree / NAME, mutant(4)[3]) == ("is_late", 3)
+    assert mutants.function_at(tree / NAME, mutant(1)[3]) is None
+
+
+def test_only_some_parameters_of_each_test_are_used() -> None:
+    items = [SimpleNamespace(nodeid=f"x.py::a[{number}]") for number in range(30)] + [SimpleNamespace(nodeid="x.py::b")]
+    names = [item.nodeid for item in mutants.chosen(items)]
+    assert (len(names), names[0], names[-1]) == (mutants.SIBLINGS + 1, "x.py::a[0]", "x.py::b")
+
+
+PRODUCT = (
+    "def double(number):\n    return number + number\n\nLIMIT = double(2)\n\ndef is_over(number):\n    return number > LIMIT\n"
+)
+TESTS = """
+from jbclog.session.code import double, is_over
+
+def test_double():
+    assert double(3) == 6
+
+def test_over():
+    assert is_over(5)
+"""
+
+
+def test_mutants_are_tried_where_they_are_made_and_those_that_nobody_notices_survive(tmp_path: Path) -> None:
+    """In a repository of its own: of `>` and `+`, and of what is done while the file is loaded."""
+    place, work = tmp_path / "place", tmp_path / "work"
+    for name, text in {
+        "jbclog/session/code.py": PRODUCT,
+        "jbclog/__init__.py": "",
+        "jbclog/session/__init__.py": "",
+        "tests/unit/guard/test_code.py": TESTS,
+        "tests/support/mutants.py": (mutants.HERE / "tests/support/mutants.py").read_text(),
+        "pyproject.toml": '[tool.pytest.ini_options]\naddopts = ["--import-mode=importlib"]\nmarkers = ["campaign"]\n',
+    }.items():
+        (place / name).parent.mkdir(parents=True, exist_ok=True)
+        (place / name).write_text(text)
+    mine = {"cwd": place, "check": True, "timeout": 200, "capture_output": True}
+    for words in (["init", "-q"], ["add", "-A"], ["-c", "user.name=a", "-c", "user.email=b", "commit", "-qm", "x"]):
+        subprocess.run(["git", *words], **mine)
+    tool = [sys.executable, "tests/support/mutants.py"]
+    for words in (["cover", work], ["run", work, "session", "100"]):
+        subprocess.run([*tool, *words], **mine)
+    rows = {tuple(row["mutant"][1:3]): row["outcome"] for row in mutants.rows_of(work, "session")}
+    assert rows == {
+        (2, "Sub"): "noticed",
+        (2, "returns None"): "noticed",
+        (7, "GtE"): "survived",
+        (7, "returns None"): "noticed",
+    } | {key: outcome for key, outcome in rows.items() if key[0] == 4}
+    assert rows[4, "zero"] == "survived"
+    assert rows[4, "plus 1"] == "noticed"  # the limit is 6 then
+    told = subprocess.run([*tool, "report", work], text=True, **mine).stdout
+    assert "session: 6, 6, 6, 4, 2, 0; 67% (30% to 90%)" in told
