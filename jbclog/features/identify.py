@@ -148,18 +148,22 @@ def _backward(parts: Sequence[_Part], usable: Flags, values: Floats, read: _Read
 
 def windows(parts: Sequence[Readied]) -> list[Readied]:
     """The stretches, or of a long record windows of them."""
-    total = sum(len(part.stretch) * part.stretch.period_s for part in parts)
-    if total <= MOST_S:
-        return list(parts)
-    pieces = [piece for part in parts for piece in _pieces(part)]
+    taken = pieces_taken([len(part.stretch) for part in parts], parts[0].stretch.period_s) if parts else []
+    return [Readied(parts[place].stretch.take(rows), parts[place].ready[rows]) for place, rows in taken]
+
+
+def pieces_taken(lengths: Sequence[int], period_s: float) -> list[tuple[int, slice]]:
+    """Of stretches with so many rows: which rows of which are looked at."""
+    if sum(length * period_s for length in lengths) <= MOST_S:
+        return [(place, slice(0, length)) for place, length in enumerate(lengths)]
+    pieces = [(place, rows) for place, length in enumerate(lengths) for rows in _pieces(length, period_s)]
     taken = np.unique(np.linspace(0, len(pieces) - 1, round(MOST_S / WINDOW_S)).astype(np.int64))
-    return [pieces[place] for place in taken.tolist()]
+    return [pieces[number] for number in taken.tolist()]
 
 
-def _pieces(part: Readied) -> list[Readied]:
-    rows = max(round(WINDOW_S / part.stretch.period_s), 1)
-    cuts = range(0, max(len(part.stretch) - rows // 2, 1), rows)
-    return [Readied(part.stretch.take(slice(cut, cut + rows)), part.ready[cut : cut + rows]) for cut in cuts]
+def _pieces(length: int, period_s: float) -> list[slice]:
+    rows = max(round(WINDOW_S / period_s), 1)
+    return [slice(cut, min(cut + rows, length)) for cut in range(0, max(length - rows // 2, 1), rows)]
 
 
 @dataclass(frozen=True, slots=True)

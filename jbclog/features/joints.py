@@ -73,12 +73,12 @@ def find_joints(series: Series, asked: Asked | None = None) -> Found:
     every = [draw for flow, model in zip(looked, models, strict=True) for draw in draws_of(flow, model, settings)]
     seen = witnessed(series, every, looked, asked.wire_decides)
     settings = taken(asked, series.period_s, seen is not None and seen.decides)
-    draws, others = _sorted(every if seen is None else seen.draws, settings)
+    draws, others = sort_draws(every if seen is None else seen.draws, settings)
     others = sorted([*others, *(() if seen is None else seen.others)], key=lambda draw: draw.start_s)
     levels = resting_levels(looked, every)
     joints = joints_of(series, draws, [*draws, *others], levels, settings.recovered_within_c)
     unknown = None if settings.wire_decides else why
-    by_heat, _ = _sorted(every, settings)
+    by_heat, _ = sort_draws(every, settings)
     return Found(joints, others, list(dict.fromkeys(models)), levels, settings, seen, unknown, *lost, why, by_heat)
 
 
@@ -98,7 +98,7 @@ def _looked(series: Series, parts: Sequence[Readied], settings: Taken) -> tuple[
     return [looked[number] for number in order], [models[number] for number in order], why
 
 
-def _sorted(draws: Sequence[Draw], settings: Taken) -> tuple[list[Draw], list[Draw]]:
+def sort_draws(draws: Sequence[Draw], settings: Taken) -> tuple[list[Draw], list[Draw]]:
     """The draws that are joints, and the others."""
     joints: list[Draw] = []
     others: list[Draw] = []

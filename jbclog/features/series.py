@@ -7,8 +7,10 @@ than half a second, since such rows are as far apart as the station is slow. Wha
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import ceil, floor
 
 import numpy as np
 from numpy.typing import NDArray
@@ -144,8 +146,11 @@ FALL_C, FALL_K_PER_S = 60.0, 400.0
 """No tip moves so far so fast: another tool, or none, is in its place."""
 
 
-def stretches(series: Series, shortest_s: float = 3.0) -> list[Stretch]:
-    """The parts of the record that can be looked at for transients: working, both read, no gap beyond `BRIDGED_S`."""
+def stretches(series: Series, shortest_s: float = 3.0, begun: Sequence[Stretch] = ()) -> list[Stretch]:
+    """The parts of the record that can be looked at for transients: working, both read, no gap beyond `BRIDGED_S`.
+
+    Of a record that is looked at in windows, `begun` are those of the window before: what began in one of these stays on its grid.
+    """
     rows = series.rows
     there = ~np.isnan(rows.temperature) & ~np.isnan(rows.power) & rows.working
     places = np.flatnonzero(there)
@@ -157,7 +162,9 @@ def stretches(series: Series, shortest_s: float = 3.0) -> list[Stretch]:
     rested = np.diff(np.cumsum(series.known & ~rows.working)[places]) > 0
     pieces = np.split(places, np.flatnonzero(apart | rested | leaps) + 1)
     setting = setting_in_force(rows.seconds, rows.setting)
-    found = [_even(rows, setting, piece, series.period_s) for piece in pieces if len(piece) > 1]
+    begins = [_grid_of(float(rows.seconds[places[0]]), begun), *(float(rows.seconds[piece[0]]) for piece in pieces[1:])]
+    every = zip(pieces, begins, strict=True)
+    found = [_even(rows, setting, piece, series.period_s, begin) for piece, begin in every if len(piece) > 1]
     return [stretch for stretch in found if len(stretch) * series.period_s >= shortest_s]
 
 
@@ -166,24 +173,67 @@ def unseen(series: Series, parts: Sequence[Stretch]) -> tuple[float, int]:
 
     Where the state was not read the tool may have worked. Pieces of up to `BRIDGED_S` are none.
     """
-    at, period = series.seconds, series.period_s
-    if len(at) < 2 or not period:
-        return 0.0, 0
-    looked = np.zeros(len(at), dtype=np.bool_)
-    for part in parts:
-        looked |= (at >= part.seconds[0] - period / 2) & (at <= part.seconds[-1] + period / 2)
-    lost = (series.rows.working | ~series.known) & ~looked
-    edges = np.flatnonzero(np.diff(lost.astype(np.int8), prepend=0, append=0)).reshape(-1, 2)
-    pieces = [float(at[last - 1] - at[first]) + period for first, last in edges]
-    steps = np.diff(at)
-    absent = steps[(steps > max(series.gap_s, BRIDGED_S)) & ~lost[:-1] & ~lost[1:]] - period
-    long = [piece for piece in [*pieces, *absent.tolist()] if piece > BRIDGED_S]
-    return sum(long), len(long)
+    found = Unseen()
+    found.add(series, parts, slice(0, len(series.seconds)))
+    return found.total()
 
 
-def _even(rows: Block, setting: Floats, places: NDArray[np.int64], period_s: float) -> Stretch:
+class Unseen:
+    """The same of a record that is looked at in windows."""
+
+    def __init__(self) -> None:
+        self._seconds, self._pieces = 0.0, 0
+        self._last_s: float | None = None
+        self._since_s: float | None = None  # from when on nothing is seen, where that goes on
+        self._period_s = 0.0
+
+    def add(self, series: Series, parts: Sequence[Stretch], own: slice) -> None:
+        """These rows, behind those before; the window may have others beside them."""
+        at, period = series.seconds[own], series.period_s
+        if not len(at) or not period:
+            return
+        self._period_s = period
+        looked = np.zeros(len(at), dtype=np.bool_)
+        for part in parts:
+            first, last = np.searchsorted(at, [part.seconds[0] - period / 2, part.seconds[-1] + period / 2])
+            looked[first:last] = True
+        lost = (series.rows.working[own] | ~series.known[own]) & ~looked
+        if self._last_s is not None:
+            at, lost = np.concatenate(([self._last_s], at)), np.concatenate(([self._since_s is not None], lost))
+        steps = np.diff(at)
+        absent = steps[(steps > max(series.gap_s, BRIDGED_S)) & ~lost[:-1] & ~lost[1:]] - period
+        self._count(absent)
+        edges = np.flatnonzero(np.diff(lost.astype(np.int8), prepend=0, append=0)).reshape(-1, 2)
+        begins, ends = at[edges[:, 0]], at[edges[:, 1] - 1]
+        if len(edges) and edges[0, 0] == 0 and self._since_s is not None:
+            begins[0] = self._since_s
+        self._since_s, self._last_s = None, float(at[-1])
+        if len(edges) and lost[-1]:
+            self._since_s, begins, ends = float(begins[-1]), begins[:-1], ends[:-1]
+        self._count(ends - begins + period)
+
+    def total(self) -> tuple[float, int]:
+        """Seconds and pieces."""
+        open_s = 0.0 if self._since_s is None or self._last_s is None else self._last_s - self._since_s + self._period_s
+        is_long = open_s > BRIDGED_S
+        return self._seconds + open_s * is_long, self._pieces + is_long
+
+    def _count(self, pieces: Floats) -> None:
+        long = pieces[pieces > BRIDGED_S]
+        self._seconds, self._pieces = self._seconds + float(long.sum()), self._pieces + len(long)
+
+
+def _grid_of(first_s: float, begun: Sequence[Stretch]) -> float:
+    """A moment of the grid that a stretch with a reading at `first_s` is on."""
+    place = bisect_right(begun, first_s + 1e-6, key=lambda stretch: float(stretch.seconds[0])) - 1
+    goes_on = place >= 0 and first_s <= begun[place].seconds[-1] + begun[place].period_s
+    return float(begun[place].seconds[0]) if goes_on else first_s
+
+
+def _even(rows: Block, setting: Floats, places: NDArray[np.int64], period_s: float, begin_s: float) -> Stretch:
     seconds = rows.seconds[places]
-    grid = seconds[0] + np.arange(int(np.floor((seconds[-1] - seconds[0]) / period_s + 1e-6)) + 1) * period_s
+    first, last = ceil((seconds[0] - begin_s) / period_s - 1e-6), floor((seconds[-1] - begin_s) / period_s + 1e-6)
+    grid = np.asarray(begin_s + np.arange(first, last + 1) * period_s, dtype=np.float64)
     last = np.clip(np.searchsorted(seconds, grid + 1e-6) - 1, 0, len(seconds) - 1)
     temperature, power = (np.interp(grid, seconds, column[places]) for column in (rows.temperature, rows.power))
     return Stretch(period_s, grid, temperature, power, setting[places][last])

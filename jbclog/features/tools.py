@@ -7,7 +7,7 @@ the tool's code.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Final
+from typing import Final, Protocol, TypeVar
 
 import numpy as np
 
@@ -27,16 +27,16 @@ def by_tool(series: Series, parts: Sequence[Readied]) -> list[list[Readied]]:
     last: tuple[float, int] | None = None
     for part in parts:
         row = int(np.searchsorted(series.seconds, part.stretch.seconds[0] - 1e-6))
-        code = _code(codes, row)
+        code = code_at(codes, row)
         here = (code, int(absent[row]))
         if here != last:
             groups.append((code, []))
         groups[-1][1].append(part)
         last = here
-    return _large_enough(groups)
+    return large_enough(groups)
 
 
-def _code(codes: Floats | None, row: int) -> float:
+def code_at(codes: Floats | None, row: int) -> float:
     """The tool's code that was last read."""
     if codes is None:
         return UNKNOWN_CODE
@@ -44,14 +44,28 @@ def _code(codes: Floats | None, row: int) -> float:
     return float(codes[known[-1]]) if len(known) else UNKNOWN_CODE
 
 
-def _large_enough(groups: list[tuple[float, list[Readied]]]) -> list[list[Readied]]:
+class Piece(Protocol):
+    """A stretch, as far as it is put to a tool."""
+
+    @property
+    def start_s(self) -> float: ...
+
+    @property
+    def length_s(self) -> float: ...
+
+
+P = TypeVar("P", bound=Piece)
+
+
+def large_enough(groups: Sequence[tuple[float, list[P]]]) -> list[list[P]]:
+    """The stretches of each tool; `groups` are those between two exchanges, with the tool's code."""
     own = [parts for _, parts in groups if _length_s(parts) >= OWN_MODEL_S]
-    small: dict[float, list[Readied]] = {}
+    small: dict[float, list[P]] = {}
     for code, parts in groups:
         if _length_s(parts) < OWN_MODEL_S:
             small.setdefault(code, []).extend(parts)
-    return sorted([*own, *small.values()], key=lambda parts: float(parts[0].stretch.seconds[0]))
+    return sorted([*own, *small.values()], key=lambda parts: parts[0].start_s)
 
 
-def _length_s(parts: Sequence[Readied]) -> float:
-    return sum(len(part.stretch) * part.stretch.period_s for part in parts)
+def _length_s(parts: Sequence[Piece]) -> float:
+    return sum(part.length_s for part in parts)
