@@ -13,9 +13,9 @@ reason is said, and no joints found is never told as none.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
-from jbclog.features.asked import Asked, Taken, taken
+from jbclog.features.asked import Asked, Taken, regular_every_s, taken
 from jbclog.features.drawn import Draw, draws_of
 from jbclog.features.draws import Flow, flows
 from jbclog.features.feeding import Witnessed, witnessed
@@ -77,6 +77,7 @@ def find_joints(series: Series, asked: Asked | None = None) -> Found:
     others = sorted([*others, *(() if seen is None else seen.others)], key=lambda draw: draw.start_s)
     levels = resting_levels(looked, every)
     joints = joints_of(series, draws, [*draws, *others], levels, settings.recovered_within_c)
+    settings = replace(settings, every_s=regular_every_s([joint.start_s for joint in joints]))
     unknown = None if settings.wire_decides else why
     by_heat, _ = sort_draws(every, settings)
     return Found(joints, others, list(dict.fromkeys(models)), levels, settings, seen, unknown, *lost, why, by_heat)

@@ -61,7 +61,23 @@ def found_with(rows: Sequence[Row]) -> list[str]:
             texts.setdefault(_found_with(taken), []).append(place)
             fed += [place] if taken["wire_decides"] else []
     said = list(texts) if len(texts) == 1 else [f"{', '.join(places)}: {text}" for text, places in texts.items()]
-    return [*said, *([f"Each feed of the feeder is a joint: {', '.join(fed)}."] if fed else [])]
+    return [*said, *_regular(rows), *([f"Each feed of the feeder is a joint: {', '.join(fed)}."] if fed else [])]
+
+
+def _regular(rows: Sequence[Row]) -> list[str]:
+    """The time from one joint to the next that the run shows, where the recipe states none."""
+    places: dict[str, list[str]] = {}
+    for row in rows:
+        taken = _mapping(_mapping(row["joints"]).get("taken"))
+        if taken and taken.get("expected_every_s") is None:
+            every = taken.get("every_s")
+            text = "not regular or too few" if every is None else f"{number(every, 1)} s"
+            places.setdefault(text, []).append(f"{row['station']} port {row['port']}")
+    if not places:
+        return []
+    parts = list(places) if len(places) == 1 else [f"{text} ({', '.join(ports)})" for text, ports in places.items()]
+    text = "From the start of one joint to the next, learnt from the run (the recipe sets no expected_every_s)"
+    return [f"{text}: {'; '.join(parts)}. It is shown and is not used to find joints."]
 
 
 def _found_with(taken: Row) -> str:

@@ -69,6 +69,7 @@ def test_following_an_alarm_tells_who_saw_what() -> None:
 def test_joints_are_held_against_the_feeders_own_count() -> None:
     node = executed(JOINTS)
     assert "18 joints with wire were found, the feeder counted 19 feeds: +1." in shown(node, "feeder")
+    assert re.search(r"Two witnesses: feeder 19, heat (\d+|not known)\.", shown(node, "feeder"))
     assert "Nothing was read from 79.6 s to 84.3 s" in shown(node, "feeder")
     assert re.search(r"^joints +<NA>", shown(node, "metrics"), re.MULTILINE)  # one was made in the gap
     assert re.search(r"^recovery_s +1\.\d", shown(node, "metrics"), re.MULTILINE)

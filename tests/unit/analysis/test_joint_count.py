@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pandas as pd
 import pytest
 from recorded_run import RecordedRun
 from virtual_run import RECIPE, line_text
 
 from jbclog.analysis import open_run
-from jbclog.analysis.features import joint_count
+from jbclog.analysis.features import joint_count, joints_and_metrics
 from jbclog.analysis.run import Run
+from jbclog.features import Asked, Found, Series, find_joints
 from jbclog.joint_counting import ENDED_S
 from jbclog.plan import Wanted, make_plan
 
@@ -46,3 +49,18 @@ def test_while_it_goes_on_those_are_counted_that_have_ended(soldered: Run, secon
     until = pd.Timestamp(soldered.manifest.started) + pd.Timedelta(seconds=second)
     ended = soldered.joints()["end"] <= until - pd.Timedelta(seconds=ENDED_S)
     assert joint_count(Begun(soldered, until), ENDED_S) == int(ended.sum())
+
+
+def test_while_it_goes_on_the_feeder_is_a_witness_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The recorded example with a feeder: the count during a run is made with its feeds, too."""
+    run = open_run(next((Path(__file__).parents[3] / "notebooks" / "data" / "joints").glob("2*")))
+    assert any(row["wire_decides"] for row in joints_and_metrics(run)[2])
+    seen: list[bool] = []
+
+    def looked(series: Series, asked: Asked | None = None) -> Found:
+        seen.append(find_joints(series, asked).by_wire)
+        return find_joints(series, asked)
+
+    monkeypatch.setattr("jbclog.analysis.features.find_joints", looked)
+    assert joint_count(run) == len(run.joints())
+    assert any(seen)

@@ -220,6 +220,16 @@ def test_idle_error_stands_beside_recovery_and_what_was_found_with_is_said(calm:
     assert port["joints"]["taken"]["learnt"] == ["least_dwell_s", "merge_gap_s", "wire_decides"]
 
 
+def test_the_regular_time_between_joints_is_learnt_and_shown(calm: Told, tmp_path: Path) -> None:
+    said = "From the start of one joint to the next, learnt from the run (the recipe sets no expected_every_s)"
+    assert calm.port["joints"]["taken"]["every_s"] == pytest.approx(6.0, abs=0.05)
+    assert f"{said}: 6 s. It is shown and is not used to find joints." in calm.page.replace("\u00a0", " ")
+    uneven = [(15.0 + 2 * number + 0.3 * number**2, 15.9 + 2 * number + 0.3 * number**2) for number in range(12)]
+    page, port = both(sealed(tmp_path, soldered(uneven, 90.0)))
+    assert port["joints"]["taken"]["every_s"] is None
+    assert f"{said}: not regular or too few." in page
+
+
 def test_what_the_recipe_says_of_joints_is_not_learnt(tmp_path: Path) -> None:
     page, port = both(
         sealed(tmp_path, soldered(CALM, 90.0), recipe=f"{RECIPE}\n[joints]\nleast_dwell_s = 0.6\nrecovered_within_c = 5\n")
