@@ -163,7 +163,7 @@ class Threshold(Normal):
         side = np.where(_skewness(rows) >= 0, 1.0, -1.0)
         least = (side * rows).min(axis=-1, keepdims=True)
         low, high = (np.full_like(least, float(np.log(edge))) for edge in (1e-4, 1e3))
-        for _ in range(20):  # to 2e-5, in logarithms of the way from the threshold to the nearest value, in standard deviations
+        for _ in range(25):  # to 5e-7, in logarithms of the way from the threshold to the nearest value, in standard deviations
             middle = (low + high) / 2
             is_skewed = _skewness(np.log(side * rows - least + np.exp(middle) * spread)) > 0
             low, high = np.where(is_skewed, low, middle), np.where(is_skewed, middle, high)
