@@ -6,39 +6,67 @@ time, and is asked only for stations whose recipe has a limit about joints.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from math import ceil
 from pathlib import Path
 from typing import Final
 
-import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from jbclog.features import Asked, Cycles, Joint, Series, find_joints
+from jbclog.features import Asked, Cycles, Joint, find_joints
 from jbclog.features.asked import asked_of
 from jbclog.features.feeds import feeds_of
 from jbclog.features.joints import Found as JointsFound
-from jbclog.features.port_rows import COLUMNS, CYCLES, PUSHING, WORKING, Clock, PortRows, cycles_of, series_of
+from jbclog.features.port_rows import COLUMNS, CYCLES, Clock, cycles_of, series_of
 from jbclog.judge import PortJoints, Recovery
-from jbclog.judge.idle import Flags, Floats
+from jbclog.judge.idle import Floats
 from jbclog.judge.rules import has_feeder, has_tip
 from jbclog.judge.samples import Counts
 from jbclog.judge.stepped import steps_of
+from jbclog.port_reading import PortReader, at_once, floats, micros, port_rows_of
 from jbclog.record.joints_asked import joints_asked
 from jbclog.record.parts import row_groups
 from jbclog.record.schema import SCHEMAS
 from jbclog.rows import StationFacts
 
 MOST_ROWS: Final = 1_000_000  # at once in memory, some 100 MB
+MOST_PORTS: Final = 48  # looked at together in windows, some 3 MB each
 COUNTERS: Final = ["time", "station", "port", "counter", "value"]
 Found = dict[tuple[str, int], PortJoints]
 
 
 def joint_evidence(folder: Path, stations: Sequence[StationFacts], t0_utc: float | None) -> Found:
-    """The joints of each port of these stations that has a tip; `t0_utc` is the manifest's."""
+    """The joints of each port of these stations that has a tip; `t0_utc` is the manifest's.
+
+    Ports without a feeder and with a period are looked at in windows (`features.sweeps`), the others as a whole.
+    """
+    with_tip = [facts for facts in stations if has_tip(facts)]
+    in_windows = [facts for facts in with_tip if facts.period_s and not has_feeder(facts)]
+    found = Found()
+    for some in at_once(in_windows, lambda facts: len(facts.ports), MOST_PORTS):
+        found.update(_in_windows(folder, some))
+    found.update(_whole(folder, [facts for facts in with_tip if facts not in in_windows], t0_utc))
+    return {(facts.name, port): found[facts.name, port] for facts in with_tip for port in facts.ports}
+
+
+def _in_windows(folder: Path, stations: Sequence[StationFacts]) -> Found:
+    ports = PortReader(stations, lambda: row_groups(folder, "samples", COLUMNS), MOST_ROWS)
+    asked = {facts.name: asked_of(joints_asked(folder, facts)) for facts in stations}
+    return {key: _told(joints, seconds) for key, joints, seconds in ports.joints(asked)}
+
+
+def _told(found: JointsFound, seconds: float) -> PortJoints:
+    """`seconds` are those that its rows stand for."""
+    if not seconds:
+        return PortJoints(why="Nothing was recorded at all.")
+    recoveries = [_recovery(joint) for joint in found.joints]
+    return PortJoints(recoveries, None, found.heat_why, _hidden(seconds, found), found.unseen_s)
+
+
+def _whole(folder: Path, stations: Sequence[StationFacts], t0_utc: float | None) -> Found:
     steps, t0_us, found = steps_of(folder), round((t0_utc or 0.0) * 1e6), Found()
-    for some in _at_once([facts for facts in stations if has_tip(facts)]):
+    for some in at_once(stations, _rows, MOST_ROWS):
         samples = _of_stations(folder, "samples", COLUMNS, [facts.name for facts in some])
         for facts in some:
             clock, rows = Clock(facts.period_s, steps, t0_us), samples.filter(pc.equal(samples["station"], facts.name))
@@ -53,18 +81,6 @@ def joint_evidence(folder: Path, stations: Sequence[StationFacts], t0_utc: float
                     asked,
                 )
     return found
-
-
-def _at_once(stations: Sequence[StationFacts]) -> Iterator[list[StationFacts]]:
-    """As many stations together as fit into memory."""
-    held: list[StationFacts] = []
-    for facts in stations:
-        if held and sum(map(_rows, [*held, facts])) > MOST_ROWS:
-            yield held
-            held = []
-        held.append(facts)
-    if held:
-        yield held
 
 
 def _rows(facts: StationFacts) -> int:
@@ -84,8 +100,8 @@ def _of_port(rows: pa.Table, port: int) -> pa.Table:
 def _port(facts: StationFacts, rows: pa.Table, counters: pa.Table | None, clock: Clock, asked: Asked) -> PortJoints:
     if not rows.num_rows:
         return PortJoints(why="Nothing was recorded at all.")
-    port_rows = _port_rows(rows, clock)
-    cycles = None if counters is None else _cycles(counters, _micros(rows), port_rows.seconds)
+    port_rows = port_rows_of(rows, clock)
+    cycles = None if counters is None else _cycles(counters, micros(rows), port_rows.seconds)
     series = series_of(facts, port_rows, cycles=cycles)
     found = find_joints(series, asked)
     recoveries = [_recovery(joint) for joint in found.joints]
@@ -93,12 +109,13 @@ def _port(facts: StationFacts, rows: pa.Table, counters: pa.Table | None, clock:
     if counters is not None and found.heat_why is None:
         stepped_s = sum(abs(step.size_s) for step in clock.steps)
         feeds = feeds_of(series, found.by_heat, stepped_s)
-    return PortJoints(recoveries, feeds, found.heat_why, _hidden(series, found), found.unseen_s)
+    hidden = _hidden(len(series.seconds) * series.period_s, found)
+    return PortJoints(recoveries, feeds, found.heat_why, hidden, found.unseen_s)
 
 
-def _hidden(series: Series, found: JointsFound) -> int:
+def _hidden(seconds: float, found: JointsFound) -> int:
     """How many joints there may be where nothing was read: one in each piece, or as many as elsewhere in that time."""
-    seen_s = len(series.seconds) * series.period_s - found.unseen_s
+    seen_s = seconds - found.unseen_s
     rate = len(found.joints) / seen_s if seen_s > 0 else 0.0
     return max(found.unseen, ceil(rate * found.unseen_s))
 
@@ -110,34 +127,6 @@ def _recovery(joint: Joint) -> Recovery | None:
     return None if joint.had_s is None else Recovery(round(joint.had_s, 6), joint.recovered)
 
 
-def _port_rows(rows: pa.Table, clock: Clock) -> PortRows:
-    status, motor = rows["status"], rows["motor"]
-    return PortRows(
-        clock.seconds(_floats(rows["tick"]), _micros(rows)),
-        _floats(rows["temperature_c"]),
-        _floats(rows["power_permille"]),
-        _floats(rows["set_c"]),
-        _flags(pc.fill_null(pc.is_in(status, pa.array(WORKING)), False)),
-        _flags(pc.is_valid(status)),
-        _floats(pc.equal(motor, PUSHING).cast(pa.int8())),
-        _floats(rows["tool"]),
-        _floats(rows["port_error"]),
-    )
-
-
 def _cycles(counters: pa.Table, rows_us: Counts, seconds: Floats) -> Cycles:
     read = counters.filter(pc.and_(pc.equal(counters["counter"], CYCLES), pc.is_valid(counters["value"])))
-    return cycles_of(_micros(read), _floats(read["value"]), rows_us, seconds)
-
-
-def _micros(rows: pa.Table) -> Counts:
-    return np.asarray(rows["time"].cast(pa.int64()).to_numpy(), dtype=np.int64)
-
-
-def _floats(column: pa.ChunkedArray) -> Floats:
-    """With NaN for what was not read."""
-    return np.asarray(column.cast(pa.float64()).to_numpy(), dtype=np.float64)
-
-
-def _flags(column: pa.ChunkedArray) -> Flags:
-    return np.asarray(column.to_numpy(), dtype=np.bool_)
+    return cycles_of(micros(read), floats(read["value"]), rows_us, seconds)

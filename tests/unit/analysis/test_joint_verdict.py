@@ -8,6 +8,7 @@ from pathlib import Path
 
 import made_series
 import numpy as np
+import pyarrow.parquet as pq
 import pytest
 from made_series import joints_at
 from recorded_run import RecordedRun
@@ -24,6 +25,7 @@ from jbclog.judge import Feeds
 from jbclog.judged_again import held, judge_again
 from jbclog.plan import Wanted, make_plan
 from jbclog.record.manifest import Manifest, read_manifest, write_manifest
+from jbclog.record.parts import part_paths
 from jbclog.report import verify_report, write, write_report
 
 FEEDER = "\n[feeder]\nmode = 'discontinuous'\nlength_mm = 5.0\nspeed_mm_s = 10.0\n"
@@ -31,8 +33,8 @@ ASKED = "\n[acceptance]\nrecovery_p95_s = 2.0\njoints_against_counter_percent = 
 SIM = "joints_per_minute = 24\njoint_seconds = 0.8\nfeed_each_joint = true"
 
 
-def recorded(home: Path, recipe: str, seconds: float, sim: str = SIM) -> Path:
-    (home / "line.toml").write_text(line_text(sim).replace('"dde"', '"ale"'), encoding="utf-8")
+def recorded(home: Path, recipe: str, seconds: float, sim: str = SIM, family: str = "ale") -> Path:
+    (home / "line.toml").write_text(line_text(sim).replace('"dde"', f'"{family}"'), encoding="utf-8")
     (home / "recipe.toml").write_text(recipe, encoding="utf-8")
     plan = make_plan(Wanted(home / "line.toml", home / "recipe.toml", duration_s=seconds))
     return RecordedRun(plan, home / "runs").result.folder
@@ -70,6 +72,20 @@ def test_the_joints_judged_are_those_that_are_told(soldered: Path, monkeypatch: 
     monkeypatch.setattr(evidence_of, "MOST_ROWS", 1)
     twice = [*manifest.stations, replace(manifest.stations[0], name="not there")]
     assert joint_evidence(soldered, twice, manifest.t0_utc)["dde-1", 1] == found["dde-1", 1]
+
+
+def test_evidence_does_not_depend_on_row_groups_and_is_what_the_joints_say(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    sim = "joints_per_minute = 24\njoint_seconds = 0.8"
+    folder = recorded(tmp_path, RECIPE + "\n[acceptance]\nrecovery_p95_s = 2.0\n", 60.0, sim, family="dde")
+    manifest, joints = read_manifest(folder), open_run(folder).joints()
+    found = joint_evidence(folder, manifest.stations, manifest.t0_utc)
+    told = [one.seconds for one in found["dde-1", 1].recoveries if one is not None and one.back]
+    assert told == pytest.approx(list(joints[joints["port"] == 1]["recovery_s"].dropna()), abs=1e-3)
+    assert len(told) > 10
+    part = part_paths(folder, "samples")[0]
+    pq.write_table(pq.read_table(part, partitioning=None), part, row_group_size=37)
+    monkeypatch.setattr(evidence_of, "MOST_ROWS", 100)  # so that each sweep reads the row groups anew
+    assert joint_evidence(folder, manifest.stations, manifest.t0_utc) == found
 
 
 def test_report_comes_to_the_same_and_says_where_it_does_not(
