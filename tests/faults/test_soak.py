@@ -20,7 +20,9 @@ from statistics import median
 import pytest
 from invariants import counted as readings_in
 from invariants import kept_in
-from soak import FLOOD, Soak, kinds_of
+from soak import FLOOD, RECIPES, Soak, kinds_of
+
+from jbclog.recipe.line import load_line
 
 SOAK_S = float(os.environ.get("JBCLOG_SOAK_S", "3600"))
 STATIONS = 16
@@ -50,6 +52,9 @@ def test_every_kind_of_fault_has_its_turn(tmp_path: Path) -> None:
         kinds = set(kinds_of(soak.families[name]))
         assert {one.kind for one in history} == (kinds - {"dropout"} | {FLOOD} if name in soak.flooded else kinds)
         assert min(after.begin - before.end for before, after in pairwise(history)) > soak.calm_s / 2
+    (tmp_path / "tip.toml").write_text(RECIPES["tip"])
+    names = [spec.name for part in soak.write_line() for spec in load_line(part).stations]
+    assert names == list(soak.histories), "a part with its faults is larger than a line file may be, or missing"
 
 
 @pytest.mark.soak

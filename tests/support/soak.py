@@ -193,15 +193,15 @@ def with_a_flood(rng: Random, odd: list[Odd], seconds: float) -> list[Odd]:
     return [*found[:number], flood, *found[number + 1 :]]
 
 
-def line_text(histories: dict[str, list[Odd]], families: dict[str, str]) -> str:
+def line_text(families: dict[str, str], histories: dict[str, list[Odd]]) -> str:
+    """The line of these stations, each with the faults of its history where it has one."""
     tables = ['[line]\nname = "soak"\n']
-    for number, (name, odd) in enumerate(histories.items()):
-        family = families[name]
+    for name, family in families.items():
         ports = "" if family in ("jtse", "omega") else "ports = [1]\n"
         recipe = RECIPE_OF.get(family, "tip")
         tables.append(f'[[station]]\nname = "{name}"\nurl = "{name}"\nfamily = "{family}"\n{ports}recipe = "{recipe}.toml"\n')
-        faults = "".join(one.text for one in odd if one.kind != FLOOD)
-        tables.append(f"[station.sim]\nseed = {number}\nturnaround_ms = 1.0\n{faults}")
+        faults = "".join(one.text for one in histories.get(name, ()) if one.kind != FLOOD)
+        tables.append(f"[station.sim]\nseed = {name.rpartition('-')[2]}\nturnaround_ms = 1.0\n{faults}")
     return "\n".join(tables)
 
 
@@ -260,11 +260,19 @@ class Soak:
 
     # -- doing it ------------------------------------------------------------------------------------------------------------
 
+    def write_line(self) -> list[Path]:
+        """The line file; returns those that hold its stations with their faults."""
+        (self.home / "line.toml").write_text(line_text(self.families, {}))
+        parts = [self.home / f"{name}.line.toml" for name in self.families]
+        for part, (name, family) in zip(parts, self.families.items(), strict=True):
+            part.write_text(line_text({name: family}, self.histories))
+        return parts
+
     def go(self) -> None:
-        (self.home / "line.toml").write_text(line_text(self.histories, self.families))
+        parts = self.write_line()
         for name, text in RECIPES.items():
             (self.home / f"{name}.toml").write_text(text)
-        with TappedSim(self.home / "line.toml", self.home / "served", self.log) as sim:
+        with TappedSim(self.home / "line.toml", self.home / "served", self.log, parts) as sim:
             line = sim.line_path
             for name in RECIPES:
                 (line.parent / f"{name}.toml").write_text(RECIPES[name])

@@ -1,7 +1,7 @@
 """Virtual stations in a process of their own, with a note of each question and what was said to it, faults or none.
 
-``python tests/support/tapped_sim.py LINE DIR NOTES``, ended as `jbclog.sim` is when its stdin is closed. `jbclog sim --log`
-notes bytes as they pass, which do not tell to which question an answer belongs where others went unanswered; these notes do.
+``python tests/support/tapped_sim.py LINE DIR NOTES [PART ...]``, ended as `jbclog.sim` is when its stdin is closed. `jbclog sim
+--log` notes bytes as they pass, which do not tell to which question an answer belongs where others went unanswered; these do.
 """
 
 from __future__ import annotations
@@ -45,11 +45,15 @@ class Tapped:
 
 
 class TappedSim(SimProcess):
-    """The process, for as long as a `with` lasts."""
+    """The process, for as long as a `with` lasts.
 
-    def __init__(self, line: Path, folder: Path, notes: Path) -> None:
+    `parts` are line files that have the line's stations between them, in its order, with their faults: an hour's faults of
+    sixteen stations are more than one file may have.
+    """
+
+    def __init__(self, line: Path, folder: Path, notes: Path, parts: Sequence[Path] = ()) -> None:
         super().__init__(line, folder)
-        self._command = [sys.executable, __file__, str(line), str(folder), str(notes)]
+        self._command = [sys.executable, __file__, *map(str, (line, folder, notes, *parts))]
 
 
 def heard_in(notes: Path) -> dict[str, list[Heard]]:
@@ -63,9 +67,9 @@ def heard_in(notes: Path) -> dict[str, list[Heard]]:
 
 
 def main() -> None:
-    line, folder, notes = load_line(Path(sys.argv[1])), Path(sys.argv[2]), Path(sys.argv[3])
-    now = monotonic()
-    server = set_up(line, folder, stations=[Tapped(virtual_station(spec, now=now), notes) for spec in line.stations])
+    path, folder, notes, *parts = map(Path, sys.argv[1:])
+    specs, now = [spec for part in parts or [path] for spec in load_line(part).stations], monotonic()
+    server = set_up(load_line(path), folder, stations=[Tapped(virtual_station(spec, now=now), notes) for spec in specs])
     server.stop_on_signals()
     server.stop_at_end_of(sys.stdin.fileno())
     print((folder / SERVED_LINE).absolute(), flush=True)
