@@ -6,6 +6,7 @@ all that is wrong at once. `orders` turns a plan into what `session` is told.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -346,8 +347,8 @@ def _without_recipe(line: Line, chosen: list[StationSpec], recipes: dict[str, Re
 
 def _unused(line: Line, chosen: list[StationSpec], wanted: Wanted) -> Iterator[Problem]:
     """A recipe that was asked for and would not run: heating by another one is not what was meant."""
-    own = [spec.recipe.resolve() for spec in chosen if spec.recipe is not None]
-    if wanted.recipe is not None and len(own) == len(chosen) and wanted.recipe.resolve() not in own:
+    own = [os.path.realpath(spec.recipe) for spec in chosen if spec.recipe is not None]
+    if wanted.recipe is not None and len(own) == len(chosen) and os.path.realpath(wanted.recipe) not in own:
         text = (
             f"would be used by no station: each that runs names a recipe of its own in {line.path}; leave it out, or choose others"
         )
@@ -372,7 +373,7 @@ def _mismatches(line: Line, station: StationPlan) -> Iterator[Problem]:
 
 def _beside_replay(line: Line, spec: StationSpec) -> Iterator[Problem]:
     """[replay] makes the recorder's time go at another pace, its patience with it: no real station may be asked so."""
-    place, leads_to = f"station {spec.name}", Path(spec.url).resolve() if spec.is_device else Path()
+    place, leads_to = f"station {spec.name}", Path(os.path.realpath(spec.url)) if spec.is_device else Path()
     if not is_served_here(spec.written_url):
         yield Problem(str(line.path), None, place, f"its url {spec.written_url} {NOT_BESIDE_REPLAY}")
     elif leads_to.is_char_device() and not str(leads_to).startswith(PSEUDO_TERMINALS):

@@ -2,23 +2,25 @@
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import cast
+from typing import Final, cast
 
 import pandas as pd
 import pyarrow as pa
 import pyarrow.compute as pc
-import pyarrow.parquet as pq
 
 from jbclog.errors import RecordError, UsageError
-from jbclog.foreign.tables import metadata_of
+from jbclog.foreign.tables import bounds_of
 from jbclog.record.schema import SCHEMAS
 
 Moment = str | datetime | pd.Timestamp
 """A time: a string such as ``2026-11-21T01:30``, a datetime or a Timestamp; UTC where it names no zone."""
+
+MICROSECONDS: Final = struct.Struct("<q")  # a time as Parquet writes one plainly
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,7 +58,7 @@ class Asked:
         if self.start is None and self.stop is None:
             return True
         try:
-            first, last = _span(metadata_of(part))
+            first, last = _span(part)
         except (pa.ArrowException, OSError) as error:
             raise RecordError(f"{part} is no readable part: {error}") from error
         if first is None or last is None:
@@ -97,10 +99,13 @@ def _scalar(stamp: pd.Timestamp) -> pa.Scalar:
     return pa.scalar(stamp.as_unit("ns").value // 1000, pa.int64()).cast(pa.timestamp("us", tz="UTC"))
 
 
-def _span(metadata: pq.FileMetaData) -> tuple[pd.Timestamp | None, pd.Timestamp | None]:
-    """The first and the last time in a part; None where its footer does not say."""
-    place = metadata.schema.to_arrow_schema().get_field_index("time")
-    seen = [metadata.row_group(number).column(place).statistics for number in range(metadata.num_row_groups)]
-    if not seen or any(one is None or not one.has_min_max for one in seen):
+def _span(part: Path) -> tuple[pd.Timestamp | None, pd.Timestamp | None]:
+    """The first and the last time in a part; None where its footer does not say. Raises OSError or pa.ArrowException."""
+    seen = bounds_of(part, "time")
+    if not seen or any(one is None or {*map(len, one)} != {MICROSECONDS.size} for one in seen):
         return None, None
-    return utc(min(one.min for one in seen)), utc(max(one.max for one in seen))
+    try:
+        times = [pd.Timestamp(MICROSECONDS.unpack(plain)[0], unit="us", tz=UTC) for one in seen if one is not None for plain in one]
+    except (ValueError, OverflowError):  # a time that no clock shows
+        return None, None
+    return min(times), max(times)

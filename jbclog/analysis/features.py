@@ -17,8 +17,10 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from jbclog.analysis.alarm_rows import stations_of
+from jbclog.analysis.joint_table import FILE as JOINTS_FILE
 from jbclog.analysis.joint_table import JOINTS_SCHEMA, read_joints
-from jbclog.analysis.left_metrics import left_metrics, metric_table
+from jbclog.analysis.left_metrics import is_as_written, left_metrics, metric_table
+from jbclog.errors import RecordError
 from jbclog.features import DEFINITIONS, Joint, Measured, Series, Wire, find_joints, measure_port
 from jbclog.features.asked import asked_of
 from jbclog.features.port_rows import COLUMNS, CYCLES, PUSHING, WORKING, Clock, PortRows, cycles_of, kind_of, series_of
@@ -44,7 +46,7 @@ def metrics_of(run: Run, station: str | None = None) -> pd.DataFrame:
     """
     try:
         left = left_metrics(run.folder, manifest_sha256(run.folder)) if run.manifest.state == "sealed" else None
-    except OSError:
+    except RecordError:
         left = None
     if left is not None:
         return left if station is None else left[left["station"] == station].reset_index(drop=True)
@@ -88,8 +90,9 @@ def joints_table(run: Run, station: str | None = None) -> pa.Table:
 def joints_of(run: Run, station: str | None = None) -> pa.Table:
     """The joints as the report left them, or found anew."""
     try:
-        left = read_joints(run.folder, manifest_sha256(run.folder)) if run.manifest.state == "sealed" else None
-    except OSError:
+        is_left = run.manifest.state == "sealed" and is_as_written(run.folder, JOINTS_FILE)
+        left = read_joints(run.folder, manifest_sha256(run.folder)) if is_left else None
+    except RecordError:
         left = None
     if left is None:
         return joints_table(run, station)

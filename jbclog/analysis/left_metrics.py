@@ -6,7 +6,7 @@ the same, and where a line of the annotations vouches for its bytes; else they a
 
 from __future__ import annotations
 
-from hashlib import sha256
+from hashlib import file_digest, sha256
 from pathlib import Path
 from typing import Final
 
@@ -14,7 +14,7 @@ import pandas as pd
 
 from jbclog import __version__
 from jbclog.errors import RecordError
-from jbclog.foreign.files import Kind, read_foreign
+from jbclog.foreign.files import Kind, open_foreign, read_foreign
 from jbclog.foreign.numbers import json_of
 from jbclog.judge import RULES
 from jbclog.record.annotations import read
@@ -32,6 +32,18 @@ METRICS: Final = {
     "why": "str",
 }
 """The columns of a table of metrics and their kinds."""
+
+
+def is_as_written(folder: Path, name: str) -> bool:
+    """Whether a file of the report has the bytes that `report.json` says, and a line of the annotations vouches for that one's."""
+    try:
+        data = read_foreign(folder / FILE, Kind.REPORT)
+        if read(folder).report != sha256(data).hexdigest():
+            return False
+        with open_foreign(folder / name, Kind.OF_REPORT) as file:
+            return bool(json_of(data)["written"][name] == file_digest(file, "sha256").hexdigest())
+    except (RecordError, OSError, ValueError, TypeError, KeyError, RecursionError):
+        return False
 
 
 def left_metrics(folder: Path, manifest_sha256: str) -> pd.DataFrame | None:

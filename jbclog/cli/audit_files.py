@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -13,13 +14,13 @@ def check_files(made: Mapping[str, Path | None], kept: Sequence[Path]) -> None:
 
     Raises `UsageError`.
     """
-    known = {path.resolve(): str(path) for path in kept}
+    known = {os.path.realpath(path): str(path) for path in kept}
     for option, path in made.items():
         if path is not None:
             _check(option, path)
-            if path.resolve() in known:
-                raise UsageError(f"{option} {path}: that is {known[path.resolve()]}, which it would take the place of")
-            known[path.resolve()] = option
+            if os.path.realpath(path) in known:
+                raise UsageError(f"{option} {path}: that is {known[os.path.realpath(path)]}, which it would take the place of")
+            known[os.path.realpath(path)] = option
 
 
 def _check(option: str, path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -9,7 +10,7 @@ import typer
 
 from jbclog.cli import options
 from jbclog.cli.output import ends_with_errors_told, note, tell, tell_json
-from jbclog.cli.place import expect_run, is_folder
+from jbclog.cli.place import expect_file_place, expect_run, is_folder
 from jbclog.errors import RecordError, UsageError
 
 if TYPE_CHECKING:
@@ -52,6 +53,7 @@ def chart(
     """
     if plot is not None and plot.suffix.lower() not in PICTURES:
         raise UsageError(f"--plot {plot}: give a file that ends in {', '.join(PICTURES)}")
+    expect_file_place("--plot", plot)
     from jbclog.analysis.charting import COUNTED
 
     if metric in COUNTED:
@@ -78,7 +80,7 @@ def _is_run(source: Path) -> bool:
 
     if not is_folder(source):
         raise UsageError(f"{source}: there is no such folder; runs are in `runs/`, or where --out put them")
-    if not is_run(source.resolve()):
+    if not is_run(Path(os.path.realpath(source))):
         return False
     expect_run(source)
     return True

@@ -9,7 +9,7 @@ import typer
 
 from jbclog.cli import options
 from jbclog.cli.output import ends_with_errors_told, note, tell, tell_json
-from jbclog.cli.place import expect_run
+from jbclog.cli.place import expect_file_place, expect_run
 from jbclog.errors import RecordError, UsageError
 
 if TYPE_CHECKING:
@@ -39,6 +39,7 @@ def compare(
         expect_run(run)
     if plot is not None and plot.suffix.lower() not in PICTURES:
         raise UsageError(f"--plot {plot}: give a file that ends in {', '.join(PICTURES)}")
+    expect_file_place("--plot", plot)
     from jbclog.analysis import open_run
     from jbclog.analysis.compare import compare as compared
     from jbclog.analysis.compare_words import facts, lines

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import typer
@@ -62,7 +63,7 @@ def _learn(runs: list[Path], metric: str, station: str | None, port: int | None,
     for place, why in refused.items():
         note(f"{place}: no limits. {why}")
     if found:
-        sources = [Source(run.resolve().name, manifest_sha256(run)) for run in runs]
+        sources = [Source(Path(os.path.realpath(run)).name, manifest_sha256(run)) for run in runs]
         data = as_bytes(limits_of(metric, joint_metrics()[metric], "joint", found, sources))
         try:
             write_new(out, data)

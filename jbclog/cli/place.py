@@ -1,7 +1,8 @@
-"""Whether a folder that was named is a run's."""
+"""Whether a folder that was named is a run's, and a file that was named one that can be written."""
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 from jbclog.errors import RecordError, UsageError
@@ -18,6 +19,12 @@ def is_folder(path: Path) -> bool:
         return False
 
 
+def expect_file_place(option: str, path: Path | None) -> None:
+    """Raise `UsageError` where something stands at `path` that is no file: a pipe waits for who reads it, maybe for ever."""
+    if path is not None and path.exists() and not path.is_file():
+        raise UsageError(f"{option} {path}: that is a folder, a pipe or a device, and no file to be written anew")
+
+
 def expect_run(folder: Path) -> None:
     """Raise `UsageError` where `folder` is no run's, `RecordError` where a run was cut off before it had a manifest."""
     from jbclog.record.manifest import NAME
@@ -25,7 +32,7 @@ def expect_run(folder: Path) -> None:
 
     if not is_folder(folder):
         raise UsageError(f"{folder}: there is no such folder; runs are in `runs/`, or where --out put them")
-    if not is_run(folder.resolve()):
+    if not is_run(Path(os.path.realpath(folder))):
         raise UsageError(f"{folder} is no run's folder; runs are in `runs/`, or where --out put them")
     if not (folder / NAME).exists():
         raise RecordError(f"{folder} has no manifest: it was cut off at its very start; `jbclog recover {folder}` finishes it")

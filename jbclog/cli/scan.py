@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -80,7 +81,7 @@ def _ports(urls: list[str] | None) -> list[str]:
         problem = url_problem(url)
         if problem:
             raise UsageError(f"{problem}. A port is a device such as /dev/ttyUSB0, socket://HOST:PORT or rfc2217://HOST:PORT")
-        known.setdefault(str(Path(url).resolve()) if is_path(url) else url, url)
+        known.setdefault(os.path.realpath(url) if is_path(url) else url, url)
     return list(known.values())
 
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import typer
 
 from jbclog.cli.output import ends_with_errors_told, note, tell
+from jbclog.cli.place import expect_file_place
 from jbclog.errors import UsageError
 
 if TYPE_CHECKING:
@@ -49,6 +50,7 @@ def sim(
 def _wire_file(log: Path | None) -> WireFile:
     from jbclog.sim.wire_file import NoWireFile, WireFile
 
+    expect_file_place("--log", log)
     if log is None:
         return NoWireFile()
     try:

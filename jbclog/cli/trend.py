@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import typer
 
 from jbclog.cli.output import ends_with_errors_told, note, tell, tell_json
-from jbclog.cli.place import is_folder
+from jbclog.cli.place import expect_file_place, is_folder
 from jbclog.errors import RecordError, UsageError
 
 if TYPE_CHECKING:
@@ -51,6 +51,8 @@ def trend(
         _list(as_json=as_json)
         return
     _expect_picture(plot)
+    for option, path in (("--plot", plot), ("--html", html)):
+        expect_file_place(option, path)
     from jbclog.analysis.trend import trends
 
     runs = _runs(folder, line, recipe, product, order, since, until)

@@ -7,6 +7,7 @@ several audits among them, an event counts once. What a recorder has not put dow
 
 from __future__ import annotations
 
+import os
 import warnings
 from collections import Counter
 from collections.abc import Iterator, Mapping
@@ -51,7 +52,7 @@ class PastRuns:
         errors, told = seen.errors, self.events.get(place)
         if not self.is_read:  # the next audit counts from where this one should have
             return replace(seen, errors=replace(errors, events=None, until=self.since[place]))
-        if errors.events is not None and Path(seen.source.removeprefix("run:")).resolve() not in self.folders:
+        if errors.events is not None and Path(os.path.realpath(seen.source.removeprefix("run:"))) not in self.folders:
             told = Counter(errors.events) + (told or Counter())
         until = max(self.until, self.since[place], key=datetime.fromisoformat)
         return replace(seen, errors=replace(errors, events=None if told is None else dict(told), until=until))
@@ -106,7 +107,7 @@ def _count(found: Found, told: PastRuns) -> None:
     except (JbclogError, OSError, ValueError) as error:
         told.trouble.append(f"{found.folder}: its errors cannot be read: {error}")
         return
-    told.folders.add(found.folder.resolve())
+    told.folders.add(Path(os.path.realpath(found.folder)))
     for place, events in counted.items():
         told.events.setdefault(place, Counter()).update(events)
 

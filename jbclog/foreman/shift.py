@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import shlex
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -95,7 +96,7 @@ def _begin(orders: Orders, home: Path, means: Means, zone: Zone) -> Journal:
     if problems:
         raise Problems(problems)
     journal = begin(home, file.source.text, means.utc)
-    path = str(file.path.resolve())
+    path = os.path.realpath(file.path)
     journal.note(Entry("", Kind.BEGIN, f"A batch of {len(turns)} job{'' if len(turns) == 1 else 's'}.", asked=path))
     for job in file.jobs:
         moment = due.get(job.name)
@@ -112,7 +113,7 @@ def _expect_same(orders: Orders, journal: Journal) -> None:
     file, before = orders.file, journal.standing
     kept = journal.folder / JOBS_FILE
     way = f"`{ANEW}` gives it up and begins anew with the file as it is; or put the file back as it was: {shlex.quote(str(kept))}"
-    if before.file != str(file.path.resolve()):
+    if before.file != os.path.realpath(file.path):
         held = f"{journal.folder.parent} holds a batch of {before.file} that is not finished"
         raise UsageError(f"{held}. {ANEW} gives it up; or take another --out")
     now = {job.name: file.asked(job) for job in file.jobs}

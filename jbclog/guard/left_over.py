@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import suppress
@@ -61,7 +62,9 @@ def unclosed(out: Path | None, urls: Collection[str]) -> Iterator[Path]:
 
 
 def _with_lease(out: Path | None) -> list[Path]:
-    below = [path.parent.resolve() for path in out.glob(f"*/{lease.NAME}")] if out is not None and out.is_dir() else []
+    below = (
+        [Path(os.path.realpath(path.parent)) for path in out.glob(f"*/{lease.NAME}")] if out is not None and out.is_dir() else []
+    )
     return sorted({*below, *whereabouts.known()})
 
 

@@ -31,7 +31,7 @@ def note(folder: Path) -> None:
         return
     with suppress(OSError):
         where.mkdir(parents=True, exist_ok=True, mode=0o700)
-        _link(where, folder).symlink_to(folder.resolve())
+        _link(where, folder).symlink_to(os.path.realpath(folder))
 
 
 def forget(folder: Path) -> None:
@@ -58,5 +58,5 @@ def known() -> list[Path]:
 
 def _link(where: Path, folder: Path) -> Path:
     """Two runs of one name lie in two folders."""
-    path = str(folder.resolve())
+    path = os.path.realpath(folder)
     return where / f"{folder.name}-{zlib.crc32(os.fsencode(path)):08x}"

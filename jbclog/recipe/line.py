@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import os
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Annotated, Final
@@ -271,8 +272,8 @@ def _same_port(url: object, path: Path) -> object:
     if not is_path(url):
         return tcp_port(url) or url
     try:
-        return str((_folder(path) / url).resolve())
-    except (OSError, ValueError, RuntimeError):  # a loop of links, or no name that a file can have
+        return os.path.realpath(_folder(path) / url)
+    except (OSError, ValueError):  # no name that a file can have
         return url
 
 

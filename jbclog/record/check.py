@@ -6,6 +6,7 @@ the report, the annotations, the runs before and behind it, and the head that so
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
@@ -88,7 +89,7 @@ def _one_file(folder: Path, listed: SealedFile) -> Iterator[Finding]:
     path = folder / listed.path
     if path.is_symlink():
         yield Finding(listed.path, "is a link, not a file")
-    elif not path.resolve().is_relative_to(folder.resolve()):
+    elif not Path(os.path.realpath(path)).is_relative_to(os.path.realpath(folder)):
         yield Finding(listed.path, "lies outside the run's folder")
     elif not path.is_file():
         yield Finding(listed.path, "is missing")

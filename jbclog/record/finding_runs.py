@@ -11,6 +11,7 @@ manifest once it is sealed (`recover`).
 from __future__ import annotations
 
 import json
+import os
 import re
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
@@ -261,7 +262,7 @@ def _found(folder: Path, told: _Summary, changed: str | None) -> Found:
 def _runs_in(folder: Path) -> list[Path]:
     expect_answer(folder)
     try:
-        if RUN_NAME.fullmatch(folder.resolve().name) or (folder / NAME).exists():
+        if RUN_NAME.fullmatch(Path(os.path.realpath(folder)).name) or (folder / NAME).exists():
             return [folder]
         return sorted(path for path in folder.iterdir() if _is_run(path))
     except OSError as error:

@@ -109,5 +109,5 @@ def _head_of(folder: Path) -> str | None:
     """The head of a run; None where it is not there."""
     try:
         return manifest_sha256(folder)
-    except OSError:
+    except RecordError:
         return None

@@ -251,8 +251,11 @@ def manifest_text(manifest: Manifest) -> str:
 
 
 def manifest_sha256(folder: Path) -> str:
-    """The head of a run: the hash that annotations, reports and other runs name it by. Raises OSError."""
-    return hashlib.sha256(read_foreign(folder / NAME, Kind.MANIFEST)).hexdigest()
+    """The head of a run: the hash that annotations, reports and other runs name it by. Raises `RecordError`."""
+    try:
+        return hashlib.sha256(read_foreign(folder / NAME, Kind.MANIFEST)).hexdigest()
+    except OSError as error:
+        raise NoManifest(f"{folder / NAME} cannot be read: {error.strerror or error}") from error
 
 
 def wrong_digest(folder: Path) -> str | None:

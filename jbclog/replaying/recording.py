@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -118,7 +119,7 @@ class Recording:
     @property
     def metadata(self) -> Metadata:
         """What was said of the run, with a tag that tells what this is."""
-        tags = {REPLAY_OF: self.folder.resolve().name}
+        tags = {REPLAY_OF: Path(os.path.realpath(self.folder)).name}
         if self.manifest is None:
             return Metadata(tags=tags)
         told = self.manifest.metadata

@@ -9,7 +9,6 @@ from hashlib import sha256
 
 from jbclog import __version__
 from jbclog.analysis import Run
-from jbclog.errors import RecordError
 from jbclog.judge import RULES, judged_signals, measure
 from jbclog.judge.stepped import steps_of
 from jbclog.judged_again import is_cut_off, own_version
@@ -53,11 +52,9 @@ COLUMNS = ("time", "tick", "port", "late_us", "quality", "temperature_c", "power
 def gather(run: Run, joints: Joints, plates: Plates) -> Facts:
     """Everything that the report of `run` says; what is to be printed is drawn onto `plates`.
 
-    Raises `RecordError` for a run that is still open.
+    Raises `RecordError`.
     """
     manifest, folder = run.manifest, run.folder
-    if manifest.state != "sealed":
-        raise RecordError(f"{folder} is still open: it is being recorded, or a crash left it so; `jbclog recover` finishes it")
     events, settings_left = event_rows(run.events()), setting_rows(run.settings())
     ledger, reasons = ledger_rows(manifest.ledger)
     head = manifest_sha256(folder)

@@ -117,8 +117,10 @@ def _said_since(folder: Path) -> list[str]:
 
 
 def report_files(folder: Path) -> dict[str, bytes]:
-    """Every file of a report by its name, as bytes."""
+    """Every file of a report by its name, as bytes. Raises `RecordError`, also for a run that is still open."""
     run, plates = open_run(folder), Plates()
+    if run.manifest.state != "sealed":
+        raise RecordError(f"{folder} is still open: it is being recorded, or a crash left it so; `jbclog recover` finishes it")
     joints = joints_of(run)
     facts = gather(run, joints, plates)
     document, figures = as_document(facts), figures_of(facts)

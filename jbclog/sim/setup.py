@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from pathlib import Path
 from time import monotonic
@@ -40,8 +41,10 @@ def set_up(
     """
     allow_descriptors(DESCRIPTORS_EACH * len(line.stations) + DESCRIPTORS_BESIDE)
     served_line = folder / SERVED_LINE
-    if served_line.resolve() == line.path.resolve():
+    if os.path.realpath(served_line) == os.path.realpath(line.path):
         raise UsageError(f"{line.path} would be overwritten with the line file for the run; choose another folder")
+    if served_line.exists() and not served_line.is_file():
+        raise UsageError(f"{served_line}: that is a folder, a pipe or a device, and the line file for the run belongs there")
     now, waiter = monotonic(), Waiter()
     stations = stations or [virtual_station(station, now=now) for station in line.stations]
     links = _tcp_links(line, tcp, waiter) if tcp else _pty_links(line, folder.absolute(), waiter)

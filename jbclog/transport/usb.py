@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import os
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -41,14 +42,14 @@ def _links(folder: Path) -> Iterator[Path]:
 
 def _same(link: Path, device: Path) -> bool:
     try:
-        return link.resolve() == device.resolve()
-    except (OSError, RuntimeError):
+        return os.path.realpath(link) == os.path.realpath(device)
+    except OSError:
         return False
 
 
 def latency_timer(device: str, timers: Path = TIMERS) -> Path | None:
     """The file with the milliseconds for which the adapter of `device` holds an answer back; None where it has no such timer."""
-    with contextlib.suppress(OSError, RuntimeError):
-        timer = timers / Path(device).resolve().name / "latency_timer"
+    with contextlib.suppress(OSError):
+        timer = timers / Path(os.path.realpath(device)).name / "latency_timer"
         return timer if timer.is_file() else None
     return None
