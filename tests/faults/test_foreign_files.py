@@ -14,6 +14,7 @@ from bombs import BOMBS
 from foreign_matrix import OF_A_FOLDER, SPECIAL, VERBS, Ended, Pairs, put, table, words_of
 from make_run import make_run
 
+from jbclog.errors import RecordError
 from jbclog.record.annotations import append
 from jbclog.record.manifest import NAME
 from jbclog.report.write import write_report
@@ -180,6 +181,13 @@ SLICE = [
 def test_a_slice_of_that(kept: Path, tmp_path: Path, pairs: Pairs, one: tuple[str, str, str]) -> None:
     _, wrong = tried(kept, tmp_path, pairs, [one])
     assert wrong == []
+
+
+@pytest.mark.parametrize("kind", ["socket", "pipe"])
+def test_no_report_of_a_run_that_crashed_and_has_no_manifest(kept: Path, tmp_path: Path, kind: str) -> None:
+    place = spoilt(kept, tmp_path, NAME, SPECIAL[kind], CRASHED)
+    with pytest.raises(RecordError, match="still open"):
+        write_report(place.bad)
 
 
 SILENT = ("where-used", "audit --runs", "start of the next run")  # what they give does not need it

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 import sealed_run
@@ -87,6 +88,9 @@ def test_the_file_is_what_was_found_and_names_its_manifest(soldered: Path) -> No
     assert schema.equals(JOINTS_SCHEMA)
     assert len(pd.read_parquet(path)) == len(before)
     path.write_bytes(b"no parquet")
+    pd.testing.assert_frame_equal(run.joints(), before)
+    made_up = pq.read_table(pa.BufferReader(first)).slice(1)  # of this manifest, with these columns, and not what was written
+    pq.write_table(made_up, path)
     pd.testing.assert_frame_equal(run.joints(), before)
     path.unlink()
 

@@ -160,3 +160,41 @@ def test_a_run_that_was_cut_off_at_its_very_start(place: Path, verb: tuple[str, 
         assert ended.exit_code == 4
         assert f"`jbclog recover {folder}` finishes it" in ended.stderr
         monkeypatch.chdir(run)
+
+
+WRITTEN = (
+    ("trend", "runs", "--html", "there"),
+    ("trend", "runs", "--plot", "there.png"),
+    ("chart", "runs", "--plot", "there.png"),
+    ("sim", "line.toml", "--log", "there"),
+    ("sim", "line.toml", "--dir", "served"),
+)
+
+
+@pytest.mark.timeout(60)
+@pytest.mark.parametrize("words", WRITTEN, ids=lambda words: f"{words[0]} {words[2]}")
+def test_nothing_is_written_into_a_pipe_that_nobody_may_ever_read(place: Path, words: tuple[str, ...]) -> None:
+    (place / "runs").mkdir()
+    (place / "served").mkdir()
+    os.mkfifo(place / ("served/line.toml" if words[-1] == "served" else words[-1]))
+    assert "that is a folder, a pipe or a device" in refused(*words)
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("audit", "--line", "line.toml", "--ledger", "loop"),
+        ("sim", "line.toml", "--dir", "loop"),
+        ("plan", "loop", "--line", "line.toml"),
+        ("check", "loop"),
+        ("chart", "loop"),
+        ("limits", "loop", "--metric", "dwell_s"),
+    ],
+    ids=" ".join,
+)
+def test_a_link_to_itself_is_no_internal_error(place: Path, words: tuple[str, ...]) -> None:
+    (place / "loop").symlink_to("loop")
+    ended = CliRunner().invoke(app, words)
+    assert ended.exit_code in range(1, 5)
+    assert "internal error" not in ended.stderr
+    assert "error: " in ended.stderr
