@@ -50,12 +50,12 @@ from typing import Any
 HERE = Path(__file__).resolve().parents[2]
 PACKAGES = ("session", "guard", "safety")
 SAMPLE, SEED = 500, 20261122
-MOST_S = 6.0  # of CPU time for a mutant
+THOROUGH = 4  # a test that runs half of the lines of a file that others run has to be so much cheaper: 2 to this
+MOST_S = 8.0  # of CPU time for a mutant
 SIBLINGS = 6  # parameters of a test function that are used
 SLOW_S, SLOW = 20.0, 5  # a test may take so long, and so many times as long as usual
 CPU_S = 3  # and so much more CPU time than five times the usual: an endless loop ends by that
 MORE_BYTES = 2 << 30
-WITHIN = 12  # lines of a statement, of which the first is what is measured
 COVERING = (
     *("tests/unit/guard", "tests/unit/safety", "tests/unit/drive/test_reactor.py", "tests/unit/test_guarding.py"),
     *("tests/unit/test_station_late.py", "tests/unit/test_what_can_heat.py", "tests/unit/record/test_left_hot.py", "tests/line"),
@@ -182,29 +182,42 @@ def sample(tree: Path, package: str) -> list[Mutant]:
     return random.Random(f"{SEED} {package}").sample(everything, min(SAMPLE, len(everything)))
 
 
-def function_at(path: Path, number: int) -> tuple[str, int] | None:
-    """Name and first line (of its decorators) of the outermost function in whose body this node is; None outside of functions."""
-    left, found = number, None
+def around(path: Path, number: int) -> list[tuple[ast.AST, str]]:
+    """The nodes from the module to this one, and through which field it goes on; numbered as `Places` and `Change` do."""
+    left = number
 
-    def walk(node: ast.AST, name: str, inside: tuple[str, int] | None) -> None:
-        nonlocal left, found
-        if left == 0:
-            found = inside
+    def walk(node: ast.AST) -> list[tuple[ast.AST, str]]:
+        nonlocal left
         left -= 1
+        if left < 0:
+            return [(node, "")]
         for field, value in ast.iter_fields(node):
             if field in UNTOUCHED or isinstance(node, ast.Import | ast.ImportFrom):
                 continue
-            below, of = name, inside
-            if isinstance(node, ast.ClassDef):
-                below = f"{name}{node.name}."
-            if isinstance(node, ast.FunctionDef) and inside is None and field == "body":
-                of = (name + node.name, min([node.lineno, *(one.lineno for one in node.decorator_list)]))
             for one in value if isinstance(value, list) else [value]:
-                if isinstance(one, ast.AST):
-                    walk(one, below, of)
+                if isinstance(one, ast.AST) and (found := walk(one)):
+                    return [(node, field), *found]
+        return []
 
-    walk(ast.parse(path.read_text()), "", None)
-    return found
+    return walk(ast.parse(path.read_text()))
+
+
+def function_at(path: Path, number: int) -> tuple[str, int] | None:
+    """Name and first line (of its decorators) of the outermost function in whose body this node is; None outside of functions."""
+    name = ""
+    for node, field in around(path, number):
+        if isinstance(node, ast.ClassDef):
+            name += f"{node.name}."
+        if isinstance(node, ast.FunctionDef) and field == "body":
+            return name + node.name, min([node.lineno, *(one.lineno for one in node.decorator_list)])
+    return None
+
+
+def statement_at(path: Path, number: int) -> range:
+    """The lines of the innermost statement that this node is in, without those of the statements in it."""
+    one = [node for node, _ in around(path, number) if isinstance(node, ast.stmt | ast.ExceptHandler)][-1]
+    inner = [child.lineno for child in ast.walk(one) if isinstance(child, ast.stmt) and child is not one]
+    return range(one.lineno, max(min([(one.end_lineno or one.lineno) + 1, *inner]), one.lineno + 1))
 
 
 def called_as_it_loads(text: str) -> set[str]:
@@ -477,23 +490,25 @@ def lines_of(tree: Path, name: str, line: int) -> list[tuple[str, int]]:
 
 
 def covering(known: dict[str, Any], tree: Path, mutant: Mutant, noticed: Counter[str]) -> list[str]:
-    """The tests that run the line, cheapest first, other parameters of the same later, those that noticed much earlier."""
+    """The tests that run the line, cheapest first; other parameters of the same test later, those that noticed much, and those
+    that run more of the file, earlier.
+    """
     name, line, _, node, _ = mutant
     took, lines = known["took"], known["lines"]
     if function_at(tree / name, node) is not None:
-        measured = lines.get(name, {})
-        line = next((before for before in range(line, max(line - WITHIN, 0), -1) if str(before) in measured), line)
-        places = [(name, line)]
+        places = [(name, number) for number in statement_at(tree / name, node)]
     else:
         places = lines_of(tree, name, line)
     tests = {test for place, number in places for test in lines.get(place, {}).get(str(number), ())}
     cost = {test: max(took[test][1], took[test][0] / 4) for test in tests}
     siblings: Counter[str] = Counter()
+    runs = Counter(test for some in lines.get(name, {}).values() for test in some)
+    most = max(runs.values(), default=1)
     order = {}
     for test in sorted(tests, key=lambda test: cost[test]):
         function = test.partition("[")[0]
         siblings[function] += 1
-        order[test] = cost[test] * siblings[function] / (1 + noticed[test])
+        order[test] = cost[test] * siblings[function] / (1 + noticed[test]) * (most / max(runs[test], 1)) ** THOROUGH
     result, total = [], 0.0
     for test in sorted(order, key=lambda test: order[test]):
         if result and total + cost[test] > MOST_S:
