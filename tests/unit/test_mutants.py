@@ -103,7 +103,7 @@ def test_tests_are_taken_cheapest_first_and_parameters_of_another_later(tree: Pa
     took = {"a[1]": [0.1, 0.1], "a[2]": [0.15, 0.15], "b": [0.2, 0.2], "slow": [1.0, 99.0], "waits": [1.2, 0.1], "c": [0.1, 0.1]}
     known = {"took": took, "lines": {NAME: {"4": ["a[1]", "a[2]", "b", "slow", "waits"], "6": ["b"], "10": ["c"]}}}
     assert mutants.covering(known, tree, mutant(4), Counter()) == ["b", "a[1]", "a[2]", "waits"]  # b runs more of the file
-    assert mutants.covering(known, tree, mutant(4), Counter(waits=9))[0] == "waits"  # it has noticed much
+    assert mutants.covering(known, tree, mutant(4), Counter(waits=99))[0] == "waits"  # it has noticed much
     assert mutants.covering(known, tree, mutant(10), Counter()) == ["c"]
     assert mutants.covering(known, tree, mutant(1), Counter()) == ["b"]  # where the constant is used
     assert mutants.covering({"took": {}, "lines": {}}, tree, mutant(4), Counter()) == []
