@@ -115,6 +115,22 @@ def test_a_counter_that_goes_on_while_it_is_asked_is_kept_with_the_characters_of
     assert (first.value, first.raw) == (8.0, "00008")
 
 
+def test_a_counter_that_is_refused_keeps_no_other_from_being_read() -> None:
+    run = one_port("counters = { sleep_hours = 3 }\n", duration_s=5)
+    ask = run.station.device.answer
+
+    def answer(header: str, text: str, now: float) -> tuple[str, str] | None:
+        return ("N", "00003") if (header, text) == ("R", "CW1") else ask(header, text, now)
+
+    run.station.device.answer = answer  # type: ignore[method-assign]
+    run.go()
+    kept = {one.counter: one.value for one in run.memory.counters}
+    assert kept["work_h"] is None
+    assert [name for name, value in kept.items() if value is None] == ["work_h"]
+    assert kept["sleep_h"] == 3.0
+    assert run.memory.of_kind("counters.missed") == []
+
+
 def test_at_the_end_one_answer_bears_out_what_two_said_before() -> None:
     run = one_port("counters = { work_hours = 120 }\n", duration_s=5).go()
     assert [one.text for one in run.heard].count("RCW1") == 3  # two at the start, one at the end
@@ -206,6 +222,17 @@ def test_what_cannot_be_is_not_recorded_from_one_answer(code: str) -> None:
     assert int(data) not in run.memory.column(column)
     assert sum(run.facts.doubted.values()) == 2
     assert set(reasons_of(run, column)) <= {"not_counting"}
+
+
+def test_of_three_answers_the_one_that_can_be_is_recorded() -> None:
+    run = one_port()
+    run.at(10, lambda: let_say(run.station.device, "TT1", "04033", "04035"))
+    run.go()
+    (event,) = marks(run)
+    assert event.text.endswith("4033 °C and 4035 °C and 350 °C when asked 3 times; the last is believed.")
+    assert event.value == 350.0
+    assert {4033, 4035}.isdisjoint(run.memory.column("temperature_c"))
+    assert {row[COLUMN["quality"]] for row in run.memory.samples} == {"ok"}
 
 
 @pytest.mark.parametrize("code", IMPOSSIBLE)

@@ -263,6 +263,8 @@ def test_a_condition_that_holds_is_not_written() -> None:
     assert set(outcomes(run.memory).values()) == {"unchanged"}
     assert list(outcomes(run.memory)) == [name for name, _, _ in WANTED.values()]
     assert run.omega.log.writes == []
+    assert run.memory.of_kind("setting.changed") == []  # it is read once more at the end
+    assert run.facts.settings_changed == 0
 
 
 def test_another_condition_is_not_written_without_leave() -> None:

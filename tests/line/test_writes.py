@@ -117,6 +117,13 @@ def slips_in(monkeypatch: pytest.MonkeyPatch, name: str, value: object, port: in
         ("maximum_temperature", 400, None, None, "dde-1: maximum temperature is nothing that a run may write; it was not sent"),
         ("selected_temperature", 355, 1, None, "dde-1: selected temperature of port 1: nobody asked for 355; it was not sent"),
         ("selected_temperature", 350, 4, None, "dde-1: selected temperature of port 4: nobody asked for 350; it was not sent"),
+        (
+            "sleep_delay",
+            350,
+            1,
+            None,
+            "dde-1: sleep delay of port 1: nobody asked for 350; it was not sent",
+        ),  # 350 °C are another's
         ("sleep_delay", 5, 1, 9, "dde-1: sleep delay of port 1: nobody asked for 5; it was not sent"),
         ("adjust", 1, 1, 2, "dde-1: adjust of port 1: nobody asked for 1; it was not sent"),
         ("status", (0, 0, 0, 1, 0), 1, None, "dde-1: status of port 1: nobody asked for 00010; it was not sent"),

@@ -121,6 +121,7 @@ def test_open_leases_are_found_wherever_their_runs_lie(tmp_path: Path, monkeypat
         keep(folder, [lease("a")])
         keep(folder, [lease("a"), lease("b")])
     assert sorted(whereabouts.known()) == folders
+    assert (tmp_path / "state" / "jbclog" / "open-leases").stat().st_mode & 0o077 == 0  # whom it shows is nobody else's business
     keep(folders[0], [])
     assert whereabouts.known() == folders[1:]
     shutil.rmtree(folders[1])

@@ -226,6 +226,10 @@ def test_the_next_one_is_told_all_leases(tmp_path: Path) -> None:
     assert [kind for kind, _ in told] == ["guard.lost"]
     keeper.end()
     assert list(tmp_path.iterdir()) == []
+    assert (keeper.is_watching, keeper.pid) == (False, None)
+    for what in (keeper.end, keeper.take_over, keeper.renew, lambda: keeper.lease(lease(1))):  # there is nobody any more
+        what()
+    assert [kind for kind, _ in told] == ["guard.lost"]
 
 
 def test_whatever_kills_guards_is_not_fed_for_ever(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

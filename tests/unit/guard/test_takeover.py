@@ -124,6 +124,7 @@ def test_each_tool_is_in_the_diary_once_and_what_is_not_safe_stays_leased(
     again: bool,
     becomes: Callable[[Callable[[Task], None]], None],
     tmp_path: Path,
+    said: list[str],
 ) -> None:
     becomes(outcome)
     taking_over = TakeOver([replace(LEASE, feeds=outcome is feeding)], Diary(tmp_path), again=again)
@@ -136,6 +137,10 @@ def test_each_tool_is_in_the_diary_once_and_what_is_not_safe_stays_leased(
         if not (again and severity == "critical")  # that was said the first time
     ]
     assert told(tmp_path) == expected
+    places = ["dde-1" if port is None else f"dde-1 port {port}" for _, _, port, _ in expected]
+    assert [f"{line}." for line in said] == [
+        f"{place}: {text[0].lower()}{text[1:]}" for place, (*_, text) in zip(places, expected, strict=True)
+    ]
     assert taking_over.flooded == ({LEASE.name} if outcome is flooded else set())
 
 

@@ -108,8 +108,9 @@ def test_silence_that_the_guard_slept_through_itself_is_nobodys_fault() -> None:
 
 def test_a_guard_that_wakes_a_little_late_gives_no_grace() -> None:
     watch = leased(1)
-    watch.overslept(OVERSLEPT_S, 1.1 + HUNG_S)
-    assert watch.verdict(1.1 + HUNG_S, closed=False) is Verdict.HUNG
+    for late_s in (0.001, 0.25, OVERSLEPT_S):  # on a busy machine it is late each time
+        watch.overslept(late_s, 1.1 + HUNG_S)
+        assert watch.verdict(1.1 + HUNG_S, closed=False) is Verdict.HUNG
 
 
 @pytest.mark.parametrize("seed", first(1, range(2)))
