@@ -144,6 +144,33 @@ def test_what_a_driver_throws_reaches_the_steps_and_what_they_raise_comes_out() 
         pulled.throw(LinkError("gone"))
 
 
+@pytest.mark.parametrize("ports", [(1,), (1, 2, 3, 4)], ids=len)
+def test_what_blocks_an_order_for_a_while_is_waited_for(ports: tuple[int, ...]) -> None:
+    """Somebody switches Robot mode on after more than a second: the tries are spread over the time that there is."""
+    device, made = station("dme", ports), task(*ports, family="dme")
+
+    class Blocked(Lossy):
+        def receive(self, data: bytes, now: float) -> list[tuple[float, bytes]]:
+            if b"WPS" in data and now < ASKED_AT + 1.2:
+                return [(now + 0.01, framed("N00005"))]
+            return super().receive(data, now)
+
+    cable = Cable(Blocked(device, lambda: False))
+    cable.pull(secure(made))
+    assert (made.is_done, cable.now - ASKED_AT <= ALLOWED_S) == (True, True)
+    assert {write.port for write in device.log.written("status") if write.at >= ASKED_AT} == set(ports)
+
+
+def test_of_a_silent_station_only_one_tool_is_looked_at_before_all_are_ordered() -> None:
+    silent, made = Silent(), task(1, 2, 3, 4, family="dme", spare=True)
+    asked: list[tuple[str, float]] = []
+    cable = Cable(silent, before=lambda text: asked.append((text, cable.now - ASKED_AT)))
+    cable.pull(secure(made))
+    first = next(at for text, at in asked if text.startswith("WPS"))
+    assert {text for text, at in asked if at < first and text.startswith("RPS")} == {"RPS1"}
+    assert {text for text, at in asked if text.startswith("WPS") and at < 1.8} == {f"WPS{port}00001" for port in (1, 2, 3, 4)}
+
+
 # -- nothing is heated ---------------------------------------------------------------------------------------------------------
 
 
