@@ -255,6 +255,14 @@ def test_one_that_is_held_hot_in_it_is_told_to_stand() -> None:
     assert written(device) == [STAND]
 
 
+def test_one_that_works_is_told_to_stand_although_its_heater_rests_for_a_moment() -> None:
+    """Its heater may be off because the tip is above its setting; by power alone it would pass for one that cools."""
+    device, made = station("dde", (1,)), task(1, spare=True)
+    Cable(Drawing(device, permille=0)).pull(secure(made))
+    assert written(device) == [STAND]
+    assert (made.tools[0].reached, made.tools[0].was_spared) == (VERIFIED, False)
+
+
 def test_where_nothing_is_to_be_spared_it_is_told() -> None:
     device, made = in_extractor("dde", 3600.0, 1), task(1)
     Cable(device, now=ASKED_AT + 3600.0).pull(secure(made))
