@@ -8,7 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from typing import Final, TypeVar
+from functools import reduce
+from typing import TypeVar
 
 import numpy as np
 import pyarrow as pa
@@ -18,13 +19,13 @@ from jbclog.features import Asked, Found, Series
 from jbclog.features.port_rows import PUSHING, WORKING, Clock, PortRows, series_of
 from jbclog.features.sweeps import PortSweeps
 from jbclog.judge.idle import Flags, Floats
+from jbclog.judge.rules import has_tip
 from jbclog.judge.samples import Counts
 from jbclog.rows import StationFacts
 
 T = TypeVar("T")
 Key = tuple[str, int]
 """Station and port."""
-PORTS: Final = 1024  # more than a station has
 Groups = Callable[[], Iterable[pa.Table]]
 """Reads the row groups with the columns `port_rows.COLUMNS`; the same ones each time it is called."""
 
@@ -47,7 +48,6 @@ class PortReader:
     def __init__(self, stations: Sequence[StationFacts], groups: Groups, most_rows: int) -> None:
         self._facts: dict[Key, StationFacts] = {(facts.name, port): facts for facts in stations for port in facts.ports}
         self._clocks = {facts.name: Clock(facts.period_s, (), 0) for facts in stations}
-        self._names = pa.array([facts.name for facts in stations], pa.string())
         self._groups, self._most_rows = groups, most_rows
         self._rows = dict.fromkeys(self._facts, 0)
         self._kept: list[tuple[Key, Series]] | None = None
@@ -82,20 +82,26 @@ class PortReader:
 
     def _split(self, group: pa.Table) -> Iterator[tuple[Key, Series]]:
         """The rows of each port in a row group."""
-        numbers = pc.fill_null(pc.index_in(group["station"], self._names), -1)
-        keys = floats(numbers) * PORTS + floats(group["port"])
-        for code in np.unique(keys[keys >= 0]).tolist():
-            key = (self._names[int(code // PORTS)].as_py(), int(code % PORTS))
-            if key not in self._facts:
+        for name in dict.fromkeys(name for name, _ in self._facts):
+            of_station = only(group, pc.equal(group["station"], name))
+            if not of_station.num_rows:
                 continue
-            rows = group.filter(pa.array(keys == code))
-            yield key, raw_series(self._facts[key], port_rows_of(rows, self._clocks[key[0]]))
+            for key, facts in self._facts.items():
+                if key[0] == name and (rows := only(of_station, pc.equal(of_station["port"], key[1]))).num_rows:
+                    yield key, raw_series(facts, port_rows_of(rows, self._clocks[name]))
+
+
+def only(rows: pa.Table, wanted: pa.ChunkedArray) -> pa.Table:
+    """The rows that are wanted; the same where all of them are."""
+    return rows if pc.all(wanted).as_py() else rows.filter(wanted)
 
 
 def raw_series(facts: StationFacts, rows: PortRows) -> Series:
     """As `series_of`, but whether the tool was in its place is left to whoever sees the rows beside these."""
-    series = series_of(facts, rows)
-    return replace(series, rows=replace(series.rows, working=rows.working))
+    read = replace(rows, tool=np.full(len(rows.seconds), np.nan), port_error=np.full(len(rows.seconds), np.nan))
+    series = series_of(facts, read)
+    errors = rows.port_error if has_tip(facts) else read.port_error
+    return replace(series, rows=replace(series.rows, tool=rows.tool, port_error=errors))
 
 
 def port_rows_of(rows: pa.Table, clock: Clock) -> PortRows:
@@ -106,7 +112,7 @@ def port_rows_of(rows: pa.Table, clock: Clock) -> PortRows:
         floats(rows["temperature_c"]),
         floats(rows["power_permille"]),
         floats(rows["set_c"]),
-        _flags(pc.fill_null(pc.is_in(status, pa.array(WORKING)), False)),
+        _flags(pc.fill_null(reduce(pc.or_, (pc.equal(status, word) for word in WORKING)), False)),
         _flags(pc.is_valid(status)),
         floats(pc.equal(motor, PUSHING).cast(pa.int8())),
         floats(rows["tool"]),

@@ -20,10 +20,17 @@ WORKS = (0.0, 9.0)  # ok; a warning of overload
 
 def in_place(tool: Floats, port_error: Floats) -> Flags:
     """Of each row of one port, in their order. `tool` and `port_error` are codes, NaN where they were not read."""
+    if _is_never_changed(tool) and np.isin(port_error[~np.isnan(port_error)], WORKS).all():
+        return np.ones(len(tool), dtype=np.bool_)  # as nearly always, and ten times as fast
     before, behind = _neighbours(tool)
     is_same = np.isnan(before) | np.isnan(behind) | (before == behind)
     works = _is_good(tool, tool > 0) & _is_good(port_error, np.isin(port_error, WORKS))
     return np.asarray(is_same & works, dtype=np.bool_)
+
+
+def _is_never_changed(tool: Floats) -> bool:
+    read = tool[~np.isnan(tool)]
+    return not len(read) or bool(read[0] > 0 and (read == read[0]).all())
 
 
 def behind_all(tool: Floats, port_error: Floats) -> Flags:
