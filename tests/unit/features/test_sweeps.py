@@ -16,12 +16,14 @@ from hypothesis import strategies as st
 from scripted_tip import after, soldered
 
 from jbclog.features import Asked, Found, Series, find_joints
+from jbclog.features.ready import Readied, continued, readied
+from jbclog.features.series import Stretch
 from jbclog.features.sweeps import joints_in
 from jbclog.features.windows import WINDOW_S, rows_of
 from jbclog.judge.idle import Block
 
 UNEVEN = [(15 + 4 * n + 0.3 * (n % 3), 16.2 + 4 * n + 0.3 * (n % 5)) for n in range(60)]
-LONG = (262.0, 370.0)  # longer than the windows of these tests
+LONG = (262.0, 430.0)  # longer than a window of these tests with what is beside it
 WINDOWS = (37.0, 61.0, 130.0)
 MOST_BYTES = 16e6
 BYTES_A_JOINT = 2500.0
@@ -32,7 +34,7 @@ WEEK_S = 604_800.0
 def record(name: str) -> Series:
     if name == "uneven":  # at 5 Hz, with setpoint changes, one of them in a joint
         changes = ((0.0, 350.0), (120.0, 380.0), (199.9, 330.0), (201.0, 350.0))
-        return soldered([*UNEVEN, LONG, (375.0, 376.0)], 400.0, hz=5.0, settings=changes)
+        return soldered([*UNEVEN, LONG, (435.0, 436.0)], 450.0, hz=5.0, settings=changes)
     if name == "dense":
         return soldered([(15 + 1.5 * n, 16 + 1.5 * n) for n in range(120)], 230.0)
     return after(soldered(UNEVEN[:35], 160.0), soldered(UNEVEN[:30], 150.0, rated_w=60.0), 6.0)  # another tool
@@ -93,6 +95,25 @@ def test_a_draw_longer_than_a_window_is_one_joint_and_keeps_its_heat() -> None:
 def test_what_is_asked_for_holds() -> None:
     series, asked = record("dense"), Asked(least_dwell_s=1.1, recovered_within_c=8.0)
     assert numbers(joints_in(lambda: [series], asked, 61.0)) == pytest.approx(numbers(find_joints(series, asked)), rel=1e-6)
+
+
+def test_a_tool_that_left_its_port_before_the_window_is_still_out_of_it() -> None:
+    series = record("dense")
+    tool = np.full(len(series.seconds), np.nan)
+    tool[0], tool[900] = 1.0, 0.0  # and never read again
+    series = replace(series, rows=replace(series.rows, tool=tool, port_error=np.zeros(len(tool))))
+    found = joints_in(lambda: [series], window_s=37.0)
+    assert found.unseen == 0
+    assert all(joint.end_s <= 90.0 for joint in found.joints)
+
+
+def test_a_tip_that_never_gets_near_its_setpoint_stays_ready_in_the_next_window() -> None:
+    at = np.arange(600) / 10
+    swings = Stretch(0.1, at, 200.0 + 1.8 * at, np.full(600, 900.0), np.full(600, 350.0))
+    before = Readied(swings, np.ones(600, dtype=np.bool_))
+    following = swings.take(slice(300, 600))
+    assert not readied([following])[0].ready.any()
+    assert continued([following], [before])[0].ready.all()
 
 
 def test_of_a_port_without_rows_nothing_is_known() -> None:
