@@ -17,12 +17,12 @@ from __future__ import annotations
 
 from bisect import bisect_left, bisect_right
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
 
-from jbclog.features.asked import Asked, taken
+from jbclog.features.asked import Asked, regular_every_s, taken
 from jbclog.features.drawn import Draw, draws_of
 from jbclog.features.draws import flows
 from jbclog.features.identify import identify, pieces_taken
@@ -221,6 +221,7 @@ class PortSweeps:
         return again_s
 
     def _conclude(self) -> None:
+        self._settings = replace(self._settings, every_s=regular_every_s([joint.start_s for joint in self._joints]))
         self._found = Found(
             self._joints,
             self._others,
