@@ -19,7 +19,7 @@ from jbclog.features.asked import asked_of
 from jbclog.features.feeds import feeds_of
 from jbclog.features.joints import Found as JointsFound
 from jbclog.features.port_rows import COLUMNS, CYCLES, Clock, cycles_of, series_of
-from jbclog.judge import PortJoints, Recovery
+from jbclog.judge import Feeds, PortJoints, Recovery
 from jbclog.judge.idle import Floats
 from jbclog.judge.rules import has_feeder, has_tip
 from jbclog.judge.samples import Counts
@@ -61,7 +61,7 @@ def _told(found: JointsFound, seconds: float) -> PortJoints:
     if not seconds:
         return PortJoints(why="Nothing was recorded at all.")
     recoveries = [_recovery(joint) for joint in found.joints]
-    return PortJoints(recoveries, None, found.heat_why, _hidden(seconds, found), found.unseen_s)
+    return PortJoints(recoveries, None, found.heat_why or found.why, _hidden(seconds, found), found.unseen_s)
 
 
 def _whole(folder: Path, stations: Sequence[StationFacts], t0_utc: float | None) -> Found:
@@ -108,9 +108,10 @@ def _port(facts: StationFacts, rows: pa.Table, counters: pa.Table | None, clock:
     feeds = None
     if counters is not None and found.heat_why is None:
         stepped_s = sum(abs(step.size_s) for step in clock.steps)
-        feeds = feeds_of(series, found.by_heat, stepped_s)
+        why = found.number_why
+        feeds = feeds_of(series, found.by_heat, stepped_s) if why is None else Feeds(0, 0, 0, None, why=why)
     hidden = _hidden(len(series.seconds) * series.period_s, found)
-    return PortJoints(recoveries, feeds, found.heat_why, hidden, found.unseen_s)
+    return PortJoints(recoveries, feeds, found.heat_why or found.why, hidden, found.unseen_s)
 
 
 def _hidden(seconds: float, found: JointsFound) -> int:

@@ -54,6 +54,11 @@ class Draw:
         return JOINT if (self.fed and self.heat is not None) or sure else NOT_KNOWN
 
 
+def is_joint(draw: Draw, settings: Taken) -> bool:
+    """Whether it lasts long enough; one that was cut off may have."""
+    return draw.dwell_s >= settings.least_dwell_s or draw.cut is not None or bool(draw.fed)
+
+
 def draws_of(part: Flow, model: ThermalModel, settings: Taken) -> list[Draw]:
     """The draws of a stretch: contacts, put together where they are close."""
     spans = find_spans(part, model.noise, settings.expected_every_s)

@@ -101,7 +101,11 @@ class _Looked:
 
     @property
     def high(self) -> float:
-        return max(HIGH_NOISES * self.noise.flow, HIGH_PERMILLE)
+        return max(HIGH_NOISES * self.noise.flow, self.noise.floors * HIGH_PERMILLE)
+
+    @property
+    def low(self) -> float:
+        return max(LOW_NOISES * self.noise.flow, self.noise.floors * LOW_PERMILLE)
 
     def top(self, first: int, last: int) -> float:
         return float(self.part.flow[first:last].max())
@@ -120,7 +124,7 @@ def _edges(rises: Floats, least: float) -> tuple[list[int], list[int]]:
 
 def _parts(looked: _Looked) -> list[Part]:
     """The runs above the low limit, cut at their valleys."""
-    above = looked.flow > max(LOW_NOISES * looked.noise.flow, LOW_PERMILLE)
+    above = looked.flow > looked.low
     sides = np.flatnonzero(np.diff(np.concatenate(([0], above.astype(np.int8), [0])))).tolist()
     parts: list[Part] = []
     for first, last in zip(sides[::2], sides[1::2], strict=True):
@@ -168,7 +172,7 @@ def _apart(looked: _Looked, one: Part, other: Part) -> bool:
     lower, coarse_lower = min(before, after), min(float(coarse[left].max()), float(coarse[right].max()))
     if looked.expected_every_s and other[0] - one[0] >= looked.rows(EXPECTED_SHARE * looked.expected_every_s):
         return lowest < max(near_zero, EXPECTED_VALLEY * lower)
-    if lowest_coarse <= max(LOW_PERMILLE, COARSE_SHARE * coarse_lower):
+    if lowest_coarse <= max(noise.floors * LOW_PERMILLE, COARSE_SHARE * coarse_lower):
         return lowest < max(near_zero, VALLEY_SHARE * lower)
     if lower >= CLEAR_NOISES * noise.flow:
         return lowest < VALLEY_SHARE * lower

@@ -363,7 +363,7 @@ def _seen_noise(parts: Sequence[_Part], usable: Flags, values: Floats, read: _Re
         below = -flow[flow < 0]
         times = MEDIAN_TO_SD * float(np.median(below)) / expected.flow if len(below) >= LEAST_REST_ROWS else 1.0
         times = min(max(times, 1.0), MOST_TIMES)
-        seen = Noise(times * expected.flow, times * expected.rate, times * expected.coarse, expected.smooth_s)
+        seen = expected.times(times)
         if seen.flow <= QUIET_PERMILLE:
             break
     assert seen is not None

@@ -53,28 +53,31 @@ def _counts(series: Series, found: Found) -> list[Figure]:
     unknown = sum(joint.kind != "joint" for joint in joints)
     gap = series.whole(series.rows.temperature).gap or series.whole(series.rows.power).gap
     in_gaps = None if gap is None else f"{gap} Joints in gaps are not known."
-    why, heat_why = found.why or in_gaps, found.heat_why or in_gaps
+    why, heat_why = found.why or in_gaps, found.heat_why or found.number_why or in_gaps
     seen = found.witnessed
     alone = sum(joint.heat is None for joint in joints)
     counts = (
         ("joints", len(joints), why),
         ("joints_kind_not_known", unknown, why),
-        ("joints_not_recovered", sum(joint.recovered is False for joint in joints), heat_why),
+        ("joints_not_recovered", sum(joint.recovered is False for joint in joints), found.heat_why or why),
         ("joints_by_heat", len(found.by_heat), heat_why),
         ("joints_by_feeder", None if seen is None else seen.feeds, None),
         ("joints_fed_alone", None if seen is None else alone, None),
         ("feeds_without_draw", None if seen is None else seen.feeds_without_draw, heat_why),
         ("draws_without_feed", None if seen is None else seen.draws_without_feed, heat_why),
     )
-    return [_count(name, count, reason, len(joints), coverage) for name, count, reason in counts]
+    beside = f" {len(joints)} were found beside them." if joints and why != found.number_why else ""
+    return [
+        _count(name, count, f"{reason}{beside}" if reason and name == "joints" else reason, len(joints), coverage)
+        for name, count, reason in counts
+    ]
 
 
 def _count(name: str, count: int | None, why: str | None, n: int, coverage: float) -> Figure:
     if count is None:
         return no_figure(name, "count", "The tool has no feeder.")
     if why is not None:
-        beside = f" {n} were found beside them." if n and name == "joints" else ""
-        return no_figure(name, "count", f"{why}{beside}", n, coverage)
+        return no_figure(name, "count", why, n, coverage)
     return Figure(name, float(count), "count", n, coverage, 1.0)
 
 
@@ -119,6 +122,8 @@ def _recovered(found: Found) -> Figure:
     told = [joint.recovered for joint in found.joints if joint.recovered is not None]
     if not told:
         return no_figure(name, "%", _none(found))
+    if found.why is not None:
+        return no_figure(name, "%", found.why, len(told), _share(told, found.joints))
     return Figure(name, 100.0 * sum(told) / len(told), "%", len(told), _share(told, found.joints), 100.0 / len(told))
 
 

@@ -6,7 +6,8 @@ solder cannot be known from power and temperature: a wipe over a sponge or a tou
 draw, too. A draw shorter than `SURE_DWELL_S`, or that takes less than `SURE_HEAT` ‰·s or never `SURE_PEAK` ‰, is counted with
 its kind not known. Nothing here says that a joint is good.
 
-A feeder is a second witness (`feeding`). Joints are not known where the tip's thermal model is not (`identify`); then the
+A feeder is a second witness (`feeding`). Where the joints found hang on the assumptions, their number is not known (`doubt`), and
+the joints are provisional. Joints are not known where the tip's thermal model is not (`identify`); then the
 reason is said, and no joints found is never told as none.
 """
 
@@ -16,7 +17,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 from jbclog.features.asked import Asked, Taken, regular_every_s, taken
-from jbclog.features.drawn import Draw, draws_of
+from jbclog.features.doubt import Doubt, Tool, doubt_of, why_not_known
+from jbclog.features.drawn import Draw, draws_of, is_joint
 from jbclog.features.draws import Flow, flows
 from jbclog.features.feeding import Witnessed, witnessed
 from jbclog.features.identify import identify
@@ -36,7 +38,8 @@ class Found:
 
     `others` are draws that are none: too short, or without a feed where wire decides. `why`: joints are not known, or only some.
     `heat_why`: the same of heat as a witness; where wire decides, the feeder alone tells of those joints, and `why` is None.
-    `by_heat` are the draws that are joints without the feeder's help.
+    `by_heat` are the draws that are joints without the feeder's help; `number_why` says why their number is not known, and `doubt`
+    how far it hangs on the assumptions.
     `levels` are the temperatures in °C at which the tip rests, by setpoint. `models` has one for each tool. `unseen_s`: for how
     long the tool may have worked and nothing could be looked at, in `unseen` pieces; joints in these are not known.
     """
@@ -52,6 +55,8 @@ class Found:
     unseen: int = 0
     heat_why: str | None = None
     by_heat: list[Draw] = field(default_factory=list)
+    number_why: str | None = None
+    doubt: Doubt | None = None
 
     @property
     def model(self) -> ThermalModel | None:
@@ -69,7 +74,8 @@ def find_joints(series: Series, asked: Asked | None = None) -> Found:
     settings = taken(asked, series.period_s, False)
     found = stretches(series)
     parts, lost = readied(found), unseen(series, found)
-    looked, models, why = _looked(series, parts, settings) if parts else ([], [], NEVER_READ)
+    tools, why = _tools(series, parts) if parts else ([], NEVER_READ)
+    looked, models = _looked(tools)
     every = [draw for flow, model in zip(looked, models, strict=True) for draw in draws_of(flow, model, settings)]
     seen = witnessed(series, every, looked, asked.wire_decides)
     settings = taken(asked, series.period_s, seen is not None and seen.decides)
@@ -78,25 +84,34 @@ def find_joints(series: Series, asked: Asked | None = None) -> Found:
     levels = resting_levels(looked, every)
     joints = joints_of(series, draws, [*draws, *others], levels, settings.recovered_within_c)
     settings = replace(settings, every_s=regular_every_s([joint.start_s for joint in joints]))
-    unknown = None if settings.wire_decides else why
     by_heat, _ = sort_draws(every, settings)
-    return Found(joints, others, list(dict.fromkeys(models)), levels, settings, seen, unknown, *lost, why, by_heat)
+    doubt = doubt_of(tools, settings) if tools else None
+    number_why = None if doubt is None else why_not_known(doubt, len(by_heat), series.period_s)
+    unknown = None if settings.wire_decides else why or number_why
+    return Found(
+        joints, others, list(dict.fromkeys(models)), levels, settings, seen, unknown, *lost, why, by_heat, number_why, doubt
+    )
 
 
-def _looked(series: Series, parts: Sequence[Readied], settings: Taken) -> tuple[list[Flow], list[ThermalModel], str | None]:
-    """The flow of each stretch whose tool is known, with its model; and why there is a tool that is not."""
-    looked: list[Flow] = []
-    models: list[ThermalModel] = []
+def _tools(series: Series, parts: Sequence[Readied]) -> tuple[list[Tool], str | None]:
+    """The tools whose model is known; and why there is one of which it is not."""
+    tools: list[Tool] = []
     why: str | None = None
     for tool in by_tool(series, parts):
         found = identify(tool)
         if found.model is None or found.why is not None:
             why = why or found.why
             continue
-        looked += [flows(part.stretch, found.model, part.ready) for part in tool]
-        models += [found.model] * len(tool)
+        tools.append(Tool(tool, found.model))
+    return tools, why
+
+
+def _looked(tools: Sequence[Tool]) -> tuple[list[Flow], list[ThermalModel]]:
+    """The flow of each stretch whose tool is known, with its model."""
+    looked = [flows(part.stretch, tool.model, part.ready) for tool in tools for part in tool.parts]
+    models = [tool.model for tool in tools for _ in tool.parts]
     order = sorted(range(len(looked)), key=lambda number: float(looked[number].stretch.seconds[0]))
-    return [looked[number] for number in order], [models[number] for number in order], why
+    return [looked[number] for number in order], [models[number] for number in order]
 
 
 def sort_draws(draws: Sequence[Draw], settings: Taken) -> tuple[list[Draw], list[Draw]]:
@@ -104,6 +119,5 @@ def sort_draws(draws: Sequence[Draw], settings: Taken) -> tuple[list[Draw], list
     joints: list[Draw] = []
     others: list[Draw] = []
     for draw in draws:
-        long = draw.dwell_s >= settings.least_dwell_s or draw.cut is not None or bool(draw.fed)
-        (joints if long else others).append(draw)
+        (joints if is_joint(draw, settings) else others).append(draw)
     return joints, others

@@ -23,6 +23,7 @@ from typing import Final
 import numpy as np
 
 from jbclog.features.asked import Asked, regular_every_s, taken
+from jbclog.features.doubt import Doubt, Tool, doubt_of, why_not_known
 from jbclog.features.drawn import Draw, draws_of
 from jbclog.features.draws import flows
 from jbclog.features.identify import identify, pieces_taken
@@ -94,6 +95,7 @@ class PortSweeps:
         self._kept: list[list[_Kept]] = []
         self._models: list[ThermalModel] = []
         self._why: str | None = None
+        self._doubt: Doubt | None = None
         self._draws: list[Draw] = []
         self._levels = Levels()
         self._joints: list[Joint] = []
@@ -175,12 +177,15 @@ class PortSweeps:
                     piece.parts.append(Readied(_copy(part.stretch.take(rows)), part.ready[rows].copy()))
 
     def _identify(self) -> None:
+        tools: list[Tool] = []
         for tool, kept in zip(self._tools_known, self._kept, strict=True):
-            found = identify([piece.whole() for piece in kept])
+            pieces = [piece.whole() for piece in kept]
+            found = identify(pieces)
             if found.model is None or found.why is not None:
                 self._why = self._why or found.why
                 continue
             self._models.append(found.model)
+            tools.append(Tool(pieces, found.model))
             for part in tool:
                 part.model = found.model
         if not self._known:
@@ -188,6 +193,7 @@ class PortSweeps:
         self._kept.clear()
         self._wanted.clear()
         self._settings = taken(self._asked, self._period_s, False)
+        self._doubt = doubt_of(tools, self._settings) if tools else None
 
     def _find(self, view: View) -> float | None:
         near = [part for part in view.parts if part.stretch.seconds[-1] >= view.begin_s - NEAR_S and part.start_s < view.end_s]
@@ -222,6 +228,7 @@ class PortSweeps:
 
     def _conclude(self) -> None:
         self._settings = replace(self._settings, every_s=regular_every_s([joint.start_s for joint in self._joints]))
+        number_why = None if self._doubt is None else why_not_known(self._doubt, len(self._own), self._period_s)
         self._found = Found(
             self._joints,
             self._others,
@@ -229,10 +236,12 @@ class PortSweeps:
             self._level,
             self._settings,
             None,
-            self._why,
+            self._why or number_why,
             *self._unseen.total(),
             self._why,
             self._own,
+            number_why,
+            self._doubt,
         )
 
 

@@ -16,7 +16,7 @@ multiples of them have error rates that can be stated.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Final
 
@@ -46,13 +46,18 @@ NAMES: Final = ("capacity", "loss", "second", "lag_s")
 class Noise:
     """Standard deviations at rest: of the flow in ‰, of its rate of change in ‰/s, and of the flow smoothed to `COARSE_S` in ‰.
 
-    `smooth_s` is the smoothing of the flow that they are of.
+    `smooth_s` is the smoothing of the flow that they are of; `floors` is what the least limits in ‰ are multiplied by.
     """
 
     flow: float
     rate: float
     coarse: float
     smooth_s: float
+    floors: float = 1.0
+
+    def times(self, factor: float) -> Noise:
+        """As much more, or less, noise."""
+        return replace(self, flow=factor * self.flow, rate=factor * self.rate, coarse=factor * self.coarse)
 
 
 @dataclass(frozen=True, slots=True)
@@ -150,7 +155,7 @@ def noises(period_s: float, values: Floats, temperature_noise: float, power_nois
     """What the noise of readings leaves in the flow, smoothed little to much."""
     least = smoothing_s(period_s)
     smoothings = [times * least for times in SMOOTHER if times == 1 or times * least <= MOST_SMOOTH_S]
-    return [_noise_of(period_s, values, temperature_noise, power_noise, smooth_s) for smooth_s in smoothings]
+    return [noise_at(period_s, values, temperature_noise, power_noise, smooth_s) for smooth_s in smoothings]
 
 
 def noise_of(period_s: float, values: Floats, temperature_noise: float, power_noise: float = 0.0) -> Noise:
@@ -159,7 +164,8 @@ def noise_of(period_s: float, values: Floats, temperature_noise: float, power_no
     return next((one for one in found if one.flow <= QUIET_PERMILLE), found[-1])
 
 
-def _noise_of(period_s: float, values: Floats, temperature_noise: float, power_noise: float, smooth_s: float) -> Noise:
+def noise_at(period_s: float, values: Floats, temperature_noise: float, power_noise: float, smooth_s: float) -> Noise:
+    """The same at one smoothing."""
     fine, coarse = _kernels(period_s, values, smooth_s), _kernels(period_s, values, max(COARSE_S, smooth_s))
     changes = [rate(np.pad(kernel, 2), period_s) for kernel in fine]
 

@@ -20,8 +20,9 @@ from third_plant import Script, Trial, Truth
 REPEATS = 3  # 432 trials a plant; the first third of them (`repeat` 0) was fixed before anything was run
 SLICE = [Cell("third", tip, *place) for tip in joint_matrix.TIPS for place in ((0.5, 2.0), (0.8, 1.0), (2.0, 1.2), (1.0, 0.5))]
 LONG, DENSE, BUSY, FED, WORST, NUMBER, EDGES = (name for name, *_ in joint_matrix.ROWS[:7])
-F1_ROWS = (LONG, DENSE, BUSY, FED)
-SLICE_HOLDS = {LONG: 0.80, DENSE: 0.66, BUSY: 0.61, FED: 0.95, EDGES: 0.69}
+LONG_LISTED, DENSE_LISTED, BUSY_LISTED = (name for name, *_ in joint_matrix.ROWS if name.endswith("listed"))
+F1_ROWS = (LONG_LISTED, DENSE_LISTED, BUSY_LISTED, FED)  # of the joints that are listed, whether their number is known or not
+SLICE_HOLDS = {LONG_LISTED: 0.80, DENSE_LISTED: 0.66, BUSY_LISTED: 0.61, FED: 0.95, EDGES: 0.69}
 HOLDS = {  # what is true of finding joints as it is, not what is asked of it: F1 of F1_ROWS, at 10, 5 and 2 Hz
     "sim": ((0.95, 0.95, 0.93, 0.99), (0.94, 0.94, 0.93, 0.99), (0.80, 0.74, 0.43, 0.96)),
     "second": ((0.96, 0.96, 0.95, 0.99), (0.95, 0.95, 0.92, 0.99), (0.83, 0.79, 0.56, 0.97)),

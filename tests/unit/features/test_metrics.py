@@ -325,5 +325,5 @@ def test_rows_without_a_grid_are_found_to_have_joints_too() -> None:
     )
     series = Series(block, at > 0, float(np.median(np.diff(at))), on_grid=False)
     found = figures(series)
-    assert found["joints"].value == len([start for start in STARTS if start < at[-1] - 5])
+    assert found["joints"].n == len([start for start in STARTS if start < at[-1] - 5])
     assert found["recovery_s"].value == pytest.approx(2.4, abs=0.11)
