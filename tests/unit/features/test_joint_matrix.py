@@ -30,7 +30,7 @@ HOLDS = {  # what is true of finding joints as it is, not what is asked of it: F
     "third": ((0.88, 0.87, 0.66, 0.95), (0.78, 0.79, 0.68, 0.93), (0.55, 0.55, 0.38, 0.91)),
     "fifth": ((0.86, 0.94, 0.96, 0.96), (0.83, 0.89, 0.95, 0.94), (0.88, 0.83, 0.61, 0.95)),
 }
-NUMBER_OFF = {"sim": 0.45, "second": 0.45, "family": 0.55, "third": 0.70, "fifth": 0.30}  # of the worst tip, where known
+NUMBER_OFF = (0.03, 0.05, 0.10)  # of the worst tip, where known, at each rate: what is asked of every plant
 HERE = Cell("third", "small", 1.0, 1.0)
 LINE = Script(
     "small",
@@ -158,9 +158,9 @@ def test_the_whole_matrix(plant: str, counted: Callable[..., None], capsys: pyte
         print("\n" + "\n\n".join(tables))
     at_ten = [one for one in found if one.hz == 10.0]
     counted(trials=len(cells), **{f"joints on the {plant} plant": sum(one.truths for one in at_ten if not one.fed)})
-    for hz, least in zip(joint_matrix.RATES, HOLDS[plant], strict=True):
+    for hz, least, off in zip(joint_matrix.RATES, HOLDS[plant], NUMBER_OFF, strict=True):
         figures = joint_matrix.figures(found, hz)
-        assert figures[NUMBER] <= NUMBER_OFF[plant], hz
+        assert figures[NUMBER] <= off, hz
         for name, figure in zip(F1_ROWS, least, strict=True):
             assert figures[name] >= figure, (name, hz)
 
