@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 from collections.abc import Iterator
 from contextlib import suppress
@@ -10,8 +11,9 @@ from pathlib import Path
 import pytest
 
 from jbclog.guard import __main__ as guard_itself
+from jbclog.guard.diary import NAME as DIARY
 from jbclog.guard.diary import Diary
-from jbclog.guard.lease import StationLease
+from jbclog.guard.lease import StationLease, keep, kept
 from jbclog.guard.recorder import Recorder
 from jbclog.guard.shelf import Shelf
 from jbclog.guard.watch import HUNG_S, Verdict, Watch
@@ -110,3 +112,62 @@ def test_nothing_is_taken_over_where_all_is_done(
     expected = ((), ()) if verdict is Verdict.DONE else ("taken over", ())
     assert guard_itself._guard(Other(is_gone=False), Shelf(tmp_path, diary), diary) == expected
     assert os.read(answers, 99) == guard_itself.READY  # the recorder sees that it is there
+
+
+# -- taking over -------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("verdict", "ended", "why"),
+    [
+        (Verdict.DEAD, [(guard_itself.DYING_S, guard_itself.DEATH_S)], "the recorder died"),
+        (Verdict.HUNG, [(0.0, guard_itself.DEATH_S)], "the recorder did not renew its lease for 2 s and was ended"),
+        (Verdict.FAILED, [], "the recorder failed"),  # it has closed its ports, and has its record to finish
+    ],
+)
+@pytest.mark.parametrize("left", [[], [LEASE]])
+def test_the_recorder_is_ended_as_it_needs_and_the_diary_says_why(
+    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path,
+    verdict: Verdict,
+    ended: list[tuple[float, float]],
+    why: str,
+    left: list[StationLease],
+) -> None:
+    ends: list[tuple[float, float]] = []
+
+    class Ends(Other):
+        def end(self, grace_s: float, patience_s: float) -> bool:
+            ends.append((grace_s, patience_s))
+            return True
+
+    class TakesOver:
+        flooded = frozenset({"dde-1"})
+
+        def __init__(self, stations: list[StationLease], diary: Diary) -> None:
+            assert ends == ended  # before anybody opens a port that it may hold
+            assert stations == [LEASE]
+
+        def run(self) -> list[StationLease]:
+            return left
+
+    monkeypatch.setattr(guard_itself, "TakeOver", TakesOver)
+    watch = Watch(0.0)
+    watch.stations = {LEASE.name: LEASE}
+    assert guard_itself._take_over(watch, verdict, Ends(is_gone=False), Diary(tmp_path)) == (left, {"dde-1"})
+    row = json.loads((tmp_path / DIARY).read_text())
+    outcome, severity = ("not every tool could be made safe", "critical") if left else ("every tool is in its safe state", "error")
+    assert row["text"] == f"The guard took over, because {why}: {outcome}."
+    assert (row["kind"], row["severity"], row["station"]) == ("guard.took_over", severity, None)
+
+
+@pytest.mark.parametrize("is_torn", [False, True])
+@pytest.mark.parametrize("left", [[], [LEASE]])
+def test_a_lease_is_closed_as_far_as_it_could_be_written_down_why(tmp_path: Path, left: list[StationLease], is_torn: bool) -> None:
+    keep(tmp_path, [LEASE, NOTHING])
+    diary = Diary(tmp_path)
+    diary.reserve(3)
+    diary.is_torn = is_torn
+    guard_itself._keep(left, Shelf(tmp_path, diary), diary)
+    assert kept(tmp_path) == ([LEASE] if is_torn else left)
+    assert (tmp_path / DIARY).exists() == bool(left)  # what has nothing in it is taken away when all is done
