@@ -4,6 +4,7 @@
 
     python tests/support/mutants.py cover WORK            # once: a copy of the tree, and which test runs which line
     python tests/support/mutants.py run WORK safety,guard 600   # try mutants of these packages for 600 s; again to go on
+    python tests/support/mutants.py run WORK safety,guard 600 40   # and those that survived again, with 40 s of tests
     python tests/support/mutants.py again WORK safety tests/unit/safety/test_secure.py   # survivors, with tests of today
     python tests/support/mutants.py report WORK           # the share that was noticed, with its 95 % interval (Wilson)
 
@@ -489,29 +490,30 @@ def lines_of(tree: Path, name: str, line: int) -> list[tuple[str, int]]:
     return found
 
 
-def covering(known: dict[str, Any], tree: Path, mutant: Mutant, noticed: Counter[str]) -> list[str]:
+def covering(known: dict[str, Any], tree: Path, mutant: Mutant, noticed: Counter[str], most_s: float = MOST_S) -> list[str]:
     """The tests that run the line, cheapest first; other parameters of the same test later, those that noticed much, and those
     that run more of the file, earlier.
     """
     name, line, _, node, _ = mutant
     took, lines = known["took"], known["lines"]
-    if function_at(tree / name, node) is not None:
-        places = [(name, number) for number in statement_at(tree / name, node)]
-    else:
-        places = lines_of(tree, name, line)
+    is_within = function_at(tree / name, node) is not None
+    within = [(name, number) for number in statement_at(tree / name, node)]
+    places = within if is_within else lines_of(tree, name, line)
     tests = {test for place, number in places for test in lines.get(place, {}).get(str(number), ())}
+    if not tests and not is_within:  # a default of a field, say
+        tests = {test for some in lines.get(name, {}).values() for test in some}
     cost = {test: max(took[test][1], took[test][0] / 4) for test in tests}
     siblings: Counter[str] = Counter()
     runs = Counter(test for some in lines.get(name, {}).values() for test in some)
-    most = max(runs.values(), default=1)
+    thorough = max(runs.values(), default=1)
     order = {}
     for test in sorted(tests, key=lambda test: cost[test]):
         function = test.partition("[")[0]
         siblings[function] += 1
-        order[test] = cost[test] * siblings[function] / (1 + noticed[test]) * (most / max(runs[test], 1)) ** THOROUGH
+        order[test] = cost[test] * siblings[function] / (1 + noticed[test]) * (thorough / max(runs[test], 1)) ** THOROUGH
     result, total = [], 0.0
     for test in sorted(order, key=lambda test: order[test]):
-        if result and total + cost[test] > MOST_S:
+        if result and total + cost[test] > most_s:
             continue
         total += cost[test]
         result.append(test)
@@ -647,15 +649,17 @@ def judged(child: Child, took: dict[str, list[float]]) -> tuple[str, str, float]
 
 
 def rows_of(work: Path, package: str) -> list[dict[str, Any]]:
+    """What came of each mutant, at the last try."""
     path = work / f"{package}.jsonl"
-    return [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
+    rows = [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
+    return list({tuple(row["mutant"]): row for row in rows}.values())
 
 
-def run(work: Path, packages: Sequence[str], seconds: float) -> None:
-    """Try mutants of the samples that have not been tried yet, of each package in turn, for so long."""
+def run(work: Path, packages: Sequence[str], seconds: float, most_s: float = MOST_S) -> None:
+    """Try mutants of the samples that have not been tried yet, or survived less than this, of each package in turn, for so long."""
     known, tree, end = json.loads((work / "cover.json").read_text()), work / "tree", time.monotonic() + seconds
     before = [row for package in packages for row in rows_of(work, package)]
-    done = {tuple(row["mutant"]) for row in before}
+    done = {tuple(row["mutant"]) for row in before if row["outcome"] == "noticed" or row.get("most_s", MOST_S) >= most_s}
     noticed: dict[str, Counter[str]] = defaultdict(Counter)
     for row in before:
         noticed[row["mutant"][0]][row["by"]] += 1
@@ -665,10 +669,10 @@ def run(work: Path, packages: Sequence[str], seconds: float) -> None:
     for package, one in filter(None, chain.from_iterable(zip_longest(*left))):
         if time.monotonic() > end:
             break
-        outcome = trial.outcome(one, covering(known, tree, one, noticed[one[0]]))
+        outcome = trial.outcome(one, covering(known, tree, one, noticed[one[0]], most_s))
         noticed[one[0]][outcome["by"]] += 1
         with (work / f"{package}.jsonl").open("a") as file:
-            file.write(json.dumps({"mutant": one, **outcome}) + "\n")
+            file.write(json.dumps({"mutant": one, "most_s": most_s, **outcome}) + "\n")
         print(outcome["outcome"], one, outcome["seconds"], outcome["cpu"], outcome["by"], flush=True)
     trial.end()
 
@@ -720,8 +724,8 @@ def main() -> None:
     match sys.argv[1:]:
         case ["cover", work]:
             cover(Path(work).resolve())
-        case ["run", work, packages, seconds]:
-            run(Path(work).resolve(), packages.split(","), float(seconds))
+        case ["run", work, packages, seconds, *most]:
+            run(Path(work).resolve(), packages.split(","), float(seconds), *map(float, most))
         case ["again", work, package, *words]:
             again(Path(work).resolve(), package, words)
         case ["report", work]:
