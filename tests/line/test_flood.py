@@ -118,6 +118,15 @@ def test_a_flood_that_does_not_end_leaves_the_tools_told_and_not_verified() -> N
     assert [write.value for write in run.station.log.written("status") if write.port == 1][-1] == STAND
 
 
+def test_a_flood_that_begins_while_the_tools_are_made_safe_is_in_the_record() -> None:
+    run = prepare(line("", ""), duration_s=6, rate=1.0)
+    flood(run, "dde-1", "noise", FAST, 6.0, 40)
+    run.go()
+    assert len(run.memory.of_kind("link.flooded")) == 1
+    assert run.desks["dde-1"].facts.safe_state == {1: "sent", 2: "sent"}
+    assert run.desks["dde-2"].facts.safe_state == {1: "verified", 2: "verified"}
+
+
 def test_it_is_tried_ever_more_rarely_where_it_is_flooded_again_and_again() -> None:
     run = prepare(duration_s=200, rate=5.0)
     for second in range(10, 180, 2):  # so that it comes back in between
