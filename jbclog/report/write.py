@@ -76,6 +76,7 @@ def verified(folder: Path | str) -> Held:
     another version of jbclog or of its rules made has other bytes: it is held against the hashes that were written with it.
     """
     folder = Path(folder)
+    expect_no_links(folder)
     manifest = open_run(folder).manifest
     files = [text for name, content in report_files(folder).items() if (text := _difference(folder / name, content))]
     said, notes = _said_since(folder), list[str]()
