@@ -20,6 +20,10 @@ import pyarrow as pa
 from jbclog.record.schema import INT, SCHEMAS
 
 BARE: Final = {table: pa.schema([pa.field(f.name, f.type, f.nullable) for f in schema]) for table, schema in SCHEMAS.items()}
+MOST_ROWS: Final = 1 << 20  # a second of 256 ports at 10 Hz has 2560; rows wait where the disk stands still
+MOST_BYTES: Final = 128 << 20
+SCHEMA_HEAD, ROWS_HEAD = 1, 3  # kinds of a message
+_U16, _U32 = struct.Struct("<H"), struct.Struct("<I")
 _CODEC: Final = pa.Codec("zstd", compression_level=1)
 
 COLUMNS_A_BREATH: Final = 10
@@ -110,12 +114,45 @@ def decode(batch: Batch, crc: int) -> pa.Table:
     schema = SCHEMAS.get(batch.table)
     if schema is None:
         raise Damaged(f"no table is called {batch.table!r}")
+    if not 0 <= batch.rows <= MOST_ROWS:
+        raise Damaged(f"it has {batch.rows} rows; a recorder's have at most {MOST_ROWS}")
     try:
-        stream = _CODEC.decompress(batch.data[4:], decompressed_size=struct.unpack_from("<I", batch.data)[0])
+        size = struct.unpack_from("<I", batch.data)[0]
+        if size > MOST_BYTES:
+            raise Damaged(f"it has {size} bytes, unpacked; a recorder's have at most {MOST_BYTES}")
+        stream = _CODEC.decompress(batch.data[4:], decompressed_size=size)
+        _expect_plain(stream)
         table = pa.ipc.open_stream(stream).read_all()
+        if table.num_rows != batch.rows:
+            raise Damaged(f"it has {table.num_rows} rows, not {batch.rows}")
         return pa.Table.from_arrays(table.columns, schema=schema) if table.schema == BARE[batch.table] else table.cast(schema)
-    except (pa.ArrowException, OSError, ValueError, struct.error) as error:
+    except (pa.ArrowException, OSError, ValueError, IndexError, struct.error) as error:
         raise Damaged(str(error)) from error
+
+
+def _expect_plain(stream: pa.Buffer) -> None:
+    """Raise `Damaged` where a message of the stream is packed once more, or is no schema and no rows: it could unpack to anything.
+
+    What is looked at is the message's head, a table of FlatBuffers (Arrow's Message.fbs): its second field is the kind of what
+    it holds, its third that itself, and rows that are packed have a fourth field.
+    """
+    for message in pa.ipc.MessageReader.open_stream(stream):
+        head = message.metadata.to_pybytes()
+        root = _U32.unpack_from(head)[0]
+        kind, rows = _field(head, root, 1), _field(head, root, 2)
+        if kind is None or rows is None or head[kind] not in (SCHEMA_HEAD, ROWS_HEAD):
+            raise Damaged("it holds what no recorder writes")
+        if head[kind] == ROWS_HEAD and _field(head, rows + _U32.unpack_from(head, rows)[0], 3) is not None:
+            raise Damaged("its rows are packed twice")
+
+
+def _field(head: bytes, table: int, number: int) -> int | None:
+    """Where a field of a table of FlatBuffers lies; None where it has none."""
+    kinds = table - struct.unpack_from("<i", head, table)[0]
+    length = _U16.unpack_from(head, kinds)[0]
+    place = kinds + 4 + 2 * number
+    offset = _U16.unpack_from(head, place)[0] if 4 + 2 * number < length else 0
+    return table + offset if offset else None
 
 
 def keep_pandas_out() -> None:

@@ -17,6 +17,7 @@ from make_run import make_run
 from jbclog.errors import RecordError
 from jbclog.record.annotations import append
 from jbclog.record.manifest import NAME
+from jbclog.record.recover import recover
 from jbclog.report.write import write_report
 
 GOOD, BAD, CRASHED = "good", "bad", "crashed"
@@ -188,6 +189,13 @@ def test_no_report_of_a_run_that_crashed_and_has_no_manifest(kept: Path, tmp_pat
     place = spoilt(kept, tmp_path, NAME, SPECIAL[kind], CRASHED)
     with pytest.raises(RecordError, match="still open"):
         write_report(place.bad)
+
+
+def test_a_report_of_a_run_whose_record_does_not_say_its_line(tmp_path: Path) -> None:
+    """It crashed before it had a manifest: what made it is not known."""
+    folder = few_rows.abandoned(tmp_path)
+    recover(folder)
+    assert "<dt>Line</dt><dd>not known</dd>" in write_report(folder).read_text(encoding="utf-8")
 
 
 SILENT = ("where-used", "audit --runs", "start of the next run")  # what they give does not need it

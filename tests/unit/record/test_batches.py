@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 import subprocess
 import sys
 from dataclasses import replace
@@ -10,7 +11,7 @@ import few_rows
 import pyarrow as pa
 import pytest
 
-from jbclog.record.batches import Batch, Damaged, NotRows, decode, encode
+from jbclog.record.batches import MOST_BYTES, MOST_ROWS, Batch, Damaged, NotRows, decode, encode
 from jbclog.record.schema import SCHEMAS
 from jbclog.rows import COLUMN
 
@@ -88,3 +89,37 @@ frame = table.to_pandas()
 assert str(frame.dtypes["port"]) == "Int64"
 """
     subprocess.run([sys.executable, "-W", "error", "-c", program], check=True)
+
+
+def stored(data: bytes, rows: int = 1) -> Batch:
+    return Batch(1, "samples", rows, data)
+
+
+def packed(stream: bytes, size: int | None = None) -> bytes:
+    """A stream of Arrow as it stands in a live store."""
+    return struct.pack("<I", len(stream) if size is None else size) + bytes(pa.Codec("zstd").compress(stream, asbytes=True))
+
+
+def stream_of(rows: pa.RecordBatch, compression: str | None = None) -> bytes:
+    sink = pa.BufferOutputStream()
+    with pa.ipc.new_stream(sink, rows.schema, options=pa.ipc.IpcWriteOptions(compression=compression)) as writer:
+        writer.write_batch(rows)
+    return bytes(sink.getvalue().to_pybytes())
+
+
+ONE_ROW = pa.record_batch({"x": pa.array([1])})
+
+
+@pytest.mark.parametrize(
+    ("batch", "why"),
+    [
+        (stored(packed(bytes(1), MOST_BYTES + 1)), "bytes, unpacked"),
+        (stored(packed(stream_of(ONE_ROW), 10), MOST_ROWS + 1), "rows; a recorder's have at most"),
+        (stored(packed(stream_of(ONE_ROW)), 2), "1 rows, not 2"),
+        (stored(packed(stream_of(pa.record_batch({"x": pa.array([0] * 99_999)}), "zstd")), 99_999), "packed twice"),
+        (stored(packed(stream_of(pa.record_batch({"x": pa.array(["a"]).dictionary_encode()})))), "what no recorder writes"),
+    ],
+)
+def test_a_batch_that_unpacks_to_more_than_a_recorder_s(batch: Batch, why: str) -> None:
+    with pytest.raises(Damaged, match=why):
+        decode(batch, batch.crc)
