@@ -77,6 +77,15 @@ def test_what_was_read_back_closes_so_much_of_the_lease(
     assert told(run) == lines
 
 
+def test_of_two_of_which_one_may_be_hot_not_every_tool_is_safe(run: Path) -> None:
+    seen = {"ale-1": SAFE, "dde-2": Seen("ALE", {1: "stand"}, True)}
+    assert close([URL, OTHER.url], lambda station: seen[station.name], nobody, "jbclog safe") == [run]
+    assert kept(run) == [replace(OTHER, ports=(2,), feeds=False)]
+    kind, severity, _, text = told(run)[-1]
+    assert (kind, severity) == ("guard.left_over", "critical")
+    assert text == "Run run had left tools of ale-1, dde-2 as they were: not every tool could be made safe."
+
+
 @pytest.mark.parametrize("seen", [None, SAFE._replace(model="ALF"), SAFE._replace(model=None)], ids=["nobody", "other", "nameless"])
 def test_where_another_was_seen_or_none_nothing_is_closed(run: Path, seen: Seen | None) -> None:
     assert close([URL], lambda _: seen, nobody, "jbclog safe") == []
