@@ -159,6 +159,7 @@ def test_what_blocks_an_order_for_a_while_is_waited_for(ports: tuple[int, ...]) 
     cable.pull(secure(made))
     assert (made.is_done, cable.now - ASKED_AT <= ALLOWED_S) == (True, True)
     assert {write.port for write in device.log.written("status") if write.at >= ASKED_AT} == set(ports)
+    assert {tool.fell_back for tool in made.tools} == {""}  # it was refused at first, and is what was to be all the same
 
 
 def test_of_a_silent_station_only_one_tool_is_looked_at_before_all_are_ordered() -> None:
@@ -196,6 +197,7 @@ def test_a_tool_in_its_extractor_state_that_cools_or_is_cold_is_left_alone(famil
     ("celsius", "permille", "is_cold"),
     [
         ((40, 41), (0, 0), True),
+        ((60, 60), (20, 20), True),
         ((40, 61), (0, 0), False),
         ((61, 40), (0, 0), False),
         ((40, 41), (0, 21), False),
