@@ -98,6 +98,23 @@ def test_after_an_outage_another_name_is_another_station(name: str) -> None:
     assert [one.text for one in run.writes if one.at > run.t0 + 5] == []
 
 
+def test_after_an_outage_hot_air_under_the_accepted_name_is_never_told_a_status() -> None:
+    """00001 is "stand" for a soldering tool and "on" for hot air: the name alone, which nobody's table has, proves no kind."""
+    run = run_of("dde", 'ports = [1]\nmodel = "DIE"', f'model = "DIE"{AWAY}', duration_s=12)
+    hears = run.station.device.answer
+
+    def of_hot_air(header: str, text: str, now: float) -> object:
+        if now < run.t0 + 5 or text in ("SMN", "SVR"):
+            return hears(header, text, now)
+        return ("A", "AT100300") if header + text == "RAT1" else ("N", "00004")
+
+    run.station.device.answer = of_hot_air  # type: ignore[assignment,method-assign]
+    run.go()
+    (event,) = run.memory.of_kind("identity.changed")
+    assert "a DIE of another kind (it " in event.text
+    assert [one.text for one in run.writes if one.at > run.t0 + 5] == []
+
+
 # -- refused -----------------------------------------------------------------------------------------------------------------
 
 
