@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Final
 
 from jbclog.errors import StartRefused
+from jbclog.guard import lease
 from jbclog.guard.lease import StationLease
 from jbclog.guard.process import GuardLost, GuardProcess
 
@@ -24,6 +26,7 @@ class Keeper:
         self._tell = tell
         self._leases: dict[str, StationLease] = {}
         self._replaced = 0
+        self._is_handed_over = False  # to the guard: the lease is its own from then on
         self._guard: GuardProcess | None = GuardProcess(folder)
         self._guard.await_ready()
 
@@ -50,9 +53,13 @@ class Keeper:
         if self._guard is not None:
             self._guard.end()
             self._guard = None
+        if not self._is_handed_over:
+            with suppress(Exception):  # a guard that was lost, or failed at this, left it open: the next start would find tools hot
+                lease.keep(self._folder, ())
 
     def take_over(self) -> None:
         """The recorder has failed, and its ports are closed: have the guard make safe what is leased. Waits for it."""
+        self._is_handed_over = True
         if self._guard is not None:
             self._guard.take_over()
             self._guard = None

@@ -275,3 +275,26 @@ def test_nothing_in_the_package_forks_or_hands_all_descriptors_over() -> None:
     forking = re.compile(r"os\.fork|forkpty|multiprocessing|close_fds=False|posix_spawn|os\.exec")
     files = Path(jbclog.__file__).parent.rglob("*.py")
     assert [path.name for path in files if forking.search(path.read_text(encoding="utf-8"))] == []
+
+
+def test_the_lease_is_closed_at_the_end_whatever_became_of_the_guard(tmp_path: Path) -> None:
+    """Else the next start finds tools hot that are safe. A guard that was refused memory at its last step left it open."""
+    keeper = Keeper(tmp_path, lambda kind, text: None)
+    keeper.lease(UNKNOWN)
+    until(lambda: (tmp_path / LEASE).exists())
+    assert keeper.pid is not None
+    os.kill(keeper.pid, signal.SIGKILL)
+    keeper.end()
+    assert not (tmp_path / LEASE).exists()
+
+
+def test_a_lease_that_was_handed_over_is_the_guard_s(tmp_path: Path) -> None:
+    keeper = Keeper(tmp_path, lambda kind, text: None)
+    keeper.lease(UNKNOWN)
+    until(lambda: (tmp_path / LEASE).exists())
+    assert keeper._guard is not None
+    keeper._guard._process.kill()  # before it has made anything safe
+    keeper._guard._process.wait()
+    keeper.take_over()
+    keeper.end()
+    assert [one.name for one in kept(tmp_path)] == [UNKNOWN.name]
