@@ -7,6 +7,7 @@ import fcntl
 import json
 import os
 import shutil
+import stat
 import threading
 import time
 from contextlib import suppress
@@ -58,6 +59,19 @@ def test_a_disk_that_does_not_take_a_lease_keeps_the_old_one_and_nothing_of_the_
         keep(tmp_path, [lease("b")])
     assert [one.name for one in kept(tmp_path)] == ["a"]
     assert [path.name for path in tmp_path.iterdir()] == [NAME]
+
+
+def test_a_lease_and_its_name_are_on_the_disk_when_it_counts_as_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    synced: list[object] = []
+
+    def note(descriptor: int) -> None:
+        found = os.fstat(descriptor)
+        synced.append("folder" if stat.S_ISDIR(found.st_mode) else (found.st_ino, found.st_size))
+
+    monkeypatch.setattr(os, "fsync", note)
+    keep(tmp_path, [lease("a"), lease("b")])
+    found = (tmp_path / NAME).stat()
+    assert synced == [(found.st_ino, found.st_size), "folder"]  # a power cut at any moment leaves the old one or the new one
 
 
 def test_a_line_that_cannot_be_read_does_not_hide_the_others(tmp_path: Path) -> None:

@@ -137,6 +137,15 @@ def test_one_that_stands_still_is_missed_although_its_pipe_takes_everything(guar
     assert UNANSWERED_MOST - 1 <= renewed <= UNANSWERED_MOST + 1
 
 
+def test_one_that_answers_is_never_taken_for_one_that_stands_still(guard: GuardProcess) -> None:
+    for _ in range(3 * UNANSWERED_MOST):
+        guard.renew()
+        assert guard._can_be_read_within(60.0)
+    for _ in range(UNANSWERED_MOST - 1):  # nor one that is a little late
+        guard.renew()
+    guard.renew()
+
+
 def _renews(guard: GuardProcess) -> bool:
     try:
         guard.renew()
