@@ -33,9 +33,9 @@ class Terminal:
         return os.read(self.far, 4096) if ready else b""
 
     def unplug(self) -> None:
-        if self.far >= 0:
-            os.close(self.far)
-            self.far = -1
+        far, self.far = self.far, -1  # first, as two threads may pull: who closes also wakes the one that waits
+        if far >= 0:
+            os.close(far)
 
 
 class Server:
