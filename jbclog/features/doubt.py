@@ -142,9 +142,9 @@ class _Looked:
         """Its noise is as many times what the readings explain as that of the model is."""
         model, period = self._model, self._parts[0].stretch.period_s
         other = replace(model, capacity=assumed.capacity * model.capacity, lag_s=model.lag_s + assumed.later_s)
-        told = (model.temperature_noise, self._power_noise)
-        before = noise_at(period, model.values, *told, model.noise.smooth_s)
-        after = noise_at(period, other.values, *told, assumed.smoothing * model.noise.smooth_s)
+        noises = (model.temperature_noise, self._power_noise)
+        before = noise_at(period, model.values, *noises, model.noise.smooth_s)
+        after = noise_at(period, other.values, *noises, assumed.smoothing * model.noise.smooth_s)
         return replace(other, noise=after.times(model.noise.flow / before.flow))
 
 

@@ -1,4 +1,7 @@
-"""Thrift's compact protocol, so far as Parquet's footer and page heads need it (parquet.thrift, thrift-compact-protocol.md).
+"""Thrift's compact protocol, so far as Parquet's footer and page heads need it.
+
+Its description: https://github.com/apache/thrift/blob/master/doc/specs/thrift-compact-protocol.md; Parquet's structures:
+https://github.com/apache/parquet-format/blob/master/src/main/thrift/parquet.thrift.
 
 The library reads the same bytes after this. Where it could take them otherwise than this does, a value is refused: a field that
 stands twice, a number that is too large for its kind, a field's number beyond 16 bits.

@@ -546,7 +546,7 @@ class Trial:
         self._answers.readline()  # it has collected
 
     def outcome(self, mutant: Mutant, tests: Sequence[str]) -> dict[str, Any]:
-        """What came of it. Done again with the test alone that noticed, where that runs in real time."""
+        """Its result. Done again with the test alone that noticed, where that runs in real time."""
         began, self._cpu_s = time.monotonic(), 0.0
         name, _, _, node, which = mutant
         path, left = self.tree / name, list(tests)
@@ -648,7 +648,7 @@ def judged(child: Child, took: dict[str, list[float]]) -> tuple[str, str, float]
 
 
 def rows_of(work: Path, package: str) -> list[dict[str, Any]]:
-    """What came of each mutant, at the last try."""
+    """The result of each mutant, at the last try."""
     path = work / f"{package}.jsonl"
     rows = [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
     return list({tuple(row["mutant"]): row for row in rows}.values())
