@@ -20,11 +20,20 @@ NO_TOOL = (None, "none")
 
 
 def text_of(reports: Sequence[PortReport], file: Path) -> str | None:
-    """The text of a line file with every station that a run could begin with; None where there is none."""
+    """The text of a line file with every station that a run could begin with, and those to be completed as comments.
+
+    None where there is neither.
+    """
     stations = _described([report for report in reports if report.station is not None and report.station.is_drivable])
     name = file.stem if re.fullmatch(NAME_PATTERN, file.stem) else "line"
     text = line_text(name, stations, "Found by jbclog scan. A station's recipe goes here, or on the command line.")
-    return text + "".join(_proposal(report) for report in reports) if stations else None
+    proposals = "".join(_proposal(report) for report in reports)
+    return text + proposals if stations or proposals else None
+
+
+def is_complete(reports: Sequence[PortReport]) -> bool:
+    """Whether the line file has a station that a run could begin with, and not proposals alone."""
+    return any(report.station is not None and report.station.is_drivable for report in reports)
 
 
 def _proposal(report: PortReport) -> str:

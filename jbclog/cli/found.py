@@ -38,6 +38,8 @@ def tell_no_ports(*, as_json: bool) -> None:
 
 
 def tell_found(reports: list[PortReport], wanted: Path | None, written: Path | None) -> None:
+    from jbclog.found_line import is_complete
+
     for report in reports:
         tell(*_lines(report))
         tell()
@@ -47,7 +49,10 @@ def tell_found(reports: list[PortReport], wanted: Path | None, written: Path | N
         tell(f"not written: {wanted}; there is no station that a run could begin with")
     if written:
         tell()
-        tell(f"written: {written}. `jbclog plan RECIPE --line {written}` shows what a run would do.")
+        if is_complete(reports):
+            tell(f"written: {written}. `jbclog plan RECIPE --line {written}` shows what a run would do.")
+        else:
+            tell(f"written: {written}, without a station yet: name the family in it, and take away the # before its lines.")
 
 
 def _lines(report: PortReport) -> Iterator[str]:

@@ -55,7 +55,7 @@ def result(written: Written) -> str:
     if outcome == UNCHANGED:
         return f"{name}: is {_text(written, written.value)} already; nothing was sent"
     if outcome == CONFIRMED:
-        return f"{name}: {_done(written)}, confirmed{_before(written)}"
+        return f"{name}: {_done(written)}, {'read back' if _is_to_cool(written) else 'confirmed'}{_before(written)}"
     if outcome in (MISMATCH, REFUSED, UNCONFIRMED):
         asked = "" if is_order(command) else f"{_text(written, written.value)} was asked, "
         sent = "it was sent and is not confirmed: " if outcome == UNCONFIRMED else ""
@@ -64,6 +64,13 @@ def result(written: Written) -> str:
         return f"{name}: sent; the station answers again after {written.seconds:.1f} s"
     told = "sent" if is_order(command) else f"{_text(written, written.value)} was sent"
     return f"{name}: {told} and acknowledged; {written.problem or _left_open(written)}"
+
+
+def _is_to_cool(written: Written) -> bool:
+    """Whether a soldering tool was put in its extractor: the status says so at once, and not that the tool cools."""
+    contact, word = _contact(written), written.readback
+    is_status = _command(written) is contact.family.command_of("status")
+    return is_status and contact.family.status.tens_rests and isinstance(word, tuple) and bool(word[3])
 
 
 def _done(written: Written) -> str:
@@ -97,6 +104,8 @@ def notes(written: Written, target: Target, change: Change, line: Path) -> Itera
         yield _nobody_watches(written, target, line)
     if written.outcome == CONFIRMED and command.name == "status" and written.readback != written.value:
         yield _went_on(written)
+    if written.outcome == CONFIRMED and _is_to_cool(written):
+        yield _cooling_not_seen(written, target, line)
     if written.outcome == UNCONFIRMED and command.readable:
         asked = Change(command.name, None, change.place)
         yield f"it may or may not have been done; `{call('read', target, asked, line)}` tells"
@@ -124,6 +133,22 @@ def _nobody_watches(written: Written, target: Target, line: Path) -> str:
     return (
         f"the tool in port {place.port} is{surely} at work, and nobody watches it: it stays hot until it is told otherwise. "
         f"To let it rest: {call('write', target, rest, line)}"
+    )
+
+
+def _cooling_not_seen(written: Written, target: Target, line: Path) -> str:
+    """A station without an extractor may take the order, show it, and heat on."""
+    contact, place = _contact(written), written.place
+    stand = call("write", target, Change("status", "stand", place), line)
+    temperature = contact.family.command_of("temperature_c")
+    look = (
+        ""
+        if temperature is None
+        else f"`{call('read', target, Change(temperature.name, None, place), line)}` shows whether it does. "
+    )
+    return (
+        f"the station shows the order; that the tool in port {place.port} cools was not seen yet, and a station may take the "
+        f"order and heat on. {look}If it does not cool: {stand}"
     )
 
 

@@ -118,6 +118,9 @@ def used_ports(facts: StationFacts, evidence: Evidence) -> list[int]:
     return [port for port in facts.ports if not never_had_a_tool(facts, port, evidence.port_ledger(facts.name, port))]
 
 
+NO_STATE_TOLD = "Every answer came without a digit behind its letter: it tells no state, and none is known."
+
+
 def tells(facts: StationFacts, signal: str) -> bool:
     """Whether it is a station that tells this signal; where the record does not say which it tells, it does."""
     return not facts.signals or signal in facts.signals
@@ -175,6 +178,8 @@ def port_rules(
         seen = None if measure is None else measure.gap_s
         without = f"without a {'temperature' if tells(facts, TEMPERATURE) else 'reading'} at the longest"
         rule = _at_most("longest_gap", station, port, acceptance.longest_gap_s, seen, "s", without)
+        if seen is None and _any_says_no_state(facts, ledger):
+            rule = replace(rule, text=NO_STATE_TOLD)
         yield rule if by == 1 else _gap_without_host(rule, measure)
     yield from idle_rules(facts, port, acceptance, measure, by)
 
@@ -263,8 +268,8 @@ def coverage_rule(facts: StationFacts, port: int, least: float, ledger: PortLedg
     there = 0 if measure is None else measure.readings
     if not due:
         why = f"No reading of {what} was ever due."
-        if any(says_no_state(ledger.get(signal, {})) for signal in judged_signals(facts)):
-            why = "Every answer came without a digit behind its letter: it tells no state, and none is known."
+        if _any_says_no_state(facts, ledger):
+            why = NO_STATE_TOLD
         return Rule("coverage", station, port, least, None, "%", Result.MISSING, why)
     if there != counted:
         text = f"The ledger counts {counted} readings of {what}, the samples hold {there}."
@@ -273,6 +278,10 @@ def coverage_rule(facts: StationFacts, port: int, least: float, ledger: PortLedg
     result = Result.PASS if percent >= least else Result.FAIL
     text = f"{there} of {due} readings of {what} are there, {_shown(_floor(percent))} %; {_shown(least)} % are asked."
     return Rule("coverage", station, port, least, percent, "%", result, text)
+
+
+def _any_says_no_state(facts: StationFacts, ledger: PortLedger) -> bool:
+    return any(says_no_state(ledger.get(signal, {})) for signal in judged_signals(facts))
 
 
 def says_no_state(counts: Mapping[str, int]) -> bool:

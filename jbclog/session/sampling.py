@@ -15,7 +15,7 @@ from jbclog.errors import LinkError, RobotModeOff, StartRefused, StationError, S
 from jbclog.rows import Severity
 from jbclog.scheduler import Demand, Grid, Reading, SlowReadings
 from jbclog.session.alarms import AlarmWatch
-from jbclog.session.busy import KIND, Busy
+from jbclog.session.busy import KIND, SLOW_KIND, Busy
 from jbclog.session.newtool import meet_tool
 from jbclog.session.omega_states import tell_late
 from jbclog.session.order import Desk
@@ -45,6 +45,7 @@ class Sampler:
         self.end = None if desk.order.duration_s is None else desk.now + desk.order.duration_s
         self._standstill = Standstill()
         self._busy = Busy()
+        self._slow = Busy()
         self._late_s = 0.0  # by which it is behind because the computer was late
         desk.facts.skipped_by_host = desk.facts.skipped_by_host or 0
         self._ending: RunEnded | None = None
@@ -89,8 +90,7 @@ class Sampler:
             tell_late(self.desk)
             yield from self.watched(self._meet_new_tools())
             tick = self._following(tick)
-            if self._busy.is_to_be_told(self.desk.now):
-                self._tell_busy()
+            self._tell_skipped()
         return tick
 
     def watched(self, steps: Steps[T]) -> Steps[T]:
@@ -132,7 +132,10 @@ class Sampler:
         self._leave_out([tick for tick in missed if tick not in late])
         self.desk.facts.last_tick = first + len(missed) - 1
         by_host = end - self.grid.next_after(first - 1, self.desk.now - self._late_s) - len(missed) + len(late)
-        self._count_busy(late[0] if late else first, min(by_host, len(late)))
+        by_host = max(min(by_host, len(late)), 0)
+        self._count_busy(late[0] if late else first, by_host)
+        if len(late) > by_host:
+            self._slow.add(len(late) - by_host, self.grid.due(late[0]), self.desk.now)
 
     def _leave_out(self, ticks: Sequence[int]) -> None:
         """Account for the ticks in which the host stood still, so that nobody knows what they were: an event for each time."""
@@ -148,11 +151,18 @@ class Sampler:
             self.desk.facts.skipped_by_host = (self.desk.facts.skipped_by_host or 0) + ticks
             self._busy.add(ticks, self.grid.due(first), self.desk.now)
 
-    def _tell_busy(self) -> None:
-        busy, self._busy = self._busy, Busy()
-        text = busy.text(self.grid.period_s)
-        late = f"late_s={busy.late_s:.3f}"
-        self.desk.note(KIND, Severity.WARNING, text, since=busy.since, value=busy.ticks, raw=late)
+    def _tell_skipped(self, *, is_over: bool = False) -> None:
+        """Tell what the computer and what the station made it skip, each once it is quiet again, or at the end."""
+        period_s = self.grid.period_s
+        if self._busy.is_to_be_told(self.desk.now) or (is_over and self._busy.ticks):
+            busy, self._busy = self._busy, Busy()
+            self._tell_late(KIND, busy, busy.text(period_s))
+        if self._slow.is_to_be_told(self.desk.now) or (is_over and self._slow.ticks):
+            slow, self._slow = self._slow, Busy()
+            self._tell_late(SLOW_KIND, slow, slow.text_of_station(period_s, self.desk.name))
+
+    def _tell_late(self, kind: str, late: Busy, text: str) -> None:
+        self.desk.note(kind, Severity.WARNING, text, since=late.since, value=late.ticks, raw=f"late_s={late.late_s:.3f}")
 
     # -- one tick -----------------------------------------------------------------------------------------------------
 
@@ -271,8 +281,7 @@ class Sampler:
     def account(self) -> None:
         """Put what was due, and what was got of it, into the facts."""
         facts = self.desk.facts
-        if self._busy.ticks:
-            self._tell_busy()
+        self._tell_skipped(is_over=True)
         facts.worst_slow_periods = round(self.slow.worst_periods, 2)
         for (name, port), probe in self._probes.items():
             due = facts.due.setdefault(str(port), {})

@@ -44,6 +44,7 @@ HOUR = 3600.0
 NIGHT = 7200.0
 FALL_BACK = 1792889999.0  # 2026-10-25 00:59:59 UTC; in Madrid the clock goes from 3 back to 2 o'clock at 01:00 UTC
 SEED = random.randrange(1 << 32)
+SLICE_SEED = 28  # of the slices that run by default: the same signals at the same moments every time
 ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
@@ -319,7 +320,7 @@ def strike(start: Start, seed: int, states: Iterable[str]) -> None:
 
 @pytest.mark.parametrize("state", ["applying"])
 def test_a_signal_ends_a_run_in_good_order(start: Start, state: str) -> None:
-    strike(start, SEED, [state])
+    strike(start, SLICE_SEED, [state])
 
 
 @pytest.mark.campaign
@@ -374,7 +375,7 @@ def recovered_under(folder: Path, numbers: list[signal.Signals], moments: list[f
 
 
 def test_a_signal_while_recovering_loses_nothing(tmp_path: Path) -> None:
-    rng = random.Random(SEED)
+    rng = random.Random(SLICE_SEED)
     recovered_under(tmp_path, [rng.choice(ENDING)], [0.4 + 0.5 * rng.random()])
 
 

@@ -115,6 +115,9 @@ def test_what_the_station_made_late_is_not_the_hosts() -> None:
     assert skipped(run) > 20
     assert run.facts.skipped_by_host == 0
     assert run.memory.of_kind("host.busy") == []
+    events = run.memory.of_kind("station.slow")
+    assert sum(event.value or 0 for event in events) == skipped(run) / 2  # two ports
+    assert events[0].text.startswith("dde-1 was slow to answer, or did not: ")
 
 
 def test_each_has_its_own_share() -> None:

@@ -79,7 +79,7 @@ def test_the_lines_name_is_the_files_where_it_can_be(tmp_path: Path, file: str, 
 
 def test_what_no_run_could_begin_with_is_left_out() -> None:
     off = report("/dev/a", robot_mode=False)
-    unknown = report("/dev/b", family="dde")
+    unknown = report("/dev/b", family="dde", model=None)
     assert unknown.station is not None
     unknown.station.family = None
     mute = report("/dev/c", trouble="only 0 of 12")

@@ -117,3 +117,11 @@ def test_a_line_file_is_not_written_where_there_is_nothing_to_run(monkeypatch: p
     assert code == 1
     assert not file.exists()
     assert f"not written: {file}; there is no station that a run could begin with" in text
+
+
+def test_a_model_that_no_table_has_is_a_line_to_be_completed(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    file = tmp_path / "line.toml"
+    _, text = said(monkeypatch, {"/dev/ttyUSB0": station_cable("dde", sim='model = "DIE"')}, "--write", str(file))
+    assert '# model = "DIE"' in file.read_text()
+    assert '# family = "..."' in file.read_text()
+    assert "without a station yet: name the family in it, and take away the # before its lines." in text

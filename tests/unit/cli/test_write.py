@@ -713,3 +713,11 @@ def test_suction_that_does_not_follow_is_told(make: Make) -> None:
 def test_soldering_stations_have_no_such_words(make: Make) -> None:
     ended = make(station_text("dde-1", "dde")).do("write", "dde-1", "status", "stand+suction", "-p", "1")
     assert (ended.code, "'stand+suction' is none of working, stand, extractor" in ended.err) == (2, True)
+
+
+def test_extractor_is_read_back_and_that_the_tool_cools_is_not_claimed(make: Make) -> None:
+    bench = make(dde(f"{TOOLS}\nsettings = {{ status = 'working' }}\nextractor_cools = false"))
+    ended = bench.do("write", "dde-1", "status", "extractor", "--port", "1")
+    assert (ended.code, ended.out) == (0, "status of port 1: extractor, read back (working before)\n")
+    assert "that the tool in port 1 cools was not seen yet" in ended.err
+    assert bench.call(ended.err.partition("If it does not cool: ")[2]).out.startswith("status of port 1: stand, confirmed")

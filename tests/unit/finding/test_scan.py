@@ -233,7 +233,9 @@ def test_the_line_file_proposes_the_key_for_it_as_comments(tmp_path: Path) -> No
     proposed = "\n".join(line.removeprefix("# ") for line in rest.splitlines()[1:]).replace('"..."', '"dde"')
     (station,) = parse_line(f'[line]\nname = "x"\n{proposed}', tmp_path / "line.toml").stations
     assert (station.model, station.url, station.ports) == ("ZZQ", "/dev/ttyUSB7", (1, 2))
-    assert text_of([unknown], tmp_path / "line.toml") is None
+    alone = text_of([unknown], tmp_path / "line.toml")
+    assert alone is not None
+    assert alone.endswith(text.partition("# Model ZZQ")[2])
 
 
 def test_a_loop_back_is_told() -> None:
