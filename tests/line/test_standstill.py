@@ -120,6 +120,17 @@ def test_what_the_station_made_late_is_not_the_hosts() -> None:
     assert events[0].text.startswith("dde-1 was slow to answer, or did not: ")
 
 
+def test_a_question_that_is_never_answered_costs_ticks_and_an_event_says_so() -> None:
+    fault = '[[station.sim.fault]]\nkind = "silence"\nat_s = 0\nfor_s = 3600\ncommand = "transformer_temperature"\n'
+    run = prepare(line_text(fault), duration_s=20).go()
+    (event,) = run.memory.of_kind("station.slow")
+    assert (event.severity, event.station) == ("warning", "dde-1")
+    assert event.value == skipped(run) / 2 > 0  # two ports
+    assert "of 0.1 s not run" in event.text
+    assert (run.facts.skipped_by_host, run.memory.of_kind("host.busy")) == (0, [])
+    assert_account_holds(run)
+
+
 def test_each_has_its_own_share() -> None:
     fault = '[[station.sim.fault]]\nkind = "silence"\nat_s = 5\nfor_s = 20\nevery = 20\n'
     run = prepare(line_text(fault), duration_s=60)

@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 from jbclog.cli.app import app
 from jbclog.record.check import check
 
-RECIPE = '[recipe]\nname = "states"\nrevision = 1\nfamilies = ["omega"]\n[acceptance]\ncoverage_percent = 90\n'
+RECIPE = '[recipe]\nname = "states"\nrevision = 1\nfamilies = ["omega"]\n[acceptance]\ncoverage_percent = 90\nlongest_gap_s = 5\n'
 
 
 def test_a_controller_that_says_a_and_no_more(tmp_path: Path) -> None:
@@ -33,6 +33,7 @@ def test_a_controller_that_says_a_and_no_more(tmp_path: Path) -> None:
     assert set(samples["reasons"]) == {"solder_shortage=no_digit;clogged=no_digit"}
     assert CliRunner().invoke(app, ["report", str(folder)]).exit_code in (0, 1)
     verdict = json.loads((folder / "report.json").read_text())["verdict"]
-    (coverage,) = [rule for rule in verdict["rules"] if rule["name"] == "coverage"]
+    coverage, gap = (rule for name in ("coverage", "longest_gap") for rule in verdict["rules"] if rule["name"] == name)
     assert (verdict["word"], run.returncode) == ("INCONCLUSIVE", 1)
     assert coverage["text"] == "Every answer came without a digit behind its letter: it tells no state, and none is known."
+    assert (gap["result"], gap["text"]) == (coverage["result"], coverage["text"])

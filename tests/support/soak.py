@@ -50,7 +50,11 @@ MOST_DESCRIPTORS = 12  # that may be open in one half more than in the other: pa
 FLOOD = "flood"  # no fault of a station: somebody else on its wire
 FLOODS = ("noise", "STX alone")  # others could be taken for an answer until the flood is seen to be one
 FLOOD_BYTES_PER_S = 200_000.0
-OF_THEMSELVES = ("host.busy", "safety.not_available")  # they need nothing that was done to the station
+OF_THEMSELVES = (
+    "host.busy",
+    "station.slow",
+    "safety.not_available",
+)  # nothing was done to the station, or it is told up to minutes later
 WARNED = ("warning", "error", "critical")
 
 RECIPES = {
