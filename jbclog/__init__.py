@@ -8,22 +8,23 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from jbclog.analysis import Run, Runs, open_run, open_runs
-    from jbclog.errors import JbclogError, LinkError, RecordError, UsageError
+    from jbclog.analysis.run import Run, open_run
+    from jbclog.analysis.runs import Runs, open_runs
+    from jbclog.core.errors import JbclogError, LinkError, RecordError, UsageError
 
 __version__ = "0.1.0"
 
 _HOMES = {
-    "JbclogError": "jbclog.errors",
-    "LinkError": "jbclog.errors",
-    "RecordError": "jbclog.errors",
-    "Run": "jbclog.analysis",
-    "Runs": "jbclog.analysis",
-    "UsageError": "jbclog.errors",
-    "open_run": "jbclog.analysis",
-    "open_runs": "jbclog.analysis",
+    "JbclogError": "jbclog.core.errors",
+    "LinkError": "jbclog.core.errors",
+    "RecordError": "jbclog.core.errors",
+    "Run": "jbclog.analysis.run",
+    "Runs": "jbclog.analysis.runs",
+    "UsageError": "jbclog.core.errors",
+    "open_run": "jbclog.analysis.run",
+    "open_runs": "jbclog.analysis.runs",
 }
-"""Public names and the rooms that they live in."""
+"""Public names and the modules that define them."""
 
 __all__ = ["JbclogError", "LinkError", "RecordError", "Run", "Runs", "UsageError", "__version__", "open_run", "open_runs"]
 

@@ -11,13 +11,13 @@ import pandas as pd
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from jbclog.episodes import BEFORE_ALL, WATCHED, Change, FlagRead, Rows, change_of
-from jbclog.judge.stepped import Step, Unstepped
+from jbclog.analysis.alarms import BEFORE_ALL, WATCHED, Change, FlagRead, Rows, change_of
+from jbclog.analysis.verdict.stepped_clock import Step, Unstepped
+from jbclog.core.rows import EventRow, Severity, StationFacts
 from jbclog.record.conclude import known_stations
 from jbclog.record.parts import groups_of, part_paths
-from jbclog.record.stock import Stock
-from jbclog.record.unchanged import expect_unchanged
-from jbclog.rows import EventRow, Severity, StationFacts
+from jbclog.record.sealed_rows import expect_unchanged
+from jbclog.record.store_reader import Stock
 
 if TYPE_CHECKING:
     from jbclog.analysis.run import Run

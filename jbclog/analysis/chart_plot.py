@@ -8,10 +8,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from jbclog import spc
-from jbclog.analysis.charting import Charted, Counted, Ranked
+from jbclog.analysis import spc
+from jbclog.analysis.charts import Charted, Counted, Ranked
 from jbclog.analysis.trend_plot import BLUE, GREY, HIGH, ORANGE, WIDE
-from jbclog.errors import UsageError
+from jbclog.core.errors import UsageError
 
 MOST_BARS = 12
 

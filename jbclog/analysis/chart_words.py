@@ -8,8 +8,8 @@ from typing import Final
 
 import numpy as np
 
-from jbclog import spc
-from jbclog.analysis.charting import Charted, Counted, Ranked
+from jbclog.analysis import spc
+from jbclog.analysis.charts import Charted, Counted, Ranked
 from jbclog.analysis.trend_words import capability_text
 
 MOST: Final = 10

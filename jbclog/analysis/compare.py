@@ -15,15 +15,15 @@ from typing import Final
 
 import pandas as pd
 
-from jbclog import spc
-from jbclog.analysis.rates import WHAT_A_RATE_CHANGES, is_same_rate, rate_text
+from jbclog.analysis import spc
 from jbclog.analysis.run import Run
-from jbclog.errors import RecordError
-from jbclog.foreign.files import Kind, read_foreign
-from jbclog.judge import measure
-from jbclog.judge.idle import IdleError
-from jbclog.judge.samples import Measures
-from jbclog.record.finding_runs import ending
+from jbclog.analysis.sampling_rates import WHAT_A_RATE_CHANGES, is_same_rate, rate_text
+from jbclog.analysis.verdict import measure
+from jbclog.analysis.verdict.idle import IdleError
+from jbclog.analysis.verdict.samples import Measures
+from jbclog.core.errors import RecordError
+from jbclog.core.foreign.files import Kind, read_foreign
+from jbclog.record.find_runs import ending
 from jbclog.record.manifest import Manifest
 from jbclog.record.recipe_copies import recipe_copy
 

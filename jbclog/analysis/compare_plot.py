@@ -12,8 +12,8 @@ from matplotlib.figure import Figure
 from jbclog.analysis.compare import Comparison
 from jbclog.analysis.plot import thinned
 from jbclog.analysis.run import Run
-from jbclog.errors import UsageError
-from jbclog.judge.idle import Floats
+from jbclog.analysis.verdict.idle import Floats
+from jbclog.core.errors import UsageError
 
 WIDE, HIGH = 9.5, 3.0  # inches of a panel
 COLOURS: Final = ("#0072b2", "#e69f00")  # told apart by the colour-blind, and in grey by their lightness

@@ -8,7 +8,7 @@ from dataclasses import asdict
 import pandas as pd
 
 from jbclog.analysis.compare import Comparison, SameIdle
-from jbclog.spc import Refused
+from jbclog.analysis.spc import Refused
 
 
 def lines(found: Comparison) -> Iterator[str]:

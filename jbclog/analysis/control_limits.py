@@ -13,11 +13,11 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Final, cast
 
-from jbclog import spc
-from jbclog.analysis.charting import Series, too_many_late
-from jbclog.errors import RecordError, UsageError
-from jbclog.foreign.files import Kind, read_foreign
-from jbclog.foreign.from_json import Misfit, build
+from jbclog.analysis import spc
+from jbclog.analysis.charts import Series, too_many_late
+from jbclog.core.errors import RecordError, UsageError
+from jbclog.core.foreign.files import Kind, read_foreign
+from jbclog.core.foreign.from_json import Misfit, build
 
 FORMAT: Final = "jbclog control limits 1"
 

@@ -12,7 +12,7 @@ from typing import Final
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from jbclog.foreign.tables import read_small
+from jbclog.core.foreign.tables import read_small
 from jbclog.record.schema import FLAG, FLOAT, INT, TEXT, TIME
 
 FILE: Final = "joints.parquet"

@@ -10,8 +10,8 @@ from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
 from matplotlib.figure import Figure
 
 from jbclog.analysis.states_plot import STATES, states_panel
-from jbclog.errors import UsageError
-from jbclog.judge import judged_signals
+from jbclog.analysis.verdict import judged_signals
+from jbclog.core.errors import UsageError
 
 if TYPE_CHECKING:
     from jbclog.analysis.run import Run

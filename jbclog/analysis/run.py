@@ -11,23 +11,23 @@ from typing import TYPE_CHECKING
 import pandas as pd
 import pyarrow as pa
 
-from jbclog.analysis.asked import Asked, Moment, asked, frame
-from jbclog.errors import RecordError, UsageError
+from jbclog.analysis.selection import Asked, Moment, asked, frame
+from jbclog.core.errors import RecordError, UsageError
+from jbclog.core.wire_capture import Passed
+from jbclog.record.capture import Hole, read_head, rows_and_holes, wire_path
 from jbclog.record.damage import Damage
 from jbclog.record.manifest import NAME as MANIFEST
 from jbclog.record.manifest import Manifest, read_manifest
 from jbclog.record.parts import groups_of, part_paths, parts_through
 from jbclog.record.schema import SCHEMAS
-from jbclog.record.stock import Stock
+from jbclog.record.sealed_rows import expect_manifest_unchanged, expect_unchanged
 from jbclog.record.store import segments
-from jbclog.record.unchanged import expect_manifest_unchanged, expect_unchanged
-from jbclog.record.wire import Hole, read_head, rows_and_holes, wire_path
-from jbclog.tape import Passed
+from jbclog.record.store_reader import Stock
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from jbclog.analysis.alarms import Alarms
+    from jbclog.analysis.run_alarms import Alarms
     from jbclog.analysis.units import Times
 
 
@@ -39,7 +39,7 @@ class Run:
         self._sealed: tuple[tuple[int, ...], Manifest] | None = None
 
     def _repr_html_(self) -> str:
-        from jbclog.analysis.shown import run_html
+        from jbclog.analysis.html import run_html
 
         return run_html(self)
 
@@ -156,7 +156,7 @@ class Run:
 
     def alarm_findings(self) -> Alarms:
         """The same as objects: incidents side by side, figures of floods and chatter, findings."""
-        from jbclog.analysis.alarms import alarms_of
+        from jbclog.analysis.run_alarms import alarms_of
 
         return alarms_of(self)
 
@@ -170,9 +170,9 @@ class Run:
         """A row for each joint that was found: start, end, dwell, depth, recovery, heat, energy, confidence.
 
         From `joints.parquet` where `report` has written it for this manifest, else found anew; also of a run that is still
-        open. What a joint is here stands in `jbclog.features.joints`; nothing in it says that a joint is good.
+        open. What a joint is here stands in `jbclog.analysis.joints.joints`; nothing in it says that a joint is good.
         """
-        from jbclog.analysis.features import joints_of
+        from jbclog.analysis.run_metrics import joints_of
 
         return frame(joints_of(self, station)).astype({"fed": "boolean"})
 
@@ -182,14 +182,14 @@ class Run:
         From `report.json` where `report` of this version has written it for this manifest, else computed anew.
         `metric_definitions()` tells what each of them means.
         """
-        from jbclog.analysis.features import metrics_of
+        from jbclog.analysis.run_metrics import metrics_of
 
         return metrics_of(self, station)
 
     @staticmethod
     def metric_definitions() -> pd.DataFrame:
         """What each metric means: `metric, unit, definition, applies_to`."""
-        from jbclog.analysis.features import definitions
+        from jbclog.analysis.run_metrics import definitions
 
         return definitions()
 

@@ -17,12 +17,12 @@ from typing import Final, overload
 
 import pandas as pd
 
-from jbclog.analysis.asked import Moment, utc
 from jbclog.analysis.joint_table import JOINTS_SCHEMA
-from jbclog.analysis.left_metrics import METRICS
 from jbclog.analysis.run import Run, open_run
-from jbclog.errors import RecordError, UsageError
-from jbclog.record.finding_runs import Filter, Found, Unreadable, find
+from jbclog.analysis.selection import Moment, utc
+from jbclog.analysis.stored_metrics import METRICS
+from jbclog.core.errors import RecordError, UsageError
+from jbclog.record.find_runs import Filter, Found, Unreadable, find
 
 TEXTS: Final = ("run", "state", "verdict", "line", "operator", "order", "product", "exit_status", "lost", "changed")
 TIMES: Final = ("started", "ended")
@@ -82,7 +82,7 @@ class Runs(Sequence[Run]):
         return f"<Runs {self.folder}: {len(self)} run{'' if len(self) == 1 else 's'}{more}>"
 
     def _repr_html_(self) -> str:
-        from jbclog.analysis.shown import runs_html
+        from jbclog.analysis.html import runs_html
 
         return runs_html(self)
 

@@ -22,15 +22,15 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from jbclog import spc
-from jbclog.analysis.features import definitions
-from jbclog.analysis.rates import WHAT_A_RATE_CHANGES, rate_text
-from jbclog.errors import UsageError
-from jbclog.features import DEFINITIONS
+from jbclog.analysis import spc
+from jbclog.analysis.metrics.definitions import DEFINITIONS
+from jbclog.analysis.run_metrics import definitions
+from jbclog.analysis.sampling_rates import WHAT_A_RATE_CHANGES, rate_text
+from jbclog.core.errors import UsageError
 
 if TYPE_CHECKING:
     from jbclog.analysis.runs import Runs
-    from jbclog.record.finding_runs import Found
+    from jbclog.record.find_runs import Found
 
 DEFAULT: Final = "idle_error_c"
 UNIT_AT_END: Final = re.compile(r"_(permille_s|permille|percent|c_per_h|mm_s|mm|c|s|j)$")

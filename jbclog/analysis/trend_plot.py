@@ -9,9 +9,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from jbclog import spc
+from jbclog.analysis import spc
 from jbclog.analysis.trend import Floats, Trend, title_of
-from jbclog.errors import UsageError
+from jbclog.core.errors import UsageError
 
 WIDE, HIGH = 9.5, 2.9  # inches of a panel
 BLUE, ORANGE, GREY = "#0072b2", "#d55e00", "#595959"  # told apart by the colour-blind, and in grey by their lightness

@@ -12,8 +12,8 @@ from typing import Final
 import matplotlib as mpl
 from matplotlib.figure import Figure
 
-from jbclog import spc
-from jbclog.analysis.shown import table, text
+from jbclog.analysis import spc
+from jbclog.analysis.html import table, text
 from jbclog.analysis.trend import Point, Trend, metric_text, title_of
 
 MOST: Final = 10

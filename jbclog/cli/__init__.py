@@ -1,9 +1,6 @@
-"""THE COMMAND LINE. A file a verb, thin: options in, one call, sentences out. The only room that prints.
+"""The command line: options in, words out, a file a verb. The only package that prints.
 
-Owns: options, help, progress, the wording of results, exit codes as the shell sees them.
-Never: decides anything about soldering, stations or records.
-May use: every room; what is heavy is imported in the verb that needs it, so that `jbclog --help` stays quick.
-Start reading: `app.py`, then `run.py`.
+Start with `app.py`, then `run.py`. What is heavy is imported in the verb that needs it, so that `--help` stays quick.
 """
 
 from jbclog.cli.app import main

@@ -9,11 +9,11 @@ import typer
 
 from jbclog.cli import options
 from jbclog.cli.output import ends_with_errors_told, note, tell, tell_json
-from jbclog.cli.place import expect_run
-from jbclog.errors import UsageError
+from jbclog.cli.run_folder import expect_run
+from jbclog.core.errors import UsageError
 
 if TYPE_CHECKING:
-    from jbclog.analysis.alarms import Alarms
+    from jbclog.analysis.run_alarms import Alarms
 
 ACK = "ack"
 
@@ -52,7 +52,7 @@ def alarms(
 
 def _alarms_of(run: Path) -> Alarms:
     expect_run(run)
-    from jbclog.analysis import open_run
+    from jbclog.analysis.run import open_run
 
     return open_run(run).alarm_findings()
 
@@ -77,7 +77,7 @@ def _show(run: Path, *, as_json: bool) -> None:
 
 def _wrong_annotations(run: Path) -> list[str]:
     """Where the file of acknowledgements was changed or cut, a sentence each; a run that is not sealed has none."""
-    from jbclog.errors import RecordError
+    from jbclog.core.errors import RecordError
     from jbclog.record.annotations import read
 
     try:
@@ -87,9 +87,9 @@ def _wrong_annotations(run: Path) -> list[str]:
 
 
 def _acknowledge(run: Path, episode: str, by: str | None, reason: str | None, *, as_json: bool) -> None:
-    from jbclog.analysis.alarms import ACKNOWLEDGED
+    from jbclog.analysis.run_alarms import ACKNOWLEDGED
     from jbclog.record.annotations import append
-    from jbclog.record.lineage import short_head
+    from jbclog.record.run_chain import short_head
 
     who, why = _given("--by", by), _given("--reason", reason)
     found = _alarms_of(run)

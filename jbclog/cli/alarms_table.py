@@ -6,10 +6,10 @@ from collections.abc import Iterator
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING
 
-from jbclog.episodes import Detector, Episode, Figures, Incident, State
+from jbclog.analysis.alarms import Detector, Episode, Figures, Incident, State
 
 if TYPE_CHECKING:
-    from jbclog.analysis.alarms import Alarms
+    from jbclog.analysis.run_alarms import Alarms
 
 WITNESS = {Detector.STATION: "flag", Detector.SAMPLES: "samples", Detector.AFTERWARDS: "excursion"}
 

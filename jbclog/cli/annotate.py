@@ -8,8 +8,8 @@ import typer
 
 from jbclog.cli import options
 from jbclog.cli.output import ends_with_errors_told, note, tell, tell_json
-from jbclog.cli.place import expect_run
-from jbclog.errors import UsageError
+from jbclog.cli.run_folder import expect_run
+from jbclog.core.errors import UsageError
 
 
 @ends_with_errors_told
@@ -51,7 +51,7 @@ def annotate(
 
 def _say(run: Path, option: str, text: str, by: str | None, reason: str | None, *, as_json: bool, kind: str = "note") -> None:
     from jbclog.record.annotations import append
-    from jbclog.record.lineage import short_head
+    from jbclog.record.run_chain import short_head
 
     who, why = _given("--by", by), _given("--reason", reason)
     options.check_text(option, text)

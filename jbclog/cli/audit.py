@@ -13,14 +13,14 @@ import typer
 from jbclog.cli import options
 from jbclog.cli.audit_files import check_files
 from jbclog.cli.output import ends_with_errors_told, is_terminal, note, tell
-from jbclog.errors import UsageError
+from jbclog.core.errors import UsageError
 
 if TYPE_CHECKING:
-    from jbclog.audit.ending import Finding
-    from jbclog.audit.tasks import Task
     from jbclog.cli.audit_end import End
-    from jbclog.odometer.observed import Observation
-    from jbclog.recipe.line import Line
+    from jbclog.config.line import Line
+    from jbclog.config.tasks_file import Task
+    from jbclog.maintenance.counter_totals.observed import Observation
+    from jbclog.maintenance.ending import Finding
 
 LEDGER = typer.Option(None, "--ledger", metavar="FILE", help="The ledger: made where it is not there, only ever added to.")
 LINES = typer.Option([], "--line", "-l", metavar="FILE", help="The line file; may be repeated.", show_default=False)
@@ -85,7 +85,7 @@ def audit(
 
 def _lines(paths: Sequence[Path]) -> list[Line]:
     """The line files, in which every station has a name of its own. Raises `UsageError`."""
-    from jbclog.recipe.line import load_line
+    from jbclog.config.line import load_line
 
     lines = [load_line(path) for path in dict.fromkeys(paths)]
     seen: dict[str, Path] = {}
@@ -100,14 +100,14 @@ def _tasks(path: Path | None) -> Sequence[Task]:
     """The maintenance tasks of the file; none without one. Raises `Problems`."""
     if path is None:
         return ()
-    from jbclog.audit.tasks import load_tasks
+    from jbclog.config.tasks_file import load_tasks
 
     return load_tasks(path)
 
 
 def _findings(text: str | None) -> tuple[Finding, ...]:
     """What --fail-on names. Raises `UsageError`."""
-    from jbclog.audit.ending import USUAL, Finding
+    from jbclog.maintenance.ending import USUAL, Finding
 
     if text is None:
         return USUAL
@@ -122,10 +122,10 @@ def _findings(text: str | None) -> tuple[Finding, ...]:
 
 
 def _audited(lines: Sequence[Line], ledger: Path, tasks: Sequence[Task], fail_on: Collection[Finding], runs: Path | None) -> End:
-    from jbclog.auditing import audit_lines, fleet_audit
+    from jbclog.app.audit.run_audit import audit_lines, fleet_audit
+    from jbclog.app.audit.survey import AT_ONCE, Looking
     from jbclog.cli.audit_end import End
-    from jbclog.counting.looking import AT_ONCE, Looking
-    from jbclog.drive.signals import Signals
+    from jbclog.transport.signals import Signals
 
     looking, heard = Looking(), []
 
@@ -151,7 +151,7 @@ def _note_unseen(seen: Observation) -> None:
 
 def _tell_timers(lines: Sequence[Path], files: Mapping[str, Path | None], fail_on: str | None) -> None:
     """The call with these very files, wherever it is called from."""
-    from jbclog.counting.timers import Timed, program, timers_lines
+    from jbclog.app.audit.timers import Timed, program, timers_lines
 
     given = [("--line", path) for path in lines or [LINE_PLACE]]
     given += [(option, path) for option, path in files.items() if path is not None]

@@ -8,15 +8,15 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from jbclog.audit.ending import Finding, exit_code
-from jbclog.audit.fleet import FleetAudit
-from jbclog.audit.plain import plain_audit
-from jbclog.audit.sheet import sheet_of
-from jbclog.auditing import STOPPED
+from jbclog.app.audit.run_audit import STOPPED
 from jbclog.cli.audit_table import lines
 from jbclog.cli.output import note, tell, tell_json
-from jbclog.errors import RecordError
-from jbclog.record.durable import write_whole
+from jbclog.core.durable_files import write_whole
+from jbclog.core.errors import RecordError
+from jbclog.maintenance.ending import Finding, exit_code
+from jbclog.maintenance.fleet import FleetAudit
+from jbclog.report.audit.csv_table import sheet_of
+from jbclog.report.audit.json_object import plain_audit
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -74,6 +74,6 @@ class End:
 
 
 def _page(audit: FleetAudit) -> str:
-    from jbclog.audit.page import page_of
+    from jbclog.report.audit.page import page_of
 
     return page_of(audit)

@@ -6,7 +6,7 @@ import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from jbclog.errors import UsageError
+from jbclog.core.errors import UsageError
 
 
 def check_files(made: Mapping[str, Path | None], kept: Sequence[Path]) -> None:

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Final
 
-from jbclog.audit.due import State, TaskState
-from jbclog.audit.ending import ABSENT
-from jbclog.audit.fleet import FleetAudit, Meter, StationAudit
-from jbclog.audit.glance import Row, at_a_glance
-from jbclog.audit.words import STATES, day, of_life, percent, window
-from jbclog.odometer.observed import Standing
-from jbclog.shown import clean
+from jbclog.core.text import clean
+from jbclog.maintenance.counter_totals.observed import Standing
+from jbclog.maintenance.due import State, TaskState
+from jbclog.maintenance.ending import ABSENT
+from jbclog.maintenance.fleet import FleetAudit, Meter, StationAudit
+from jbclog.report.audit.overview import Row, at_a_glance
+from jbclog.report.audit.wording import STATES, day, of_life, percent, window
 
 NO_ERROR: Final = frozenset({"ok", "normal, ready"})
 SHOWN: Final = "work_h"

@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING
 import typer
 
 from jbclog.cli import options
+from jbclog.cli.nonblocking_stdio import never_wait
 from jbclog.cli.output import ends_with_errors_told, note, tell, tell_json
-from jbclog.cli.unheld import never_wait
-from jbclog.errors import UsageError
+from jbclog.core.errors import UsageError
 
 if TYPE_CHECKING:
-    from jbclog.cli.batch_shown import Lines, Screen
-    from jbclog.foreman.work import Foreman
+    from jbclog.app.batch.executor import Foreman
+    from jbclog.cli.batch_progress import Lines, Screen
 
 
 @ends_with_errors_told
@@ -49,15 +49,15 @@ def batch(
     Example:
       jbclog batch profiles/batches/night.toml
     """
-    from jbclog.batch.due import SystemZone
-    from jbclog.batch.jobs_file import load_jobs
-    from jbclog.batch.journal import NAME, home_of
-    from jbclog.cli.batch_shown import shown_by
-    from jbclog.cli.batch_told import beginning, facts, intentions, local, table
-    from jbclog.foreman.hold import hold
-    from jbclog.foreman.order import orders_of
-    from jbclog.foreman.shift import take
-    from jbclog.foreman.work import LOOK_EVERY_S, Means
+    from jbclog.app.batch.executor import LOOK_EVERY_S, Means
+    from jbclog.app.batch.job_spec import orders_of
+    from jbclog.app.batch.journal import NAME, home_of
+    from jbclog.app.batch.resume import take
+    from jbclog.app.batch.single_batch import hold
+    from jbclog.cli.batch_progress import shown_by
+    from jbclog.cli.batch_wording import beginning, facts, intentions, local, table
+    from jbclog.config.job_time import SystemZone
+    from jbclog.config.jobs_file import load_jobs
 
     if resume and anew:
         raise UsageError("--resume goes on, --anew gives up what there is: give one of the two")
@@ -85,8 +85,8 @@ def batch(
 
 def _carry_out(foreman: Foreman, shown: Lines | Screen) -> int:
     """As far as it goes; give the exit code. What follows are last words, which no signal ends."""
-    from jbclog.conduct import heard
-    from jbclog.drive.signals import Signals
+    from jbclog.app.run.runner import heard
+    from jbclog.transport.signals import Signals
 
     with Signals(heard(), for_good=True) as signals:
         signals.tell(foreman.interrupt)

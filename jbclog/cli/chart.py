@@ -10,11 +10,11 @@ import typer
 
 from jbclog.cli import options
 from jbclog.cli.output import ends_with_errors_told, note, tell, tell_json
-from jbclog.cli.place import expect_file_place, expect_run, is_folder
-from jbclog.errors import RecordError, UsageError
+from jbclog.cli.run_folder import expect_file_place, expect_run, is_folder
+from jbclog.core.errors import RecordError, UsageError
 
 if TYPE_CHECKING:
-    from jbclog.analysis.charting import Charted, Counted, Ranked
+    from jbclog.analysis.charts import Charted, Counted, Ranked
     from jbclog.analysis.control_limits import Limits
 
 PICTURES = (".png", ".svg", ".pdf")
@@ -54,7 +54,7 @@ def chart(
     if plot is not None and plot.suffix.lower() not in PICTURES:
         raise UsageError(f"--plot {plot}: give a file that ends in {', '.join(PICTURES)}")
     expect_file_place("--plot", plot)
-    from jbclog.analysis.charting import COUNTED
+    from jbclog.analysis.charts import COUNTED
 
     if metric in COUNTED:
         for option, given in (("--limits", limits), ("--lower", lower), ("--upper", upper)):
@@ -99,10 +99,11 @@ def _measured(
     *,
     all_tests: bool,
 ) -> list[Charted]:
-    from jbclog.analysis import open_run, open_runs
-    from jbclog.analysis.charting import OF_VALUES, charted, series_of_run, series_of_runs
+    from jbclog.analysis.charts import OF_VALUES, charted, series_of_run, series_of_runs
+    from jbclog.analysis.run import open_run
+    from jbclog.analysis.runs import open_runs
+    from jbclog.analysis.spc import ALL_TESTS, DEFAULT_TESTS
     from jbclog.analysis.trend import expect_limits
-    from jbclog.spc import ALL_TESTS, DEFAULT_TESTS
 
     if kind not in OF_VALUES:
         raise UsageError(f"--kind {kind}: {metric} has {', '.join(OF_VALUES)}")
@@ -120,26 +121,28 @@ def _measured(
 
 
 def _counted(source: Path, metric: str, kind: str | None, every: str) -> Counted | Ranked:
-    from jbclog.analysis import charting, open_run, open_runs
-    from jbclog.recipe.spans import EXAMPLES, span_s
+    from jbclog.analysis import charts
+    from jbclog.analysis.run import open_run
+    from jbclog.analysis.runs import open_runs
+    from jbclog.config.durations import EXAMPLES, span_s
 
-    possible = charting.COUNTED[metric]
+    possible = charts.COUNTED[metric]
     if kind not in (None, *possible):
         raise UsageError(f"--kind {kind}: {metric} has {', '.join(possible)}")
     is_run, is_ranked = _is_run(source), (kind or possible[0]) == "pareto"
     if metric == "rejects":
         if is_run:
             raise UsageError("rejects are counted over runs: give the folder of runs")
-        return charting.rejects(open_runs(source))
+        return charts.rejects(open_runs(source))
     if is_ranked:
-        rank = charting.ranked_alarms if metric == "alarms" else charting.ranked_losses
+        rank = charts.ranked_alarms if metric == "alarms" else charts.ranked_losses
         return rank([open_run(source)] if is_run else open_runs(source))
     if not is_run:
-        return charting.alarms_in_runs(open_runs(source))
+        return charts.alarms_in_runs(open_runs(source))
     seconds = span_s(every)
     if not seconds:
         raise UsageError(f"--every {every}: give {EXAMPLES}")
-    return charting.alarms_in_run(open_run(source), seconds)
+    return charts.alarms_in_run(open_run(source), seconds)
 
 
 def _tell(found: list[Charted | Counted | Ranked], source: Path, metric: str, cited: str | None, *, as_json: bool) -> None:

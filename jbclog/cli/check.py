@@ -8,8 +8,8 @@ import typer
 
 from jbclog.cli import options
 from jbclog.cli.output import ends_with_errors_told, tell, tell_json
-from jbclog.cli.place import expect_run
-from jbclog.errors import UsageError
+from jbclog.cli.run_folder import expect_run
+from jbclog.core.errors import UsageError
 
 
 @ends_with_errors_told
@@ -36,12 +36,12 @@ def check(
     Example:
       jbclog check runs/20261121T013000Z-bench-3-k7qd
     """
-    from jbclog.judged_again import held
+    from jbclog.analysis.rejudge import held
     from jbclog.record.check import Finding
     from jbclog.record.check import check as check_run
-    from jbclog.record.elsewhere import uncovered
-    from jbclog.record.lineage import HEAD, SHOWN, digits, short_head
+    from jbclog.record.cross_check import uncovered
     from jbclog.record.manifest import NAME, manifest_sha256, read_manifest
+    from jbclog.record.run_chain import HEAD, SHOWN, digits, short_head
 
     if head is not None and not HEAD.fullmatch(head):
         raise UsageError(f"--head {head}: give it as the report shows it, such as 3f2a-91bc-77de-0a12-5c08-b6e1")

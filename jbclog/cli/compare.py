@@ -9,8 +9,8 @@ import typer
 
 from jbclog.cli import options
 from jbclog.cli.output import ends_with_errors_told, note, tell, tell_json
-from jbclog.cli.place import expect_file_place, expect_run
-from jbclog.errors import RecordError, UsageError
+from jbclog.cli.run_folder import expect_file_place, expect_run
+from jbclog.core.errors import RecordError, UsageError
 
 if TYPE_CHECKING:
     from jbclog.analysis.compare import Comparison
@@ -40,9 +40,9 @@ def compare(
     if plot is not None and plot.suffix.lower() not in PICTURES:
         raise UsageError(f"--plot {plot}: give a file that ends in {', '.join(PICTURES)}")
     expect_file_place("--plot", plot)
-    from jbclog.analysis import open_run
     from jbclog.analysis.compare import compare as compared
     from jbclog.analysis.compare_words import facts, lines
+    from jbclog.analysis.run import open_run
 
     found = compared(open_run(first), open_run(second), margin)
     if as_json:

@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING
 import typer
 
 from jbclog.cli import options
+from jbclog.cli.nonblocking_stdio import never_wait
 from jbclog.cli.output import ends_with_errors_told, note, tell, tell_json
-from jbclog.cli.unheld import never_wait
 
 if TYPE_CHECKING:
-    from jbclog.dossier import Result
+    from jbclog.app.run.run_record import Result
 
 LEAST_S = 14.0  # heating up takes seven seconds, the faults the rest
 DROPPED, OVERHEATED = "dde-2", "ucr-1"
@@ -37,7 +37,7 @@ def demo(
     Example:
       jbclog demo --out demo-runs
     """
-    from jbclog.report import write_report
+    from jbclog.report.write import write_report
 
     never_wait()
     result = _record(out, seconds, quiet=as_json)
@@ -54,10 +54,10 @@ def demo(
 
 
 def _record(out: Path, seconds: float, *, quiet: bool) -> Result:
-    from jbclog.cli.aside import Aside
+    from jbclog.app.run.plan import Metadata, Wanted, make_plan
+    from jbclog.app.run.runner import conduct
+    from jbclog.cli.background_observer import Aside
     from jbclog.cli.progress import observer
-    from jbclog.conduct import conduct
-    from jbclog.plan import Metadata, Wanted, make_plan
     from jbclog.sim.process import SimProcess
 
     metadata = Metadata("demo", "DEMO-1", "demo board", (), {"note": "virtual stations"})

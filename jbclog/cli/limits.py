@@ -9,8 +9,8 @@ import typer
 
 from jbclog.cli import options
 from jbclog.cli.output import ends_with_errors_told, note, tell, tell_json
-from jbclog.cli.place import expect_run
-from jbclog.errors import RecordError, UsageError
+from jbclog.cli.run_folder import expect_run
+from jbclog.core.errors import RecordError, UsageError
 
 LEARN, SHOW = "learn", "show"
 
@@ -49,12 +49,12 @@ def _learn(runs: list[Path], metric: str, station: str | None, port: int | None,
         expect_run(run)
     if out.exists():
         raise UsageError(f"--out {out} is there already; charts cite limits by their hash, so give another name")
-    from jbclog.analysis import open_run
-    from jbclog.analysis.charting import joined, joint_metrics, series_of_run
+    from jbclog.analysis.charts import joined, joint_metrics, series_of_run
     from jbclog.analysis.control_limits import Source, as_bytes, learn, limits_of
-    from jbclog.record.durable import write_new
+    from jbclog.analysis.run import open_run
+    from jbclog.analysis.spc import Refused
+    from jbclog.core.durable_files import write_new
     from jbclog.record.manifest import manifest_sha256
-    from jbclog.spc import Refused
 
     series = joined([each for run in runs for each in series_of_run(open_run(run), metric, station, port)])
     learnt = [(one, learn(one)) for one in series]

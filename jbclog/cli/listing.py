@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from jbclog.byhand.contact import Target, meet
-from jbclog.byhand.names import Kind
+from jbclog.app.connection import ask
 from jbclog.cli.output import note, tell, tell_json
 from jbclog.cli.values import list_facts, list_lines
-from jbclog.commands.family import Family
-from jbclog.reach import ask
+from jbclog.protocol.commands.family import Family
+from jbclog.session.manual.contact import Target, meet
+from jbclog.session.manual.names import Kind
 
 
 def tell_names(target: Target, kind: Kind, *, as_json: bool) -> None:

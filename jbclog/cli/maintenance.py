@@ -13,12 +13,12 @@ import typer
 
 from jbclog.cli import options
 from jbclog.cli.output import ends_with_errors_told, tell, tell_json
-from jbclog.errors import RecordError, UsageError
+from jbclog.core.errors import RecordError, UsageError
 
 if TYPE_CHECKING:
-    from jbclog.audit.book import Book
-    from jbclog.audit.naming import Place
-    from jbclog.odometer.observed import Fact
+    from jbclog.maintenance.counter_totals.observed import Fact
+    from jbclog.maintenance.ledger import Book
+    from jbclog.maintenance.naming import Place
 
 DONE, LIST = "done", "list"
 STATION = typer.Option(None, "--station", "-s", metavar="NAME", help="Which station; LINE/NAME where two lines have it.")
@@ -64,8 +64,8 @@ def maintenance(
         raise UsageError("maintenance: give `done` with --station and --task, or `list`")
     if by is not None and not by.strip():
         raise UsageError("--by: say who did it")
-    from jbclog.audit.naming import expect_port, place_of, task_of
-    from jbclog.odometer.observed import Fact
+    from jbclog.maintenance.counter_totals.observed import Fact
+    from jbclog.maintenance.naming import expect_port, place_of, task_of
 
     book = _read(ledger)
     book.expect_ledger()
@@ -78,13 +78,13 @@ def maintenance(
 
 
 def _read(ledger: Path) -> Book:
-    from jbclog.audit.book import read_book
+    from jbclog.maintenance.ledger import read_book
 
     return read_book(ledger)
 
 
 def _places(line: Path | None) -> list[Place]:
-    from jbclog.recipe.line import load_line
+    from jbclog.config.line import load_line
 
     loaded = None if line is None else load_line(line)
     return [] if loaded is None else [(loaded.name, one.name) for one in loaded.stations]
@@ -93,7 +93,7 @@ def _places(line: Path | None) -> list[Place]:
 def _names(tasks: Path | None) -> Sequence[str] | None:
     if tasks is None:
         return None
-    from jbclog.audit.tasks import load_tasks
+    from jbclog.config.tasks_file import load_tasks
 
     return [one.name for one in load_tasks(tasks)]
 
@@ -123,7 +123,7 @@ def _user() -> str:
 
 
 def _keep(fact: Fact, ledger: Path, *, as_json: bool) -> None:
-    from jbclog.audit.book import add
+    from jbclog.maintenance.ledger import add
 
     (kept,) = add(ledger, [fact])
     if as_json:
@@ -135,7 +135,7 @@ def _keep(fact: Fact, ledger: Path, *, as_json: bool) -> None:
 
 def _list(book: Book, station: str | None, *, as_json: bool) -> None:
     """Oldest first, by when it was done."""
-    from jbclog.audit.naming import place_of
+    from jbclog.maintenance.naming import place_of
 
     place = None if station is None else place_of(station, book)
     facts = sorted((one for one in book.facts if place in (None, (one.line, one.station))), key=lambda one: one.time)

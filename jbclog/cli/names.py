@@ -12,12 +12,12 @@ from typing import TYPE_CHECKING
 import typer
 from typer.core import TyperCommand
 
-from jbclog.errors import JbclogError
+from jbclog.core.errors import JbclogError
 
 if TYPE_CHECKING:
-    from jbclog.byhand.names import Kind
-    from jbclog.commands.command import Command
-    from jbclog.commands.family import Family
+    from jbclog.protocol.commands.command import Command
+    from jbclog.protocol.commands.family import Family
+    from jbclog.session.manual.names import Kind
 
 USUAL_LINE = Path("line.toml")  # what the shell completes from while no --line has been typed
 NEGATIVE = re.compile(r"-\d+(\.\d+)?", re.ASCII)
@@ -49,7 +49,7 @@ class ReadCommand(_NamingCommand):
     """`read`: everything that can be read."""
 
     def _kind(self) -> Kind:
-        from jbclog.byhand.names import readable
+        from jbclog.session.manual.names import readable
 
         return readable
 
@@ -58,19 +58,19 @@ class WriteCommand(_NamingCommand):
     """`write`: everything that can be written."""
 
     def _kind(self) -> Kind:
-        from jbclog.byhand.names import writable
+        from jbclog.session.manual.names import writable
 
         return writable
 
     def _more(self) -> list[str]:
-        from jbclog.byhand.names import anywhere
+        from jbclog.session.manual.names import anywhere
 
         dangerous = [command.name for command in anywhere().values() if command.dangerous]
         return [f"Dangerous, and done only with --yes-i-mean STATION:\n{_wrapped(dangerous)}"]
 
 
 def _shared_text(kind: Kind) -> str:
-    from jbclog.byhand.names import shared
+    from jbclog.session.manual.names import shared
 
     parts = ["Names (with a station and no name: those of that station, with units, ranges and manual):"]
     for families, names in shared(kind):
@@ -91,7 +91,7 @@ def _wrapped(names: Iterable[str]) -> str:
 
 def complete_station(ctx: typer.Context, incomplete: str) -> Completions:
     """The names of the line file that was given, or of `line.toml` in this folder."""
-    from jbclog.recipe.line import load_line
+    from jbclog.config.line import load_line
 
     try:
         stations = load_line(_line(ctx)).stations
@@ -102,23 +102,23 @@ def complete_station(ctx: typer.Context, incomplete: str) -> Completions:
 
 def complete_signal(ctx: typer.Context, incomplete: str) -> Completions:
     """What can be read of the station that was named; of any, where it is not known."""
-    from jbclog.byhand.names import readable
+    from jbclog.session.manual.names import readable
 
     return _complete(ctx, incomplete, readable)
 
 
 def complete_setting(ctx: typer.Context, incomplete: str) -> Completions:
     """What can be written to the station that was named; to any, where it is not known."""
-    from jbclog.byhand.names import writable
+    from jbclog.session.manual.names import writable
 
     return _complete(ctx, incomplete, writable)
 
 
 def complete_value(ctx: typer.Context, incomplete: str) -> Completions:
     """The words that the setting takes; a number nobody can complete."""
-    from jbclog.byhand.names import anywhere
-    from jbclog.byhand.values import words_for
-    from jbclog.commands.family import FAMILIES
+    from jbclog.protocol.commands.family import FAMILIES
+    from jbclog.session.manual.names import anywhere
+    from jbclog.session.manual.values import words_for
 
     name = str(ctx.params.get("setting"))
     family = _family(ctx) or next((one for one in FAMILIES.values() if name in one.commands), None)
@@ -129,7 +129,7 @@ def complete_value(ctx: typer.Context, incomplete: str) -> Completions:
 
 
 def _complete(ctx: typer.Context, incomplete: str, kind: Kind) -> Completions:
-    from jbclog.byhand.names import anywhere
+    from jbclog.session.manual.names import anywhere
 
     family = _family(ctx)
     commands = (family.commands if family else anywhere()).values()
@@ -138,7 +138,7 @@ def _complete(ctx: typer.Context, incomplete: str, kind: Kind) -> Completions:
 
 def _about(command: Command, family: Family | None) -> str:
     """``°C, per port; steps of 5 °C, within what the station itself allows``."""
-    from jbclog.byhand.names import values_text
+    from jbclog.session.manual.names import values_text
 
     place = f"{command.unit}, per {command.scope.value}" if command.unit else f"per {command.scope.value}"
     values = f"; {values_text(command, family)}" if command.writable and family is not None else ""
@@ -146,7 +146,7 @@ def _about(command: Command, family: Family | None) -> str:
 
 
 def _family(ctx: typer.Context) -> Family | None:
-    from jbclog.reach import target_in
+    from jbclog.app.connection import target_in
 
     try:
         return target_in(_line(ctx), str(ctx.params.get("station"))).family

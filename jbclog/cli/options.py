@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING
 import typer
 
 from jbclog.cli.names import complete_station
-from jbclog.errors import UsageError
+from jbclog.core.errors import UsageError
 
 if TYPE_CHECKING:
-    from jbclog.plan import Metadata, Wanted
+    from jbclog.app.run.plan import Metadata, Wanted
 
 LINE = typer.Option(..., "--line", "-l", metavar="FILE", help="The line file: which stations, on which ports.", show_default=False)
 RECIPE = typer.Argument(
@@ -74,7 +74,7 @@ def duration_s(text: str | None) -> float | None:
     """Seconds in ``90s``, ``15m``, ``8h``, ``1h30m`` or a bare number. Raises `UsageError`."""
     if text is None:
         return None
-    from jbclog.recipe.spans import EXAMPLES, span_s
+    from jbclog.config.durations import EXAMPLES, span_s
 
     seconds = span_s(text)
     if seconds is None:
@@ -118,7 +118,7 @@ def metadata(
 
     Raises `UsageError` where a text could not be kept, shown or signed as it is.
     """
-    from jbclog.plan import Metadata
+    from jbclog.app.run.plan import Metadata
 
     told = [("--operator", operator), ("--order", order), ("--product", product)]
     told += [(option, text) for option, texts in several.items() for text in texts]
@@ -151,7 +151,7 @@ def wanted(
     allow_omega_write: bool = False,
 ) -> Wanted:
     """What the options ask for."""
-    from jbclog.plan import Wanted
+    from jbclog.app.run.plan import Wanted
 
     return Wanted(
         line,

@@ -13,8 +13,8 @@ from typing import ParamSpec
 import typer
 
 from jbclog.cli.streams import point_to_null, writes_unicode
-from jbclog.errors import JbclogError, Problems
-from jbclog.shown import clean, json_line
+from jbclog.core.errors import JbclogError, Problems
+from jbclog.core.text import clean, json_line
 
 P = ParamSpec("P")
 INTERNAL_ERROR = 1

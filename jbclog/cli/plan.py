@@ -10,9 +10,9 @@ from jbclog.cli import options
 from jbclog.cli.output import ends_with_errors_told, note, tell, tell_json
 
 if TYPE_CHECKING:
-    from jbclog.plan import Plan, StationPlan
-    from jbclog.recipe.settings import Setting
-    from jbclog.scheduler import Demand
+    from jbclog.app.run.plan import Plan, StationPlan
+    from jbclog.config.recipe_settings import Setting
+    from jbclog.session.scheduler import Demand
 
 
 @ends_with_errors_told
@@ -33,7 +33,7 @@ def plan(
     Example:
       jbclog plan profiles/recipes/sn100c-tht.toml --line profiles/lines/bench.toml
     """
-    from jbclog.plan import make_plan
+    from jbclog.app.run.plan import make_plan
 
     made = make_plan(options.wanted(line, recipe, stations, None, rate, allow_omega_write=allow_omega_write))
     for text in made.notes:
@@ -48,9 +48,9 @@ def plan(
 
 
 def _facts(station: StationPlan, made: Plan) -> dict[str, object]:
-    from jbclog.quantities import text_of
-    from jbclog.scheduler import KEPT_BY_AUTO
-    from jbclog.session.order import AS_AUTO
+    from jbclog.core.quantities import text_of
+    from jbclog.session.run.context import AS_AUTO
+    from jbclog.session.scheduler import KEPT_BY_AUTO
 
     demand, rate_hz, turnaround = station.demand, station.rate_hz, station.turnaround_s
     known: dict[str, object] = {} if demand is None else {"best_rate_hz": demand.best_rate_hz(turnaround)}
@@ -173,9 +173,9 @@ def _faster_line(station: StationPlan) -> list[str]:
 
 def _auto_lines(station: StationPlan, demand: Demand, rate_hz: float) -> list[str]:
     """What a rate that is to be chosen rests on, and up to where the choice stays the same."""
-    from jbclog.scheduler import KEPT_BY_AUTO
-    from jbclog.session.order import AS_AUTO
-    from jbclog.session.pace import SOME_RATES
+    from jbclog.session.run.context import AS_AUTO
+    from jbclog.session.run.pace import SOME_RATES
+    from jbclog.session.scheduler import KEPT_BY_AUTO
 
     if station.asked_rate != AS_AUTO:
         return []

@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from jbclog.cli.output import is_terminal, note, wrapped
-from jbclog.rows import EventRow, Severity
-from jbclog.session.order import Desk, PortState
-from jbclog.shown import clean
+from jbclog.core.rows import EventRow, Severity
+from jbclog.core.text import clean
+from jbclog.session.run.context import Desk, PortState
 
 if TYPE_CHECKING:
     from rich.live import Live

@@ -10,11 +10,11 @@ import typer
 from jbclog.cli import options
 from jbclog.cli.names import complete_signal
 from jbclog.cli.output import ends_with_errors_told, note, tell, tell_json
-from jbclog.errors import StartRefused, UsageError
+from jbclog.core.errors import StartRefused, UsageError
 
 if TYPE_CHECKING:
-    from jbclog.byhand.contact import Contact, Place, Target
-    from jbclog.byhand.read import Reading
+    from jbclog.session.manual.contact import Contact, Place, Target
+    from jbclog.session.manual.read import Reading
 
 NAME_WIDTH = 40
 
@@ -41,8 +41,8 @@ def read(
     Example:
       jbclog read dde-1 tip_temperature --port 2 --line virtual/line.toml
     """
-    from jbclog.byhand.contact import Place
-    from jbclog.reach import target_in
+    from jbclog.app.connection import target_in
+    from jbclog.session.manual.contact import Place
 
     target = target_in(line, station)
     asked = Place(port, tool, condition)
@@ -58,8 +58,8 @@ def read(
 
 
 def _list(target: Target, asked: Place, *, as_json: bool) -> None:
-    from jbclog.byhand.names import readable
     from jbclog.cli.listing import tell_names
+    from jbclog.session.manual.names import readable
 
     if any(number is not None for number in asked):
         raise UsageError("--port, --tool and --condition want a name, or --all")
@@ -77,8 +77,8 @@ class _Seen:
         self._contact: Contact | None = None
 
     def take(self, contact: Contact, reading: Reading) -> None:
+        from jbclog.app.connection import utc_of
         from jbclog.cli.values import reading_facts
-        from jbclog.reach import utc_of
 
         if self._contact is None and not contact.is_proven:
             note(f"note: {contact.stranger()}; it is read by the tables of {contact.family.name}")
@@ -103,10 +103,10 @@ class _Named(_Seen):
         self._places: list[Place] = []
 
     def ask(self, target: Target) -> None:
-        from jbclog.byhand.contact import check_place
-        from jbclog.byhand.names import find, readable
-        from jbclog.byhand.read import read_value
-        from jbclog.reach import ask
+        from jbclog.app.connection import ask
+        from jbclog.session.manual.contact import check_place
+        from jbclog.session.manual.names import find, readable
+        from jbclog.session.manual.read import read_value
 
         command = find(self._name, target.family, readable)
         if target.family is not None:
@@ -123,8 +123,8 @@ class _Named(_Seen):
         return place.port is None or self.asked.port is not None
 
     def show(self, contact: Contact, reading: Reading) -> None:
-        from jbclog.byhand.contact import title
-        from jbclog.byhand.values import shown
+        from jbclog.session.manual.contact import title
+        from jbclog.session.manual.values import shown
 
         self._places.append(reading.place)
         if reading.is_void:
@@ -148,9 +148,9 @@ class _All(_Seen):
     """Everything that can be read without changing anything."""
 
     def ask(self, target: Target) -> None:
-        from jbclog.byhand.names import why_only_by_name
-        from jbclog.byhand.read import only_by_name, read_all
-        from jbclog.reach import ask
+        from jbclog.app.connection import ask
+        from jbclog.session.manual.names import why_only_by_name
+        from jbclog.session.manual.read import only_by_name, read_all
 
         if any(number is not None for number in self.asked):
             raise UsageError("--all reads every port, and the tools connected: leave --port, --tool and --condition out")
@@ -162,8 +162,8 @@ class _All(_Seen):
             note(f"note: read only by name: {', '.join(left_out)}")
 
     def show(self, contact: Contact, reading: Reading) -> None:
-        from jbclog.byhand.contact import title
-        from jbclog.byhand.values import shown
+        from jbclog.session.manual.contact import title
+        from jbclog.session.manual.values import shown
 
         if reading.value is not None:
             text = shown(reading.value, reading.command, contact.family)

@@ -9,8 +9,8 @@ import typer
 
 from jbclog.cli import options
 from jbclog.cli.output import ends_with_errors_told, tell, tell_json
-from jbclog.cli.place import is_folder
-from jbclog.errors import RecordError, Unsafe, UsageError
+from jbclog.cli.run_folder import is_folder
+from jbclog.core.errors import RecordError, Unsafe, UsageError
 
 if TYPE_CHECKING:
     from jbclog.record.recover import Recovery

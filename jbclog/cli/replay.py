@@ -11,16 +11,16 @@ import typer
 
 from jbclog.cli import options
 from jbclog.cli.output import ends_with_errors_told, note, tell, tell_json
-from jbclog.cli.place import is_folder
-from jbclog.errors import UsageError
+from jbclog.cli.run_folder import is_folder
+from jbclog.core.errors import UsageError
 
 if TYPE_CHECKING:
-    from jbclog.drive.told import Astray
-    from jbclog.replaying.again import Again, Held
-    from jbclog.replaying.recording import Recording
-    from jbclog.rows import EventRow
-    from jbclog.session.order import Desk
-    from jbclog.sim.tape import TapeStation
+    from jbclog.app.replay.recording import Recording
+    from jbclog.app.replay.reproduce import Again, Held
+    from jbclog.core.rows import EventRow
+    from jbclog.session.run.context import Desk
+    from jbclog.sim.replayed_station import TapeStation
+    from jbclog.transport.session_history import Astray
 
 SERVED_IN = Path("replayed")
 DOUBTFUL = "The recording is not as it was made: what follows rests on those blocks of it alone whose own check sums hold."
@@ -71,7 +71,7 @@ def replay(
     Example:
       jbclog replay runs/20261121T013000Z-bench-3-k7qd --record again
     """
-    from jbclog.replaying.recording import open_recording
+    from jbclog.app.replay.recording import open_recording
 
     if not is_folder(run):
         raise UsageError(f"{run}: there is no such folder; runs are in `runs/`, or where --out put them")
@@ -93,8 +93,8 @@ def replay(
 
 
 def _serve(recording: Recording, folder: Path, tcp: str | None, speed: float) -> None:
-    from jbclog.recipe.url import is_this_host
-    from jbclog.replaying.served import serve
+    from jbclog.app.replay.serving import serve
+    from jbclog.config.port_url import is_this_host
     from jbclog.sim.setup import SERVED_LINE, tcp_of
 
     served_on = tcp_of(tcp) if tcp else None
@@ -113,7 +113,7 @@ def _serve(recording: Recording, folder: Path, tcp: str | None, speed: float) ->
 
 def _command(recording: Recording, line: Path) -> list[str]:
     """The run that asks for the same as then. The line file has the rates that came of it, as far as they are known."""
-    from jbclog.replaying.recording import plan_of
+    from jbclog.app.replay.recording import plan_of
 
     plan, told = plan_of(recording), recording.metadata
     rate = None if recording.rates_hz else recording.first.rate
@@ -152,7 +152,7 @@ class _Nobody:
 
 
 def _record(recording: Recording, out: Path, doubts: Sequence[str], *, as_json: bool) -> int:
-    from jbclog.replaying.again import compare, record_again
+    from jbclog.app.replay.reproduce import compare, record_again
 
     again = record_again(recording, out, _Nobody())
     held = compare(recording, again)

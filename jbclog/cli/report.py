@@ -8,7 +8,7 @@ import typer
 
 from jbclog.cli import options
 from jbclog.cli.output import ends_with_errors_told, tell, tell_json
-from jbclog.cli.place import expect_run
+from jbclog.cli.run_folder import expect_run
 
 
 @ends_with_errors_told
@@ -34,7 +34,7 @@ def report(
     if verify:
         _verify(run, as_json=as_json)
         return
-    from jbclog.report import write_report
+    from jbclog.report.write import write_report
 
     page = write_report(run)
     if as_json:
@@ -46,7 +46,7 @@ def report(
 
 
 def _verify(run: Path, *, as_json: bool) -> None:
-    from jbclog.report import verify_report
+    from jbclog.report.write import verify_report
 
     differing = verify_report(run)
     if as_json:

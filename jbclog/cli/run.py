@@ -9,16 +9,16 @@ from typing import TYPE_CHECKING
 import typer
 
 from jbclog.cli import options
+from jbclog.cli.nonblocking_stdio import never_wait
 from jbclog.cli.output import ends_with_errors_told, note, tell, tell_json
-from jbclog.cli.told import reasons_told, tools_text
-from jbclog.cli.unheld import never_wait
+from jbclog.cli.run_wording import reasons_told, tools_text
 from jbclog.cli.unit_lines import listed, source_of, unshown
-from jbclog.outcome import Exit, in_order
+from jbclog.core.outcome import Exit, in_order
 
 if TYPE_CHECKING:
-    from jbclog.dossier import Result
-    from jbclog.drive.typed import Source
-    from jbclog.plan import Plan, Wanted
+    from jbclog.app.run.plan import Plan, Wanted
+    from jbclog.app.run.run_record import Result
+    from jbclog.transport.typed_lines import Source
 
 MOST_REASONS = 12  # told on the terminal; all of them are in the manifest and the report
 
@@ -84,9 +84,9 @@ def run(
 
 def record(wanted: Wanted, out: Path, units: Source | None = None, *, as_json: bool) -> int:
     """Carry out the one job that there is, as a batch does each of its own, and tell what came of it; give the exit code."""
-    from jbclog.cli.aside import Aside
+    from jbclog.app.run.job import Job, carry_out
+    from jbclog.cli.background_observer import Aside
     from jbclog.cli.progress import observer
-    from jbclog.job import Job, carry_out
 
     shown = Aside(observer(wanted.duration_s, quiet=as_json))
     try:

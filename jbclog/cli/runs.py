@@ -12,12 +12,12 @@ import typer
 
 from jbclog.cli import options
 from jbclog.cli.output import ends_with_errors_told, note, tell, tell_json
-from jbclog.cli.place import is_folder
-from jbclog.errors import UsageError
-from jbclog.shown import clean
+from jbclog.cli.run_folder import is_folder
+from jbclog.core.errors import UsageError
+from jbclog.core.text import clean
 
 if TYPE_CHECKING:
-    from jbclog.record.finding_runs import Found, Unreadable
+    from jbclog.record.find_runs import Found, Unreadable
 
 WIDEST: Final = 30  # cells of a column but the last; --json has all of it
 HEADS: Final = ("started", "line", "recipe", "operator", "order", "product", "units", "verdict", "state", "run")
@@ -60,7 +60,7 @@ def runs(
     Example:
       jbclog runs runs --order "881*" --since 2026-11-01 --verdict REJECT
     """
-    from jbclog.record.finding_runs import Filter, find
+    from jbclog.record.find_runs import Filter, find
 
     if not is_folder(folder):
         raise UsageError(f"{folder}: there is no such folder; runs are in `runs/`, or where --out put them")
@@ -105,7 +105,7 @@ def moment(option: str, text: str | None, *, is_end: bool = False) -> datetime |
 
 
 def _tell(those: Iterable[Found | Unreadable], folder: Path, *, unit: str | None, is_sought: bool, as_json: bool) -> None:
-    from jbclog.record.finding_runs import Found
+    from jbclog.record.find_runs import Found
 
     found: list[Found] = []
     for one in those:

@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING
 import typer
 
 from jbclog.cli import options
+from jbclog.cli.nonblocking_stdio import never_wait
 from jbclog.cli.output import ends_with_errors_told, note, tell, tell_json
-from jbclog.cli.unheld import never_wait
-from jbclog.errors import Unsafe, UsageError
+from jbclog.core.errors import Unsafe, UsageError
 
 if TYPE_CHECKING:
-    from jbclog.byhand.safe import MadeSafe, StationMadeSafe
-    from jbclog.line_safe import EndedRun
+    from jbclog.app.safe_state import EndedRun
+    from jbclog.session.manual.safe import MadeSafe, StationMadeSafe
 
 
 COLD_C = 60.0
@@ -47,8 +47,8 @@ def safe(
     Example:
       jbclog safe --line virtual/line.toml --wait
     """
-    from jbclog.line_safe import close_leases, end_runs, make_line_safe, wait_until_cold
-    from jbclog.recipe.line import load_line
+    from jbclog.app.safe_state import close_leases, end_runs, make_line_safe, wait_until_cold
+    from jbclog.config.line import load_line
 
     if below is not None and not wait:
         raise UsageError("--below needs --wait; nothing was sent")
@@ -92,7 +92,7 @@ def _exit_code(stations: list[StationMadeSafe]) -> int:
 
 def _tell_wait(stations: list[StationMadeSafe], limit_c: float, waited_s: float, *, as_json: bool) -> None:
     """What is below the limit, and what is not, with its last temperature."""
-    from jbclog.byhand.cooling import duration
+    from jbclog.session.manual.cooling import duration
 
     for made in stations:
         for tool in made.tools:

@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING
 import typer
 
 from jbclog.cli import options
-from jbclog.cli.found import count_of, facts_of, tell_found, tell_no_ports, tell_progress
 from jbclog.cli.output import ends_with_errors_told, note, tell_json
-from jbclog.errors import UsageError
+from jbclog.cli.scan_wording import count_of, facts_of, tell_found, tell_no_ports, tell_progress
+from jbclog.core.errors import UsageError
 
 if TYPE_CHECKING:
-    from jbclog.finding.found import PortReport
-    from jbclog.finding.trials import ScanPlan
+    from jbclog.session.discovery.found import PortReport
+    from jbclog.session.discovery.trials import ScanPlan
 
 _ADDRESSES = re.compile(r"(\d{1,2})(?:-(\d{1,2}))?", re.ASCII)
 
@@ -47,7 +47,7 @@ def scan(
     Example:
       jbclog scan /dev/ttyUSB0 --write line.toml
     """
-    from jbclog.search import search
+    from jbclog.app.discovery.scan_ports import search
 
     _check_file(write, force=force)
     asked = _addresses(addresses)
@@ -71,7 +71,7 @@ def scan(
 
 def _ports(urls: list[str] | None) -> list[str]:
     """The ports that are named, each once; every USB serial port where none is. Raises `UsageError`."""
-    from jbclog.recipe.url import is_path, url_problem
+    from jbclog.config.port_url import is_path, url_problem
     from jbclog.transport.usb import usb_ports
 
     if not urls:
@@ -86,14 +86,14 @@ def _ports(urls: list[str] | None) -> list[str]:
 
 
 def _plan(url: str, addresses: tuple[int | None, ...], *, thorough: bool, seconds: float | None) -> ScanPlan:
-    from jbclog.finding.trials import plan_for
+    from jbclog.session.discovery.trials import plan_for
 
     return plan_for(url, thorough=thorough, addresses=addresses, limit_s=seconds)
 
 
 def _addresses(text: str | None) -> tuple[int | None, ...]:
     """The usual addresses and those of ``2,5`` or ``1-99``. Raises `UsageError`."""
-    from jbclog.finding.trials import ADDRESSES
+    from jbclog.session.discovery.trials import ADDRESSES
 
     found: dict[int | None, None] = dict.fromkeys(ADDRESSES)
     for part in text.split(",") if text else ():
@@ -117,7 +117,7 @@ def _check_file(write: Path | None, *, force: bool) -> None:
 
 def _write(write: Path | None, reports: list[PortReport]) -> Path | None:
     """The line file, written; None where there was nothing to write."""
-    from jbclog.found_line import text_of
+    from jbclog.app.discovery.line_file import text_of
 
     text = None if write is None else text_of(reports, write)
     if write is None or text is None:

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 import typer
 
 from jbclog.cli.output import ends_with_errors_told, note, tell
-from jbclog.cli.place import expect_file_place
-from jbclog.errors import UsageError
+from jbclog.cli.run_folder import expect_file_place
+from jbclog.core.errors import UsageError
 
 if TYPE_CHECKING:
     from jbclog.sim.wire_file import WireFile
@@ -31,7 +31,7 @@ def sim(
     Example:
       jbclog sim profiles/lines/bench.toml --dir virtual
     """
-    from jbclog.recipe.line import load_line
+    from jbclog.config.line import load_line
     from jbclog.sim.setup import SERVED_LINE, set_up, tcp_of
 
     loaded = load_line(line)

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 import typer
 
 from jbclog.cli.output import ends_with_errors_told, note, tell, tell_json
-from jbclog.cli.place import expect_file_place, is_folder
-from jbclog.errors import RecordError, UsageError
+from jbclog.cli.run_folder import expect_file_place, is_folder
+from jbclog.core.errors import RecordError, UsageError
 
 if TYPE_CHECKING:
     from jbclog.analysis.runs import Runs
@@ -82,7 +82,7 @@ def _expect_picture(plot: Path | None) -> None:
 
 
 def _list(*, as_json: bool) -> None:
-    from jbclog.analysis.features import definitions
+    from jbclog.analysis.run_metrics import definitions
 
     rows = definitions().to_dict("records")
     if as_json:

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Final
 
 from jbclog.cli.options import check_text
 from jbclog.cli.output import is_terminal
-from jbclog.errors import UsageError
+from jbclog.core.errors import UsageError
 
 if TYPE_CHECKING:
-    from jbclog.drive.typed import Line, Source
+    from jbclog.transport.typed_lines import Line, Source
 
 LONGEST_LIST: Final = 1_000_000  # bytes of a plain file
 KEYBOARD: Final = 0
@@ -20,7 +20,7 @@ KEYBOARD: Final = 0
 
 def listed(name: str | None) -> list[str]:
     """The serials of a plain file, units of the run from its start; none where lines come later. Raises `UsageError`."""
-    from jbclog.drive.typed import is_plain_file, lines_of_file
+    from jbclog.transport.typed_lines import is_plain_file, lines_of_file
 
     if name is None or not is_plain_file(name):
         return []
@@ -37,7 +37,7 @@ def _serial(name: str, line: Line) -> str:
 
 def source_of(name: str | None) -> Source | None:
     """What serials are read from while the run goes on. Raises `UsageError`."""
-    from jbclog.drive.typed import is_plain_file, open_source
+    from jbclog.transport.typed_lines import is_plain_file, open_source
 
     return None if name is None or is_plain_file(name) else open_source(name)
 

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import asdict, is_dataclass
 
-from jbclog.byhand.contact import Contact, Place
-from jbclog.byhand.names import Entry, Kind, entries
-from jbclog.byhand.read import Reading
-from jbclog.byhand.values import shown
-from jbclog.commands.command import Command
-from jbclog.commands.family import Family
-from jbclog.quantities import OFF, Value
+from jbclog.core.quantities import OFF, Value
+from jbclog.protocol.commands.command import Command
+from jbclog.protocol.commands.family import Family
+from jbclog.session.manual.contact import Contact, Place
+from jbclog.session.manual.names import Entry, Kind, entries
+from jbclog.session.manual.read import Reading
+from jbclog.session.manual.values import shown
 
 
 def plain(value: Value | None, command: Command, family: Family) -> object:

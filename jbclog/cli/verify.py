@@ -10,11 +10,11 @@ import typer
 
 from jbclog.cli import options
 from jbclog.cli.output import ends_with_errors_told, note, tell, tell_json
-from jbclog.errors import StartRefused, UsageError
+from jbclog.core.errors import StartRefused, UsageError
 
 if TYPE_CHECKING:
-    from jbclog.byhand.contact import Target
-    from jbclog.verifying import Own, Verification
+    from jbclog.maintenance.verification import Own, Verification
+    from jbclog.session.manual.contact import Target
 
 DISPLAY_C = (0.0, 600.0)
 
@@ -52,9 +52,9 @@ def verify(
     Example:
       jbclog verify dde-1 -l line.toml -p 1 --reading 352.4 --instrument TC-7 --due 2027-03-01 --tip T-17 --by "A. Rossi"
     """
-    from jbclog.reach import target_in
-    from jbclog.verifying import Given, Own, keep
-    from jbclog.verifying import verify as verified
+    from jbclog.app.connection import target_in
+    from jbclog.maintenance.verification import Given, Own, keep
+    from jbclog.maintenance.verification import verify as verified
 
     _check({"--instrument": instrument, "--tip": tip, "--by": by}, remark)
     target = target_in(line, station)
@@ -69,9 +69,9 @@ def verify(
 
 
 def _now() -> datetime:
-    from jbclog import reach
+    from jbclog.app import connection
 
-    return datetime.fromtimestamp(reach.means.clock.utc(), UTC)
+    return datetime.fromtimestamp(connection.means.clock.utc(), UTC)
 
 
 def _check(texts: dict[str, str], remark: str) -> None:
@@ -90,7 +90,7 @@ def _date(text: str) -> date:
 
 
 def _typed(celsius: float) -> Own:
-    from jbclog.verifying import Own
+    from jbclog.maintenance.verification import Own
 
     if not DISPLAY_C[0] <= celsius <= DISPLAY_C[1]:
         raise UsageError(f"{celsius:g} °C: a station shows {DISPLAY_C[0]:g} to {DISPLAY_C[1]:g} °C")
@@ -99,9 +99,9 @@ def _typed(celsius: float) -> Own:
 
 def _asked(target: Target, port: int) -> Own:
     """Read-only: nothing but questions can go out."""
-    from jbclog.byhand.tip import read_tip
-    from jbclog.reach import ask
-    from jbclog.verifying import own_of, unstable
+    from jbclog.app.connection import ask
+    from jbclog.maintenance.verification import own_of, unstable
+    from jbclog.session.manual.tip import read_tip
 
     found = ask(target, read_tip(target, port))
     why = unstable(found.temperatures, found.states, found.settings)
@@ -114,7 +114,7 @@ def _asked(target: Target, port: int) -> Own:
 def _tell(kept: Verification, head: str, target: Target, line: Path, out: Path, *, as_json: bool) -> None:
     from dataclasses import asdict
 
-    from jbclog.record.lineage import short_head
+    from jbclog.record.run_chain import short_head
 
     call = _proposal(kept, target, line)
     if as_json:
@@ -135,9 +135,9 @@ def _what_is_in(kept: Verification) -> str:
 
 def _proposal(kept: Verification, target: Target, line: Path) -> str | None:
     """The call that would write it, as it can be typed."""
-    from jbclog.byhand.contact import Place
-    from jbclog.byhand.write import Change
-    from jbclog.cli.wording import call
+    from jbclog.cli.write_wording import call
+    from jbclog.session.manual.contact import Place
+    from jbclog.session.manual.write import Change
 
     if kept.proposed_adjust_c is None:
         return None
@@ -145,7 +145,7 @@ def _proposal(kept: Verification, target: Target, line: Path) -> str | None:
 
 
 def _advice(kept: Verification, call: str | None) -> list[str]:
-    from jbclog.verifying.verification import MOST_ADJUST_C, needed_adjust_c
+    from jbclog.maintenance.verification.verification import MOST_ADJUST_C, needed_adjust_c
 
     found = []
     needed = needed_adjust_c(kept)

@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING
 import typer
 
 from jbclog.cli.output import ends_with_errors_told, note, tell, tell_json
-from jbclog.cli.place import is_folder
-from jbclog.errors import UsageError
+from jbclog.cli.run_folder import is_folder
+from jbclog.core.errors import UsageError
 
 if TYPE_CHECKING:
-    from jbclog.verifying import Suspect, Used
+    from jbclog.maintenance.verification import Suspect, Used
 
 LAST_GOOD = "LAST_GOOD"
 
@@ -42,7 +42,7 @@ def where_used(
     Example:
       jbclog where-used --station dde-1 --port 1
     """
-    from jbclog.verifying import where_used as suspects
+    from jbclog.maintenance.verification import where_used as suspects
 
     if not is_folder(folder):
         raise UsageError(f"{folder}: there is no such folder; runs are in `runs/`, or where --out put them")

@@ -9,14 +9,14 @@ import typer
 
 from jbclog.cli import options
 from jbclog.cli.names import complete_setting, complete_station, complete_value
+from jbclog.cli.nonblocking_stdio import never_wait
 from jbclog.cli.output import ends_with_errors_told, note, tell, tell_json
-from jbclog.cli.unheld import never_wait
-from jbclog.errors import UsageError
+from jbclog.core.errors import UsageError
 
 if TYPE_CHECKING:
-    from jbclog.byhand.contact import Target
-    from jbclog.byhand.snapshot import Snapshot
-    from jbclog.byhand.write import Change
+    from jbclog.session.manual.contact import Target
+    from jbclog.session.manual.snapshot import Snapshot
+    from jbclog.session.manual.write import Change
 
 
 @ends_with_errors_told
@@ -62,11 +62,11 @@ def write(
     Example:
       jbclog write dde-1 selected_temperature 350 --port 1 --line virtual/line.toml
     """
-    from jbclog.byhand.contact import Place
-    from jbclog.byhand.names import writable
-    from jbclog.byhand.write import Change
+    from jbclog.app.connection import target_in
     from jbclog.cli.listing import tell_names
-    from jbclog.reach import target_in
+    from jbclog.session.manual.contact import Place
+    from jbclog.session.manual.names import writable
+    from jbclog.session.manual.write import Change
 
     target = target_in(line, station)
     if yes_i_mean is not None and yes_i_mean != station:
@@ -85,11 +85,11 @@ def write(
 
 def _check(target: Target, change: Change, line: Path, *, is_meant: bool) -> None:
     """Everything that can be known to be wrong before a byte is sent. Raises `UsageError`."""
-    from jbclog.byhand.contact import check_place
-    from jbclog.byhand.danger import is_dangerous, what_it_does
-    from jbclog.byhand.names import find, writable
-    from jbclog.byhand.write import expect_one_port
-    from jbclog.cli.wording import call
+    from jbclog.cli.write_wording import call
+    from jbclog.session.manual.contact import check_place
+    from jbclog.session.manual.danger import is_dangerous, what_it_does
+    from jbclog.session.manual.names import find, writable
+    from jbclog.session.manual.write import expect_one_port
 
     command = find(change.name, target.family, writable)
     if target.family is not None:
@@ -108,7 +108,7 @@ class _Writing:
     """One write: done, told, and given its exit code."""
 
     def __init__(self, target: Target, change: Change, line: Path, snapshot: Path | None, *, as_json: bool) -> None:
-        from jbclog.byhand.write import Written
+        from jbclog.session.manual.write import Written
 
         self._target = target
         self._change = change
@@ -119,9 +119,9 @@ class _Writing:
         self._written = Written()
 
     def do(self) -> int:
-        from jbclog.byhand.write import write_value
-        from jbclog.reach import ask
-        from jbclog.station.omega import COMPLETION_S
+        from jbclog.app.connection import ask
+        from jbclog.protocol.client.omega import COMPLETION_S
+        from jbclog.session.manual.write import write_value
 
         if self._change.name == "run_condition":
             note(f"note: the controller answers when the joint is done: this waits for that, up to {COMPLETION_S:g} s")
@@ -136,7 +136,7 @@ class _Writing:
         return self._tell()
 
     def _keep(self, snapshot: Snapshot) -> None:
-        from jbclog.reach import keep_snapshot
+        from jbclog.app.connection import keep_snapshot
 
         self._kept = keep_snapshot(snapshot, self._change.name, self._snapshot)
         conditions = [str(one.condition) for one in snapshot.settings if one.condition is not None]
@@ -147,7 +147,7 @@ class _Writing:
         note(f"note: {what} in {self._kept}")
 
     def _tell(self) -> int:
-        from jbclog.cli.wording import exit_code, notes, result, written_facts
+        from jbclog.cli.write_wording import exit_code, notes, result, written_facts
 
         written = self._written
         if self._as_json:

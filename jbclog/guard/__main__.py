@@ -16,15 +16,15 @@ from collections.abc import Collection, Sequence
 from contextlib import suppress
 from pathlib import Path
 
-from jbclog.errors import RecordError
-from jbclog.guard.diary import Diary
+from jbclog.core.errors import RecordError
+from jbclog.guard.action_log import Diary
 from jbclog.guard.lease import StationLease
-from jbclog.guard.only_one import only_one
+from jbclog.guard.lease_writer import Shelf
+from jbclog.guard.messages import STDERR, let_go, say
 from jbclog.guard.process import ANSWER, READY
 from jbclog.guard.recorder import Recorder
-from jbclog.guard.shelf import Shelf
+from jbclog.guard.single_guard import only_one
 from jbclog.guard.takeover import CRITICAL, ERROR, TakeOver
-from jbclog.guard.voice import STDERR, let_go, say
 from jbclog.guard.watch import HUNG_S, Verdict, Watch
 
 STDIN, STDOUT = 0, 1

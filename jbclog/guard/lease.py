@@ -10,11 +10,11 @@ from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Final, cast
 
-from jbclog.foreign.files import Kind, read_foreign
-from jbclog.foreign.from_json import Misfit, build
-from jbclog.foreign.numbers import json_of
-from jbclog.guard import whereabouts
-from jbclog.same_port import is_one_port
+from jbclog.core.foreign.files import Kind, read_foreign
+from jbclog.core.foreign.from_json import Misfit, build
+from jbclog.core.foreign.numbers import json_of
+from jbclog.core.same_port import is_one_port
+from jbclog.guard import lease_registry
 
 NAME: Final = "lease.json"
 FLAGS: Final = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC | os.O_NOFOLLOW
@@ -78,11 +78,11 @@ def keep(folder: Path, stations: Iterable[StationLease]) -> None:
     if not held:
         with suppress(FileNotFoundError):
             (folder / NAME).unlink()
-        whereabouts.forget(folder)
+        lease_registry.forget(folder)
         return
     _put(folder / NAME, "".join(f"{station.to_json()}\n" for station in held))
     _sync(folder)
-    whereabouts.note(folder)
+    lease_registry.note(folder)
 
 
 def _put(path: Path, text: str) -> None:

@@ -14,7 +14,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Final
 
-from jbclog.errors import StartRefused
+from jbclog.core.errors import StartRefused
 from jbclog.guard.lease import StationLease
 from jbclog.guard.watch import BEAT, END, FAILED
 

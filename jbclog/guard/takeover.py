@@ -12,19 +12,20 @@ from contextlib import suppress
 from dataclasses import replace
 from threading import Thread
 
-from jbclog.commands.family import FAMILIES
-from jbclog.drive import blocking
-from jbclog.effects import Steps
-from jbclog.errors import Refusal, UsageError
-from jbclog.guard.diary import Diary
+from jbclog.core.errors import Refusal, UsageError
+from jbclog.core.io_requests import Steps
+from jbclog.core.line_format import LineFormat
+from jbclog.guard.action_log import Diary
 from jbclog.guard.lease import StationLease
-from jbclog.guard.voice import say
-from jbclog.safety.secure import SENT, Task, Tool, secure
-from jbclog.station.client import Client
-from jbclog.station.make import client_for
-from jbclog.transport import Port, open_port
+from jbclog.guard.messages import say
+from jbclog.protocol.client.interface import Client
+from jbclog.protocol.client.make import client_for
+from jbclog.protocol.commands.family import FAMILIES
+from jbclog.session.safety.secure import SENT, Task, Tool, secure
+from jbclog.transport import blocking
 from jbclog.transport.descriptors import allow_ports
-from jbclog.wire import LineFormat
+from jbclog.transport.opening import open_port
+from jbclog.transport.port import Port
 
 INFO, WARNING, ERROR, CRITICAL = "info", "warning", "error", "critical"
 HOT = "it may be hot: switch the station off"

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pyarrow as pa
 
-from jbclog.errors import RecordError
+from jbclog.core.errors import RecordError
 from jbclog.record import damage
 from jbclog.record.conclude import sealed_file
 from jbclog.record.manifest import Manifest, SealedFile

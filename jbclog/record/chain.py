@@ -11,8 +11,8 @@ import json
 from collections.abc import Iterable, Mapping
 from typing import Final
 
+from jbclog.core.rows import EventRow
 from jbclog.record.schema import SCHEMAS
-from jbclog.rows import EventRow
 
 COLUMNS: Final = tuple(SCHEMAS["events"].names)
 

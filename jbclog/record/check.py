@@ -16,18 +16,18 @@ from typing import Final
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from jbclog.errors import RecordError
-from jbclog.record import chain, elsewhere, wire, wire_check
+from jbclog.core.errors import RecordError
+from jbclog.core.rows import SIGNAL_COLUMNS, quality_of
+from jbclog.record import capture, capture_check, chain, cross_check
 from jbclog.record.conclude import files_of, is_later, live_files, sealed_file
-from jbclog.record.guarded import plain_events
+from jbclog.record.guard_actions import plain_events
 from jbclog.record.ledger import disagreements, ledger_of, reasons_of
 from jbclog.record.manifest import NAME, Manifest, SealedFile, read_manifest, wrong_digest
 from jbclog.record.parts import part_paths, read_through, row_groups
 from jbclog.record.schema import TABLES
 from jbclog.record.units import units_of
-from jbclog.rows import SIGNAL_COLUMNS, quality_of
 
-MAY_BE_EMPTY: Final = ("recipes", wire.FOLDER, "figures", "tables")  # a crash at the start, or a report, leaves them so
+MAY_BE_EMPTY: Final = ("recipes", capture.FOLDER, "figures", "tables")  # a crash at the start, or a report, leaves them so
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,7 +51,7 @@ def check(folder: Path, head: str | None = None) -> list[Finding]:
     findings = [Finding(NAME, digest)] if digest else []
     if manifest.state != "sealed":
         return [*findings, Finding(NAME, "the run is not sealed: it is being recorded, or a crash cut it off; then recover it")]
-    findings += [Finding(file, text) for file, text in elsewhere.disagreements(folder, manifest, head)]
+    findings += [Finding(file, text) for file, text in cross_check.disagreements(folder, manifest, head)]
     findings += _files(folder, manifest)
     findings += _wires(folder, manifest)
     unreadable = [*_unreadable(folder, manifest)]
@@ -148,11 +148,11 @@ def _unreadable(folder: Path, manifest: Manifest) -> Iterator[Finding]:
 
 
 def _wires(folder: Path, manifest: Manifest) -> Iterator[Finding]:
-    for path in wire.wire_paths(folder):
+    for path in capture.wire_paths(folder):
         name = path.relative_to(folder).as_posix()
         try:
-            yield from (Finding(name, text) for text in wire_check.losses(path))
-            if manifest.wire == wire.WHOLE and wire_check.ends_early(path):
+            yield from (Finding(name, text) for text in capture_check.losses(path))
+            if manifest.wire == capture.WHOLE and capture_check.ends_early(path):
                 yield Finding(name, "ends before its session did, and the manifest says that it is whole")
         except OSError as error:
             yield Finding(name, f"cannot be read: {error.strerror or error}")

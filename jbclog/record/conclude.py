@@ -16,32 +16,32 @@ from typing import Final, cast
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from jbclog.errors import RecordError
-from jbclog.foreign.files import Kind, open_foreign
-from jbclog.foreign.from_json import Misfit, build
-from jbclog.foreign.numbers import json_of
-from jbclog.foreign.tables import metadata_of
-from jbclog.record import damage, guarded, left_hot, wire
+from jbclog.core.durable_files import sync_folder
+from jbclog.core.errors import RecordError
+from jbclog.core.folder_lock import FolderLock, witness
+from jbclog.core.foreign.files import Kind, open_foreign
+from jbclog.core.foreign.from_json import Misfit, build
+from jbclog.core.foreign.numbers import json_of
+from jbclog.core.foreign.tables import metadata_of
+from jbclog.core.rows import StationFacts
+from jbclog.record import capture, damage, guard_actions, left_hot
 from jbclog.record.annotations import NAME as ANNOTATIONS
-from jbclog.record.durable import sync_folder
 from jbclog.record.ledger import ledger_of
-from jbclog.record.lock import FolderLock, witness
 from jbclog.record.manifest import NAME, Lost, Manifest, SealedFile, iso, write_manifest
 from jbclog.record.parts import complete, part_paths, row_groups, through
 from jbclog.record.schema import TABLES
-from jbclog.record.stock import Stock
 from jbclog.record.store import companions, segments
+from jbclog.record.store_reader import Stock
 from jbclog.record.units import units_of
-from jbclog.rows import StationFacts
 
 RUNNING: Final = "running"
 NOT_KEPT: Final = "could not be kept while the disk did not take them"
 OF_REPORT: Final = ("report.html", "report.pdf", "report.json", "joints.parquet")
-LATER: Final = (NAME, ANNOTATIONS, guarded.LEASE, guarded.LOCK)
+LATER: Final = (NAME, ANNOTATIONS, guard_actions.LEASE, guard_actions.LOCK)
 """Files of the folder that are not the record: the manifest itself, what comes after sealing, and what says of tools left hot."""
 MADE: Final = (("figures/", ".svg"), ("tables/", ".csv"))  # folders that a report makes, and what is in them
 
-TAKEN_IN: Final = ("line.toml", "recipes", wire.FOLDER, guarded.DIARY, damage.NOTES, damage.REMAINS)
+TAKEN_IN: Final = ("line.toml", "recipes", capture.FOLDER, guard_actions.DIARY, damage.NOTES, damage.REMAINS)
 
 
 def conclude(folder: Path, manifest: Manifest, lock: FolderLock) -> Manifest:
@@ -64,7 +64,7 @@ def conclude(folder: Path, manifest: Manifest, lock: FolderLock) -> Manifest:
         sealed.ledger = ledger_of(folder, stations)
         sealed.units = units_of(folder)
         _keep_damaged(folder)
-        guarded.tidy(folder)
+        guard_actions.tidy(folder)
         sealed.files = list(files_of(folder))
     except (OSError, pa.ArrowException) as error:
         raise RecordError(f"{folder} cannot be sealed: {error}") from error
@@ -81,7 +81,7 @@ def _refuse_unsealed(stock: Stock) -> None:
 
 def stations_of(folder: Path, stock: Stock, manifest: Manifest) -> list[StationFacts]:
     """The facts, with what a guard reached."""
-    return guarded.with_guard(folder, known_stations(stock, manifest.stations))
+    return guard_actions.with_guard(folder, known_stations(stock, manifest.stations))
 
 
 def unkept_rows(stock: Stock) -> int:
@@ -148,7 +148,7 @@ def files_of(folder: Path) -> Iterator[SealedFile]:
     for name in TAKEN_IN:
         there = folder / name
         for path in sorted(there.iterdir()) if there.is_dir() else [there] if there.exists() else []:
-            yield sealed_file(folder, path, wire.count_rows(path) if name == wire.FOLDER else None)
+            yield sealed_file(folder, path, capture.count_rows(path) if name == capture.FOLDER else None)
 
 
 def sealed_file(folder: Path, path: Path, rows: int | None) -> SealedFile:

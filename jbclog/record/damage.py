@@ -12,10 +12,10 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Final, cast
 
-from jbclog.foreign.files import Kind, read_foreign
-from jbclog.foreign.from_json import Misfit, build
-from jbclog.foreign.numbers import json_of
-from jbclog.record.durable import sync_folder, write_whole
+from jbclog.core.durable_files import sync_folder, write_whole
+from jbclog.core.foreign.files import Kind, read_foreign
+from jbclog.core.foreign.from_json import Misfit, build
+from jbclog.core.foreign.numbers import json_of
 
 NOTES: Final = "damage.jsonl"
 REMAINS: Final = "damaged"

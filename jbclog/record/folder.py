@@ -9,9 +9,9 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Final
 
-from jbclog.errors import RecordError
-from jbclog.foreign.mounts import expect_answer
-from jbclog.record.durable import sync_folder, write_whole
+from jbclog.core.durable_files import sync_folder, write_whole
+from jbclog.core.errors import RecordError
+from jbclog.core.foreign.mounts import expect_answer
 
 LETTERS: Final = "abcdefghijklmnopqrstuvwxyz23456789"
 LINE_NAME: Final = re.compile(r"[A-Za-z0-9_][A-Za-z0-9._-]{0,63}")

@@ -15,9 +15,9 @@ from typing import Final
 import pyarrow as pa
 import pyarrow.compute as pc
 
+from jbclog.core.rows import SIGNAL_COLUMNS, SIGNAL_OF_COLUMN, StationFacts
 from jbclog.record.manifest import Ledger, SignalLedger
 from jbclog.record.parts import row_groups
-from jbclog.rows import SIGNAL_COLUMNS, SIGNAL_OF_COLUMN, StationFacts
 
 SIGNALS: Final = tuple(column for column in SIGNAL_COLUMNS if SIGNAL_OF_COLUMN[column] == column)
 NO_PORT: Final = "station"

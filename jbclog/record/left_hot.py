@@ -15,12 +15,12 @@ from typing import Final, NamedTuple
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from jbclog.foreign.files import Kind, read_foreign
-from jbclog.foreign.numbers import json_of
-from jbclog.foreign.tables import open_table
-from jbclog.record import guarded
+from jbclog.core.foreign.files import Kind, read_foreign
+from jbclog.core.foreign.numbers import json_of
+from jbclog.core.foreign.tables import open_table
+from jbclog.core.rows import EventRow, Severity, StationFacts
+from jbclog.record import guard_actions
 from jbclog.record.parts import part_paths
-from jbclog.rows import EventRow, Severity, StationFacts
 
 KIND: Final = "safety.not_known"
 NO_GUARD: Final = "none"  # what the manifest says then
@@ -68,7 +68,7 @@ def unreadable_lease(folder: Path) -> str:
 def _lease(folder: Path) -> tuple[dict[str, Lease], str]:
     found: dict[str, Lease] = {}
     try:
-        lines = read_foreign(folder / guarded.LEASE, Kind.LEASE).splitlines()
+        lines = read_foreign(folder / guard_actions.LEASE, Kind.LEASE).splitlines()
     except FileNotFoundError:
         return found, ""
     except (OSError, ValueError) as error:
@@ -90,7 +90,7 @@ def warning(folder: Path, unsafe: Collection[str] = ()) -> str:
     if names:
         told.append(f"Tools of {names} may still be hot: nobody is known to have made them safe.")
     if why:
-        told.append(f"{guarded.LEASE} cannot be read ({why}): which tools of this run may still be hot is not known.")
+        told.append(f"{guard_actions.LEASE} cannot be read ({why}): which tools of this run may still be hot is not known.")
     return " ".join([*told, "`jbclog safe` makes them safe, as does a new run on their ports."]) if told else ""
 
 
@@ -103,7 +103,7 @@ def unknown(folder: Path, stations: list[StationFacts], guard: str | None) -> li
 
 def _places(folder: Path, stations: list[StationFacts]) -> Iterator[tuple[str, int | None]]:
     held, why = _lease(folder)
-    was_taken_over = any(event.kind in TOOK_OVER for event in guarded.diary(folder))
+    was_taken_over = any(event.kind in TOOK_OVER for event in guard_actions.diary(folder))
     for facts in stations:
         lease, goes_on = held.get(facts.name, Lease()), facts.outcome == RUNNING and facts.asked_safe_state != ""
         ports = {*lease.ports, *(facts.touched if goes_on or why else ())}

@@ -25,16 +25,16 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
-from jbclog.errors import RecordError
+from jbclog.core.errors import RecordError
+from jbclog.core.folder_lock import FolderLock, Witness
+from jbclog.core.rows import CounterRow, EventRow, SampleRow, SettingRow, Severity, StationFacts
 from jbclog.record.batches import keep_pandas_out
-from jbclog.record.intake import Intake
-from jbclog.record.keeping import Keeping
-from jbclog.record.lock import FolderLock, Witness
+from jbclog.record.pending_events import OnEvent, Untold
+from jbclog.record.row_buffer import Intake
 from jbclog.record.schema import SCHEMA_VERSION
 from jbclog.record.seal import SealChild
 from jbclog.record.store import FACTS, META
-from jbclog.record.untold import OnEvent, Untold
-from jbclog.rows import CounterRow, EventRow, SampleRow, SettingRow, Severity, StationFacts
+from jbclog.record.store_writer import Keeping
 
 COMMIT_S: Final = 0.8
 AT_RISK_S: Final = 1.0  # what a kill can take at the most: the pause between two commits, and the commit itself

@@ -10,13 +10,13 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Final, cast
 
-from jbclog.errors import RecordError
-from jbclog.foreign.files import Kind, read_foreign
-from jbclog.foreign.from_json import Misfit, build
-from jbclog.foreign.numbers import expect_moment, expect_year, json_of, read_json
-from jbclog.record.durable import write_whole
+from jbclog.core.durable_files import write_whole
+from jbclog.core.errors import RecordError
+from jbclog.core.foreign.files import Kind, read_foreign
+from jbclog.core.foreign.from_json import Misfit, build
+from jbclog.core.foreign.numbers import expect_moment, expect_year, json_of, read_json
+from jbclog.core.rows import Goal, StationFacts, TipCheck
 from jbclog.record.schema import SCHEMA_VERSION
-from jbclog.rows import Goal, StationFacts, TipCheck
 
 NAME: Final = "manifest.json"
 STATES: Final = ("open", "sealed")
@@ -156,8 +156,8 @@ class Manifest:
     to looking for it. `units` are those whose serials were read while the run went on, as its events have them; those that
     were named when it was started are in `metadata`. `verifications` are the tip verifications that its ports stood on when it
     began; empty in records of before they were cited. `goals` are the numbers that it was to end with, and what came of them;
-    empty where none was wanted. `rules` is the version of the rules and methods that it is judged by (`judge/versions.py`);
-    records of before there was a second have none, and are of 1.
+    empty where none was wanted. `rules` is the version of the rules and methods that it is judged by
+    (`analysis/verdict/versions.py`); records of before there was a second have none, and are of 1.
 
     In the file a last key follows, `digest`: the SHA-256 of the file without it.
     """

@@ -19,10 +19,10 @@ from typing import Final
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from jbclog.errors import RecordError
-from jbclog.foreign.files import is_plain_folder
-from jbclog.foreign.tables import Table, metadata_of, open_table
-from jbclog.record.durable import sync_file, sync_folder
+from jbclog.core.durable_files import sync_file, sync_folder
+from jbclog.core.errors import RecordError
+from jbclog.core.foreign.files import is_plain_folder
+from jbclog.core.foreign.tables import Table, metadata_of, open_table
 from jbclog.record.schema import SCHEMAS, TABLES
 
 ROWS_A_GROUP: Final = 32_768  # some 8 MB while it is in memory

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Final
 
-from jbclog.foreign.files import Kind, NotReadable, read_foreign
+from jbclog.core.foreign.files import Kind, NotReadable, read_foreign
 
 FOLDER: Final = "recipes"
 

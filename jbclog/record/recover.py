@@ -17,21 +17,21 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Final
 
-from jbclog.errors import RecordError, Unsafe
-from jbclog.foreign.mounts import expect_answer
-from jbclog.record import bad_parts, damage, guarded, left_hot, wire, wire_check
+from jbclog.core.errors import RecordError, Unsafe
+from jbclog.core.folder_lock import FolderLock, witness
+from jbclog.core.foreign.mounts import expect_answer
+from jbclog.core.rows import StationFacts
+from jbclog.record import bad_parts, capture, capture_check, damage, guard_actions, left_hot
 from jbclog.record.conclude import NOT_KEPT, conclude, last_micros, live_files, remove_live, stations_of, unkept_rows
 from jbclog.record.folder import RUN_NAME, expect_no_links
 from jbclog.record.live import AT_RISK_S
-from jbclog.record.lock import FolderLock, witness
 from jbclog.record.manifest import NAME, Lost, Manifest, NoManifest, read_manifest, wrong_digest
 from jbclog.record.parts import remove_leavings, remove_unfinished
 from jbclog.record.recipe_copies import recipe_texts
 from jbclog.record.schema import TABLES
 from jbclog.record.seal import seal_rows
-from jbclog.record.stock import Stock
 from jbclog.record.store import refuse_newer, segments
-from jbclog.rows import StationFacts
+from jbclog.record.store_reader import Stock
 
 PATIENCE_S: Final = 10.0  # a sealing child that outlived its recorder is given this long to end
 FINISHED: Final = "finished already; nothing was changed."
@@ -95,7 +95,7 @@ def recover(folder: Path, patience_s: float = PATIENCE_S) -> Recovery:
     refuse_newer(folder)
     lock = FolderLock.take(folder, patience_s)
     try:
-        with guarded.without_guard(folder, patience_s):
+        with guard_actions.without_guard(folder, patience_s):
             manifest = _draft(folder)  # the recorder may have finished while we waited
             if manifest.state == "sealed" and not bad_parts.changed(folder, manifest):
                 remove_live(folder, lock)
@@ -119,8 +119,8 @@ def _finish(folder: Path, manifest: Manifest, lock: FolderLock) -> Recovery:
     bad_parts.set_aside(folder, manifest)
     manifest = replace(manifest, state="open", files=[], wire=_wire(folder, manifest))
     seal_rows(folder)
-    guarded.take_in(folder, manifest.run, guarded.diary(folder))
-    manifest = replace(manifest, guard="lost" if guarded.was_lost(folder) else manifest.guard)
+    guard_actions.take_in(folder, manifest.run, guard_actions.diary(folder))
+    manifest = replace(manifest, guard="lost" if guard_actions.was_lost(folder) else manifest.guard)
     with Stock(folder) as stock:
         _note_missing_end(folder, stock.last)
         stations = _tell_left_hot(folder, manifest, stock)
@@ -143,7 +143,7 @@ def _tell_left_hot(folder: Path, manifest: Manifest, stock: Stock) -> list[Stati
     """Put into the events what is not known of tools; give the facts with that in them."""
     stations = stations_of(folder, stock, manifest)
     unknown = left_hot.unknown(folder, stations, manifest.guard)
-    guarded.take_in(folder, manifest.run, left_hot.events(unknown, last_micros(folder) or 0))
+    guard_actions.take_in(folder, manifest.run, left_hot.events(unknown, last_micros(folder) or 0))
     return left_hot.with_unknown(stations, unknown)
 
 
@@ -152,7 +152,7 @@ def rows_of(manifest: Manifest) -> dict[str, int]:
     found: Counter[str] = Counter(dict.fromkeys(TABLES, 0))
     for file in manifest.files:
         found[file.path.partition("/")[0]] += file.rows or 0
-    names = (*TABLES, wire.FOLDER) if manifest.wire is not None else TABLES
+    names = (*TABLES, capture.FOLDER) if manifest.wire is not None else TABLES
     return {name: found[name] for name in names}
 
 
@@ -162,8 +162,8 @@ def _told(rows: Mapping[str, int]) -> str:
 
 
 def _named(name: str, count: int) -> str:
-    several = "lines of wires" if name == wire.FOLDER else name
-    return several if count != 1 else "line of wires" if name == wire.FOLDER else name.removesuffix("s")
+    several = "lines of wires" if name == capture.FOLDER else name
+    return several if count != 1 else "line of wires" if name == capture.FOLDER else name.removesuffix("s")
 
 
 def _draft(folder: Path) -> Manifest:
@@ -217,7 +217,7 @@ def _at_risk_s(folder: Path) -> float:
     A guard saw when the recorder ended, so with one it is known how long the last wait was.
     """
     said = witness(folder)
-    ended = [event.time / 1e6 for event in guarded.diary(folder) if event.kind == left_hot.TOOK_OVER[0]]
+    ended = [event.time / 1e6 for event in guard_actions.diary(folder) if event.kind == left_hot.TOOK_OVER[0]]
     last = ended[0] - said.since if ended and said.since is not None else 0.0
     return math.ceil(max(AT_RISK_S, said.risk_s, last) * 10) / 10
 
@@ -234,24 +234,24 @@ def _was_to_be_judged(folder: Path, manifest: Manifest) -> bool:
 
 def _wire(folder: Path, manifest: Manifest) -> str | None:
     """What is missing of the wires; what a crash left at the end of their files is cut off."""
-    paths = wire.wire_paths(folder)
+    paths = capture.wire_paths(folder)
     if not paths:
         return None if manifest.wire is None else "The recorder ended before it had begun."
-    return " ".join(text for path in paths for text in _lacking(path)) or wire.WHOLE
+    return " ".join(text for path in paths for text in _lacking(path)) or capture.WHOLE
 
 
 def _lacking(path: Path) -> Iterator[str]:
-    name = f"{wire.FOLDER}/{path.name}"
+    name = f"{capture.FOLDER}/{path.name}"
     try:
-        cut = wire.mend(path)
+        cut = capture.mend(path)
         if cut:
             yield f"{name}: its last {cut} bytes were no whole block, and were cut off."
         if not path.stat().st_size:
             path.unlink()  # a file in which nothing stands is no wire record
             yield f"{name}: nothing of it was written."
             return
-        yield from (f"{name}: {text}." for text in wire_check.losses(path))
-        if not wire.is_done(path):
+        yield from (f"{name}: {text}." for text in capture_check.losses(path))
+        if not capture.is_done(path):
             yield f"{name} ends before its session did: at most its last {AT_RISK_S:g} s is missing, or what wire.failed says."
     except OSError as error:
         yield f"{name} cannot be read: {error.strerror or error}."

@@ -22,13 +22,13 @@ from typing import Final
 
 import pyarrow as pa
 
-from jbclog.errors import RecordError
+from jbclog.core.errors import RecordError
+from jbclog.core.folder_lock import FolderLock
 from jbclog.record import damage
-from jbclog.record.lock import FolderLock
 from jbclog.record.parts import regroup, remove_leavings, through, write_part
 from jbclog.record.schema import TABLES
-from jbclog.record.stock import Stock
 from jbclog.record.store import Segment, segments
+from jbclog.record.store_reader import Stock
 
 NICENESS: Final = 10
 

@@ -16,8 +16,8 @@ from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from jbclog.errors import RecordError
-from jbclog.foreign.database import Database, open_database
+from jbclog.core.errors import RecordError
+from jbclog.core.foreign.database import Database, open_database
 from jbclog.record.batches import Batch
 from jbclog.record.schema import SCHEMA_VERSION
 

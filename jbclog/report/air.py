@@ -8,9 +8,9 @@ from itertools import pairwise
 import numpy as np
 import pandas as pd
 
+from jbclog.core.rows import StationFacts
 from jbclog.report.facts import AirFacts
 from jbclog.report.spans import Floats, Span, merged, runs, within
-from jbclog.rows import StationFacts
 
 SIGNAL = "external_c"
 COLUMNS = ("cooling", "desoldering", SIGNAL, "set_flow_permille")

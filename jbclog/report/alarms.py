@@ -1,6 +1,7 @@
 """What a report says of the run's alarms: episodes as the three witnesses have them, what was acknowledged since, and figures.
 
-From the same functions as `jbclog alarms` (`analysis/alarms.py`); acknowledgements stand in annotations.jsonl, whose head is named.
+From the same functions as `jbclog alarms` (`analysis/run_alarms.py`); acknowledgements stand in annotations.jsonl, whose head is
+named.
 """
 
 from __future__ import annotations
@@ -9,8 +10,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from jbclog.analysis import Run
-from jbclog.analysis.alarms import TABLE, Alarms
+from jbclog.analysis.run import Run
+from jbclog.analysis.run_alarms import TABLE, Alarms
 
 WITNESSES: Final = {"A": "flag", "B": "samples", "C": "excursion"}
 COLUMNS: Final = tuple(TABLE)  # of tables/alarms.csv

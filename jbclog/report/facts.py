@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from jbclog.judge import Bound
+from jbclog.analysis.verdict import Bound
 from jbclog.report.alarms import AlarmFacts
 
 SCHEMA = 1
@@ -67,7 +67,7 @@ class Figure:
 
 @dataclass(slots=True)
 class RecordedFacts:
-    """How much of a port's temperature was recorded; the definitions are in `judge/samples.py`."""
+    """How much of a port's temperature was recorded; the definitions are in `analysis/verdict/samples.py`."""
 
     rows: int
     due: int
@@ -80,7 +80,7 @@ class RecordedFacts:
 
 @dataclass(slots=True)
 class TipFacts:
-    """The tip in °C. The idle figures are defined in `judge/idle.py`."""
+    """The tip in °C. The idle figures are defined in `analysis/verdict/idle.py`."""
 
     set_c: float | None
     alarm_high_c: float | None
@@ -89,13 +89,13 @@ class TipFacts:
     greatest_c: float | None
     idle_error_c: float | None
     idle_sd_c: float | None
-    idle_error_bound: Bound | None  # 95 %, defined in `judge/bound.py`
+    idle_error_bound: Bound | None  # 95 %, defined in `analysis/verdict/bound.py`
     idle_sd_bound: Bound | None
 
 
 @dataclass(slots=True)
 class PowerFacts:
-    """The highest power, and its integral: the metrics of that name (`features/energy.py`), `why` there is none.
+    """The highest power, and its integral: the metrics of that name (`analysis/metrics/energy.py`), `why` there is none.
 
     Joules and Wh only where the line file states the rated power; what was recorded beside a gap is the least that it can be.
     """

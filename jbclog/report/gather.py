@@ -8,13 +8,14 @@ from datetime import datetime
 from hashlib import sha256
 
 from jbclog import __version__
-from jbclog.analysis import Run
-from jbclog.judge import RULES, judged_signals, measure
-from jbclog.judge.stepped import steps_of
-from jbclog.judged_again import is_cut_off, own_version
+from jbclog.analysis.rejudge import is_cut_off, own_version
+from jbclog.analysis.run import Run
+from jbclog.analysis.verdict import RULES, judged_signals, measure
+from jbclog.analysis.verdict.stepped_clock import steps_of
+from jbclog.core.rows import StationFacts
 from jbclog.record.annotations import read as read_annotations
-from jbclog.record.lineage import short_head
 from jbclog.record.manifest import Manifest, manifest_sha256
+from jbclog.record.run_chain import short_head
 from jbclog.report.air import COLUMNS as AIR
 from jbclog.report.air import tells_air
 from jbclog.report.alarms import alarm_facts
@@ -34,7 +35,7 @@ from jbclog.report.joint_words import jointed, never_back_at
 from jbclog.report.joints import Joints, unit_rows
 from jbclog.report.marks import happenings
 from jbclog.report.overview import Overview
-from jbclog.report.plates import Plates
+from jbclog.report.paper_figures import Plates
 from jbclog.report.ports import Context
 from jbclog.report.states import COLUMNS as STATES
 from jbclog.report.stations import station_report
@@ -43,7 +44,6 @@ from jbclog.report.svg import svg_text
 from jbclog.report.tables import by_station, counter_rows, event_rows, ledger_rows, setting_rows
 from jbclog.report.verdict import verdict_facts
 from jbclog.report.zoom import most_stretches
-from jbclog.rows import StationFacts
 
 CROWD = 12  # with more ports than these each has one figure, and a closer one only where something happened
 COLUMNS = ("time", "tick", "port", "late_us", "quality", "temperature_c", "power_permille", "status", "set_c")

@@ -14,14 +14,14 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from jbclog.analysis.charting import too_many_late
+from jbclog.analysis.charts import too_many_late
+from jbclog.analysis.spc import Chart, Refused, control_chart
 from jbclog.report import style
 from jbclog.report.drawing import Drawing, Stroke
 from jbclog.report.envelope import envelope
 from jbclog.report.panel import Panel
 from jbclog.report.scale import Scale, round_marks
 from jbclog.report.style import Format
-from jbclog.spc import Chart, Refused, control_chart
 
 Floats = NDArray[np.float64]
 

@@ -12,11 +12,11 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from jbclog.analysis import Run
-from jbclog.analysis.features import joints_and_metrics
 from jbclog.analysis.joint_table import FILE as JOINTS
 from jbclog.analysis.joint_table import JOINTS_SCHEMA, as_bytes
-from jbclog.judge.censored import censored_quantile
+from jbclog.analysis.run import Run
+from jbclog.analysis.run_metrics import joints_and_metrics
+from jbclog.analysis.verdict.censored import censored_quantile
 from jbclog.record.manifest import manifest_sha256
 from jbclog.report.facts import Figure, JointFacts
 from jbclog.report.joint_chart import Charted, Floats, charted, draw_chart

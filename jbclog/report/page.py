@@ -17,7 +17,7 @@ from urllib.parse import quote
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
-from jbclog.judge.rules import CONFIDENCE
+from jbclog.analysis.verdict.rules import CONFIDENCE
 from jbclog.report import joint_words
 from jbclog.report.alarms import WITNESSES
 from jbclog.report.facts import Zoom

@@ -12,8 +12,8 @@ from typing import Final
 
 from jbclog.report import style
 from jbclog.report.drawing import Align, Drawing, Stroke, Words
-from jbclog.report.letters import LACKING, drawable, width_in
 from jbclog.report.pdf_file import pdf_file
+from jbclog.report.text_metrics import LACKING, drawable, width_in
 
 WIDTH, HEIGHT = 8.27, 11.69
 SIDE, TOP, BOTTOM = 0.6, 0.55, 0.65

@@ -12,13 +12,13 @@ from datetime import UTC, datetime
 from jbclog.report import style
 from jbclog.report.drawing import Stroke
 from jbclog.report.facts import Facts, PortFacts, StationReport
-from jbclog.report.letters import LACKING_MEANS, width_in
 from jbclog.report.page import ENDINGS, RESULT_SIGNS, SIGNS, kept_by, place
 from jbclog.report.paper import INNER, SIDE, WIDTH, Cell, Paper, Type, lacks_letters, pdf_bytes
+from jbclog.report.paper_figures import Plates
 from jbclog.report.pdf_tables import alarm_tables, joint_tables
-from jbclog.report.plates import Plates
-from jbclog.report.repeated import told_once
+from jbclog.report.repeated_events import told_once
 from jbclog.report.text import bound_text, clean, clock, measured, stamp, together
+from jbclog.report.text_metrics import LACKING_MEANS, width_in
 from jbclog.report.timescale import duration_text
 from jbclog.report.verified import short
 

@@ -14,7 +14,7 @@ from fpdf import FPDF
 from fpdf.enums import StrokeCapStyle, StrokeJoinStyle
 
 from jbclog.report.drawing import Drawing, Mark, Shape, Stroke, Words
-from jbclog.report.letters import drawable, face
+from jbclog.report.text_metrics import drawable, face
 
 FAMILY: Final = "report"
 STYLES: Final = {False: "", True: "B"}

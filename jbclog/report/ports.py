@@ -8,17 +8,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pandas as pd
 
-from jbclog.judge import PortMeasure, judged_signals
-from jbclog.judge.stepped import Step
+from jbclog.analysis.verdict import PortMeasure, judged_signals
+from jbclog.analysis.verdict.stepped_clock import Step
+from jbclog.core.rows import StationFacts, TipCheck
 from jbclog.report.air import air_facts, tells_air
 from jbclog.report.captions import caption, closer_caption, description
-from jbclog.report.closer import closer
+from jbclog.report.detail_window import closer
 from jbclog.report.facts import Figure, JointFacts, PortFacts, PowerFacts, RecordedFacts, TipFacts
 from jbclog.report.figure import draw, figure_svg
 from jbclog.report.joint_chart import draw_chart
 from jbclog.report.joints import Joints, joint_facts
 from jbclog.report.marks import Happening, limits_of, marks_of
-from jbclog.report.plates import Plates
+from jbclog.report.paper_figures import Plates
 from jbclog.report.safety import left
 from jbclog.report.spans import Span
 from jbclog.report.states import states_facts
@@ -28,7 +29,6 @@ from jbclog.report.timescale import moment
 from jbclog.report.trace import Floats, Grid, Limit, Trace, trace
 from jbclog.report.verified import verification_facts
 from jbclog.report.zoom import MOST_STRETCHES, zoom_of
-from jbclog.rows import StationFacts, TipCheck
 
 MOST_GAPS = 50
 ENERGIES = ("energy_permille_s", "energy_recorded_permille_s", "energy_j")

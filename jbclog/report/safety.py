@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from jbclog.commands.family import FAMILIES
-from jbclog.rows import StationFacts
+from jbclog.core.rows import StationFacts
+from jbclog.protocol.commands.family import FAMILIES
 
 MEANINGS = {
     "verified": "The order was read back.",

@@ -6,9 +6,9 @@ import re
 
 import pandas as pd
 
+from jbclog.core.rows import StationFacts
 from jbclog.report.facts import StationReport
 from jbclog.report.ports import Context, port_facts
-from jbclog.rows import StationFacts
 
 NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9._-]{0,63}")  # contract, "Line file"
 CUT_OFF = "cut off"

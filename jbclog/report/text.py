@@ -1,4 +1,4 @@
-"""What a report shows of times and figures; with it what every page shows of them (`jbclog/shown.py`)."""
+"""What a report shows of times and figures; with it what every page shows of them (`jbclog/core/text.py`)."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from datetime import UTC, datetime
 from math import floor
 
-from jbclog.shown import clean, cleaned, number, stamp, together
+from jbclog.core.text import clean, cleaned, number, stamp, together
 
 __all__ = ["bound_text", "clean", "cleaned", "clock", "interval", "iso", "measured", "number", "stamp", "together"]
 

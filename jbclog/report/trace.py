@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from jbclog.judge.stepped import Step, Unstepped
+from jbclog.analysis.verdict.stepped_clock import Step, Unstepped
 from jbclog.report.air import Air, air_of, status_words
 from jbclog.report.spans import Span, missing_ticks, runs, within
 from jbclog.report.states import is_any_told, state_lanes

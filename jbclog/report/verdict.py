@@ -7,10 +7,10 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from jbclog.judge import RULES, Result, Rule, Verdict
-from jbclog.judge.rules import CONFIDENCE, JUDGED_BARE
-from jbclog.judge.versions import is_known
-from jbclog.judged_again import is_cut_off, judge_again
+from jbclog.analysis.rejudge import is_cut_off, judge_again
+from jbclog.analysis.verdict import RULES, Result, Rule, Verdict
+from jbclog.analysis.verdict.rules import CONFIDENCE, JUDGED_BARE
+from jbclog.analysis.verdict.versions import is_known
 from jbclog.record.manifest import Manifest
 from jbclog.report.facts import Reason, VerdictFacts
 from jbclog.report.summary import summary

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import Final
 
-from jbclog.rows import TipCheck
+from jbclog.core.rows import TipCheck
 
 RULE: Final = "verification"
 NONE: Final = "none"

@@ -13,26 +13,26 @@ from dataclasses import asdict
 from pathlib import Path
 
 from jbclog import __version__
-from jbclog.analysis import open_run
-from jbclog.errors import RecordError
-from jbclog.foreign.files import Kind, read_foreign
-from jbclog.foreign.numbers import read_json
-from jbclog.judge import RULES
-from jbclog.judged_again import Held, held
+from jbclog.analysis.rejudge import Held, held
+from jbclog.analysis.run import open_run
+from jbclog.analysis.verdict import RULES
+from jbclog.core.durable_files import write_whole
+from jbclog.core.errors import RecordError
+from jbclog.core.foreign.files import Kind, read_foreign
+from jbclog.core.foreign.numbers import read_json
 from jbclog.record.annotations import NAME as ANNOTATIONS
 from jbclog.record.annotations import read as read_annotations
 from jbclog.record.annotations import vouch
 from jbclog.record.check import changed_files
-from jbclog.record.durable import write_whole
-from jbclog.record.elsewhere import report_disagreements
+from jbclog.record.cross_check import report_disagreements
 from jbclog.record.folder import expect_no_links
 from jbclog.record.manifest import Manifest, manifest_sha256
 from jbclog.report.facts import Facts, Figure
 from jbclog.report.gather import gather
 from jbclog.report.joints import JOINTS, joints_of
 from jbclog.report.page import render
+from jbclog.report.paper_figures import Plates
 from jbclog.report.pdf import report_pdf
-from jbclog.report.plates import Plates
 from jbclog.report.spreadsheet import csv_tables
 from jbclog.report.text import cleaned
 

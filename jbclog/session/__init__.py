@@ -1,7 +1,4 @@
-"""ONE RUN OF ONE STATION, as a generator: identify, apply, verify, sample, make safe.
+"""What jbclog does with one station, as generators without I/O: run it, make it safe, read, write, find it.
 
-Owns: what is asked in which order, what it means, and what is written down of it.
-Never: does I/O, asks for the time, or knows of another station.
-May use: `station`, `safety`, `scheduler`, `recipe`, `commands`, `rows`, `clock`, `effects`, `errors`, `quantities`, `wire`.
-Start reading: `run.py`, which tells the story; each chapter is a file.
+Start with `run/station_run.py`; each chapter of it is a file. `scheduler.py` decides which reading is due when.
 """

@@ -10,8 +10,8 @@ import argparse
 import sys
 from pathlib import Path
 
-from jbclog.errors import UsageError
-from jbclog.recipe.line import load_line
+from jbclog.config.line import load_line
+from jbclog.core.errors import UsageError
 from jbclog.sim.setup import SERVED_LINE, set_up, tcp_of
 from jbclog.sim.wire_file import NoWireFile, WireFile
 

@@ -8,9 +8,9 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Mapping
 from types import MappingProxyType
 
-from jbclog.commands.command import Command, Scope
-from jbclog.quantities import Value
-from jbclog.recipe.sim_spec import FaultSpec
+from jbclog.config.sim_spec import FaultSpec
+from jbclog.core.quantities import Value
+from jbclog.protocol.commands.command import Command, Scope
 from jbclog.sim.airstation import AirStation
 from jbclog.sim.questions import Asked
 from jbclog.sim.readings import COUNTER_ROOM, Identity, setting

@@ -12,9 +12,9 @@ from dataclasses import dataclass, field
 from math import inf
 from random import Random
 
-from jbclog.commands.defaults import AIR_DEFAULTS
+from jbclog.protocol.commands.defaults import AIR_DEFAULTS
 from jbclog.sim.air import Heater, Probe
-from jbclog.sim.fresh import fresh
+from jbclog.sim.factory_settings import fresh
 from jbclog.sim.joints import NEVER, Joint, Joints
 
 STEP_S = 0.05

@@ -5,23 +5,23 @@ from __future__ import annotations
 from collections.abc import Callable
 from random import Random
 
-from jbclog.commands.command import Scope
-from jbclog.commands.family import FAMILIES, Family, family_of
-from jbclog.commands.hotair import AIR_STATUS
-from jbclog.commands.signals import DISPENSING_COUNTERS
-from jbclog.errors import UsageError
-from jbclog.quantities import OFF, Value
-from jbclog.recipe.line import AUTO, StationSpec
-from jbclog.recipe.sim_spec import SimSpec
+from jbclog.config.line import AUTO, StationSpec
+from jbclog.config.sim_spec import SimSpec
+from jbclog.core.errors import UsageError
+from jbclog.core.quantities import OFF, Value
+from jbclog.protocol.commands.command import Scope
+from jbclog.protocol.commands.family import FAMILIES, Family, family_of
+from jbclog.protocol.commands.hotair import AIR_STATUS
+from jbclog.protocol.commands.signals import DISPENSING_COUNTERS
 from jbclog.sim.air import Heater
 from jbclog.sim.airface import PORT as AIR_PORT
 from jbclog.sim.airface import AirFace
 from jbclog.sim.airstation import AirCharacter, AirStation
 from jbclog.sim.device import Device
 from jbclog.sim.face import Face
+from jbclog.sim.factory_settings import fresh
 from jbclog.sim.faults import OF_OMEGA
 from jbclog.sim.feeder import Feeder
-from jbclog.sim.fresh import fresh
 from jbclog.sim.joints import Joints
 from jbclog.sim.plant import Plant, StationSettings
 from jbclog.sim.port import Character, Port

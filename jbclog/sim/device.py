@@ -8,8 +8,8 @@ alternatives are in `quirks.py`.
 
 from __future__ import annotations
 
-from jbclog.commands.family import Family
-from jbclog.quantities import OFF, OFF_ON_WIRE, Value
+from jbclog.core.quantities import OFF, OFF_ON_WIRE, Value
+from jbclog.protocol.commands.family import Family
 from jbclog.sim.face import Face
 from jbclog.sim.questions import Asked, questions
 from jbclog.sim.quirks import Quirks

@@ -13,8 +13,8 @@ from dataclasses import dataclass, field
 from math import floor, inf
 from typing import NamedTuple
 
+from jbclog.core.wire_capture import Passed, Row
 from jbclog.protocol import frame, omega
-from jbclog.tape import Passed, Row
 
 EARLY_S = 1e-3  # that the first question of a tick may seem to lie before it
 ON_TIME = 0.05  # of a period after its due time, in which a tick's first question is asked where nothing is in its way

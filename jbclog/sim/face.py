@@ -8,9 +8,9 @@ from __future__ import annotations
 from collections.abc import Collection
 from typing import Protocol
 
-from jbclog.commands.command import Command
-from jbclog.quantities import Value
-from jbclog.recipe.sim_spec import FaultSpec
+from jbclog.config.sim_spec import FaultSpec
+from jbclog.core.quantities import Value
+from jbclog.protocol.commands.command import Command
 from jbclog.sim.questions import Asked
 from jbclog.sim.readings import Identity
 

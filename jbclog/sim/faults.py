@@ -11,7 +11,7 @@ from math import inf
 from random import Random
 from typing import Final, NamedTuple
 
-from jbclog.recipe.sim_spec import FaultSpec
+from jbclog.config.sim_spec import FaultSpec
 from jbclog.sim.device import Device
 from jbclog.sim.questions import Asked
 

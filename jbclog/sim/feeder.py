@@ -9,8 +9,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from math import inf
 
-from jbclog.commands.defaults import FEEDER_DEFAULTS
-from jbclog.sim.fresh import fresh
+from jbclog.protocol.commands.defaults import FEEDER_DEFAULTS
+from jbclog.sim.factory_settings import fresh
 
 UNTIL_STOPPED = ("continuous", "reload")
 

@@ -14,11 +14,11 @@ with suppress(ImportError):  # Windows has no pseudo-terminals; TcpLink serves t
     import termios
     import tty
 
-from jbclog.errors import UsageError
+from jbclog.core.errors import UsageError
+from jbclog.core.line_format import LineFormat
 from jbclog.sim.terminal_line import line_set
 from jbclog.sim.uart import heard
 from jbclog.sim.waiting import Waiter
-from jbclog.wire import LineFormat
 
 MOST_AT_ONCE = 4096
 

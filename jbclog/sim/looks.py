@@ -10,9 +10,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
-from jbclog.commands.command import Effect
-from jbclog.commands.robot import READINGS
 from jbclog.protocol import frame, omega
+from jbclog.protocol.commands.command import Effect
+from jbclog.protocol.commands.robot import READINGS
 from jbclog.protocol.frame import Frame
 from jbclog.protocol.omega import OmegaReader
 from jbclog.protocol.reader import FrameReader

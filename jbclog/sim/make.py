@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from jbclog.commands.family import FAMILIES, OMEGA
-from jbclog.recipe.line import StationSpec
+from jbclog.config.line import StationSpec
+from jbclog.protocol.commands.family import FAMILIES, OMEGA
 from jbclog.sim.omega import VirtualOmega
 from jbclog.sim.virtual import VirtualStation
 

@@ -11,19 +11,19 @@ from random import Random
 from typing import Final
 from zlib import crc32
 
-from jbclog.commands.family import FAMILIES
-from jbclog.commands.omega_values import ConditionNumber, SetTemperature, Stored, StoredCondition, is_condition
-from jbclog.errors import UsageError
+from jbclog.config.line import StationSpec
+from jbclog.config.sim_spec import FaultSpec, SimSpec
+from jbclog.core.errors import UsageError
+from jbclog.core.line_format import LineFormat
+from jbclog.protocol.commands.family import FAMILIES
+from jbclog.protocol.commands.omega_values import ConditionNumber, SetTemperature, Stored, StoredCondition, is_condition
 from jbclog.protocol.omega import OmegaReader, encode
-from jbclog.recipe.line import StationSpec
-from jbclog.recipe.sim_spec import FaultSpec, SimSpec
 from jbclog.sim.faults import OF_OMEGA, Change, Tape
 from jbclog.sim.joints import Joints
 from jbclog.sim.omega_plant import OmegaPlant
 from jbclog.sim.questions import Asked
 from jbclog.sim.virtual import Pace, Reply
 from jbclog.sim.wire_log import Refused, Struck, WireLog, Written
-from jbclog.wire import LineFormat
 
 SLOWEST_S = 0.25  # 003 11.1
 IN_DEGREES: Final = "temperature_in_degrees"

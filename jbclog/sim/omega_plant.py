@@ -9,8 +9,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from jbclog.commands.omega import AT_TEMPERATURE, CONTROL, INFORMATION
-from jbclog.commands.omega_values import CLEANING, MODES, Cleaning, ConditionRecord, Stored
+from jbclog.protocol.commands.omega import AT_TEMPERATURE, CONTROL, INFORMATION
+from jbclog.protocol.commands.omega_values import CLEANING, MODES, Cleaning, ConditionRecord, Stored
 from jbclog.sim.joints import Joints
 
 WARM_UP_S = 5.0

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from math import exp
 
-from jbclog.quantities import Off
+from jbclog.core.quantities import Off
 
 
 @dataclass(slots=True)

@@ -13,9 +13,9 @@ from dataclasses import dataclass, field
 from math import inf
 from random import Random
 
-from jbclog.commands.defaults import SOLDERING_DEFAULTS
-from jbclog.quantities import Off
-from jbclog.sim.fresh import fresh
+from jbclog.core.quantities import Off
+from jbclog.protocol.commands.defaults import SOLDERING_DEFAULTS
+from jbclog.sim.factory_settings import fresh
 from jbclog.sim.joints import LOAD_C, NEVER, Joint, Joints
 from jbclog.sim.parts import Comparator, WarmPart
 from jbclog.sim.state import HIBERNATION, SLEEP, WORKING, ToolSettings, ToolState

@@ -9,7 +9,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import IO, Self
 
-from jbclog.errors import UsageError
+from jbclog.core.errors import UsageError
 
 READY_S = 20.0
 END_S = 5.0

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from functools import cache
 from types import MappingProxyType
 
-from jbclog.commands.command import Command, Scope
-from jbclog.commands.family import FAMILIES, Family
+from jbclog.protocol.commands.command import Command, Scope
+from jbclog.protocol.commands.family import FAMILIES, Family
 
 
 @dataclass(frozen=True, slots=True)

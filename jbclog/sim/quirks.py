@@ -1,7 +1,7 @@
 """Quirks by name: how a station may differ from what is recommended where the manuals contradict themselves.
 
 ``[station.sim] quirks = ["addresses_swapped", "hex_with_0x"]`` in a line file. Each plays the alternative of one row of
-section B of the digest (`commands/decisions.py`): it hears a question otherwise, says an answer otherwise, puts other
+section B of the digest (`protocol/commands/decisions.py`): it hears a question otherwise, says an answer otherwise, puts other
 addresses on it, or begins with other physics. Nothing of the station's values changes by that.
 """
 
@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import NamedTuple
 
-from jbclog.quantities import OFF_ON_WIRE
+from jbclog.core.quantities import OFF_ON_WIRE
 from jbclog.sim.face import Face
 from jbclog.sim.parts import Comparator
 from jbclog.sim.questions import Asked

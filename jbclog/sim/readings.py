@@ -6,8 +6,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 
-from jbclog.commands.command import Scope
-from jbclog.quantities import OFF, Value
+from jbclog.core.quantities import OFF, Value
+from jbclog.protocol.commands.command import Scope
 from jbclog.sim.plant import Plant
 from jbclog.sim.port import Port
 from jbclog.sim.questions import Asked

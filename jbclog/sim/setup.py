@@ -7,9 +7,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from time import monotonic
 
-from jbclog.errors import UsageError
-from jbclog.recipe.line import Line, Replay
-from jbclog.recipe.line_text import line_text
+from jbclog.config.line import Line, Replay
+from jbclog.config.line_text import line_text
+from jbclog.core.errors import UsageError
 from jbclog.sim.links import Link, PtyLink, TcpLink
 from jbclog.sim.make import virtual_station
 from jbclog.sim.serve import Servable, Served, Server

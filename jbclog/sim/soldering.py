@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Collection
 
-from jbclog.commands.command import Command
-from jbclog.commands.family import Family
-from jbclog.quantities import Value
-from jbclog.recipe.sim_spec import FaultSpec
+from jbclog.config.sim_spec import FaultSpec
+from jbclog.core.quantities import Value
+from jbclog.protocol.commands.command import Command
+from jbclog.protocol.commands.family import Family
 from jbclog.sim.plant import Plant
 from jbclog.sim.questions import Asked
 from jbclog.sim.readings import Identity, value_of

@@ -15,7 +15,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from math import inf
 
-from jbclog.quantities import OFF, Off
+from jbclog.core.quantities import OFF, Off
 
 WORKING, STAND, SLEEP, HIBERNATION = range(4)
 

@@ -13,7 +13,7 @@ with suppress(ImportError):  # Windows has no terminals
     import fcntl
     import termios
 
-from jbclog.wire import LineFormat
+from jbclog.core.line_format import LineFormat
 
 TCGETS2 = 0x802C542A  # rates of any number; the same on all machines but MIPS, PowerPC, SPARC and Alpha
 _SETTINGS = struct.Struct("4I B 19s 2I")

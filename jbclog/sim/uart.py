@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from jbclog.wire import LineFormat
+from jbclog.core.line_format import LineFormat
 
 IDLE = 1
 DATA_BITS = 8

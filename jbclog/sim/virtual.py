@@ -15,17 +15,17 @@ from functools import lru_cache
 from typing import NamedTuple
 from zlib import crc32
 
+from jbclog.config.line import StationSpec
+from jbclog.config.sim_spec import FaultSpec, SimSpec
+from jbclog.core.line_format import LineFormat
 from jbclog.protocol.frame import Frame, check_byte
 from jbclog.protocol.reader import Corrupt, FrameReader
-from jbclog.recipe.line import StationSpec
-from jbclog.recipe.sim_spec import FaultSpec, SimSpec
 from jbclog.sim.build import build_device
 from jbclog.sim.device import WRONG_CHECK, WRONG_FORMAT, Answer
 from jbclog.sim.faults import Tape, happen
 from jbclog.sim.plant import Plant
 from jbclog.sim.soldering import SolderingFace
 from jbclog.sim.wire_log import Struck, WireLog
-from jbclog.wire import LineFormat
 
 KNOWN_QUESTIONS = 512  # what is asked is asked again: as many whole frames are remembered
 MOVED: Answer = ("A", "SAD")  # the acknowledgement of a change of address

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
-from jbclog.quantities import Value
+from jbclog.core.quantities import Value
 
 
 class Written(NamedTuple):

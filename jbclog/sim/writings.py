@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import re
 
-from jbclog.commands.command import Command, Scope
-from jbclog.commands.family import Family
-from jbclog.commands.status import EXTRACTOR, STAND, WORKING
-from jbclog.quantities import AlarmDelay, Value
+from jbclog.core.quantities import AlarmDelay, Value
+from jbclog.protocol.commands.command import Command, Scope
+from jbclog.protocol.commands.family import Family
+from jbclog.protocol.commands.status import EXTRACTOR, STAND, WORKING
 from jbclog.sim.plant import Plant
 from jbclog.sim.port import Port
 from jbclog.sim.questions import Asked

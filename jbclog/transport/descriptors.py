@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from jbclog.errors import UsageError
+from jbclog.core.errors import UsageError
 
 EACH_PORT = 1  # `opening.py` frees the pipes that pyserial opens beside each device
 BESIDE = 160  # the record, the loop, the interpreter, and eight ports being opened with five each

@@ -17,10 +17,10 @@ from queue import Queue
 
 import serial
 
-from jbclog.errors import LinkError, PortBusy, PortForbidden, PortMissing
+from jbclog.core.errors import LinkError, PortBusy, PortForbidden, PortMissing
+from jbclog.core.line_format import SCHEMES, LineFormat, scheme_of
 from jbclog.transport.holder import holder_of, in_words
 from jbclog.transport.port import BROKEN, SLICE_S, DescriptorPort, ObjectPort, Port, give_back, lost
-from jbclog.wire import SCHEMES, LineFormat, scheme_of
 
 try:
     import fcntl

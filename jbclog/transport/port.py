@@ -20,7 +20,7 @@ from typing import Protocol
 
 import serial
 
-from jbclog.errors import LinkError
+from jbclog.core.errors import LinkError
 
 MOST_AT_ONCE = 1024  # bytes of a read: many answers
 CLOSE_S = 0.2  # a driver may hang in close(); then a thread is left to wait for it

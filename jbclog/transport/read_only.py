@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from jbclog.errors import WriteForbidden
+from jbclog.core.errors import WriteForbidden
 from jbclog.transport.port import Port
 
 OnlyReads = Callable[[bytes], bool]

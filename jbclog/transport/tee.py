@@ -6,8 +6,8 @@ import time
 from collections.abc import Callable
 from typing import Literal, Self
 
-from jbclog.errors import LinkError
-from jbclog.tape import Passed
+from jbclog.core.errors import LinkError
+from jbclog.core.wire_capture import Passed
 from jbclog.transport.port import Port, unread
 
 Keep = Callable[[Passed], object]

@@ -12,8 +12,8 @@ from dataclasses import dataclass, field
 import serial
 from common import HZ, LINE, cpu_s, percentile
 
-from jbclog.commands.family import FAMILIES
-from jbclog.station.robot import Station
+from jbclog.protocol.client.robot import Station
+from jbclog.protocol.commands.family import FAMILIES
 
 FOUR = ("tip_temperature", "power", "status", "alarm_flags")
 ANSWER_BYTES = 16

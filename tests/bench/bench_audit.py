@@ -18,7 +18,7 @@ from pathlib import Path
 import bare
 from common import LINE, Bench, Claim, at_least, at_most, in_own_process, is_short, judge, show, virtual_stations
 
-from jbclog.counting.looking import AT_ONCE
+from jbclog.app.audit.survey import AT_ONCE
 
 LIMIT_S = 60.0
 TURNAROUND_MS = 1.0

@@ -19,14 +19,14 @@ from statistics import linear_regression
 from common import RECIPE, Claim, at_most, in_own_process, is_short, judge, line_text, show, virtual_stations
 from recorder import Recorded, record
 
-from jbclog.clock import UtcOffset, VirtualClock
-from jbclog.drive.virtual import VirtualDriver
-from jbclog.plan import Wanted, make_plan, orders
+from jbclog.app.run.plan import Wanted, make_plan, orders
+from jbclog.core.clock import UtcOffset, VirtualClock
 from jbclog.record.folder import create_run
 from jbclog.record.live import LiveStore
-from jbclog.session.order import Desk
-from jbclog.session.run import run_station
+from jbclog.session.run.context import Desk
+from jbclog.session.run.station_run import run_station
 from jbclog.sim.virtual import VirtualStation
+from jbclog.transport.virtual import VirtualDriver
 
 STATIONS = 64
 STATIONS_OF_THE_HOUR = 8

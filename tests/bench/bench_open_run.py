@@ -28,7 +28,8 @@ import pyarrow as pa
 from common import at_least, at_most, cpu_s, in_own_process, is_short, judge, show
 from sealed_run import samples, seal, station, table
 
-from jbclog.analysis import open_run, open_runs
+from jbclog.analysis.run import open_run
+from jbclog.analysis.runs import open_runs
 from jbclog.record.conclude import sealed_file
 from jbclog.record.manifest import read_manifest, write_manifest
 

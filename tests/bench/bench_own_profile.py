@@ -12,7 +12,7 @@ import bare
 from common import HZ, READ_S, Claim, at_most, bytes_allow, in_own_process, is_short, judge, show, virtual_stations
 from recorder import Recorded, record
 
-from jbclog.scheduler import CEILING
+from jbclog.session.scheduler import CEILING
 
 TURNAROUND_MS = 1.0
 BARE_S = 3.0

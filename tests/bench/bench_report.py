@@ -25,7 +25,7 @@ ROWS = 8 * 3600 * 10
 LIMIT_S = 8.0
 STATIONS, SHORT_ROWS = 16, 1200  # four minutes at 5 Hz, two ports each
 MOST_FIGURES = 45
-REPORT = "import sys; from jbclog.report import write_report; write_report(sys.argv[1])"
+REPORT = "import sys; from jbclog.report.write import write_report; write_report(sys.argv[1])"
 
 
 def eight_hours(out: Path) -> Path:
@@ -85,7 +85,7 @@ def a_figure() -> None:
 
 def in_figures(run: Path) -> tuple[float, float]:
     """The CPU of a report, imports left out, in seconds and in figures of matplotlib."""
-    from jbclog.report import write_report
+    from jbclog.report.write import write_report
 
     report_s, figure_s = cpu_s(lambda: write_report(run)), cpu_s(a_figure)
     return report_s, report_s / figure_s

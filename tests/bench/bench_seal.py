@@ -20,14 +20,14 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
+from jbclog.core.folder_lock import FolderLock
+from jbclog.core.rows import COLUMN, SAMPLE_COLUMNS, SampleRow, StationFacts
 from jbclog.record.batches import encode, keep_pandas_out
 from jbclog.record.folder import create_run
-from jbclog.record.intake import Intake
-from jbclog.record.keeping import Keeping
-from jbclog.record.lock import FolderLock
 from jbclog.record.parts import part_paths
+from jbclog.record.row_buffer import Intake
 from jbclog.record.seal import seal_in_child
-from jbclog.rows import COLUMN, SAMPLE_COLUMNS, SampleRow, StationFacts
+from jbclog.record.store_writer import Keeping
 
 HZ = 10
 T0 = 1_790_000_000_000_000

@@ -19,8 +19,8 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import ParamSpec, TypeVar
 
+from jbclog.core.line_format import LineFormat
 from jbclog.sim.process import SimProcess
-from jbclog.wire import LineFormat
 
 LINE = LineFormat()
 READ_S = LINE.read_s()  # 14.06 ms: an addressed read and its answer at 19200 8N1

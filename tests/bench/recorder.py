@@ -10,13 +10,13 @@ from typing import NamedTuple
 import pyarrow.parquet as pq
 from common import cpu_s, percentile
 
-from jbclog.conduct import conduct
-from jbclog.dossier import Result
-from jbclog.plan import Wanted, make_plan
+from jbclog.app.run.plan import Wanted, make_plan
+from jbclog.app.run.run_record import Result
+from jbclog.app.run.runner import conduct
+from jbclog.core.rows import EventRow
+from jbclog.record.capture import read_rows, wire_paths
 from jbclog.record.live import SEAL_S
-from jbclog.record.wire import read_rows, wire_paths
-from jbclog.rows import EventRow
-from jbclog.session.order import Desk
+from jbclog.session.run.context import Desk
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,8 +9,8 @@ import pytest
 from readme import ROOT
 from verbs import calls, wrong
 
-from jbclog.foreign.files import GIB, KIB, LIMITS, MIB, Kind
-from jbclog.spc.nelson import ALL_TESTS, DEFAULT_TESTS, FALSE_ALARMS
+from jbclog.analysis.spc.nelson import ALL_TESTS, DEFAULT_TESTS, FALSE_ALARMS
+from jbclog.core.foreign.files import GIB, KIB, LIMITS, MIB, Kind
 
 DOCS, TESTS = ROOT / "docs", ROOT / "tests"
 PAGES = sorted(DOCS.glob("*.md"))

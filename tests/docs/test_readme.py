@@ -17,15 +17,15 @@ from readme import PROSE, ROOT, blocks, commands, headings, links, rows, section
 from verbs import VERBS, calls, wrong
 
 import jbclog as package
-from jbclog.commands.family import FAMILIES
-from jbclog.outcome import Exit
-from jbclog.recipe.line import load_line
+from jbclog.config.line import load_line
+from jbclog.core.folder_lock import NAME as LOCK
+from jbclog.core.outcome import Exit
+from jbclog.core.rows import SAMPLE_COLUMNS
+from jbclog.protocol.commands.family import FAMILIES
 from jbclog.record.damage import NOTES, REMAINS
-from jbclog.record.keeping import RESERVE
-from jbclog.record.lineage import short_head
-from jbclog.record.lock import NAME as LOCK
 from jbclog.record.manifest import manifest_sha256
-from jbclog.rows import SAMPLE_COLUMNS
+from jbclog.record.run_chain import short_head
+from jbclog.record.store_writer import RESERVE
 
 INSTALL = "python3 -m venv --without-pip .venv && python3 -m pip --python .venv install "
 

@@ -8,9 +8,9 @@ import pytest
 from unit_file import UNIT, analyzed, command, exposed, unit
 from verbs import wrong
 
-from jbclog.counting.timers import HARDENED
+from jbclog.app.audit.timers import HARDENED
+from jbclog.app.safe_state import ASKED_S, DONE_S, GUARD_S, KILLED_S
 from jbclog.guard.process import TAKEN_OVER_S
-from jbclog.line_safe import ASKED_S, DONE_S, GUARD_S, KILLED_S
 
 
 @pytest.mark.parametrize(("key", "verb"), [("ExecStart", "run"), ("ExecStopPost", "safe")])

@@ -12,7 +12,7 @@ import few_rows
 import pytest
 
 from jbclog.analysis.run import open_run
-from jbclog.errors import RecordError
+from jbclog.core.errors import RecordError
 from jbclog.record import folder as folders
 from jbclog.record.folder import create_run
 from jbclog.record.seal import seal_rows

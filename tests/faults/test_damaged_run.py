@@ -19,18 +19,18 @@ from make_run import make_run
 from small_wire import HEAD, write_wire
 
 from jbclog.analysis.run import open_run
-from jbclog.errors import RecordError
-from jbclog.guard.left_over import settle
+from jbclog.core.errors import RecordError
+from jbclog.core.folder_lock import is_held
+from jbclog.guard.open_leases import settle
+from jbclog.record.capture import WHOLE
 from jbclog.record.check import check
 from jbclog.record.conclude import files_of
 from jbclog.record.folder import create_run
-from jbclog.record.lineage import previous_run
-from jbclog.record.lock import is_held
 from jbclog.record.manifest import NAME, read_manifest, write_manifest
 from jbclog.record.recover import Outcome, recover, recover_all
+from jbclog.record.run_chain import previous_run
 from jbclog.record.schema import TABLES
 from jbclog.record.seal import seal_rows
-from jbclog.record.wire import WHOLE
 from jbclog.report.write import report_files
 
 Shown = dict[str, pd.DataFrame | str]

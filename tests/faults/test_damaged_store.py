@@ -12,7 +12,7 @@ from pathlib import Path
 import few_rows
 import pytest
 
-from jbclog.errors import RecordError
+from jbclog.core.errors import RecordError
 from jbclog.record.check import check
 from jbclog.record.manifest import read_manifest
 from jbclog.record.recover import recover

@@ -24,8 +24,8 @@ RECORDER = """
 import json, resource, sys, time
 from pathlib import Path
 import few_rows
-from jbclog.errors import RecordError
-from jbclog.record import keeping
+from jbclog.core.errors import RecordError
+from jbclog.record import store_writer as keeping
 from jbclog.record.folder import create_run
 from jbclog.record.live import LiveStore
 

@@ -22,13 +22,13 @@ from served_line import ServedLine
 from several import line
 from virtual_run import VirtualRun, line_text, prepare
 
-from jbclog.drive.virtual import Peer
-from jbclog.effects import Steps
+from jbclog.core.io_requests import Steps
+from jbclog.core.rows import COLUMN, StationFacts
 from jbclog.record.check import check
 from jbclog.record.manifest import read_manifest
-from jbclog.rows import COLUMN, StationFacts
-from jbclog.session.order import Order
-from jbclog.session.standstill import SUSPENDED_S
+from jbclog.session.run.context import Order
+from jbclog.session.run.standstill import SUSPENDED_S
+from jbclog.transport.virtual import Peer
 
 CAMPAIGN = 400
 SLICE = 6

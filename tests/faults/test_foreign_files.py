@@ -14,7 +14,7 @@ from bombs import BOMBS
 from foreign_matrix import OF_A_FOLDER, SPECIAL, VERBS, Ended, Pairs, put, table, words_of
 from make_run import make_run
 
-from jbclog.errors import RecordError
+from jbclog.core.errors import RecordError
 from jbclog.record.annotations import append
 from jbclog.record.manifest import NAME
 from jbclog.record.recover import recover

@@ -30,29 +30,29 @@ from hypothesis import strategies as st
 from mutations import CORPUS, JUNK, altered, cases, corpus, json_cases
 from small_wire import ROWS
 
-from jbclog.commands.family import FAMILIES
-from jbclog.errors import Problems, RecordError
-from jbclog.foreign.numbers import json_of
+from jbclog.config.line import parse_line
+from jbclog.config.load_recipe import parse_recipe
+from jbclog.config.recipe_settings import settings_for, station_settings_for
+from jbclog.config.toml_reader import MAX_PROBLEMS
+from jbclog.core.errors import Problems, RecordError
+from jbclog.core.foreign.numbers import json_of
+from jbclog.core.line_format import BAUDRATES
 from jbclog.guard.lease import NAME as LEASE
 from jbclog.guard.lease import StationLease, kept, unreadable
 from jbclog.protocol import omega, reader
+from jbclog.protocol.commands.family import FAMILIES
 from jbclog.protocol.frame import Frame
-from jbclog.recipe.line import parse_line
-from jbclog.recipe.load import parse_recipe
-from jbclog.recipe.settings import settings_for, station_settings_for
-from jbclog.recipe.toml import MAX_PROBLEMS
 from jbclog.record import left_hot
+from jbclog.record.capture import Hole, count_rows, is_done, mend, read_exchanges, read_head, rows_and_holes, wire_path
+from jbclog.record.capture_blocks import packed
+from jbclog.record.capture_check import losses
 from jbclog.record.check import check
-from jbclog.record.finding_runs import find
+from jbclog.record.find_runs import find
 from jbclog.record.manifest import NAME as MANIFEST
 from jbclog.record.manifest import STATES, manifest_text, read_manifest, write_manifest
 from jbclog.record.recover import recover
 from jbclog.record.schema import TABLES
-from jbclog.record.stock import Stock
-from jbclog.record.wire import Hole, count_rows, is_done, mend, read_exchanges, read_head, rows_and_holes, wire_path
-from jbclog.record.wire_blocks import packed
-from jbclog.record.wire_check import losses
-from jbclog.wire import BAUDRATES
+from jbclog.record.store_reader import Stock
 
 MANY = int(os.environ.get("JBCLOG_FUZZ", "20000"))
 

@@ -25,13 +25,13 @@ from guarded import TOLD_S, TOOLS, Blow, begun, ended, events, guard_of, guard_t
 from served_line import EXTRACTING, FOUR_TOOLS, ServedLine
 
 from jbclog.analysis.run import open_run
-from jbclog.commands.status import EXTRACTOR, STAND
 from jbclog.guard.lease import NAME as LEASE
 from jbclog.guard.watch import HUNG_S
+from jbclog.protocol.commands.status import EXTRACTOR, STAND
 from jbclog.record.check import check
 from jbclog.record.manifest import Manifest, read_manifest
 from jbclog.record.recover import recover
-from jbclog.safety.secure import ALLOWED_S
+from jbclog.session.safety.secure import ALLOWED_S
 
 BLOWS = 200
 BUSY_S = 60.0

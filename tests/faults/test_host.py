@@ -334,7 +334,7 @@ def test_signals_in_each_state_twenty_five_times(start: Start, state: str, count
 def test_a_signal_while_what_an_older_run_left_is_dealt_with_is_not_forgotten(start: Start, tmp_path: Path) -> None:
     """That can take seconds, before this run's record is begun."""
     there = tmp_path / "there"
-    slow = f"import time, pathlib, jbclog.conduct as c; old = c.settle; there = pathlib.Path({str(there)!r}); "
+    slow = f"import time, pathlib, jbclog.app.run.runner as c; old = c.settle; there = pathlib.Path({str(there)!r}); "
     slow += "c.settle = lambda *a: there.touch() or time.sleep(1.0) or old(*a); from jbclog.cli import main; main()"
     run = start("dde-1", program=[sys.executable, "-c", slow])
     assert until(there.exists, SOON_S)
@@ -540,7 +540,7 @@ def test_two_recorders_fifty_times(start: Start, counted: Callable[..., None]) -
 @pytest.mark.campaign
 def test_a_program_that_has_the_port_open_without_asking_is_named_and_gets_nothing_into_the_record(start: Start) -> None:
     """It reads what was meant for the run: answers are lost, none is made up."""
-    soon = "import jbclog.conduct as c; c.LOOK_AT_PORTS_EVERY_S = 0.5; from jbclog.cli import main; main()"
+    soon = "import jbclog.app.run.runner as c; c.LOOK_AT_PORTS_EVERY_S = 0.5; from jbclog.cli import main; main()"
     run = start("ucr-1", program=[sys.executable, "-c", soon])
     assert until(run.samples, SOON_S)
     device = os.open(run.line.url("ucr-1"), os.O_RDONLY | os.O_NOCTTY | os.O_NONBLOCK)

@@ -12,11 +12,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from jbclog.errors import Problems
-from jbclog.recipe.keys import MAX_ENTRIES
-from jbclog.recipe.line import load_line, parse_line
-from jbclog.recipe.load import load_recipe, parse_recipe
-from jbclog.recipe.toml import MAX_BYTES, MAX_PROBLEMS
+from jbclog.config.line import load_line, parse_line
+from jbclog.config.load_recipe import load_recipe, parse_recipe
+from jbclog.config.toml_keys import MAX_ENTRIES
+from jbclog.config.toml_reader import MAX_BYTES, MAX_PROBLEMS
+from jbclog.core.errors import Problems
 
 SECONDS = 0.2
 BYTES = 64 * 1024 * 1024

@@ -22,12 +22,12 @@ from recorded_run import RecordedRun
 from typer.testing import CliRunner
 
 import jbclog
+from jbclog.app.run.plan import Metadata, Wanted, make_plan
 from jbclog.cli.app import app
-from jbclog.errors import Problems, RecordError
-from jbclog.plan import Metadata, Wanted, make_plan
+from jbclog.config.line import parse_line
+from jbclog.config.load_recipe import parse_recipe
+from jbclog.core.errors import Problems, RecordError
 from jbclog.protocol.frame import Frame
-from jbclog.recipe.line import parse_line
-from jbclog.recipe.load import parse_recipe
 from jbclog.record.annotations import append
 from jbclog.record.check import check
 from jbclog.record.folder import create_run
@@ -381,7 +381,7 @@ def test_a_folder_for_runs_may_be_a_link_that_the_user_made(tmp_path: Path) -> N
 PRINTS = {
     "cli/output.py": "cleans",
     "cli/app.py": "the version",
-    "joint_counting.py": "a child's, whose words become an event's, which are cleaned where they are shown",
+    "app/run/joint_counter.py": "a child's, whose words become an event's, which are cleaned where they are shown",
     "record/seal.py": "a child's, told to its parent through a pipe and printed by it",
     "sim/__main__.py": "a child's, whose sentences are cleaned where they are made",
 }

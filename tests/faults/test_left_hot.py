@@ -21,12 +21,12 @@ from guarded import TOOLS, Blow, ended, events, guard_that_is_there, only_run, r
 from served_line import ServedLine
 
 from jbclog import open_run
-from jbclog.guard import whereabouts
+from jbclog.guard import lease_registry
 from jbclog.guard.lease import NAME as LEASE
 from jbclog.guard.lease import kept
 from jbclog.record.annotations import read
 from jbclog.record.check import check
-from jbclog.record.guarded import DIARY
+from jbclog.record.guard_actions import DIARY
 from jbclog.record.manifest import read_manifest
 
 HOT_C = 300
@@ -105,7 +105,7 @@ def test_safe_closes_what_was_left_and_tells_it(line: ServedLine, left_hot: Path
     assert line.at_work() == 0
     assert f"the run {left_hot} left tools hot; its record now says so" in done.stderr
     assert not (left_hot / LEASE).exists()
-    assert whereabouts.known() == []
+    assert lease_registry.known() == []
     assert annotated(left_hot) == [("jbclog safe", "guard.left_over"), ("jbclog safe", "safety.safe_state")]
     assert len(read(left_hot).said) == TOOLS + 1
     assert check(left_hot) == []

@@ -10,14 +10,14 @@ import pytest
 from corrupted import flipped
 from omega_talk import framed
 
-from jbclog.commands.command import Command
-from jbclog.commands.family import FAMILIES
-from jbclog.effects import Heard
-from jbclog.errors import StationError
+from jbclog.core.errors import StationError
+from jbclog.core.io_requests import Heard
+from jbclog.core.line_format import LineFormat
+from jbclog.core.quantities import Value
+from jbclog.protocol.client.omega import OmegaStation
+from jbclog.protocol.commands.command import Command
+from jbclog.protocol.commands.family import FAMILIES
 from jbclog.protocol.omega import OmegaReader
-from jbclog.quantities import Value
-from jbclog.station.omega import OmegaStation
-from jbclog.wire import LineFormat
 
 COMMANDS = FAMILIES["omega"].commands
 A, B, F, G = (COMMANDS[name] for name in ("information", "temperature_control", "set_temperature_state", "mode"))

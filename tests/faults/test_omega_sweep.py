@@ -8,14 +8,14 @@ from random import Random
 import pytest
 from omega_talk import framed
 
-from jbclog.clock import VirtualClock
-from jbclog.commands.family import FAMILIES
-from jbclog.drive.virtual import VirtualDriver
-from jbclog.effects import Reopen, Steps, Wait
-from jbclog.errors import StationError
-from jbclog.quantities import Value
-from jbclog.station.omega import OmegaStation
-from jbclog.wire import LineFormat
+from jbclog.core.clock import VirtualClock
+from jbclog.core.errors import StationError
+from jbclog.core.io_requests import Reopen, Steps, Wait
+from jbclog.core.line_format import LineFormat
+from jbclog.core.quantities import Value
+from jbclog.protocol.client.omega import OmegaStation
+from jbclog.protocol.commands.family import FAMILIES
+from jbclog.transport.virtual import VirtualDriver
 
 COMMANDS = FAMILIES["omega"].commands
 ASKED = [COMMANDS[name] for name in ("information", "temperature_control", "set_temperature_state", "mode")]

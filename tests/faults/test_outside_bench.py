@@ -17,8 +17,8 @@ from outside_runs import AIR, TIP, Outcome, eight, virtual, wrong_values
 from sane import assert_memory_is_bounded
 
 from jbclog import open_run
-from jbclog.clock import VirtualClock
-from jbclog.rows import COLUMN
+from jbclog.core.clock import VirtualClock
+from jbclog.core.rows import COLUMN
 
 FOUR = ("dde", "nae", "hde", "jtse")
 HOW_OFTEN = re.compile(r"in \d+ (try|tries|writes?)\b|only \d+ of 12 questions|silent for 10 s in step \d|not start because")

@@ -16,8 +16,8 @@ from invariants import Kept, kept_in, lateness, violations_of
 from several import fault, line
 from virtual_run import RECIPE, VirtualRun, prepare
 
+from jbclog.core.rows import COLUMN
 from jbclog.record.check import check
-from jbclog.rows import COLUMN
 from jbclog.sim.process import SimProcess
 
 STATIONS, HANGS = 16, "dde-9"

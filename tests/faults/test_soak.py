@@ -22,7 +22,7 @@ from invariants import counted as readings_in
 from invariants import kept_in
 from soak import FLOOD, RECIPES, Soak, kinds_of
 
-from jbclog.recipe.line import load_line
+from jbclog.config.line import load_line
 
 SOAK_S = float(os.environ.get("JBCLOG_SOAK_S", "3600"))
 STATIONS = 16

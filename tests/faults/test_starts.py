@@ -16,11 +16,11 @@ from lossy_wire import ACCIDENTS, LossyWire
 from sane import assert_memory_is_bounded, must_end_within
 from virtual_run import RECIPE, VirtualRun, prepare
 
-from jbclog.commands.status import STAND, WORKING
-from jbclog.effects import Steps
-from jbclog.quantities import text_of
-from jbclog.rows import SettingRow, StationFacts
-from jbclog.session.order import Order
+from jbclog.core.io_requests import Steps
+from jbclog.core.quantities import text_of
+from jbclog.core.rows import SettingRow, StationFacts
+from jbclog.protocol.commands.status import STAND, WORKING
+from jbclog.session.run.context import Order
 from jbclog.sim.virtual import VirtualStation
 
 STATIONS = 8

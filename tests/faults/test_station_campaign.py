@@ -21,7 +21,7 @@ from several import fault, line
 from slices import first
 from virtual_run import RECIPE, VirtualRun, prepare
 
-from jbclog.rows import COLUMN
+from jbclog.core.rows import COLUMN
 from jbclog.sim.state import WORKING
 from jbclog.sim.virtual import VirtualStation
 

@@ -22,19 +22,19 @@ from make_run import make_run
 from typer.testing import CliRunner
 
 from jbclog.cli.app import app
-from jbclog.errors import RecordError
+from jbclog.core.errors import RecordError
 from jbclog.record.annotations import append
 from jbclog.record.annotations import read as read_annotations
 from jbclog.record.chain import breaks, digest, first_link
 from jbclog.record.check import check
 from jbclog.record.conclude import files_of
-from jbclog.record.elsewhere import uncovered
-from jbclog.record.guarded import plain_events
+from jbclog.record.cross_check import uncovered
+from jbclog.record.guard_actions import plain_events
 from jbclog.record.ledger import ledger_of
-from jbclog.record.lineage import previous_run, short_head
 from jbclog.record.manifest import DIGEST, END, OF_0_1, manifest_sha256, read_manifest, write_manifest
 from jbclog.record.parts import part_paths
-from jbclog.report import verify_report, write_report
+from jbclog.record.run_chain import previous_run, short_head
+from jbclog.report.write import verify_report, write_report
 
 STRIDE = 1499
 

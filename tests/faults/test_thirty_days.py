@@ -16,14 +16,14 @@ from recorded_run import Nobody, _sealed_here
 from several import fault
 from virtual_run import RECIPE, line_text
 
-from jbclog.clock import VirtualClock
-from jbclog.dossier import Dossier
-from jbclog.drive.virtual import VirtualDriver
-from jbclog.plan import Plan, Wanted, make_plan
+from jbclog.app.run.plan import Plan, Wanted, make_plan
+from jbclog.app.run.run_record import Dossier
+from jbclog.core.clock import VirtualClock
 from jbclog.record.check import check
 from jbclog.record.manifest import read_manifest
-from jbclog.session.run import run_station
+from jbclog.session.run.station_run import run_station
 from jbclog.sim.make import virtual_station
+from jbclog.transport.virtual import VirtualDriver
 
 DAY_S, HOUR_S = 86400.0, 3600.0
 OUT_EVERY_S, OUT_S = 5 * HOUR_S, 60.0

@@ -14,9 +14,9 @@ from corrupted import flipped, taken, taken_by_omega, taken_of_two_bits
 from golden import FRAMES, Golden, seed_003
 from readme import README
 
-from jbclog.commands.command import Command
-from jbclog.commands.family import FAMILIES
-from jbclog.quantities import Value
+from jbclog.core.quantities import Value
+from jbclog.protocol.commands.command import Command
+from jbclog.protocol.commands.family import FAMILIES
 
 FAMILIES_OF = {"000": ("soldering",), "001": ("jtse",), "002": ("dde", "ale", "ucr"), "004": ("ucr",)}
 ANSWERS = [golden for golden in FRAMES if golden.text[0] == "A" and golden.value is not None]

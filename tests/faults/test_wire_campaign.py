@@ -21,7 +21,7 @@ from noisy_wire import ALL_KINDS, OF_ANY_PROTOCOL, Tape
 from sane import assert_memory_is_bounded
 from wire_tapes import Played, Tally, campaign, judge, play
 
-from jbclog.rows import COLUMN
+from jbclog.core.rows import COLUMN
 
 HOURS, FIRST = float(os.environ.get("WIRE_HOURS", "2000")), int(os.environ.get("WIRE_FIRST", "0"))
 SHORT = (7, 15, 18, 22)  # brisk ones

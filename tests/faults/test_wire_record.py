@@ -7,14 +7,14 @@ from pathlib import Path
 import pytest
 
 from jbclog.analysis.run import open_run
-from jbclog.conduct import conduct
-from jbclog.dossier import Result
-from jbclog.outcome import Exit
-from jbclog.plan import Wanted, make_plan
-from jbclog.record import wire_recorder
+from jbclog.app.run.plan import Wanted, make_plan
+from jbclog.app.run.run_record import Result
+from jbclog.app.run.runner import conduct
+from jbclog.core.outcome import Exit
+from jbclog.core.rows import EventRow
+from jbclog.record import capture_recorder
 from jbclog.record.check import check
-from jbclog.rows import EventRow
-from jbclog.session.order import Desk
+from jbclog.session.run.context import Desk
 
 LINE = '[line]\nname = "bench"\n[[station]]\nname = "dde-1"\nurl = "nowhere"\nfamily = "dde"\nports = [1]\n'
 RECIPE = '[recipe]\nname = "job"\nrevision = 1\nfamilies = ["dde"]\n'
@@ -48,7 +48,7 @@ def test_a_port_that_is_not_there_is_in_the_wire_too(tmp_path: Path) -> None:
 
 
 def test_where_it_cannot_be_written_the_run_is_what_it_would_have_been(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(wire_recorder, "LEAST_FREE", 1 << 60)
+    monkeypatch.setattr(capture_recorder, "LEAST_FREE", 1 << 60)
     result = run(tmp_path)
     assert result.exit_code is Exit.STATION
     assert [finding.code for finding in result.findings] == [Exit.STATION]

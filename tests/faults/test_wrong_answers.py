@@ -20,14 +20,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from injector import FORGING, KINDS, Deed, Injector
 
-from jbclog.clock import VirtualClock
-from jbclog.commands.family import FAMILIES
-from jbclog.drive.virtual import VirtualDriver
-from jbclog.effects import Reopen, Steps
-from jbclog.errors import StationError, StationSilent
-from jbclog.quantities import Value
-from jbclog.station.robot import Station
-from jbclog.wire import LineFormat
+from jbclog.core.clock import VirtualClock
+from jbclog.core.errors import StationError, StationSilent
+from jbclog.core.io_requests import Reopen, Steps
+from jbclog.core.line_format import LineFormat
+from jbclog.core.quantities import Value
+from jbclog.protocol.client.robot import Station
+from jbclog.protocol.commands.family import FAMILIES
+from jbclog.transport.virtual import VirtualDriver
 
 DDE = FAMILIES["dde"].commands
 ASKED = [

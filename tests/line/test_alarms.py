@@ -10,7 +10,7 @@ import pytest
 from account import reasons_in
 from virtual_run import RECIPE, VirtualRun, line_text, prepare
 
-from jbclog.rows import COLUMN, EventRow
+from jbclog.core.rows import COLUMN, EventRow
 
 AT_TEMPERATURE_S = 10.0  # long after the tip has reached its setting
 ONE_PORT = "ports = [1]"

@@ -14,19 +14,19 @@ from virtual_run import RECIPE as SETTINGS
 from virtual_run import VirtualRun, line_text, prepare
 from virtual_run import order_for as order_of
 
+from jbclog.app.run.plan import Plan, Wanted, make_plan
 from jbclog.cli.app import app
 from jbclog.cli.progress import Worth
-from jbclog.clock import UtcOffset, VirtualClock
-from jbclog.commands.family import FAMILIES
-from jbclog.errors import StartRefused
-from jbclog.plan import Plan, Wanted, make_plan
-from jbclog.recipe.line import parse_line
-from jbclog.recipe.load import parse_recipe
-from jbclog.rows import NoJournal
-from jbclog.scheduler import AUTO_RATES_HZ, CEILING, KEPT_BY_AUTO, Demand
-from jbclog.session.order import Desk, PortState
-from jbclog.session.pace import choose_pace, readings_for
-from jbclog.wire import LineFormat
+from jbclog.config.line import parse_line
+from jbclog.config.load_recipe import parse_recipe
+from jbclog.core.clock import UtcOffset, VirtualClock
+from jbclog.core.errors import StartRefused
+from jbclog.core.line_format import LineFormat
+from jbclog.core.rows import NoJournal
+from jbclog.protocol.commands.family import FAMILIES
+from jbclog.session.run.context import Desk, PortState
+from jbclog.session.run.pace import choose_pace, readings_for
+from jbclog.session.scheduler import AUTO_RATES_HZ, CEILING, KEPT_BY_AUTO, Demand
 
 AUTO = SETTINGS + '\n[sampling]\nrate_hz = "auto"\n'
 

@@ -8,9 +8,9 @@ import pytest
 from demonstration import RUNS, TABLES, profiles, tables_of
 from taped import relived
 
-from jbclog.commands.family import FAMILIES
-from jbclog.recipe.line import load_line
-from jbclog.record.wire import is_done, mend, read_rows, wire_paths
+from jbclog.config.line import load_line
+from jbclog.protocol.commands.family import FAMILIES
+from jbclog.record.capture import is_done, mend, read_rows, wire_paths
 
 ANEW = "after a change to what sessions ask: python tests/support/demonstration.py {name}, and read what git shows"
 MOST_BYTES = 400_000

@@ -8,7 +8,7 @@ from hot_air import hot_air
 from odd_answers import first_sample_s, marks, one_port, say
 from said import let_say
 
-from jbclog.rows import COLUMN
+from jbclog.core.rows import COLUMN
 
 
 def test_an_answer_that_the_next_one_contradicts_is_marked() -> None:

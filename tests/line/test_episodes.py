@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 from virtual_run import RECIPE, VirtualRun, line_text, prepare
 
-from jbclog.episodes import Detector, LiveAlarms, flag_episodes
-from jbclog.rows import COLUMN, EventRow
+from jbclog.analysis.alarms import Detector, LiveAlarms, flag_episodes
+from jbclog.core.rows import COLUMN, EventRow
 
 GOES_ON = RECIPE + 'on_difference = "continue"\n'
 

@@ -10,16 +10,16 @@ from flooding import FALSE_C, SHAPES, flood
 from several import line
 from virtual_run import Memory, VirtualRun, prepare
 
-from jbclog.clock import UtcOffset, VirtualClock
-from jbclog.commands.status import STAND
-from jbclog.drive.told import Astray, Step, keeping, reliving
-from jbclog.drive.virtual import Peer, VirtualDriver
-from jbclog.effects import Steps
-from jbclog.judge.deviations import NOT_AS_PLANNED
-from jbclog.rows import COLUMN, StationFacts
-from jbclog.session.loss import LONGEST_AFTER_FLOOD_S
-from jbclog.session.order import Desk, Order
-from jbclog.session.run import run_station
+from jbclog.analysis.verdict.deviations import NOT_AS_PLANNED
+from jbclog.core.clock import UtcOffset, VirtualClock
+from jbclog.core.io_requests import Steps
+from jbclog.core.rows import COLUMN, StationFacts
+from jbclog.protocol.commands.status import STAND
+from jbclog.session.run.context import Desk, Order
+from jbclog.session.run.loss import LONGEST_AFTER_FLOOD_S
+from jbclog.session.run.station_run import run_station
+from jbclog.transport.session_history import Astray, Step, keeping, reliving
+from jbclog.transport.virtual import Peer, VirtualDriver
 
 FAST = 100_000.0  # bytes a second
 every_shape = pytest.mark.parametrize("shape", SHAPES)

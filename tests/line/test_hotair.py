@@ -9,13 +9,13 @@ from account import assert_account_holds, reasons_in, wrong_values
 from hot_air import AIR, hot_air, plant
 from virtual_run import VirtualRun, line_text, prepare
 
-from jbclog.commands.command import Command
-from jbclog.errors import WriteForbidden
+from jbclog.core.errors import WriteForbidden
+from jbclog.core.quantities import Value
+from jbclog.core.rows import COLUMN, StationFacts
 from jbclog.guard.lease import StationLease
-from jbclog.guarding import lease_of
-from jbclog.quantities import Value
-from jbclog.rows import COLUMN, StationFacts
-from jbclog.session.writes import listed
+from jbclog.guard.run_guard import lease_of
+from jbclog.protocol.commands.command import Command
+from jbclog.session.run.writes import listed
 from jbclog.sim.airface import AirFace
 from jbclog.sim.airstation import AirStation
 

@@ -6,10 +6,10 @@ import pytest
 from hot_air import hot_air, plant
 from virtual_run import VirtualRun, line_text, prepare
 
-from jbclog.commands.family import FAMILIES
-from jbclog.session.identity import SAID
-from jbclog.session.pace import readings_for
-from jbclog.wire import LineFormat
+from jbclog.core.line_format import LineFormat
+from jbclog.protocol.commands.family import FAMILIES
+from jbclog.session.run.identity import SAID
+from jbclog.session.run.pace import readings_for
 
 AWAY = "\n[[station.sim.fault]]\nkind = 'dropout'\nat_s = 4\nfor_s = 3\n"
 HOURS = 120

@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 from virtual_run import RECIPE, VirtualRun, prepare
 
-from jbclog.errors import Problems
-from jbclog.guarding import lease_of
+from jbclog.core.errors import Problems
+from jbclog.guard.run_guard import lease_of
 
 LINE = """[line]
 name = "bench"

@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 from virtual_run import RECIPE, VirtualRun, prepare
 
-from jbclog.commands.family import FAMILIES
-from jbclog.commands.possible import longest_countdown_s
-from jbclog.plan import Metadata, Plan, Wanted, make_plan
+from jbclog.app.run.plan import Metadata, Plan, Wanted, make_plan
+from jbclog.protocol.commands.family import FAMILIES
+from jbclog.protocol.commands.possible import longest_countdown_s
 
 LINE = """[line]
 name = "old"
@@ -136,7 +136,7 @@ def test_a_plan_notes_a_feed_that_takes_very_long_and_does_not_refuse_it(tmp_pat
 
 
 def test_what_002_prints_stays_refused_on_its_stations(tmp_path: Path) -> None:
-    from jbclog.errors import Problems
+    from jbclog.core.errors import Problems
 
     with pytest.raises(Problems) as told:
         plan_of(tmp_path, OLD_JOB.replace('["soldering"]', '["soldering", "dde"]'), "soldering")

@@ -10,9 +10,9 @@ import pytest
 from account import assert_account_holds, reasons_in, wrong_values
 from virtual_run import RECIPE, VirtualRun, line_text, prepare
 
-from jbclog.commands.family import FAMILIES
-from jbclog.commands.status import STAND, WORKING
-from jbclog.rows import COLUMN
+from jbclog.core.rows import COLUMN
+from jbclog.protocol.commands.family import FAMILIES
+from jbclog.protocol.commands.status import STAND, WORKING
 
 GOING_ON = RECIPE + 'on_difference = "continue"\n'
 
@@ -158,7 +158,7 @@ def test_identity_and_settings_are_read_before_its_samples_count() -> None:
     [("selected_temperature", 300), ("alarm_high_limit", 400), ("alarm_low_delay", 9.0), ("alarm_high_limit", "off")],
 )
 def test_a_difference_is_an_event_and_stops_the_run(name: str, value: object) -> None:
-    from jbclog.quantities import OFF
+    from jbclog.core.quantities import OFF
 
     run = prepare(line_text(away_for_3_s("dropout")), duration_s=20)
     run.at(5, lambda: setattr(run.station.plant.ports[2].settings, name, OFF if value == "off" else value))

@@ -16,14 +16,14 @@ from recorded_run import RecordedRun
 from typer.testing import CliRunner
 
 from jbclog.analysis.run import open_run
+from jbclog.app.run.plan import Plan, Wanted, make_plan
 from jbclog.cli.app import app
-from jbclog.commands.family import FAMILIES
-from jbclog.plan import Plan, Wanted, make_plan
-from jbclog.recipe.line import StationSpec, load_line
-from jbclog.recipe.order import COMMAND_OF
+from jbclog.config.line import StationSpec, load_line
+from jbclog.config.write_order import COMMAND_OF
+from jbclog.protocol.commands.family import FAMILIES
 from jbclog.record.check import check
 from jbclog.record.manifest import read_manifest
-from jbclog.scheduler import AUTO_RATES_HZ
+from jbclog.session.scheduler import AUTO_RATES_HZ
 
 LINES = sorted((PROFILES / "lines").glob("*.toml"))
 SECONDS = 180.0  # long enough for a bound of every tip's idle error

@@ -16,21 +16,21 @@ from hot_air import hot_air
 from virtual_run import RECIPE, VirtualRun, line_text, prepare
 
 import jbclog
-from jbclog.clock import VirtualClock
-from jbclog.commands.decisions import DECISIONS
-from jbclog.commands.family import FAMILIES
-from jbclog.drive.virtual import VirtualDriver
-from jbclog.effects import Reopen, Steps
-from jbclog.errors import StationError
-from jbclog.recipe.line import StationSpec
-from jbclog.recipe.sim_spec import SimSpec
-from jbclog.rows import COLUMN, SAMPLE_COLUMNS, SIGNAL_COLUMNS
+from jbclog.config.line import StationSpec
+from jbclog.config.sim_spec import SimSpec
+from jbclog.core.clock import VirtualClock
+from jbclog.core.errors import StationError
+from jbclog.core.io_requests import Reopen, Steps
+from jbclog.core.line_format import LineFormat
+from jbclog.core.rows import COLUMN, SAMPLE_COLUMNS, SIGNAL_COLUMNS
+from jbclog.protocol.client.after_write import MODEL, change_address, restart
+from jbclog.protocol.client.robot import Station
+from jbclog.protocol.commands.decisions import DECISIONS
+from jbclog.protocol.commands.family import FAMILIES
 from jbclog.sim.omega import OMEGA_QUIRKS
 from jbclog.sim.quirks import QUIRKS
 from jbclog.sim.virtual import VirtualStation
-from jbclog.station.after import MODEL, change_address, restart
-from jbclog.station.robot import Station
-from jbclog.wire import LineFormat
+from jbclog.transport.virtual import VirtualDriver
 
 SECONDS = 14.0
 HOT_C, HOLDING_W = 350.0, 9.81

@@ -8,11 +8,11 @@ import pytest
 from odd_answers import say
 from virtual_run import RECIPE, VirtualRun, is_cold_in_extractor, line_text, prepare
 
-from jbclog.commands.family import FAMILIES
-from jbclog.commands.status import STAND, WORKING
-from jbclog.quantities import OFF
-from jbclog.rows import SettingRow
-from jbclog.session.setting import REPEATS
+from jbclog.core.quantities import OFF
+from jbclog.core.rows import SettingRow
+from jbclog.protocol.commands.family import FAMILIES
+from jbclog.protocol.commands.status import STAND, WORKING
+from jbclog.session.run.setting import REPEATS
 
 ALL_FAMILIES = 'families = ["soldering", "dde", "nae", "dme", "hde", "ucr", "ale"]'
 TOOL_2, TOOL_3 = (FAMILIES["dde"].tool_name(code) for code in (2, 3))

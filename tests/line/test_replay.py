@@ -9,10 +9,10 @@ import pytest
 from taped import RECIPE_FILE, recorded, relived
 from virtual_run import RECIPE, Memory, line_text
 
-from jbclog.record.wire import read_rows, wire_path
-from jbclog.rows import COLUMN
-from jbclog.session.order import Order
-from jbclog.station import turnaround
+from jbclog.core.rows import COLUMN
+from jbclog.protocol.client import turnaround
+from jbclog.record.capture import read_rows, wire_path
+from jbclog.session.run.context import Order
 
 FAULT = "[[station.sim.fault]]\nkind = "
 TROUBLE = {

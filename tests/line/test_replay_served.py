@@ -22,7 +22,7 @@ import pytest
 from taped import kept, recorded_again
 from virtual_run import RECIPE, Memory, VirtualRun, line_text
 
-from jbclog.rows import COLUMN
+from jbclog.core.rows import COLUMN
 from jbclog.sim.virtual import Reply, VirtualStation
 from jbclog.sim.wire_log import WireLog
 

@@ -7,8 +7,8 @@ from account import assert_account_holds, reasons_in, wrong_values
 from hot_air import AIR
 from virtual_run import RECIPE, VirtualRun, line_text, prepare
 
-from jbclog.commands.family import FAMILIES, ROBOT
-from jbclog.rows import COLUMN, SampleRow
+from jbclog.core.rows import COLUMN, SampleRow
+from jbclog.protocol.commands.family import FAMILIES, ROBOT
 
 ALL_FAMILIES = 'families = ["soldering", "dde", "nae", "dme", "hde", "ucr", "ale"]'
 GOING_ON = RECIPE + 'on_difference = "continue"\n'

@@ -7,13 +7,13 @@ from account import assert_account_holds
 from listed_writes import strange_writes
 from virtual_run import RECIPE, Memory, VirtualRun, is_cold_in_extractor, line_text, prepare
 
-from jbclog.commands.status import EXTRACTOR, STAND, WORKING
-from jbclog.effects import Steps
-from jbclog.errors import RecordError
-from jbclog.rows import EventRow, SampleRow
-from jbclog.session import run as session_run
-from jbclog.session.order import Desk
-from jbclog.session.scan import Scanner
+from jbclog.core.errors import RecordError
+from jbclog.core.io_requests import Steps
+from jbclog.core.rows import EventRow, SampleRow
+from jbclog.protocol.commands.status import EXTRACTOR, STAND, WORKING
+from jbclog.session.run import station_run as session_run
+from jbclog.session.run.context import Desk
+from jbclog.session.run.scan import Scanner
 from jbclog.sim.port import Port
 from jbclog.sim.state import STAND as STANDING
 

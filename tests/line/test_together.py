@@ -11,13 +11,13 @@ from dataclasses import dataclass, field
 import pytest
 from virtual_run import RECIPE, Heard, Tap, VirtualRun, is_cold_in_extractor, prepare
 
-from jbclog.commands.status import STAND, WORKING
-from jbclog.drive.barrier import SILENT_S
-from jbclog.effects import Steps
-from jbclog.outcome import Exit, exit_code, findings
-from jbclog.rows import StationFacts
-from jbclog.session.order import Order
+from jbclog.core.io_requests import Steps
+from jbclog.core.outcome import Exit, exit_code, findings
+from jbclog.core.rows import StationFacts
+from jbclog.protocol.commands.status import STAND, WORKING
+from jbclog.session.run.context import Order
 from jbclog.sim.virtual import VirtualStation
+from jbclog.transport.start_barrier import SILENT_S
 
 NAMES = ("a", "b", "c")
 STATION = """
@@ -269,7 +269,7 @@ def hung(*, allow_missing: bool) -> VirtualRun:
     """A run of which one session says nothing for a minute: its driver hangs in opening the port."""
 
     def late(session: Steps[StationFacts]) -> Steps[StationFacts]:
-        from jbclog.effects import RunEnded, Wait
+        from jbclog.core.io_requests import RunEnded, Wait
 
         wish = next(session)
         try:

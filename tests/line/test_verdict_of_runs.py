@@ -9,11 +9,11 @@ from recorded_run import RecordedRun
 from several import fault
 from verdict_corpus import ONLY_COVERAGE, SOLDERING, STATION, WORKING, StallingClock
 
-from jbclog.analysis import open_run
-from jbclog.dossier import Result
-from jbclog.judge import RULES
-from jbclog.judged_again import held
-from jbclog.plan import Plan, Wanted, make_plan
+from jbclog.analysis.rejudge import held
+from jbclog.analysis.run import open_run
+from jbclog.analysis.verdict import RULES
+from jbclog.app.run.plan import Plan, Wanted, make_plan
+from jbclog.app.run.run_record import Result
 
 STAND = '\n[run]\nstatus = "stand"\n'
 NEVER = "\n[acceptance]\ncoverage_percent = 99.5\nat_work_percent = 0\n"

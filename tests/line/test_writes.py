@@ -10,13 +10,13 @@ import pytest
 from listed_writes import strange_writes
 from virtual_run import RECIPE, Heard, VirtualRun, line_text, prepare
 
-from jbclog.commands.family import FAMILIES
-from jbclog.effects import Steps
-from jbclog.errors import WriteForbidden
-from jbclog.recipe.settings import condition_of
-from jbclog.session import start as chapters
-from jbclog.session.order import Desk
-from jbclog.session.writes import WRITES, listed
+from jbclog.config.recipe_settings import condition_of
+from jbclog.core.errors import WriteForbidden
+from jbclog.core.io_requests import Steps
+from jbclog.protocol.commands.family import FAMILIES
+from jbclog.session.run import start as chapters
+from jbclog.session.run.context import Desk
+from jbclog.session.run.writes import WRITES, listed
 
 PROFILES = Path(__file__).parents[2] / "profiles"
 LINES = {path.stem: path for path in sorted((PROFILES / "lines").glob("*.toml")) if path.stem != "bench"}
@@ -142,8 +142,8 @@ def test_what_is_not_on_the_list_is_refused_and_the_tools_are_made_safe(
 
 
 def test_a_person_s_client_is_not_bound_by_it() -> None:
-    from jbclog.station.robot import Station
-    from jbclog.wire import LineFormat
+    from jbclog.core.line_format import LineFormat
+    from jbclog.protocol.client.robot import Station
 
     station = Station(LineFormat(19200, "8N1"))
     asked = next(iter(station.write(FAMILIES["dde"].commands["maximum_temperature"], 400)))

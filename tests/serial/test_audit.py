@@ -15,18 +15,18 @@ from command import RECIPE, WireLog, is_sampling, started, until
 from small_disk import small_disk
 from typer.testing import CliRunner, Result
 
-from jbclog.analysis import open_run
-from jbclog.audit.book import auditing, read_book
+from jbclog.analysis.run import open_run
+from jbclog.app.audit import past_runs, survey
+from jbclog.app.audit.questions import Wanted
 from jbclog.cli.app import app
-from jbclog.counting import looking, past_runs
-from jbclog.counting.asking import Wanted
-from jbclog.drive.blocking import Port
-from jbclog.odometer.observed import Observation, Standing
+from jbclog.core.rows import EventRow, Severity, StationFacts
+from jbclog.maintenance.counter_totals.observed import Observation, Standing
+from jbclog.maintenance.ledger import auditing, read_book
+from jbclog.maintenance.verification import Given, keep, own_of, verify
 from jbclog.record.live import LiveStore
 from jbclog.record.manifest import LineFile, Manifest, write_manifest
-from jbclog.rows import EventRow, Severity, StationFacts
 from jbclog.sim.process import SimProcess
-from jbclog.verifying import Given, keep, own_of, verify
+from jbclog.transport.blocking import Port
 
 STATIONS = ("dde-1", "ucr-1", "jtse-1")
 SOURCE = '[line]\nname = "bench"\n' + "".join(
@@ -147,31 +147,31 @@ def has_errors(out: Path) -> bool:
 
 def _note_opened(monkeypatch: pytest.MonkeyPatch, opened: list[str]) -> None:
     """Keep which stations' ports the audits come to have."""
-    real = looking._open
+    real = survey._open
 
     def noted(wanted: Wanted) -> Port:
         port = real(wanted)
         opened.append(wanted.target.name)
         return port
 
-    monkeypatch.setattr(looking, "_open", noted)
+    monkeypatch.setattr(survey, "_open", noted)
 
 
 def _began_meanwhile(monkeypatch: pytest.MonkeyPatch) -> None:
     """As if each run began between the look for runs and the opening of the port: the lock decides."""
-    real, looks = looking.run_that_holds, []
+    real, looks = survey.run_that_holds, []
 
     def holds(url: str) -> Path | None:
         looks.append(url)
         return real(url) if looks.count(url) > 1 else None
 
-    monkeypatch.setattr(looking, "run_that_holds", holds)
+    monkeypatch.setattr(survey, "run_that_holds", holds)
 
 
 def test_a_run_without_counters_yet_says_when_to_try_again(bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     folder = tmp_path / "runs" / "20261121T013000Z-bench-abcd"
     folder.mkdir(parents=True)
-    monkeypatch.setattr(looking, "run_that_holds", lambda url: folder if url.endswith("dde-1") else None)
+    monkeypatch.setattr(survey, "run_that_holds", lambda url: folder if url.endswith("dde-1") else None)
     ended = audit(bench.line, tmp_path / "counters.jsonl")
     assert ended.exit_code == 3
     assert f"dde-1: the run {folder} has this station, and has not asked it yet; it was left alone. Audit again" in ended.stderr

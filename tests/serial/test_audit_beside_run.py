@@ -11,13 +11,13 @@ import pytest
 from command import RECIPE, WireLog, is_sampling, jbclog, started, until
 from typer.testing import CliRunner
 
-from jbclog.audit.book import read_book
+from jbclog.app.audit import survey
+from jbclog.app.audit.questions import Wanted
 from jbclog.cli.app import app
-from jbclog.counting import looking
-from jbclog.counting.asking import Wanted
-from jbclog.drive.blocking import Port
-from jbclog.odometer.observed import Observation
+from jbclog.maintenance.counter_totals.observed import Observation
+from jbclog.maintenance.ledger import read_book
 from jbclog.sim.process import SimProcess
+from jbclog.transport.blocking import Port
 
 SOURCE = """[line]
 name = "bench"
@@ -60,14 +60,14 @@ def bench(tmp_path: Path) -> Iterator[Bench]:
 
 def when_open(monkeypatch: pytest.MonkeyPatch, act: Callable[[], None]) -> None:
     """Do that while the audit has the port, before it asks anything."""
-    real = looking._open
+    real = survey._open
 
     def opened(wanted: Wanted) -> Port:
         port = real(wanted)
         act()
         return port
 
-    monkeypatch.setattr(looking, "_open", opened)
+    monkeypatch.setattr(survey, "_open", opened)
 
 
 def test_the_audit_was_first(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:

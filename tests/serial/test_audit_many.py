@@ -9,9 +9,9 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from jbclog.audit.book import read_book
+from jbclog.app.audit.survey import AT_ONCE
 from jbclog.cli.app import app
-from jbclog.counting.looking import AT_ONCE
+from jbclog.maintenance.ledger import read_book
 from jbclog.sim.process import SimProcess
 
 STATION = '[[station]]\nname = "d-{0}"\nurl = "d-{0}"\nfamily = "dde"\n[station.sim]\nwire = {1}\nturnaround_ms = 1.0\n'

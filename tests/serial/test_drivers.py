@@ -9,19 +9,20 @@ from pathlib import Path
 import pytest
 from virtual_run import RECIPE, Memory, order_for
 
-from jbclog.clock import SystemClock, UtcOffset
-from jbclog.commands.family import FAMILIES
-from jbclog.drive import blocking
-from jbclog.drive.reactor import Reactor
-from jbclog.effects import Reopen, Steps
-from jbclog.quantities import Value
-from jbclog.recipe.line import Line, StationSpec, load_line
-from jbclog.recipe.load import parse_recipe
-from jbclog.session.order import Desk
-from jbclog.session.run import run_station
+from jbclog.config.line import Line, StationSpec, load_line
+from jbclog.config.load_recipe import parse_recipe
+from jbclog.core.clock import SystemClock, UtcOffset
+from jbclog.core.io_requests import Reopen, Steps
+from jbclog.core.quantities import Value
+from jbclog.protocol.client.robot import Station
+from jbclog.protocol.commands.family import FAMILIES
+from jbclog.session.run.context import Desk
+from jbclog.session.run.station_run import run_station
 from jbclog.sim.process import SimProcess
-from jbclog.station.robot import Station
-from jbclog.transport import Port, open_port
+from jbclog.transport import blocking
+from jbclog.transport.opening import open_port
+from jbclog.transport.port import Port
+from jbclog.transport.reactor import Reactor
 
 DDE = FAMILIES["dde"].commands
 STATION = '[[station]]\nname = "{name}"\nurl = "{name}"\nfamily = "dde"\nports = [1]\n[station.sim]\n{sim}\n'

@@ -15,7 +15,7 @@ from command import RECIPE, jbclog
 from typer.testing import CliRunner, Result
 
 from jbclog.cli.app import app
-from jbclog.recipe.line import load_line
+from jbclog.config.line import load_line
 from jbclog.record.check import check
 from jbclog.sim.process import SimProcess
 

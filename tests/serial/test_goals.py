@@ -12,10 +12,10 @@ from typing import IO
 import pytest
 from command import is_sampling, jbclog, until
 
-from jbclog.analysis import open_run
+from jbclog.analysis.run import open_run
+from jbclog.core.rows import Goal
 from jbclog.record.check import check
 from jbclog.record.manifest import Manifest, read_manifest
-from jbclog.rows import Goal
 from jbclog.sim.process import SimProcess
 
 STATION = """

@@ -15,7 +15,7 @@ import pytest
 from command import RECIPE, WireLog, is_sampling, until
 from unit_file import UNIT
 
-from jbclog.counting.timers import Timed, service_text
+from jbclog.app.audit.timers import Timed, service_text
 from jbclog.record.check import check
 from jbclog.record.manifest import read_manifest
 

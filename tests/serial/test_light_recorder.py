@@ -9,7 +9,16 @@ import pytest
 from command import RECIPE, WireLog, jbclog
 
 # an attempt that was refused is a line too, so for pandas its inner rooms are looked for
-HEAVY = ("pandas.core", "matplotlib", "jinja2", "scipy", "jbclog.features", "jbclog.analysis", "jbclog.report", "jbclog.sim")
+HEAVY = (
+    "pandas.core",
+    "matplotlib",
+    "jinja2",
+    "scipy",
+    "jbclog.analysis.joints",
+    "jbclog.analysis.run",
+    "jbclog.report",
+    "jbclog.sim",
+)
 
 
 def test_a_whole_run_loads_no_heavy_room(bench: tuple[Path, WireLog], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -17,5 +26,5 @@ def test_a_whole_run_loads_no_heavy_room(bench: tuple[Path, WireLog], tmp_path: 
     line, _ = bench
     ended = jbclog("run", RECIPE, "--line", line, "--out", tmp_path, "-d", "2s", "-s", "ale-1", "--rate", "5")
     loaded = set(re.findall(r"^import time:.*\| +([\w.]+)$", ended.stderr, re.MULTILINE))
-    assert {"jbclog.session.run", "jbclog.judge.verdict", "pyarrow.lib"} <= loaded
+    assert {"jbclog.session.run.station_run", "jbclog.analysis.verdict.verdict", "pyarrow.lib"} <= loaded
     assert [name for name in loaded if name in HEAVY] == []

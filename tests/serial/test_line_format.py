@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 import serial
 
+from jbclog.config.line import load_line
 from jbclog.protocol.frame import Frame
-from jbclog.recipe.line import load_line
 from jbclog.sim.process import SimProcess
 
 READ = Frame("R", "SMN", 0, 1).encode()

@@ -10,10 +10,10 @@ from collections.abc import Iterator
 import pytest
 from far_ends import Terminal, terminal
 
-from jbclog.errors import LinkError, UsageError
-from jbclog.transport import open_port
+from jbclog.core.errors import LinkError, UsageError
+from jbclog.core.line_format import LineFormat
 from jbclog.transport.descriptors import BESIDE, EACH_PORT, allow_ports
-from jbclog.wire import LineFormat
+from jbclog.transport.opening import open_port
 
 LINE = LineFormat()
 MANY = 300

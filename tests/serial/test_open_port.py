@@ -22,12 +22,12 @@ from command import until
 from far_ends import Server, Terminal, open_descriptors, rfc2217_server, server, terminal
 from serial import rfc2217
 
-from jbclog.errors import LinkError, PortBusy, PortForbidden, PortMissing
-from jbclog.transport import Port, open_port, opening
+from jbclog.core.errors import LinkError, PortBusy, PortForbidden, PortMissing
+from jbclog.core.line_format import LineFormat
+from jbclog.transport import opening
 from jbclog.transport.holder import holder_of, in_words
-from jbclog.transport.opening import MOST_WAITING, make_ready
-from jbclog.transport.port import ObjectPort
-from jbclog.wire import LineFormat
+from jbclog.transport.opening import MOST_WAITING, make_ready, open_port
+from jbclog.transport.port import ObjectPort, Port
 
 LINE = LineFormat()
 EVERY_BYTE = bytes(range(256))
@@ -243,8 +243,8 @@ def test_a_terminal_bears_no_mark_that_would_outlive_a_killed_recorder() -> None
 
 HOLD = """
 import sys
-from jbclog.transport import open_port, opening
-from jbclog.wire import LineFormat
+from jbclog.transport.opening import open_port; from jbclog.transport import opening
+from jbclog.core.line_format import LineFormat
 port = open_port(sys.argv[1], LineFormat())
 print("held", flush=True)
 sys.stdin.read()

@@ -20,9 +20,9 @@ from typer.testing import CliRunner
 
 from jbclog.analysis.run import Run, open_run
 from jbclog.cli.app import app
+from jbclog.record.capture import read_rows, wire_path
 from jbclog.record.check import check
 from jbclog.record.manifest import read_manifest
-from jbclog.record.wire import read_rows, wire_path
 from jbclog.sim.process import SimProcess
 
 LINE = """
@@ -254,8 +254,8 @@ def test_a_wire_that_was_cut_is_told_with_its_share_and_no_success(copied: Path,
 
 def test_a_row_too_many_is_a_difference(copied: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """What is compared as far as both go finds no row that came on top: only a recording that was cut is compared so."""
-    from jbclog.dossier import Dossier
-    from jbclog.rows import EventRow, Severity
+    from jbclog.app.run.run_record import Dossier
+    from jbclog.core.rows import EventRow, Severity
 
     close = Dossier.close
 

@@ -15,9 +15,9 @@ import pandas as pd
 import pytest
 from command import RECIPE, WireLog, is_sampling, jbclog, started, until
 
+from jbclog.core.rows import SAMPLE_COLUMNS
 from jbclog.record.check import check
 from jbclog.record.manifest import read_manifest
-from jbclog.rows import SAMPLE_COLUMNS
 from jbclog.sim.process import SimProcess
 
 Bench = tuple[Path, WireLog]

@@ -18,15 +18,15 @@ from served_line import FOUR_TOOLS, Order, ServedLine
 from typer.testing import CliRunner
 from unit_file import command
 
-from jbclog import line_safe
+from jbclog.app import safe_state
 from jbclog.cli.app import app
-from jbclog.commands.status import STAND
+from jbclog.core.line_format import LineFormat
+from jbclog.protocol.commands.status import STAND
 from jbclog.record.check import check
 from jbclog.record.manifest import read_manifest
-from jbclog.safety.secure import ALLOWED_S
+from jbclog.session.safety.secure import ALLOWED_S
 from jbclog.sim.state import HIBERNATION, WORKING
-from jbclog.transport import open_port
-from jbclog.wire import LineFormat
+from jbclog.transport.opening import open_port
 
 TOOLS = 6
 
@@ -141,7 +141,7 @@ def test_the_service_does_it_when_its_run_was_killed_without_a_guard(line: Serve
 
 
 def test_a_port_in_foreign_hands_keeps_nobody_else_from_being_safe(line: ServedLine, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(line_safe, "REACHED_S", 0.5)
+    monkeypatch.setattr(safe_state, "REACHED_S", 0.5)
     put_to_work(line)
     foreign = open_port(line.url("ucr-1"), LineFormat())
     try:
@@ -158,8 +158,8 @@ def test_a_port_in_foreign_hands_keeps_nobody_else_from_being_safe(line: ServedL
 @pytest.mark.parametrize("cools", [True, False])
 def test_waiting_on_real_ports(line: ServedLine, monkeypatch: pytest.MonkeyPatch, cools: bool) -> None:
     """Six tools whose heaters are off, from 340 °C down; where one stands instead, it stays above and is named."""
-    monkeypatch.setattr(line_safe, "COLD_EVERY_S", 0.3)
-    monkeypatch.setattr(line_safe, "COLD_WITHIN_S", 60.0 if cools else 2.0)
+    monkeypatch.setattr(safe_state, "COLD_EVERY_S", 0.3)
+    monkeypatch.setattr(safe_state, "COLD_WITHIN_S", 60.0 if cools else 2.0)
     for port in line.tools():
         port.order(HIBERNATION, False)
     if not cools:

@@ -19,13 +19,13 @@ import pytest
 from command import BENCH, RECIPE, WireLog, is_sampling, jbclog, started, until
 from far_ends import Terminal, terminal
 
-from jbclog.finding.diagnosis import diagnose
-from jbclog.finding.found import PortReport
-from jbclog.finding.trials import ScanPlan, Trial
-from jbclog.recipe.line import load_line
-from jbclog.search import search
+from jbclog.app.discovery.scan_ports import search
+from jbclog.config.line import load_line
+from jbclog.core.line_format import LineFormat
+from jbclog.session.discovery.diagnosis import diagnose
+from jbclog.session.discovery.found import PortReport
+from jbclog.session.discovery.trials import ScanPlan, Trial
 from jbclog.sim.process import SimProcess
-from jbclog.wire import LineFormat
 
 Bench = tuple[Path, WireLog]
 NAMES = ("dde-1", "dde-2", "ucr-1", "ale-1")

@@ -18,9 +18,9 @@ from pathlib import Path
 import pytest
 import serial
 
-from jbclog.errors import UsageError
+from jbclog.config.line import load_line
+from jbclog.core.errors import UsageError
 from jbclog.protocol.frame import Frame
-from jbclog.recipe.line import load_line
 from jbclog.sim.process import SimProcess
 
 READ_MS = 27 * 10 / 19200 * 1000  # 14.06 ms: eleven characters there and sixteen back

@@ -17,20 +17,20 @@ import pytest
 from command import until
 from served_line import ServedLine
 
+from jbclog.core.line_format import LineFormat
 from jbclog.guard import __main__ as guard_itself
-from jbclog.guard import whereabouts
-from jbclog.guard.diary import NAME as DIARY
-from jbclog.guard.diary import Diary
+from jbclog.guard import lease_registry
+from jbclog.guard.action_log import NAME as DIARY
+from jbclog.guard.action_log import Diary
 from jbclog.guard.lease import NAME as LEASE
 from jbclog.guard.lease import StationLease, keep
-from jbclog.guard.left_over import LeftOver, settle
-from jbclog.guard.only_one import only_one
-from jbclog.guard.shelf import Shelf
+from jbclog.guard.lease_writer import Shelf
+from jbclog.guard.open_leases import LeftOver, settle
+from jbclog.guard.single_guard import only_one
 from jbclog.guard.takeover import TakeOver
 from jbclog.guard.watch import FAILED
 from jbclog.sim.state import SLEEP, STAND, WORKING
-from jbclog.transport import open_port
-from jbclog.wire import LineFormat
+from jbclog.transport.opening import open_port
 
 SOFTWARE = "8886666"
 BUSY_S = 0.7
@@ -92,7 +92,7 @@ def told(run: Path) -> list[tuple[str, str | None, int | None]]:
 def quick(monkeypatch: pytest.MonkeyPatch) -> None:
     """What does not succeed is given up soon."""
     monkeypatch.setattr(guard_itself, "AGAIN_S", 0.1)
-    monkeypatch.setattr("jbclog.safety.secure.ALLOWED_S", 0.4)
+    monkeypatch.setattr("jbclog.session.safety.secure.ALLOWED_S", 0.4)
 
 
 def test_every_line_at_once(line: ServedLine, run: Path) -> None:
@@ -208,7 +208,7 @@ def test_a_cable_that_is_put_back_is_enough(line: ServedLine, run: Path) -> None
 IMPATIENT = """
 import sys
 from jbclog.guard import __main__ as guard
-from jbclog.safety import secure
+from jbclog.session.safety import secure
 guard.AGAIN_S, secure.ALLOWED_S = 0.1, 0.4
 sys.exit(guard.main())
 """
@@ -308,7 +308,7 @@ def test_what_another_out_left_is_found_and_one_that_cannot_be_written_down_stay
     (run / DIARY).rmdir()
     assert len(settle(tmp_path / "another out", {line.url("dde-2")}, lambda folder: False)) == 1
     assert not (run / LEASE).exists()
-    assert whereabouts.known() == []
+    assert lease_registry.known() == []
 
 
 def test_of_many_that_come_at_once_one_makes_safe_what_was_left(line: ServedLine, run: Path) -> None:

@@ -8,11 +8,12 @@ import pytest
 from command import until
 from far_ends import terminal
 
-from jbclog.errors import LinkError
-from jbclog.tape import Passed
-from jbclog.transport import Port, Tee, open_port
-from jbclog.transport.port import unread
-from jbclog.wire import LineFormat
+from jbclog.core.errors import LinkError
+from jbclog.core.line_format import LineFormat
+from jbclog.core.wire_capture import Passed
+from jbclog.transport.opening import open_port
+from jbclog.transport.port import Port, unread
+from jbclog.transport.tee import Tee
 
 
 def test_every_byte_is_kept_in_order_with_its_moment() -> None:

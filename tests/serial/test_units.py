@@ -17,7 +17,7 @@ from typing import IO
 import pytest
 from command import RECIPE, WireLog, is_sampling, jbclog, until
 
-from jbclog.analysis import open_run
+from jbclog.analysis.run import open_run
 from jbclog.record.check import check
 from jbclog.record.manifest import Manifest, read_manifest
 

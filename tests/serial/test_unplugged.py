@@ -15,10 +15,10 @@ import pytest
 import serial
 from far_ends import Terminal, open_descriptors, rfc2217_server, server, terminal
 
-from jbclog.errors import LinkError
-from jbclog.transport import Port, open_port
-from jbclog.transport.port import BROKEN, CLOSE_S, DescriptorPort, ObjectPort, give_back
-from jbclog.wire import LineFormat
+from jbclog.core.errors import LinkError
+from jbclog.core.line_format import LineFormat
+from jbclog.transport.opening import open_port
+from jbclog.transport.port import BROKEN, CLOSE_S, DescriptorPort, ObjectPort, Port, give_back
 
 LINE = LineFormat()
 QUESTION = b"\x020001RTT1\x03c"

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Iterator, Sequence
 
 from virtual_run import Heard, VirtualRun
 
-from jbclog.rows import COLUMN, SIGNAL_COLUMNS, SIGNAL_OF_COLUMN, SampleRow
+from jbclog.core.rows import COLUMN, SIGNAL_COLUMNS, SIGNAL_OF_COLUMN, SampleRow
 
 CODES = {
     "temperature_c": "TT{port}",

@@ -11,13 +11,13 @@ from typing import Protocol
 
 import make_run
 
-from jbclog.dossier import _Tap
-from jbclog.episodes import BEFORE_ALL, Change, Detector, Episode, LiveAlarms, Rows, SampledEpisodes
+from jbclog.analysis.alarms import BEFORE_ALL, Change, Detector, Episode, LiveAlarms, Rows, SampledEpisodes
+from jbclog.app.run.run_record import _Tap
+from jbclog.core.rows import COLUMN, SAMPLE_COLUMNS, EventRow, SampleRow, SettingRow, Severity, StationFacts
 from jbclog.record.conclude import conclude
 from jbclog.record.live import LiveStore
 from jbclog.record.manifest import read_manifest, write_manifest
 from jbclog.record.seal import seal_rows
-from jbclog.rows import COLUMN, SAMPLE_COLUMNS, EventRow, SampleRow, SettingRow, Severity, StationFacts
 
 T0_US = 1_790_000_000_000_000
 STATION = "dde-1"
@@ -92,7 +92,7 @@ def replayed(
     series: Series, detectors: Sequence[Detector] = (Detector.SAMPLES, Detector.AFTERWARDS), pieces: int = 1
 ) -> list[Episode]:
     """The episodes of the series as a record gives them, in some pieces."""
-    from jbclog.episodes import rules_of
+    from jbclog.analysis.alarms import rules_of
 
     before = [Change(BEFORE_ALL, row.setting, row.readback) for row in setting_rows()]
     changes = [*before, *(change for _, change in series.changes)]

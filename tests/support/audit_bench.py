@@ -7,8 +7,8 @@ from typing import Final
 
 from by_hand import Bench
 
-from jbclog.counting.asking import Wanted
-from jbclog.odometer.observed import Count, Observation
+from jbclog.app.audit.questions import Wanted
+from jbclog.maintenance.counter_totals.observed import Count, Observation
 
 AUDIT: Final = "2026-11-21T06:17:00.000+00:00"
 

@@ -14,7 +14,8 @@ from datetime import UTC, datetime, timedelta
 import numpy as np
 from numpy.typing import NDArray
 
-from jbclog.odometer.observed import REPLACED, Count, Fact, Identity, Observation, Standing
+from jbclog.config.task_names import REPLACED
+from jbclog.maintenance.counter_totals.observed import Count, Fact, Identity, Observation, Standing
 
 Hours = NDArray[np.float64]
 BEGIN = datetime(2024, 1, 1, tzinfo=UTC)

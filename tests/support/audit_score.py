@@ -14,11 +14,11 @@ from unittest.mock import patch
 import numpy as np
 from audit_fleet import BEGIN, YEAR, Fleet, SimStation
 
-from jbclog.audit.due import foresee, used_since
-from jbclog.odometer.history import History
-from jbclog.odometer.observed import Fact, Observation
-from jbclog.odometer.odometer import Trace
-from jbclog.odometer.tracing import traces_of
+from jbclog.maintenance.counter_totals.history import History
+from jbclog.maintenance.counter_totals.observed import Fact, Observation
+from jbclog.maintenance.counter_totals.totals import Trace
+from jbclog.maintenance.counter_totals.tracing import traces_of
+from jbclog.maintenance.due import foresee, used_since
 
 LIVES = {
     "work_h": (100, 700),
@@ -30,8 +30,8 @@ LIVES = {
 TRUTH_YEARS = 5.0
 NEAR = 1e-6
 FORMER = {
-    "jbclog.audit.pace": {"USUAL": 0.45},
-    "jbclog.audit.forecast": {"EARLY": 1.2816, "LASTING": 0.01},
+    "jbclog.maintenance.pace": {"USUAL": 0.45},
+    "jbclog.maintenance.forecast": {"EARLY": 1.2816, "LASTING": 0.01},
 }
 
 

@@ -19,12 +19,12 @@ from pathlib import Path
 
 from command import started
 
-from jbclog.batch.entry import RECORDED, State
-from jbclog.batch.journal import read
-from jbclog.batch.papers import Papers
-from jbclog.batch.standing import Standing, standing_of
+from jbclog.app.batch.entry import RECORDED, State
+from jbclog.app.batch.job_dir import Papers
+from jbclog.app.batch.journal import read
+from jbclog.app.batch.state import Standing, standing_of
 from jbclog.record.check import check
-from jbclog.record.finding_runs import Found, find
+from jbclog.record.find_runs import Found, find
 from jbclog.record.manifest import read_manifest
 
 RECIPE = """

@@ -12,13 +12,13 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from jbclog.batch.entry import Entry, Kind, State
-from jbclog.batch.journal import Journal, iso
-from jbclog.batch.standing import standing_of
-from jbclog.batch.turn import Turn, due_times, in_turn
-from jbclog.foreman.hands import Came
-from jbclog.foreman.work import Foreman, Means, Unseen
-from jbclog.outcome import Exit
+from jbclog.app.batch.entry import Entry, Kind, State
+from jbclog.app.batch.executor import Foreman, Means, Unseen
+from jbclog.app.batch.journal import Journal, iso
+from jbclog.app.batch.processes import Came
+from jbclog.app.batch.state import standing_of
+from jbclog.config.job_order import Turn, due_times, in_turn
+from jbclog.core.outcome import Exit
 
 NIGHT = 1_790_000_000.0
 CRASH = "crash"

@@ -15,7 +15,7 @@ from damage import jbc_holds, omega_holds
 from noisy_wire import LONGEST_S, Exchange, NoisyWire
 from virtual_run import VirtualRun
 
-from jbclog.rows import COLUMN, SampleRow
+from jbclog.core.rows import COLUMN, SampleRow
 
 Meaning = Callable[[str], object]
 Reading = tuple[int, int, str]

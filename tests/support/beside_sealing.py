@@ -15,9 +15,9 @@ from pathlib import Path
 import pytest
 
 from jbclog.analysis import run as run_module
-from jbclog.record import stock as stock_module
+from jbclog.core.folder_lock import FolderLock
+from jbclog.record import store_reader as stock_module
 from jbclog.record.conclude import conclude
-from jbclog.record.lock import FolderLock
 from jbclog.record.manifest import read_manifest
 from jbclog.record.seal import seal_rows
 from jbclog.record.store import Segment

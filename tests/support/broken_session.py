@@ -8,12 +8,12 @@ from __future__ import annotations
 
 import sys
 
-from jbclog import conduct
+from jbclog.app.run import runner
 from jbclog.cli import main
-from jbclog.effects import Steps
-from jbclog.rows import StationFacts
-from jbclog.session.order import Desk
-from jbclog.session.run import run_station
+from jbclog.core.io_requests import Steps
+from jbclog.core.rows import StationFacts
+from jbclog.session.run.context import Desk
+from jbclog.session.run.station_run import run_station
 
 WISHES = 40  # of sampling, by when it breaks
 
@@ -28,7 +28,7 @@ def break_session_of(station: str) -> None:
             left -= desk.facts.first_tick is not None and left > 0
         raise RuntimeError("a fault of the program")
 
-    conduct.run_station = breaking
+    runner.run_station = breaking
 
 
 if __name__ == "__main__":

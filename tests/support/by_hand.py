@@ -14,13 +14,13 @@ from said import let_say
 from talk import framed
 from typer.testing import CliRunner
 
-from jbclog import reach
-from jbclog.byhand.contact import Target
+from jbclog.app import connection
 from jbclog.cli.app import app
-from jbclog.clock import VirtualClock
-from jbclog.recipe.line import StationSpec, parse_line
+from jbclog.config.line import StationSpec, parse_line
+from jbclog.core.clock import VirtualClock
+from jbclog.core.line_format import LineFormat
+from jbclog.session.manual.contact import Target
 from jbclog.sim.make import virtual_station
-from jbclog.wire import LineFormat
 
 LINE = '[line]\nname = "hand"\n'
 
@@ -118,7 +118,9 @@ class Bench:
         specs = parse_line(self.line.read_text(encoding="utf-8"), self.line).stations
         self.wires = {spec.name: Wire(spec, self.clock) for spec in specs}
         self._by_url = {spec.url: self.wires[spec.name] for spec in specs}
-        self.means = reach.Means(self._open, lambda seconds: self.clock.advance_to(self.clock.monotonic() + seconds), self.clock)
+        self.means = connection.Means(
+            self._open, lambda seconds: self.clock.advance_to(self.clock.monotonic() + seconds), self.clock
+        )
 
     def _open(self, url: str, line: LineFormat) -> MemoryPort:
         wire = self._by_url[url]
@@ -126,7 +128,7 @@ class Bench:
         return MemoryPort(url, wire, self.clock)
 
     def target(self, name: str) -> Target:
-        return reach.target_in(self.line, name)
+        return connection.target_in(self.line, name)
 
     def do(self, *words: str) -> Ended:
         """Call the program with this line file."""

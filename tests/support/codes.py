@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from jbclog.commands.command import Command, Scope
-from jbclog.commands.family import Family
+from jbclog.protocol.commands.command import Command, Scope
+from jbclog.protocol.commands.family import Family
 
 PORTS = (1, 2, 3, 4)
 TOOLS = range(1, 10)

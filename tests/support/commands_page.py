@@ -6,13 +6,13 @@ from collections.abc import Callable, Iterable, Mapping
 
 from md_table import MADE, code, codes, table
 
-from jbclog.commands.command import Command, Scope
-from jbclog.commands.defaults import Default
-from jbclog.commands.family import FAMILIES, Family
-from jbclog.commands.robot import COMMUNICATION_ERRORS, ErrorTable
-from jbclog.commands.status import StatusTable
-from jbclog.quantities import Choice, Number, Text, Word, text_of
-from jbclog.session.writes import WRITES
+from jbclog.core.quantities import Choice, Number, Text, Word, text_of
+from jbclog.protocol.commands.command import Command, Scope
+from jbclog.protocol.commands.defaults import Default
+from jbclog.protocol.commands.family import FAMILIES, Family
+from jbclog.protocol.commands.robot import COMMUNICATION_ERRORS, ErrorTable
+from jbclog.protocol.commands.status import StatusTable
+from jbclog.session.run.writes import WRITES
 
 INTRODUCTION = """
 What jbclog can ask of each family of stations and tell it, with the manual and section that each row rests on (000 older

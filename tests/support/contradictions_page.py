@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from md_table import MADE, codes, table
 
-from jbclog.commands.decision import Decision
-from jbclog.commands.decisions import DECISIONS
+from jbclog.protocol.commands.decision import Decision
+from jbclog.protocol.commands.decisions import DECISIONS
 
 INTRODUCTION = """
 The makers' manuals contradict each other and themselves in places, and leave things out. Each row below is one such place

@@ -9,16 +9,16 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TypeVar
 
-from jbclog.clock import VirtualClock
-from jbclog.commands.command import Command, Scope
-from jbclog.commands.family import FAMILIES
-from jbclog.drive.virtual import VirtualDriver
-from jbclog.effects import Reopen, Steps
-from jbclog.quantities import Value
-from jbclog.recipe.line import parse_line
+from jbclog.config.line import parse_line
+from jbclog.core.clock import VirtualClock
+from jbclog.core.io_requests import Reopen, Steps
+from jbclog.core.quantities import Value
+from jbclog.protocol.client.interface import Client
+from jbclog.protocol.client.make import client_for
+from jbclog.protocol.commands.command import Command, Scope
+from jbclog.protocol.commands.family import FAMILIES
 from jbclog.sim.make import virtual_station
-from jbclog.station.client import Client
-from jbclog.station.make import client_for
+from jbclog.transport.virtual import VirtualDriver
 
 T = TypeVar("T")
 Place = tuple[Command, int | None, int | None]

@@ -5,16 +5,16 @@ from __future__ import annotations
 from collections.abc import Iterator
 from itertools import combinations
 
-from jbclog.commands.command import Command
-from jbclog.effects import Heard
-from jbclog.errors import StationError
+from jbclog.core.errors import StationError
+from jbclog.core.io_requests import Heard
+from jbclog.core.line_format import LineFormat
+from jbclog.core.quantities import Value
+from jbclog.protocol.client.interface import Asking, Client
+from jbclog.protocol.client.omega import OmegaStation
+from jbclog.protocol.client.robot import Station
+from jbclog.protocol.commands.command import Command
 from jbclog.protocol.frame import Frame
 from jbclog.protocol.reader import FrameReader
-from jbclog.quantities import Value
-from jbclog.station.client import Asking, Client
-from jbclog.station.omega import OmegaStation
-from jbclog.station.robot import Station
-from jbclog.wire import LineFormat
 
 LINE = LineFormat()
 

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import signal
 
-from jbclog.judge.bound import Known
-from jbclog.judge.idle import IdleError
+from jbclog.analysis.verdict.bound import Known
+from jbclog.analysis.verdict.idle import IdleError
 
 Floats = NDArray[np.float64]
 Course = Callable[[np.random.Generator, float, float], Floats]

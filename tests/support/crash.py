@@ -27,12 +27,12 @@ from pathlib import Path
 import few_rows
 import pyarrow.parquet as pq
 
+from jbclog.core.folder_lock import FolderLock
 from jbclog.record import store as store_module
 from jbclog.record.check import check
 from jbclog.record.conclude import conclude
 from jbclog.record.folder import create_run
 from jbclog.record.live import LiveStore
-from jbclog.record.lock import FolderLock
 from jbclog.record.manifest import Manifest, read_manifest, write_manifest
 from jbclog.record.recover import recover
 from jbclog.record.seal import seal_rows

@@ -20,8 +20,8 @@ from pathlib import Path
 from taped import RECIPE_FILE, recorded
 from virtual_run import Memory
 
-from jbclog.recipe.line import load_line
-from jbclog.rows import COLUMN, SAMPLE_COLUMNS, CounterRow, EventRow, SettingRow
+from jbclog.config.line import load_line
+from jbclog.core.rows import COLUMN, SAMPLE_COLUMNS, CounterRow, EventRow, SettingRow
 
 RUNS = Path(__file__).parents[1] / "data" / "runs"
 PROFILES = Path(__file__).parents[2] / "profiles"

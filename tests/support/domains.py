@@ -5,9 +5,21 @@ from __future__ import annotations
 from collections.abc import Iterator
 from itertools import chain
 
-from jbclog.commands.command import Command
-from jbclog.commands.family import Family
-from jbclog.quantities import HIGHEST_C, OFF, OFF_ON_WIRE, AlarmDelay, AlarmLimit, Flags, HexLength, Number, Quantity, Text, Value
+from jbclog.core.quantities import (
+    HIGHEST_C,
+    OFF,
+    OFF_ON_WIRE,
+    AlarmDelay,
+    AlarmLimit,
+    Flags,
+    HexLength,
+    Number,
+    Quantity,
+    Text,
+    Value,
+)
+from jbclog.protocol.commands.command import Command
+from jbclog.protocol.commands.family import Family
 
 NAMES = ("  DDE", "  DDR", " JTSE", "UCR245", "UCR470", "UCR24", "1.00a")
 LONG_HEX = ("186A0", "FFFFF", "100000", "FFFFFFFF")

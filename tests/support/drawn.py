@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 from jbclog.report.drawing import Drawing, Shape, Words
 from jbclog.report.figure import panels
 from jbclog.report.lanes import lanes_of
-from jbclog.report.letters import face
 from jbclog.report.panel import Panel
 from jbclog.report.scale import COARSE
 from jbclog.report.style import Format
+from jbclog.report.text_metrics import face
 from jbclog.report.trace import Trace
 
 Floats = NDArray[np.float64]

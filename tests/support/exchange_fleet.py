@@ -17,7 +17,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from jbclog.odometer.observed import REPLACED, RESET, Count, Fact, Identity, Observation, Standing
+from jbclog.config.task_names import REPLACED, RESET
+from jbclog.maintenance.counter_totals.observed import Count, Fact, Identity, Observation, Standing
 
 Numbers = NDArray[np.float64]
 Key = tuple[int, str]

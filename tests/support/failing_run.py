@@ -24,22 +24,22 @@ from killed_run import sealed_rows
 from recorded_run import Nobody
 from virtual_run import RECIPE, Memory, Tap, line_text
 
-from jbclog import dossier
-from jbclog.clock import VirtualClock
-from jbclog.commands.status import STAND
-from jbclog.dossier import Dossier, Result
-from jbclog.drive.virtual import VirtualDriver
-from jbclog.errors import RecordError
-from jbclog.plan import Plan, Wanted, make_plan
+from jbclog.app.run import run_record
+from jbclog.app.run.plan import Plan, Wanted, make_plan
+from jbclog.app.run.run_record import Dossier, Result
+from jbclog.core.clock import VirtualClock
+from jbclog.core.errors import RecordError
+from jbclog.core.folder_lock import FolderLock
+from jbclog.core.rows import COLUMN, CounterRow, EventRow, SampleRow, SettingRow, StationFacts
+from jbclog.protocol.commands.status import STAND
 from jbclog.record.live import COMMIT_S, LiveStore
-from jbclog.record.lock import FolderLock
 from jbclog.record.manifest import read_manifest
 from jbclog.record.recover import recover
 from jbclog.record.seal import seal_rows
-from jbclog.rows import COLUMN, CounterRow, EventRow, SampleRow, SettingRow, StationFacts
-from jbclog.session.run import run_station
+from jbclog.session.run.station_run import run_station
 from jbclog.sim.make import virtual_station
 from jbclog.sim.virtual import VirtualStation
+from jbclog.transport.virtual import VirtualDriver
 
 DURATION_S = 3.0
 SIM = "joints_per_minute = 30\n"
@@ -275,7 +275,7 @@ def main() -> None:
     scenario, home, error, again = sys.argv[1], Path(sys.argv[2]), getattr(errno, sys.argv[3]), int(sys.argv[4])
     first, stride = int(sys.argv[5]), int(sys.argv[6])
     disk = Disk()
-    dossier.seal_in_child = _seal  # a child process would take a second for it
+    run_record.seal_in_child = _seal  # a child process would take a second for it
     LiveStore._write_on = lambda self: None  # type: ignore[method-assign]  # the virtual clock commits
     if scenario == "recover":
         (home / "base").mkdir()

@@ -7,11 +7,11 @@ from pathlib import Path
 
 import pyarrow as pa
 
+from jbclog.core.rows import COLUMN, SAMPLE_COLUMNS, CounterRow, EventRow, SampleRow, SettingRow, Severity, StationFacts
 from jbclog.record.chain import breaks
 from jbclog.record.folder import create_run
 from jbclog.record.live import LiveStore
 from jbclog.record.parts import row_groups
-from jbclog.rows import COLUMN, SAMPLE_COLUMNS, CounterRow, EventRow, SampleRow, SettingRow, Severity, StationFacts
 
 T0 = 1_790_000_000_000_000
 EVENT_EVERY = 7

@@ -10,13 +10,13 @@ from math import inf
 
 from counted import NOW, ago, between, went
 
-from jbclog.audit.due import Due, State, TaskState
-from jbclog.audit.fleet import BEFORE, FLEET, Drift, FleetAudit, Meter, StationAudit
-from jbclog.audit.use import Past, use_of
-from jbclog.audit.weeks import weeks_of
-from jbclog.odometer.interval import Interval
-from jbclog.odometer.observed import Count, Errors, Fact, Identity
-from jbclog.odometer.odometer import Difference, Kind, Trace
+from jbclog.maintenance.counter_totals.interval import Interval
+from jbclog.maintenance.counter_totals.observed import Count, Errors, Fact, Identity
+from jbclog.maintenance.counter_totals.totals import Difference, Kind, Trace
+from jbclog.maintenance.due import Due, State, TaskState
+from jbclog.maintenance.fleet import BEFORE, FLEET, Drift, FleetAudit, Meter, StationAudit
+from jbclog.maintenance.use import Past, use_of
+from jbclog.maintenance.weeks import weeks_of
 
 LIVES = (
     ("tip-change", "Tip change", 1, "work_h", "h", 400.0),

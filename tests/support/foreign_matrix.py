@@ -154,16 +154,16 @@ def put(path: Path, made: Callable[[Path], None]) -> None:
 def _load() -> None:
     """Everything that a verb loads, so that a child need not."""
     import jbclog.analysis
+    import jbclog.analysis.rejudge
     import jbclog.analysis.trend
-    import jbclog.audit.fleet
-    import jbclog.auditing
+    import jbclog.app.audit.run_audit
     import jbclog.cli.app
-    import jbclog.guard.left_over
-    import jbclog.judged_again
+    import jbclog.guard.open_leases
+    import jbclog.maintenance.fleet
+    import jbclog.maintenance.verification
     import jbclog.record.check
     import jbclog.record.recover
-    import jbclog.report.write
-    import jbclog.verifying  # noqa: F401
+    import jbclog.report.write  # noqa: F401
 
 
 def _serve() -> None:
@@ -231,8 +231,8 @@ def _verb(words: list[str]) -> int:
 
 def _start(out: Path) -> int:
     """What the start of a run looks at below its folder of runs."""
-    from jbclog.guard.left_over import unclosed
-    from jbclog.record.lineage import previous_run
+    from jbclog.guard.open_leases import unclosed
+    from jbclog.record.run_chain import previous_run
 
     print(previous_run(out, "bench"), [*unclosed(out, ["/dev/none"])])
     return 0

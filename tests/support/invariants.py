@@ -20,9 +20,9 @@ from account import reasons_in, wrong_rows
 from listed_writes import strange_writes
 from virtual_run import Heard, VirtualRun
 
+from jbclog.core.rows import COLUMN, SAMPLE_COLUMNS, SIGNAL_COLUMNS, SIGNAL_OF_COLUMN, SampleRow, StationFacts
 from jbclog.record.check import check
 from jbclog.record.manifest import Manifest, read_manifest
-from jbclog.rows import COLUMN, SAMPLE_COLUMNS, SIGNAL_COLUMNS, SIGNAL_OF_COLUMN, SampleRow, StationFacts
 
 Wires = Mapping[str, Sequence[Heard]]
 """By station: every question that reached it, in the order of time."""

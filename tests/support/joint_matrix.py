@@ -38,8 +38,9 @@ import second_plant
 import third_plant
 from third_plant import Floats, Script, Trial, Truth
 
-from jbclog.features import Cycles, Series, find_joints
-from jbclog.judge.idle import Block
+from jbclog.analysis.joints.joints import find_joints
+from jbclog.analysis.joints.series import Cycles, Series
+from jbclog.analysis.verdict.idle import Block
 from jbclog.sim.tip import CAPACITY_J_PER_K, LOSS_W_PER_K, Tip
 
 PLANTS, TIPS = ("sim", "second", "family", "third", "fifth"), ("small", "medium", "large")

@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from jbclog.features import Series
-from jbclog.judge.idle import Block
+from jbclog.analysis.joints.series import Series
+from jbclog.analysis.verdict.idle import Block
 
 Floats = NDArray[np.float64]
 Course = float | Callable[[Floats], Floats]

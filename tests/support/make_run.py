@@ -13,14 +13,8 @@ from dataclasses import dataclass, field
 from hashlib import sha256
 from pathlib import Path
 
-from jbclog.judge import RULES, Asks, Evidence, Limits, judge
-from jbclog.record.conclude import conclude
-from jbclog.record.folder import create_run, keep_text
-from jbclog.record.ledger import ledger_of
-from jbclog.record.live import LiveStore
-from jbclog.record.manifest import LineFile, Manifest, Metadata, RecipeFile, iso, write_manifest
-from jbclog.record.seal import seal_rows
-from jbclog.rows import (
+from jbclog.analysis.verdict import RULES, Asks, Evidence, Limits, judge
+from jbclog.core.rows import (
     COLUMN,
     SAMPLE_COLUMNS,
     CounterRow,
@@ -32,6 +26,12 @@ from jbclog.rows import (
     quality_of,
     reasons_text,
 )
+from jbclog.record.conclude import conclude
+from jbclog.record.folder import create_run, keep_text
+from jbclog.record.ledger import ledger_of
+from jbclog.record.live import LiveStore
+from jbclog.record.manifest import LineFile, Manifest, Metadata, RecipeFile, iso, write_manifest
+from jbclog.record.seal import seal_rows
 
 T0_UTC_S = 1_790_000_000.0
 T0_MONO_S = 5_000.0

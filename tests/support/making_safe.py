@@ -6,17 +6,17 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from jbclog.commands.family import FAMILIES
-from jbclog.drive.virtual import Peer
-from jbclog.effects import Ask, Heard, Listen, Reopen, Steps, Wait, Wish
-from jbclog.errors import LinkError
-from jbclog.recipe.line import parse_line
-from jbclog.safety.secure import Task, Tool
+from jbclog.config.line import parse_line
+from jbclog.core.errors import LinkError
+from jbclog.core.io_requests import Ask, Heard, Listen, Reopen, Steps, Wait, Wish
+from jbclog.core.line_format import LineFormat
+from jbclog.protocol.client.robot import Station
+from jbclog.protocol.commands.family import FAMILIES
+from jbclog.session.safety.secure import Task, Tool
 from jbclog.sim.airface import AirFace
 from jbclog.sim.state import WORKING as AT_WORK
 from jbclog.sim.virtual import VirtualStation
-from jbclog.station.robot import Station
-from jbclog.wire import LineFormat
+from jbclog.transport.virtual import Peer
 
 ASKED_AT = 100.0
 

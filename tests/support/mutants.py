@@ -5,7 +5,7 @@
     python tests/support/mutants.py cover WORK            # once: a copy of the tree, and which test runs which line
     python tests/support/mutants.py run WORK safety,guard 600   # try mutants of these packages for 600 s; again to go on
     python tests/support/mutants.py run WORK safety,guard 600 40   # and those that survived again, with 40 s of tests
-    python tests/support/mutants.py again WORK safety tests/unit/safety/test_secure.py   # survivors, with tests of today
+    python tests/support/mutants.py again WORK safety tests/unit/session/safety/test_secure.py   # survivors, with tests of today
     python tests/support/mutants.py report WORK           # the share that was noticed, with its 95 % interval (Wilson)
 
 A mutant is one changed place: a comparison, an operator, a number, a condition, a statement left out, a value returned.
@@ -49,7 +49,7 @@ from types import CodeType, FrameType, FunctionType
 from typing import Any
 
 HERE = Path(__file__).resolve().parents[2]
-PACKAGES = ("session", "guard", "safety")
+PACKAGES = {"session": "session/run", "guard": "guard", "safety": "session/safety"}  # and where they are
 SAMPLE, SEED = 500, 20261122
 THOROUGH = 4  # a test that runs half of the lines of a file that others run has to be so much cheaper: 2 to this
 MOST_S = 8.0  # of CPU time for a mutant
@@ -58,15 +58,26 @@ SLOW_S, SLOW = 20.0, 5  # a test may take so long, and so many times as long as 
 CPU_S = 3  # and so much more CPU time than five times the usual: an endless loop ends by that
 MORE_BYTES = 2 << 30
 COVERING = (
-    *("tests/unit/guard", "tests/unit/safety", "tests/unit/drive/test_reactor.py", "tests/unit/test_guarding.py"),
-    *("tests/unit/test_station_late.py", "tests/unit/test_what_can_heat.py", "tests/unit/record/test_left_hot.py", "tests/line"),
-    *("tests/unit/record/test_guarded.py", "tests/unit/cli/test_safe.py", "tests/unit/test_scheduler.py"),
+    *("tests/unit/guard", "tests/unit/session/safety", "tests/unit/transport/test_reactor.py", "tests/unit/guard/test_guarding.py"),
+    *(
+        "tests/unit/protocol/client/test_station_late.py",
+        "tests/unit/protocol/test_what_can_heat.py",
+        "tests/unit/record/test_left_hot.py",
+        "tests/line",
+    ),
+    *("tests/unit/record/test_guarded.py", "tests/unit/cli/test_safe.py", "tests/unit/session/test_scheduler.py"),
     *("tests/faults/test_left_hot.py", "tests/faults/test_link_faults.py", "tests/faults/test_wrong_answers.py"),
     *("tests/faults/test_disturbed_runs.py", "tests/faults/test_outside_bench.py", "tests/faults/test_nothing_is_decided.py"),
     *("tests/faults/test_every_witness.py", "tests/faults/test_starts.py", "tests/serial/test_safe.py"),
     *("tests/serial/test_take_over.py", "tests/faults/test_guard.py"),
 )
-REAL = ("tests/serial/", "tests/unit/guard/", "tests/faults/test_guard.py", "tests/faults/test_left_hot.py", "tests/unit/drive/")
+REAL = (
+    "tests/serial/",
+    "tests/unit/guard/",
+    "tests/faults/test_guard.py",
+    "tests/faults/test_left_hot.py",
+    "tests/unit/transport/",
+)
 REAL += ("tests/unit/record/test_left_hot.py", "tests/unit/cli/test_safe.py")
 OPTIONS = ("-n0", "-q", "-s", "-p", "no:cacheprovider", "--no-header", "--tb=no", "--hypothesis-seed=0", "-m", "not campaign")
 OPTIONS += ("-W", "ignore:Module already imported")
@@ -167,7 +178,7 @@ class Change(ast.NodeTransformer):
 
 def mutants_of(tree: Path, package: str) -> list[Mutant]:
     found = []
-    for path in sorted((tree / "jbclog" / package).glob("*.py")):
+    for path in sorted((tree / "jbclog" / PACKAGES[package]).glob("*.py")):
         places = Places()
         places.visit(ast.parse(path.read_text()))
         found += [(path.relative_to(tree).as_posix(), *place) for place in places.found]
@@ -353,7 +364,7 @@ def patience(took: dict[str, list[float]]) -> Callable[[str], float]:
 
 def watch_lines(note: Callable[[str, int], None]) -> None:
     """Call `note` once for each line of a function of `PACKAGES` that is run, with its file."""
-    places = tuple(f"/jbclog/{package}/" for package in PACKAGES)
+    places = tuple(f"/jbclog/{folder}/" for folder in PACKAGES.values())
     known: dict[CodeType, tuple[str, set[int]] | None] = {}
 
     def of(code: CodeType) -> tuple[str, set[int]] | None:
@@ -484,7 +495,7 @@ def lines_of(tree: Path, name: str, line: int) -> list[tuple[str, int]]:
     word = re.compile(r"\b(" + "|".join(names) + r")\b")
     found = []
     for package in PACKAGES:
-        for path in sorted((tree / "jbclog" / package).glob("*.py")):
+        for path in sorted((tree / "jbclog" / PACKAGES[package]).glob("*.py")):
             rows = path.read_text().splitlines()
             found += [(path.relative_to(tree).as_posix(), number) for number, row in enumerate(rows, 1) if word.search(row)]
     return found

@@ -7,7 +7,7 @@ import socket
 import time
 from collections.abc import Callable
 
-from jbclog.errors import LinkError
+from jbclog.core.errors import LinkError
 from jbclog.transport.port import MOST_AT_ONCE
 
 Reply = Callable[[bytes], bytes]

@@ -17,8 +17,8 @@ from damage import DAMAGES, jbc_holds, omega_holds
 from injector import KINDS, Deed, Injector
 from virtual_run import Tap
 
-from jbclog.effects import Ask, Heard, Listen, Steps, Wish
-from jbclog.rows import StationFacts
+from jbclog.core.io_requests import Ask, Heard, Listen, Steps, Wish
+from jbclog.core.rows import StationFacts
 
 ON_QUESTIONS = ("question_lost", *(f"question_{name}" for name in DAMAGES))
 OF_ANY_PROTOCOL = (

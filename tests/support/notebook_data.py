@@ -23,11 +23,12 @@ import pytest
 from audit_fleet import Fleet, SimStation, iso
 from recorded_run import RecordedRun
 
-from jbclog import __version__, dossier
-from jbclog.audit.book import add
-from jbclog.clock import VirtualClock
-from jbclog.odometer.observed import Fact, Observation
-from jbclog.plan import Metadata, Wanted, make_plan
+from jbclog import __version__
+from jbclog.app.run import run_record
+from jbclog.app.run.plan import Metadata, Wanted, make_plan
+from jbclog.core.clock import VirtualClock
+from jbclog.maintenance.counter_totals.observed import Fact, Observation
+from jbclog.maintenance.ledger import add
 from jbclog.record import folder as folders
 
 HOME = Path(__file__).parents[2] / "notebooks" / "data"
@@ -240,7 +241,7 @@ def _nowhere(seed: int) -> Iterator[None]:
     """The record names no machine, and the letters at the end of its name are the same each time."""
     letters = random.Random(seed)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(dossier, "_host", lambda: {"name": "bench-pc", "system": "virtual", "jbclog": __version__})
+        patch.setattr(run_record, "_host", lambda: {"name": "bench-pc", "system": "virtual", "jbclog": __version__})
         patch.setattr(folders.secrets, "choice", letters.choice)
         yield
 

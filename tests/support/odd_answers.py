@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from virtual_run import VirtualRun, line_text, prepare
 
-from jbclog.rows import COLUMN, EventRow
+from jbclog.core.rows import COLUMN, EventRow
 
 
 def one_port(sim: str = "", duration_s: float = 20, rate: float | None = None) -> VirtualRun:

@@ -12,7 +12,7 @@ import signal
 import sys
 import time
 
-from jbclog import clock
+from jbclog.core import clock
 
 real_elapsed = clock.elapsed
 

@@ -10,13 +10,13 @@ import outside_bench as bench
 from outside_bench import Cable
 from virtual_run import Memory, order_for
 
-from jbclog.clock import UtcOffset, VirtualClock
-from jbclog.drive.virtual import VirtualDriver
-from jbclog.recipe.line import parse_line
-from jbclog.recipe.load import parse_recipe
-from jbclog.rows import COLUMN, SampleRow, SettingRow
-from jbclog.session.order import Desk
-from jbclog.session.run import run_station
+from jbclog.config.line import parse_line
+from jbclog.config.load_recipe import parse_recipe
+from jbclog.core.clock import UtcOffset, VirtualClock
+from jbclog.core.rows import COLUMN, SampleRow, SettingRow
+from jbclog.session.run.context import Desk
+from jbclog.session.run.station_run import run_station
+from jbclog.transport.virtual import VirtualDriver
 
 TIP = """
 [recipe]

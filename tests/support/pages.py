@@ -8,7 +8,7 @@ from pathlib import Path
 import commands_page
 import contradictions_page
 
-TABLES = Path(__file__).parents[2] / "jbclog" / "commands"
+TABLES = Path(__file__).parents[2] / "jbclog" / "protocol" / "commands"
 PAGES: Mapping[Path, Callable[[], str]] = {
     TABLES / "COMMANDS.md": commands_page.page,
     TABLES / "CONTRADICTIONS.md": contradictions_page.page,
@@ -21,7 +21,7 @@ def main() -> None:
         text = page()
         if not path.exists() or path.read_text(encoding="utf-8") != text:
             path.write_text(text, encoding="utf-8")
-            print(f"{path.relative_to(TABLES.parents[1])} is written")
+            print(f"{path.relative_to(TABLES.parents[2])} is written")
 
 
 if __name__ == "__main__":

@@ -6,19 +6,19 @@ from pathlib import Path
 
 import pytest
 
-from jbclog import dossier
-from jbclog.clock import VirtualClock
-from jbclog.dossier import Dossier, Result
-from jbclog.drive.virtual import VirtualDriver
-from jbclog.plan import Plan
-from jbclog.record.lock import FolderLock
+from jbclog.app.run import run_record
+from jbclog.app.run.plan import Plan
+from jbclog.app.run.run_record import Dossier, Result
+from jbclog.core.clock import VirtualClock
+from jbclog.core.folder_lock import FolderLock
+from jbclog.core.rows import EventRow
 from jbclog.record.seal import seal_rows
-from jbclog.rows import EventRow
-from jbclog.session.order import Desk
-from jbclog.session.run import run_station
+from jbclog.session.run.context import Desk
+from jbclog.session.run.station_run import run_station
 from jbclog.sim.make import virtual_station
 from jbclog.sim.omega import VirtualOmega
 from jbclog.sim.virtual import VirtualStation
+from jbclog.transport.virtual import VirtualDriver
 
 
 class Nobody:
@@ -52,7 +52,7 @@ class RecordedRun:
 def _sealed_here(papers: Dossier) -> str | None:
     """Closed and sealed; a child process would take a second for it."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(dossier, "seal_in_child", _seal)
+        patch.setattr(run_record, "seal_in_child", _seal)
         return papers.close()
 
 

@@ -13,8 +13,8 @@ from pathlib import Path
 from recorded_run import RecordedRun
 from several import fault
 
-from jbclog.plan import Metadata, Wanted, make_plan
-from jbclog.report import write_report
+from jbclog.app.run.plan import Metadata, Wanted, make_plan
+from jbclog.report.write import write_report
 
 RECIPE = """[recipe]
 name = "sn100c-tht"

@@ -8,7 +8,7 @@ from pathlib import Path
 from account import assert_account_holds
 from virtual_run import Heard, VirtualRun
 
-from jbclog.commands.status import STAND, WORKING
+from jbclog.protocol.commands.status import STAND, WORKING
 
 SETTINGS = ("HA1", "HA2", "LA1", "LA2", "HD1", "HD2", "LD1", "LD2", "ST2")
 

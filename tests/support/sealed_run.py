@@ -10,12 +10,12 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
+from jbclog.core.rows import CounterRow, EventRow, SettingRow, Severity, StationFacts
 from jbclog.record.conclude import files_of
 from jbclog.record.ledger import ledger_of
 from jbclog.record.manifest import LineFile, Manifest, Metadata, RecipeFile, iso, write_manifest
 from jbclog.record.parts import ROWS_A_GROUP, complete, write_part
 from jbclog.record.schema import SCHEMAS
-from jbclog.rows import CounterRow, EventRow, SettingRow, Severity, StationFacts
 
 T0_UTC_S = 1_790_000_000.0
 RECIPE = """[recipe]

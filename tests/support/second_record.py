@@ -8,8 +8,9 @@ import numpy as np
 from joint_score import Score, score
 from second_plant import Trial
 
-from jbclog.features import Series, find_joints
-from jbclog.judge.idle import Block
+from jbclog.analysis.joints.joints import find_joints
+from jbclog.analysis.joints.series import Series
+from jbclog.analysis.verdict.idle import Block
 
 
 def series_of(trial: Trial, hz: float) -> Series:

@@ -9,9 +9,9 @@ from threading import Thread
 from types import TracebackType
 from typing import Self
 
-from jbclog.commands.status import STAND
-from jbclog.quantities import Value
-from jbclog.recipe.line import load_line
+from jbclog.config.line import load_line
+from jbclog.core.quantities import Value
+from jbclog.protocol.commands.status import STAND
 from jbclog.sim.port import Port
 from jbclog.sim.serve import Server
 from jbclog.sim.setup import SERVED_LINE, set_up

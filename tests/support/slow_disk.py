@@ -11,7 +11,7 @@ import sys
 import time
 
 from jbclog.cli import main
-from jbclog.record.keeping import Keeping
+from jbclog.record.store_writer import Keeping
 
 STALL_S = 1.5
 

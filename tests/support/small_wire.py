@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
-from jbclog.record.wire import Head, wire_path
-from jbclog.record.wire_recorder import WireRecorder
-from jbclog.tape import Passed, Row, Told
+from jbclog.core.wire_capture import Passed, Row, Told
+from jbclog.record.capture import Head, wire_path
+from jbclog.record.capture_recorder import WireRecorder
 
 HEAD = Head("dde-1", "/dev/ttyUSB0", "tht.toml", 8123.480001251, 1_790_000_000.25, 90.0, jbclog="0.1.0")
 BLOCKS = 6

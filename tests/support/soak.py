@@ -30,7 +30,7 @@ from invariants import Ended, violations
 from several import fault
 from tapped_sim import TappedSim, heard_in
 
-from jbclog.recipe.sim_spec import FaultKind
+from jbclog.config.sim_spec import FaultKind
 from jbclog.record.check import check
 from jbclog.record.manifest import Manifest, read_manifest
 from jbclog.sim.faults import OF_OMEGA

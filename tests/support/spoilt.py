@@ -15,10 +15,10 @@ from corrupted import flipped, taken_by_omega, taken_of_two_bits
 from hot_air import AIR
 from virtual_run import RECIPE, VirtualRun, line_text, prepare
 
-from jbclog.commands.command import Command
-from jbclog.commands.family import FAMILIES, OMEGA
+from jbclog.core.quantities import Value
+from jbclog.protocol.commands.command import Command
+from jbclog.protocol.commands.family import FAMILIES, OMEGA
 from jbclog.protocol.omega import OmegaReader
-from jbclog.quantities import Value
 from jbclog.sim.questions import questions
 
 SIM = "joints_per_minute = 0\nseed = 5\n"

@@ -21,7 +21,7 @@ from invariants import Ended, violations
 from served_line import ServedLine
 from station_log import heard_in
 
-from jbclog.errors import RecordError
+from jbclog.core.errors import RecordError
 from jbclog.guard import lease
 from jbclog.record.manifest import read_manifest
 from jbclog.record.recover import recover

@@ -10,11 +10,11 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import TypeVar
 
-from jbclog.clock import VirtualClock
-from jbclog.drive.virtual import VirtualDriver
-from jbclog.effects import Reopen, Steps
-from jbclog.station.robot import Station
-from jbclog.wire import LineFormat
+from jbclog.core.clock import VirtualClock
+from jbclog.core.io_requests import Reopen, Steps
+from jbclog.core.line_format import LineFormat
+from jbclog.protocol.client.robot import Station
+from jbclog.transport.virtual import VirtualDriver
 
 T = TypeVar("T")
 Asking = Callable[[Station], Steps[T]]

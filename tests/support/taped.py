@@ -9,22 +9,22 @@ from random import Random
 
 from virtual_run import RECIPE, Memory, VirtualRun, prepare
 
-from jbclog.clock import UtcOffset, VirtualClock
-from jbclog.drive.told import Astray, keeping
-from jbclog.drive.virtual import Peer, VirtualDriver
-from jbclog.effects import Steps
-from jbclog.plan import orders
+from jbclog.app.replay.recording import Recording, open_recording, plan_of
+from jbclog.app.replay.reproduce import relive
+from jbclog.app.replay.serving import station_of
+from jbclog.app.run.plan import orders
+from jbclog.core.clock import UtcOffset, VirtualClock
+from jbclog.core.io_requests import Steps
+from jbclog.core.rows import StationFacts
+from jbclog.core.wire_capture import Passed, Told
+from jbclog.record.capture import Head
+from jbclog.record.capture_recorder import Keep, WireRecorder
 from jbclog.record.manifest import Manifest, write_manifest
-from jbclog.record.wire import Head
-from jbclog.record.wire_recorder import Keep, WireRecorder
-from jbclog.replaying.again import relive
-from jbclog.replaying.recording import Recording, open_recording, plan_of
-from jbclog.replaying.served import station_of
-from jbclog.rows import StationFacts
-from jbclog.session.order import Desk, Order
-from jbclog.session.run import run_station
-from jbclog.sim.tape import TapeStation
-from jbclog.tape import Passed, Told
+from jbclog.session.run.context import Desk, Order
+from jbclog.session.run.station_run import run_station
+from jbclog.sim.replayed_station import TapeStation
+from jbclog.transport.session_history import Astray, keeping
+from jbclog.transport.virtual import Peer, VirtualDriver
 
 RECIPE_FILE = "recipe.toml"
 WRITE_EVERY_S = 0.5

@@ -15,7 +15,7 @@ from time import monotonic
 
 from virtual_run import Heard, Tap
 
-from jbclog.recipe.line import load_line
+from jbclog.config.line import load_line
 from jbclog.sim.make import virtual_station
 from jbclog.sim.omega import VirtualOmega
 from jbclog.sim.process import SimProcess

@@ -8,10 +8,10 @@ from pathlib import Path
 import few_rows
 from few_rows import T0
 
+from jbclog.core.rows import EventRow, Severity
 from jbclog.record.conclude import conclude
 from jbclog.record.manifest import Manifest, Metadata, read_manifest, write_manifest
 from jbclog.record.seal import seal_rows
-from jbclog.rows import EventRow, Severity
 
 Told = tuple[int, str, str | None]
 """Second, kind, and what stands in `raw`."""

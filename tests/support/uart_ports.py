@@ -2,7 +2,7 @@
 
 ``Cable(far_end, line)`` is a far end that speaks at `line`. What passes is what a receiver makes of the sender's bits
 (`jbclog.sim.uart`), so a client at another rate or parity hears and says garbage; ``means({url: cable})`` is what
-`jbclog.search` opens ports with.
+`jbclog.app.discovery.scan_ports` opens ports with.
 """
 
 from __future__ import annotations
@@ -13,13 +13,13 @@ from typing import Protocol
 
 from said import let_say
 
-from jbclog.clock import VirtualClock
-from jbclog.errors import LinkError, PortMissing
-from jbclog.recipe.line import parse_line
-from jbclog.search import Means
+from jbclog.app.discovery.scan_ports import Means
+from jbclog.config.line import parse_line
+from jbclog.core.clock import VirtualClock
+from jbclog.core.errors import LinkError, PortMissing
+from jbclog.core.line_format import LineFormat
 from jbclog.sim.make import virtual_station
 from jbclog.sim.uart import heard
-from jbclog.wire import LineFormat
 
 Coming = Sequence[tuple[float, bytes]]
 

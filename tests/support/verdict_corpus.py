@@ -21,12 +21,12 @@ from pathlib import Path
 from recorded_run import RecordedRun
 from several import fault
 
-from jbclog.clock import VirtualClock
-from jbclog.plan import Metadata, Wanted, make_plan
+from jbclog.app.run.plan import Metadata, Wanted, make_plan
+from jbclog.core.clock import VirtualClock
 from jbclog.record.annotations import append
 from jbclog.record.manifest import read_manifest
 from jbclog.record.recover import recover
-from jbclog.report import write_report
+from jbclog.report.write import write_report
 
 HOME = Path(__file__).parents[1] / "data" / "verdicts"
 CUT_OFF = Path(__file__).parents[1] / "data" / "releases" / "after-0.1.0" / "open"

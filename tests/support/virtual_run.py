@@ -6,19 +6,19 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from jbclog.clock import UtcOffset, VirtualClock
-from jbclog.commands.family import FAMILIES
-from jbclog.drive.virtual import Peer, VirtualDriver
-from jbclog.effects import Steps
-from jbclog.recipe.line import StationSpec, parse_line
-from jbclog.recipe.load import parse_recipe
-from jbclog.recipe.model import Recipe
-from jbclog.rows import COLUMN, CounterRow, EventRow, SampleRow, SettingRow, StationFacts
-from jbclog.session.order import Desk, Order
-from jbclog.session.run import run_station
+from jbclog.config.line import StationSpec, parse_line
+from jbclog.config.load_recipe import parse_recipe
+from jbclog.config.recipe import Recipe
+from jbclog.core.clock import UtcOffset, VirtualClock
+from jbclog.core.io_requests import Steps
+from jbclog.core.rows import COLUMN, CounterRow, EventRow, SampleRow, SettingRow, StationFacts
+from jbclog.protocol.commands.family import FAMILIES
+from jbclog.session.run.context import Desk, Order
+from jbclog.session.run.station_run import run_station
 from jbclog.sim.make import virtual_station
 from jbclog.sim.omega import VirtualOmega
 from jbclog.sim.virtual import VirtualStation
+from jbclog.transport.virtual import Peer, VirtualDriver
 
 RECIPE = """
 [recipe]

@@ -22,13 +22,13 @@ from listed_writes import strange_writes
 from noisy_wire import ALL_KINDS, OF_ANY_PROTOCOL, NoisyWire, Tape
 from virtual_run import RECIPE, Heard, VirtualRun, prepare
 
-from jbclog.commands.family import FAMILIES, Family
-from jbclog.drive.virtual import Peer
-from jbclog.effects import Steps
-from jbclog.quantities import text_of
-from jbclog.rows import StationFacts
-from jbclog.session.order import Order
+from jbclog.core.io_requests import Steps
+from jbclog.core.quantities import text_of
+from jbclog.core.rows import StationFacts
+from jbclog.protocol.commands.family import FAMILIES, Family
+from jbclog.session.run.context import Order
 from jbclog.sim.questions import questions
+from jbclog.transport.virtual import Peer
 
 OMEGA = '[recipe]\nname = "omega"\nrevision = 1\nfamilies = ["omega"]\n'
 LINE = '[line]\nname = "tape"\n[[station]]\nname = "s-1"\nurl = "s-1"\nfamily = "{family}"\n{keys}[station.sim]\n{sim}'

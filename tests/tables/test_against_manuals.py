@@ -9,8 +9,8 @@ from collections.abc import Mapping
 
 import pytest
 
-from jbclog.commands.command import Command, Scope
-from jbclog.commands.family import FAMILIES
+from jbclog.protocol.commands.command import Command, Scope
+from jbclog.protocol.commands.family import FAMILIES
 
 COMMON_002 = """
 STx r/w °C   step=5                     002 W-STx "must be done in steps of 5 degrees"

@@ -11,17 +11,17 @@ from pathlib import Path
 import pytest
 from by_hand import Bench, station_text
 
-from jbclog import reach
-from jbclog.byhand.contact import NOWHERE, Contact, Place, check_place
-from jbclog.byhand.danger import what_it_does
-from jbclog.byhand.names import find, is_order, readable, shared, values_text, writable
-from jbclog.byhand.read import Reading, only_by_name, read_all, read_value
-from jbclog.byhand.snapshot import Snapshot
-from jbclog.byhand.values import shown, value_in, words_for
-from jbclog.byhand.write import CONFIRMED, SENT, Change, Written, write_value
-from jbclog.commands.command import Command, Effect, Scope
-from jbclog.commands.family import FAMILIES, Family
-from jbclog.recipe.order import COMMAND_OF
+from jbclog.app import connection
+from jbclog.config.write_order import COMMAND_OF
+from jbclog.protocol.commands.command import Command, Effect, Scope
+from jbclog.protocol.commands.family import FAMILIES, Family
+from jbclog.session.manual.contact import NOWHERE, Contact, Place, check_place
+from jbclog.session.manual.danger import what_it_does
+from jbclog.session.manual.names import find, is_order, readable, shared, values_text, writable
+from jbclog.session.manual.read import Reading, only_by_name, read_all, read_value
+from jbclog.session.manual.snapshot import Snapshot
+from jbclog.session.manual.values import shown, value_in, words_for
+from jbclog.session.manual.write import CONFIRMED, SENT, Change, Written, write_value
 
 EVERY = [(family, command) for family in FAMILIES.values() for command in family.commands.values()]
 
@@ -36,8 +36,8 @@ def _walk(*chosen: tuple[Family, Command]) -> pytest.MarkDecorator:
 def bench(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, family: Family) -> Bench:
     """A station of the family on a wire without time, its tools cold; it has been on for a while."""
     made = Bench(tmp_path, station_text("it", family.name, sim="wire = false"))
-    monkeypatch.setattr(reach, "means", made.means)
-    monkeypatch.setattr(reach, "run_that_holds", lambda url: None)
+    monkeypatch.setattr(connection, "means", made.means)
+    monkeypatch.setattr(connection, "run_that_holds", lambda url: None)
     return made
 
 
@@ -48,7 +48,7 @@ def place_of(command: Command) -> Place:
 def readings(bench: Bench, name: str, place: Place = NOWHERE) -> list[tuple[Contact, Reading]]:
     found: list[tuple[Contact, Reading]] = []
     target = bench.target("it")
-    reach.ask(target, read_value(target, name, place, lambda contact, reading: found.append((contact, reading))))
+    connection.ask(target, read_value(target, name, place, lambda contact, reading: found.append((contact, reading))))
     return found
 
 
@@ -71,7 +71,7 @@ def test_it_is_read_by_name_at_every_place(bench: Bench, family: Family, command
 def test_all_of_it_is_read_at_once_but_what_that_would_clear(bench: Bench, family: Family) -> None:
     found: list[Reading] = []
     target = bench.target("it")
-    reach.ask(target, read_all(target, lambda contact, reading: found.append(reading)))
+    connection.ask(target, read_all(target, lambda contact, reading: found.append(reading)))
     assert [reading.problem for reading in found if reading.value is None] == []
     left_out = {command.name for command in only_by_name(family)}
     assert {reading.command.name for reading in found} | left_out == {c.name for c in family.commands.values() if c.readable}
@@ -87,7 +87,7 @@ def test_it_is_written_by_name_once_and_read_back(bench: Bench, family: Family, 
     target, written = bench.target("it"), Written()
     before = len(bench.wires["it"].writes)
     change = Change(command.name, text, Place(port))
-    reach.ask(target, write_value(target, change, kept.append, written), may_write=True)
+    connection.ask(target, write_value(target, change, kept.append, written), may_write=True)
     assert written.outcome in (CONFIRMED, SENT), written.problem
     sent = bench.wires["it"].writes[before:]
     assert len(sent) == 1

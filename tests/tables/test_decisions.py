@@ -6,10 +6,10 @@ import re
 
 import pytest
 
-from jbclog.commands import tolerated
-from jbclog.commands.decision import Decision
-from jbclog.commands.decisions import DECISIONS
-from jbclog.commands.family import FAMILIES
+from jbclog.protocol.commands import tolerated
+from jbclog.protocol.commands.decision import Decision
+from jbclog.protocol.commands.decisions import DECISIONS
+from jbclog.protocol.commands.family import FAMILIES
 from jbclog.sim.omega import OMEGA_QUIRKS
 from jbclog.sim.quirks import QUIRKS
 

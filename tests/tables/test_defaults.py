@@ -5,9 +5,9 @@ from __future__ import annotations
 import pytest
 from converse import Pair
 
-from jbclog.commands.defaults import Default, values_of
-from jbclog.commands.family import FAMILIES, Family
-from jbclog.quantities import OFF
+from jbclog.core.quantities import OFF
+from jbclog.protocol.commands.defaults import Default, values_of
+from jbclog.protocol.commands.family import FAMILIES, Family
 from jbclog.sim.build import MODELS
 
 families = pytest.mark.parametrize("family", FAMILIES.values(), ids=lambda family: family.name)

@@ -20,17 +20,17 @@ from converse import Pair
 from domains import as_written, every_text, meant, values_to_write
 from each_row import each_row
 
-import jbclog.commands
-from jbclog.commands.command import Command, Effect, Limits, Scope
-from jbclog.commands.family import FAMILIES, Family
-from jbclog.commands.omega_values import ConditionNumber, Digit, StoredCondition
-from jbclog.commands.ranges import range_problem
-from jbclog.effects import Steps
-from jbclog.errors import OutOfRange
-from jbclog.quantities import OFF, AlarmDelay, Choice, Delay, Number, Quantity, Text, Value, Word
-from jbclog.station.after import change_address, restart
-from jbclog.station.client import Client
-from jbclog.station.robot import Station
+import jbclog.protocol.commands
+from jbclog.core.errors import OutOfRange
+from jbclog.core.io_requests import Steps
+from jbclog.core.quantities import OFF, AlarmDelay, Choice, Delay, Number, Quantity, Text, Value, Word
+from jbclog.protocol.client.after_write import change_address, restart
+from jbclog.protocol.client.interface import Client
+from jbclog.protocol.client.robot import Station
+from jbclog.protocol.commands.command import Command, Effect, Limits, Scope
+from jbclog.protocol.commands.family import FAMILIES, Family
+from jbclog.protocol.commands.omega_values import ConditionNumber, Digit, StoredCondition
+from jbclog.protocol.commands.ranges import range_problem
 
 EVERY = [(family, command) for family in FAMILIES.values() for command in family.commands.values()]
 
@@ -148,7 +148,7 @@ def test_no_code_begins_with_its_own_but_that_of_a_tip(family: Family, command: 
 
 # -- the page lists it -------------------------------------------------------------------------------------------------
 
-COMMANDS_MD = (Path(jbclog.commands.__file__).parent / "COMMANDS.md").read_text(encoding="utf-8")
+COMMANDS_MD = (Path(jbclog.protocol.commands.__file__).parent / "COMMANDS.md").read_text(encoding="utf-8")
 """As it stands in the repository; that it is made from the tables is held by tests/docs/test_pages.py."""
 
 

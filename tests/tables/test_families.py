@@ -6,13 +6,13 @@ import re
 
 import pytest
 
-from jbclog.commands.command import Effect
-from jbclog.commands.family import FAMILIES, Family, family_of
-from jbclog.commands.hotair import AIR_STATUS
-from jbclog.commands.robot import COMMUNICATION_ERRORS
-from jbclog.commands.signals import Pace
-from jbclog.commands.status import SOLDERING_STATUS
-from jbclog.rows import SIGNAL_COLUMNS, SIGNAL_OF_COLUMN
+from jbclog.core.rows import SIGNAL_COLUMNS, SIGNAL_OF_COLUMN
+from jbclog.protocol.commands.command import Effect
+from jbclog.protocol.commands.family import FAMILIES, Family, family_of
+from jbclog.protocol.commands.hotair import AIR_STATUS
+from jbclog.protocol.commands.robot import COMMUNICATION_ERRORS
+from jbclog.protocol.commands.signals import Pace
+from jbclog.protocol.commands.status import SOLDERING_STATUS
 
 families = pytest.mark.parametrize("family", FAMILIES.values(), ids=lambda family: family.name)
 

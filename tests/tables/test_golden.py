@@ -8,9 +8,9 @@ import pytest
 from each_row import each_row
 from golden import FIELDS, FRAMES, LISTED, OFF, Field, Golden, Listed, letters
 
-from jbclog import quantities
-from jbclog.commands.command import Command, Scope
-from jbclog.commands.family import FAMILIES, Family
+from jbclog.core import quantities
+from jbclog.protocol.commands.command import Command, Scope
+from jbclog.protocol.commands.family import FAMILIES, Family
 from jbclog.protocol.frame import Frame
 
 FAMILIES_OF = {

@@ -9,8 +9,8 @@ from invariants import Ended, Kept, _common, _due, _unlisted, kept_in, violation
 from recorded_run import RecordedRun
 from virtual_run import RECIPE, Heard, VirtualRun, line_text, prepare
 
-from jbclog.plan import Wanted, make_plan
-from jbclog.rows import COLUMN
+from jbclog.app.run.plan import Wanted, make_plan
+from jbclog.core.rows import COLUMN
 
 SIM = "joints_per_minute = 20\nnoise_c = 2.0\n"
 

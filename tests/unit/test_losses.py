@@ -8,10 +8,10 @@ from typing import Any
 
 import pytest
 
-from jbclog.commands.family import FAMILIES
-from jbclog.errors import LinkError, LinkFlooded
-from jbclog.rows import Severity
-from jbclog.session.loss import (
+from jbclog.core.errors import LinkError, LinkFlooded
+from jbclog.core.rows import Severity
+from jbclog.protocol.commands.family import FAMILIES
+from jbclog.session.run.loss import (
     FIRST_AFTER_FLOOD_S,
     FIRST_SEEK_S,
     FORGOTTEN_S,

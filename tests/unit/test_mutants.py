@@ -81,7 +81,7 @@ def is_late(seconds):
 def other(seconds):
     return seconds
 """
-NAME = "jbclog/session/code.py"
+NAME = "jbclog/session/run/code.py"
 
 
 @pytest.fixture
@@ -124,7 +124,7 @@ PRODUCT = (
     "def double(number):\n    return number + number\n\nLIMIT = double(2)\n\ndef is_over(number):\n    return number > LIMIT\n"
 )
 TESTS = """
-from jbclog.session.code import double, is_over
+from jbclog.session.run.code import double, is_over
 
 def test_double():
     assert double(3) == 6
@@ -138,9 +138,10 @@ def test_mutants_are_tried_where_they_are_made_and_those_that_nobody_notices_sur
     """In a repository of its own: of `>` and `+`, and of what is done while the file is loaded."""
     place, work = tmp_path / "place", tmp_path / "work"
     for name, text in {
-        "jbclog/session/code.py": PRODUCT,
+        "jbclog/session/run/code.py": PRODUCT,
         "jbclog/__init__.py": "",
         "jbclog/session/__init__.py": "",
+        "jbclog/session/run/__init__.py": "",
         "tests/unit/guard/test_code.py": TESTS,
         "tests/support/mutants.py": (mutants.HERE / "tests/support/mutants.py").read_text(),
         "pyproject.toml": '[tool.pytest.ini_options]\naddopts = ["--import-mode=importlib"]\nmarkers = ["campaign"]\n',

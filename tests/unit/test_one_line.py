@@ -14,11 +14,11 @@ from hypothesis import strategies as st
 from make_run import make_run
 from typer.testing import CliRunner
 
-from jbclog.cells import csv_text
 from jbclog.cli import output
 from jbclog.cli.app import app
+from jbclog.core.csv import csv_text
+from jbclog.core.text import clean, json_line
 from jbclog.record.check import check
-from jbclog.shown import clean, json_line
 
 ENDS = "\n\r\v\f\x1c\x1d\x1e\x85\u2028\u2029"
 HOSTILE = st.text(st.one_of(st.sampled_from(ENDS + "\x1b\x9b\u202e\u2066\u200b\ufeff\ud800\t\0"), st.characters()), max_size=60)
@@ -74,7 +74,7 @@ def test_a_file_s_name_makes_no_line_of_a_check(sealed: Path, tmp_path: Path, en
 
 
 def test_a_planted_lease_makes_no_line(capfd: pytest.CaptureFixture[str]) -> None:
-    from jbclog.guard import voice
+    from jbclog.guard import messages
 
-    voice.say("dde-1\njbclog guard: all tools are safe")
+    messages.say("dde-1\njbclog guard: all tools are safe")
     assert capfd.readouterr().err == "jbclog guard: dde-1 jbclog guard: all tools are safe\n"

@@ -15,18 +15,18 @@ from few_rows import table
 from recorded_run import Nobody, RecordedRun
 from virtual_run import RECIPE, line_text
 
-from jbclog.conduct import conduct
-from jbclog.dossier import Result
-from jbclog.errors import RecordError, StartRefused
-from jbclog.guarding import Guarding
-from jbclog.plan import Metadata, Plan, Wanted, make_plan
-from jbclog.record import holding
+from jbclog.app.run.plan import Metadata, Plan, Wanted, make_plan
+from jbclog.app.run.run_record import Result
+from jbclog.app.run.runner import conduct
+from jbclog.core.errors import RecordError, StartRefused
+from jbclog.core.line_format import LineFormat
+from jbclog.guard.run_guard import Guarding
+from jbclog.record import port_owner
 from jbclog.record.check import check
-from jbclog.record.finding_runs import Filter, Found, find
+from jbclog.record.find_runs import Filter, Found, find
 from jbclog.record.manifest import read_manifest
 from jbclog.record.parts import row_groups
-from jbclog.transport import open_port
-from jbclog.wire import LineFormat
+from jbclog.transport.opening import open_port
 
 SAID = Metadata("A. Rossi", "88123", units=("SN-1",), tags={"shift": "1"})
 
@@ -132,15 +132,15 @@ def test_a_port_that_another_program_has(tmp_path: Path) -> None:
 
 def test_a_port_that_another_run_holds(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     other = tmp_path / "runs" / "20261121T013000Z-hand-k7qd"
-    monkeypatch.setattr(holding, "runs_that_hold", lambda urls: [other])
-    monkeypatch.setattr(holding, "holds", lambda run, urls: True)
+    monkeypatch.setattr(port_owner, "runs_that_hold", lambda urls: [other])
+    monkeypatch.setattr(port_owner, "holds", lambda run, urls: True)
     plan = plan_of(tmp_path, line_at(str(tmp_path / "nowhere")))
     expect_record(conduct(plan, tmp_path / "mine", Nobody()), "refused", f"the run {other} holds this port", "nothing was sent")
 
 
 def test_the_others_of_its_line_were_not_asked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(holding, "runs_that_hold", lambda urls: [tmp_path])
-    monkeypatch.setattr(holding, "holds", lambda run, urls: urls[0].endswith("a"))
+    monkeypatch.setattr(port_owner, "runs_that_hold", lambda urls: [tmp_path])
+    monkeypatch.setattr(port_owner, "holds", lambda run, urls: urls[0].endswith("a"))
     line = line_at("a") + '[[station]]\nname = "dde-2"\nurl = "b"\nfamily = "dde"\n'
     result = conduct(plan_of(tmp_path, line), tmp_path / "mine", Nobody())
     one, two = result.manifest.stations

@@ -40,7 +40,7 @@ def test_nothing_here_imports_the_encoder(path: Path) -> None:
     [
         ("from jbclog.protocol.frame import check_byte", "jbclog.protocol.frame.check_byte"),
         ("from jbclog.protocol.omega import encode", "jbclog.protocol.omega.encode"),
-        ("from jbclog.quantities import OFF", "jbclog.quantities.OFF"),
+        ("from jbclog.core.quantities import OFF", "jbclog.core.quantities.OFF"),
         ("import jbclog.protocol.frame", "jbclog.protocol.frame"),
         ("Frame('R', 'SMN').encode()", "encode() without the name of an encoding may be a frame's"),
     ],

@@ -14,11 +14,11 @@ from recorded_run import RecordedRun
 from typer.testing import CliRunner
 from virtual_run import RECIPE, line_text
 
-from jbclog.analysis import open_run
-from jbclog.analysis.alarms import TABLE
+from jbclog.analysis.alarms import Detector
+from jbclog.analysis.run import open_run
+from jbclog.analysis.run_alarms import TABLE
+from jbclog.app.run.plan import Wanted, make_plan
 from jbclog.cli.app import app
-from jbclog.episodes import Detector
-from jbclog.plan import Wanted, make_plan
 from jbclog.record.annotations import append, read
 
 
@@ -116,7 +116,7 @@ def test_a_run_that_is_open_or_was_cut_off(tmp_path: Path) -> None:
 
 
 def test_what_the_recorder_did_not_tell_is_a_finding(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("jbclog.episodes.live.LiveAlarms._tell_all", lambda *_: None)
+    monkeypatch.setattr("jbclog.analysis.alarms.live.LiveAlarms._tell_all", lambda *_: None)
     series = Series().add(350, times=20).add(395, times=20)
     (told,) = open_run(recorded(series, tmp_path)).alarm_findings().live
     assert told.endswith("by the record it was raised; the recorder did not tell so while it ran.")
@@ -126,7 +126,7 @@ def test_a_fault_of_the_evaluation_does_not_end_the_recording(tmp_path: Path, mo
     def broken(*_: object, **__: object) -> None:
         raise ZeroDivisionError("made up")
 
-    monkeypatch.setattr("jbclog.episodes.port.PortWatch._closely", broken)
+    monkeypatch.setattr("jbclog.analysis.alarms.port_watch.PortWatch._closely", broken)
     folder = recorded(Series().add(350, times=20), tmp_path)
     events = open_run(folder).events()
     (text,) = events[events["kind"] == "alarm.episode.failed"]["text"]

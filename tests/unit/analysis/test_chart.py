@@ -13,15 +13,15 @@ import pytest
 from many_runs import many_runs, one_run
 from typer.testing import CliRunner, Result
 
-from jbclog import spc
-from jbclog.analysis import Run, open_run
+from jbclog.analysis import spc
 from jbclog.analysis.chart_words import lines
-from jbclog.analysis.charting import Series, charted, joined, joint_metrics, ranked, ranked_losses, series_of_run
+from jbclog.analysis.charts import Series, charted, joined, joint_metrics, ranked, ranked_losses, series_of_run
 from jbclog.analysis.control_limits import Fixed, learn
 from jbclog.analysis.joint_table import JOINTS_SCHEMA
+from jbclog.analysis.run import Run, open_run
+from jbclog.analysis.spc.refusal import there_are
 from jbclog.cli.app import app
 from jbclog.record.manifest import read_manifest, write_manifest
-from jbclog.spc.refusal import there_are
 
 STEADY = np.random.default_rng(15).lognormal(0.3, 0.5, 60)
 

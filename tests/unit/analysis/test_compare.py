@@ -15,11 +15,11 @@ from many_runs import one_run, told
 from sealed_run import RECIPE, limit
 from typer.testing import CliRunner, Result
 
-from jbclog import spc
-from jbclog.analysis import open_run
+from jbclog.analysis import spc
 from jbclog.analysis.compare import Comparison, compare
+from jbclog.analysis.run import open_run
 from jbclog.cli.app import app
-from jbclog.errors import RecordError, UsageError
+from jbclog.core.errors import RecordError, UsageError
 from jbclog.record.manifest import read_manifest, write_manifest
 
 ROWS = 1200

@@ -16,13 +16,15 @@ from alarm_series import Series, being_recorded
 from recorded_run import RecordedRun
 from virtual_run import RECIPE, line_text
 
-from jbclog.analysis import features, open_run
+from jbclog.analysis import run_metrics
 from jbclog.analysis.joint_table import JOINTS_SCHEMA
-from jbclog.features import DEFINITIONS, measure_port
-from jbclog.plan import Wanted, make_plan
+from jbclog.analysis.metrics.definitions import DEFINITIONS
+from jbclog.analysis.metrics.measures import measure_port
+from jbclog.analysis.run import open_run
+from jbclog.app.run.plan import Wanted, make_plan
 from jbclog.record.annotations import vouch
 from jbclog.record.manifest import manifest_sha256
-from jbclog.report import write_report
+from jbclog.report.write import write_report
 
 FEEDER = "\n[feeder]\nmode = 'discontinuous'\nlength_mm = 5.0\nspeed_mm_s = 10.0\n"
 OMEGA = "[recipe]\nname = 'states'\nrevision = 1\nfamilies = ['omega']\n[sampling]\nrate_hz = 1\n"
@@ -102,7 +104,7 @@ def test_metrics_that_a_report_left_are_taken_and_others_are_not(soldered: Path,
     before = run.metrics()
     write_report(soldered)
     text, computed = path.read_text(encoding="utf-8"), []
-    monkeypatch.setattr(features, "measure_port", lambda *those: computed.append(1) or measure_port(*those))
+    monkeypatch.setattr(run_metrics, "measure_port", lambda *those: computed.append(1) or measure_port(*those))
     pd.testing.assert_frame_equal(run.metrics(), before)
     pd.testing.assert_frame_equal(run.metrics("dde-1"), before)
     assert run.metrics("another").empty

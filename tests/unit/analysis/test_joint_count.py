@@ -9,12 +9,13 @@ import pytest
 from recorded_run import RecordedRun
 from virtual_run import RECIPE, line_text
 
-from jbclog.analysis import open_run
-from jbclog.analysis.features import joint_count, joints_and_metrics
-from jbclog.analysis.run import Run
-from jbclog.features import Asked, Found, Series, find_joints
-from jbclog.joint_counting import ENDED_S
-from jbclog.plan import Wanted, make_plan
+from jbclog.analysis.joints.joints import Found, find_joints
+from jbclog.analysis.joints.parameters import Asked
+from jbclog.analysis.joints.series import Series
+from jbclog.analysis.run import Run, open_run
+from jbclog.analysis.run_metrics import joint_count, joints_and_metrics
+from jbclog.app.run.joint_counter import ENDED_S
+from jbclog.app.run.plan import Wanted, make_plan
 
 SECONDS = 120.0
 
@@ -61,6 +62,6 @@ def test_while_it_goes_on_the_feeder_is_a_witness_too(monkeypatch: pytest.Monkey
         seen.append(find_joints(series, asked).by_wire)
         return find_joints(series, asked)
 
-    monkeypatch.setattr("jbclog.analysis.features.find_joints", looked)
+    monkeypatch.setattr("jbclog.analysis.run_metrics.find_joints", looked)
     assert joint_count(run) == len(run.joints())
     assert any(seen)

@@ -15,18 +15,19 @@ from recorded_run import RecordedRun
 from virtual_run import RECIPE, line_text
 
 from jbclog import __version__
-from jbclog import joint_evidence as evidence_of
-from jbclog.analysis import open_run
-from jbclog.features import Cycles, find_joints
-from jbclog.features.feeds import feeds_of
-from jbclog.features.series import Series
-from jbclog.joint_evidence import joint_evidence
-from jbclog.judge import Feeds
-from jbclog.judged_again import held, judge_again
-from jbclog.plan import Wanted, make_plan
+from jbclog.analysis.joints import evidence as evidence_of
+from jbclog.analysis.joints.evidence import joint_evidence
+from jbclog.analysis.joints.feeds import feeds_of
+from jbclog.analysis.joints.joints import find_joints
+from jbclog.analysis.joints.series import Cycles, Series
+from jbclog.analysis.rejudge import held, judge_again
+from jbclog.analysis.run import open_run
+from jbclog.analysis.verdict import Feeds
+from jbclog.app.run.plan import Wanted, make_plan
 from jbclog.record.manifest import Manifest, read_manifest, write_manifest
 from jbclog.record.parts import part_paths
-from jbclog.report import verify_report, write, write_report
+from jbclog.report import write
+from jbclog.report.write import verify_report, write_report
 
 FEEDER = "\n[feeder]\nmode = 'discontinuous'\nlength_mm = 5.0\nspeed_mm_s = 10.0\n"
 ASKED = "\n[acceptance]\nrecovery_p95_s = 2.0\njoints_against_counter_percent = 2\n"

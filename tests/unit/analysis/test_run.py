@@ -15,7 +15,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 import jbclog
 from jbclog.analysis.plot import POINTS, set_line, thinned
-from jbclog.errors import RecordError, UsageError
+from jbclog.core.errors import RecordError, UsageError
 from jbclog.record.conclude import conclude
 from jbclog.record.manifest import Manifest
 from jbclog.record.recover import recover

@@ -16,8 +16,8 @@ import sealed_run
 from hostile_names import HOSTILE, MOVES
 
 import jbclog
-from jbclog.errors import RecordError, UsageError
-from jbclog.record import finding_runs
+from jbclog.core.errors import RecordError, UsageError
+from jbclog.record import find_runs
 from jbclog.record.manifest import Metadata
 
 
@@ -52,8 +52,8 @@ def test_a_filter_that_there_is_not_and_a_folder_that_is_none_are_said(home: Pat
 
 def test_nothing_is_read_before_it_is_asked_for(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     read: list[Path] = []
-    summary_of = finding_runs.summary_of
-    monkeypatch.setattr(finding_runs, "summary_of", lambda folder, wanted: read.append(folder) or summary_of(folder, wanted))
+    summary_of = find_runs.summary_of
+    monkeypatch.setattr(find_runs, "summary_of", lambda folder, wanted: read.append(folder) or summary_of(folder, wanted))
     runs = jbclog.open_runs(home, line="bench")
     assert read == []
     assert len(runs) == len(list(runs)) == 3

@@ -15,11 +15,12 @@ import pytest
 from many_runs import many_runs, one_run, told
 from typer.testing import CliRunner, Result
 
-from jbclog import spc
-from jbclog.analysis import Run, features, open_runs
+from jbclog.analysis import run_metrics, spc
+from jbclog.analysis.run import Run
+from jbclog.analysis.runs import open_runs
 from jbclog.analysis.trend import metric_unit, title_of, trends
 from jbclog.cli.app import app
-from jbclog.errors import UsageError
+from jbclog.core.errors import UsageError
 from jbclog.record.manifest import NAME, read_manifest, write_manifest
 
 STEADY = list(np.random.default_rng(5).normal(1.5, 0.8, 32))
@@ -36,7 +37,7 @@ def home(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module", autouse=True)
 def _measured_once() -> Iterator[None]:
     """A sealed run is measured once for all tests: they are of what is made of the figures, not of the measuring."""
-    measure, kept = features.metrics_of, dict[tuple[bytes, str | None], pd.DataFrame]()
+    measure, kept = run_metrics.metrics_of, dict[tuple[bytes, str | None], pd.DataFrame]()
 
     def once(run: Run, station: str | None = None) -> pd.DataFrame:
         manifest = (run.folder / NAME).read_bytes()  # it holds the digests of all that is measured
@@ -45,7 +46,7 @@ def _measured_once() -> Iterator[None]:
         return kept[manifest, station].copy()
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(features, "metrics_of", once)
+        patch.setattr(run_metrics, "metrics_of", once)
         yield
 
 

@@ -9,7 +9,7 @@ import pytest
 import told_events
 from few_rows import T0
 
-from jbclog.analysis import open_run
+from jbclog.analysis.run import open_run
 from jbclog.record.annotations import append
 from jbclog.record.manifest import Metadata
 

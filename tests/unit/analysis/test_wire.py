@@ -11,7 +11,7 @@ from taped import recorded
 from virtual_run import line_text
 
 from jbclog.analysis.run import Run, open_run
-from jbclog.errors import RecordError
+from jbclog.core.errors import RecordError
 
 
 def test_every_byte_with_its_time_in_utc(tmp_path: Path) -> None:

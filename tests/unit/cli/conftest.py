@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 from by_hand import Bench, Make
 
-from jbclog import reach
-from jbclog.conduct import CUT_SHORT
+from jbclog.app import connection
+from jbclog.app.run.runner import CUT_SHORT
 
 
 @pytest.fixture(autouse=True)
@@ -27,8 +27,8 @@ def make(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Make:
     def made(*stations: str) -> Bench:
         bench = Bench(tmp_path, *stations)
         monkeypatch.chdir(tmp_path)
-        monkeypatch.setattr(reach, "means", bench.means)
-        monkeypatch.setattr(reach, "run_that_holds", lambda url: None)
+        monkeypatch.setattr(connection, "means", bench.means)
+        monkeypatch.setattr(connection, "run_that_holds", lambda url: None)
         return bench
 
     return made

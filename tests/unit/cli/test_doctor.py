@@ -9,10 +9,10 @@ import pytest
 from typer.testing import CliRunner
 from uart_ports import Cable, Silence, means, station_cable
 
-from jbclog import search
+from jbclog.app.discovery import scan_ports
+from jbclog.app.doctor import examine
 from jbclog.cli.app import app
-from jbclog.doctor import examine
-from jbclog.wire import LineFormat
+from jbclog.core.line_format import LineFormat
 
 LINE = '[line]\nname = "x"\n[[station]]\nname = "s-1"\nurl = "/dev/ttyJBC"\nfamily = "dde"\n'
 
@@ -41,14 +41,14 @@ def test_a_machine_where_everything_is_fine(place: Path) -> None:
 
 
 def test_a_line_whose_station_answers(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(search, "SYSTEM", means({"/dev/ttyJBC": station_cable("dde")}))
+    monkeypatch.setattr(scan_ports, "SYSTEM", means({"/dev/ttyJBC": station_cable("dde")}))
     code, lines = said("--line", "line.toml")
     assert code == 0
     assert lines[2].startswith("fine     s-1: DDE answers at 19200 8N1, address 01 in 1.0 ms")
 
 
 def test_each_finding_has_its_step(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(search, "SYSTEM", means({"/dev/ttyJBC": Cable(Silence(), LineFormat())}))
+    monkeypatch.setattr(scan_ports, "SYSTEM", means({"/dev/ttyJBC": Cable(Silence(), LineFormat())}))
     code, lines = said("--line", "line.toml")
     assert code == 1
     assert lines[2].startswith("FINDING  s-1 (/dev/ttyJBC): nothing answers in 12 line formats (19200 8N1")
@@ -57,7 +57,7 @@ def test_each_finding_has_its_step(place: Path, monkeypatch: pytest.MonkeyPatch)
 
 
 def test_json(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(search, "SYSTEM", means({}))
+    monkeypatch.setattr(scan_ports, "SYSTEM", means({}))
     code, lines = said("--line", "line.toml", "--json")
     told = json.loads("\n".join(lines))
     assert code == 1

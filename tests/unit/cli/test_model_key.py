@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from by_hand import Bench, Make
 
-from jbclog import line_safe
+from jbclog.app import safe_state
 from jbclog.sim.state import WORKING
 
 DIE = """[[station]]
@@ -23,7 +23,7 @@ STAND = ("write", "s-1", "status", "stand", "--port", "1")
 
 @pytest.fixture(autouse=True)
 def _no_run(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(line_safe, "runs_that_hold", lambda urls: [])
+    monkeypatch.setattr(safe_state, "runs_that_hold", lambda urls: [])
 
 
 def die(family: str = "dde", keys: str = 'ports = [1]\nmodel = "DIE"', sim: str = 'model = "DIE"', settings: str = DELAYS) -> str:

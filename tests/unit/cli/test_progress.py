@@ -9,12 +9,12 @@ import pytest
 from rich.console import Console
 
 from jbclog.cli import progress
-from jbclog.clock import SystemClock, UtcOffset
-from jbclog.commands.family import FAMILIES
-from jbclog.recipe.load import parse_recipe
-from jbclog.rows import EventRow, NoJournal, Severity
-from jbclog.session.order import Desk, Order, PortState
-from jbclog.wire import LineFormat
+from jbclog.config.load_recipe import parse_recipe
+from jbclog.core.clock import SystemClock, UtcOffset
+from jbclog.core.line_format import LineFormat
+from jbclog.core.rows import EventRow, NoJournal, Severity
+from jbclog.protocol.commands.family import FAMILIES
+from jbclog.session.run.context import Desk, Order, PortState
 
 RECIPE = parse_recipe('[recipe]\nname = "job"\nrevision = 1\nfamilies = ["dde"]\n')
 

@@ -10,12 +10,12 @@ from by_hand import Make, station_text
 from page_omega import PageOmega
 from typer.testing import CliRunner
 
-from jbclog import reach
-from jbclog.byhand.contact import meet
+from jbclog.app import connection
 from jbclog.cli.app import app
-from jbclog.commands.family import FAMILIES
-from jbclog.effects import Steps
-from jbclog.errors import WriteForbidden
+from jbclog.core.errors import WriteForbidden
+from jbclog.core.io_requests import Steps
+from jbclog.protocol.commands.family import FAMILIES
+from jbclog.session.manual.contact import meet
 
 TOOLS = "tools = { 1 = 2, 2 = 1 }"
 
@@ -273,12 +273,12 @@ def test_nothing_but_questions_can_go_out(make: Make) -> None:
         yield from contact.client.write(contact.family.commands["status"], (0, 0, 0, 0, 1), 1)
 
     with pytest.raises(WriteForbidden):
-        reach.ask(target, steps())
+        connection.ask(target, steps())
     assert bench.wires["dde-1"].writes == []
-    reach.ask(target, steps(), may_write=True)
+    connection.ask(target, steps(), may_write=True)
     assert bench.wires["dde-1"].writes == ["WPS100001"]
-    assert reach.only_reads_for(FAMILIES["omega"])(b"\x02A\x0341")
-    assert not reach.only_reads_for(FAMILIES["omega"])(b"\x02H0065\x0313")
+    assert connection.only_reads_for(FAMILIES["omega"])(b"\x02A\x0341")
+    assert not connection.only_reads_for(FAMILIES["omega"])(b"\x02H0065\x0313")
 
 
 # -- lists --------------------------------------------------------------------------------------------------------------------

@@ -10,13 +10,13 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner, Result
 
+from jbclog.analysis.verdict import Verdict
 from jbclog.cli.app import app
 from jbclog.cli.runs import STATES, VERDICTS, moment
-from jbclog.errors import UsageError
-from jbclog.judge import Verdict
+from jbclog.core.errors import UsageError
+from jbclog.core.rows import StationFacts
 from jbclog.record.check import check
 from jbclog.record.manifest import NAME, LineFile, Manifest, Metadata, RecipeFile, Unit, write_manifest
-from jbclog.rows import StationFacts
 
 RUN = "20261121T013000Z-bench-3-k7qd"
 FULL = Manifest(

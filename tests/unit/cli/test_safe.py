@@ -7,9 +7,9 @@ import json
 import pytest
 from by_hand import Bench, Make, says, station_text
 
-from jbclog import line_safe
-from jbclog.commands.robot import TOOLS_002
-from jbclog.errors import LinkError
+from jbclog.app import safe_state
+from jbclog.core.errors import LinkError
+from jbclog.protocol.commands.robot import TOOLS_002
 from jbclog.sim.state import WORKING
 
 STAND = "WPS100001"
@@ -19,7 +19,7 @@ DELAYS = "settings = {sleep_delay = 5, hibernation_delay = 30}"
 
 @pytest.fixture(autouse=True)
 def _no_run(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(line_safe, "runs_that_hold", lambda urls: [])
+    monkeypatch.setattr(safe_state, "runs_that_hold", lambda urls: [])
 
 
 def safe_text(name: str, family: str, sim: str = "") -> str:
@@ -292,7 +292,7 @@ def test_waiting_ends_when_all_are_below(make: Make) -> None:
     begun = bench.clock.monotonic()
     ended = bench.do("safe", "--wait")
     assert ended.code == 0, ended.err
-    assert 360 < bench.clock.monotonic() - begun < line_safe.COLD_WITHIN_S
+    assert 360 < bench.clock.monotonic() - begun < safe_state.COLD_WITHIN_S
     for number, port in bench.wires["dde-1"].station.plant.ports.items():  # type: ignore[union-attr]
         assert port.temperature() < 60
         assert f"dde-1 port {number} " in ended.out
@@ -313,7 +313,7 @@ def test_after_half_an_hour_what_is_still_above_is_named_with_its_last_temperatu
     begun = bench.clock.monotonic()
     ended = bench.do("safe", "--wait")
     assert ended.code == 1
-    assert abs(bench.clock.monotonic() - begun - line_safe.COLD_WITHIN_S) < 10
+    assert abs(bench.clock.monotonic() - begun - safe_state.COLD_WITHIN_S) < 10
     assert "error: dde-1 port 1: 150 °C, not known to be below 60 °C after 30 min" in ended.err
     assert "error: dde-1 port 2: 150 °C" in ended.err
 

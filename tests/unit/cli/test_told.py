@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from sealed_run import station
 
+from jbclog.analysis.verdict import Result, Rule
 from jbclog.cli.output import wrapped
-from jbclog.cli.told import reasons_told, tools_text
-from jbclog.judge import Result, Rule
-from jbclog.outcome import Exit, Finding, in_order
+from jbclog.cli.run_wording import reasons_told, tools_text
+from jbclog.core.outcome import Exit, Finding, in_order
 
 
 def rule(name: str, place: tuple[str, int | None] | tuple[None, None], result: Result, text: str) -> dict[str, object]:

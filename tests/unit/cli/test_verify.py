@@ -13,9 +13,9 @@ from hostile_names import HOSTILE, MOVES
 from typer.testing import CliRunner
 
 from jbclog.cli.app import app
+from jbclog.core.rows import StationFacts
+from jbclog.maintenance.verification import NAME, Given, keep, own_of, read_book, verify
 from jbclog.record.manifest import LineFile, Manifest, Metadata, iso, write_manifest
-from jbclog.rows import StationFacts
-from jbclog.verifying import NAME, Given, keep, own_of, read_book, verify
 
 SAID = ("--instrument", "TC-7", "--due", "2099-03-01", "--tip", "T-17", "--by", "A. Rossi")
 

@@ -9,11 +9,11 @@ from pathlib import Path
 import pytest
 from by_hand import Bench, Ended, Make, station_text
 
-from jbclog import reach
-from jbclog.commands.family import FAMILIES
-from jbclog.errors import LinkError, PortBusy
-from jbclog.transport import Port
-from jbclog.wire import LineFormat
+from jbclog.app import connection
+from jbclog.core.errors import LinkError, PortBusy
+from jbclog.core.line_format import LineFormat
+from jbclog.protocol.commands.family import FAMILIES
+from jbclog.transport.port import Port
 
 TOOLS = "tools = { 1 = 2, 2 = 1 }"
 STAND = "jbclog write dde-1 status stand --port 1 --line"
@@ -358,7 +358,7 @@ def test_all_settings_are_kept_before_anything_is_sent(make: Make, tmp_path: Pat
 
 def test_two_snapshots_of_one_second_have_two_names(make: Make, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     bench = make(dde())
-    monkeypatch.setattr(reach, "utc_of", lambda moment: "2026-11-21T01:30:00.000000Z")
+    monkeypatch.setattr(connection, "utc_of", lambda moment: "2026-11-21T01:30:00.000000Z")
     for _ in range(3):
         assert bench.do("write", "dde-1", "store", *MEANT).code == 0
     stem = "dde-1-settings-20261121T013000Z"
@@ -568,7 +568,7 @@ def test_a_run_that_holds_the_station_is_named(
     make: Make, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, words: tuple[str, ...]
 ) -> None:
     bench = make(dde())
-    monkeypatch.setattr(reach, "run_that_holds", lambda url: tmp_path / "runs" / "20261121T013000Z-hand-k7qd")
+    monkeypatch.setattr(connection, "run_that_holds", lambda url: tmp_path / "runs" / "20261121T013000Z-hand-k7qd")
     ended = bench.do(*words)
     assert (ended.code, ended.out, bench.wires["dde-1"].opened) == (3, "", 0)
     assert ended.err == (
@@ -589,8 +589,8 @@ def test_a_port_that_is_in_use_names_the_run_of_whoever_has_it(
     def busy(url: str, line: LineFormat) -> Port:
         raise PortBusy(f"{url} is in use by process 4711 (jbclog)", 4711)
 
-    monkeypatch.setattr(reach, "means", replace(bench.means, open_port=busy))
-    monkeypatch.setattr(reach, "run_of", lambda process: Path.cwd() / run if run and process == 4711 else None)
+    monkeypatch.setattr(connection, "means", replace(bench.means, open_port=busy))
+    monkeypatch.setattr(connection, "run_of", lambda process: Path.cwd() / run if run and process == 4711 else None)
     ended = bench.do("read", "dde-1", "model")
     assert (ended.code, told in ended.err) == (3, True)
 

@@ -11,11 +11,11 @@ from pathlib import Path
 import pytest
 
 from jbclog.guard import __main__ as guard_itself
-from jbclog.guard.diary import NAME as DIARY
-from jbclog.guard.diary import Diary
+from jbclog.guard.action_log import NAME as DIARY
+from jbclog.guard.action_log import Diary
 from jbclog.guard.lease import StationLease, keep, kept
+from jbclog.guard.lease_writer import Shelf
 from jbclog.guard.recorder import Recorder
-from jbclog.guard.shelf import Shelf
 from jbclog.guard.watch import HUNG_S, Verdict, Watch
 
 LEASE = StationLease("dde-1", "/dev/no1", 19200, "8N1", 1, "dde", "DDE", "1.0", "stand", (1, 2), False)

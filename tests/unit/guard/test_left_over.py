@@ -8,12 +8,12 @@ from pathlib import Path
 
 import pytest
 
-from jbclog.guard import left_over
-from jbclog.guard.diary import NAME as DIARY
-from jbclog.guard.diary import Diary
+from jbclog.guard import open_leases
+from jbclog.guard.action_log import NAME as DIARY
+from jbclog.guard.action_log import Diary
 from jbclog.guard.lease import StationLease, keep, kept
-from jbclog.guard.left_over import LeftOver, Seen, close, settle
-from jbclog.guard.only_one import only_one
+from jbclog.guard.open_leases import LeftOver, Seen, close, settle
+from jbclog.guard.single_guard import only_one
 
 URL = "/dev/no1"
 LEASE = StationLease("ale-1", URL, 19200, "8N1", 1, "ale", "ALE", "1.0", "stand", (1, 2), True)
@@ -113,7 +113,7 @@ def test_a_folder_whose_lock_cannot_be_had_is_named_and_keeps_nobody(run: Path, 
     def no_lock(*_: object) -> None:
         raise OSError(30, "Read-only file system")
 
-    monkeypatch.setattr(left_over, "only_one", no_lock)
+    monkeypatch.setattr(open_leases, "only_one", no_lock)
     settled = settle(run.parent, [URL], nobody)
     assert settled == [LeftOver(False, settled[0].text)]
     assert "Run run left tools hot, and nothing could be done about it" in settled[0].text
@@ -121,8 +121,8 @@ def test_a_folder_whose_lock_cannot_be_had_is_named_and_keeps_nobody(run: Path, 
 
 
 def test_a_guard_that_stays_is_not_waited_for_without_end(run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(left_over, "PATIENCE_S", 0.05)
-    monkeypatch.setattr(left_over, "AGAIN_S", 0.01)
+    monkeypatch.setattr(open_leases, "PATIENCE_S", 0.05)
+    monkeypatch.setattr(open_leases, "AGAIN_S", 0.01)
     with only_one(run):
         assert settle(run.parent, [URL], nobody) == []
     assert kept(run) == [LEASE, OTHER]

@@ -17,15 +17,15 @@ from pathlib import Path
 import few_rows
 import pytest
 
-from jbclog.errors import RecordError
+from jbclog.core.errors import RecordError
 from jbclog.guard import lease as leases
-from jbclog.guard import whereabouts
-from jbclog.guard.diary import LEAST_BYTES, LINE_BYTES, Diary
+from jbclog.guard import lease_registry
+from jbclog.guard.action_log import LEAST_BYTES, LINE_BYTES, Diary
 from jbclog.guard.lease import NAME, StationLease, keep, kept
-from jbclog.guard.only_one import NAME as LOCK
-from jbclog.guard.only_one import only_one
-from jbclog.guard.shelf import Shelf
-from jbclog.record import annotations, guarded, left_hot
+from jbclog.guard.lease_writer import Shelf
+from jbclog.guard.single_guard import NAME as LOCK
+from jbclog.guard.single_guard import only_one
+from jbclog.record import annotations, guard_actions, left_hot
 from jbclog.record.check import check
 from jbclog.record.recover import recover
 
@@ -106,17 +106,17 @@ def test_a_lease_is_never_written_through_a_link(tmp_path: Path, name: str) -> N
     assert not (folder / NAME).is_symlink()
 
 
-@pytest.mark.parametrize("name", [NAME, guarded.DIARY])
+@pytest.mark.parametrize("name", [NAME, guard_actions.DIARY])
 def test_nothing_is_read_or_cut_through_a_link_and_no_pipe_is_waited_for(tmp_path: Path, name: str) -> None:
     folder, foreign = tmp_path / "run", tmp_path / "foreign"
     folder.mkdir()
     foreign.write_text(f"{lease('a').to_json()}\n\n\n")
     (folder / name).symlink_to(foreign)
-    for look in (kept, left_hot.leases, guarded.diary, guarded.tidy):
+    for look in (kept, left_hot.leases, guard_actions.diary, guard_actions.tidy):
         with suppress(OSError):
             assert not look(folder)
     with pytest.raises(OSError, match="symbolic links"):
-        Diary(folder).reserve(1) if name == guarded.DIARY else os.open(folder / name, os.O_RDONLY | os.O_NOFOLLOW)
+        Diary(folder).reserve(1) if name == guard_actions.DIARY else os.open(folder / name, os.O_RDONLY | os.O_NOFOLLOW)
     assert foreign.read_text().endswith("\n\n\n")
     (folder / name).unlink()
     os.mkfifo(folder / name)
@@ -134,12 +134,12 @@ def test_open_leases_are_found_wherever_their_runs_lie(tmp_path: Path, monkeypat
         folder.mkdir(parents=True)
         keep(folder, [lease("a")])
         keep(folder, [lease("a"), lease("b")])
-    assert sorted(whereabouts.known()) == folders
+    assert sorted(lease_registry.known()) == folders
     assert (tmp_path / "state" / "jbclog" / "open-leases").stat().st_mode & 0o077 == 0  # whom it shows is nobody else's business
     keep(folders[0], [])
-    assert whereabouts.known() == folders[1:]
+    assert lease_registry.known() == folders[1:]
     shutil.rmtree(folders[1])
-    assert whereabouts.known() == []
+    assert lease_registry.known() == []
     assert list((tmp_path / "state" / "jbclog" / "open-leases").iterdir()) == []
 
 
@@ -150,7 +150,7 @@ def test_without_a_place_for_that_a_lease_is_kept_all_the_same(tmp_path: Path, m
     monkeypatch.setenv("HOME", str(tmp_path / "file"))
     keep(tmp_path, [lease("a")])
     assert [one.name for one in kept(tmp_path)] == ["a"]
-    assert whereabouts.known() == []
+    assert lease_registry.known() == []
     keep(tmp_path, [])
 
 
@@ -195,7 +195,7 @@ def test_a_disk_that_is_full_is_no_reason_to_stop(tmp_path: Path, monkeypatch: p
 
 
 def test_a_diary_that_cannot_be_written_is_not_waited_for_and_says_so(tmp_path: Path) -> None:
-    (tmp_path / guarded.DIARY).mkdir()
+    (tmp_path / guard_actions.DIARY).mkdir()
     diary = Diary(tmp_path)
     diary.write("guard.took_over", "error", "text")
     diary.tidy()
@@ -207,12 +207,12 @@ def test_a_sealed_run_is_never_written_to_again_and_told_beside_its_record(tmp_p
     diary = Diary(folder, "jbclog run")
     diary.write("guard.took_over", "error", "before")
     recover(folder)
-    sealed = (folder / guarded.DIARY).read_bytes()
+    sealed = (folder / guard_actions.DIARY).read_bytes()
     diary.reserve()
     diary.write("safety.safe_state", "info", "The tool is safe.", "a", 2)
     diary.tidy()
-    assert (check(folder), (folder / guarded.DIARY).read_bytes()) == ([], sealed)
-    assert [event.text for event in guarded.diary(folder)] == ["before"]
+    assert (check(folder), (folder / guard_actions.DIARY).read_bytes()) == ([], sealed)
+    assert [event.text for event in guard_actions.diary(folder)] == ["before"]
     (said,) = annotations.read(folder).said
     assert (said.who, said.what, said.kind) == ("jbclog run", "a port 2: The tool is safe.", "safety.safe_state")
 
@@ -221,7 +221,7 @@ def test_a_sealed_run_is_never_written_to_again_and_told_beside_its_record(tmp_p
 
 
 def blocks(folder: Path) -> int:
-    return (folder / guarded.DIARY).stat().st_blocks * 512
+    return (folder / guard_actions.DIARY).stat().st_blocks * 512
 
 
 def test_the_diary_has_its_room_before_it_is_needed_and_gives_it_back(tmp_path: Path) -> None:
@@ -234,9 +234,9 @@ def test_the_diary_has_its_room_before_it_is_needed_and_gives_it_back(tmp_path: 
     for number in range(1000):
         diary.write("safety.safe_state", "info", "x" * 300, "a", number)
     assert blocks(tmp_path) == room
-    assert [event.port for event in guarded.diary(tmp_path)] == list(range(1000))
+    assert [event.port for event in guard_actions.diary(tmp_path)] == list(range(1000))
     diary.tidy()
-    assert (tmp_path / guarded.DIARY).read_bytes().splitlines()[-1].startswith(b"{")
+    assert (tmp_path / guard_actions.DIARY).read_bytes().splitlines()[-1].startswith(b"{")
     assert blocks(tmp_path) < room
 
 
@@ -258,13 +258,13 @@ def test_a_disk_that_is_full_takes_what_there_is_room_for_and_it_is_seen_where_t
         diary.write("safety.safe_state", "info", "x" * 300, "a", lines)
         lines += 1
     assert lines > LEAST_BYTES / LINE_BYTES
-    assert [event.port for event in guarded.diary(tmp_path)] == list(range(lines - 1))
+    assert [event.port for event in guard_actions.diary(tmp_path)] == list(range(lines - 1))
 
 
 def test_a_diary_that_nothing_was_written_into_is_none(tmp_path: Path) -> None:
     diary = Diary(tmp_path)
     diary.reserve()
-    assert guarded.diary(tmp_path) == []
+    assert guard_actions.diary(tmp_path) == []
     diary.tidy()
     diary.tidy()
     assert list(tmp_path.iterdir()) == []
@@ -274,12 +274,12 @@ def test_a_line_behind_one_that_was_torn_off_is_whole(tmp_path: Path) -> None:
     diary = Diary(tmp_path)
     diary.reserve()
     diary.write("guard.took_over", "error", "first")
-    with (tmp_path / guarded.DIARY).open("r+b") as file:
+    with (tmp_path / guard_actions.DIARY).open("r+b") as file:
         data = file.read().rstrip(b"\n")
         file.seek(len(data) - 10)
         file.write(b"\n" * 10)
     Diary(tmp_path).write("guard.took_over", "error", "second")
-    assert [event.text for event in guarded.diary(tmp_path)] == ["second"]
+    assert [event.text for event in guard_actions.diary(tmp_path)] == ["second"]
 
 
 def test_a_reserve_does_not_cover_what_stands_there(tmp_path: Path) -> None:
@@ -287,14 +287,14 @@ def test_a_reserve_does_not_cover_what_stands_there(tmp_path: Path) -> None:
     second = Diary(tmp_path)
     second.reserve()
     second.write("guard.took_over", "error", "second")
-    assert [event.text for event in guarded.diary(tmp_path)] == ["first", "second"]
+    assert [event.text for event in guard_actions.diary(tmp_path)] == ["first", "second"]
 
 
 # -- one guard ----------------------------------------------------------------------------------------------------------------
 
 
 def test_guard_and_record_mean_the_same_files() -> None:
-    assert (guarded.LOCK, guarded.LEASE) == (LOCK, NAME)
+    assert (guard_actions.LOCK, guard_actions.LEASE) == (LOCK, NAME)
 
 
 def test_there_is_one_and_not_two(tmp_path: Path) -> None:

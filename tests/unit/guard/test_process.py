@@ -17,16 +17,16 @@ from command import until
 from guarded import guard_process
 
 import jbclog
-from jbclog.errors import StartRefused
-from jbclog.guard.keeper import REPLACED_AT_MOST, Keeper
+from jbclog.core.errors import StartRefused
 from jbclog.guard.lease import NAME as LEASE
 from jbclog.guard.lease import StationLease, kept
-from jbclog.guard.only_one import NAME as LOCK
 from jbclog.guard.process import UNANSWERED_MOST, GuardLost, GuardProcess
+from jbclog.guard.single_guard import NAME as LOCK
+from jbclog.guard.supervisor import REPLACED_AT_MOST, Keeper
 
 READY_S = 0.5
 HEAVY = ("pydantic", "pyarrow", "pandas", "numpy", "asyncio", "typer", "rich", "sqlite3", "tomllib", "multiprocessing", "http")
-ROOMS = ("record", "session", "recipe", "judge", "sim", "cli", "conduct", "plan", "rows", "scheduler")
+PACKAGES = ("record", "session.run", "session.scheduler", "config", "analysis", "sim", "cli", "app", "core.rows")
 
 
 def lease(number: int) -> StationLease:
@@ -49,7 +49,7 @@ def guard(tmp_path: Path) -> Iterator[GuardProcess]:
 
 
 def test_it_imports_next_to_nothing() -> None:
-    names = (*HEAVY, *(f"jbclog.{room}" for room in ROOMS))
+    names = (*HEAVY, *(f"jbclog.{name}" for name in PACKAGES))
     code = f"import sys, jbclog.guard.__main__\nprint(*[name for name in {names!r} if name in sys.modules])"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=200)
     assert done.stdout.split() == []
@@ -245,7 +245,7 @@ def test_whatever_kills_guards_is_not_fed_for_ever(tmp_path: Path, monkeypatch: 
     told: list[str] = []
     keeper = Keeper(tmp_path, lambda kind, text: told.append(text))
     keeper.end()
-    monkeypatch.setattr("jbclog.guard.keeper.GuardProcess", _Lost)
+    monkeypatch.setattr("jbclog.guard.supervisor.GuardProcess", _Lost)
     keeper._guard = _Lost(tmp_path)  # type: ignore[assignment]
     for _ in range(2 * REPLACED_AT_MOST):
         keeper.renew()

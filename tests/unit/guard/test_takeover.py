@@ -10,14 +10,14 @@ from pathlib import Path
 
 import pytest
 
-from jbclog.commands.status import EXTRACTOR, STAND
-from jbclog.errors import LinkFlooded
+from jbclog.core.errors import LinkFlooded
 from jbclog.guard import takeover
-from jbclog.guard.diary import NAME as DIARY
-from jbclog.guard.diary import Diary
+from jbclog.guard.action_log import NAME as DIARY
+from jbclog.guard.action_log import Diary
 from jbclog.guard.lease import StationLease
 from jbclog.guard.takeover import OPENING, TakeOver
-from jbclog.safety.secure import FAILED, SENT, VERIFIED, Task
+from jbclog.protocol.commands.status import EXTRACTOR, STAND
+from jbclog.session.safety.secure import FAILED, SENT, VERIFIED, Task
 from jbclog.transport.descriptors import BESIDE
 
 LEASE = StationLease("dde-1", "/dev/no1", 19200, "8N1", 1, "dde", "DDE", "1.0", "stand", (1, 2), False)

@@ -8,45 +8,45 @@ from contextlib import suppress
 
 import pytest
 
-from jbclog.guard import voice
+from jbclog.guard import messages
 
 
 @pytest.fixture
 def reading(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
     """The other end of what is its stderr here."""
     reading, writing = os.pipe()
-    monkeypatch.setattr(voice, "STDERR", writing)
+    monkeypatch.setattr(messages, "STDERR", writing)
     yield reading
     os.close(reading)
     os.close(writing)
 
 
 def test_a_line_is_said_without_what_steers_a_terminal(reading: int) -> None:
-    voice.say("dde-1: \x1b[2J\rthe tool \x07was told – 350 °C")
+    messages.say("dde-1: \x1b[2J\rthe tool \x07was told – 350 °C")
     assert os.read(reading, 4096).decode() == "jbclog guard: dde-1: �[2J the tool �was told – 350 °C\n"
 
 
 def test_nobody_who_reads_is_waited_for(reading: int) -> None:
-    os.set_blocking(voice.STDERR, False)
+    os.set_blocking(messages.STDERR, False)
     with suppress(BlockingIOError):
         while True:
-            os.write(voice.STDERR, b"x" * 4096)
-    os.set_blocking(voice.STDERR, True)
-    voice.say("text")  # or it would wait for ever
+            os.write(messages.STDERR, b"x" * 4096)
+    os.set_blocking(messages.STDERR, True)
+    messages.say("text")  # or it would wait for ever
 
 
 def test_a_stderr_that_is_closed_or_hung_up_is_no_fault(monkeypatch: pytest.MonkeyPatch) -> None:
     for end in (0, 1):
         ends = os.pipe()
         os.close(ends[end])
-        monkeypatch.setattr(voice, "STDERR", ends[1])
-        voice.say("text")
+        monkeypatch.setattr(messages, "STDERR", ends[1])
+        messages.say("text")
         os.close(ends[1 - end])
 
 
 def test_who_reads_comes_to_the_end(reading: int) -> None:
-    voice.say("first")
-    voice.let_go(voice.STDERR)
-    voice.say("second")
+    messages.say("first")
+    messages.let_go(messages.STDERR)
+    messages.say("second")
     assert os.read(reading, 4096) == b"jbclog guard: first\n"
     assert os.read(reading, 4096) == b""

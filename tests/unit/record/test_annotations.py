@@ -10,9 +10,9 @@ from pathlib import Path
 
 import pytest
 
-from jbclog.errors import RecordError
+from jbclog.core.chained_lines import line_of
+from jbclog.core.errors import RecordError
 from jbclog.record.annotations import LONGEST, NAME, Annotation, append, read
-from jbclog.record.chained import line_of
 from jbclog.record.manifest import Manifest, manifest_sha256, write_manifest
 
 

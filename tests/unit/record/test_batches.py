@@ -11,9 +11,9 @@ import few_rows
 import pyarrow as pa
 import pytest
 
+from jbclog.core.rows import COLUMN
 from jbclog.record.batches import MOST_BYTES, MOST_ROWS, Batch, Damaged, NotRows, decode, encode
 from jbclog.record.schema import SCHEMAS
-from jbclog.rows import COLUMN
 
 
 def values(count: int) -> list[object]:

@@ -15,7 +15,7 @@ import pyarrow.parquet as pq
 import pytest
 from make_run import make_run
 
-from jbclog.errors import RecordError
+from jbclog.core.errors import RecordError
 from jbclog.record.annotations import append
 from jbclog.record.check import check
 from jbclog.record.conclude import files_of

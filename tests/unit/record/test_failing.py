@@ -14,17 +14,17 @@ import few_rows
 import pytest
 from few_rows import begun, hand_over
 
-from jbclog.errors import RecordError
+from jbclog.core.errors import RecordError
+from jbclog.core.folder_lock import FolderLock, Witness, witness
 from jbclog.record.batches import Batch
 from jbclog.record.check import check
 from jbclog.record.conclude import conclude
-from jbclog.record.keeping import RESERVE, RESERVE_BYTES
 from jbclog.record.live import LiveStore
-from jbclog.record.lock import FolderLock, Witness, witness
 from jbclog.record.manifest import Manifest, read_manifest
 from jbclog.record.recover import recover
 from jbclog.record.seal import seal_rows
 from jbclog.record.store import Notes, Segment
+from jbclog.record.store_writer import RESERVE, RESERVE_BYTES
 
 
 def failed(code: int) -> sqlite3.OperationalError:

@@ -9,11 +9,11 @@ from pathlib import Path
 
 import pytest
 
+from jbclog.core.folder_lock import FolderLock
+from jbclog.core.rows import StationFacts
 from jbclog.record.annotations import append
-from jbclog.record.finding_runs import Filter, Found, Unreadable, find, summary_of
-from jbclog.record.lock import FolderLock
+from jbclog.record.find_runs import Filter, Found, Unreadable, find, summary_of
 from jbclog.record.manifest import NAME, LineFile, Manifest, Metadata, RecipeFile, Unit, manifest_text, write_manifest
-from jbclog.rows import StationFacts
 
 SAID = Metadata("A. Rossi", "88123", 'board "7"', ["SN-0"], {"shift": "früh"}, ["W-7"], ["F-1"], ["T1", "ale-1:1=T2"])
 FULL = Manifest(

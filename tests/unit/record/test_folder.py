@@ -11,8 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from jbclog.errors import RecordError
-from jbclog.record import durable
+from jbclog.core import durable_files
+from jbclog.core.errors import RecordError
 from jbclog.record.folder import RUN_NAME, create_run, keep_text
 
 NOBODY = 65534
@@ -67,7 +67,7 @@ def test_a_disk_that_does_not_sync_is_found_before_the_run(tmp_path: Path, monke
     def broken(path: Path) -> None:
         raise OSError(5, "Input/output error")
 
-    monkeypatch.setattr(durable, "sync_file", broken)
+    monkeypatch.setattr(durable_files, "sync_file", broken)
     with pytest.raises(RecordError, match="Input/output error") as raised:
         create_run(tmp_path, "bench", START)
     assert raised.value.exit_code == 4

@@ -8,10 +8,10 @@ from pathlib import Path
 import few_rows
 import pytest
 
-from jbclog.guard.diary import NAME, Diary
+from jbclog.guard.action_log import NAME, Diary
 from jbclog.record import conclude as concluding
 from jbclog.record.check import check
-from jbclog.record.guarded import DIARY
+from jbclog.record.guard_actions import DIARY
 from jbclog.record.manifest import read_manifest
 from jbclog.record.parts import row_groups
 from jbclog.record.recover import recover

@@ -13,11 +13,11 @@ from pathlib import Path
 
 import pytest
 
+from jbclog.core.rows import StationFacts
 from jbclog.record.folder import create_run
-from jbclog.record.holding import _says_ended, run_of, run_that_holds, runs_in_progress
 from jbclog.record.live import LiveStore
 from jbclog.record.manifest import Manifest, read_manifest, write_manifest
-from jbclog.rows import StationFacts
+from jbclog.record.port_owner import _says_ended, run_of, run_that_holds, runs_in_progress
 
 URL = f"socket://host-{os.getpid()}:4001"  # runs of other workers are seen from here too
 
@@ -83,7 +83,7 @@ def test_a_run_whose_recorder_is_gone_holds_nothing(run: tuple[Path, LiveStore])
 def test_the_recorder_may_be_another_process(tmp_path: Path) -> None:
     folder = create_run(tmp_path, "bench", 1_790_000_000.0)
     write_manifest(folder, Manifest(folder.name, stations=[StationFacts("tcp-1", URL, "dde")]))
-    script = "import sys; from pathlib import Path; from jbclog.record.lock import FolderLock\n"
+    script = "import sys; from pathlib import Path; from jbclog.core.folder_lock import FolderLock\n"
     script += "lock = FolderLock.take(Path(sys.argv[1])); print('held', flush=True); sys.stdin.read()"
     with subprocess.Popen([sys.executable, "-c", script, str(folder)], stdin=subprocess.PIPE, stdout=subprocess.PIPE) as other:
         assert other.stdout is not None

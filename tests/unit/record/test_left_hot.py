@@ -13,16 +13,16 @@ import pytest
 from typer.testing import CliRunner
 
 from jbclog.cli.app import app
-from jbclog.guard.diary import Diary
-from jbclog.guard.left_over import settle
+from jbclog.core.rows import StationFacts
+from jbclog.guard.action_log import Diary
+from jbclog.guard.open_leases import settle
 from jbclog.record import conclude as concluding
 from jbclog.record import left_hot
 from jbclog.record.check import check
-from jbclog.record.guarded import DIARY, LEASE
+from jbclog.record.guard_actions import DIARY, LEASE
 from jbclog.record.manifest import Manifest, read_manifest, write_manifest
 from jbclog.record.parts import row_groups
 from jbclog.record.recover import Outcome, recover
-from jbclog.rows import StationFacts
 
 TOUCHED = replace(few_rows.facts(), touched=[1, 2], asked_safe_state="stand")
 FEEDS = replace(TOUCHED, touched=[1], may_feed=True)

@@ -8,9 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from jbclog.errors import RecordError
-from jbclog.foreign.from_json import Misfit, build
-from jbclog.record import durable
+from jbclog.core import durable_files
+from jbclog.core.errors import RecordError
+from jbclog.core.foreign.from_json import Misfit, build
+from jbclog.core.rows import Goal, StationFacts
 from jbclog.record.manifest import (
     LineFile,
     Lost,
@@ -26,7 +27,6 @@ from jbclog.record.manifest import (
     write_manifest,
     wrong_digest,
 )
-from jbclog.rows import Goal, StationFacts
 
 KEYS = (
     "schema, run, state, exit_status, exit_code, verdict, rules, verdict_rules, started, ended, t0_mono, t0_utc, line, recipes, "
@@ -83,7 +83,7 @@ def test_a_write_that_fails_leaves_the_old_one(tmp_path: Path, monkeypatch: pyte
         raise OSError(28, "No space left on device")
 
     write_manifest(tmp_path, FULL)
-    monkeypatch.setattr(durable, "sync_file", broken)
+    monkeypatch.setattr(durable_files, "sync_file", broken)
     with pytest.raises(RecordError, match="No space left"):
         write_manifest(tmp_path, Manifest("other"))
     assert read_manifest(tmp_path) == FULL

@@ -9,8 +9,8 @@ from make_run import make_run
 from typer.testing import CliRunner
 
 from jbclog.cli.app import app
-from jbclog.foreign.files import NotReadable
-from jbclog.record.joints_asked import joints_asked
+from jbclog.core.foreign.files import NotReadable
+from jbclog.record.joint_settings import joints_asked
 from jbclog.record.manifest import read_manifest
 from jbclog.record.recipe_copies import recipe_copy, recipe_texts
 

@@ -14,7 +14,7 @@ import few_rows
 import pytest
 from small_wire import write_wire
 
-from jbclog.errors import RecordError
+from jbclog.core.errors import RecordError
 from jbclog.record.check import check
 from jbclog.record.conclude import conclude
 from jbclog.record.folder import create_run, keep_text

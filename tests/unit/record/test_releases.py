@@ -15,7 +15,7 @@ from jbclog.cli.app import app
 from jbclog.record.annotations import read
 from jbclog.record.check import check
 from jbclog.record.recover import Outcome, recover
-from jbclog.report import write_report
+from jbclog.report.write import write_report
 
 RELEASES = sorted(path.name for path in HOME.iterdir())
 every_release = pytest.mark.parametrize("release", RELEASES)

@@ -11,13 +11,13 @@ import pytest
 from typer.testing import CliRunner
 from verdict_corpus import HOME, judged, unpack
 
-from jbclog import judged_again
+from jbclog.analysis import rejudge
+from jbclog.analysis.rejudge import held, judge_again
+from jbclog.analysis.verdict import RULES, versions
+from jbclog.analysis.verdict.versions import Version
 from jbclog.cli.app import app
-from jbclog.judge import RULES, versions
-from jbclog.judge.versions import Version
-from jbclog.judged_again import held, judge_again
 from jbclog.record.manifest import read_manifest, write_manifest
-from jbclog.report import verified, write_report
+from jbclog.report.write import verified, write_report
 
 ARCHIVES = sorted(HOME.glob("*/*.tar.xz"))
 every_run = pytest.mark.parametrize("archive", ARCHIVES, ids=lambda path: f"{path.parent.name}-{path.name.split('.')[0]}")
@@ -119,7 +119,7 @@ def test_a_recipe_that_this_jbclog_does_not_take_any_more_is_no_difference(tmp_p
     def refuse(path: Path, *, links: bool) -> object:
         raise OSError(path)
 
-    monkeypatch.setattr(judged_again, "load_recipe", refuse)
+    monkeypatch.setattr(rejudge, "load_recipe", refuse)
     found = held(folder, manifest)
     assert found.differing == []
     assert found.notes == ["verdict: judged by rules 1, not recomputable here: this jbclog cannot read the recipe of nae-1"]

@@ -9,9 +9,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from jbclog.commands.family import FAMILIES
-from jbclog.record.schema import FLAG, INT, SCHEMAS, TABLES, TEXT, TIME
-from jbclog.rows import (
+from jbclog.core.rows import (
     FLAG_COLUMNS,
     SAMPLE_COLUMNS,
     SIGNAL_COLUMNS,
@@ -21,6 +19,8 @@ from jbclog.rows import (
     EventRow,
     SettingRow,
 )
+from jbclog.protocol.commands.family import FAMILIES
+from jbclog.record.schema import FLAG, INT, SCHEMAS, TABLES, TEXT, TIME
 
 CONTRACT = "seq, time, earliest, station, port, kind, severity, code, text, value, limit, raw, prev_sha256"
 CONTRACT_EVENTS = CONTRACT.split(", ")

@@ -15,10 +15,10 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from jbclog.errors import RecordError
+from jbclog.core.errors import RecordError
+from jbclog.core.folder_lock import FolderLock
 from jbclog.record import parts
 from jbclog.record.conclude import conclude
-from jbclog.record.lock import FolderLock
 from jbclog.record.manifest import Manifest, read_manifest
 from jbclog.record.parts import part_paths, part_through, through, write_part
 from jbclog.record.schema import SCHEMAS, TABLES

@@ -7,7 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from jbclog.errors import RecordError
+from jbclog.core.errors import RecordError
+from jbclog.core.rows import EventRow, Severity
 from jbclog.record.check import check
 from jbclog.record.conclude import conclude
 from jbclog.record.folder import create_run
@@ -15,7 +16,6 @@ from jbclog.record.live import LiveStore
 from jbclog.record.manifest import Manifest, read_manifest, write_manifest
 from jbclog.record.recover import recover
 from jbclog.record.seal import seal_in_child
-from jbclog.rows import EventRow, Severity
 
 EVENT = EventRow(1_790_000_000_000_000, "run.start", Severity.INFO, "It begins.")
 

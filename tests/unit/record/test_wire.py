@@ -16,16 +16,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 from make_run import make_run
 
-from jbclog.errors import RecordError
-from jbclog.record import wire_recorder
+from jbclog.core.errors import RecordError
+from jbclog.core.wire_capture import Passed, Row, Told
+from jbclog.record import capture_recorder
+from jbclog.record.capture import Head, count_rows, is_done, mend, read_head, read_rows, read_to_hole, wire_path, wire_paths
+from jbclog.record.capture_blocks import FIXED, WINDOW
+from jbclog.record.capture_recorder import WireRecorder
+from jbclog.record.capture_rows import line_of, row_of
 from jbclog.record.check import check
 from jbclog.record.manifest import Manifest, read_manifest, write_manifest
 from jbclog.record.recover import recover
-from jbclog.record.wire import Head, count_rows, is_done, mend, read_head, read_rows, read_to_hole, wire_path, wire_paths
-from jbclog.record.wire_blocks import FIXED, WINDOW
-from jbclog.record.wire_recorder import WireRecorder
-from jbclog.record.wire_rows import line_of, row_of
-from jbclog.tape import Passed, Row, Told
 
 HEAD = Head("dde-1", "/dev/ttyUSB0", "tht.toml", 8123.480001251, 1_790_000_000.25, 90.0, "fit", jbclog="0.1.0")
 QUESTION, ANSWER = b"\x020001RSMN\x03\x02", b"\x020100ASMN DDE\x03U"
@@ -248,7 +248,7 @@ def failing(monkeypatch: pytest.MonkeyPatch, after: int) -> None:
         left[0] -= done
         return done
 
-    monkeypatch.setattr(wire_recorder.os, "write", full)
+    monkeypatch.setattr(capture_recorder.os, "write", full)
 
 
 @pytest.mark.parametrize("after", [0, 5, 100, 1000, 3000])
@@ -285,7 +285,7 @@ def test_a_folder_that_cannot_be_made(tmp_path: Path) -> None:
 
 
 def test_it_gives_way_to_the_record_where_room_is_short(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(wire_recorder, "LEAST_FREE", 1 << 60)
+    monkeypatch.setattr(capture_recorder, "LEAST_FREE", 1 << 60)
     recorder = WireRecorder(tmp_path)
     recorder.begin(HEAD)(ROWS[0])
     recorder.write()
@@ -296,7 +296,7 @@ def test_it_gives_way_to_the_record_where_room_is_short(tmp_path: Path, monkeypa
 def test_a_disk_that_hangs_takes_no_more_memory_than_there_is_for_it(tmp_path: Path) -> None:
     recorder = WireRecorder(tmp_path)
     keep = recorder.begin(HEAD)
-    for _ in range(wire_recorder.MOST_ROWS + 10):
+    for _ in range(capture_recorder.MOST_ROWS + 10):
         keep(ROWS[0])
     recorder.write()
     assert "the disk was too slow for it" in recorder.news()[0]

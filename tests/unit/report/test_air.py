@@ -11,15 +11,15 @@ from drawn import corners, fields, shapes, texts, values
 from numpy.typing import NDArray
 from sealed_run import RECIPE, lose, micros, samples, seal, station, table
 
-from jbclog.commands.family import FAMILIES
-from jbclog.judge import Evidence, Limits, judge
+from jbclog.analysis.verdict import Evidence, Limits, judge
+from jbclog.core.rows import StationFacts
+from jbclog.protocol.commands.family import FAMILIES
 from jbclog.record.ledger import ledger_of
-from jbclog.report import verify_report, write_report
 from jbclog.report.figure import draw
 from jbclog.report.lanes import lanes_of
 from jbclog.report.style import WIDE
 from jbclog.report.trace import Grid, Trace, trace
-from jbclog.rows import StationFacts
+from jbclog.report.write import verify_report, write_report
 
 HEAD = [("Set", "320 °C"), ("Air, min–max", "320 to 320 °C"), ("Idle error ± sd", "0.0 ± 0.0 °C")]
 

@@ -14,16 +14,16 @@ import pytest
 from drawn import boxes, shapes, texts
 from sealed_run import alarm, limit, lose, micros, samples, seal, station, table
 
-from jbclog.analysis import open_run
-from jbclog.analysis.alarms import ACKNOWLEDGED
+from jbclog.analysis.run import open_run
+from jbclog.analysis.run_alarms import ACKNOWLEDGED
+from jbclog.core.rows import EventRow, Severity, TipCheck
 from jbclog.record.annotations import append
 from jbclog.record.manifest import Metadata, read_manifest, write_manifest
-from jbclog.report import verify_report, write_report
 from jbclog.report.joint_chart import charted, draw_chart
-from jbclog.report.repeated import told_once
+from jbclog.report.repeated_events import told_once
 from jbclog.report.style import NARROW, PRINT, WIDE
 from jbclog.report.verified import short, verification_facts
-from jbclog.rows import EventRow, Severity, TipCheck
+from jbclog.report.write import verify_report, write_report
 
 LIMITS = [limit("high", "380"), limit("low", "300")]
 

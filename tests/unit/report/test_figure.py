@@ -14,7 +14,7 @@ import pytest
 import sealed_run
 from drawn import boxes, corners, fields, shapes, texts, values
 
-from jbclog.report.closer import closer
+from jbclog.report.detail_window import closer
 from jbclog.report.figure import draw, figure_svg
 from jbclog.report.scale import round_marks, spread
 from jbclog.report.spans import Span

@@ -16,11 +16,11 @@ from made_series import lose
 from scripted_tip import Contact, soldered
 from sealed_run import seal, station, table
 
-from jbclog.features import Series
-from jbclog.judge.rules import JUDGED_BARE
-from jbclog.judged_again import judge_again
+from jbclog.analysis.joints.series import Series
+from jbclog.analysis.rejudge import judge_again
+from jbclog.analysis.verdict.rules import JUDGED_BARE
 from jbclog.record.manifest import read_manifest
-from jbclog.report import style, write_report
+from jbclog.report import style
 from jbclog.report.drawing import Drawing, Shape
 from jbclog.report.figure import draw
 from jbclog.report.joint_chart import charted, draw_chart
@@ -31,6 +31,7 @@ from jbclog.report.spans import Span
 from jbclog.report.style import WIDE
 from jbclog.report.summary import summary
 from jbclog.report.trace import BACK, CUT_OFF, LATE, Grid, Trace
+from jbclog.report.write import write_report
 
 HZ = 10.0
 RECIPE = """[recipe]

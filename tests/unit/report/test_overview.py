@@ -12,11 +12,11 @@ from recorded_run import RecordedRun
 from several import fault
 from verdict_corpus import ONLY_COVERAGE, SOLDERING, STATION, WORKING
 
-from jbclog.analysis import open_run
-from jbclog.plan import Wanted, make_plan
-from jbclog.report import write_report
+from jbclog.analysis.run import open_run
+from jbclog.app.run.plan import Wanted, make_plan
 from jbclog.report.overview import Overview
 from jbclog.report.trace import Grid, trace
+from jbclog.report.write import write_report
 
 
 @pytest.fixture(scope="module")

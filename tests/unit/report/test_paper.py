@@ -19,11 +19,12 @@ from sealed_run import alarm, limit, samples, seal, station, table
 
 from jbclog.record.annotations import append
 from jbclog.record.manifest import Metadata
-from jbclog.report import style, write_report
-from jbclog.report.letters import LACKING, drawable, width_in
+from jbclog.report import style
 from jbclog.report.paper import HEIGHT, WIDTH, Cell, Paper, Type, pdf_bytes, wrapped
+from jbclog.report.text_metrics import LACKING, drawable, width_in
+from jbclog.report.write import write_report
 
-MAKE = "import sys; from jbclog.report import write_report; write_report(sys.argv[1])"
+MAKE = "import sys; from jbclog.report.write import write_report; write_report(sys.argv[1])"
 MADE = ("report.html", "report.pdf", "report.json", "figures", "tables")
 PLACES = (
     {"TZ": "Pacific/Auckland", "LC_ALL": "C", "PYTHONHASHSEED": "1", "SOURCE_DATE_EPOCH": "7"},

@@ -13,9 +13,9 @@ import pytest
 from fontTools.ttLib import TTFont
 
 from jbclog.report.drawing import Drawing, Stroke
-from jbclog.report.letters import LACKING, face
 from jbclog.report.pdf_file import pdf_file
 from jbclog.report.svg import svg_text
+from jbclog.report.text_metrics import LACKING, face
 
 ENDED = datetime(2026, 9, 21, 14, 17, 22, tzinfo=UTC)
 

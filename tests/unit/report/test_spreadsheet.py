@@ -9,10 +9,10 @@ import pytest
 from make_run import make_run
 from sealed_run import alarm, samples, seal, station, table
 
-from jbclog.cells import harmless
-from jbclog.report import write_report
+from jbclog.core.csv import harmless
+from jbclog.core.text import clean
 from jbclog.report.spreadsheet import TABLES
-from jbclog.shown import clean
+from jbclog.report.write import write_report
 
 
 def rows(run: Path, name: str) -> list[dict[str, str]]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from jbclog.judge import Result, Rule
+from jbclog.analysis.verdict import Result, Rule
 from jbclog.report.summary import FEW, summary
 
 

@@ -17,14 +17,14 @@ import pytest
 from make_run import begin, make_run
 from sealed_run import RECIPE, alarm, limit, lose, micros, samples, seal, station, table
 
-from jbclog.errors import RecordError
+from jbclog.core.errors import RecordError
+from jbclog.core.rows import CounterRow, EventRow, SettingRow, Severity
+from jbclog.core.text import clean
 from jbclog.record.check import check
-from jbclog.record.lineage import short_head
 from jbclog.record.manifest import LineFile, Lost, Metadata, read_manifest, write_manifest
-from jbclog.report import verify_report, write_report
+from jbclog.record.run_chain import short_head
 from jbclog.report.verdict import without_urls
-from jbclog.rows import CounterRow, EventRow, SettingRow, Severity
-from jbclog.shown import clean
+from jbclog.report.write import verify_report, write_report
 
 ELEMENTS = {
     *("html", "head", "meta", "title", "style", "body", "main", "section", "footer", "div", "p", "span", "b", "small", "a", "code"),

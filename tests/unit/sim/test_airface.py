@@ -7,8 +7,8 @@ from operator import xor
 
 import pytest
 
-from jbclog.recipe.line import StationSpec
-from jbclog.recipe.sim_spec import SimSpec
+from jbclog.config.line import StationSpec
+from jbclog.config.sim_spec import SimSpec
 from jbclog.sim.airface import AirFace
 from jbclog.sim.airstation import AirStation
 from jbclog.sim.virtual import VirtualStation

@@ -7,10 +7,10 @@ from operator import xor
 
 import pytest
 
-from jbclog.errors import UsageError
-from jbclog.quantities import OFF
-from jbclog.recipe.line import StationSpec
-from jbclog.recipe.sim_spec import SimSpec
+from jbclog.config.line import StationSpec
+from jbclog.config.sim_spec import SimSpec
+from jbclog.core.errors import UsageError
+from jbclog.core.quantities import OFF
 from jbclog.sim.virtual import VirtualStation
 from jbclog.sim.wire_log import Written
 

@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 from omega_talk import framed
 
-from jbclog.commands.omega_values import ConditionRecord
-from jbclog.errors import UsageError
-from jbclog.recipe.line import parse_line
+from jbclog.config.line import parse_line
+from jbclog.core.errors import UsageError
+from jbclog.protocol.commands.omega_values import ConditionRecord
 from jbclog.sim.make import virtual_station
 from jbclog.sim.omega import SLOWEST_S, VirtualOmega
 from jbclog.sim.omega_plant import WARM_UP_S, seconds_of, usual

@@ -7,7 +7,7 @@ from random import Random
 
 import pytest
 
-from jbclog.quantities import OFF
+from jbclog.core.quantities import OFF
 from jbclog.sim.joints import Joints
 from jbclog.sim.parts import Comparator
 from jbclog.sim.port import Character, Port

@@ -5,10 +5,10 @@ from __future__ import annotations
 import pytest
 from pydantic import ValidationError
 
+from jbclog.config.line import StationSpec
+from jbclog.config.sim_spec import SimSpec
 from jbclog.protocol.frame import Frame
 from jbclog.protocol.reader import Corrupt, FrameReader
-from jbclog.recipe.line import StationSpec
-from jbclog.recipe.sim_spec import SimSpec
 from jbclog.sim.virtual import Reply, VirtualStation
 
 T0 = 1000.0

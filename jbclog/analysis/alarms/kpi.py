@@ -1,0 +1,180 @@
+"""Figures of the alarms of one station: how many, how dense, how many that nobody can use.
+
+Definitions. *Rate*: alarms raised in any ten minutes, the greatest. *Flood*: it begins with more than `FLOOD_BEGINS` alarms in
+ten minutes and ends with fewer than `FLOOD_ENDS`. *Chattering*: one limit of one port raises `CHATTERING` alarms or more
+within a minute. *Fleeting*: over in less than `FLEETING_S`. *Stale*: stands for longer than `STALE_S`. *Time between alarms*
+(MTBA): the recorded time over the number of alarms that were raised in it, from two on; one alarm gives no mean. *Latency of
+acknowledgement*: from the moment at which an alarm was raised until somebody acknowledged it, median and 95 % quantile over those
+that were; a run is acknowledged once it is sealed, so it is not shorter than what was left of the run. The numbers are those that
+practice has for the console of one operator (ISA-18.2, EEMUA 191 as quoted by vendors); here they are of one station.
+"""
+
+from __future__ import annotations
+
+from collections import Counter, deque
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from math import floor
+from types import MappingProxyType
+from typing import Final
+
+from jbclog.analysis.alarms.episode import Detector, Episode
+
+WINDOW_S: Final = 600.0
+FLOOD_BEGINS: Final = 10
+FLOOD_ENDS: Final = 5
+CHATTERING: Final = 3
+MINUTE_S: Final = 60.0
+FLEETING_S: Final = 5.0
+STALE_S: Final = 86400.0
+TOP: Final = 10
+FEWEST_APART: Final = 2
+
+
+@dataclass(frozen=True, slots=True)
+class Source:
+    """One limit of one port, as ``port 1 high``; how many of the alarms are its, and how many in per cent."""
+
+    name: str
+    count: int
+    percent: float
+
+
+@dataclass(frozen=True, slots=True)
+class Seconds:
+    """A time in s that `n` alarms give; None, and then `why`."""
+
+    value: float | None
+    n: int
+    why: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Figures:
+    """Of one station by one detector. Times are UTC microseconds; a flood that goes on has no end.
+
+    `apart` is the mean time between alarms, `ack_p50` and `ack_p95` are the latency of acknowledgement. `per_10_min` is the
+    mean over the record; None where nothing was recorded. `chattering`: the most within a minute.
+    """
+
+    station: str
+    detector: Detector
+    count: int
+    active: int
+    per_10_min: float | None
+    most_in_10_min: int
+    floods: tuple[tuple[int, int | None], ...]
+    chattering: dict[str, int]
+    fleeting: int
+    stale: int
+    top: tuple[Source, ...]
+    apart: Seconds
+    ack_p50: Seconds
+    ack_p95: Seconds
+
+
+def figures(
+    station: str,
+    detector: Detector,
+    episodes: Iterable[Episode],
+    begin_us: int | None,
+    end_us: int | None,
+    acknowledged_us: Mapping[str, int] = MappingProxyType({}),
+) -> Figures:
+    """The figures of `station` over its record, which lasts from `begin_us` to `end_us` (None: there is none).
+
+    `acknowledged_us` is when each episode was, by its name.
+    """
+    mine = [one for one in episodes if one.station == station and one.detector is detector]
+    raised = sorted(_raised_us(one) for one in mine)
+    floods, most = _floods(raised, end_us)
+    length_s = None if begin_us is None or end_us is None else (end_us - begin_us) / 1e6
+    names, waited = Counter(_source(one) for one in mine), _waited_s(mine, acknowledged_us)
+    return Figures(
+        station=station,
+        detector=detector,
+        count=len(mine),
+        active=sum(one.end_us is None for one in mine),
+        per_10_min=None if not length_s else len(mine) * WINDOW_S / max(length_s, WINDOW_S),
+        most_in_10_min=most,
+        floods=floods,
+        chattering=_chattering(mine),
+        fleeting=sum(one.seconds is not None and one.seconds < FLEETING_S for one in mine),
+        stale=sum(_lasted_s(one, end_us) > STALE_S for one in mine),
+        top=tuple(Source(name, n, round(100 * n / len(mine), 1)) for name, n in names.most_common(TOP)),
+        apart=_apart(len(mine), length_s),
+        ack_p50=_latency(waited, len(mine), 0.50),
+        ack_p95=_latency(waited, len(mine), 0.95),
+    )
+
+
+def _apart(count: int, length_s: float | None) -> Seconds:
+    if length_s is None:
+        return Seconds(None, count, "Nothing was recorded.")
+    if not count:
+        return Seconds(None, 0, f"No alarm was raised in {length_s:.0f} s.")
+    if count < FEWEST_APART:
+        return Seconds(None, count, f"One alarm was raised in {length_s:.0f} s; a mean time between alarms takes two.")
+    return Seconds(round(length_s / count, 6), count)
+
+
+def _waited_s(episodes: Sequence[Episode], acknowledged_us: Mapping[str, int]) -> list[float]:
+    """How long each that was acknowledged had been raised by then, in order; a clock that was set back tells nothing."""
+    waited = [(acknowledged_us[one.id] - _raised_us(one)) / 1e6 for one in episodes if one.id in acknowledged_us]
+    return sorted(seconds for seconds in waited if seconds >= 0)
+
+
+def _latency(waited: Sequence[float], count: int, share: float) -> Seconds:
+    """A quantile, between two values in proportion."""
+    if not waited:
+        return Seconds(None, 0, "No alarm was raised." if not count else f"None of {count} was acknowledged.")
+    place = share * (len(waited) - 1)
+    below = floor(place)
+    above = min(below + 1, len(waited) - 1)
+    return Seconds(round(waited[below] + (place - below) * (waited[above] - waited[below]), 3), len(waited))
+
+
+def _raised_us(episode: Episode) -> int:
+    return episode.onset_us if episode.raised_us is None else episode.raised_us
+
+
+def _source(episode: Episode) -> str:
+    return f"port {episode.port} {episode.side}"
+
+
+def _lasted_s(episode: Episode, now_us: int | None) -> float:
+    end = now_us if episode.end_us is None else episode.end_us
+    return 0.0 if end is None else (end - episode.onset_us) / 1e6
+
+
+def _floods(raised: Sequence[int], now_us: int | None) -> tuple[tuple[tuple[int, int | None], ...], int]:
+    """The floods, and the most alarms in any ten minutes. An alarm leaves the window ten minutes after it was raised."""
+    window = round(WINDOW_S * 1e6)
+    moments = sorted([(moment, 1) for moment in raised] + [(moment + window, -1) for moment in raised])
+    floods: list[tuple[int, int | None]] = []
+    count = most = 0
+    for moment, change in moments:
+        if now_us is not None and moment > now_us and change < 0:
+            break
+        count += change
+        most = max(most, count)
+        in_flood = bool(floods) and floods[-1][1] is None
+        if not in_flood and count > FLOOD_BEGINS:
+            floods.append((moment, None))
+        elif in_flood and count < FLOOD_ENDS:
+            floods[-1] = (floods[-1][0], moment)
+    return tuple(floods), most
+
+
+def _chattering(episodes: Sequence[Episode]) -> dict[str, int]:
+    """The limits that chatter: the most alarms that each raised within a minute."""
+    most: dict[str, int] = {}
+    recent: dict[str, deque[int]] = {}
+    for one in sorted(episodes, key=_raised_us):
+        name, now = _source(one), _raised_us(one)
+        window = recent.setdefault(name, deque())
+        window.append(now)
+        while now - window[0] >= MINUTE_S * 1e6:
+            window.popleft()
+        most[name] = max(most.get(name, 0), len(window))
+    return {name: count for name, count in most.items() if count >= CHATTERING}

@@ -1,0 +1,87 @@
+"""A draw of heat: contacts of the tip (`draws`) that belong together, and how much heat went into the work.
+
+*Heat* is the integral of the flow, to twice the smoothing beyond its edges, so that what the smoothing spread is in it.
+*Confidence* is 1 - ½·exp(1 - m) with m the peak over the limit that noise reaches once in 31 600 looks; halved with fewer
+than three readings. It is no probability.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from jbclog.analysis.joints.draws import HIGH_NOISES, HIGH_PERMILLE, Flow, Span, find_spans
+from jbclog.analysis.joints.parameters import Taken
+from jbclog.analysis.joints.thermal import ThermalModel
+
+LEAST_HEAT: Final = 20.0  # ‰·s: less is within what the heat balance leaves; the smallest pad takes 100
+SURE_DWELL_S, SURE_HEAT, SURE_PEAK = 0.5, 65.0, 80.0
+FEW_READINGS: Final = 3
+JOINT, NOT_KNOWN = "joint", "not known"
+ENDS, BEGINS = "The record, or the tool's work, ends in it.", "The record, or the tool's work, begins in it."
+
+
+@dataclass(frozen=True, slots=True)
+class Draw:
+    """A draw of heat: seconds on the grid, s, ‰·s, ‰. `contacts` were put together in it; `fed` is None where that is not known.
+
+    `cut` says what cut it off, where something did; `loss` is that of its tip's model in ‰/K. A feed of which no draw was found
+    has neither heat nor peak, and its edges are those of the time in which it was. `cut_by_feeds`: it is a part of a draw in which
+    there were feeds of several joints. `is_unfed`: wire decides, and none was pushed in it.
+    """
+
+    start_s: float
+    end_s: float
+    dwell_s: float
+    heat: float | None
+    peak: float | None
+    contacts: int
+    confidence: float
+    cut: str | None = None
+    fed: bool | None = None
+    loss: float | None = None
+    cut_by_feeds: bool = False
+    is_unfed: bool = False
+
+    @property
+    def kind(self) -> str:
+        """``joint``, or ``not known`` where it may as well be a wipe or a touch without solder, or a feed without a joint."""
+        if self.is_unfed:
+            return NOT_KNOWN
+        sure = self.dwell_s >= SURE_DWELL_S and (self.heat or 0.0) >= SURE_HEAT and (self.peak or 0.0) >= SURE_PEAK
+        return JOINT if (self.fed and self.heat is not None) or sure else NOT_KNOWN
+
+
+def is_joint(draw: Draw, settings: Taken) -> bool:
+    """Whether it lasts long enough; one that was cut off may have."""
+    return draw.dwell_s >= settings.least_dwell_s or draw.cut is not None or bool(draw.fed)
+
+
+def draws_of(part: Flow, model: ThermalModel, settings: Taken) -> list[Draw]:
+    """The draws of a stretch: contacts, put together where they are close."""
+    spans = find_spans(part, model.noise, settings.expected_every_s)
+    together: list[list[Span]] = []
+    for span in spans:
+        if together and span.start_s - together[-1][-1].end_s < settings.merge_gap_s:
+            together[-1].append(span)
+        else:
+            together.append([span])
+    found = [_draw(part, model, some, together, number) for number, some in enumerate(together)]
+    return [draw for draw in found if (draw.heat or 0.0) >= LEAST_HEAT]
+
+
+def _draw(part: Flow, model: ThermalModel, some: list[Span], every: list[list[Span]], number: int) -> Draw:
+    flow, period = part.flow, part.stretch.period_s
+    beside = max(round(2 * model.noise.smooth_s / period), 1)
+    before = every[number - 1][-1].last + 1 if number else 0
+    behind = every[number + 1][0].first if number + 1 < len(every) else len(flow)
+    first, last = max(some[0].first - beside, before), min(some[-1].last + beside + 1, behind)
+    heat, peak = float(flow[first:last].sum()) * period, float(flow[some[0].first : some[-1].last + 1].max())
+    start_s, end_s = some[0].start_s, some[-1].end_s
+    sure = 1 - 0.5 * float(np.exp(1 - max(peak / max(HIGH_NOISES * model.noise.flow, HIGH_PERMILLE), 1.0)))
+    few = (end_s - start_s) / period + 1 < FEW_READINGS
+    cut = ENDS if some[-1].last >= len(flow) - 2 else BEGINS if some[0].first <= 1 else None
+    dwell = sum(span.end_s - span.start_s for span in some)
+    return Draw(start_s, end_s, dwell, heat, peak, len(some), round(sure * (0.5 if few else 1.0), 3), cut, None, model.loss)

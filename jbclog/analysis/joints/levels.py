@@ -1,0 +1,74 @@
+"""At which temperature a tip rests at each setpoint.
+
+A reading is at rest where no draw was for `CALM_S` before it and the tip has moved no more than `CALM_K` in that time. The
+level is the median of these readings at a setpoint. Where there are less than `LEAST_S` of them the tip was never seen at
+rest there, and there is no level. How far a level lies from its setpoint is the idle error's business.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from collections import Counter, defaultdict
+from collections.abc import Sequence
+from itertools import accumulate
+from typing import Final
+
+import numpy as np
+
+from jbclog.analysis.joints.draw import Draw
+from jbclog.analysis.joints.draws import Flow
+from jbclog.analysis.verdict.idle import Flags
+
+CALM_S, CALM_K = 2.0, 2.0
+LEAST_S: Final = 1.0
+DECIMALS: Final = 3
+
+
+class Levels:
+    """Counts the readings at rest by setpoint and temperature: a table that does not grow with the record."""
+
+    def __init__(self) -> None:
+        self._counts: dict[float, Counter[float]] = defaultdict(Counter)
+
+    def add(self, part: Flow, rest: Flags) -> None:
+        """The readings of a stretch that are at rest."""
+        stretch = part.stretch
+        rest = rest & ~np.isnan(stretch.setting)
+        for setpoint in np.unique(stretch.setting[rest]).tolist():
+            here = stretch.temperature[rest & (stretch.setting == setpoint)].round(DECIMALS)
+            values, counts = np.unique(here, return_counts=True)
+            self._counts[setpoint].update(dict(zip(values.tolist(), counts.tolist(), strict=True)))
+
+    def levels(self, period_s: float) -> dict[float, float]:
+        """Setpoint -> level, °C; only the setpoints at which the tip was seen at rest."""
+        return {setpoint: _median(some) for setpoint, some in sorted(self._counts.items()) if some.total() * period_s >= LEAST_S}
+
+
+def _median(counts: Counter[float]) -> float:
+    values = sorted(counts)
+    behind = list(accumulate(counts[value] for value in values))
+    below, above = (bisect_right(behind, place) for place in ((behind[-1] - 1) // 2, behind[-1] // 2))
+    return (values[below] + values[above]) / 2
+
+
+def resting_levels(parts: Sequence[Flow], draws: Sequence[Draw]) -> dict[float, float]:
+    """The levels of a port that is looked at as a whole."""
+    levels = Levels()
+    for part in parts:
+        levels.add(part, resting(part, draws))
+    return levels.levels(parts[0].stretch.period_s if parts else 0.0)
+
+
+def resting(part: Flow, draws: Sequence[Draw]) -> Flags:
+    """Which readings of a stretch are at rest; `draws` in their order."""
+    starts, ends = (np.array([getattr(draw, name) for draw in draws]) for name in ("start_s", "end_s"))
+    stretch, back = part.stretch, max(round(CALM_S / part.stretch.period_s), 1)
+    rest = np.zeros(len(stretch), dtype=np.bool_)
+    if len(stretch) <= back:
+        return rest
+    seconds, temperature = stretch.seconds, stretch.temperature
+    same = stretch.setting[back:] == stretch.setting[:-back]
+    rest[back:] = (np.abs(temperature[back:] - temperature[:-back]) <= CALM_K) & same
+    begun = np.searchsorted(starts, seconds, side="right")
+    last_end = np.concatenate(([-np.inf], ends))[begun]
+    return np.asarray(rest & (seconds - last_end >= CALM_S), dtype=np.bool_)

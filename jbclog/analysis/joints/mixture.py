@@ -1,0 +1,150 @@
+"""First estimates of a tip's thermal model from a record of which nobody says where the tip touched something.
+
+Each row is either rest, where the heat balance leaves no more than noise, or contact, where any amount of heat may leave and
+none may come back: a mixture of a regression and a flat distribution (DeSarbo and Cron, Journal of Classification 5, 1988),
+found by expectation and maximisation from a grid of starts. What is nearly as likely is told, too: the likeliest is not
+always the one that stands (`identify`). The noise of rest is bounded by what the noise of the temperature
+explains; without that bound dense contacts are taken for noise. Rows of a heat-up, in which nothing is soldered, are known
+rest.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from jbclog.analysis.joints.thermal import POWER_NOISE_PERMILLE
+from jbclog.analysis.verdict.idle import Flags, Floats
+
+CAPACITIES: Final = np.geomspace(4.0, 45.0, 14)  # ‰·s/K; a tip of 1.2 J/K at 130 W has 9
+LOSSES: Final = np.geomspace(0.06, 1.6, 10)  # ‰/K; 100 ‰ at 350 °C are 0.3
+USUAL: Final = np.array([0.0, 0.35, 0.0, 0.02])
+STIFF: Final = np.diag([1e-4, 1e4, 2e8, 2e8])  # second and lag stay near nothing here: left free they explain contacts
+FLAT_PERMILLE: Final = 1500.0  # the width of the flat distribution of heat that leaves
+BACKWARD_PERMILLE: Final = 40_000.0  # and of heat that comes back, which does not happen
+DOUBT: Final = 0.02  # that a row of a heat-up is no rest after all
+NOISE_ROOM: Final = 1.3  # times what the temperature's noise explains
+MOST_ROWS: Final = 4000
+STARTS, FINALISTS = 8, 4
+LEAST_SIGNAL: Final = 0.1  # of the moments, whatever the noise
+USUAL_CAPACITY, USUAL_LOSS = 10.0, 0.35  # ‰·s/K, ‰/K
+LAG_RANGE: Final = (-0.1, 1.5)  # s
+SENSOR_LAG_S: Final = 0.3  # second ≤ capacity × (lag + this): of two masses it is lag × the heater's, a sensor adds its own
+REFERENCE_NOISE: Final = 20.0
+
+
+@dataclass(frozen=True, slots=True)
+class Rows:
+    """Rows of the heat balance: power, terms, which are known rest, and the covariance of the terms' noise."""
+
+    power: Floats
+    terms: Floats
+    is_rest: Flags
+    term_noise: Floats
+
+    @property
+    def warming_noise(self) -> float:
+        """The variance of the noise of the warming, (K/s)²."""
+        return float(self.term_noise[0, 0])
+
+    def take(self, rows: NDArray[np.int64] | Flags) -> Rows:
+        return Rows(self.power[rows], self.terms[rows], self.is_rest[rows], self.term_noise)
+
+
+@dataclass(frozen=True, slots=True)
+class _State:
+    values: Floats
+    share: float
+    likelihood: float
+
+
+def first_estimates(rows: Rows) -> list[Floats]:
+    """The four parameters that make the rows most likely, and others that nearly do; the likeliest first."""
+    some = _some(rows)
+    begun = [_maximised(some, _State(start, 0.4, 0.0), 6, 1.5) for start in _starts(some)]
+    begun.sort(key=lambda state: -state.likelihood)
+    ended = [_maximised(some, state, 25, 1.0) for state in begun[:FINALISTS]]
+    ended.sort(key=lambda state: -state.likelihood)
+    chosen: list[Floats] = []
+    for state in ended:
+        if all(_is_apart(state.values, one) for one in chosen):
+            chosen.append(state.values)
+    return chosen
+
+
+def _some(rows: Rows) -> Rows:
+    """No more than `MOST_ROWS`, evenly taken."""
+    if len(rows.power) <= MOST_ROWS:
+        return rows
+    return rows.take(np.linspace(0, len(rows.power) - 1, MOST_ROWS).astype(np.int64))
+
+
+def _starts(rows: Rows) -> list[Floats]:
+    """The likeliest of the grid that are no neighbours."""
+    every = [np.array([capacity, loss, 0.0, 0.0]) for capacity in CAPACITIES for loss in LOSSES]
+    every.sort(key=lambda values: -_likelihood(rows, values, 0.4, 2.0)[1])
+    chosen: list[Floats] = []
+    for values in every:
+        if len(chosen) < STARTS and all(_is_apart(values, one) for one in chosen):
+            chosen.append(values)
+    return chosen
+
+
+def _is_apart(one: Floats, other: Floats) -> bool:
+    one, other = np.maximum(one, 1e-3), np.maximum(other, 1e-3)
+    return bool(abs(np.log(one[0] / other[0])) > 0.25 or abs(np.log(one[1] / other[1])) > 0.4)
+
+
+def _likelihood(rows: Rows, values: Floats, share: float, wider: float) -> tuple[Floats, float]:
+    """The probability of each row to be rest, and the mean logarithm of their likelihood.
+
+    The density of rest has the same height for all values: else a capacity of nothing, which leaves no noise, were the likeliest.
+    """
+    left = rows.power - rows.terms @ values
+    noise = wider * NOISE_ROOM * float(np.hypot(np.sqrt(values @ rows.term_noise @ values), POWER_NOISE_PERMILLE))
+    rest = np.exp(-0.5 * np.square(left / noise)) / (REFERENCE_NOISE * np.sqrt(2 * np.pi))
+    contact = np.where(left > 0, 1 / FLAT_PERMILLE, 1 / BACKWARD_PERMILLE)
+    of_rest = np.where(rows.is_rest, 1 - DOUBT, share) * rest
+    both = of_rest + np.where(rows.is_rest, DOUBT / 5000.0, (1 - share) * contact)
+    return of_rest / both, float(np.log(both).mean())
+
+
+def _maximised(rows: Rows, state: _State, rounds: int, wider: float) -> _State:
+    values, share = state.values, state.share
+    open_rows = ~rows.is_rest
+    for _ in range(rounds):
+        weight, _ = _likelihood(rows, values, share, wider)
+        values = weighted_fit(rows.terms, rows.power, weight, STIFF, rows.warming_noise)
+        share = min(max(float(weight[open_rows].mean()) if open_rows.any() else 0.9, 0.1), 0.98)
+    return _State(values, share, _likelihood(rows, values, share, wider)[1])
+
+
+def weighted_fit(terms: Floats, power: Floats, weight: Floats, stiffness: Floats, noise: float) -> Floats:
+    """Least squares with a weak pull to the usual values, corrected for the noise of the warming, within what a tip can be.
+
+    Noise in a term pulls an ordinary fit towards zero, the more the less happens: at rest the capacity comes out as nothing. Its
+    variance is taken off the moment (W. A. Fuller, Measurement Error Models, 1987), but never more than leaves `LEAST_SIGNAL`.
+    Second mass and lag are left as they come out, smaller than they are: they are to spare the flow an error, not to be known.
+    """
+    weighted = terms * weight[:, None]
+    moments = weighted.T @ terms + stiffness
+    moments[0, 0] -= min(weight.sum() * noise, (1 - LEAST_SIGNAL) * moments[0, 0])
+    return _within(moments, weighted.T @ power + stiffness @ USUAL)
+
+
+def _within(moments: Floats, right: Floats) -> Floats:
+    """The least squares solution; second mass and lag are held at their bounds where they would go beyond."""
+    values = np.linalg.solve(moments, right)
+    held: list[int] = []
+    for place in (3, 2):
+        low, high = LAG_RANGE if place == 3 else (0.0, values[0] * (max(values[3], 0.0) + SENSOR_LAG_S))
+        bound = min(max(values[place], low), high)
+        if bound != values[place]:
+            held.append(place)
+            values[place] = bound
+            free = [one for one in range(4) if one not in held]
+            values[free] = np.linalg.solve(moments[np.ix_(free, free)], right[free] - moments[np.ix_(free, held)] @ values[held])
+    return np.asarray(values, dtype=np.float64)

@@ -1,0 +1,68 @@
+"""The readings of one column that are there, for many windows at once: each window is two places in them.
+
+`Series.window` says everything of one window and costs a hundred microseconds; a joint needs several, and a shift has thousands.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from jbclog.analysis.joints.series import Series
+from jbclog.analysis.verdict.idle import Flags, Floats
+
+Places = NDArray[np.int64]
+EPSILON_S = 1e-6
+
+
+@dataclass(frozen=True, slots=True)
+class Track:
+    """Seconds and values of the readings.
+
+    `gaps` counts, up to each, the steps that are gaps; `area` is the integral up to each (trapezoids).
+    """
+
+    seconds: Floats
+    values: Floats
+    gaps: Places
+    area: Floats
+    gap_s: float
+
+    def first(self, moments: Floats) -> Places:
+        """The place of the first reading at or after each moment."""
+        return np.searchsorted(self.seconds, moments - EPSILON_S)
+
+    def last(self, moments: Floats) -> Places:
+        """The place behind the last reading at or before each moment."""
+        return np.searchsorted(self.seconds, moments + EPSILON_S)
+
+    def has_gap(self, starts: Floats, ends: Floats) -> Flags:
+        """Whether nothing was read for longer than `gap_s` somewhere between the two moments, or at all."""
+        if not len(self.seconds):
+            return np.ones(len(starts), dtype=np.bool_)
+        first, last = self.first(starts), self.last(ends) - 1
+        none = last < first
+        inner = self.gaps[np.clip(last, 0, None)] - self.gaps[np.clip(first, 0, len(self.gaps) - 1)] > 0
+        late = self.seconds[np.clip(first, 0, len(self.seconds) - 1)] - starts > self.gap_s
+        early = ends - self.seconds[np.clip(last, 0, None)] > self.gap_s
+        return np.asarray(none | inner | late | early, dtype=np.bool_)
+
+    def area_between(self, starts: Floats, ends: Floats) -> Floats:
+        """The integral from the first reading after the start to the last before the end; NaN with less than two."""
+        first, last = self.first(starts), self.last(ends) - 1
+        few = last <= first
+        top = max(len(self.area) - 1, 0)
+        whole = self.area[np.clip(last, 0, top)] - self.area[np.clip(first, 0, top)] if len(self.area) else np.zeros(len(starts))
+        return np.asarray(np.where(few, np.nan, whole), dtype=np.float64)
+
+
+def track_of(series: Series, values: Floats) -> Track:
+    """The readings of one column of a port."""
+    there = ~np.isnan(values)
+    seconds, read = series.seconds[there], values[there]
+    steps = np.diff(seconds)
+    gaps = np.concatenate(([0], np.cumsum(steps > series.gap_s + EPSILON_S)))
+    area = np.concatenate(([0.0], np.cumsum((read[1:] + read[:-1]) / 2 * steps)))
+    return Track(seconds, read, gaps[: len(seconds)], area[: len(seconds)], series.gap_s)

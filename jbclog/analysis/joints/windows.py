@@ -1,0 +1,149 @@
+"""The rows of a port in windows, as they come, whatever the size of the pieces that they come in.
+
+A window has the rows of `WINDOW_S` that are its own, and `BESIDE_S` more on both sides: what filters, contacts and recoveries take
+of their neighbourhood. Its edges are whole multiples of `WINDOW_S` on the run's seconds, so the same record gives the same windows,
+whether it is read in row groups of a hundred rows or all at once. No more than a window is in memory.
+
+Whoever looks at a window may ask to see its last rows again (`Look`), where something in them goes on beyond the window: the next
+one then begins there. After `MOST_WINDOWS` it must do with what it has.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from math import floor, inf
+from typing import Any, Final
+
+import numpy as np
+
+from jbclog.analysis.joints.heat_up_end import Readied, continued
+from jbclog.analysis.joints.series import Series, stretches
+from jbclog.analysis.verdict.idle import Block, Floats
+
+WINDOW_S, BESIDE_S = 1200.0, 90.0
+MOST_WINDOWS: Final = 6
+SAME_S: Final = 1e-4  # moments nearer than this are one: an edge lies so far before a row, never on it
+COLUMNS: Final = ("seconds", "temperature", "power", "setting", "working")
+CODES: Final = ("tool", "port_error")
+
+
+@dataclass(frozen=True, slots=True)
+class View:
+    """A window: its rows with those beside them, and from when until before when they are its own.
+
+    `parts` are the stretches in it, as they are in the whole record. `must`: nothing of it is shown again.
+    """
+
+    series: Series
+    parts: Sequence[Readied]
+    begin_s: float
+    end_s: float
+    must: bool
+
+    @property
+    def last_s(self) -> float:
+        """Until when there are rows; infinite where the record ends in it."""
+        return self.end_s + BESIDE_S
+
+    def own(self, seconds: Floats, until_s: float = inf) -> slice:
+        """Which of these moments, in their order, are its own."""
+        first, last = np.searchsorted(seconds, [self.begin_s, min(self.end_s, until_s)])
+        return slice(int(first), int(last))
+
+
+Look = Callable[[View], float | None]
+"""Takes a window, and says from when on it wants to see its own rows again; None: not at all."""
+
+
+class Windows:
+    """Cuts the rows of a port into windows and shows them to `look`."""
+
+    def __init__(self, look: Look, window_s: float = WINDOW_S) -> None:
+        self._look, self._window_s = look, window_s
+        self._pieces: list[Series] = []
+        self._begin_s = self._end_s = -inf
+        self._before: Sequence[Readied] = ()
+
+    def take(self, piece: Series) -> None:
+        """The next rows."""
+        if not len(piece.seconds):
+            return
+        if self._end_s == -inf:
+            first_s = float(piece.seconds[0])
+            self._begin_s, self._end_s = first_s - SAME_S, self._edge(first_s)
+        self._pieces.append(piece)
+        while float(self._pieces[-1].seconds[-1]) > self._end_s + BESIDE_S:
+            self._show(joined(self._pieces))
+
+    def end(self) -> None:
+        """There are no more rows."""
+        if self._pieces:
+            held = _placed(joined(self._pieces))
+            self._look(View(held, self._parts(held), self._begin_s, inf, True))
+            self._pieces.clear()
+
+    def _edge(self, second: float) -> float:
+        """The first edge of a window after this moment."""
+        return (floor((second + SAME_S) / self._window_s) + 1) * self._window_s - SAME_S
+
+    def _show(self, held: Series) -> None:
+        last = int(np.searchsorted(held.seconds, self._end_s + BESIDE_S, side="right"))
+        must = self._end_s - self._begin_s > (MOST_WINDOWS - 0.5) * self._window_s
+        series = _placed(rows_of(held, slice(0, last)))
+        self._before = self._parts(series)
+        again_s = self._look(View(series, self._before, self._begin_s, self._end_s, must))
+        self._begin_s = self._end_s if again_s is None or must else again_s
+        following = held.seconds[np.searchsorted(held.seconds, self._begin_s)]  # there is one: beyond this window are rows
+        self._end_s = max(self._end_s + self._window_s, self._edge(float(following)))
+        self._pieces = [_from(held, self._begin_s - BESIDE_S)]
+
+    def _parts(self, series: Series) -> list[Readied]:
+        return continued(stretches(series, begun=[part.stretch for part in self._before]), self._before)
+
+
+def joined(pieces: Sequence[Series]) -> Series:
+    """Pieces of a port's rows as one."""
+    if len(pieces) == 1:
+        return pieces[0]
+    rows = [piece.rows for piece in pieces]
+    columns = [_together([getattr(one, name) for one in rows]) for name in (*COLUMNS, *CODES)]
+    known = np.concatenate([piece.known for piece in pieces])
+    return replace(pieces[0], rows=Block(*columns), known=known, feeding=_together([piece.feeding for piece in pieces]))
+
+
+def _together(columns: Sequence[Any]) -> Any:
+    return None if any(column is None for column in columns) else np.concatenate(columns)
+
+
+def rows_of(series: Series, rows: slice) -> Series:
+    """Some of a port's rows."""
+    columns: list[Any] = [getattr(series.rows, name) for name in (*COLUMNS, *CODES)]
+    feeding = None if series.feeding is None else series.feeding[rows]
+    taken: list[Any] = [None if one is None else one[rows] for one in columns]
+    block = Block(*taken)
+    return replace(series, rows=block, known=series.known[rows], feeding=feeding)
+
+
+def _from(series: Series, begin_s: float) -> Series:
+    """The rows from a moment on, copied, so that those before it leave memory; the first has the codes that were last read."""
+    first = int(np.searchsorted(series.seconds, begin_s))
+    kept = rows_of(series, slice(first, None))
+    columns = [getattr(kept.rows, name).copy() for name in COLUMNS]
+    codes = [_held_from(getattr(series.rows, name), first) for name in CODES]
+    feeding = None if kept.feeding is None else kept.feeding.copy()
+    return replace(kept, rows=Block(*columns, *codes), known=kept.known.copy(), feeding=feeding)
+
+
+def _placed(series: Series) -> Series:
+    """A tool that is out of its place does not work; where it was is told by the rows on both sides."""
+    return replace(series, rows=replace(series.rows, working=series.rows.working & series.rows.in_place))
+
+
+def _held_from(codes: Floats | None, first: int) -> Floats | None:
+    if codes is None:
+        return None
+    kept, read = codes[first:].copy(), np.flatnonzero(~np.isnan(codes[: first + 1]))
+    if len(read) and len(kept):
+        kept[0] = codes[read[-1]]
+    return kept

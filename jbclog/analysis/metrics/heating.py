@@ -1,0 +1,155 @@
+"""Heating up: how long it takes, how far it goes beyond, when it has settled.
+
+Definitions. A *heat-up* begins when the tool goes to work (or the record begins with it working), or when its setting is
+raised by `LEAST_RISE_C` or more, with a tip that is more than `BAND_C` below its setting. Where the record begins with a
+working tool, it begins when the tool was ordered to work, if that was at most `ORDER_S` before the first row; else its
+beginning is not known, and it is left out.
+
+*Heat-up time*: from that moment until the tip first enters its setting ± `BAND_C` and stays within for `HOLD_S`.
+*Overshoot*: the highest temperature minus the setting in the `AFTER_S` after that entry, or until the setting or the state
+changes. *Settling time*: from the same beginning until the last moment of that time at which the tip is further than `CALM_C`
+from its setting; without a value where it still is in the last `HOLD_S`.
+Each is the median over the heat-ups whose window has no gap; where all of them have one there is no value.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from jbclog.analysis.joints.figure import Figure, no_figure
+from jbclog.analysis.joints.series import RESOLUTION_C, Series, Window
+from jbclog.analysis.verdict.idle import Flags, Floats, setting_in_force
+
+BAND_C, HOLD_S = 10.0, 1.0
+LEAST_RISE_C = 5.0
+AFTER_S = 10.0
+CALM_C = 3.0
+PATIENCE_S = 60.0
+ORDER_S = 10.0
+
+
+@dataclass(frozen=True, slots=True)
+class HeatUp:
+    """One heat-up: begin, first entry into the band (None: not within a minute), and the window that it was looked at in."""
+
+    start_s: float
+    entry_s: float | None
+    setting_c: float
+    window: Window
+    after: Window
+
+    @property
+    def gap(self) -> str | None:
+        return self.window.gap or (self.after.gap if self.entry_s is not None else None)
+
+    @property
+    def time_s(self) -> float | None:
+        return None if self.entry_s is None else self.entry_s - self.start_s
+
+    @property
+    def overshoot_c(self) -> float | None:
+        return None if self.entry_s is None or not self.after.n else float(self.after.values.max() - self.setting_c)
+
+    @property
+    def settling_s(self) -> float | None:
+        if self.entry_s is None or not self.after.n:
+            return None
+        away = self.after.seconds[np.abs(self.after.values - self.setting_c) > CALM_C]
+        if not len(away):
+            return self.entry_s - self.start_s
+        return None if away[-1] > self.after.end_s - HOLD_S else float(away[-1] - self.start_s)
+
+
+def heating(series: Series) -> list[Figure]:
+    """Heat-up time, overshoot and settling time of a port."""
+    found = list(heat_ups(series))
+    time = series.period_s
+    return [
+        _median("heat_up_time_s", "s", time, found, lambda one: one.time_s, "The tip did not reach its setting."),
+        _median("overshoot_c", "°C", RESOLUTION_C, found, lambda one: one.overshoot_c, "The tip did not reach its setting."),
+        _median("settling_time_s", "s", time, found, lambda one: one.settling_s, "The tip did not settle while it was looked at."),
+    ]
+
+
+def heat_ups(series: Series) -> Iterator[HeatUp]:
+    """The heat-ups of a port whose beginning was seen."""
+    rows, setting = series.rows, setting_in_force(series.seconds, series.rows.setting)
+    begins = _begins(series, setting)
+    for start in np.flatnonzero(begins):
+        aim = _aim(setting, int(start))
+        end = _change_after(series, setting, int(start))
+        if aim is None or not rows.temperature[start] < aim - BAND_C:
+            continue
+        yield _heat_up(series, _moment(series, int(start)), float(rows.seconds[start]), end, aim)
+
+
+def _moment(series: Series, start: int) -> float:
+    """When it began: at the row, or when the tool was ordered to work before the first row."""
+    return series.ordered_s if start == 0 and series.ordered_s is not None else float(series.seconds[start])
+
+
+def _begins(series: Series, setting: Floats) -> Flags:
+    """Rows at which the tool goes to work, or works with a higher setting than the row before."""
+    working, known = series.rows.working, series.known
+    begins = np.zeros(len(working), dtype=np.bool_)
+    first = series.seconds[0] if len(working) else 0.0
+    if len(working) and series.ordered_s is not None:
+        begins[0] = working[0] and 0.0 <= first - series.ordered_s <= ORDER_S
+    begins[1:] = working[1:] & known[:-1] & ~working[:-1]
+    with np.errstate(invalid="ignore"):
+        begins[1:] |= working[1:] & (np.diff(setting) >= LEAST_RISE_C)
+    return begins
+
+
+def _aim(setting: Floats, start: int) -> float | None:
+    """The setting at `start`, or the first that is read after it."""
+    known = setting[start:][~np.isnan(setting[start:])]
+    return float(known[0]) if len(known) else None
+
+
+def _change_after(series: Series, setting: Floats, start: int) -> float:
+    """When the tool is next seen resting or its setting changes; the end of the record where neither happens."""
+    resting = series.known[start + 1 :] & ~series.rows.working[start + 1 :]
+    before, after = setting[start:-1], setting[start + 1 :]
+    other = ~np.isnan(before) & ~np.isnan(after) & (before != after)
+    changed = np.flatnonzero(resting | other)
+    return float(series.seconds[start + changed[0]]) if len(changed) else float(series.seconds[-1])
+
+
+def _heat_up(series: Series, start_s: float, first_s: float, end_s: float, aim: float) -> HeatUp:
+    temperature = series.rows.temperature
+    looked = series.window(temperature, first_s, min(end_s, start_s + PATIENCE_S))
+    entry = _entry(looked, aim)
+    if entry is None:
+        return HeatUp(start_s, None, aim, looked, looked)
+    window = series.window(temperature, first_s, min(entry + HOLD_S, end_s))
+    return HeatUp(start_s, entry, aim, window, series.window(temperature, entry, min(entry + AFTER_S, end_s)))
+
+
+def _entry(window: Window, aim: float) -> float | None:
+    """The first moment from which the tip stays in the band for `HOLD_S`."""
+    away = np.abs(window.values - aim) > BAND_C
+    inside = np.flatnonzero(~away)
+    for first in inside[np.concatenate(([True], np.diff(inside) > 1))] if len(inside) else ():
+        left = window.seconds[first:][away[first:]]
+        until = left[0] if len(left) else window.end_s
+        if until - window.seconds[first] >= HOLD_S - 1e-6:
+            return float(window.seconds[first])
+    return None
+
+
+def _median(
+    name: str, unit: str, resolution: float, found: list[HeatUp], value: Callable[[HeatUp], float | None], none: str
+) -> Figure:
+    whole = [one for one in found if one.gap is None]
+    values = [known for one in whole if (known := value(one)) is not None]
+    if values:
+        coverage = round(float(np.mean([one.window.coverage for one in whole])), 3)
+        return Figure(name, float(np.median(values)), unit, len(values), coverage, resolution)
+    if whole:
+        return no_figure(name, unit, none)
+    gaps = [one.gap for one in found if one.gap]
+    return no_figure(name, unit, gaps[0] if gaps else "No heat-up whose beginning was recorded.")

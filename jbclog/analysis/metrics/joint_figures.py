@@ -1,0 +1,142 @@
+"""The figures of a port's joints: how many, and depth, deficit, dwell, heat, energy and recovery over all of them.
+
+Recovery is censored: of a joint that was followed by the next, or cut off, only how long it took at the least is known. Its
+median and its 95 % quantile are those of the product-limit estimate (E. L. Kaplan and P. Meier, Journal of the American
+Statistical Association 53, 1958); where the estimate does not come down to that share, the quantile is not known. `n` is how
+many joints have a value, `coverage` their share of all joints.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+
+from jbclog.analysis.joints.figure import Figure, no_figure
+from jbclog.analysis.joints.joints import Found
+from jbclog.analysis.joints.recovery import Joint
+from jbclog.analysis.joints.series import RESOLUTION_C, RESOLUTION_PERMILLE, Series
+from jbclog.analysis.verdict.censored import censored_quantile
+from jbclog.analysis.verdict.joint_measures import not_read
+
+HALF, NEARLY_ALL = 0.5, 0.95
+NONE_FOUND: Final = "No joints were found."
+NEVER_AT_REST: Final = "The tip was never seen at rest at a setpoint of these joints."
+
+Value = Callable[[Joint], float | None]
+
+
+def joint_figures(series: Series, found: Found) -> list[Figure]:
+    """Every figure of the joints of a port."""
+    period, heat = series.period_s, RESOLUTION_PERMILLE * series.period_s
+    joules = None if series.rated_w is None else heat * series.rated_w / 1000
+    return [
+        *_counts(series, found),
+        _middle("joint_deficit_c", "°C", RESOLUTION_C, found, lambda joint: joint.deficit_c),
+        _resting_below(found),
+        _middle("joint_depth_c", "°C", RESOLUTION_C, found, lambda joint: joint.depth_c),
+        _middle("joint_dwell_s", "s", period, found, lambda joint: joint.dwell_s),
+        _middle("joint_heat_permille_s", "‰·s", heat, found, lambda joint: joint.heat),
+        _middle("joint_heat_j", "J", joules, found, lambda joint: joint.heat_j),
+        _middle("joint_energy_permille_s", "‰·s", heat, found, lambda joint: joint.energy),
+        _recovery("recovery_s", HALF, period, found),
+        _recovery("recovery_p95_s", NEARLY_ALL, period, found),
+        _recovered(found),
+        *_model(found),
+    ]
+
+
+def _counts(series: Series, found: Found) -> list[Figure]:
+    coverage, joints = series.whole(series.rows.temperature).coverage, found.joints
+    unknown = sum(joint.kind != "joint" for joint in joints)
+    gap = series.whole(series.rows.temperature).gap or series.whole(series.rows.power).gap
+    in_gaps = None if gap is None else f"{gap} Joints in gaps are not known."
+    why, heat_why = found.why or in_gaps, found.heat_why or found.number_why or in_gaps
+    seen = found.witnessed
+    alone = sum(joint.heat is None for joint in joints)
+    counts = (
+        ("joints", len(joints), why),
+        ("joints_kind_not_known", unknown, why),
+        ("joints_not_recovered", sum(joint.recovered is False for joint in joints), found.heat_why or why),
+        ("joints_by_heat", len(found.by_heat), heat_why),
+        ("joints_by_feeder", None if seen is None else seen.feeds, None),
+        ("joints_fed_alone", None if seen is None else alone, None),
+        ("feeds_without_draw", None if seen is None else seen.feeds_without_draw, heat_why),
+        ("draws_without_feed", None if seen is None else seen.draws_without_feed, heat_why),
+    )
+    beside = f" {len(joints)} were found beside them." if joints and why != found.number_why else ""
+    return [
+        _count(name, count, f"{reason}{beside}" if reason and name == "joints" else reason, len(joints), coverage)
+        for name, count, reason in counts
+    ]
+
+
+def _count(name: str, count: int | None, why: str | None, n: int, coverage: float) -> Figure:
+    if count is None:
+        return no_figure(name, "count", "The tool has no feeder.")
+    if why is not None:
+        return no_figure(name, "count", why, n, coverage)
+    return Figure(name, float(count), "count", n, coverage, 1.0)
+
+
+def _none(found: Found, text: str = "No joint has it.") -> str:
+    if found.joints:
+        return next((joint.why for joint in found.joints if joint.why), text)
+    why = found.why or found.heat_why
+    return why or (f"{NONE_FOUND} {not_read(found.unseen_s)}" if found.unseen_s else NONE_FOUND)
+
+
+def _middle(name: str, unit: str, resolution: float | None, found: Found, value: Value) -> Figure:
+    values = [known for joint in found.joints if (known := value(joint)) is not None]
+    if not values:
+        why = "The station's full-scale power is not declared (rated_power_w in the line file)."
+        return no_figure(name, unit, why if unit == "J" and resolution is None else _none(found))
+    return Figure(name, float(np.median(values)), unit, len(values), _share(values, found.joints), resolution)
+
+
+def _resting_below(found: Found) -> Figure:
+    """Where the tip was never seen at rest, that is the reason, whatever else is not known of a joint."""
+    figure = _middle("joint_resting_below_c", "°C", RESOLUTION_C, found, lambda joint: joint.resting_below_c)
+    return figure if figure.value is not None or found.levels or not found.joints else replace(figure, why=NEVER_AT_REST)
+
+
+def _recovery(name: str, share: float, period: float, found: Found) -> Figure:
+    known = [(joint.recovery_s, True) for joint in found.joints if joint.recovery_s is not None]
+    censored = [(joint.had_s, False) for joint in found.joints if joint.recovery_s is None and joint.had_s is not None]
+    if not known:
+        return no_figure(name, "s", _none(found))
+    value = censored_quantile([*known, *censored], share)
+    if value is None:
+        late = sum(joint.recovered is False for joint in found.joints)
+        why = (
+            f"{late} of {len(found.joints)} joints were followed by the next before the tip was back; it lies beyond what was seen."
+        )
+        return no_figure(name, "s", why, len(known), _share(known, found.joints))
+    return Figure(name, value, "s", len(known), _share(known, found.joints), period)
+
+
+def _recovered(found: Found) -> Figure:
+    name = "recovered_before_next_percent"
+    told = [joint.recovered for joint in found.joints if joint.recovered is not None]
+    if not told:
+        return no_figure(name, "%", _none(found))
+    if found.why is not None:
+        return no_figure(name, "%", found.why, len(told), _share(told, found.joints))
+    return Figure(name, 100.0 * sum(told) / len(told), "%", len(told), _share(told, found.joints), 100.0 / len(told))
+
+
+def _model(found: Found) -> list[Figure]:
+    """The tip's own heat capacity and loss, their resolution twice the standard uncertainty; where there was one tool."""
+    names = (("tip_capacity_permille_s_per_k", "‰·s/K"), ("tip_loss_permille_per_k", "‰/K"))
+    model = found.model
+    if model is None:
+        why = found.heat_why or f"{len(found.models)} tools were used."
+        return [no_figure(name, unit, why) for name, unit in names]
+    values = zip(names, (model.capacity, model.loss), model.uncertainties, strict=False)
+    return [Figure(name, value, unit, 1, None, 2 * unsure) for (name, unit), value, unsure in values]
+
+
+def _share(some: Sequence[object], joints: Sequence[Joint]) -> float:
+    return round(100.0 * len(some) / len(joints), 3)

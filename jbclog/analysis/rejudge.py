@@ -1,0 +1,151 @@
+"""A sealed run judged once more by its record, and its sealed verdict held against that.
+
+A verdict is held against the version of the rules that it was given by (`analysis/verdict/versions.py`). What this jbclog cannot
+judge as that version did is said, and nothing is said against the verdict for it.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from jbclog import __version__
+from jbclog.analysis.joints.evidence import joint_evidence
+from jbclog.analysis.verdict import RULES, Asks, Evidence, Judgement, Result, Rule, Verdict, asks_for_joints, judge
+from jbclog.analysis.verdict.versions import is_known, not_kept
+from jbclog.config.load_recipe import load_recipe
+from jbclog.config.recipe import Recipe
+from jbclog.core.errors import Problems, UsageError
+from jbclog.core.foreign.files import Kind, read_foreign
+from jbclog.core.rows import StationFacts
+from jbclog.record.manifest import Manifest
+from jbclog.record.recipe_copies import recipe_copy
+
+Place = tuple[str, str | None, int | None]
+"""A rule: its name, station and port."""
+
+
+@dataclass(frozen=True, slots=True)
+class Held:
+    """A sealed verdict against its record: where the two differ, and what could not be compared and why; a sentence each."""
+
+    differing: list[str] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+
+
+def judge_again(folder: Path, manifest: Manifest, by: int | None = None, *, counts_lacking: bool = True) -> Judgement:
+    """Judge a sealed run by the copies of its recipes and by version `by` of the rules, its own where that is known.
+
+    A copy that cannot be read is missing evidence. `counts_lacking` as in `Evidence`.
+    """
+    recipes, unread = _recipes(folder, manifest)
+    acceptance = {name: None if recipe is None else recipe.acceptance for name, recipe in recipes.items()}
+    asks = {name: Asks(recipe.heated_ports(), recipe.run.status) for name, recipe in recipes.items() if recipe is not None}
+    lost = None if manifest.lost is None else manifest.lost.text
+    asking = [facts for facts in manifest.stations if asks_for_joints(acceptance.get(facts.name))]
+    joints, checks = joint_evidence(folder, asking, manifest.t0_utc), manifest.verifications
+    evidence = Evidence(
+        folder,
+        manifest.stations,
+        manifest.ledger,
+        manifest.exit_status,
+        lost,
+        checks,
+        joints,
+        manifest.goals,
+        asks,
+        counts_lacking,
+    )
+    judgement = judge(evidence, acceptance, own_version(manifest) if by is None else by)
+    if not unread:
+        return judgement
+    text = "The copy of its recipe cannot be read, so its limits are not known."
+    rules = [Rule("recipe", facts.name, None, "readable", None, "", Result.MISSING, text) for facts in unread]
+    verdict = Verdict.REJECT if judgement.verdict is Verdict.REJECT else Verdict.INCONCLUSIVE
+    return Judgement(verdict, (*rules, *judgement.rules))
+
+
+def own_version(manifest: Manifest) -> int:
+    """The version that the run was judged by; the latest where it is not known here."""
+    return manifest.rules if is_known(manifest.rules) else RULES
+
+
+def is_cut_off(manifest: Manifest) -> bool:
+    """Whether a crash ended the recorder, so that the record's end was written by `recover`."""
+    return manifest.exit_status == "lost"
+
+
+def held(folder: Path, manifest: Manifest) -> Held:
+    """A verdict that was given with the run, against what its record gives by the same version of the rules."""
+    if manifest.verdict is None or is_cut_off(manifest):
+        return Held()
+    why = _why_not(folder, manifest)
+    if why is not None:
+        return Held(notes=[f"verdict: judged by rules {manifest.rules}, not recomputable here: {why}"])
+    differing = _differing(manifest, judge_again(folder, manifest))
+    if differing and manifest.rules == 1 and not _differing(manifest, judge_again(folder, manifest, counts_lacking=False)):
+        differing = []
+    version = manifest.host.get("jbclog", "not known")
+    by = "" if version == __version__ else f"; it was judged by jbclog {version}"
+    notes = [f"verdict, {name}: judged by rules {manifest.rules}, not recomputable here" for name in _left(manifest)]
+    return Held([f"verdict{name}: was {was}, its record gives {gives}{by}" for name, was, gives in differing], notes)
+
+
+def _left(manifest: Manifest) -> list[str]:
+    """The rules of the sealed verdict that cannot be judged here as they were then."""
+    return sorted({name for name, *_ in _results(manifest.verdict_rules)} & not_kept(manifest.rules))
+
+
+def _differing(manifest: Manifest, judgement: Judgement) -> list[tuple[str, str | None, str | None]]:
+    """What of a verdict was something else than its record gives: the rule, and both."""
+    before, now = _results(manifest.verdict_rules), _results(judgement.rules_as_dicts())
+    gone = not_kept(manifest.rules)
+    found = [(_named(place), before.get(place), now.get(place)) for place in {**before, **now} if place[0] not in gone]
+    if not _left(manifest):
+        found.insert(0, ("", manifest.verdict, judgement.verdict))
+    return [one for one in found if one[1] != one[2]]
+
+
+def _why_not(folder: Path, manifest: Manifest) -> str | None:
+    """Why nothing of the verdict can be given again; None where it can."""
+    if not is_known(manifest.rules):
+        return f"this jbclog knows rules 1 to {RULES}"
+    unread = [facts for facts in _recipes(folder, manifest)[1] if _is_as_sealed(folder, manifest, facts)]
+    if unread:
+        return f"this jbclog cannot read the recipe of {', '.join(facts.name for facts in unread)}"
+    return None
+
+
+def _recipes(folder: Path, manifest: Manifest) -> tuple[dict[str, Recipe | None], list[StationFacts]]:
+    """The recipe of each station, and the stations whose recipe cannot be read."""
+    recipes: dict[str, Recipe | None] = {}
+    unread: list[StationFacts] = []
+    for facts in manifest.stations:
+        try:
+            recipes[facts.name] = None if facts.recipe is None else load_recipe(recipe_copy(folder, facts.recipe), links=False)
+        except (Problems, UsageError, OSError):
+            unread.append(facts)
+    return recipes, unread
+
+
+def _is_as_sealed(folder: Path, manifest: Manifest, facts: StationFacts) -> bool:
+    """Whether its recipe is, byte for byte, the one that ran: then it is this jbclog that does not take it."""
+    try:
+        path = recipe_copy(folder, facts.recipe or "")
+        found = hashlib.sha256(read_foreign(path, Kind.SETTINGS)).hexdigest()
+    except OSError:
+        return False
+    return any(found == recipe.sha256 and path.name == Path(recipe.file).name for recipe in manifest.recipes)
+
+
+def _results(rules: Sequence[object]) -> dict[Place, str]:
+    """The result of each rule."""
+    told = [rule for rule in rules if isinstance(rule, dict)]
+    return {(str(rule["name"]), rule["station"], rule["port"]): str(rule["result"]) for rule in told}
+
+
+def _named(place: Place) -> str:
+    name, station, port = place
+    return f", {name}{'' if station is None else f' of {station}'}{'' if port is None else f' port {port}'}"

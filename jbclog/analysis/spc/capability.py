@@ -1,0 +1,155 @@
+"""Capability indices with what they can be trusted for: bounds and intervals, never a bare number.
+
+Of normal values Cp and Cpk take the spread from differences of neighbours, Pp and Ppk from all values. Confidence of Cp and Pp is
+that of a variance (chi-squared); of Cpk and Ppk Bissell's approximation (1990).
+
+Of others all are shares of the way from the median to the percentiles 0.135 and 99.865 (ISO 22514-2), which is three sigma where
+values are normal; Cp and Cpk are then Pp and Ppk, as the process is stable. Their bounds are by bootstrap. Where no distribution
+fits, the percentiles are those of the values themselves, and the bound is that of the share beyond the limits (Clopper-Pearson).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from math import sqrt
+
+import numpy as np
+from scipy.special import betaincinv, gammaincinv, ndtr, ndtri
+
+from jbclog.analysis.spc.bootstrap import basic_bounds, drawn_indices, quantile_indices
+from jbclog.analysis.spc.charts import Floats, sigma_of_moving_ranges
+from jbclog.analysis.spc.distribution import REACH, Fit, widest_fit
+
+CONFIDENCE = 0.95
+MOVING_RANGE_SHARE = 0.62
+"""Degrees of freedom of a mean moving range of two, as a share of a standard deviation's (Wheeler, Advanced Topics in SPC)."""
+
+
+@dataclass(frozen=True, slots=True)
+class Index:
+    """An index, its one-sided 95 % lower bound (`bound`, what a verdict rests on) and its two-sided 95 % interval."""
+
+    value: float
+    bound: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True, slots=True)
+class Capability:
+    """How the values lie within their limits. `cp` and `pp` are None where only one limit is stated.
+
+    `distribution` is the one that fits ("percentiles": none), `chance` how far values as far from it are to be expected;
+    `percentiles` are 0.135, 50 and 99.865.
+    """
+
+    n: int
+    mean: float
+    sigma_within: float
+    sigma_overall: float
+    lower: float | None
+    upper: float | None
+    cp: Index | None
+    cpk: Index
+    pp: Index | None
+    ppk: Index
+    distribution: str = "normal"
+    chance: float | None = None
+    percentiles: tuple[float, float, float] | None = None
+
+
+def indices(points: Floats, lower: float | None, upper: float | None) -> Capability:
+    """The indices of individual values; plain arithmetic, without a look at whether they mean anything."""
+    mean, n = float(points.mean()), len(points)
+    within, overall = sigma_of_moving_ranges(points), float(points.std(ddof=1))
+    freedoms = MOVING_RANGE_SHARE * (n - 1), float(n - 1)
+    cp, pp = (_potential(lower, upper, sigma, freedom) for sigma, freedom in zip((within, overall), freedoms, strict=True))
+    cpk, ppk = (_actual(mean, lower, upper, s, n, freedom) for s, freedom in zip((within, overall), freedoms, strict=True))
+    return Capability(n, mean, within, overall, lower, upper, cp, cpk, pp, ppk)
+
+
+def indices_of_fit(points: Floats, fit: Fit, lower: float | None, upper: float | None) -> Capability:
+    """The indices of values of another distribution than normal; their bounds do not rest on the choice of that distribution."""
+    low, middle, high = fit.at(-REACH), fit.at(0.0), fit.at(REACH)
+    found = [_index_of_fit(one, len(points), lower, upper) for one in (fit, *_beside(points, fit))]
+    pps = [one for one, _ in found if one is not None]
+    pp, ppk = _widest(pps) if pps else None, _widest([one for _, one in found])
+    within, overall = sigma_of_moving_ranges(points), float(points.std(ddof=1))
+    of_all = Capability(len(points), float(points.mean()), within, overall, lower, upper, pp, ppk, pp, ppk)
+    return replace(of_all, distribution=fit.name, chance=fit.chance, percentiles=(low, middle, high))
+
+
+def _beside(points: Floats, fit: Fit) -> tuple[Fit, ...]:
+    """The family of three parameters beside one of two: which of two fits is often chance, and with it the tail."""
+    wider = widest_fit(points) if fit.family.free == 2 and not fit.outliers else None
+    return () if wider is None else (wider,)
+
+
+def _index_of_fit(fit: Fit, n: int, lower: float | None, upper: float | None) -> tuple[Index | None, Index]:
+    """Pp, where both limits are stated, and Ppk by the percentiles of a fit, with bounds by bootstrap."""
+    low, middle, high = (np.array([fit.at(score)]) for score in (-REACH, 0.0, REACH))
+    both, nearer = quantile_indices(low, middle, high, lower, upper)
+    drawn_both, drawn_nearer, scale = drawn_indices(fit, n, lower, upper)
+    pp = None if lower is None or upper is None else _bounded(float(both[0]), drawn_both, scale)
+    return pp, _bounded(float(nearer[0]), drawn_nearer, scale)
+
+
+def _widest(found: list[Index]) -> Index:
+    """The first index with the widest bounds of all."""
+    bound, low = min(one.bound for one in found), min(one.low for one in found)
+    return Index(found[0].value, bound, low, max(one.high for one in found))
+
+
+def indices_of_percentiles(points: Floats, lower: float | None, upper: float | None) -> Capability:
+    """The indices of many values that no distribution fits, by their own percentiles."""
+    low, middle, high = (float(one) for one in np.quantile(points, ndtr([-REACH, 0.0, REACH]), method="median_unbiased"))
+    both, nearer = quantile_indices(np.array([low]), np.array([middle]), np.array([high]), lower, upper)
+    beyond = 0 if lower is None else int(np.count_nonzero(points < lower))
+    beyond += 0 if upper is None else int(np.count_nonzero(points > upper))
+    one, tail, rest = (_index_of_share(beyond, len(points), share) for share in (1 - CONFIDENCE, (1 - CONFIDENCE) / 2, None))
+    value = float(nearer[0])
+    ppk = Index(value, min(one, value), min(tail, value), max(rest, value))
+    pp = None if lower is None or upper is None else Index(float(both[0]), ppk.bound, ppk.low, float("inf"))
+    within, overall = sigma_of_moving_ranges(points), float(points.std(ddof=1))
+    found = Capability(len(points), float(points.mean()), within, overall, lower, upper, pp, ppk, pp, ppk)
+    return replace(found, distribution="percentiles", percentiles=(low, middle, high))
+
+
+def _index_of_share(beyond: int, n: int, chance: float | None) -> float:
+    """The index whose share beyond a limit is the greatest (None: the least) that so many of `n` allow."""
+    if chance is None:
+        least = float(betaincinv(beyond, n - beyond + 1, (1 - CONFIDENCE) / 2)) if beyond else 0.0
+        return float(-ndtri(least)) / 3 if least > 0 else float("inf")
+    most = float(betaincinv(beyond + 1, n - beyond, 1 - chance)) if beyond < n else 1.0
+    return float(-ndtri(most)) / 3
+
+
+def _bounded(value: float, drawn: Floats, scale: float) -> Index:
+    tail = (1 - CONFIDENCE) / 2
+    bound, low, high = basic_bounds(value, drawn, scale, (CONFIDENCE, 1 - tail, tail))
+    return Index(value, bound, low, high)
+
+
+def _potential(lower: float | None, upper: float | None, sigma: float, freedom: float) -> Index | None:
+    """The tolerance in units of six sigma."""
+    if lower is None or upper is None:
+        return None
+    value, tail = (upper - lower) / (6 * sigma), (1 - CONFIDENCE) / 2
+    chi_squares = (2 * gammaincinv(freedom / 2, share) for share in (1 - CONFIDENCE, tail, 1 - tail))
+    bound, low, high = (value * sqrt(chi_square / freedom) for chi_square in chi_squares)
+    return Index(value, float(bound), float(low), float(high))
+
+
+def _actual(mean: float, lower: float | None, upper: float | None, sigma: float, n: int, freedom: float) -> Index:
+    """The way to the nearer limit in units of three sigma."""
+    ways = [upper - mean] if upper is not None else []
+    ways += [mean - lower] if lower is not None else []
+    value = min(ways) / (3 * sigma)
+    return actual_index(value, n, freedom)
+
+
+def actual_index(value: float, n: int, freedom: float) -> Index:
+    """A Cpk or Ppk of `n` values with its confidence (Bissell 1990; Montgomery, section 8.3.4)."""
+    error = sqrt(1 / (9 * n) + value**2 / (2 * freedom))
+    one, two = float(ndtri(CONFIDENCE)), float(ndtri((1 + CONFIDENCE) / 2))
+    return Index(value, float(value - one * error), float(value - two * error), float(value + two * error))

@@ -1,0 +1,260 @@
+"""Control charts: points, centre line, limits and signals. Plain arithmetic; `study.py` says whether it means anything."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from math import sqrt
+from typing import Final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.special import ndtri
+
+from jbclog.analysis.spc.constants import c4, d2, d3
+from jbclog.analysis.spc.distribution import Fit
+from jbclog.analysis.spc.nelson import DEFAULT_TESTS, Signal, signals
+
+Floats = NDArray[np.float64]
+
+GRID = 1000  # values that stand for a distribution
+BEYOND_3 = 0.0026998  # share beyond three sigma
+LIMIT_ONLY = (1,)
+"""Tests of a chart whose neighbouring points have something in common: ranges that share a value, weighted means."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Chart:
+    """One chart. `sigma` is that of a plotted point (of the last, on an EWMA chart); `lower` and `upper` have a limit a point.
+
+    `distribution` is that of the values; where it is not normal the limits are its percentiles 0.135 and 99.865, the centre is its
+    median, and the tests are of the values' normal scores. `tests` are those that the points were held against.
+    """
+
+    name: str
+    points: Floats
+    centre: float
+    sigma: float
+    lower: Floats
+    upper: Floats
+    signals: tuple[Signal, ...]
+    distribution: str = "normal"
+    tests: tuple[int, ...] = LIMIT_ONLY
+
+
+def individuals(
+    values: ArrayLike,
+    tests: tuple[int, ...] = DEFAULT_TESTS,
+    *,
+    fit: Fit | None = None,
+    centre: float | None = None,
+    sigma: float | None = None,
+) -> Chart:
+    """Individual values, sigma from the mean moving range of two (NIST 6.3.2.2), or with the limits of another distribution.
+
+    `centre` and `sigma` are taken from the values where they are not known beforehand. With `fit`, neither is used.
+    """
+    points = _floats(values)
+    if fit is not None and fit.name != "normal":
+        lower, middle, upper = (np.full(len(points), fit.at(score)) for score in (-3.0, 0.0, 3.0))
+        spread = float(upper[0] - lower[0]) / 6
+        found = signals(fit.scores(points), tests)
+        return Chart("individuals", points, float(middle[0]), spread, lower, upper, found, fit.name, tests)
+    middle_of_all = float(points.mean()) if centre is None else centre
+    return _three_sigma("individuals", points, middle_of_all, sigma_of_moving_ranges(points) if sigma is None else sigma, tests)
+
+
+def fixed(values: ArrayLike, centre: float, lower: float, upper: float, tests: tuple[int, ...] = DEFAULT_TESTS) -> Chart:
+    """Individual values against limits that were known beforehand, from a phase I study.
+
+    Where these are not even, distances are in thirds of the way to the limit on their side.
+    """
+    points = np.asarray(values, dtype=np.float64)
+    if points.ndim != 1 or not np.isfinite(points).all():
+        raise ValueError("a chart takes a row of values that are all known")
+    if not lower < centre < upper:
+        raise ValueError(f"the centre {centre:g} is not between the limits {lower:g} and {upper:g}")
+    edges = np.full(len(points), lower), np.full(len(points), upper)
+    return _chart("individuals", points, centre, (upper - lower) / 6, *edges, tests)
+
+
+def moving_ranges(values: ArrayLike, *, fit: Fit | None = None) -> Chart:
+    """Moving ranges of two; they overlap, so only the limit is a test. With `fit` the limit is that of its differences."""
+    spans = np.abs(np.diff(_floats(values)))
+    if fit is None or fit.name == "normal":
+        return _of_ranges("moving ranges", spans, 2, LIMIT_ONLY)
+    grid = fit.family.quantiles(fit.fitted, ndtri((np.arange(GRID) + 0.5) / GRID))
+    upper = float(np.quantile(np.abs(grid[:, np.newaxis] - grid), 1 - BEYOND_3))
+    centre = float(spans.mean())
+    lower, top = np.zeros(len(spans)), np.full(len(spans), max(upper, centre))
+    chart = _chart("moving ranges", spans, centre, (top[0] - centre) / 3, lower, top, LIMIT_ONLY)
+    return replace(chart, distribution=fit.name)
+
+
+def means(subgroups: ArrayLike, tests: tuple[int, ...] = DEFAULT_TESTS) -> Chart:
+    """Means of subgroups (a row each), sigma from the mean range within them (NIST 6.3.2.1)."""
+    rows = _rows(subgroups)
+    sigma = sigma_of_ranges(rows) / sqrt(rows.shape[1])
+    return _three_sigma("subgroup means", rows.mean(axis=1), float(rows.mean()), sigma, tests)
+
+
+def means_by_sd(subgroups: ArrayLike, tests: tuple[int, ...] = DEFAULT_TESTS) -> Chart:
+    """Means of subgroups (a row each), sigma from the mean standard deviation within them (X-bar of X-bar and S)."""
+    rows = _rows(subgroups)
+    size = rows.shape[1]
+    sigma = float(rows.std(axis=1, ddof=1).mean()) / c4(size) / sqrt(size)
+    return _three_sigma("subgroup means", rows.mean(axis=1), float(rows.mean()), sigma, tests)
+
+
+def sds(subgroups: ArrayLike) -> Chart:
+    """Standard deviations within subgroups (a row each): S of X-bar and S (Montgomery, section 6.3)."""
+    rows = _rows(subgroups)
+    points, known = rows.std(axis=1, ddof=1), c4(rows.shape[1])
+    centre = float(points.mean())
+    sigma = centre * sqrt(1 - known**2) / known
+    lower, upper = (np.full(len(points), edge) for edge in (max(centre - 3 * sigma, 0.0), centre + 3 * sigma))
+    return _chart("subgroup standard deviations", points, centre, sigma, lower, upper, LIMIT_ONLY)
+
+
+def cusum(
+    values: ArrayLike,
+    slack: float = 0.5,
+    decision: float = 5.0,
+    centre: float | None = None,
+    sigma: float | None = None,
+) -> tuple[Chart, Chart]:
+    """Cumulative sums above and below the centre, in sigma (NIST 6.3.2.3; Montgomery, section 9.1).
+
+    `slack` (k) and `decision` (h) are in sigma; 0.5 and 5 find a shift of one sigma, and signal once in 465 stable points on
+    average. The lower sums are below zero.
+    """
+    points = _floats(values)
+    middle = float(points.mean()) if centre is None else centre
+    spread = sigma_of_moving_ranges(points) if sigma is None else sigma
+    if not spread > 0:
+        raise ValueError("cumulative sums are counted in sigma, which must be above 0")
+    zones = (points - middle) / spread
+    return _sums("CUSUM up", zones, slack, decision), _sums("CUSUM down", -zones, slack, decision, sign=-1)
+
+
+def shares(counts: ArrayLike, sizes: ArrayLike) -> Chart:
+    """A p chart: the share of `sizes` that was counted, each with the limits of its own size (Montgomery, section 7.2)."""
+    found, of = _counts(counts, sizes)
+    if (found > of).any():
+        raise ValueError("more were counted than there are")
+    mean = float(found.sum() / of.sum())
+    return _counted("p", found / of, mean, np.sqrt(mean * (1 - mean) / of), most=1.0)
+
+
+def rates(counts: ArrayLike, sizes: ArrayLike) -> Chart:
+    """A u chart: counts per unit of `sizes` (hours, units), each with the limits of its own size (Montgomery, section 7.3)."""
+    found, of = _counts(counts, sizes)
+    mean = float(found.sum() / of.sum())
+    return _counted("u", found / of, mean, np.sqrt(mean / of), most=np.inf)
+
+
+def ranges(subgroups: ArrayLike) -> Chart:
+    """Ranges within subgroups (a row each)."""
+    rows = _rows(subgroups)
+    return _of_ranges("subgroup ranges", np.ptp(rows, axis=1), rows.shape[1], LIMIT_ONLY)
+
+
+RUN_LENGTHS: Final = {"EWMA": 550.0, "CUSUM up": 465.0}
+"""Stable points to the first signal, on average, with known limits and the default weight, width, slack and
+decision; CUSUM: either way.
+
+By simulation, to three per cent; 465 also in Montgomery, table 9.3.
+"""
+
+
+def ewma(
+    values: ArrayLike, weight: float = 0.2, width: float = 3.0, centre: float | None = None, sigma: float | None = None
+) -> Chart:
+    """Exponentially weighted moving averages (NIST 6.3.2.4), limits of each point by its own variance.
+
+    `centre` and `sigma` (of a single value) are taken from the values where they are not known beforehand.
+    """
+    points = _floats(values)
+    if not 0 < weight <= 1:
+        raise ValueError(f"the weight of an EWMA chart is above 0 and at most 1, not {weight}")
+    middle = float(points.mean()) if centre is None else centre
+    spread = sigma_of_moving_ranges(points) if sigma is None else sigma
+    averages, last = np.empty_like(points), middle
+    for place, value in enumerate(points):
+        last = averages[place] = weight * value + (1 - weight) * last
+    share = weight / (2 - weight) * (1 - (1 - weight) ** (2 * np.arange(1, len(points) + 1)))
+    reach = width * spread * np.sqrt(share)
+    return _chart("EWMA", averages, middle, spread * sqrt(share[-1]), middle - reach, middle + reach, LIMIT_ONLY)
+
+
+def sigma_of_moving_ranges(points: Floats) -> float:
+    """Sigma of single values, by the mean moving range of two."""
+    return float(np.abs(np.diff(points)).mean()) / d2(2)
+
+
+def sigma_of_ranges(rows: Floats) -> float:
+    """Sigma of single values, by the mean range within subgroups."""
+    return float(np.ptp(rows, axis=1).mean()) / d2(rows.shape[1])
+
+
+def _three_sigma(name: str, points: Floats, centre: float, sigma: float, tests: tuple[int, ...]) -> Chart:
+    limit = np.full(len(points), 3 * sigma)
+    return _chart(name, points, centre, sigma, centre - limit, centre + limit, tests)
+
+
+def _sums(name: str, zones: Floats, slack: float, decision: float, sign: int = 1) -> Chart:
+    sums, last = np.empty_like(zones), 0.0
+    for place, zone in enumerate(zones):
+        last = sums[place] = max(0.0, last + zone - slack)
+    edges = np.zeros(len(zones)), np.full(len(zones), decision)
+    lower, upper = edges if sign > 0 else (-edges[1], edges[0])
+    found = tuple(Signal(1, int(place), int(place)) for place in np.flatnonzero(sums > decision))
+    return Chart(name, sign * sums, 0.0, 1.0, lower, upper, found)
+
+
+def _counted(name: str, points: Floats, mean: float, sigma: Floats, most: float) -> Chart:
+    lower, upper = np.maximum(mean - 3 * sigma, 0.0), np.minimum(mean + 3 * sigma, most)
+    found = tuple(Signal(1, int(place), int(place)) for place in np.flatnonzero((points > upper) | (points < lower)))
+    return Chart(name, points, mean, float(sigma[-1]), lower, upper, found)
+
+
+def _counts(counts: ArrayLike, sizes: ArrayLike) -> tuple[Floats, Floats]:
+    found = _floats(counts)
+    of = np.broadcast_to(np.asarray(sizes, dtype=np.float64), found.shape)
+    if not (np.isfinite(of).all() and (of > 0).all() and (found >= 0).all()):
+        raise ValueError("counts are at least 0, each of a size above 0")
+    return found, np.asarray(of)
+
+
+def _of_ranges(name: str, spans: Floats, size: int, tests: tuple[int, ...]) -> Chart:
+    centre = float(spans.mean())
+    sigma = d3(size) / d2(size) * centre
+    lower, upper = max(centre - 3 * sigma, 0.0), centre + 3 * sigma
+    return _chart(name, spans, centre, sigma, np.full(len(spans), lower), np.full(len(spans), upper), tests)
+
+
+def _chart(name: str, points: Floats, centre: float, sigma: float, lower: Floats, upper: Floats, tests: tuple[int, ...]) -> Chart:
+    """Distances are counted in thirds of the way to the limit on their side, which is a sigma where limits are even."""
+    away = points - centre
+    third = np.where(away >= 0, upper - centre, centre - lower) / 3
+    if not away.any():
+        return Chart(name, points, centre, sigma, lower, upper, (), tests=tests)  # all alike: nothing stands out
+    zones = np.divide(away, third, out=np.where(away == 0, 0.0, np.copysign(np.inf, away)), where=third > 0)
+    return Chart(name, points, centre, sigma, lower, upper, signals(zones, tests), tests=tests)
+
+
+def _floats(values: ArrayLike) -> Floats:
+    points = np.asarray(values, dtype=np.float64)
+    if points.ndim != 1 or len(points) < 2:
+        raise ValueError(f"a chart takes a row of at least two values, not an array of shape {points.shape}")
+    if not np.isfinite(points).all():
+        raise ValueError("a chart takes values that are all known; leave out what was not read, and say so")
+    return points
+
+
+def _rows(subgroups: ArrayLike) -> Floats:
+    rows = np.asarray(subgroups, dtype=np.float64)
+    if rows.ndim != 2 or rows.shape[1] < 2 or not rows.shape[0]:
+        raise ValueError(f"subgroups are rows of at least two values, not an array of shape {rows.shape}")
+    if not np.isfinite(rows).all():
+        raise ValueError("a chart takes values that are all known; leave out what was not read, and say so")
+    return rows

@@ -1,0 +1,102 @@
+"""Whether two means are the same as far as it matters: two one-sided tests (TOST).
+
+That no difference was found proves nothing; this asks the other way round. Two means are *equivalent* within a stated margin where
+the 90 % confidence interval of their difference lies within it on both sides, which is both one-sided tests at 5 % (D. J.
+Schuirmann, A Comparison of the Two One-Sided Tests Procedure, J. Pharmacokinetics and Biopharmaceutics 15 (1987)). Variances are
+not taken to be equal (Welch). They are *different* where the interval lies beyond the margin; else it cannot be told.
+
+`equivalence` takes values that are independent. A run's readings are not: for them `equivalence_of` takes means that know how far
+off they may be at any level of confidence (`judge.bound`). The interval of their difference is half as wide as the root of the sum
+of the squares of both halves (the method of variance estimates recovery; G. Y. Zou and A. Donner, Construction of Confidence
+Limits about Effect Measures, Statistics in Medicine 27 (2008)).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from math import hypot, sqrt
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.special import stdtr, stdtrit
+
+from jbclog.analysis.spc.refusal import Refused, too_few
+from jbclog.core.errors import UsageError
+
+LEAST = 8
+ALPHA = 0.05
+HALVINGS = 20
+
+
+@dataclass(frozen=True, slots=True)
+class Equivalence:
+    """The difference (second mean minus first), its 90 % interval, the margin, and the chance of the less sure of the two tests."""
+
+    difference: float
+    low: float
+    high: float
+    margin: float
+    p: float
+
+    @property
+    def verdict(self) -> str:
+        if -self.margin < self.low and self.high < self.margin:
+            return "equivalent"
+        return "different" if self.low > self.margin or self.high < -self.margin else "not known"
+
+
+@dataclass(frozen=True, slots=True)
+class Mean:
+    """A mean, and half of its two-sided interval at a level of confidence."""
+
+    value: float
+    half: Callable[[float], float]
+
+
+def equivalence_of(first: Mean, second: Mean, margin: float) -> Equivalence:
+    """TOST of two means by their intervals. Raises `UsageError` where the margin is not above zero."""
+    _check_margin(margin)
+    difference = second.value - first.value
+
+    def half(alpha: float) -> float:
+        return hypot(first.half(1 - 2 * alpha), second.half(1 - 2 * alpha))
+
+    room = margin - abs(difference)
+    chance = _chance(half, abs(room))
+    half_width = half(ALPHA)
+    return Equivalence(difference, difference - half_width, difference + half_width, margin, chance if room > 0 else 1 - chance)
+
+
+def _chance(half: Callable[[float], float], room: float) -> float:
+    """The one-sided chance at which half of the interval is as wide as `room`."""
+    low, high = 0.0, 0.5
+    for _ in range(HALVINGS):
+        middle = (low + high) / 2
+        low, high = (middle, high) if half(middle) > room else (low, middle)
+    return high
+
+
+def _check_margin(margin: float) -> None:
+    if not (np.isfinite(margin) and margin > 0):
+        raise UsageError(f"a margin of {margin:g}: equivalence is within a margin above zero")
+
+
+def equivalence(first: ArrayLike, second: ArrayLike, margin: float, *, step: float = 0.0) -> Equivalence | Refused:
+    """TOST of two series of independent values; `step` widens the interval where their resolution hides what they vary.
+
+    Raises `UsageError` where the margin is not above zero.
+    """
+    _check_margin(margin)
+    one, two = (np.asarray(values, dtype=np.float64) for values in (first, second))
+    refused = too_few(min(len(one), len(two)), LEAST, "independent stretches in the shorter run")
+    if refused is not None:
+        return refused
+    parts = float(one.var(ddof=1)) / len(one), float(two.var(ddof=1)) / len(two)
+    error, difference = sqrt(sum(parts)), float(two.mean() - one.mean())
+    if not error:
+        return Equivalence(difference, difference - step, difference + step, margin, float(abs(difference) + step >= margin))
+    freedom = sum(parts) ** 2 / (parts[0] ** 2 / (len(one) - 1) + parts[1] ** 2 / (len(two) - 1))
+    half = float(stdtrit(freedom, 1 - ALPHA)) * error + step
+    chance = float(stdtr(freedom, -(margin - step - abs(difference)) / error))
+    return Equivalence(difference, difference - half, difference + half, margin, chance)

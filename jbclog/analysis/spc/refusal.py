@@ -1,0 +1,190 @@
+"""Why a chart or an index is not given: each a check that names what it saw, and its limit.
+
+What is refused misleads in a way that was measured: an individuals chart of values whose neighbours are alike (lag-1
+correlation 0.9) calls a third of them out of control, and its sigma is three times too small; a spread below the
+resolution makes Cpk as large as one likes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from math import exp, sqrt
+
+import numpy as np
+from scipy.special import ndtr, ndtri, pdtrc, stdtr
+
+from jbclog.analysis.spc.charts import BEYOND_3, Chart, Floats
+from jbclog.analysis.spc.distribution import Fit, normal_chance
+from jbclog.analysis.spc.nelson import TESTS, signals
+from jbclog.analysis.spc.populations import two_populations
+
+LEAST_POINTS = 20  # for limits of a chart; fewer are guesses (Montgomery: 20 to 25)
+LEAST_FOR_CAPABILITY = 30  # at which the lower bound of a Cpk of 1.33 is 1.03
+MOST_LAG_1 = 0.3
+ALIKE = 0.01  # chance of a correlation as high in values that have nothing to do with each other
+LEAST_STEPS = 5  # different values, below which the resolution and not the process makes the spread
+BY_CHANCE = 0.01  # chance that a stable process gives so many signals
+SHIFT_BY_CHANCE = 0.005  # of a step, and of a drift, in a process that has neither
+NOT_NORMAL = 0.01
+LEAST_FOR_PERCENTILES = 741  # of which one in 0.135 % is expected
+
+
+@dataclass(frozen=True, slots=True)
+class Refused:
+    """Why there is no figure: `kind` for programs, `text` for people."""
+
+    kind: str
+    text: str
+
+
+Check = Callable[[], Refused | None]
+
+
+def first_refusal(checks: Iterable[Check]) -> Refused | None:
+    """The first that refuses, in the order in which they are worth telling."""
+    return next((refused for check in checks if (refused := check()) is not None), None)
+
+
+def too_few(count: int, least: int, what: str) -> Refused | None:
+    """Limits and indices of a handful of values say more about the handful than about the process."""
+    if count >= least:
+        return None
+    return Refused("too_few", f"{there_are(count, what)}; it takes at least {least}.")
+
+
+def there_are(count: int, what: str) -> str:
+    """``There are 3 days with alarms``, ``There is 1 day with alarms``."""
+    noun, *rest = what.split(" ", 1)
+    one = noun.removesuffix("es" if noun.endswith("ches") else "s")
+    return f"There {'is' if count == 1 else 'are'} {count} {' '.join([one if count == 1 else noun, *rest])}"
+
+
+def lag_1(points: Floats) -> float:
+    """How far neighbours are alike: the correlation of each value with the next."""
+    away = points - points.mean()
+    total = float(away @ away)
+    return float(away[:-1] @ away[1:]) / total if total else 0.0
+
+
+def autocorrelated(points: Floats) -> Refused | None:
+    """Values whose neighbours are alike have limits that are far too narrow."""
+    found, chance = lag_1(points), float(-ndtri(ALIKE)) / sqrt(len(points))
+    if found <= max(MOST_LAG_1, chance):
+        return None
+    text = f"Neighbouring values are alike (lag-1 correlation {found:.2f}, at most {max(MOST_LAG_1, chance):.2f} allowed), "
+    return Refused("autocorrelated", text + "so limits from their differences would be far too narrow.")
+
+
+def unresolved(points: Floats, sigma: float, resolution: float | None) -> Refused | None:
+    """A spread that the resolution made, or hid."""
+    if not resolution:
+        if sigma > 0:
+            return None
+        return Refused("unresolved", "All values are the same; their spread is not known.")
+    steps = len(np.unique(np.round(points / resolution)))
+    if sigma >= resolution / sqrt(12) and steps >= LEAST_STEPS:
+        return None
+    text = f"The values come in steps of {resolution:g} and take {steps} of them (standard deviation {sigma:.2g}); "
+    return Refused("unresolved", text + "their spread is that of the resolution, not of the process.")
+
+
+def unstable(chart: Chart, distances: Floats) -> Refused | None:
+    """A point further out, or more signals, than a stable process gives by chance; of long series some are expected.
+
+    `distances`: how far each point certainly is from the centre; 0 where it may be on either side, as a rounded value may.
+    """
+    n, zones = len(distances), distances / chart.sigma
+    farthest = float(np.abs(zones).max())
+    if ndtr(-farthest) * 2 * n < BY_CHANCE:
+        text = f"The process is not stable: a point of {n} is {farthest:.1f} sigma from the centre"
+        return Refused("unstable", f"{text}; an index would describe no process that exists.")
+    sides = zones[zones != 0]
+    return _too_often(1, zones, BEYOND_3) or _too_often(2, sides, rate_of_nine(sides))
+
+
+def _too_often(number: int, zones: Floats, rate: float) -> Refused | None:
+    """More signals of one of Nelson's tests than its rate explains."""
+    seen = _occasions([one.last for one in signals(zones, (number,))])
+    if not seen or pdtrc(seen - 1, rate * len(zones)) >= BY_CHANCE:
+        return None
+    text = f"The process is not stable: {TESTS[number - 1].text}, {seen} time{'s' * (seen > 1)} in {len(zones)} points"
+    return Refused("unstable", f"{text}; an index would describe no process that exists.")
+
+
+def rate_of_nine(sides: Floats) -> float:
+    """How often nine in a row on one side begin at a point, where the values lie above as often as these do.
+
+    Values on neither side are left out, as in any test of runs (Gibbons and Chakraborti, Nonparametric Statistical Inference,
+    chapter 3); the others need not be halved, as steps of a resolution seldom lie evenly about the centre.
+    """
+    above = float(np.mean(sides > 0)) if len(sides) else 0.5
+    below = 1 - above
+    return above**9 * below + below**9 * above
+
+
+def _occasions(places: list[int]) -> int:
+    """How often a pattern began; one that goes on from point to point is one."""
+    return sum(before is None or place > before + 1 for before, place in zip([None, *places], places, strict=False))
+
+
+def shifted(points: Floats) -> Refused | None:
+    """A step or a drift, by ranks: whatever the distribution (Pettitt 1979; Spearman)."""
+    n, ranks = len(points), ranked(points)
+    sums = np.cumsum(2 * ranks - (n + 1))[:-1]
+    place = int(np.abs(sums).argmax())
+    step = min(1.0, 2 * exp(-6 * float(sums[place]) ** 2 / (n**3 + n**2)))
+    order = np.arange(n) - (n - 1) / 2
+    away = ranks - ranks.mean()
+    rho = float(order @ away) / sqrt(float(order @ order) * float(away @ away) or 1.0)
+    drift = 2 * float(stdtr(n - 2, -abs(rho) * sqrt((n - 2) / max(1 - rho**2, 1e-12))))
+    if min(step, drift) >= SHIFT_BY_CHANCE:
+        return None
+    what = f"it drifts (rank correlation with the order {rho:+.2f}, p = {drift:.2g})"
+    if step <= drift:
+        before, after = float(np.median(points[: place + 1])), float(np.median(points[place + 1 :]))
+        what = f"it steps after value {place + 1} of {n} (median {before:.4g} before, {after:.4g} after; Pettitt, p = {step:.2g})"
+    return Refused("unstable", f"The process is not stable: {what}; an index would describe no process that exists.")
+
+
+def mixed(points: Floats, fit: Fit, resolution: float | None) -> Refused | None:
+    """Two processes in one series."""
+    two = two_populations(points, fit, resolution)
+    if two is None:
+        return None
+    text = f"The values are of two populations, about {two.means[0]:.4g} ({two.share:.0%}) and about {two.means[1]:.4g}; "
+    return Refused("two_populations", text + "chart each by itself.")
+
+
+def ranked(points: Floats) -> Floats:
+    """The rank of each value from 1; equal ones share the mean of theirs."""
+    _, places, counts = np.unique(points, return_inverse=True, return_counts=True)
+    return np.asarray((np.cumsum(counts) - (counts - 1) / 2)[places], dtype=np.float64)
+
+
+def rank_scores(points: Floats) -> Floats:
+    """Normal scores by rank alone, for values that no distribution fits."""
+    return np.asarray(ndtri((ranked(points) - 0.5) / len(points)))
+
+
+def not_normal(points: Floats) -> Refused | None:
+    """Why there is no normal index; kept for series that are known to be normal (Anderson-Darling)."""
+    chance = anderson_darling_chance(points)
+    if chance >= NOT_NORMAL:
+        return None
+    text = f"The values are not normally distributed (Anderson-Darling, p = {chance:.2g}), "
+    return Refused("not_normal", text + "so the index would not mean the share that it is read as.")
+
+
+def no_distribution(points: Floats) -> Refused | None:
+    """Where no family fits, percentiles of the values themselves take many of them."""
+    n = len(points)
+    if n >= LEAST_FOR_PERCENTILES:
+        return None
+    text = f"No distribution fits the {n} values (Anderson-Darling, p below 0.05 for normal, lognormal, Weibull and Box-Cox); "
+    return Refused("not_normal", f"{text}their own percentiles 0.135 and 99.865 take at least {LEAST_FOR_PERCENTILES} values.")
+
+
+def anderson_darling_chance(points: Floats) -> float:
+    """The chance of values as far from normal, mean and spread estimated from them (Stephens' approximation)."""
+    return normal_chance(points)

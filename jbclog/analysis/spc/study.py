@@ -1,0 +1,203 @@
+"""What people ask for: a chart or an index of a feature, or the sentence that says why there is none."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.special import ndtri
+
+from jbclog.analysis.spc import charts
+from jbclog.analysis.spc.capability import Capability, indices, indices_of_fit, indices_of_percentiles
+from jbclog.analysis.spc.charts import Chart, Floats
+from jbclog.analysis.spc.distribution import Fit, fitting, normal_fit
+from jbclog.analysis.spc.nelson import DEFAULT_TESTS
+from jbclog.analysis.spc.refusal import (
+    LEAST_FOR_CAPABILITY,
+    LEAST_POINTS,
+    Refused,
+    autocorrelated,
+    first_refusal,
+    mixed,
+    no_distribution,
+    rank_scores,
+    shifted,
+    too_few,
+    unresolved,
+    unstable,
+)
+from jbclog.core.errors import UsageError
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ProbabilityPlot:
+    """Ordered values against the normal scores of their ranks (Blom), and the line of the distribution, where one fits."""
+
+    scores: Floats
+    values: Floats
+    line: Floats | None
+    distribution: str | None
+    chance: float | None
+
+
+def control_chart(
+    values: ArrayLike, *, resolution: float | None = None, tests: tuple[int, ...] = DEFAULT_TESTS
+) -> tuple[Chart, Chart] | Refused:
+    """The individuals and the moving range chart of a feature in the order in which it came; NaN, not known, is left out.
+
+    Limits are those of the distribution that fits, of a normal one where none does: what is unstable has none, and shows.
+    `resolution` is the least step of the values, in their unit. Raises `UsageError` where a value is infinite.
+    """
+    points = _known(values)
+    refused = first_refusal(
+        (
+            lambda: too_few(len(points), LEAST_POINTS, "values"),
+            lambda: unresolved(points, float(points.std(ddof=1)), resolution),
+        )
+    )
+    if refused is not None:
+        return refused
+    fit = fitting(points, _step(points, resolution))
+    refused = autocorrelated(points if fit is None else fit.scores(points))
+    return refused or (charts.individuals(points, tests, fit=fit), charts.moving_ranges(points, fit=fit))
+
+
+def subgroup_charts_by_sd(
+    subgroups: ArrayLike, *, resolution: float | None = None, tests: tuple[int, ...] = DEFAULT_TESTS
+) -> tuple[Chart, Chart] | Refused:
+    """The charts of means and standard deviations of subgroups, a row each (X-bar and S)."""
+    rows = np.asarray(subgroups, dtype=np.float64)
+    refused = first_refusal(
+        (
+            lambda: too_few(len(rows), LEAST_POINTS, "subgroups"),
+            lambda: unresolved(rows.ravel(), float(rows.std(axis=1, ddof=1).mean()), resolution),
+            lambda: autocorrelated(rows.mean(axis=1)),
+        )
+    )
+    return refused or (charts.means_by_sd(rows, tests), charts.sds(rows))
+
+
+def phase_one(values: ArrayLike, *, resolution: float | None = None) -> Chart | Refused:
+    """The individuals chart whose limits may be kept for later values: of a feature that is stable and follows a distribution.
+
+    Raises `UsageError` where a value is infinite.
+    """
+    points = _known(values)
+    fit = _stable(points, resolution)
+    if isinstance(fit, Refused):
+        return fit
+    if fit is None:
+        text = f"No distribution fits the {len(points)} values, so no limits can be given that later values keep to."
+        return Refused("not_normal", text)
+    return charts.individuals(points, fit=fit)
+
+
+def subgroup_charts(subgroups: ArrayLike, *, resolution: float | None = None) -> tuple[Chart, Chart] | Refused:
+    """The charts of means and ranges of subgroups, a row each."""
+    rows = np.asarray(subgroups, dtype=np.float64)
+    refused = first_refusal(
+        (
+            lambda: too_few(len(rows), LEAST_POINTS, "subgroups"),
+            lambda: unresolved(rows.ravel(), charts.sigma_of_ranges(rows), resolution),
+            lambda: autocorrelated(rows.mean(axis=1)),
+        )
+    )
+    return refused or (charts.means(rows), charts.ranges(rows))
+
+
+def capability(
+    values: ArrayLike, *, lower: float | None = None, upper: float | None = None, resolution: float | None = None
+) -> Capability | Refused:
+    """Cp, Cpk, Pp and Ppk of a feature against its limits, with bounds; NaN, not known, is left out, and `n` counts the others.
+
+    The distribution comes first, then stability on the scale on which it is normal, then the indices by its percentiles.
+
+    Raises `UsageError` where no limit is stated, the lower one is not below the upper, or a value is infinite.
+    """
+    if lower is None and upper is None:
+        raise UsageError("capability is held against limits: state a lower or an upper one, or both")
+    if lower is not None and upper is not None and lower >= upper:
+        raise UsageError(f"the lower limit {lower:g} is not below the upper limit {upper:g}")
+    points = _known(values)
+    fit = _stable(points, resolution)
+    if isinstance(fit, Refused):
+        return fit
+    if fit is None:
+        return indices_of_percentiles(points, lower, upper)
+    if fit.name != "normal":
+        return indices_of_fit(points, fit, lower, upper)
+    return replace(indices(points, lower, upper), chance=fit.chance, percentiles=(fit.at(-3.0), fit.at(0.0), fit.at(3.0)))
+
+
+def _stable(points: Floats, resolution: float | None) -> Fit | Refused | None:
+    """The distribution of a stable feature; None where none fits, and the values are enough to go by their own percentiles."""
+    step = _step(points, resolution)
+    refused = first_refusal(
+        (
+            lambda: too_few(len(points), LEAST_FOR_CAPABILITY, "values"),
+            lambda: unresolved(points, float(points.std(ddof=1)), resolution),
+        )
+    )
+    if refused is not None:
+        return refused
+    fit = fitting(points, step)
+    scores = rank_scores(points) if fit is None else fit.scores(points)
+    refused = first_refusal(
+        (
+            lambda: autocorrelated(scores),
+            lambda: _out_of_control(points, fit, scores, step),
+            lambda: shifted(points),
+            lambda: mixed(points, fit or normal_fit(points), step),
+            lambda: no_distribution(points) if fit is None else None,
+        )
+    )
+    return refused or fit
+
+
+def probability_plot(values: ArrayLike, *, resolution: float | None = None) -> ProbabilityPlot:
+    """The values against the scores of their ranks, and the line of the distribution that fits.
+
+    Raises `UsageError` where there are fewer than two values, or one is infinite.
+    """
+    points = np.sort(_known(values))
+    if len(points) < 2:
+        raise UsageError(f"a probability plot takes at least two values, not {len(points)}")
+    ranks = np.asarray(ndtri((np.arange(1, len(points) + 1) - 0.375) / (len(points) + 0.25)))
+    fit = fitting(points, _step(points, resolution))
+    line = None if fit is None else fit.family.quantiles(fit.fitted, ranks)
+    return ProbabilityPlot(ranks, points, line, None if fit is None else fit.name, None if fit is None else fit.chance)
+
+
+def _out_of_control(points: Floats, fit: Fit | None, scores: Floats, step: float | None) -> Refused | None:
+    """Points and patterns as no stable process has them, on the scale on which the values are normal.
+
+    Limits are from the values as they were read, so that they have the resolution's share. Against them stands what is certain of
+    each value: it lies as near to the centre as its step allows; one whose step holds the centre is on no side of it.
+    """
+    chart = charts.individuals(scores)
+    if not step:
+        return unstable(chart, chart.points - chart.centre)
+    middle = float(np.median(points)) if fit is None else fit.at(0.0)
+    away = points - middle
+    is_at_centre = np.abs(away) <= step / 2
+    nearest = scores if fit is None else fit.scores(points - np.sign(away) * step / 2)
+    return unstable(chart, np.where(is_at_centre, 0.0, nearest))
+
+
+def _step(points: Floats, resolution: float | None) -> float | None:
+    """The step of the values: the one that is stated, or the least difference where most of them are equal to another."""
+    distinct = np.unique(points)
+    if resolution or len(distinct) > len(points) / 2 or len(distinct) < 2:
+        return resolution
+    return float(np.diff(distinct).min())
+
+
+def _known(values: ArrayLike) -> Floats:
+    """The values that are known, in their order; NaN is one that is not."""
+    points = np.asarray(values, dtype=np.float64)
+    if points.ndim != 1:
+        raise UsageError(f"a feature is one value after another, not an array of shape {points.shape}")
+    if np.isinf(points).any():
+        raise UsageError("a feature is finite: an infinite value comes of a division by zero before it got here")
+    return points[~np.isnan(points)]

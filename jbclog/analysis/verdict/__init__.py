@@ -1,0 +1,36 @@
+"""Judge a sealed run against the limits of its recipes. Missing evidence is never a pass.
+
+Start with `verdict.py`, then `rules.py`; `samples.py`, `idle.py` and `bound.py` measure what the rules need.
+"""
+
+from jbclog.analysis.verdict.acceptance import Acceptance, Limits, asks_for_joints
+from jbclog.analysis.verdict.bound import Bound
+from jbclog.analysis.verdict.evidence import Evidence
+from jbclog.analysis.verdict.joint_measures import Feeds, Joints, PortJoints, Recovery
+from jbclog.analysis.verdict.reached import Asks
+from jbclog.analysis.verdict.rule import Result, Rule
+from jbclog.analysis.verdict.samples import PortMeasure, judged_signals, measure
+from jbclog.analysis.verdict.verdict import Judgement, Verdict, judge
+from jbclog.analysis.verdict.versions import RULES
+
+__all__ = [
+    "RULES",
+    "Acceptance",
+    "Asks",
+    "Bound",
+    "Evidence",
+    "Feeds",
+    "Joints",
+    "Judgement",
+    "Limits",
+    "PortJoints",
+    "PortMeasure",
+    "Recovery",
+    "Result",
+    "Rule",
+    "Verdict",
+    "asks_for_joints",
+    "judge",
+    "judged_signals",
+    "measure",
+]

@@ -1,0 +1,267 @@
+"""Whether a tool came to the temperature that its recipe sets, and stayed at work.
+
+Definitions. A tool is *at work* while its status is working and not extractor (hot air: on). It *arrives* with the first reading
+at work that is within `reached_within_c` of the setting in force, or behind which it has passed through it. Tool and setting
+belong together: with another tool in the port, or another setting, it has to arrive anew; a stretch of less than `ENOUGH_S` at
+work is too short to ask that of. *At work since*: rows at work in per cent of those due from the first arrival to the end of the
+run; a row whose status was not read is neither at work nor not.
+
+A tool that was told to work and did not arrive breaks the rule, unless it was seen for less than `ENOUGH_S`, or was still on
+its way when the record ended (`APPROACH_C` nearer than `APPROACH_S` before). One that nobody put to work is missing evidence.
+Where `at_work_percent` is 0 nobody has to: then a tool that was never at work is not judged.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from jbclog.analysis.verdict.idle import SETTING_HOLDS_S, Block, Flags, Floats
+from jbclog.analysis.verdict.percent import allowed_misses, floored, shown
+from jbclog.analysis.verdict.rule import Figure, Result, Rule
+
+RULE: Final = "reached"
+WITHIN_C, AT_WORK_PERCENT = 10.0, 80.0
+"""What holds where `[acceptance]` does not say."""
+ENOUGH_S: Final = 10.0
+APPROACH_S, APPROACH_C = 5.0, 1.0
+ORDERS_WORK: Final = ("working", "on")
+
+
+@dataclass(frozen=True, slots=True)
+class Asks:
+    """What a recipe asks of a station's tools: the ports whose temperature it sets, and the status that it orders (None: none)."""
+
+    heated: frozenset[int] = frozenset()
+    status: str | None = None
+
+
+@dataclass(slots=True)
+class Stretch:
+    """While tool and setting are the same: seconds at work, the arrival, and how far from the setting it was at the nearest."""
+
+    tool: float
+    setting: float
+    at_work_s: float = 0.0
+    arrived_s: float | None = None
+    nearest_c: float | None = None
+    last_s: float | None = None  # of the last reading at work
+    last_away_c: float = 0.0  # its temperature less the setting
+    _recent: list[tuple[float, float]] = field(default_factory=list)  # the distances of the last `APPROACH_S`
+
+    def take(self, seconds: Floats, away: Floats, step_s: float, within_c: float) -> None:
+        """Readings at work: their times, and how far from the setting they are."""
+        distance = np.abs(away)
+        before = np.concatenate(([self.last_away_c if self.last_s is not None else away[0]], away[:-1]))
+        there = np.flatnonzero((distance <= within_c) | (before * away < 0))
+        if self.arrived_s is None and len(there):
+            self.arrived_s = float(seconds[there[0]])
+        nearest = float(away[int(np.argmin(distance))])
+        if self.nearest_c is None or abs(nearest) < abs(self.nearest_c):
+            self.nearest_c = nearest
+        self.at_work_s += len(seconds) * step_s
+        self.last_s, self.last_away_c = float(seconds[-1]), float(away[-1])
+        tail = seconds >= self.last_s - APPROACH_S - 1e-6
+        kept = [one for one in self._recent if one[0] >= self.last_s - APPROACH_S - 1e-6]
+        self._recent = [*kept, *zip(seconds[tail].tolist(), distance[tail].tolist(), strict=True)]
+
+    @property
+    def is_approaching(self) -> bool:
+        """Whether it was still coming nearer with its last readings."""
+        return len(self._recent) > 1 and self._recent[0][1] - self._recent[-1][1] >= APPROACH_C
+
+
+@dataclass(slots=True)
+class Heat:
+    """What the rows of one port show of its heat; they are given in their order."""
+
+    step_s: float | None  # None: no grid, then it is measured
+    within_c: float = WITHIN_C
+    stretches: list[Stretch] = field(default_factory=list)
+    known: int = 0  # rows whose status was read
+    rows_since: int = 0  # from the first arrival on: rows, those whose status was read, those at work
+    known_since: int = 0
+    working_since: int = 0
+    first_s: float | None = None
+    known_s: float = 0.0
+    greatest_c: float | None = None
+    _setting: tuple[float, float] | None = None  # the setting last read, and when
+    _tool: float = float("nan")
+    _last_s: float | None = None
+
+    def feed(self, rows: Block, known: Flags) -> None:
+        """Take the next rows, and in which of them the status was read."""
+        if self.first_s is None:
+            self.first_s = float(rows.seconds[0])
+        step = self._step(rows.seconds)
+        setting, tool = self._settings(rows), self._tools(rows)
+        usable = rows.working & ~np.isnan(rows.temperature) & ~np.isnan(setting)
+        self.known += int(known.sum())
+        self.known_s += float(known.sum()) * step
+        read = rows.temperature[~np.isnan(rows.temperature)]
+        if len(read):
+            self.greatest_c = max(float(read.max()), self.greatest_c if self.greatest_c is not None else -np.inf)
+        before = self.arrived_s
+        for these in _alike(tool, setting, usable):
+            stretch = self._stretch(float(tool[these[0]]), float(setting[these[0]]))
+            stretch.take(rows.seconds[these], rows.temperature[these] - setting[these], step, self.within_c)
+        arrived = self.arrived_s
+        if arrived is not None:
+            since = np.ones(len(known), dtype=np.bool_) if before is not None else rows.seconds >= arrived - 1e-9
+            self.rows_since += int(since.sum())
+            self.known_since += int((since & known).sum())
+            self.working_since += int((since & known & rows.working).sum())
+        self._last_s = float(rows.seconds[-1])
+
+    def _stretch(self, tool: float, setting: float) -> Stretch:
+        last = self.stretches[-1] if self.stretches else None
+        is_same = last is not None and last.setting == setting and (last.tool == tool or np.isnan(last.tool) or np.isnan(tool))
+        if last is None or not is_same:
+            last = Stretch(tool, setting)
+            self.stretches.append(last)
+        if np.isnan(last.tool):
+            last.tool = tool
+        return last
+
+    def _step(self, seconds: Floats) -> float:
+        if self.step_s is not None:
+            return self.step_s
+        times = seconds if self._last_s is None else np.concatenate(([self._last_s], seconds))
+        return float(np.median(np.diff(times))) if len(times) > 1 else 0.0
+
+    def _settings(self, rows: Block) -> Floats:
+        """The setting in force in each row: the one last read, for `SETTING_HOLDS_S` at most."""
+        known = np.flatnonzero(~np.isnan(rows.setting))
+        held = np.full(len(rows.seconds), np.nan)
+        last = np.searchsorted(known, np.arange(len(held)), side="right") - 1
+        has = last >= 0
+        held[has] = rows.setting[known[last[has]]]
+        age = np.full(len(held), np.inf)
+        age[has] = rows.seconds[has] - rows.seconds[known[last[has]]]
+        if self._setting is not None:
+            held[~has], age[~has] = self._setting[0], rows.seconds[~has] - self._setting[1]
+        held[age > SETTING_HOLDS_S] = np.nan
+        if len(known):
+            self._setting = float(rows.setting[known[-1]]), float(rows.seconds[known[-1]])
+        return held
+
+    def _tools(self, rows: Block) -> Floats:
+        """The tool last read in each row; NaN where none was read yet."""
+        if rows.tool is None:
+            return np.full(len(rows.seconds), np.nan)
+        tool = np.concatenate(([self._tool], rows.tool))
+        last = np.maximum.accumulate(np.where(np.isnan(tool), 0, np.arange(len(tool))))
+        self._tool = float(tool[last[-1]])
+        return np.asarray(tool[last][1:], dtype=np.float64)
+
+    @property
+    def arrived_s(self) -> float | None:
+        """The first arrival."""
+        return next((one.arrived_s for one in self.stretches if one.arrived_s is not None), None)
+
+    @property
+    def at_work_s(self) -> float:
+        return sum(one.at_work_s for one in self.stretches)
+
+    @property
+    def is_on_its_way(self) -> bool:
+        """Whether it was coming nearer when the record ended."""
+        if not self.stretches or self._last_s is None:
+            return False
+        last = self.stretches[-1]
+        return last.is_approaching and last.last_s is not None and self._last_s - last.last_s <= APPROACH_S
+
+    def finish(self, last_due_s: float | None) -> None:
+        """No more rows: ticks without rows up to the last due one were due, too."""
+        if self.step_s and self.arrived_s is not None and self._last_s is not None:
+            end = max(self._last_s, self._last_s if last_due_s is None else last_due_s)
+            self.rows_since = max(self.rows_since, round((end - self.arrived_s) / self.step_s) + 1)
+
+
+def _alike(tool: Floats, setting: Floats, usable: Flags) -> list[NDArray[np.int64]]:
+    """The usable rows, split where tool or setting changes."""
+    rows = np.flatnonzero(usable)
+    if not len(rows):
+        return []
+    tools, settings = tool[rows], setting[rows]
+    is_other = (np.diff(tools) != 0) & ~np.isnan(tools[1:]) & ~np.isnan(tools[:-1]) | (np.diff(settings) != 0)
+    return [np.asarray(part) for part in np.split(rows, np.flatnonzero(is_other) + 1)]
+
+
+@dataclass(frozen=True, slots=True)
+class Limit:
+    """What is asked: °C, per cent, and whether the recipe had the recorder tell the tool to work."""
+
+    within_c: float
+    percent: float
+    told: bool
+
+
+def reached_rule(station: str, port: int, limit: Limit, asks: Asks, heat: Heat | None) -> Rule:
+    """The rule of one port."""
+    observed, result, text = _judged(limit, asks, heat)
+    return Rule(RULE, station, port, limit.percent, observed, "%", result, text)
+
+
+Seen = tuple[Figure | None, Result, str]
+
+
+def _judged(limit: Limit, asks: Asks, heat: Heat | None) -> Seen:
+    if heat is None or not heat.known:
+        return None, Result.MISSING, "Whether the tool was at work was never read."
+    if heat.arrived_s is None:
+        return _not_arrived(limit, asks, heat)
+    for stretch in heat.stretches:
+        if stretch.arrived_s is None and stretch.at_work_s >= ENOUGH_S and not stretch.is_approaching:
+            text = f"Tool or setting changed, and for {stretch.at_work_s:.0f} s at work it {_nearest(limit, stretch)}"
+            return "not reached", Result.FAIL, text
+    return _share(limit, heat)
+
+
+def _not_arrived(limit: Limit, asks: Asks, heat: Heat) -> Seen:
+    warmest = "" if heat.greatest_c is None else f"; {heat.greatest_c:.0f} °C was its highest"
+    if not heat.stretches and not limit.told:
+        if limit.percent == 0:
+            return None, Result.NOT_APPLICABLE, f"It was never at work, and the recipe does not ask that of it{warmest}."
+        ordered = "no [run] status" if asks.status is None else f'status = "{asks.status}"'
+        text = f"The recipe sets a temperature and {ordered}: the tool was never told to work and was not at work{warmest}."
+        return "not at work", Result.MISSING, text
+    last = heat.stretches[-1] if heat.stretches else None
+    if last is None:
+        if heat.known_s < ENOUGH_S:
+            return "not at work", Result.MISSING, f"It was told to work and was seen for {heat.known_s:.1f} s only{warmest}."
+        return "not at work", Result.FAIL, f"It was told to work and was not seen at work with a temperature{warmest}."
+    text = f"It was at work for {heat.at_work_s:.1f} s and {_nearest(limit, last)}"
+    if heat.is_on_its_way:
+        return "not reached", Result.MISSING, f"{text} It was still on its way when the record of it ended."
+    if (heat.known_s if limit.told else heat.at_work_s) < ENOUGH_S:
+        return "not reached", Result.MISSING, f"{text} That is too short to say; {ENOUGH_S:g} s are needed."
+    return "not reached", Result.FAIL, text
+
+
+def _nearest(limit: Limit, stretch: Stretch) -> str:
+    nearest = "" if stretch.nearest_c is None else f"; {stretch.setting + stretch.nearest_c:.0f} °C was the nearest"
+    return f"did not come within {shown(limit.within_c)} °C of {stretch.setting:.0f} °C{nearest}."
+
+
+def _share(limit: Limit, heat: Heat) -> Seen:
+    assert heat.arrived_s is not None
+    setting = next(one.setting for one in heat.stretches if one.arrived_s is not None)
+    due, away = heat.rows_since, heat.known_since - heat.working_since
+    percent = 100 * heat.working_since / due
+    after = heat.arrived_s - (heat.first_s or 0.0)
+    text = (
+        f"It reached {setting:.0f} °C after {after:.1f} s and was at work for {shown(floored(percent))} % of the time since; "
+        f"{shown(limit.percent)} % are asked."
+    )
+    allowed = allowed_misses(due, limit.percent)
+    if due - heat.working_since <= allowed:
+        return percent, Result.PASS, text
+    if away <= allowed:
+        return percent, Result.MISSING, f"{text} For {shown(floored(100 * (due - heat.known_since) / due))} % of it nobody knows."
+    if not limit.told:
+        return percent, Result.MISSING, f"{text} Nobody told it to work."
+    return percent, Result.FAIL, text

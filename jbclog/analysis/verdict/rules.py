@@ -1,0 +1,351 @@
+"""The rules, each a function from what was measured to one `Rule`. The definitions of the figures are in `samples` and `idle`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+
+from jbclog.analysis.verdict.acceptance import BARE, ESTIMATED_LIMITS, LIMIT_NAMES, REACHED_LIMITS, Acceptance, is_bare
+from jbclog.analysis.verdict.bound import Bound
+from jbclog.analysis.verdict.evidence import Evidence, PortLedger
+from jbclog.analysis.verdict.idle import NOT_IDLE, NOT_SEEN_IDLE
+from jbclog.analysis.verdict.percent import RESOLVES, allowed_misses
+from jbclog.analysis.verdict.percent import floored as _floor
+from jbclog.analysis.verdict.percent import shown as _shown
+from jbclog.analysis.verdict.reached import AT_WORK_PERCENT, ORDERS_WORK, WITHIN_C, Asks, Limit, reached_rule
+from jbclog.analysis.verdict.reached import RULE as REACHED
+from jbclog.analysis.verdict.rule import Result, Rule
+from jbclog.analysis.verdict.samples import SKIPPED, TEMPERATURE, WITHOUT_TIP, PortMeasure, judged_signals
+from jbclog.analysis.verdict.tables import Event, Outcomes
+from jbclog.analysis.verdict.versions import BOUNDS_HOLD
+from jbclog.core.rows import StationFacts
+
+COUNTED_ALARMS = ("alarm.high", "alarm.low")
+COUNTED_SEVERITIES = ("error", "critical")
+WITH_FEEDER = ("ale",)
+
+ENDINGS = {
+    "success": (Result.PASS, "The record runs from start to end."),
+    "aborted": (Result.DEVIATION, "The run was ended before its stated end; what was recorded until then is whole."),
+    "failed": (Result.DEVIATION, "The run ended with an error; what was recorded until then is whole."),
+    "lost": (Result.MISSING, "A crash ended the run: its last second and everything after it are not in the record."),
+}
+STATION_ENDINGS = {
+    "completed": (Result.PASS, "It was recorded to the end."),
+    "stopped": (Result.FAIL, "It was stopped because a setting was found changed."),
+    "refused": (Result.MISSING, "It was refused before sampling began."),
+    "gone": (Result.MISSING, "It did not answer at the end."),
+    "not_started": (Result.MISSING, "It was ready and was not started."),
+    "left_out": (Result.DEVIATION, "The run was started without it, as was allowed."),
+    "failed": (Result.MISSING, "Its recording failed."),
+    "running": (Result.MISSING, "It was being recorded when the record broke off."),
+}
+CONFIDENCE = "confidence"
+JUDGED_BARE = 'The recipe judges bare figures (confidence = "none"): how certain they are is not part of the verdict.'
+NEVER_ANSWERED = "It was never reached."
+
+
+def record_rule(evidence: Evidence) -> Rule:
+    """Whether the record runs to the end of the run."""
+    if evidence.lost is not None:
+        return Rule("record", None, None, "whole", evidence.exit_status, "", Result.MISSING, evidence.lost)
+    unknown = (Result.MISSING, "How the run ended is not known.")
+    result, text = ENDINGS.get(evidence.exit_status or "", unknown)
+    return Rule("record", None, None, "whole", evidence.exit_status, "", result, text)
+
+
+def station_rules(
+    facts: StationFacts, acceptance: Acceptance, evidence: Evidence, events: Sequence[Event], outcomes: Outcomes
+) -> Iterator[Rule]:
+    """The rules that hold for a station as a whole."""
+    result, text = STATION_ENDINGS.get(facts.outcome, (Result.MISSING, "How it ended is not known."))
+    if facts.outcome == "gone" and facts.first_tick is None:
+        text = NEVER_ANSWERED
+    reason = facts.reason.removeprefix(f"{facts.name}: ").rstrip(".")
+    if reason and result is not Result.PASS:
+        text = f"{text} {reason[:1].upper()}{reason[1:]}."
+    seen = "cut off" if facts.outcome == "running" else facts.outcome
+    yield Rule("station", facts.name, None, "completed", seen, "", result, text)
+    if facts.outcome == "left_out":  # there is nothing of it to judge
+        return
+    yield settings_rule(facts, outcomes)
+    if acceptance.alarms_max is not None:
+        yield alarms_rule(facts, acceptance.alarms_max, evidence, events)
+
+
+def settings_rule(facts: StationFacts, outcomes: Outcomes) -> Rule:
+    """Whether every setting of the recipe was read back as asked. What it asks of other families is not counted."""
+    station, counts, lacking = facts.name, outcomes.counts, outcomes.lacking
+    asked = counts.total() + len(lacking)
+    held = counts["confirmed"] + counts["unchanged"]
+    observed = f"{held} of {asked}"
+    if counts["mismatch"] or counts["refused"]:
+        return Rule("settings", station, None, "all read back", observed, "", Result.FAIL, "A setting is not what the recipe asks.")
+    if held + len(lacking) < asked:
+        return Rule("settings", station, None, "all read back", observed, "", Result.MISSING, "A setting could not be read back.")
+    if not asked and facts.first_tick is None and facts.outcome != "completed":
+        text = "The record holds no setting of this station, written or read back."
+        return Rule("settings", station, None, "all read back", None, "", Result.MISSING, text)
+    if lacking:
+        names = ", ".join(name.replace("_", " ") for name in dict.fromkeys(lacking))
+        text = f"The recipe asks for what the station does not know: {names}. What it knows was read back as asked."
+        return Rule("settings", station, None, "all read back", observed, "", Result.DEVIATION, text)
+    text = "Every setting of the recipe was read back as asked." if asked else "The recipe asks for no setting."
+    if facts.outcome == "running":  # the record broke off; more may have been asked
+        text = "Every setting in the record was read back as asked."
+    return Rule("settings", station, None, "all read back", observed, "", Result.PASS, text)
+
+
+def alarms_rule(facts: StationFacts, most: int, evidence: Evidence, events: Sequence[Event]) -> Rule:
+    """Counts high and low alarms, where the station's flags were read at all."""
+    if not tells(facts, "alarm_high"):
+        return not_applicable("alarms", facts.name, None, most, "", "alarm flags")
+    count = sum(event.kind in COUNTED_ALARMS and event.severity in COUNTED_SEVERITIES for event in events)
+    if count > most:
+        text = f"{count} alarm{'s' * (count != 1)} counted; {most} allowed."
+        return Rule("alarms", facts.name, None, most, count, "", Result.FAIL, text)
+    unread = [
+        port for port in used_ports(facts, evidence) if not evidence.port_ledger(facts.name, port).get("alarm_high", {}).get("ok")
+    ]
+    if unread or not facts.ports:
+        text = f"The alarm flags of port {', '.join(map(str, unread))} were never read." if unread else "No port was read."
+        return Rule("alarms", facts.name, None, most, None, "", Result.MISSING, text)
+    return Rule("alarms", facts.name, None, most, count, "", Result.PASS, f"{count} counted; {most} allowed.")
+
+
+def used_ports(facts: StationFacts, evidence: Evidence) -> list[int]:
+    """The station's ports, without those that had no tool all along and so were never put to work."""
+    return [port for port in facts.ports if not never_had_a_tool(facts, port, evidence.port_ledger(facts.name, port))]
+
+
+NO_STATE_TOLD = "Every answer came without a digit behind its letter: it tells no state, and none is known."
+
+
+def tells(facts: StationFacts, signal: str) -> bool:
+    """Whether it is a station that tells this signal; where the record does not say which it tells, it does."""
+    return not facts.signals or signal in facts.signals
+
+
+def no_limit_applies(facts: StationFacts, acceptance: Acceptance) -> bool:
+    """Whether every limit that is stated is about something that the station does not tell."""
+    applies = {
+        "coverage_percent": True,
+        "longest_gap_s": True,
+        "idle_error_c": tells(facts, TEMPERATURE),
+        "idle_sd_c": tells(facts, TEMPERATURE),
+        "alarms_max": tells(facts, "alarm_high"),
+        "verification_days": tells(facts, TEMPERATURE),
+        "recovery_p95_s": has_tip(facts),
+        "recovered_before_next_percent": has_tip(facts),
+        "joints_against_counter_percent": has_feeder(facts),
+        "reached_within_c": tells(facts, TEMPERATURE),
+        "at_work_percent": tells(facts, TEMPERATURE),
+    }
+    return not any(applies[name] for name in LIMIT_NAMES if getattr(acceptance, name) is not None)
+
+
+def has_tip(facts: StationFacts) -> bool:
+    """Whether joints show in what it tells: in temperature and power of a tip, which hot air and OMEGA do not have."""
+    return facts.family not in WITHOUT_TIP
+
+
+def has_feeder(facts: StationFacts) -> bool:
+    """Whether it counts what it feeds."""
+    return facts.family in WITH_FEEDER
+
+
+def not_applicable(name: str, station: str, port: int | None, limit: float, unit: str, what: str) -> Rule:
+    """A limit about something that the station does not tell."""
+    text = f"It tells no {what}; the limit is not about it."
+    return Rule(name, station, port, limit, None, unit, Result.NOT_APPLICABLE, text)
+
+
+def never_had_a_tool(facts: StationFacts, port: int, ledger: PortLedger) -> bool:
+    """Whether every reading that a tool is needed for says that there was none."""
+    temperature = ledger.get("temperature_c", {})
+    return port not in facts.touched and not temperature.get("ok") and bool(temperature.get("no_tool"))
+
+
+def port_rules(
+    facts: StationFacts, port: int, acceptance: Acceptance, ledger: PortLedger, measure: PortMeasure | None, by: int
+) -> Iterator[Rule]:
+    """The rules that hold for one port, in the order in which they are read."""
+    station = facts.name
+    if acceptance.coverage_percent is not None:
+        rule = coverage_rule(facts, port, acceptance.coverage_percent, ledger, measure)
+        yield rule if by == 1 else _without_host(rule, facts, ledger)
+    if acceptance.longest_gap_s is not None:
+        seen = None if measure is None else measure.gap_s
+        without = f"without a {'temperature' if tells(facts, TEMPERATURE) else 'reading'} at the longest"
+        rule = _at_most("longest_gap", station, port, acceptance.longest_gap_s, seen, "s", without)
+        if seen is None and _any_says_no_state(facts, ledger):
+            rule = replace(rule, text=NO_STATE_TOLD)
+        yield rule if by == 1 else _gap_without_host(rule, measure)
+    yield from idle_rules(facts, port, acceptance, measure, by)
+
+
+def heat_rules(
+    facts: StationFacts, port: int, acceptance: Acceptance, evidence: Evidence, measure: PortMeasure | None, *, is_ordered: bool
+) -> Iterator[Rule]:
+    """Whether the tool came to the temperature that the recipe sets; asked where it sets one, or names such a limit."""
+    asks, percent = evidence.asks.get(facts.name, Asks()), acceptance.at_work_percent
+    if port not in asks.heated and all(getattr(acceptance, name) is None for name in REACHED_LIMITS):
+        return
+    limit = AT_WORK_PERCENT if percent is None else percent
+    if not tells(facts, TEMPERATURE):
+        yield not_applicable(REACHED, facts.name, port, limit, "%", "temperature")
+        return
+    within = WITHIN_C if acceptance.reached_within_c is None else acceptance.reached_within_c
+    told = is_ordered and asks.status in ORDERS_WORK
+    yield reached_rule(facts.name, port, Limit(within, limit, told), asks, None if measure is None else measure.heat)
+
+
+def bare_rule(facts: StationFacts, acceptance: Acceptance) -> Iterator[Rule]:
+    """Says that a station's figures are judged without their bounds, where its recipe asks for that."""
+    if is_bare(acceptance) and any(getattr(acceptance, name) is not None for name in ESTIMATED_LIMITS):
+        yield Rule(CONFIDENCE, facts.name, None, BARE, None, "", Result.NOT_APPLICABLE, JUDGED_BARE)
+
+
+def idle_rules(facts: StationFacts, port: int, acceptance: Acceptance, measure: PortMeasure | None, by: int) -> Iterator[Rule]:
+    """How well the idle tip holds its setting."""
+    station, (mean_bound, sd_bound) = facts.name, _bounds(measure, by)
+    if by >= BOUNDS_HOLD and tells(facts, TEMPERATURE) and (measure is None or measure.idle.mean_c is None):
+        for name, limit in (("idle_error", acceptance.idle_error_c), ("idle_sd", acceptance.idle_sd_c)):
+            if limit is not None:
+                yield Rule(name, station, port, limit, None, "°C", Result.MISSING, NOT_IDLE)
+        return
+    if not tells(facts, TEMPERATURE):
+        for name, limit in (("idle_error", acceptance.idle_error_c), ("idle_sd", acceptance.idle_sd_c)):
+            if limit is not None:
+                yield not_applicable(name, station, port, limit, "°C", "temperature")
+        return
+    if acceptance.idle_error_c is not None:
+        mean = None if measure is None else measure.idle.mean_c
+        rule = idle_error_rule(station, port, acceptance.idle_error_c, mean)
+        yield bounded(rule, mean_bound, bare=is_bare(acceptance))
+    if acceptance.idle_sd_c is not None:
+        spread = None if measure is None else measure.idle.sd_c
+        rule = _at_most("idle_sd", station, port, acceptance.idle_sd_c, spread, "°C", "of standard deviation while idle")
+        yield bounded(rule, sd_bound, bare=is_bare(acceptance))
+
+
+def _bounds(measure: PortMeasure | None, by: int) -> tuple[Bound | str | None, Bound | str | None]:
+    """The bounds of the idle error and of its spread; a sentence why there is none, or by rules that ask for none None."""
+    if measure is None:
+        return None, None
+    if by < BOUNDS_HOLD:
+        return measure.idle.bounds or (None, None)
+    found = measure.idle.known()
+    return (found, found) if isinstance(found, str) else (found.mean, found.sd)
+
+
+def bounded(rule: Rule, bound: Bound | str | None, *, bare: bool = False) -> Rule:
+    """The rule with the bound of its figure, or the sentence why it has none; the limit is kept when both keep it.
+
+    One that the figure keeps and the bound does not, or that has no bound, is not known to be kept; unless figures are judged
+    `bare`. None: rules that asked for no bound.
+    """
+    if bound is None or rule.result is Result.MISSING:
+        return rule
+    if isinstance(bound, str):
+        return rule if bare or rule.result is Result.FAIL else replace(rule, result=Result.MISSING, text=f"{rule.text} {bound}")
+    assert isinstance(rule.limit, int | float)
+    if bare or rule.result is Result.FAIL or bound.keeps(rule.limit):
+        return replace(rule, bound=bound)
+    text = f"{rule.text} The 95 % bound reaches {_shown(_furthest(bound))} {rule.unit}: too little was seen to be sure."
+    return replace(rule, bound=bound, result=Result.MISSING, text=text)
+
+
+def _furthest(bound: Bound) -> float:
+    return bound.high if bound.low is None else max(bound.low, bound.high, key=abs)
+
+
+def coverage_rule(facts: StationFacts, port: int, least: float, ledger: PortLedger, measure: PortMeasure | None) -> Rule:
+    """Readings of the temperature, or of the states, that are there, in per cent of those due; ledger and samples must agree."""
+    station, what = facts.name, _what_is_read(facts)
+    counts = [one for signal in judged_signals(facts) if not says_no_state(one := ledger.get(signal, {}))]
+    due, counted = (sum(one.get(word, 0) for one in counts) for word in ("due", "ok"))
+    there = 0 if measure is None else measure.readings
+    if not due:
+        why = f"No reading of {what} was ever due."
+        if _any_says_no_state(facts, ledger):
+            why = NO_STATE_TOLD
+        return Rule("coverage", station, port, least, None, "%", Result.MISSING, why)
+    if there != counted:
+        text = f"The ledger counts {counted} readings of {what}, the samples hold {there}."
+        return Rule("coverage", station, port, least, None, "%", Result.MISSING, text)
+    percent = 100 * there / due
+    result = Result.PASS if percent >= least else Result.FAIL
+    text = f"{there} of {due} readings of {what} are there, {_shown(_floor(percent))} %; {_shown(least)} % are asked."
+    return Rule("coverage", station, port, least, percent, "%", result, text)
+
+
+def _any_says_no_state(facts: StationFacts, ledger: PortLedger) -> bool:
+    return any(says_no_state(ledger.get(signal, {})) for signal in judged_signals(facts))
+
+
+def says_no_state(counts: Mapping[str, int]) -> bool:
+    """Whether a signal was answered and never told a state: an OMEGA that says a alone (003, 11.3.1). It is not judged."""
+    return bool(counts.get("no_digit")) and not counts.get("ok")
+
+
+def _without_host(rule: Rule, facts: StationFacts, ledger: PortLedger) -> Rule:
+    """The rule of coverage with the resolution of the run; what the computer skipped is missing evidence and breaks no limit."""
+    if not isinstance(rule.observed, float) or not isinstance(rule.limit, int | float):
+        return rule
+    counts = [one for signal in judged_signals(facts) if not says_no_state(one := ledger.get(signal, {}))]
+    due, there = (sum(one.get(word, 0) for one in counts) for word in ("due", "ok"))
+    skipped = sum(skipped_by_host(facts, one.get(SKIPPED, 0)) for one in counts)
+    allowed, few = allowed_misses(due, rule.limit), due < RESOLVES
+    if due - there <= (0 if few and rule.observed < rule.limit else allowed):
+        kept = "" if rule.observed >= rule.limit else f" One reading is {_shown(100 / due)} %, so that is kept."
+        return replace(rule, result=Result.PASS, text=f"{rule.text}{kept}")
+    told = f"{rule.text} The computer was busy and skipped {skipped} of them." if skipped else rule.text
+    if due - there - skipped > allowed:
+        return replace(rule, result=Result.FAIL, text=told)
+    if due - there <= allowed:
+        return replace(rule, result=Result.MISSING, text=f"{told} {due} readings are too few to tell.")
+    text = f"{told} What was not read then is not known; less work on the computer, or a lower rate, helps."
+    return replace(rule, result=Result.MISSING, text=text)
+
+
+def skipped_by_host(facts: StationFacts, skipped: int) -> int:
+    """How many of a signal's skipped readings the computer skipped; all of them where the record does not say."""
+    return skipped if facts.skipped_by_host is None else min(skipped, facts.skipped_by_host + facts.skipped)
+
+
+def _gap_without_host(rule: Rule, measure: PortMeasure | None) -> Rule:
+    """The rule of the longest gap; one that keeps its limit but for what the computer skipped is missing evidence."""
+    others = None if measure is None else measure.gap_of_others_s
+    if rule.result is not Result.FAIL or others is None or not isinstance(rule.limit, int | float) or others > rule.limit:
+        return rule
+    text = f"{rule.text} The computer was busy and skipped readings; without that it is {_shown(others)} s."
+    return replace(rule, result=Result.MISSING, text=text)
+
+
+def _what_is_read(facts: StationFacts) -> str:
+    if not tells(facts, TEMPERATURE):
+        return "its states"
+    return "the air" if "external_c" in facts.signals else "the tip"
+
+
+def idle_error_rule(station: str, port: int, most: float, mean: float | None) -> Rule:
+    """The mean distance of the idle tip from its setting, either way."""
+    if mean is None:
+        return _not_idle("idle_error", station, port, most)
+    result = Result.PASS if abs(mean) <= most else Result.FAIL
+    text = f"{round(mean, 1) + 0.0:+.1f} °C from the setting on average while idle; {_shown(most)} °C allowed either way."
+    return Rule("idle_error", station, port, most, mean, "°C", result, text)
+
+
+def _at_most(name: str, station: str, port: int, most: float, seen: float | None, unit: str, what: str) -> Rule:
+    if seen is None and name == "idle_sd":
+        return _not_idle(name, station, port, most)
+    if seen is None:
+        return Rule(name, station, port, most, None, unit, Result.MISSING, "Nothing was recorded at all.")
+    result = Result.PASS if seen <= most else Result.FAIL
+    return Rule(name, station, port, most, seen, unit, result, f"{_shown(seen)} {unit} {what}; {_shown(most)} {unit} allowed.")
+
+
+def _not_idle(name: str, station: str, port: int, most: float) -> Rule:
+    return Rule(name, station, port, most, None, "°C", Result.MISSING, NOT_SEEN_IDLE)

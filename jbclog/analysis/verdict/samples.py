@@ -1,0 +1,280 @@
+"""Measures each port of a run in one pass over its sealed samples, holding ten minutes of each port at most.
+
+Definitions. *Due*: the ticks at which the port's tip temperature was to be read, those that a stopped host
+skipped included (`ledger`). *Coverage*: readings that are there, in per cent of those due. *Longest gap*: the
+longest time without a temperature on the monotonic grid, missing ticks × period, beginning and end of the run
+included; *of others*: the same as if what the computer skipped had been read. With ``--rate max`` there is no grid: then it
+is the longest time between two temperatures, in UTC less the steps of the wall clock (`stepped`).
+Of a station that tells no temperature the same holds of all that it tells (`judged_signals`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from types import MappingProxyType
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+from numpy.typing import NDArray
+
+from jbclog.analysis.verdict.gaps import Gap
+from jbclog.analysis.verdict.idle import BLOCK_S, Block, Flags, Floats, IdleError, idle_readings
+from jbclog.analysis.verdict.reached import WITHIN_C, Heat
+from jbclog.analysis.verdict.stepped_clock import Step, Unstepped, steps_of
+from jbclog.analysis.verdict.versions import RULES
+from jbclog.core.foreign.tables import open_table
+from jbclog.core.rows import StationFacts
+
+TEMPERATURE = "temperature_c"
+COLUMNS = [
+    "time",
+    "tick",
+    "station",
+    "port",
+    "quality",
+    "temperature_c",
+    "power_permille",
+    "status",
+    "cooling",
+    "set_c",
+    "tool",
+    "port_error",
+]
+Counts = NDArray[np.int64]
+WORKING = ("working", "on")
+SKIPPED = "skipped"
+WITHOUT_TIP = ("jtse", "omega")  # families
+BATCH_ROWS = 16_384
+
+
+def judged_signals(facts: StationFacts) -> list[str]:
+    """The signals that coverage and gaps are about: the temperature, or where there is none all that the station tells."""
+    return [TEMPERATURE] if not facts.signals or TEMPERATURE in facts.signals else facts.signals
+
+
+@dataclass(slots=True)
+class PortMeasure:
+    """What the samples of one port show. `gap_s` is None while nothing was read at all."""
+
+    period_s: float | None
+    heat: Heat = field(default_factory=lambda: Heat(None))
+    rules: int = RULES
+    start_s: float | None = None
+    end_s: float | None = None
+    rows: int = 0
+    readings: int = 0  # of the signals that are judged
+    idle: IdleError = field(init=False)
+    host_skips: bool = False  # what the computer skipped is known, or may be among what was skipped
+    no_rows: bool = False  # ticks without rows are the computer's, too
+    _gap: Gap = field(default_factory=lambda: Gap(0.0))
+    _of_others: Gap = field(default_factory=lambda: Gap(0.0))
+    _block: int = 0
+    _held: list[Block] = field(default_factory=list)
+    unstepped: Unstepped = field(default_factory=lambda: Unstepped([]))
+
+    def __post_init__(self) -> None:
+        self.idle = IdleError(self.rules)
+
+    @property
+    def gap_s(self) -> float | None:
+        return self._gap.widest_s
+
+    @property
+    def gap_of_others_s(self) -> float | None:
+        return self._of_others.widest_s
+
+    def feed(self, rows: Block, read: Counts, marks: Marks) -> None:
+        """Take the next rows of this port, in the order of their ticks, and how many readings each has."""
+        if self.period_s is None:
+            rows = replace(rows, seconds=self.unstepped.of(rows.seconds))
+        if self.start_s is None:
+            self.start_s = float(rows.seconds[0]) - (self.period_s or 0.0)
+        for gap in (self._gap, self._of_others):
+            gap.period_s, gap.start_s = self.period_s or 0.0, self.start_s
+        self._gap.take(rows.seconds[read > 0])
+        self._of_others.take(self._but_for_the_host(rows.seconds, (read > 0) | (marks.skipped & self.host_skips)))
+        self.end_s = float(rows.seconds[-1])
+        self.rows += len(rows.seconds)
+        self.readings += int(read.sum())
+        self.heat.feed(replace(rows, working=marks.at_work), marks.status)
+        self._into_blocks(rows)
+
+    def _but_for_the_host(self, seconds: Floats, there: Flags) -> Floats:
+        """The moments of reading as if all ticks without a row had been run."""
+        if not self.no_rows or not self.period_s:
+            return seconds[there]
+        before = self.end_s if self.end_s is not None else (self.start_s or 0.0)
+        missing = np.rint(np.diff(np.append(before, seconds)) / self.period_s).astype(np.int64) - 1
+        places = np.flatnonzero(missing > 0)
+        run = [seconds[place] - np.arange(missing[place], 0, -1) * self.period_s for place in places]
+        return np.asarray(np.union1d(seconds[there], np.concatenate([*run, np.empty(0)])), dtype=np.float64)
+
+    def finish(self, last_due_s: float | None) -> None:
+        """No more rows: count the end up to the last due tick, and the block that is still open."""
+        self._close_block()
+        self.heat.finish(last_due_s)
+        end = max((moment for moment in (self.end_s, last_due_s) if moment is not None), default=None)
+        if end is not None:
+            self._gap.end(end)
+            self._of_others.end(self.end_s if self.no_rows and self.end_s is not None else end)
+
+    def _into_blocks(self, rows: Block) -> None:
+        numbers = np.floor_divide(rows.seconds + 1e-6, BLOCK_S).astype(np.int64)
+        for number in np.unique(numbers):
+            if int(number) != self._block:
+                self._close_block()
+                self._block = int(number)
+            self._held.append(rows.take(numbers == number))
+
+    def _close_block(self) -> None:
+        if self._held:
+            block = _joined(self._held)
+            step = self.period_s or _typical_step(block.seconds)
+            self.idle.add(*idle_readings(block, step, self.rules), step)
+            self._held.clear()
+
+
+def _joined(blocks: list[Block]) -> Block:
+    return Block(
+        np.concatenate([block.seconds for block in blocks]),
+        np.concatenate([block.temperature for block in blocks]),
+        np.concatenate([block.power for block in blocks]),
+        np.concatenate([block.setting for block in blocks]),
+        np.concatenate([block.working for block in blocks]),
+        np.concatenate([block.tool for block in blocks if block.tool is not None]),
+        np.concatenate([block.port_error for block in blocks if block.port_error is not None]),
+    )
+
+
+def _typical_step(seconds: Floats) -> float:
+    return float(np.median(np.diff(seconds))) if len(seconds) > 1 else 0.0
+
+
+Measures = dict[tuple[str, int], PortMeasure]
+
+
+def measure(
+    folder: Path,
+    stations: dict[str, StationFacts],
+    within_c: Mapping[str, float] = MappingProxyType({}),
+    rules: int = RULES,
+) -> Measures:
+    """Measure every port of `stations` from ``folder/samples``, by version `rules` of the rules.
+
+    A port without any row is not in the answer.
+
+    `within_c`: how near a station's tools have to come to their settings, where that is not the usual distance.
+    """
+    measures: Measures = {}
+    steps = [] if all(facts.period_s for facts in stations.values()) else steps_of(folder)
+    signals = {name: judged_signals(facts) for name, facts in stations.items()}
+    columns = [*COLUMNS, *sorted({name for names in signals.values() for name in names} - set(COLUMNS))]
+    for batch in _batches(folder, columns):
+        for station, port, rows, read, marks in _ports(batch, stations, signals):
+            if (station, port) not in measures:
+                measures[station, port] = _new(stations[station], steps, within_c.get(station, WITHIN_C), rules)
+            measures[station, port].feed(rows, read, marks)
+    for (station, _), port_measure in measures.items():
+        facts = stations[station]
+        last = None if facts.last_tick is None or not facts.period_s else facts.last_tick * facts.period_s
+        port_measure.finish(last)
+    return measures
+
+
+def _new(facts: StationFacts, steps: Sequence[Step], within_c: float, rules: int) -> PortMeasure:
+    heat = Heat(facts.period_s or None, within_c)
+    if not facts.period_s:
+        return PortMeasure(None, heat, rules, unstepped=Unstepped(steps))
+    start = None if facts.first_tick is None else (facts.first_tick - 1) * facts.period_s
+    skips = facts.skipped_by_host is None or facts.skipped_by_host > 0
+    return PortMeasure(facts.period_s, heat, rules, start, host_skips=skips, no_rows=facts.skipped > 0)
+
+
+def _batches(folder: Path, columns: list[str]) -> Iterator[pa.RecordBatch]:
+    for part in sorted((folder / "samples").glob("part-*.parquet")):
+        with open_table(part) as table:
+            yield from table.batches(BATCH_ROWS, columns)
+
+
+def _ports(
+    batch: pa.RecordBatch, stations: dict[str, StationFacts], signals: dict[str, list[str]]
+) -> Iterator[tuple[str, int, Block, Counts, Marks]]:
+    """The rows of each known station and port in the batch, kept in their order, and how many judged readings each has."""
+    names = batch.column("station").cast(pa.string()).dictionary_encode()
+    ports = batch.column("port").to_numpy(zero_copy_only=False).astype(np.int64)
+    keys = names.indices.to_numpy(zero_copy_only=False).astype(np.int64) * 16 + ports
+    order = np.argsort(keys, kind="stable")
+    columns = _columns(batch)
+    for rows in np.split(order, np.flatnonzero(np.diff(keys[order])) + 1):
+        if not len(rows):
+            continue
+        station = names.dictionary[int(keys[rows[0]]) // 16].as_py()
+        if station in stations:
+            there = sum((_is_there(batch, name)[rows] for name in signals[station]), np.zeros(len(rows), dtype=np.int64))
+            has_tip = stations[station].family not in WITHOUT_TIP
+            block = columns.block(rows, stations[station].period_s, has_tip=has_tip)
+            yield station, int(ports[rows[0]]), block, there, columns.marks(rows, has_tip=has_tip)
+
+
+@dataclass(frozen=True, slots=True)
+class Marks:
+    """Of each row, whether its tick was skipped, whether its status was read, and whether the tool was at work."""
+
+    skipped: Flags
+    status: Flags
+    at_work: Flags
+
+
+@dataclass(frozen=True, slots=True)
+class _Columns:
+    utc_s: Floats
+    tick: Floats
+    temperature: Floats
+    power: Floats
+    setting: Floats
+    working: NDArray[np.bool_]
+    tool: Floats
+    port_error: Floats
+    skipped: Flags
+    status: Flags
+    cooling: Flags  # of a tip: in its extractor
+
+    def marks(self, rows: NDArray[np.int64], *, has_tip: bool) -> Marks:
+        rests = self.cooling[rows] & has_tip  # hot air that cools has another status
+        return Marks(self.skipped[rows], self.status[rows], self.working[rows] & ~rests)
+
+    def block(self, rows: NDArray[np.int64], period_s: float | None, *, has_tip: bool) -> Block:
+        seconds = self.tick[rows] * period_s if period_s else self.utc_s[rows]
+        read = (self.temperature[rows], self.power[rows], self.setting[rows], self.working[rows])
+        return Block(seconds, *read, self.tool[rows], self.port_error[rows] if has_tip else np.full(len(rows), np.nan))
+
+
+def _columns(batch: pa.RecordBatch) -> _Columns:
+    status = batch.column("status").cast(pa.string())
+    working = pc.fill_null(pc.is_in(status, value_set=pa.array(WORKING)), False)
+    return _Columns(
+        batch.column("time").cast(pa.int64()).to_numpy(zero_copy_only=False).astype(np.float64) / 1e6,
+        _floats(batch, "tick"),
+        _floats(batch, "temperature_c"),
+        _floats(batch, "power_permille"),
+        _floats(batch, "set_c"),
+        working.to_numpy(zero_copy_only=False),
+        _floats(batch, "tool"),
+        _floats(batch, "port_error"),
+        pc.fill_null(pc.equal(batch.column("quality").cast(pa.string()), SKIPPED), False).to_numpy(zero_copy_only=False),
+        pc.is_valid(status).to_numpy(zero_copy_only=False),
+        pc.fill_null(batch.column("cooling"), False).to_numpy(zero_copy_only=False),
+    )
+
+
+def _is_there(batch: pa.RecordBatch, name: str) -> Counts:
+    """1 where the column has a value, 0 where it has none."""
+    return np.asarray(pc.is_valid(batch.column(name)).to_numpy(zero_copy_only=False), dtype=np.int64)
+
+
+def _floats(batch: pa.RecordBatch, name: str) -> Floats:
+    """The column with NaN for what was not read."""
+    return np.asarray(batch.column(name).cast(pa.float64()).to_numpy(zero_copy_only=False))

@@ -1,0 +1,129 @@
+"""The verdict: all rules together.
+
+One broken limit is REJECT. Without one, missing evidence is INCONCLUSIVE, which is never accepted. Without
+either, anything that was not as planned makes it ACCEPT WITH DEVIATIONS. A run whose recipes state no limit
+is NOT JUDGED.
+
+A limit is broken by the observed figure; it is kept by the figure and its 95 % bound, where there is one (`bound.py`). A figure
+that keeps it and a bound that does not are missing evidence.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+
+from jbclog.analysis.verdict.acceptance import Acceptance, asks_for_anything
+from jbclog.analysis.verdict.deviations import deviations, not_judged, unused_ports
+from jbclog.analysis.verdict.evidence import Evidence
+from jbclog.analysis.verdict.goal_rules import goal_rules
+from jbclog.analysis.verdict.joint_rules import joint_rules
+from jbclog.analysis.verdict.rule import Result, Rule
+from jbclog.analysis.verdict.rules import (
+    bare_rule,
+    heat_rules,
+    no_limit_applies,
+    port_rules,
+    record_rule,
+    station_rules,
+    tells,
+    used_ports,
+)
+from jbclog.analysis.verdict.samples import TEMPERATURE, Measures, measure
+from jbclog.analysis.verdict.tables import Event, Outcomes, read_adjustments, read_events, read_ordered, read_outcomes
+from jbclog.analysis.verdict.verified import verification_rule
+from jbclog.analysis.verdict.versions import RULES
+from jbclog.core.rows import StationFacts
+
+
+class Verdict(StrEnum):
+    ACCEPT = "ACCEPT"
+    WITH_DEVIATIONS = "ACCEPT WITH DEVIATIONS"
+    REJECT = "REJECT"
+    INCONCLUSIVE = "INCONCLUSIVE"
+    NOT_JUDGED = "NOT JUDGED"
+
+
+@dataclass(frozen=True, slots=True)
+class Judgement:
+    """A verdict and every rule that it rests on."""
+
+    verdict: Verdict
+    rules: tuple[Rule, ...]
+
+    def rules_as_dicts(self) -> list[dict[str, object]]:
+        """For `manifest.verdict_rules`."""
+        return [rule.as_dict() for rule in self.rules]
+
+
+def judge(evidence: Evidence, acceptance: Mapping[str, Acceptance | None], by: int = RULES) -> Judgement:
+    """Judge a sealed run by version `by` of the rules (`versions`).
+
+    `acceptance` maps each station to its recipe's limits, None where it states none.
+    """
+    limits = {name: asked for name, asked in acceptance.items() if asked is not None and asks_for_anything(asked)}
+    if not limits:
+        return Judgement(Verdict.NOT_JUDGED, ())
+    rules = tuple(_all_rules(evidence, limits, by))
+    return Judgement(verdict_of(rules), rules)
+
+
+def verdict_of(rules: Sequence[Rule]) -> Verdict:
+    """The verdict that a list of rules comes to; no rule at all is no evidence."""
+    results = {rule.result for rule in rules}
+    if Result.FAIL in results:
+        return Verdict.REJECT
+    if Result.MISSING in results or Result.PASS not in results:
+        return Verdict.INCONCLUSIVE
+    return Verdict.WITH_DEVIATIONS if Result.DEVIATION in results else Verdict.ACCEPT
+
+
+def _all_rules(evidence: Evidence, limits: Mapping[str, Acceptance], by: int) -> Iterator[Rule]:
+    judged = [facts for facts in evidence.stations if facts.name in limits]
+    within = {name: one.reached_within_c for name, one in limits.items() if one.reached_within_c is not None}
+    measures = measure(evidence.folder, {facts.name: facts for facts in judged}, within, by)
+    events, outcomes = read_events(evidence.folder), read_outcomes(evidence.folder, counts_lacking=evidence.counts_lacking)
+    yield record_rule(evidence)
+    yield from goal_rules(evidence)
+    yield from (_no_facts(name) for name in limits if name not in {facts.name for facts in judged})
+    for facts in judged:
+        own = [event for event in events if event.station == facts.name]
+        yield from _station(facts, limits[facts.name], evidence, own, outcomes.get(facts.name, Outcomes()), measures, by)
+    yield from (not_judged(facts) for facts in evidence.stations if facts.name not in limits)
+    yield from deviations([event for event in events if event.station is None or event.station in limits])
+
+
+def _station(
+    facts: StationFacts,
+    acceptance: Acceptance,
+    evidence: Evidence,
+    events: Sequence[Event],
+    outcomes: Outcomes,
+    measures: Measures,
+    by: int,
+) -> Iterator[Rule]:
+    yield from station_rules(facts, acceptance, evidence, events, outcomes)
+    if facts.outcome == "left_out":
+        return
+    yield from bare_rule(facts, acceptance)
+    ports = used_ports(facts, evidence)
+    if not ports:
+        yield Rule("ports", facts.name, None, "one at least", 0, "", Result.MISSING, "None of its ports was recorded with a tool.")
+    ordered = read_ordered(evidence.folder)
+    for port in ports:
+        seen = measures.get((facts.name, port))
+        yield from port_rules(facts, port, acceptance, evidence.port_ledger(facts.name, port), seen, by)
+        if by > 1:
+            yield from heat_rules(facts, port, acceptance, evidence, seen, is_ordered=(facts.name, port) in ordered)
+        if acceptance.verification_days is not None and tells(facts, TEMPERATURE):
+            adjusted = read_adjustments(evidence.folder).get((facts.name, port))
+            yield verification_rule(facts, port, acceptance.verification_days, evidence, adjusted)
+        yield from joint_rules(facts, port, acceptance, evidence)
+    if no_limit_applies(facts, acceptance):
+        yield not_judged(facts, "None of its recipe's limits is about what it tells; it is recorded and not judged.")
+    yield from unused_ports(facts, evidence)
+
+
+def _no_facts(station: str) -> Rule:
+    return Rule("station", station, None, "completed", None, "", Result.MISSING, "The record knows nothing of this station.")

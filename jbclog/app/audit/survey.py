@@ -1,0 +1,163 @@
+"""Looks at all stations of some lines, eight wires at a time: who asks, who waits, and whom the run asks already.
+
+::
+
+    Wanted -> a run has its port? -> recorded.observed_in
+                       no         -> open_port, questions only -> drive.blocking pulls asking.look
+
+What shares a port (stations with addresses behind one wire) is asked one after the other. A run that begins meanwhile either
+finds the port in use, or has it, and then its record is read.
+"""
+
+from __future__ import annotations
+
+import queue
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
+from datetime import UTC, datetime
+from pathlib import Path
+from threading import Event
+from typing import Final
+
+from jbclog.app import connection
+from jbclog.app.audit.harmless import harmless_for
+from jbclog.app.audit.questions import Wanted, look
+from jbclog.core.errors import LinkError, PortBusy, StartRefused, StationError
+from jbclog.core.io_requests import Heard, RunEnded, Steps, Wish, relay
+from jbclog.core.same_port import PortPlace, place_of
+from jbclog.maintenance.counter_totals.observed import Observation
+from jbclog.record.port_owner import run_of, run_that_holds
+from jbclog.transport import blocking
+from jbclog.transport.blocking import Port
+from jbclog.transport.holder import in_words_all, sharers_of
+from jbclog.transport.read_only import ReadOnly
+
+AT_ONCE: Final = 8
+
+Told = Callable[[Observation], object]
+
+
+class Looking:
+    """One audit's looks. `stop` ends it within one answer's time; what was seen until then has been told."""
+
+    def __init__(self, at_once: int = AT_ONCE) -> None:
+        self._at_once = at_once
+        self._stop = Event()
+        self._done: queue.SimpleQueue[Observation | None] = queue.SimpleQueue()
+
+    def stop(self) -> None:
+        """To be called from anywhere, a signal included."""
+        self._stop.set()
+
+    @property
+    def is_stopped(self) -> bool:
+        return self._stop.is_set()
+
+    def all(self, wanted: Sequence[Wanted], told: Told) -> None:
+        """Look at each; `told` is called in this thread with each observation as it comes."""
+        wires = _by_wire(wanted)
+        with ThreadPoolExecutor(max_workers=max(1, min(len(wires), self._at_once)), thread_name_prefix="audit") as pool:
+            for wire in wires:
+                pool.submit(self._wire, wire)
+            left = len(wires)
+            try:
+                while left:
+                    done = self._done.get()
+                    if done is None:
+                        left -= 1
+                    else:
+                        told(done)
+            except BaseException:
+                self.stop()
+                raise
+
+    def _wire(self, wire: Sequence[Wanted]) -> None:
+        try:
+            for wanted in wire:
+                if self.is_stopped:
+                    break
+                with suppress(RunEnded):
+                    self._done.put(self._surely(wanted))
+        finally:
+            self._done.put(None)
+
+    def _surely(self, wanted: Wanted) -> Observation:
+        """Whatever goes wrong with one station, the others are read."""
+        try:
+            return self._look(wanted)
+        except RunEnded:
+            raise
+        except Exception as error:
+            return wanted.unseen(_text(_now()), f"internal error, {type(error).__name__}: {error} (please report it)")
+
+    def _look(self, wanted: Wanted) -> Observation:
+        run = run_that_holds(wanted.target.url)
+        if run is not None:
+            return _in_run(run, wanted)
+        try:
+            seen = self._ask(wanted)
+        except PortBusy as busy:
+            run = _run_with(busy.process) or run_that_holds(wanted.target.url)
+            return wanted.unseen(_text(_now()), str(busy)) if run is None else _in_run(run, wanted)
+        except (StartRefused, LinkError, StationError) as error:
+            return wanted.unseen(_text(_now()), str(error))
+        if "://" not in wanted.target.url:
+            return seen  # the lock has kept runs out
+        run = run_that_holds(wanted.target.url)  # behind a server of ports that takes two clients it may have begun meanwhile
+        return seen if run is None else _in_run(run, wanted)
+
+    def _ask(self, wanted: Wanted) -> Observation:
+        steps = relay(look(wanted, utc_of), self._unless_stopped)
+        return blocking.run(steps, lambda: _open(wanted), sleep=connection.means.sleep, clock=connection.means.clock)
+
+    def _unless_stopped(self, wish: Wish) -> Steps[Heard]:
+        if self.is_stopped:
+            raise RunEnded("the audit was stopped")
+        return (yield wish)
+
+
+def _by_wire(wanted: Sequence[Wanted]) -> list[list[Wanted]]:
+    """Those behind one port together, in their order."""
+    wires: list[tuple[PortPlace, list[Wanted]]] = []
+    for one in wanted:
+        place = place_of(one.target.url)
+        found = next((wire for known, wire in wires if known.is_at(place)), None)
+        if found is None:
+            wires.append((place, [one]))
+        else:
+            found.append(one)
+    return [wire for _, wire in wires]
+
+
+def _open(wanted: Wanted) -> Port:
+    """The port, for questions only. One that another program reads, too, is left alone: it would lose its answers."""
+    target = wanted.target
+    sharers = sharers_of(target.url)
+    if sharers:
+        raise PortBusy(f"{target.url} is open in {in_words_all(sharers)}; end that first", sharers[0])
+    return ReadOnly(connection.means.open_port(target.url, target.line), harmless_for(target.family))
+
+
+def _in_run(run: Path, wanted: Wanted) -> Observation:
+    from jbclog.app.audit.recorded_counters import observed_in  # what reads a record is loaded only where there is one
+
+    return observed_in(run, wanted, _now())
+
+
+def _run_with(process: int | None) -> Path | None:
+    return None if process is None else run_of(process)
+
+
+def _now() -> datetime:
+    return datetime.fromtimestamp(connection.means.clock.utc(), UTC)
+
+
+def utc_of(moment: float) -> str:
+    """A monotonic moment of this process as UTC."""
+    clock = connection.means.clock
+    return _text(datetime.fromtimestamp(clock.utc() - clock.monotonic() + moment, UTC))
+
+
+def _text(moment: datetime) -> str:
+    return moment.isoformat(timespec="milliseconds")

@@ -1,0 +1,181 @@
+"""The papers of one attempt at a job: what it is to do, and what it tells while it goes on. They outlive whoever started it.
+
+The lock is held by the process of the job for as long as it lives, and taken for it by who starts it, before there is a process:
+so nobody can start it twice, and one that still runs is known by anybody at any time.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import json
+import os
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Final, cast
+
+from jbclog.core.durable_files import write_whole
+from jbclog.core.file_lock import is_locked
+from jbclog.core.foreign.files import Kind, open_foreign, read_foreign
+from jbclog.core.foreign.from_json import Misfit, build
+from jbclog.core.foreign.numbers import json_of, read_json
+from jbclog.core.rows import EventRow, Severity
+
+JOB: Final = "job.json"
+LOCK: Final = "lock"
+RUN: Final = "run.json"
+NOW: Final = "now.json"
+SAID: Final = "said.json"
+EVENTS: Final = "events.jsonl"
+NOTES: Final = "notes.txt"
+
+
+@dataclass(frozen=True, slots=True)
+class PortNow:
+    """A port as it was last read. None: not known now."""
+
+    station: str
+    port: int
+    temperature_c: float | None = None
+    set_c: float | None = None
+    status: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Now:
+    """How a job stands, told each second. `away` are stations that are not connected; `units` have been finished so far."""
+
+    passed_s: float = 0.0
+    doing: str = "starting"
+    alarms: int = 0
+    ports: list[PortNow] = field(default_factory=list)
+    away: list[str] = field(default_factory=list)
+    units: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Said:
+    """The last words of a job: its exit code, and the sentences behind it, the gravest first."""
+
+    exit_code: int
+    verdict: str | None = None
+    findings: list[str] = field(default_factory=list)
+    run: str | None = None
+
+
+class Papers:
+    """The folder of one attempt."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+
+    # -- who starts it ------------------------------------------------------------------------------------------------------
+
+    def make(self, job: bytes) -> int:
+        """Make the folder with what the job is to do; give its lock, taken. Raises OSError."""
+        self.folder.mkdir(parents=True, exist_ok=True)
+        write_whole(self.folder / JOB, job)
+        descriptor = os.open(self.folder / LOCK, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o644)
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            os.close(descriptor)
+            raise
+        return descriptor
+
+    def is_held(self) -> bool:
+        """Whether the job's process lives."""
+        return is_locked(self.folder / LOCK)
+
+    def process(self) -> int | None:
+        """The job's process, as it says itself; None where it has not come to saying so."""
+        with contextlib.suppress(OSError, ValueError):
+            return int(read_foreign(self.folder / LOCK, Kind.LOCK))
+        return None
+
+    # -- the job itself -----------------------------------------------------------------------------------------------------
+
+    def job(self) -> bytes:
+        """What it is to do. Raises OSError."""
+        return read_foreign(self.folder / JOB, Kind.JOB)
+
+    @staticmethod
+    def sign(descriptor: int) -> None:
+        """Say in the lock which process holds it."""
+        os.pwrite(descriptor, str(os.getpid()).encode(), 0)
+
+    def begun(self, run: Path) -> None:
+        """Its run has a folder; nothing was asked of any station yet. Raises OSError."""
+        write_whole(self.folder / RUN, json.dumps({"run": str(run.absolute())}).encode())
+
+    def tell(self, now: Now) -> None:
+        """How it stands. Not synced: it is worth nothing after a power cut. Raises OSError."""
+        aside = self.folder / f".{NOW}"
+        aside.write_text(json.dumps(asdict(now)), encoding="utf-8")
+        aside.replace(self.folder / NOW)
+
+    def happened(self, event: EventRow) -> None:
+        """An event of its run, for who looks on; the record has it. Raises OSError."""
+        with (self.folder / EVENTS).open("a", encoding="utf-8") as file:
+            file.write(json.dumps(event) + "\n")
+
+    def last_words(self, said: Said) -> None:
+        """What came of it. Raises OSError."""
+        write_whole(self.folder / SAID, json.dumps(asdict(said)).encode())
+
+    # -- who looks on -------------------------------------------------------------------------------------------------------
+
+    def run(self) -> Path | None:
+        """The folder of its run; None where it had not come to that."""
+        found = self._read(RUN)
+        return Path(str(found["run"])) if isinstance(found, dict) and "run" in found else None
+
+    def now(self) -> Now:
+        """How it stood at last."""
+        with contextlib.suppress(Misfit):
+            return cast(Now, build(Now, self._read(NOW)))
+        return Now()
+
+    def said(self) -> Said | None:
+        """Its last words; None where it had none."""
+        with contextlib.suppress(Misfit):
+            return cast(Said, build(Said, self._read(SAID)))
+        return None
+
+    def ended_at(self) -> float | None:
+        """When it said its last words, seconds since 1970; None where it did not."""
+        with contextlib.suppress(OSError):
+            return (self.folder / SAID).stat().st_mtime
+        return None
+
+    def events(self, since: int) -> tuple[list[EventRow], int]:
+        """The events that were told from the byte `since` on, and where the next ones begin."""
+        try:
+            with open_foreign(self.folder / EVENTS, Kind.JOURNAL) as file:
+                file.seek(since)
+                data = file.read()
+        except OSError:
+            return [], since
+        whole = data[: data.rfind(b"\n") + 1]
+        found = [event for line in whole.splitlines() if (event := _event(line)) is not None]
+        return found, since + len(whole)
+
+    def last_note(self) -> str:
+        """The last line that the process left behind: why it died, where it says so."""
+        with contextlib.suppress(OSError):
+            lines = read_foreign(self.folder / NOTES, Kind.JOB).decode(errors="replace").strip().splitlines()
+            return lines[-1].strip() if lines else ""
+        return ""
+
+    def _read(self, name: str) -> object:
+        with contextlib.suppress(OSError, ValueError, RecursionError):
+            data: object = read_json(self.folder / name, Kind.JOB)
+            return data
+        return None
+
+
+def _event(line: bytes) -> EventRow | None:
+    with contextlib.suppress(ValueError, TypeError, RecursionError):
+        event = EventRow(*json_of(line))
+        return event._replace(severity=Severity(event.severity))
+    return None

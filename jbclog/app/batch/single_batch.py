@@ -1,0 +1,62 @@
+"""One foreman for a jobs file, and never a second: locks of the system, which end with their holder."""
+
+from __future__ import annotations
+
+import errno
+import fcntl
+import json
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Final
+
+from jbclog.core.durable_files import sync_folder
+from jbclog.core.errors import RecordError, UsageError
+from jbclog.core.foreign.files import Kind, open_foreign
+from jbclog.core.foreign.numbers import read_json
+
+LOCK: Final = "lock"
+WIDTH: Final = 200
+TAKEN: Final = (errno.EWOULDBLOCK, errno.EACCES)
+
+
+@contextmanager
+def hold(home: Path, jobs_file: Path, since: str) -> Iterator[None]:
+    """Hold the batches in `home`, made where it is not there, and their jobs file.
+
+    Raises `UsageError` that says who holds them, `RecordError` where the disk takes no folder.
+    """
+    try:
+        if not home.is_dir():
+            home.mkdir(parents=True)
+            sync_folder(home.absolute().parent)
+        descriptor = os.open(home / LOCK, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o644)
+    except OSError as error:
+        raise RecordError(f"{home} cannot hold the batch's journal: {error.strerror or error}; nothing was started") from error
+    try:
+        if not _lock(descriptor):
+            raise UsageError(f"{jobs_file}: {_holder(home)}; nothing was started. It shows how the batch stands; end it there")
+        with open_foreign(jobs_file, Kind.SETTINGS, links=True) as file:
+            if not _lock(file.fileno()):
+                raise UsageError(f"{jobs_file}: another batch of it goes on, with another --out; nothing was started")
+            os.pwrite(descriptor, json.dumps({"pid": os.getpid(), "since": since}).ljust(WIDTH).encode(), 0)
+            yield
+    finally:
+        os.close(descriptor)
+
+
+def _lock(descriptor: int) -> bool:
+    """Whether it could be had; where a disk knows no locks there is none to be had, and nobody who has it."""
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError as error:
+        return error.errno not in TAKEN
+    return True
+
+
+def _holder(home: Path) -> str:
+    with suppress(OSError, ValueError, KeyError, TypeError):
+        said = read_json(home / LOCK, Kind.LOCK)
+        return f"process {said['pid']} is carrying it out since {said['since']}"
+    return "another process is carrying it out"

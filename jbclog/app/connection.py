@@ -1,0 +1,140 @@
+"""From a line file and a station's name to a conversation with that station, outside of any run: another composition root.
+
+::
+
+    load_line -> Target -> opener (no run holds it; read-only unless told) -> drive.blocking pulls the steps
+"""
+
+from __future__ import annotations
+
+import difflib
+import json
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import asdict, dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Final, TypeVar
+
+from jbclog import __version__
+from jbclog.config.line import Line, load_line
+from jbclog.core.clock import Clock, SystemClock
+from jbclog.core.durable_files import write_new
+from jbclog.core.errors import PortBusy, RecordError, UsageError
+from jbclog.core.io_requests import Steps
+from jbclog.core.line_format import LineFormat
+from jbclog.protocol import frame, omega
+from jbclog.protocol.commands.family import FAMILIES, OMEGA, Family
+from jbclog.record.port_owner import run_of, run_that_holds
+from jbclog.session.manual.contact import Target
+from jbclog.session.manual.snapshot import Snapshot
+from jbclog.transport import blocking
+from jbclog.transport.opening import open_port
+from jbclog.transport.port import Port
+from jbclog.transport.read_only import OnlyReads, ReadOnly
+
+T = TypeVar("T")
+NUMBERS: Final = ("", *(f"-{number}" for number in range(2, 100)))  # behind the names of snapshots of one second
+
+
+@dataclass(frozen=True, slots=True)
+class Means:
+    """How ports are opened and time passes; tests have their own."""
+
+    open_port: Callable[[str, LineFormat], Port]
+    sleep: Callable[[float], None]
+    clock: Clock
+
+
+SYSTEM: Final = Means(open_port, time.sleep, SystemClock())
+means = SYSTEM
+
+
+def target_in(path: Path, name: str) -> Target:
+    """The station of that name in the line file at `path`. Raises `Problems`, or `UsageError` with the names there are."""
+    return target_of(load_line(path), name)
+
+
+def target_of(line: Line, name: str) -> Target:
+    """The station of that name. Raises `UsageError` with the names there are."""
+    found = next((station for station in line.stations if station.name == name), None)
+    if found is None:
+        names = [station.name for station in line.stations]
+        near = difflib.get_close_matches(name[:64], names, n=1)
+        meant = f"did you mean {near[0]}? It has" if near else "it has"
+        raise UsageError(f"{line.path} has no station {name!r}; {meant} {', '.join(names)}")
+    family = FAMILIES.get(found.family)
+    return Target(found.name, found.url, family, found.line_format, found.address, found.ports, found.model)
+
+
+def ask(target: Target, steps: Steps[T], *, may_write: bool = False) -> T:
+    """Pull `steps` on the target's port to their end. The port lets nothing but questions through, unless `may_write`.
+
+    Raises `PortBusy` naming the run, where one holds the port, and whatever the steps raise.
+    """
+    _refuse_during_run(target)
+    only_reads = None if may_write else only_reads_for(target.family)
+    return blocking.run(steps, lambda: _open(target, only_reads), sleep=means.sleep, clock=means.clock)
+
+
+def utc_of(moment: float) -> str:
+    """A monotonic moment of this process as UTC: ``2026-11-21T01:30:00.000000Z``."""
+    found = datetime.fromtimestamp(means.clock.utc() - means.clock.monotonic() + moment, UTC)
+    return found.strftime("%Y-%m-%dT%H:%M:%S.%fZ")
+
+
+def keep_snapshot(snapshot: Snapshot, before: str, path: Path | None) -> Path:
+    """Put a snapshot at `path`, or in this folder under its station and the time, and see that it lasts; give where it is.
+
+    Nothing is ever written over. Raises `RecordError`.
+    """
+    time = utc_of(means.clock.monotonic())
+    stamp = time.partition(".")[0].replace("-", "").replace(":", "")
+    name = f"{snapshot.station}-settings-{stamp}Z"
+    facts = {"time": time, "before": before, "jbclog": __version__, **asdict(snapshot)}
+    kept = (json.dumps(facts, indent=1, ensure_ascii=False) + "\n").encode()
+    try:
+        return _put(kept, [path] if path is not None else [Path(f"{name}{number}.json") for number in NUMBERS])
+    except OSError as error:
+        where = path or f"{name}.json"
+        raise RecordError(f"{where}: the snapshot cannot be kept there: {error.strerror or error}; nothing was written") from error
+
+
+def _put(kept: bytes, free: list[Path]) -> Path:
+    """Put `kept` at the first of these paths where there is nothing yet. Raises OSError."""
+    *others, last = free
+    for path in others:
+        with suppress(FileExistsError):
+            write_new(path, kept)
+            return path
+    write_new(last, kept)
+    return last
+
+
+def only_reads_for(family: Family | None) -> OnlyReads:
+    """What is a question in the protocol of `family`; None is a family still to be learnt, which is asked in JBC's."""
+    return omega.only_reads if family is not None and family.protocol == OMEGA else frame.only_reads
+
+
+def _open(target: Target, only_reads: OnlyReads | None) -> Port:
+    try:
+        port = means.open_port(target.url, target.line)
+    except PortBusy as busy:
+        run = run_of(busy.process) if busy.process is not None else None
+        if run is None:
+            raise
+        raise _held(target, run) from busy
+    return port if only_reads is None else ReadOnly(port, only_reads)
+
+
+def _refuse_during_run(target: Target) -> None:
+    """A run holds its stations also while a cable is out, and behind servers that would take a second client."""
+    run = run_that_holds(target.url)
+    if run is not None:
+        raise _held(target, run)
+
+
+def _held(target: Target, run: Path) -> PortBusy:
+    folder = run.relative_to(Path.cwd()) if run.is_relative_to(Path.cwd()) else run
+    return PortBusy(f"{target.name}: the run {folder} holds this station; nothing was sent. End that run, or wait for its end")

@@ -1,0 +1,412 @@
+"""From files and options to what each station is to do: the composition root of a run.
+
+`make_plan` reads the line file and the recipes, checks everything that can be known without sending a byte, and says
+all that is wrong at once. `orders` turns a plan into what `session` is told.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from jbclog.config.line import IS_A_RECIPE, Line, Replay, StationSpec, load_line
+from jbclog.config.load_recipe import IS_A_LINE, load_recipe
+from jbclog.config.port_url import is_served_here
+from jbclog.config.recipe import Recipe
+from jbclog.config.recipe_checks import long_feed
+from jbclog.config.recipe_settings import Setting, condition_of, foreign_keys, settings_for, station_settings_for
+from jbclog.core.errors import Problem, Problems, UsageError
+from jbclog.core.rows import JOINTS, UNITS, Goal
+from jbclog.protocol.commands.family import FAMILIES, Family
+from jbclog.protocol.commands.omega_values import ConditionRecord
+from jbclog.protocol.commands.ranges import inferred_note, unit_note
+from jbclog.session.run.context import AS_FAST_AS_POSSIBLE, Order
+from jbclog.session.run.pace import asked_rate, rate_problem, readings_for, response, taken_rate_hz
+from jbclog.session.scheduler import Demand
+
+WORK = ("working", "on")  # statuses that heat
+PORTS = (1, 2, 3, 4)  # that any station can have
+ANSWERING_PORTS = (1,)  # what is reckoned with where only the station knows its ports
+NOT_BESIDE_REPLAY = (
+    "may be a real station, which must not be asked at the pace of [replay]: only `jbclog replay` writes that table, with urls "
+    "below the file's own folder or on this machine; take it out"
+)
+PSEUDO_TERMINALS = ("/dev/pts/", "/dev/ttys")
+
+
+@dataclass(frozen=True, slots=True)
+class Metadata:
+    """What the people who start a run say of it."""
+
+    operator: str | None = None
+    order: str | None = None
+    product: str | None = None
+    units: tuple[str, ...] = ()
+    tags: dict[str, str] = field(default_factory=dict)
+    wire_lots: tuple[str, ...] = ()
+    flux_lots: tuple[str, ...] = ()
+    tips: tuple[str, ...] = ()
+    reads_units: bool = False  # serials of units are read while the run goes on
+
+    def missing(self, required: Sequence[str]) -> list[str]:
+        """Which of the recipe's required names were not given, as options of the command line."""
+        given: dict[str, object] = {"operator": self.operator, "order": self.order, "product": self.product}
+        given |= {"unit": self.units or self.reads_units, "tip": self.tips}
+        given |= {"wire_lot": self.wire_lots, "flux_lot": self.flux_lots}
+        told = {**given, **{f"tag.{name}": value for name, value in self.tags.items()}}
+        return [_option(name) for name in required if not told.get(name)]
+
+
+def _option(name: str) -> str:
+    return f"--tag {name.removeprefix('tag.')}=…" if name.startswith("tag.") else f"--{name.replace('_', '-')} …"
+
+
+@dataclass(frozen=True, slots=True)
+class Wanted:
+    """What was asked for on the command line. `rate` is Hz, ``auto``, ``fit``, ``max``, or None for the recipe's.
+
+    `metadata` is None where nobody was asked yet, as in a dry run. `wire`: what passes over the wires is kept, too.
+    `allow_missing`: stations that do not start are left out. `guard`: a guard makes the tools safe if the recorder dies.
+    The run ends with so many finished units, with so many joints of all its
+    stations together, or after `duration_s`, whichever comes first; without any of them when it is told to.
+    """
+
+    line: Path
+    recipe: Path | None = None
+    stations: tuple[str, ...] = ()
+    duration_s: float | None = None
+    rate: float | str | None = None
+    metadata: Metadata | None = field(default_factory=Metadata)
+    wire: bool = False
+    guard: bool = True
+    allow_omega_write: bool = False
+    allow_missing: bool = False
+    until_units: int | None = None
+    until_joints: int | None = None
+
+    def goals(self) -> list[Goal]:
+        """The numbers that the run is to end with."""
+        return [Goal(what, count) for what, count in ((UNITS, self.until_units), (JOINTS, self.until_joints)) if count is not None]
+
+    @property
+    def states_an_end(self) -> bool:
+        """Whether it ends by itself; one that does not is ended by Ctrl-C as it should be."""
+        return self.duration_s is not None or bool(self.goals())
+
+
+@dataclass(frozen=True, slots=True)
+class StationPlan:
+    """One station of a plan. `family` is None for "auto", `ports` those that are reckoned with."""
+
+    spec: StationSpec
+    family: Family | None
+    ports: tuple[int, ...]
+    recipe: Recipe
+    recipe_file: str
+    rate: float | str | None
+    demand: Demand | None
+
+    @property
+    def turnaround_s(self) -> float:
+        """What the line file says, or none (contract, "Line file")."""
+        return (self.spec.turnaround_ms or 0.0) / 1000
+
+    @property
+    def slowest_s(self) -> float | None:
+        """The longest turnaround that the family's manual prints, in seconds; None where it prints none."""
+        return None if self.family is None or self.family.turnaround_ms is None else self.family.turnaround_ms[1] / 1000
+
+    @property
+    def asked_rate(self) -> float | str:
+        """What is asked for, by `--rate` or the recipe: Hz, ``auto``, ``fit`` or ``max``."""
+        return asked_rate(self.rate, self.recipe, self.family)
+
+    @property
+    def rate_hz(self) -> float | None:
+        """The rate that comes of it with the turnaround that is assumed; 0.0 where none fits, None without pause or unknown."""
+        asked = self.asked_rate
+        if not isinstance(asked, str):
+            return asked
+        if asked == AS_FAST_AS_POSSIBLE or self.family is None or self.demand is None:
+            return None
+        assumed = response(self.family, self.turnaround_s, self.turnaround_s)
+        return taken_rate_hz(asked, self.recipe, self.family, self.demand, assumed)
+
+    def writes(self) -> list[Setting]:
+        """Every setting that the recipe asks of this station, in order; those that already hold will not be written."""
+        if self.family is None:
+            return []
+        found = station_settings_for(self.recipe, self.family)
+        for port in self.ports:
+            found += settings_for(self.recipe, self.family, port)
+        return found
+
+    def condition(self) -> ConditionRecord | None:
+        """The solder condition that the recipe asks of this station: read, compared, and written only with leave."""
+        return None if self.family is None else condition_of(self.recipe, self.family)
+
+    def skipped(self) -> list[str]:
+        """What of the recipe this station does not have."""
+        return [] if self.family is None else foreign_keys(self.recipe, self.family, self.spec.ports or self.family.ports)
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """What a run will do, before a byte is sent."""
+
+    line: Line
+    stations: tuple[StationPlan, ...]
+    wanted: Wanted
+
+    @property
+    def recipes(self) -> dict[str, Recipe]:
+        """The recipes that run, by their file's name in the run's folder."""
+        return {station.recipe_file: station.recipe for station in self.stations}
+
+    @property
+    def goes_on_without(self) -> bool:
+        """Whether the run starts without a station that is missing or refuses. Recipes must all say so, or the option."""
+        return self.wanted.allow_missing or all(one.recipe.run.on_missing == "continue" for one in self.stations)
+
+    @property
+    def notes(self) -> list[str]:
+        """What is in order, and may not be what was meant, or what was hoped for."""
+        plain = [*self._without_safe_state(), *self._not_put_to_work(), *self._differing_on_missing()]
+        return [*plain, *self._not_printed(), *self._asked_later()]
+
+    def _not_printed(self) -> Iterator[str]:
+        """Values beyond a limit that is another manual's, and units that are: once for each key of a station's recipe."""
+        for station in self.stations:
+            manual = "" if station.family is None else station.family.manual
+            for key, one in {one.key: one for one in station.writes()}.items():
+                found = unit_note(one.command, manual), inferred_note(one.command, one.value, manual)
+                yield from (f"{station.spec.name}: {key}: {text}" for text in found if text is not None)
+            if station.family is not None and station.family.has_feeder and (feed := long_feed(station.recipe)) is not None:
+                yield f"{station.spec.name}: {feed}"
+
+    def _differing_on_missing(self) -> Iterator[str]:
+        asked = {one.recipe_file: one.recipe.run.on_missing for one in self.stations}
+        if not self.goes_on_without and "continue" in asked.values():
+            stop = ", ".join(name for name, word in asked.items() if word == "stop")
+            yield f'on_missing = "continue" has no effect, for {stop} asks "stop": the run starts with all stations or not at all'
+
+    def _without_safe_state(self) -> Iterator[str]:
+        for station in self.stations:
+            if station.family is not None and not station.family.safe_states:
+                yield f"{station.spec.name} has no safe state that could be ordered: it is left as it is, whatever happens"
+
+    def _not_put_to_work(self) -> Iterator[str]:
+        """Recipes that set a temperature and leave it to others to put the tools to work."""
+        for name, recipe in self.recipes.items():
+            heats = any(one.family is None or one.family.run_statuses for one in self.stations if one.recipe is recipe)
+            status, acceptance = recipe.run.status, recipe.acceptance
+            is_meant = status in WORK or (acceptance is None and status is not None)
+            if not heats or not recipe.heated_ports() or is_meant or (acceptance and acceptance.at_work_percent == 0):
+                continue
+            ordered = "no [run] status" if status is None else f'[run] status = "{status}"'
+            then = "a cold tool is recorded" if acceptance is None else "the verdict is INCONCLUSIVE"
+            yield (
+                f"{name} sets a temperature and has {ordered}: the run puts no tool to work, and where nobody else does, {then}; "
+                'status = "working" (hot air: "on") heats'
+            )
+
+    def _asked_later(self) -> Iterator[str]:
+        recipes = {id(one.recipe): one.recipe for one in self.stations} if self.wanted.metadata is None else {}
+        for recipe in recipes.values():
+            missing = Metadata().missing(recipe.metadata.required)
+            if missing:
+                yield f"{recipe.path.name} requires {' '.join(missing)}: to be given to `run`"
+
+
+def make_plan(wanted: Wanted) -> Plan:
+    """Read and check everything. Raises `Problems` or `UsageError` with all that is wrong (exit 2)."""
+    problems: list[Problem] = []
+    line = _load_line(wanted, problems)
+    recipes = _load_recipes(wanted, line, problems)
+    if [problem.text for problem in problems] == [IS_A_RECIPE, IS_A_LINE]:
+        raise UsageError(f"{wanted.line} is a recipe and {wanted.recipe} a line file: give them the other way round")
+    if line is None or problems:
+        raise Problems(problems)
+    chosen = _chosen(line, wanted)
+    problems += [*_without_recipe(line, chosen, recipes), *_unused(line, chosen, wanted)]
+    stations = tuple(station_plan(spec, recipes[spec.name], wanted, line.replay) for spec in chosen if spec.name in recipes)
+    for station in stations:
+        problems += _mismatches(line, station)
+    problems += _missing_metadata(stations, wanted)
+    problems += [*_misplaced_tips(chosen, wanted), *_out_of_reach(stations, wanted)]
+    if problems:
+        raise Problems(problems)
+    return Plan(line, _with_file_names(stations), wanted)
+
+
+def orders(plan: Plan, t0: float) -> Iterator[Order]:
+    """What each session is told; `t0` is the run's zero, monotonic seconds."""
+    for station in plan.stations:
+        spec = station.spec
+        yield Order(
+            name=spec.name,
+            url=spec.url,
+            family=station.family,
+            line=spec.line_format,
+            address=spec.address,
+            ports=spec.ports,
+            recipe=station.recipe,
+            recipe_file=station.recipe_file,
+            families=FAMILIES,
+            t0=t0,
+            duration_s=plan.wanted.duration_s,
+            rate=station.rate,
+            is_replay=plan.line.replay is not None,
+            begin=plan.line.replay.begin(spec.name) if plan.line.replay is not None else None,
+            rated_power_w=spec.rated_power_w,
+            allow_omega_write=plan.wanted.allow_omega_write,
+            model=spec.model,
+            may_be_missing=plan.goes_on_without,
+        )
+
+
+# -- files ------------------------------------------------------------------------------------------------------------------
+
+
+def _load_line(wanted: Wanted, problems: list[Problem]) -> Line | None:
+    try:
+        return load_line(wanted.line)
+    except Problems as error:
+        problems += error.problems
+        return None
+
+
+def _load_recipes(wanted: Wanted, line: Line | None, problems: list[Problem]) -> dict[str, Recipe]:
+    """Each station's recipe by the station's name: its own, or the one given. A file is read once."""
+    read: dict[Path, Recipe | None] = {}
+    found: dict[str, Recipe] = {}
+
+    def recipe_at(path: Path) -> Recipe | None:
+        if path not in read:
+            try:
+                read[path] = load_recipe(path)
+            except Problems as error:
+                problems.extend(error.problems)
+                read[path] = None
+        return read[path]
+
+    if wanted.recipe is not None:
+        recipe_at(wanted.recipe)  # read even where no station needs it: what is wrong in it is said
+    for spec in line.stations if line else ():
+        path = spec.recipe or wanted.recipe
+        recipe = None if path is None else recipe_at(path)
+        if recipe is not None:
+            found[spec.name] = recipe
+    return found
+
+
+def _chosen(line: Line, wanted: Wanted) -> list[StationSpec]:
+    names = [spec.name for spec in line.stations]
+    unknown = [name for name in wanted.stations if name not in names]
+    if unknown:
+        raise UsageError(f"{line.path}: no station named {', '.join(unknown)}; the line has {', '.join(names)}")
+    return [spec for spec in line.stations if not wanted.stations or spec.name in wanted.stations]
+
+
+def station_plan(spec: StationSpec, recipe: Recipe, wanted: Wanted, replay: Replay | None = None) -> StationPlan:
+    """What `wanted` means for one station with its recipe. A recorded run is sampled at its own rate where none is wanted."""
+    rate = replay.rate_hz.get(spec.name) if replay is not None and wanted.rate is None else wanted.rate
+    family = None if spec.family == "auto" else FAMILIES[spec.family]
+    ports = spec.ports or (family.ports if family else None) or ANSWERING_PORTS
+    demand = None
+    if family is not None:
+        demand = Demand.of(readings_for(family, ports, recipe, spec.line_format, spec.address is not None))
+    return StationPlan(spec, family, ports, recipe, recipe.path.name, rate, demand)
+
+
+def _with_file_names(stations: tuple[StationPlan, ...]) -> tuple[StationPlan, ...]:
+    """Recipes from different folders may have the same file name; in the run's folder each has its own."""
+    names: dict[Path, str] = {}
+    for station in stations:
+        path, name, number = station.recipe.path, station.recipe.path.name, 2
+        while path not in names and name in names.values():
+            name, number = f"{path.stem}-{number}{path.suffix}", number + 1
+        names.setdefault(path, name)
+    return tuple(
+        StationPlan(one.spec, one.family, one.ports, one.recipe, names[one.recipe.path], one.rate, one.demand) for one in stations
+    )
+
+
+# -- what can be known to be wrong ----------------------------------------------------------------------------------------------
+
+
+def _without_recipe(line: Line, chosen: list[StationSpec], recipes: dict[str, Recipe]) -> Iterator[Problem]:
+    for spec in chosen:
+        if spec.name not in recipes:
+            yield Problem(
+                str(line.path), None, f"station {spec.name}", "has no recipe: name one on the command line or in the file"
+            )
+
+
+def _unused(line: Line, chosen: list[StationSpec], wanted: Wanted) -> Iterator[Problem]:
+    """A recipe that was asked for and would not run: heating by another one is not what was meant."""
+    own = [os.path.realpath(spec.recipe) for spec in chosen if spec.recipe is not None]
+    if wanted.recipe is not None and len(own) == len(chosen) and os.path.realpath(wanted.recipe) not in own:
+        text = (
+            f"would be used by no station: each that runs names a recipe of its own in {line.path}; leave it out, or choose others"
+        )
+        yield Problem(str(wanted.recipe), None, "", text)
+
+
+def _mismatches(line: Line, station: StationPlan) -> Iterator[Problem]:
+    spec, recipe = station.spec, station.recipe
+    if line.replay is not None:
+        yield from _beside_replay(line, spec)
+    if station.family is not None and station.family.name not in recipe.families:
+        families = ", ".join(recipe.families)
+        yield recipe.problem(("recipe", "families"), f"{families}: not for {spec.name}, whose family is {spec.family}")
+        return
+    demand, rate_hz = station.demand, station.rate_hz
+    if demand is None or rate_hz is None:
+        return
+    problem = rate_problem(spec.name, rate_hz, demand, station.turnaround_s)
+    if problem:
+        yield Problem(str(line.path), None, f"station {spec.name}", problem.removeprefix(f"{spec.name}: "))
+
+
+def _beside_replay(line: Line, spec: StationSpec) -> Iterator[Problem]:
+    """[replay] makes the recorder's time go at another pace, its patience with it: no real station may be asked so."""
+    place, leads_to = f"station {spec.name}", Path(os.path.realpath(spec.url)) if spec.is_device else Path()
+    if not is_served_here(spec.written_url):
+        yield Problem(str(line.path), None, place, f"its url {spec.written_url} {NOT_BESIDE_REPLAY}")
+    elif leads_to.is_char_device() and not str(leads_to).startswith(PSEUDO_TERMINALS):
+        yield Problem(str(line.path), None, place, f"its url {spec.written_url} leads to {leads_to}, and {NOT_BESIDE_REPLAY}")
+
+
+def _missing_metadata(stations: Sequence[StationPlan], wanted: Wanted) -> Iterator[Problem]:
+    for recipe in {id(one.recipe): one.recipe for one in stations}.values():
+        missing = wanted.metadata.missing(recipe.metadata.required) if wanted.metadata else []
+        if missing:
+            yield recipe.problem(("metadata", "required"), f"give {' '.join(missing)}")
+
+
+def _out_of_reach(stations: Sequence[StationPlan], wanted: Wanted) -> Iterator[Problem]:
+    """A number that this run can never come to."""
+    if wanted.until_units is not None and wanted.metadata is not None and not wanted.metadata.reads_units:
+        text = "serials are to be read while the run goes on: give --units -, a pipe or a device"
+        yield Problem(f"--until-units {wanted.until_units}", None, "", text)
+    if wanted.until_joints is not None and stations and all(_shows_no_joints(one.family) for one in stations):
+        text = "no station of this run has a tip whose temperature and power show joints"
+        yield Problem(f"--until-joints {wanted.until_joints}", None, "", text)
+
+
+def _shows_no_joints(family: Family | None) -> bool:
+    """Hot air heats without touching, and an OMEGA tells neither; of "auto" it is not known before it is asked."""
+    return family is not None and (family.hot_part != "tip" or family.command_of("power_permille") is None)
+
+
+def _misplaced_tips(chosen: Sequence[StationSpec], wanted: Wanted) -> Iterator[Problem]:
+    """A tip for a place that this run does not have is none that it runs with."""
+    places = {spec.name for spec in chosen} | {f"{spec.name}:{port}" for spec in chosen for port in spec.ports or PORTS}
+    for text in wanted.metadata.tips if wanted.metadata else ():
+        place, equals, name = text.partition("=")
+        if equals and (place not in places or not name):
+            names = ", ".join(spec.name for spec in chosen)
+            yield Problem(f"--tip {text}", None, "", f"give ID, STATION=ID or STATION:PORT=ID, with a station of this run: {names}")

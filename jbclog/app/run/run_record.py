@@ -1,0 +1,296 @@
+"""One run's papers: its folder, the journal of what its sessions tell, the seal, the verdict, the manifest.
+
+The same for a run on real ports (`app.run.runner`) and for one that is lived through once more (`app.replay`)::
+
+    Dossier() -> begin -> (the sessions) -> close -> conclude
+"""
+
+from __future__ import annotations
+
+import getpass
+import platform
+import socket
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Protocol
+
+from jbclog import __version__
+from jbclog.analysis.alarms import LiveAlarms
+from jbclog.analysis.verdict import RULES, Asks, Evidence, PortJoints, asks_for_joints, judge
+from jbclog.analysis.verdict.joint_measures import Joints
+from jbclog.app.run.plan import PORTS, Plan, StationPlan, orders
+from jbclog.app.run.plan import Metadata as Told
+from jbclog.core.clock import Clock, UtcOffset
+from jbclog.core.errors import RecordError
+from jbclog.core.outcome import Exit, Finding, exit_code, findings, status
+from jbclog.core.rows import COLUMN, CounterRow, EventRow, SampleRow, SettingRow, Severity, StationFacts, TipCheck
+from jbclog.maintenance.verification.cited import cited
+from jbclog.record.conclude import conclude
+from jbclog.record.folder import create_run, keep_text
+from jbclog.record.ledger import ledger_of
+from jbclog.record.live import SEAL_S, LiveStore, OnFailure
+from jbclog.record.manifest import LineFile, Manifest, Metadata, RecipeFile, iso, write_manifest
+from jbclog.record.run_chain import previous_run
+from jbclog.record.seal import seal_in_child
+from jbclog.session.run.context import Desk
+
+OnFacts = Callable[[StationFacts], None]
+NOT_STARTED = "The run was not started."
+
+
+class Observer(Protocol):
+    """Who looks on: the command line's progress. Nothing that it does can change the run.
+
+    `happened` is called in a thread of the record, once the record has the event.
+    """
+
+    def begun(self, folder: Path) -> None: ...
+
+    def happened(self, event: EventRow) -> None: ...
+
+    def second(self, desks: list[Desk]) -> None: ...
+
+    def sealing(self) -> None: ...
+
+
+@dataclass(frozen=True, slots=True)
+class Result:
+    """What a run came to."""
+
+    folder: Path
+    exit_code: Exit
+    findings: list[Finding]
+    manifest: Manifest
+
+
+class Dossier:
+    """The papers of one run of `plan`, in a new folder below `out`. Times are those of `clock`.
+
+    `on_facts` is given what a session hands over, before the session goes on. `on_failure` is told, in a thread of the
+    record, when rows cannot be kept. Raises `RecordError` where the record cannot even be begun.
+    """
+
+    def __init__(
+        self,
+        plan: Plan,
+        out: Path,
+        observer: Observer,
+        clock: Clock,
+        on_failure: OnFailure | None = None,
+        seal_every_s: float | None = SEAL_S,
+        on_facts: OnFacts | None = None,
+    ) -> None:
+        self.clock = clock
+        self.utc = UtcOffset(clock)
+        self.t0 = clock.monotonic()
+        self.observer = observer
+        previous = previous_run(out, plan.line.name)
+        self.folder = create_run(out, plan.line.name, clock.utc())
+        self._plan = plan
+        self._store = LiveStore(self.folder, on_failure, seal_every_s=seal_every_s, on_event=observer.happened)
+        self.journal = _Tap(self._store, on_facts)
+        self.manifest = replace(self._draft(), previous=previous)
+        self.manifest.verifications = self._cited(out)
+        self.desks = [Desk(order, self.journal, self.utc) for order in orders(plan, self.t0)]
+
+    def begin(self) -> None:
+        """Keep what runs and begin to take rows. Raises `RecordError`; no station has been touched then."""
+        keep_text(self.folder, "line.toml", self._plan.line.text)
+        for name, recipe in self._plan.recipes.items():
+            keep_text(self.folder, f"recipes/{name}", recipe.text)
+        write_manifest(self.folder, self.manifest)
+        self._store.start()
+        self.show(lambda: self.observer.begun(self.folder))
+        count = len(self.desks)
+        stations = f"{count} station{'' if count == 1 else 's'}"
+        self.note("run.start", f"Run of {stations} on line {self._plan.line.name}, jbclog {__version__}.")
+
+    def look(self) -> None:
+        """To be called each second: whether the disk keeps the record waiting. Returns at once."""
+        self._store.look()
+
+    def _draft(self) -> Manifest:
+        line = self._plan.line
+        return Manifest(
+            run=self.folder.name,
+            rules=RULES,
+            started=iso(self.utc.micros(self.t0)),
+            t0_mono=self.t0,
+            t0_utc=self.t0 + self.utc.offset,
+            line=LineFile(line.name, "line.toml", line.sha256),
+            recipes=[RecipeFile(f"recipes/{name}", one.sha256, one.name, one.revision) for name, one in self._plan.recipes.items()],
+            metadata=_metadata(self._plan.wanted.metadata or Told()),
+            host=_host(),
+            rate=self._plan.wanted.rate,
+            goals=self._plan.wanted.goals(),
+        )
+
+    def _cited(self, out: Path) -> list[TipCheck]:
+        """The tip verification of each port that is reckoned with; which of them there are is known when the run has ended."""
+        places = [(one.spec.name, port) for one in self._plan.stations for port in _ports(one)]
+        tips = {place: self.manifest.metadata.tip(*place) for place in places}
+        return cited(out, places, tips, datetime.fromtimestamp(self.clock.utc(), UTC))
+
+    def note(self, kind: str, text: str, severity: Severity = Severity.INFO, value: float | None = None) -> None:
+        """An event of the run as a whole; a critical one is kept at once."""
+        event = EventRow(self.utc.micros(self.clock.monotonic()), kind, severity, text, value=value)
+        self.journal.event(event, at_once=severity is Severity.CRITICAL)
+
+    @staticmethod
+    def show(show: Callable[[], None]) -> None:
+        """A terminal that is gone must not become a fault of the run."""
+        with suppress(Exception):
+            show()
+
+    def refuse(self, why: Mapping[str, str]) -> Result:
+        """A run that is not started, with what was to run and why it does not, by station; the others were not asked."""
+        for desk in self.desks:
+            desk.facts.outcome = "refused"
+            desk.facts.reason = why.get(desk.name, f"{desk.name}: not asked, for the run was not started")
+        self.manifest.stations = [desk.facts for desk in self.desks]
+        self.manifest.goals = [replace(goal, reached=0, text=NOT_STARTED) for goal in self.manifest.goals]
+        self.begin()
+        for desk in self.desks:
+            desk.station.now = self.clock.monotonic()  # no session has told it the time
+            desk.note("station.refused", Severity.ERROR, desk.facts.reason.removeprefix(f"{desk.name}: "))
+            desk.publish()
+        return self.conclude(self.close())
+
+    # -- after the last session has ended -------------------------------------------------------------------------------------
+
+    def close(self) -> str | None:
+        """Close the live store and seal its rows; what the record lacks, or None."""
+        self.note("run.end", "All stations have ended.")
+        self._store.close()
+        self.show(self.observer.sealing)
+        failure = str(self._store.failure) if self._store.failure else None
+        try:
+            seal_in_child(self.folder, self._store.lock)
+        except RecordError as error:
+            return failure or self._left(error)
+        return failure
+
+    def conclude(self, record: str | None, cut_short: Exit | None = None) -> Result:
+        """Judge what is sealed, and write the manifest that is never changed again. `record` is what the record lacks."""
+        stations, manifest = [desk.facts for desk in self.desks], self.manifest
+        manifest.stations = stations  # in the line file's order
+        there = {facts.name: facts.ports for facts in stations}
+        manifest.verifications = [one for one in manifest.verifications if one.port in (there[one.station] or [one.port])]
+        manifest.ended = iso(self.utc.micros(self.clock.monotonic()))
+        self._judge(stations, record, cut_short)
+        found = findings(stations, verdict=manifest.verdict, record=record, cut_short=cut_short, goals=manifest.goals)
+        manifest.exit_code, manifest.exit_status = exit_code(found), status(found)
+        try:
+            self.manifest = conclude(self.folder, manifest, self._store.lock)
+        except RecordError as error:
+            found.append(Finding(Exit.RECORD, self._left(error)))
+        finally:
+            self._store.release()
+        return Result(self.folder, exit_code(found), found, self.manifest)
+
+    def _left(self, error: RecordError) -> str:
+        """What went wrong, and what can be done about it."""
+        if self._store.lock.is_ours:
+            return f"{error}; `jbclog recover {self.folder}` tries again"
+        return f"{error}. If it was moved, `jbclog recover` finishes it where it is now; if it was deleted, nothing of it is left"
+
+    def _judge(self, stations: list[StationFacts], record: str | None, cut_short: Exit | None) -> None:
+        exit_status = status(findings(stations, verdict=None, record=record, cut_short=cut_short))
+        ledger, checks = ledger_of(self.folder, stations), self.manifest.verifications
+        acceptance = {one.spec.name: one.recipe.acceptance for one in self._plan.stations}
+        asking = [facts for facts in stations if asks_for_joints(acceptance[facts.name])]
+        joints, goals = self._joints(asking), self.manifest.goals
+        asks = {one.spec.name: Asks(one.recipe.heated_ports(), one.recipe.run.status) for one in self._plan.stations}
+        evidence = Evidence(self.folder, stations, ledger, exit_status, record, checks, joints, goals, asks)
+        judgement = judge(evidence, acceptance)
+        self.manifest.verdict = judgement.verdict.value
+        self.manifest.verdict_rules = judgement.rules_as_dicts()
+
+    def _joints(self, stations: Sequence[StationFacts]) -> Joints:
+        """The joints of the stations whose recipes have a limit about them; what it takes is loaded for these alone."""
+        if not stations:
+            return {}
+        try:
+            from jbclog.analysis.joints.evidence import joint_evidence
+
+            return joint_evidence(self.folder, stations, self.manifest.t0_utc)
+        except Exception as error:  # of this program; the record is concluded all the same
+            unknown = PortJoints(why=f"Its joints could not be looked for: {type(error).__name__}: {error}.")
+            return {(facts.name, port): unknown for facts in stations for port in facts.ports}
+
+
+class _Tap:
+    """A journal that lets others see what passes: the alarm episodes, which add events of their own, and who wants the facts."""
+
+    def __init__(self, store: LiveStore, on_facts: OnFacts | None) -> None:
+        self.counter: Callable[[CounterRow], None] = store.counter
+        self._alarms: LiveAlarms | None = LiveAlarms(store.event)
+        self._on_facts = on_facts
+        self._store = store
+        self._keep_sample = store.sample
+
+    def sample(self, row: SampleRow) -> None:
+        self._keep_sample(row)
+        if self._alarms is not None:
+            try:
+                self._alarms.sample(row)
+            except Exception as error:  # of this program; what is derived must not end what is recorded
+                self._without_alarms(row, error)
+
+    def setting(self, setting: SettingRow) -> None:
+        self._store.setting(setting)
+        if self._alarms is not None:
+            self._alarms.setting(setting)
+
+    def event(self, event: EventRow, *, at_once: bool = False) -> None:
+        self._store.event(event, at_once=at_once)
+        if self._alarms is not None:
+            self._alarms.event(event)
+
+    def facts(self, facts: StationFacts) -> None:
+        self._store.facts(facts)
+        if self._alarms is not None:
+            self._alarms.facts(facts)
+        if self._on_facts is not None:
+            self._on_facts(facts)
+
+    def _without_alarms(self, row: SampleRow, error: Exception) -> None:
+        self._alarms = None
+        text = f"Alarms on samples are no longer evaluated while this run goes on: internal error, {type(error).__name__}: {error}."
+        time = row[COLUMN["time"]]
+        assert isinstance(time, int)
+        self._store.event(EventRow(time, "alarm.episode.failed", Severity.WARNING, text))
+
+
+def _ports(station: StationPlan) -> Sequence[int]:
+    """Every port that it can have, where only the station knows."""
+    return station.spec.ports or (station.family.ports if station.family else None) or PORTS
+
+
+def _metadata(told: Told) -> Metadata:
+    lots = list(told.wire_lots), list(told.flux_lots)
+    return Metadata(told.operator, told.order, told.product, list(told.units), dict(told.tags), *lots, list(told.tips))
+
+
+def _host() -> dict[str, str]:
+    """Where this runs and with which versions."""
+    found = {
+        "name": socket.gethostname(),
+        "system": platform.platform(),
+        "python": platform.python_version(),
+        "jbclog": __version__,
+    }
+    try:
+        found["user"] = getpass.getuser()
+    except (KeyError, OSError):
+        found["user"] = "unknown"
+    for package in ("pyserial", "pyarrow"):
+        try:
+            found[package] = version(package)
+        except PackageNotFoundError:
+            found[package] = "unknown"
+    return found

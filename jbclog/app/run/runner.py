@@ -1,0 +1,343 @@
+"""One run on real ports, from its folder to its exit code: the record, the sessions, the signals, the seal, the verdict.
+
+::
+
+    Dossier -> Reactor(run_station × n) -> close -> seal -> judge -> manifest
+
+Nothing is sent to any station before the record is known to take writes; the tools are in their safe state before the
+record is closed.
+"""
+
+from __future__ import annotations
+
+import gc
+import os
+import signal
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+
+from jbclog import __version__
+from jbclog.app.run.goals import Goals
+from jbclog.app.run.plan import Plan
+from jbclog.app.run.run_record import Dossier, Observer, Result
+from jbclog.app.run.unit_feed import LOOK_EVERY_S as LOOK_FOR_UNITS_S
+from jbclog.app.run.unit_feed import UnitFeed
+from jbclog.core.clock import Clock, FastClock, SystemClock
+from jbclog.core.errors import JbclogError, RecordError, StartRefused
+from jbclog.core.folder_lock import is_held
+from jbclog.core.outcome import Exit
+from jbclog.core.rows import EventRow, Severity
+from jbclog.guard.open_leases import settle
+from jbclog.guard.run_guard import Guarding
+from jbclog.guard.watch import RENEW_S
+from jbclog.record.capture import WHOLE, Head
+from jbclog.record.capture_recorder import WireRecorder
+from jbclog.record.guard_actions import LOCK as GUARD_LOCK
+from jbclog.record.guard_actions import diary
+from jbclog.record.live import SEAL_S
+from jbclog.record.manifest import iso
+from jbclog.record.port_owner import why_held
+from jbclog.session.run.context import Desk
+from jbclog.session.run.station_run import run_station
+from jbclog.transport.descriptors import allow_ports
+from jbclog.transport.opening import open_port
+from jbclog.transport.port import Port
+from jbclog.transport.reactor import Reactor
+from jbclog.transport.session_history import keeping
+from jbclog.transport.sharers import Sharers
+from jbclog.transport.signals import Signals
+from jbclog.transport.tee import Tee
+from jbclog.transport.typed_lines import Source
+
+GUARDED, NO_GUARD, GUARD_LOST = "on", "none", "lost"  # what the manifest says of it
+RUNNING = "running"  # the outcome of a session that has not ended
+FIRST_PROCESS = 1  # of a container, with which the system ends all others of it
+OF_A_CONTAINER = (
+    "This recorder is the first process of its container: whatever kills it ends its guard with it. Start the container with an "
+    "init process (`docker run --init`)."
+)
+LOOK_EVERY_S = 1.0  # at the wall clock, at progress
+LOOK_AT_PORTS_EVERY_S = 10.0  # who else has them open
+FREEZING = (signal.SIGTSTP, signal.SIGTTIN, signal.SIGTTOU)
+CUT_SHORT = {signal.SIGINT: Exit.INTERRUPTED, signal.SIGTERM: Exit.TERMINATED, signal.SIGHUP: Exit.TERMINATED}
+
+
+def conduct(
+    plan: Plan,
+    out: Path,
+    observer: Observer,
+    *,
+    seal_every_s: float = SEAL_S,
+    missed: Callable[[], int] = lambda: 0,
+    is_last: bool = False,
+    units: Source | None = None,
+) -> Result:
+    """Run `plan` and record it below `out`. `missed` gives how much of what `observer` was told nobody could see.
+
+    SIGINT, SIGTERM and SIGHUP (not under `nohup`) end the run in good order, from the first moment on; a second one, or one while
+    sealing, changes nothing. Ctrl-Z and a terminal's job control would freeze it, with its tools hot, and have its guard end it:
+    they do nothing.
+    With `is_last` all that this process does afterwards is to say what came of it, and no signal ends that early.
+
+    Serials of units are read from `units` while it goes on.
+
+    A run that cannot be started, because another one holds a port or there is no process for its guard, is recorded as such.
+    Raises `RecordError` where the record cannot even be begun.
+    """
+    with Signals(heard(), FREEZING, for_good=is_last) as signals:
+        held = why_held({station.spec.name: station.spec.url for station in plan.stations})
+        if held:
+            return Dossier(plan, out, observer, SystemClock()).refuse(held)
+        return _kept_to_the_end(_Run(plan, out, observer, seal_every_s, missed, units), out, signals)
+
+
+def _kept_to_the_end(run: _Run, out: Path, signals: Signals) -> Result:
+    """Conduct `run`. What the system refuses at its end (a file, room in one) leaves a record that is not finished."""
+    try:
+        return run.conduct(signals)
+    except JbclogError:
+        raise
+    except (OSError, ImportError, MemoryError) as error:
+        raise RecordError(f"the record could not be finished ({error}); `jbclog recover {out}` does that") from error
+
+
+def heard() -> list[signal.Signals]:
+    """The signals that end a run in good order. Who starts one with `nohup` wants it to outlive the terminal."""
+    has_nohup = signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
+    return [number for number in CUT_SHORT if not (has_nohup and number is signal.SIGHUP)]
+
+
+def _clock(plan: Plan) -> tuple[Clock, FastClock | None]:
+    """The run's clock: the host's, or one that goes as fast as that of a recorded run that is served."""
+    replay = plan.line.replay
+    fast = FastClock(replay.speed) if replay is not None and replay.speed != 1.0 else None
+    return fast or SystemClock(), fast
+
+
+class _Run:
+    """The state of one run while it goes on."""
+
+    def __init__(
+        self,
+        plan: Plan,
+        out: Path,
+        observer: Observer,
+        seal_every_s: float,
+        missed: Callable[[], int],
+        units: Source | None,
+    ) -> None:
+        self._plan = plan
+        self._missed = missed
+        self._clock, fast = _clock(plan)
+        allow_ports(len(plan.stations))
+        self._guarding = Guarding()
+        self._left_over = settle(out, {station.spec.url for station in plan.stations}, is_held)
+        self._dossier = Dossier(
+            plan, out, observer, self._clock, self._on_record_failure, seal_every_s, on_facts=self._guarding.know
+        )
+        self._note = self._dossier.note
+        self._desks = self._dossier.desks
+        self._reactor = Reactor(fast, goes_on=plan.goes_on_without)
+        self._sharers = Sharers(desk.order.url for desk in self._desks)
+        self._wires = WireRecorder(self._dossier.folder) if plan.wanted.wire else None
+        wanted = plan.wanted
+        refuses = any(one.recipe.units.repeat == "refuse" for one in plan.stations)
+        self._units = (
+            None
+            if units is None
+            else UnitFeed(units, self._keep_at_once, self._micros, wanted.until_units, refuses_repeats=refuses)
+        )
+        self._goals = Goals(wanted.goals(), self._note, self._reactor.end, self._units)
+        self._cut_short: Exit | None = None
+        self._have_all_begun = False
+
+    def conduct(self, signals: Signals) -> Result:
+        signals.tell(self._on_signal)
+        try:
+            self._start_guard()
+        except StartRefused as refusal:
+            return self._refuse(str(refusal))
+        self._begin()
+        broken = self._pull()
+        self._end_units()
+        self._close_wires()
+        self._tell_of_missed()
+        record = self._dossier.close() or broken
+        self._dossier.manifest.goals = self._goals.reached()
+        return self._dossier.conclude(record, self._cut_short)
+
+    def _begin(self) -> None:
+        manifest = self._dossier.manifest
+        manifest.stations = [desk.facts for desk in self._desks]  # from here on others can see whose ports this run holds
+        manifest.wire = None if self._wires is None else "open"
+        manifest.guard = GUARDED if self._plan.wanted.guard else NO_GUARD
+        self._dossier.begin()
+        self._goals.begin(self._dossier.folder)
+        for left in self._left_over:
+            # of an older run, and made good: an event here, and no deviation of what is made now
+            self._note("guard.left_over", left.text, Severity.WARNING if left.is_safe else Severity.CRITICAL)
+        if not self._plan.wanted.guard:
+            self._note("guard.none", "There is no guard: if this recorder dies, the tools stay as they are.", Severity.WARNING)
+        elif os.getpid() == FIRST_PROCESS:
+            self._note("guard.weak", OF_A_CONTAINER, Severity.WARNING)
+
+    def _start_guard(self) -> None:
+        """Before the record is begun, and long before anything is heated. Raises `StartRefused`."""
+        if self._plan.wanted.guard:
+            self._guarding.start(self._dossier.folder, self._tell_of_guard)
+
+    def _refuse(self, why: str) -> Result:
+        self._reactor.run()  # of nothing, which gives back what it has
+        with suppress(OSError):
+            (self._dossier.folder / GUARD_LOCK).unlink(missing_ok=True)
+        return self._dossier.refuse({desk.name: f"{desk.name}: {why}" for desk in self._desks})
+
+    def _tell_of_guard(self, kind: str, text: str) -> None:
+        self._dossier.manifest.guard = GUARD_LOST
+        self._note(kind, text, Severity.CRITICAL)
+
+    # -- during -------------------------------------------------------------------------------------------------------------
+
+    def _pull(self) -> str | None:
+        """Run all sessions to their ends; what broke in this program meanwhile, or None."""
+        for desk in self._desks:
+            self._add(desk)
+        if self._wires is not None:
+            self._wires.start()
+        self._reactor.every(LOOK_EVERY_S, self._look)
+        self._reactor.every(LOOK_AT_PORTS_EVERY_S, self._sharers.look)
+        self._reactor.every(RENEW_S, self._guarding.renew)
+        if self._units is not None:
+            self._reactor.every(LOOK_FOR_UNITS_S, self._look_for_units)
+        try:
+            self._reactor.run(self._guarding.end)
+        except Exception as error:  # the record of what went before is closed all the same
+            text = f"internal error, {type(error).__name__}: {error}"
+            self._note("run.failed", text, Severity.CRITICAL)
+            self._have_guard_take_over()
+            return text
+        finally:
+            gc.unfreeze()
+        return None
+
+    def _have_guard_take_over(self) -> None:
+        """Sessions may not have come to their ends: the guard has the last word, and what it did is in this record."""
+        self._guarding.take_over()
+        for event in diary(self._dossier.folder):
+            self._dossier.journal.event(event)
+
+    def _add(self, desk: Desk) -> None:
+        """Have a station's session pulled; where wires are kept, with all that passes and all that it is told noted."""
+        order = desk.order
+
+        def opened() -> Port:
+            return open_port(order.url, order.line)
+
+        if self._wires is None:
+            self._reactor.add(run_station(desk), opened, order.name)
+            return
+        keep, now = self._wires.begin(self._head(desk)), self._clock.monotonic
+        self._reactor.add(keeping(run_station(desk), keep, now), lambda: Tee.opened(opened, keep, now), order.name)
+
+    def _head(self, desk: Desk) -> Head:
+        order, manifest = desk.order, self._dossier.manifest
+        return Head(
+            station=order.name,
+            url=order.url,
+            recipe=order.recipe_file,
+            t0_mono=order.t0,
+            t0_utc=manifest.t0_utc or 0.0,
+            duration_s=order.duration_s,
+            rate=order.rate,
+            allow_omega_write=order.allow_omega_write,
+            allow_missing=order.may_be_missing,
+            jbclog=__version__,
+        )
+
+    def _look(self) -> None:
+        if not self._have_all_begun:
+            self._keep_from_collector()
+        self._look_at_clock()
+        self._tell_of_wires()
+        self._tell_of_sharers()
+        self._dossier.look()
+        self._goals.look()
+        self._dossier.show(lambda: self._dossier.observer.second(self._desks))
+
+    def _tell_of_sharers(self) -> None:
+        for url, who in self._sharers.news():
+            for desk in self._desks:
+                if desk.order.url == url and desk.facts.outcome == RUNNING:
+                    text = f"{url} is open in {who}, too, which may take answers that were meant for this run; end that program."
+                    desk.note("link.contention", Severity.ERROR, text)
+
+    def _look_at_clock(self) -> None:
+        utc, now = self._dossier.utc, self._clock.monotonic()
+        before = iso(utc.micros(now))
+        step = utc.check()
+        if step:
+            text = f"The host's clock was stepped by {step:+.3f} s, from {before} to {iso(utc.micros(now))}; "
+            text += "ticks and durations are not affected."
+            self._note("clock.step", text, Severity.WARNING, value=step)
+
+    def _keep_from_collector(self) -> None:
+        """What the sessions have built stays to the end; to walk through it for garbage takes 40 ms of 250 stations' ticks."""
+        gc.freeze()
+        self._have_all_begun = all(desk.facts.first_tick is not None or desk.facts.outcome != RUNNING for desk in self._desks)
+
+    def _tell_of_wires(self) -> None:
+        for text in self._wires.news() if self._wires is not None else ():
+            self._note("wire.failed", text, Severity.WARNING)
+
+    def _close_wires(self) -> None:
+        if self._wires is not None:
+            self._wires.close()
+            self._tell_of_wires()
+            self._dossier.manifest.wire = " ".join(self._wires.troubles()) or WHOLE
+
+    def _look_for_units(self) -> None:
+        if self._units is not None:
+            self._units.look()
+            self._goals.look()
+
+    def _keep_at_once(self, event: EventRow) -> None:
+        self._dossier.journal.event(event, at_once=True)
+
+    def _micros(self) -> int:
+        return self._dossier.utc.micros(self._clock.monotonic())
+
+    def _end_units(self) -> None:
+        """A recipe may ask for units, and then none comes."""
+        if self._units is None:
+            return
+        self._units.finish()
+        told = self._plan.wanted.metadata and self._plan.wanted.metadata.units
+        if not (self._units.has_had_any or told) and any("unit" in one.recipe.metadata.required for one in self._plan.stations):
+            self._note("unit.missing", "The recipe requires a unit, and no serial came while the run went on.", Severity.ERROR)
+
+    def _tell_of_missed(self) -> None:
+        missed = self._missed()
+        if missed:
+            text = (
+                f"{missed} notes on this run were not shown: nobody took them from the terminal, pipe or file. They are all here."
+            )
+            self._note("notes.missed", text, value=missed)
+
+    def _on_record_failure(self, error: RecordError) -> None:
+        """From the store's thread: what can no longer be recorded must not go on heating."""
+        self._in_loop(self._reactor.end, f"the record cannot be kept: {error}")
+
+    def _in_loop(self, call: Callable[[str], None], what: str) -> None:
+        """Have it done in the loop's thread; where the loop has ended there is nothing left to do."""
+        with suppress(RuntimeError):
+            self._reactor.loop.call_soon_threadsafe(call, what)
+
+    def _on_signal(self, number: signal.Signals) -> None:
+        self._in_loop(self._end_on, number.name)
+
+    def _end_on(self, name: str) -> None:
+        if self._plan.wanted.states_an_end and not self._goals.is_met and self._cut_short is None:
+            self._cut_short = CUT_SHORT[signal.Signals[name]]
+        self._note("run.signal", f"{name} received; the tools are put in their safe state and the run ends.")
+        self._reactor.end(f"ended by {name}")

@@ -1,0 +1,233 @@
+"""Every tool of a line in its safe state, now, by hand: another composition root.
+
+::
+
+    the runs that hold its ports -> asked to end, ended after 3 s -> all stations at once, `byhand.safe` on each
+
+A run that is asked puts its tools in their safe state itself; one that must be ended has a guard that does. What they did
+is looked at all the same: nothing here is taken for safe that was not read back.
+"""
+
+from __future__ import annotations
+
+import os
+import select
+import signal
+import time
+from collections.abc import Callable, Collection
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from threading import Thread
+from typing import Final
+
+from jbclog.app import connection
+from jbclog.config.line import Line
+from jbclog.core.errors import JbclogError, RecordError
+from jbclog.core.folder_lock import is_held
+from jbclog.guard import open_leases
+from jbclog.guard.lease import StationLease
+from jbclog.record.guard_actions import await_guard
+from jbclog.record.port_owner import holds, recorder_of, runs_that_hold
+from jbclog.session.manual.contact import Target
+from jbclog.session.manual.cooling import temperatures
+from jbclog.session.manual.safe import MadeSafe, StationMadeSafe, make_safe
+from jbclog.transport import blocking
+
+ASKED_S: Final = 3.0  # that a run has to let go of the line (contract, "safe")
+KILLED_S: Final = 2.0
+GUARD_S: Final = 6.0  # a guard that takes over has done what it can by then
+LOOK_S: Final = 0.1
+REACHED_S: Final = 6.0  # a port may be in somebody's hands for a moment
+AGAIN_S: Final = 0.25
+DONE_S: Final = 20.0  # a port whose driver hangs must not keep the others from being told
+
+COLD_WITHIN_S: Final = 1800.0
+COLD_EVERY_S: Final = 5.0
+TELL_EVERY_S: Final = 60.0
+
+ASKED, KILLED, REFUSED = "asked", "killed", "refused"
+Tell = Callable[[str], None]
+
+
+@dataclass(frozen=True, slots=True)
+class EndedRun:
+    """A run that held the line. `how`: it ended because it was ``asked``, was ``killed``, or ``refused`` to end."""
+
+    folder: Path
+    how: str
+
+
+def make_line_safe(line: Line, done: Callable[[StationMadeSafe], None]) -> None:
+    """Put every tool of the line in its safe state, all stations at once; `done` is told each, in the line's order."""
+    found = [StationMadeSafe(connection.target_of(line, station.name)) for station in line.stations]
+    threads = [Thread(target=_one, args=(made,), daemon=True) for made in found]
+    for thread in threads:
+        thread.start()
+    end = time.monotonic() + DONE_S
+    for thread, made in zip(threads, found, strict=True):
+        thread.join(max(end - time.monotonic(), 0.0))
+        if thread.is_alive():
+            made = StationMadeSafe(made.target, problem="its port hangs: switch the station off")
+        done(made)
+
+
+def _one(made: StationMadeSafe) -> None:
+    """Try to reach the station for as long as it makes sense; once it was reached, what came of it stands in `made`."""
+    means = connection.means
+    end = means.clock.monotonic() + REACHED_S
+    while True:
+        try:
+            blocking.run(make_safe(made.target, made), lambda: _open(made.target), sleep=means.sleep, clock=means.clock)
+        except JbclogError as error:
+            made.problem = f"{_reason(error, made.target)}; its tools may be hot: switch the station off"
+        except Exception as error:  # one station's must not be the end of the others'
+            made.problem = f"internal error, {type(error).__name__}: {error}; its tools may be hot: switch the station off"
+        if made.is_safe or made.family is not None or means.clock.monotonic() > end:
+            return
+        means.sleep(AGAIN_S)
+        made.problem = None
+
+
+def _open(target: Target) -> blocking.Port:
+    return connection.means.open_port(target.url, target.line)
+
+
+def _reason(error: JbclogError, target: Target) -> str:
+    return str(error).removeprefix(f"{target.name}: ")
+
+
+def close_leases(stations: Collection[StationMadeSafe]) -> list[Path]:
+    """Tell the runs of this user that had left these stations' tools hot what was read back; give their folders."""
+    by_lease = partial(_seen, stations)
+    return open_leases.close([made.target.url for made in stations], by_lease, is_held, "jbclog safe")
+
+
+def _seen(stations: Collection[StationMadeSafe], lease: StationLease) -> open_leases.Seen | None:
+    made = next((one for one in stations if lease.is_at(one.target.url)), None)
+    if made is None or made.problem is not None:
+        return None
+    states: dict[int, str | None] = {tool.port: tool.state for tool in made.tools if tool.is_safe}
+    return open_leases.Seen(made.model, states | dict.fromkeys(made.empty), made.feeder != "running")
+
+
+# -- until all are cold -------------------------------------------------------------------------------------------------------
+
+
+def wait_until_cold(stations: Collection[StationMadeSafe], below_c: float, tell: Tell) -> float:
+    """Read the tools' temperatures until all of them are below, `COLD_WITHIN_S` at the most; the seconds that this took.
+
+    Each tool's `temperature_c` and `is_cold` stand in `stations` then. One whose temperature cannot be read is not cold. A port is
+    open only while it is read, so that nobody is kept from it.
+    """
+    clock, waited = connection.means.clock, [made for made in stations if made.tools]
+    begun = told_at = clock.monotonic()
+    while True:
+        _look_at_all(waited, below_c)
+        warm = [
+            f"{made.target.name} port {tool.port} {_celsius(tool)}" for made in waited for tool in made.tools if not tool.is_cold
+        ]
+        now = clock.monotonic()
+        if not warm or now - begun >= COLD_WITHIN_S:
+            return now - begun
+        if now - told_at >= TELL_EVERY_S:
+            told_at = now
+            tell(f"waiting for {', '.join(warm)} to be below {below_c:g} °C")
+        connection.means.sleep(min(COLD_EVERY_S, begun + COLD_WITHIN_S - now))
+
+
+def _celsius(tool: MadeSafe) -> str:
+    return "(temperature not known)" if tool.temperature_c is None else f"({tool.temperature_c:g} °C)"
+
+
+def _look_at_all(stations: Collection[StationMadeSafe], below_c: float) -> None:
+    """All stations at once; one whose port hangs keeps no other from being read, and is not cold."""
+    threads = [Thread(target=_look, args=(made, below_c), daemon=True) for made in stations]
+    for made, thread in zip(stations, threads, strict=True):
+        for tool in made.tools:
+            tool.is_cold, tool.temperature_c = False, None
+        thread.start()
+    end = time.monotonic() + DONE_S
+    for thread in threads:
+        thread.join(max(end - time.monotonic(), 0.0))
+
+
+def _look(made: StationMadeSafe, below_c: float) -> None:
+    means, ports = connection.means, tuple(tool.port for tool in made.tools)
+    steps = temperatures(made.target, made.model, ports)
+    try:
+        found = blocking.run(steps, lambda: _open(made.target), sleep=means.sleep, clock=means.clock)
+    except JbclogError:
+        return
+    for tool in made.tools:
+        tool.temperature_c = found.get(tool.port)
+        tool.last_c = tool.last_c if tool.temperature_c is None else tool.temperature_c
+        tool.is_cold = tool.temperature_c is not None and tool.temperature_c < below_c
+
+
+# -- runs that hold the line ------------------------------------------------------------------------------------------------
+
+
+def end_runs(line: Line, tell: Tell) -> list[EndedRun]:
+    """Have the runs that hold the line's ports let go of them; `tell` is told what is being done."""
+    urls = [station.url for station in line.stations]
+    recorders = [(folder, _Recorder(folder)) for folder in runs_that_hold(urls)]
+    for folder, recorder in recorders:
+        tell(f"the run {folder} holds this line and is asked to end")
+        recorder.send(signal.SIGTERM)
+    end = time.monotonic() + ASKED_S
+    return [EndedRun(folder, _end(folder, recorder, urls, end, tell)) for folder, recorder in recorders]
+
+
+def _end(folder: Path, recorder: _Recorder, urls: Collection[str], end: float, tell: Tell) -> str:
+    if _lets_go(folder, recorder, urls, end - time.monotonic()):
+        how = ASKED
+    else:
+        tell(f"the run {folder} has not let go of the line after {ASKED_S:g} s and is ended")
+        recorder.send(signal.SIGKILL)
+        how = KILLED if recorder.is_gone_within(KILLED_S) else REFUSED
+    if recorder.is_gone_within(0.0):
+        with suppress(RecordError):  # which is told with each station that it still holds
+            await_guard(folder, GUARD_S)
+    return how
+
+
+def _lets_go(folder: Path, recorder: _Recorder, urls: Collection[str], seconds: float) -> bool:
+    """Whether the run gives up the ports, or ends, within `seconds`; sealing its record may take it longer."""
+    end = time.monotonic() + seconds
+    while not recorder.is_gone_within(LOOK_S):
+        if not holds(folder, urls):
+            return True
+        if time.monotonic() > end:
+            return False
+    return True
+
+
+class _Recorder:
+    """The process that records the run in `folder`, by a descriptor: its number may be given to another."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self._pid = recorder_of(folder)
+        self._descriptor: int | None = None
+        if self._pid is not None:
+            with suppress(AttributeError, OSError):
+                self._descriptor = os.pidfd_open(self._pid)
+            if recorder_of(folder) != self._pid:  # it ended before it was held
+                self._pid = self._descriptor = None
+
+    def send(self, number: signal.Signals) -> None:
+        with suppress(OSError):  # gone already, or not ours: that shows in who holds the ports
+            if self._descriptor is not None:
+                signal.pidfd_send_signal(self._descriptor, number)
+            elif self._pid is not None and recorder_of(self._folder) == self._pid:
+                os.kill(self._pid, number)
+
+    def is_gone_within(self, seconds: float) -> bool:
+        if self._descriptor is None:
+            time.sleep(seconds)
+            return self._pid is None or recorder_of(self._folder) != self._pid
+        watched = select.poll()
+        watched.register(self._descriptor, select.POLLIN)
+        return bool(watched.poll(seconds * 1000))

@@ -1,0 +1,294 @@
+"""A line file: which stations there are, on which ports of this computer, and how they are spoken to."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import Annotated, Final
+
+from pydantic import AfterValidator, Field, PlainValidator
+
+from jbclog.config.port_url import checked_url, is_path, tcp_port
+from jbclog.config.schema import NAME_ALLOWED, FromList, Name, Table, read_table, said, shown, unknown
+from jbclog.config.sim_spec import SimSpec
+from jbclog.config.toml_keys import KeyPath
+from jbclog.config.toml_reader import TomlText, hidden, parse, read_text, shortened
+from jbclog.core.errors import Problem, Problems
+from jbclog.core.line_format import BAUDRATES, LineFormat
+from jbclog.protocol.commands.family import FAMILIES, OMEGA, Family
+from jbclog.protocol.commands.models import model_problem
+
+AUTO: Final = "auto"
+LONGEST_MODEL: Final = 16
+IS_A_RECIPE: Final = "this is a recipe; a line file has [line] and a [[station]] for each station"
+ONE_EACH: Final = (
+    "; the manuals print RS-232, which is point to point: one port and one station, whatever their addresses. "
+    "Connect the other station to a port or an adapter of its own, and name that"
+)
+_DRIVEN: Final = ", ".join((*FAMILIES, AUTO))
+
+
+def _address(value: object) -> int | None:
+    if value is False:
+        return None
+    if isinstance(value, bool) or not isinstance(value, int) or not 1 <= value <= 99:
+        raise said(f"{shown(value)} is not allowed; 1 to 99, or false for frames without addresses")
+    return value
+
+
+def _family(name: str) -> str:
+    if name != AUTO and name not in FAMILIES:
+        raise said(f"{shown(name)} is {unknown(name, [*FAMILIES, AUTO])}")
+    return name
+
+
+def _model(name: str) -> str:
+    """As R-SMN is read: without the blanks before it."""
+    bare = name.strip(" ")
+    if not (1 <= len(bare) <= LONGEST_MODEL and bare.isascii() and bare.isprintable()):
+        raise said(f"{shown(name)} is not allowed; 1 to {LONGEST_MODEL} printable characters, as the station gives its model")
+    return bare
+
+
+def _baudrate(value: int) -> int:
+    if value not in BAUDRATES:
+        raise said(f"{value} is not allowed; one of {', '.join(map(str, BAUDRATES))}")
+    return value
+
+
+def _format(value: str) -> str:
+    LineFormat(format=value)
+    return value
+
+
+def _in_order(ports: tuple[int, ...]) -> tuple[int, ...]:
+    if len(set(ports)) != len(ports):
+        raise said(f"{list(ports)} names a port twice")
+    return tuple(sorted(ports))
+
+
+PortNumber = Annotated[int, Field(ge=1, le=4)]
+
+
+class StationTable(Table):
+    """One table `[[station]]`, as it stands in the file."""
+
+    name: Name = Field(description=NAME_ALLOWED)
+    url: Annotated[str, AfterValidator(checked_url)] = Field(
+        min_length=1, max_length=1024, description="a device path, socket://HOST:PORT or rfc2217://HOST:PORT"
+    )
+    family: Annotated[str, AfterValidator(_family)] = Field(description=f"one of {_DRIVEN}")
+    model: Annotated[str, AfterValidator(_model)] | None = Field(
+        None, description="the model name that the station gives, driven as `family` says"
+    )
+    baudrate: Annotated[int, AfterValidator(_baudrate)] = Field(19200, description="bits per second, default 19200 (omega 9600)")
+    format: Annotated[str, AfterValidator(_format)] = Field("8N1", description="a line format such as 8N1, 8E1 or 8O2")
+    address: Annotated[int | None, PlainValidator(_address)] = 1
+    ports: Annotated[tuple[PortNumber, ...], FromList, AfterValidator(_in_order)] | None = Field(
+        None, min_length=1, max_length=4, description="a list of ports from 1 to 4"
+    )
+    turnaround_ms: float | None = Field(None, ge=0, le=5000, description="milliseconds from 0 to 5000")
+    recipe: Path | None = Field(None, strict=False, description="a recipe file's path, from the line file's folder")
+    rated_power_w: float | None = Field(None, gt=0, le=10_000, description="watts, more than 0")
+    sim: SimSpec | None = Field(None, description="a table that describes the virtual station")
+
+
+class StationSpec(StationTable):
+    """One control unit on one serial line.
+
+    `url` and `recipe` are absolute where they are paths; `written_url` is the url as it stands in the file.
+    `address` None means frames without addresses. `ports` None means the family's own.
+    """
+
+    written_url: str = ""
+
+    @property
+    def line_format(self) -> LineFormat:
+        return LineFormat(self.baudrate, self.format)
+
+    @property
+    def is_device(self) -> bool:
+        """Whether the url is a path and not one of pyserial's URLs or a COM port."""
+        return is_path(self.url)
+
+    @property
+    def is_relative(self) -> bool:
+        """Whether the file gives a device path that is taken from the file's own folder (virtual stations)."""
+        return is_path(self.written_url) and not Path(self.written_url).is_absolute()
+
+
+class Head(Table):
+    name: Name = Field(description=NAME_ALLOWED)
+
+
+class Replay(Table):
+    """What `jbclog replay` writes into the line file for the run: the stations are a recorded run, and this is its pace.
+
+    `speed` is how many times as fast as then time goes, for the stations and for the recorder; `rate_hz` are the rates
+    that came of the recorded run, by station, `first_tick` the number of the first tick and `first_in_s` how long after the
+    last question before it that was due.
+    """
+
+    speed: float = Field(1.0, ge=0.1, le=1000.0, description="from 0.1 to 1000")
+    rate_hz: dict[str, Annotated[float, Field(gt=0, le=1000)]] = Field({}, description="Hz by the stations' names")
+    first_tick: dict[str, Annotated[int, Field(ge=0)]] = Field({}, description="numbers by the stations' names")
+    first_in_s: dict[str, Annotated[float, Field(ge=0, le=3600)]] = Field({}, description="seconds by the stations' names")
+
+    def begin(self, station: str) -> tuple[int, float] | None:
+        """The number of a station's first tick, and in how many seconds it was due when all before it was done."""
+        tick, in_s = self.first_tick.get(station), self.first_in_s.get(station)
+        return None if tick is None or in_s is None else (tick, in_s)
+
+
+class LineTables(Table):
+    line: Head = Field(description='a table with the line\'s name: [line] name = "bench-3"')
+    replay: Replay | None = Field(None, description="a table that `jbclog replay` writes")
+    station: Annotated[tuple[dict[str, object], ...], FromList] = Field(
+        min_length=1, description="at least one table [[station]] with name, url and family"
+    )
+
+
+class Line(Table):
+    """The stations that one recorder drives, in the file's order, and the text they were read from."""
+
+    name: str
+    stations: tuple[StationSpec, ...]
+    source: TomlText = Field(repr=False)
+    replay: Replay | None = None
+
+    @property
+    def path(self) -> Path:
+        return Path(self.source.file)
+
+    @property
+    def text(self) -> str:
+        """The file's text: ``text.encode()`` are its very bytes."""
+        return self.source.text
+
+    @property
+    def sha256(self) -> str:
+        return hashlib.sha256(self.text.encode()).hexdigest()
+
+    def station(self, name: str) -> StationSpec:
+        """The station of that name; `KeyError` where there is none."""
+        return {station.name: station for station in self.stations}[name]
+
+    def problem(self, key: KeyPath, text: str) -> Problem:
+        """Something that is wrong with one of the file's keys, with file and line."""
+        return self.source.problem(key, text)
+
+
+def load_line(path: Path) -> Line:
+    """The line file at `path`. Raises `Problems` with everything that is wrong with it."""
+    return parse_line(read_text(path), path)
+
+
+def parse_line(text: str, path: Path) -> Line:
+    """The line file of that text; relative paths are taken from the folder of `path`."""
+    source = parse(text, str(path))
+    if "recipe" in source.tables and not {"line", "station"} & source.tables.keys():
+        raise Problems([Problem(source.file, None, "", IS_A_RECIPE)])
+    problems = hidden(source)
+    tables, wrong, _ = read_table(LineTables, source, (), source.tables)
+    problems += wrong
+    stations = [_read_station(source, place, table, problems) for place, table in _station_tables(source)]
+    problems += _between_stations(source, path)
+    if problems or tables is None:
+        raise Problems(shortened(problems))
+    found = tuple(_placed(station, path) for station in stations if station is not None)
+    return Line(name=tables.line.name, stations=found, source=source, replay=tables.replay)
+
+
+def _station_tables(source: TomlText) -> Iterator[tuple[int, dict[str, object]]]:
+    tables = source.tables.get("station")
+    for place, table in enumerate(tables if isinstance(tables, list) else ()):
+        if isinstance(table, dict):
+            yield place, table
+
+
+def _read_station(source: TomlText, place: int, table: dict[str, object], problems: list[Problem]) -> StationTable | None:
+    at: KeyPath = ("station", place)
+    station, wrong, _ = read_table(StationTable, source, at, table)
+    problems += wrong
+    family = FAMILIES.get(str(table.get("family")))
+    problems += _accepted_model(source, at, table, family)
+    if family is not None:
+        problems += _within_family(source, at, family, table.get("ports"))
+        problems += _without_addresses(source, at, family, table.get("address", False))
+    return station
+
+
+def _accepted_model(source: TomlText, at: KeyPath, table: dict[str, object], family: Family | None) -> Iterator[Problem]:
+    """A name that cannot be driven as the family says."""
+    model = table.get("model")
+    if not isinstance(model, str):
+        return
+    if table.get("family") == AUTO:
+        yield source.problem((*at, "model"), 'is driven as a family says: name that family in place of "auto"')
+    elif family is not None and (problem := model_problem(family, model.strip(" "))) is not None:
+        yield source.problem((*at, "model"), problem)
+
+
+def _without_addresses(source: TomlText, at: KeyPath, family: Family, address: object) -> Iterator[Problem]:
+    if family.protocol == OMEGA and isinstance(address, int) and not isinstance(address, bool):
+        yield source.problem((*at, "address"), f"the frames of family {family.name} have no addresses; leave it out")
+
+
+def _within_family(source: TomlText, at: KeyPath, family: Family, ports: object) -> Iterator[Problem]:
+    """Ports that other families have and this one has not."""
+    if family.ports is None or not isinstance(ports, list):
+        return
+    for place, port in enumerate(ports):
+        if port in (1, 2, 3, 4) and port not in family.ports:
+            allowed = ", ".join(map(str, family.ports))
+            yield source.problem((*at, "ports", place), f"the family {family.name} has no port {port}; it has {allowed}")
+
+
+def _between_stations(source: TomlText, path: Path) -> Iterator[Problem]:
+    """Names and ports of this computer that two stations share."""
+    tables = list(_station_tables(source))
+    names = [(place, table.get("name")) for place, table in tables]
+    urls = [(place, _same_port(table.get("url"), path)) for place, table in tables]
+    yield from _shared(source, "name", names, "is the name of two stations")
+    yield from _shared(source, "url", urls, "is the port of two stations", ONE_EACH)
+
+
+def _shared(source: TomlText, key: str, values: Iterable[tuple[int, object]], text: str, why: str = "") -> Iterator[Problem]:
+    first: dict[str, int] = {}
+    tables = dict(_station_tables(source))
+    for place, value in values:
+        if isinstance(value, str) and first.setdefault(value, place) != place:
+            line = source.lines.get(("station", first[value], key))
+            written = tables[place].get(key)
+            yield source.problem(("station", place, key), f"{shown(written)} {text}, first in line {line}{why}")
+
+
+def _same_port(url: object, path: Path) -> object:
+    """What two urls of one port have in common: links of devices are followed; options behind a TCP port mean nothing."""
+    if not isinstance(url, str) or not url:
+        return url
+    if not is_path(url):
+        return tcp_port(url) or url
+    try:
+        return os.path.realpath(_folder(path) / url)
+    except (OSError, ValueError):  # no name that a file can have
+        return url
+
+
+def _folder(path: Path) -> Path:
+    return path.absolute().parent
+
+
+def _placed(table: StationTable, path: Path) -> StationSpec:
+    """The station with absolute paths, and with what its family brings where the file names nothing."""
+    folder, family = _folder(path), FAMILIES.get(table.family)
+    values = {name: getattr(table, name) for name in StationTable.model_fields}
+    values["url"] = str(folder / table.url) if is_path(table.url) else table.url
+    values["recipe"] = None if table.recipe is None else folder / table.recipe
+    if family is not None and "baudrate" not in table.model_fields_set:
+        values["baudrate"] = family.baudrate
+    if family is not None and family.protocol == OMEGA:
+        values["address"] = None
+    return StationSpec.model_construct(**values, written_url=table.url)

@@ -1,0 +1,147 @@
+"""What a recipe writes on one station: an ordered list of settings for each port, and one for the station itself."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import dataclass, fields, replace
+from typing import Final
+
+from jbclog.config.recipe import Asked, Recipe, asked_in
+from jbclog.config.recipe_checks import SECTION_FAMILIES
+from jbclog.config.toml_reader import dotted
+from jbclog.config.write_order import COMMAND_OF, WHEN_OFF
+from jbclog.core.quantities import OFF, Value, raw_share
+from jbclog.protocol.commands.command import Command
+from jbclog.protocol.commands.family import Family
+from jbclog.protocol.commands.omega_values import ConditionRecord
+
+_PLACE: Final = {setting: place for place, setting in enumerate(COMMAND_OF)}
+
+
+@dataclass(frozen=True, slots=True)
+class Setting:
+    """One value to be written. `port` is None for the whole station; the tool is known at run time only.
+
+    `command.name` is what stands in the column `setting`; `key` is where the value stands in the recipe. A share
+    (`is_share`) is in per mille until `as_counted` has made of it what the station counts in.
+    """
+
+    command: Command
+    port: int | None
+    value: Value
+    key: str
+    is_share: bool = False
+
+    @property
+    def unit(self) -> str:
+        """The value's unit, with what a share is a share of."""
+        return f"‰ of the station's {str(self.command.share_of).replace('_', ' ')}" if self.is_share else self.command.unit
+
+    def shown(self) -> str:
+        """The value with its unit, for sentences."""
+        return f"{self.value} {self.unit}" if self.is_share else self.command.shown(self.value)
+
+    def as_counted(self, held: Mapping[str, Value]) -> Setting | None:
+        """The setting with the number that goes on the wire, given what the station holds; None where that is not known."""
+        if not self.is_share:
+            return self
+        whole = held.get(str(self.command.share_of))
+        if not isinstance(whole, int) or not isinstance(self.value, int) or whole <= 0:
+            return None
+        return replace(self, value=raw_share(self.value, whole), is_share=False)
+
+
+def settings_for(recipe: Recipe, family: Family, port: int) -> list[Setting]:
+    """What is written on `port` of a station of `family`, in the order that `write_order.py` explains."""
+    return [setting for _, setting in _for_port(recipe, family, port)]
+
+
+def station_settings_for(recipe: Recipe, family: Family) -> list[Setting]:
+    """What is written once for the whole station: the feeder of ale. Empty for families without one."""
+    wanted = sorted(asked_in(recipe.feeder, ("feeder",)), key=lambda one: _PLACE[one.setting])
+    return [setting for one in wanted if (setting := _setting(one, family, None)) is not None]
+
+
+def condition_of(recipe: Recipe, family: Family) -> ConditionRecord | None:
+    """The solder condition that the recipe asks of a station of `family`; None where it asks for none."""
+    if recipe.omega is None or family.name not in SECTION_FAMILIES["omega"]:
+        return None
+    return ConditionRecord(*(getattr(recipe.omega, one.name) for one in fields(ConditionRecord)))
+
+
+def foreign_keys(recipe: Recipe, family: Family, ports: Collection[int] | None = None) -> list[str]:
+    """What the recipe asks for and this station does not have, as it stands in the column `setting` (`unsupported`).
+
+    Keys of other families' sections by their command's name (``feeder_length``) or, where no driven family has
+    one, by their key (``omega.condition``); and keys of ports beyond `ports` (default: the family's), whole:
+    ``port.3.temperature.select_c``.
+    """
+    return [*_of_other_families(recipe, family), *_of_other_ports(recipe, family, ports if ports is not None else family.ports)]
+
+
+def live_problems(recipe: Recipe, family: Family, port: int, held: Mapping[str, Value]) -> list[str]:
+    """Where what the port is asked to hold is beyond what the station itself allows, as it told in `held`."""
+    found = ((one, _live_problem(setting, held)) for one, setting in _for_port(recipe, family, port))
+    return [str(recipe.problem(one.key, text)) for one, text in found if text is not None]
+
+
+def _live_problem(setting: Setting, held: Mapping[str, Value]) -> str | None:
+    place, counted = f"{setting.shown()} on port {setting.port}", setting.as_counted(held)
+    if counted is None:
+        return f"{place} cannot be reckoned: the station does not tell it"
+    if setting.is_share:
+        place = f"{place}, {counted.shown()},"
+    if setting.command.within is None:
+        return None
+    value, (lowest, highest) = counted.value, (held.get(name) if name else None for name in setting.command.within)
+    if not isinstance(highest, int):
+        return f"{place} cannot be checked: the station does not answer its {setting.command.within[1].replace('_', ' ')}"
+    if isinstance(value, int) and value > highest:
+        return f"{place} is above the station's maximum of {setting.command.shown(highest)}"
+    if isinstance(value, int) and isinstance(lowest, int) and value < lowest:
+        return f"{place} is below the station's minimum of {setting.command.shown(lowest)}"
+    return None
+
+
+def _for_port(recipe: Recipe, family: Family, port: int) -> list[tuple[Asked, Setting]]:
+    air = {one.setting: one for one in asked_in(recipe.air, ("air",)) if one.setting in COMMAND_OF}  # suction is in the status
+    asked = recipe.asked(port) | air
+    wanted = sorted(asked.values(), key=lambda one: _place(one, asked))
+    return [(one, setting) for one in wanted if (setting := _setting(one, family, port)) is not None]
+
+
+def _place(one: Asked, asked: Mapping[str, Asked]) -> float:
+    """The setting's place in the order; a delay that switches an alarm off comes just before its limit."""
+    alarm, _, _ = one.setting.rpartition(".")
+    if one.value is OFF and alarm in WHEN_OFF:
+        return _PLACE[f"{alarm}.limit_c"] - 0.5
+    return _PLACE[one.setting]
+
+
+def _setting(one: Asked, family: Family, port: int | None) -> Setting | None:
+    command = family.commands.get(COMMAND_OF[one.setting])
+    if command is None or not command.writable or not _belongs(one, family):
+        return None
+    # as the station will give it back, so that reading back and comparing is exact
+    value = command.quantity.decode(command.quantity.encode(one.value))
+    return Setting(command, port, value, dotted(one.key), command.share_of is not None)
+
+
+def _belongs(one: Asked, family: Family) -> bool:
+    """Whether the section that asks for it is one for this family."""
+    return family.name in SECTION_FAMILIES[one.setting.partition(".")[0]]
+
+
+def _of_other_families(recipe: Recipe, family: Family) -> Iterator[str]:
+    yield from (COMMAND_OF[one.setting] for one in recipe.asked().values() if not _belongs(one, family))
+    for section in ("feeder", "air", "omega"):
+        table = getattr(recipe, section)
+        if table is not None and family.name not in SECTION_FAMILIES[section]:
+            for one in asked_in(table, (section,)):
+                yield COMMAND_OF.get(one.setting, one.setting)
+
+
+def _of_other_ports(recipe: Recipe, family: Family, ports: Collection[int] | None) -> Iterator[str]:
+    for port in recipe.ports_named():
+        is_there = ports is None or port in ports
+        yield from (dotted(one.key) for one in recipe.asked_of(port) if not (is_there and _belongs(one, family)))

@@ -1,0 +1,139 @@
+"""From tables to typed values, and from pydantic's errors to sentences with line, key and what is allowed.
+
+A field's `description` says what is allowed there, in the words of the person who writes the file; it is the
+second half of every sentence about that key.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Mapping
+from typing import Annotated, TypeVar, get_args
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
+from pydantic.fields import FieldInfo
+from pydantic_core import ErrorDetails, PydanticCustomError
+
+from jbclog.config.toml_keys import KeyPath
+from jbclog.config.toml_reader import MAX_PROBLEMS, TomlText
+from jbclog.core.errors import Problem
+
+_TABLE_ERRORS = ("model_type", "model_attributes_type", "dict_type", "mapping_type")
+_OWN_WORDS = ("said", "value_error")
+
+
+class Table(BaseModel):
+    """One table of a file: no unknown keys, no conversion between types, unchangeable afterwards."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
+
+
+Row = TypeVar("Row", bound=Table)
+
+
+def said(text: str) -> PydanticCustomError:
+    """An error of a field whose sentence is taken as it is."""
+    return PydanticCustomError("said", "{text}", {"text": text})
+
+
+def _as_tuple(value: object) -> object:
+    return tuple(value) if isinstance(value, list) else value
+
+
+FromList = BeforeValidator(_as_tuple)
+"""Marks a tuple that a TOML list fills."""
+
+NAME_PATTERN = r"[A-Za-z0-9_][A-Za-z0-9._-]{0,63}"
+Name = Annotated[str, Field(pattern=rf"^{NAME_PATTERN}\z")]
+NAME_ALLOWED = "1 to 64 of the characters A-Z a-z 0-9 . _ -, the first of them a letter, a digit or _"
+
+
+def read_table(row: type[Row], source: TomlText, at: KeyPath, table: object) -> tuple[Row | None, list[Problem], list[KeyPath]]:
+    """The typed table that stands at `at`, or None, what is wrong with it, and the key paths below `at` of that."""
+    try:
+        return row.model_validate(table), [], []
+    except ValidationError as error:
+        details = error.errors(include_url=False, include_context=False)
+        problems = [_problem(row, source, at, detail) for detail in details[: MAX_PROBLEMS + 1]]
+        return None, problems, [detail["loc"] for detail in details]
+
+
+def _problem(row: type[Table], source: TomlText, at: KeyPath, detail: ErrorDetails) -> Problem:
+    key = source.known((*at, *detail["loc"]))
+    if detail["type"] == "missing":
+        key = (*key, detail["loc"][-1])
+    return source.problem(key, _sentence(row, key[len(at) :], detail))
+
+
+def _sentence(row: type[Table], key: KeyPath, detail: ErrorDetails) -> str:
+    kind = detail["type"]
+    if kind == "extra_forbidden":
+        return unknown(str(key[-1]), _names_beside(row, key))
+    if kind in _OWN_WORDS:
+        return detail["msg"].removeprefix("Value error, ")
+    if kind in _TABLE_ERRORS:
+        return f"{shown(detail['input'])} stands where a table belongs"
+    allowed = _allowed(row, key)
+    if kind == "missing":
+        return f"missing; {allowed}" if allowed else "missing"
+    return f"{shown(detail['input'])} is not allowed; {allowed or detail['msg'].lower()}"
+
+
+def unknown(name: str, names: list[str]) -> str:
+    """The sentence for a name that is none of `names`, with the nearest one where there is one."""
+    near = difflib.get_close_matches(name[:64], names, n=1)
+    return f"unknown; did you mean {near[0]}?" if near else f"unknown; allowed here: {', '.join(names) or 'nothing'}"
+
+
+def shown(value: object) -> str:
+    """A value as it stands in the file, shortened, with nothing in it that a terminal would act upon."""
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    text = '"' + repr(value)[1:-1] + '"' if isinstance(value, str) else repr(value)
+    return text if len(text) <= 60 else text[:57] + "..."
+
+
+def _names_beside(row: type[Table], key: KeyPath) -> list[str]:
+    table = _table_at(row, key[:-1])
+    return [] if table is None else list(table.model_fields)
+
+
+def _allowed(row: type[Table], key: KeyPath) -> str | None:
+    """The description of the field that `key` leads to, or of the list or mapping that it is a member of."""
+    while key and isinstance(key[-1], int):
+        key = key[:-1]
+    field, around = _field(row, key), _field(row, key[:-1])
+    if field is None and around is not None and _is_mapping(around.annotation):
+        field = around
+    return field.description if field is not None else None
+
+
+def _field(row: type[Table], key: KeyPath) -> FieldInfo | None:
+    table = _table_at(row, key[:-1]) if key else None
+    return table.model_fields.get(str(key[-1])) if table is not None else None
+
+
+def _table_at(row: type[BaseModel], key: KeyPath) -> type[BaseModel] | None:
+    """The model of the table that `key` leads to; numbers and the keys of mappings do not change it."""
+    table: type[BaseModel] | None = row
+    in_mapping = False
+    for part in key:
+        if isinstance(part, int) or in_mapping:
+            in_mapping = False
+            continue
+        field = table.model_fields.get(part) if table is not None else None
+        if field is None:
+            return None
+        table, in_mapping = _model_in(field.annotation), _is_mapping(field.annotation)
+    return table
+
+
+def _model_in(annotation: object) -> type[BaseModel] | None:
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return annotation
+    return next((found for inner in get_args(annotation) if (found := _model_in(inner)) is not None), None)
+
+
+def _is_mapping(annotation: object) -> bool:
+    origin = getattr(annotation, "__origin__", None)
+    return isinstance(origin, type) and issubclass(origin, Mapping)

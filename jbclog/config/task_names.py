@@ -1,0 +1,9 @@
+"""Names of maintenance tasks that need no tasks file: they say what happened to a station's counters."""
+
+from __future__ import annotations
+
+from typing import Final
+
+RESET: Final = "counters-reset"
+REPLACED: Final = "station-replaced"
+STATED: Final = (RESET, REPLACED)

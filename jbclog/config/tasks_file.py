@@ -1,0 +1,170 @@
+"""The tasks file: what has to be done after how much use, on which stations (TOML).
+
+::
+
+    [[task]]
+    name = "tip-change"           # what `jbclog maintenance done --task` takes
+    title = "Change the tip"      # optional
+    counter = "work_h"            # any counter; not with life_days
+    life_h = 400                  # or life_cycles, life_m, life_days: as the counter counts
+    warn_percent = 80             # optional
+    families = ["dde", "ale"]     # optional; without it every station that has the counter
+    stations = ["dde-1"]          # optional
+    of = "port"                   # or "station": all its ports together
+
+Everything that is wrong is said at once, with file, line, key and what is allowed, as of recipes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Final, Literal
+
+from pydantic import Field
+
+from jbclog.config.fields import Families
+from jbclog.config.schema import NAME_ALLOWED, FromList, Name, Table, read_table
+from jbclog.config.task_names import STATED
+from jbclog.config.toml_keys import KeyPath
+from jbclog.config.toml_reader import TomlText, hidden, parse, read_text, shortened
+from jbclog.core.errors import Problem, Problems
+
+DAYS: Final = "days"
+COUNTERS: Final = {
+    "life_h": ("plugged_h", "no_tool_h", "sleep_h", "hibernation_h", "work_h", "on_h"),
+    "life_cycles": ("sleep_cycles", "desolder_cycles", "dispensed_cycles", "tool_cycles", "suction_cycles"),
+    "life_m": ("dispensed_mm",),
+}
+LIVES: Final = (*COUNTERS, "life_days")
+ALL_COUNTERS: Final = tuple(name for names in COUNTERS.values() for name in names)
+
+Counter = Literal[
+    "plugged_h",
+    "no_tool_h",
+    "sleep_h",
+    "hibernation_h",
+    "work_h",
+    "on_h",
+    "sleep_cycles",
+    "desolder_cycles",
+    "dispensed_cycles",
+    "tool_cycles",
+    "suction_cycles",
+    "dispensed_mm",
+]
+Life = Annotated[float | None, Field(ge=0.01, le=1e9)]
+Texts = Annotated[tuple[str, ...] | None, FromList]
+
+
+class TaskTable(Table):
+    """A `[[task]]` of the file."""
+
+    name: Name = Field(description=NAME_ALLOWED)
+    title: str = Field(default="", max_length=80, description="at most 80 characters")
+    counter: Counter | None = Field(default=None, description=f"one of {', '.join(ALL_COUNTERS)}")
+    life_h: Life = Field(default=None, description="hours, 0.01 or more")
+    life_cycles: Life = Field(default=None, description="cycles, 0.01 or more")
+    life_m: Life = Field(default=None, description="metres, 0.01 or more")
+    life_days: Life = Field(default=None, description="days, 0.01 or more")
+    warn_percent: float = Field(default=80.0, gt=0, le=100, description="more than 0, at most 100")
+    families: Families | None = Field(default=None, description="a list of families")
+    stations: Texts = Field(default=None, description="a list of names of stations")
+    of: Literal["port", "station"] = Field(default="port", description='"port" or "station"')
+
+
+class TasksFile(Table):
+    """The whole file."""
+
+    task: Annotated[tuple[TaskTable, ...], FromList] = Field(description="at least one [[task]]")
+
+
+@dataclass(frozen=True, slots=True)
+class Task:
+    """What has to be done after `life` of `counter` (its own unit; of ``days`` days). `never` says that nobody told of it yet."""
+
+    name: str
+    title: str
+    counter: str
+    life: float
+    warn_percent: float = 80.0
+    families: tuple[str, ...] | None = None
+    stations: tuple[str, ...] | None = None
+    of_station: bool = False
+    never: str = "nobody told when it was done last"
+
+    def is_of(self, station: str, family: str | None) -> bool:
+        """Whether this station has it."""
+        return (self.stations is None or station in self.stations) and (self.families is None or family in self.families)
+
+
+def load_tasks(path: Path) -> tuple[Task, ...]:
+    """The tasks of the file at `path`. Raises `Problems` with everything that is wrong with it."""
+    return parse_tasks(read_text(path), path)
+
+
+def parse_tasks(text: str, path: Path = Path("tasks.toml")) -> tuple[Task, ...]:
+    """The tasks of that text; `path` stands in its sentences."""
+    source = parse(text, str(path))
+    problems = hidden(source)
+    file, wrong, _ = read_table(TasksFile, source, (), source.tables)
+    problems += wrong
+    problems += _between(source, source.tables.get("task"))
+    if problems or file is None:
+        raise Problems(shortened(problems))
+    return tuple(map(_task, file.task))
+
+
+def _task(table: TaskTable) -> Task:
+    life = next(name for name in LIVES if getattr(table, name) is not None)
+    return Task(
+        name=table.name,
+        title=table.title or table.name,
+        counter=table.counter or DAYS,
+        life=getattr(table, life) * (1000 if life == "life_m" else 1),
+        warn_percent=table.warn_percent,
+        families=table.families,
+        stations=table.stations,
+        of_station=table.of == "station",
+    )
+
+
+# -- what belongs together ------------------------------------------------------------------------------------------------------
+
+
+def _between(source: TomlText, tables: object) -> Iterator[Problem]:
+    """What is wrong between the keys of a task, and between tasks."""
+    names: dict[object, int] = {}
+    if tables == []:
+        yield source.problem(("task",), "there is none; at least one [[task]]")
+    for place, table in enumerate(tables if isinstance(tables, list) else []):
+        if isinstance(table, dict):
+            yield from _of_one(source, ("task", place), table)
+            yield from _named(source, ("task", place, "name"), table.get("name"), names)
+
+
+def _of_one(source: TomlText, at: KeyPath, table: dict[str, object]) -> Iterator[Problem]:
+    lives = [name for name in LIVES if name in table]
+    counter = table.get("counter")
+    if len(lives) != 1:
+        said = f"{' and '.join(lives)} stand there" if lives else "no life is given"
+        yield source.problem(at, f"{said}; exactly one of {', '.join(LIVES)}")
+    elif lives == ["life_days"] and counter is not None:
+        yield source.problem((*at, "counter"), "life_days are days of the calendar and take no counter")
+    elif lives != ["life_days"] and counter is None:
+        yield source.problem((*at, "counter"), f"missing; with {lives[0]} one of {', '.join(COUNTERS[lives[0]])}")
+    elif counter in ALL_COUNTERS and counter not in COUNTERS[lives[0]]:
+        yield source.problem(
+            (*at, "counter"), f"{counter} is not counted so; with {lives[0]} one of {', '.join(COUNTERS[lives[0]])}"
+        )
+
+
+def _named(source: TomlText, at: KeyPath, name: object, names: dict[object, int]) -> Iterator[Problem]:
+    if not isinstance(name, str):
+        return
+    if name in STATED:
+        yield source.problem(at, f"{name} tells the odometer what happened; a task needs a name of its own")
+    if name in names:
+        yield source.problem(at, f"{name} stands there twice, first in line {names[name]}")
+    names.setdefault(name, source.lines.get(at, 0))

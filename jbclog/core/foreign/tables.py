@@ -1,0 +1,271 @@
+"""Parquet that may be anybody's: read a row group at a time, and each only after what it declares was looked at.
+
+A file of 150 kB can declare, or really hold, rows that take gigabytes. Looked at are: the footer's length before it is parsed; rows
+by the file's size and by row group; the bytes that each column declares; the length of each page in its own head, which is what
+the library reserves before it unpacks; and how long the texts of a dictionary become, written out.
+
+A recorder's groups have some 33 000 rows and 9 MB; the limits are eight to sixteen times that.
+"""
+
+from __future__ import annotations
+
+import os
+import struct
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import BinaryIO, Final
+
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.parquet as pq
+
+from jbclog.core.foreign.compact import Compact
+from jbclog.core.foreign.files import MIB, Kind, NotReadable, expect_regular, open_foreign
+from jbclog.core.foreign.footer import Chunk, Group, groups_in
+from jbclog.core.foreign.numbers import FIRST_S, LARGEST, LAST_S, WHOLE
+
+MAGIC: Final = b"PAR1"
+TAIL: Final = struct.Struct("<I4s")
+FOOTER_BYTES: Final = 4 * MIB  # an hour of 256 ports at 10 Hz takes 1.4 MB
+FOOTER_LIST: Final = 8192  # entries of one of its lists
+GROUP_ROWS: Final = 262_144
+GROUP_BYTES: Final = 128 * MIB  # of the columns that are read, unpacked
+ROWS_A_BYTE: Final = 16  # rows in which nothing was read take a quarter of a byte each
+FREE_ROWS: Final = 1_000_000  # whatever the file's size
+COLUMNS: Final = 200
+PAGES: Final = 4096  # of one column of a row group
+A_SECOND: Final = {"s": 1, "ms": 1_000, "us": 1_000_000, "ns": 1_000_000_000}
+TEXTS: Final = (pa.types.is_string, pa.types.is_large_string, pa.types.is_binary, pa.types.is_large_binary)
+
+
+@contextmanager
+def open_table(path: Path) -> Iterator[Table]:
+    """The Parquet file at `path`, its footer looked at. Raises OSError (`NotReadable`) or pa.ArrowException."""
+    with open_foreign(path, Kind.PART) as data, ExitStack() as opened:
+        groups = groups_in(_footer(data))
+        try:
+            file = pq.ParquetFile(path, page_checksum_verification=True, thrift_container_size_limit=FOOTER_LIST)
+            table = Table(opened.enter_context(file), groups, data)
+        except UnicodeDecodeError as error:
+            raise NotReadable("has a column whose name is no text") from error
+        _expect_plausible(file.metadata, groups, expect_regular(path, Kind.PART))
+        yield table
+
+
+def metadata_of(path: Path) -> pq.FileMetaData:
+    """The footer of a Parquet file. Raises OSError (`NotReadable`) or pa.ArrowException."""
+    with open_table(path) as table:
+        return table.metadata
+
+
+def bounds_of(path: Path, column: str) -> list[tuple[bytes, bytes] | None]:
+    """Least and greatest value of a column in each row group; None where the footer does not say. Raises as `metadata_of`."""
+    with open_table(path) as table:
+        chunks = [next((chunk for chunk in group.chunks if chunk.name == column), None) for group in table.row_groups]
+    return [
+        (one.least, one.greatest) if one is not None and one.least is not None and one.greatest is not None else None
+        for one in chunks
+    ]
+
+
+def read_small(path: Path, columns: Sequence[str] | None = None) -> pa.Table:
+    """A whole file that is a small table, one group of rows at the most. Raises OSError (`NotReadable`) or pa.ArrowException."""
+    with open_table(path) as table:
+        if table.metadata.num_rows > GROUP_ROWS:
+            raise NotReadable(f"has {table.metadata.num_rows} rows; at most {GROUP_ROWS} are read")
+        groups = [*table.groups(columns)]
+        return pa.concat_tables(groups) if groups else table.empty(columns)
+
+
+class Table:
+    """An open Parquet file: its footer, and its row groups, each looked at before it is read."""
+
+    def __init__(self, file: pq.ParquetFile, groups: Sequence[Group], data: BinaryIO) -> None:
+        self._file = file
+        self._data = data
+        self.row_groups = groups
+        self.metadata: pq.FileMetaData = file.metadata
+        self.schema: pa.Schema = file.schema_arrow
+        self._looked_at: set[tuple[int, int]] = set()
+
+    @property
+    def num_row_groups(self) -> int:
+        return int(self.metadata.num_row_groups)
+
+    def empty(self, columns: Sequence[str] | None = None) -> pa.Table:
+        """No rows, with these columns."""
+        table = self.schema.empty_table()
+        return table if columns is None else table.select(list(columns))
+
+    def groups(self, columns: Sequence[str] | None = None) -> Iterator[pa.Table]:
+        """All rows, a row group at a time."""
+        return (self.group(index, columns) for index in range(self.num_row_groups))
+
+    def group(self, index: int, columns: Sequence[str] | None = None) -> pa.Table:
+        """The rows of one group. Raises `NotReadable` where it is larger than one that a recorder writes."""
+        self._expect_sound(index, columns)
+        rows = self._file.read_row_group(index, columns=None if columns is None else list(columns))
+        _expect_values(rows, f"row group {index}")
+        return rows
+
+    def batches(self, rows: int, columns: Sequence[str] | None = None) -> Iterator[pa.RecordBatch]:
+        """All rows, some at a time. Raises as `group` does."""
+        for index in range(self.num_row_groups):  # over all of them at once it reads ahead
+            self._expect_sound(index, columns)
+            for batch in self._file.iter_batches(rows, [index], None if columns is None else list(columns), use_threads=False):
+                _expect_values(batch, f"row group {index}")
+                yield batch
+
+    def _expect_sound(self, index: int, columns: Sequence[str] | None) -> None:
+        group = self.row_groups[index]
+        unpacked = 0
+        for chunk in group.chunks:
+            if columns is not None and chunk.name.partition(".")[0] not in columns:
+                continue
+            if chunk.values > GROUP_ROWS or chunk.values != group.rows:
+                raise NotReadable(f"row group {index}: {chunk.name} has {chunk.values} values")
+            unpacked += max(chunk.unpacked, _unpacked(self._data, chunk))
+            if unpacked > GROUP_BYTES:
+                raise NotReadable(f"row group {index} has more than {GROUP_BYTES // MIB} MiB")
+            self._expect_short_texts(index, chunk)
+
+    def _expect_short_texts(self, index: int, chunk: Chunk) -> None:
+        """A dictionary has each text once, however often it stands: written out, the texts may be far longer."""
+        kind = self.schema.field(chunk.name).type if chunk.name in self.schema.names else None
+        if kind is None or not any(fits(kind) for fits in TEXTS):
+            return
+        if chunk.unpacked * chunk.values <= GROUP_BYTES or chunk.dictionary_at is None:
+            return
+        longest = _longest_text(self._data, chunk)
+        if longest * chunk.values <= GROUP_BYTES:
+            return
+        written = sum(_written_out(batch.column(0)) for batch in self._as_dictionary(index, chunk.name))
+        if written > GROUP_BYTES:
+            raise NotReadable(f"row group {index}: {chunk.name} has more than {GROUP_BYTES // MIB} MiB of text")
+
+    def _as_dictionary(self, index: int, name: str) -> Iterator[pa.RecordBatch]:
+        with _own(self._data) as own, pq.ParquetFile(own, read_dictionary=[name]) as file:
+            yield from file.iter_batches(GROUP_ROWS, [index], [name], use_threads=False)
+
+
+def _expect_values(rows: pa.Table | pa.RecordBatch, where: str) -> None:
+    """Texts are UTF-8, numbers finite and not beyond what a record has, times of these centuries: the library takes any bytes.
+
+    Raises `NotReadable` or pa.ArrowException.
+    """
+    rows.validate(full=True)
+    for name, column in zip(rows.schema.names, rows.columns, strict=True):
+        if pa.types.is_floating(column.type):
+            least, most = -LARGEST, LARGEST
+            if pc.all(pc.is_finite(column)).as_py() is False:
+                raise NotReadable(f"{where}: {name} has a value that is no number")
+        elif pa.types.is_timestamp(column.type):
+            a_second = A_SECOND[column.type.unit]
+            column = column.cast(pa.int64())
+            least, most = FIRST_S * a_second, LAST_S * a_second
+        elif pa.types.is_integer(column.type):
+            least, most = -WHOLE, WHOLE
+        else:
+            continue
+        found = pc.min_max(column).as_py()
+        if found["min"] is not None and not least <= found["min"] <= found["max"] <= most:
+            raise NotReadable(f"{where}: {name} has a value out of range")
+
+
+def _own(data: BinaryIO) -> BinaryIO:
+    """The same file once more, to be closed apart."""
+    return os.fdopen(os.dup(data.fileno()), "rb")
+
+
+def _written_out(column: pa.Array) -> int:
+    if not pa.types.is_dictionary(column.type):
+        return int(column.nbytes)
+    lengths = pc.binary_length(column.dictionary)
+    return int(pc.sum(lengths.take(column.indices).cast(pa.int64())).as_py() or 0)
+
+
+# -- the footer -------------------------------------------------------------------------------------------------------------
+
+
+def _footer(data: BinaryIO) -> bytes:
+    """The bytes of the footer. Raises `NotReadable` where there is none, or one that is too long."""
+    size = data.seek(0, 2)
+    if size < TAIL.size + len(MAGIC):
+        raise NotReadable("is no Parquet file: it is too short")
+    data.seek(size - TAIL.size)
+    length, magic = TAIL.unpack(data.read(TAIL.size))
+    if magic != MAGIC:
+        raise NotReadable("is no Parquet file: it does not end as one")
+    if length > FOOTER_BYTES:
+        raise NotReadable(f"has a footer of {length} bytes; at most {FOOTER_BYTES} are read")
+    if length > size - TAIL.size - len(MAGIC):
+        raise NotReadable("is no Parquet file: its footer is longer than it")
+    data.seek(size - TAIL.size - length)
+    return data.read(length)
+
+
+def _expect_plausible(metadata: pq.FileMetaData, groups: Sequence[Group], size: int) -> None:
+    if metadata.num_columns > COLUMNS:
+        raise NotReadable(f"has {metadata.num_columns} columns; at most {COLUMNS} are read")
+    if not 0 <= metadata.num_rows <= max(FREE_ROWS, size * ROWS_A_BYTE):
+        raise NotReadable(f"declares {metadata.num_rows} rows in {size} bytes")
+    most = max((group.rows for group in groups), default=0)
+    if most > GROUP_ROWS:
+        raise NotReadable(f"has a row group of {most} rows; at most {GROUP_ROWS} are read")
+    if sum(group.rows for group in groups) != metadata.num_rows or any(group.rows < 0 for group in groups):
+        raise NotReadable(f"declares {metadata.num_rows} rows, and its row groups have others")
+    if len(groups) != metadata.num_row_groups or any(len(group.chunks) != metadata.num_columns for group in groups):
+        raise NotReadable("has a footer that contradicts itself")
+
+
+# -- pages: their heads, as Parquet's format says (parquet.thrift, PageHeader) -----------------------------------------------
+
+HEAD_BYTES: Final = 16 << 10
+UNPACKED, PACKED = 2, 3  # fields of a page's head
+
+
+def _unpacked(data: BinaryIO, chunk: Chunk) -> int:
+    """What the pages of a column say that they take, unpacked. Raises `NotReadable`."""
+    return sum(_pages(data, chunk))
+
+
+def _longest_text(data: BinaryIO, chunk: Chunk) -> int:
+    """No text of the column is longer: the dictionary's, and all of the pages that have texts themselves."""
+    return max(_pages(data, chunk), default=0)
+
+
+def _pages(data: BinaryIO, chunk: Chunk) -> Iterator[int]:
+    """The bytes of each page of a column, unpacked."""
+    if not chunk.packed:
+        return
+    at = min((start for start in (chunk.data_at, chunk.dictionary_at) if start), default=0)
+    end = at + chunk.packed
+    if not len(MAGIC) <= at <= end <= data.seek(0, 2):
+        raise NotReadable(f"{chunk.name} lies outside the file")
+    for _ in range(PAGES):
+        if at >= end:
+            return
+        data.seek(at)
+        fields, length = _head(data.read(min(HEAD_BYTES, end - at)))
+        packed, unpacked = fields.get(PACKED), fields.get(UNPACKED)
+        if packed is None or unpacked is None or packed < 0 or unpacked < 0:
+            raise NotReadable(f"{chunk.name} has a page without a length")
+        yield unpacked
+        at += length + packed
+    raise NotReadable(f"{chunk.name} has more than {PAGES} pages")
+
+
+def _head(data: bytes) -> tuple[dict[int, int | None], int]:
+    """The lengths among the fields of a page's head, and its own length in bytes."""
+    reader = Compact(data)
+    found: dict[int, int | None] = {}
+    try:
+        for number, kind in reader.heads():
+            if number in (UNPACKED, PACKED):
+                found[number] = reader.integer(kind)
+            else:
+                reader.skip(kind)
+    except (IndexError, ValueError):
+        raise NotReadable("has a page whose head cannot be read") from None
+    return found, reader.at

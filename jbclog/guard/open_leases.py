@@ -1,0 +1,159 @@
+"""Leases that nobody closed: recorder and guard both died, the host lost its power. The next start deals with them first."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable, Collection, Iterator, Mapping
+from contextlib import suppress
+from dataclasses import replace
+from pathlib import Path
+from typing import Final, NamedTuple
+
+from jbclog.core.errors import RecordError
+from jbclog.guard import lease, lease_registry
+from jbclog.guard.action_log import Diary
+from jbclog.guard.lease import StationLease
+from jbclog.guard.single_guard import only_one
+from jbclog.guard.takeover import CRITICAL, ERROR, INFO, TakeOver
+
+PATIENCE_S: Final = 6.0  # a guard that is just taking over has done by then
+AGAIN_S: Final = 0.1
+
+IsRecording = Callable[[Path], bool]
+"""Whether a recorder writes to the run in this folder now."""
+
+
+class LeftOver(NamedTuple):
+    """What was done about a run that had left tools as they were."""
+
+    is_safe: bool
+    text: str
+
+
+def settle(out: Path, urls: Collection[str], is_recording: IsRecording) -> list[LeftOver]:
+    """Make safe what runs of this user, and those below `out`, left hot on the ports `urls`.
+
+    A run that goes on holds its ports itself.
+    """
+    settled = [done for folder in unclosed(out, urls) if (done := _settle(folder, urls, is_recording)) is not None]
+    return [*settled, *(_not_known(folder, why) for folder, why in _unreadable(out) if not is_recording(folder))]
+
+
+def _unreadable(out: Path) -> Iterator[tuple[Path, str]]:
+    """Folders with a lease that cannot be read, and why."""
+    for folder in _with_lease(out):
+        why = lease.unreadable(folder)
+        if why:
+            yield folder, why
+
+
+def _not_known(folder: Path, why: str) -> LeftOver:
+    path = folder / lease.NAME
+    text = f"{path} cannot be read ({why}): whether run {folder.name} left tools hot is not known."
+    return LeftOver(False, f"{text} Make them safe with `jbclog safe`, then remove that file.")
+
+
+def unclosed(out: Path | None, urls: Collection[str]) -> Iterator[Path]:
+    """The folders whose leases hold any of these ports: below `out`, and wherever this user has others."""
+    for folder in _with_lease(out):
+        if any(_is_wanted(station, urls) for station in lease.kept(folder)):
+            yield folder
+
+
+def _with_lease(out: Path | None) -> list[Path]:
+    below = (
+        [Path(os.path.realpath(path.parent)) for path in out.glob(f"*/{lease.NAME}")] if out is not None and out.is_dir() else []
+    )
+    return sorted({*below, *lease_registry.known()})
+
+
+def _is_wanted(station: StationLease, urls: Collection[str]) -> bool:
+    return any(station.is_at(url) for url in urls)
+
+
+def _settle(folder: Path, urls: Collection[str], is_recording: IsRecording) -> LeftOver | None:
+    end = time.monotonic() + PATIENCE_S
+    while not is_recording(folder):
+        try:
+            with only_one(folder):
+                return _take_over(folder, urls)
+        except RecordError:  # its guard is there, and makes it safe now
+            if time.monotonic() > end:
+                break
+            time.sleep(AGAIN_S)
+        except OSError as error:
+            return LeftOver(False, f"Run {folder.name} left tools hot, and nothing could be done about it: {error}.")
+    return None
+
+
+def _take_over(folder: Path, urls: Collection[str]) -> LeftOver | None:
+    held = lease.kept(folder)
+    ours = [station for station in held if _is_wanted(station, urls)]
+    if not ours:  # the guard that was there has done it meanwhile
+        return None
+    diary = Diary(folder, "jbclog run")
+    left = TakeOver(ours, diary, spare=True).run()
+    if not diary.is_torn:
+        with suppress(OSError):
+            lease.keep(folder, [*(station for station in held if station not in ours), *left])
+    text = _tell(diary, folder, ours, is_safe=not left)
+    diary.tidy()
+    return LeftOver(not left, text)
+
+
+def _tell(diary: Diary, folder: Path, stations: Collection[StationLease], *, is_safe: bool) -> str:
+    done = "every tool is in its safe state now" if is_safe else "not every tool could be made safe"
+    text = f"Run {folder.name} had left tools of {', '.join(sorted(one.name for one in stations))} as they were: {done}."
+    diary.write("guard.left_over", ERROR if is_safe else CRITICAL, text)
+    return text
+
+
+# -- made safe by somebody else ----------------------------------------------------------------------------------------
+
+
+class Seen(NamedTuple):
+    """What somebody who made a station safe has read back: its model, its ports' states, whether its feeder stands.
+
+    A port without a tool has the state `None`.
+    """
+
+    model: str | None
+    states: Mapping[int, str | None]
+    feeder_stands: bool
+
+
+def close(urls: Collection[str], look: Callable[[StationLease], Seen | None], is_recording: IsRecording, who: str) -> list[Path]:
+    """Close the leases on these ports as far as `look` gives what was read back; each run is told. Gives their folders."""
+    return [folder for folder in unclosed(None, urls) if not is_recording(folder) and _close(folder, look, who)]
+
+
+def _close(folder: Path, look: Callable[[StationLease], Seen | None], who: str) -> bool:
+    """Whether anything of it was closed; where its guard is there, that is its own to do."""
+    with suppress(RecordError, OSError), only_one(folder):
+        held, diary = lease.kept(folder), Diary(folder, who)
+        left = [_without(station, look(station), diary) for station in held]
+        closed = {before: after for before, after in zip(held, left, strict=True) if after != before}
+        if closed:
+            _tell(diary, folder, closed, is_safe=not any(after.holds for after in closed.values()))
+            if not diary.is_torn:
+                lease.keep(folder, left)
+            diary.tidy()
+            return True
+    return False
+
+
+def _without(station: StationLease, seen: Seen | None, diary: Diary) -> StationLease:
+    """What the lease still holds."""
+    if seen is None or seen.model != station.model:
+        return station
+    for port in station.ports:
+        if port in seen.states:
+            state = seen.states[port]
+            text = "There is no tool any more" if state is None else f"The tool was found safe, as read back: {state}"
+            diary.write("safety.safe_state", INFO, f"{text}.", station.name, port)
+    return replace(
+        station,
+        ports=tuple(port for port in station.ports if port not in seen.states),
+        feeds=station.feeds and not seen.feeder_stands,
+    )

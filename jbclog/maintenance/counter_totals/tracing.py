@@ -1,0 +1,255 @@
+"""From a station's history to a trace of every counter: look by look, judged, and summed.
+
+Where roll-overs are in doubt it is gone through twice: how fast the counters go, and in what ratio, is learned from all that is
+known at first sight.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter as Counted
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+
+from jbclog.config.task_names import REPLACED, RESET
+from jbclog.maintenance.counter_totals.companion import OPEN, Ratios, ratios_of
+from jbclog.maintenance.counter_totals.difference import counted_on
+from jbclog.maintenance.counter_totals.elapsed import seconds
+from jbclog.maintenance.counter_totals.fast_path import Counter, difference, is_plain, lasted_h
+from jbclog.maintenance.counter_totals.history import History, Key
+from jbclog.maintenance.counter_totals.interval import NOTHING, Interval
+from jbclog.maintenance.counter_totals.judgement import Judged
+from jbclog.maintenance.counter_totals.judging import Resets, judge, judge_doubted
+from jbclog.maintenance.counter_totals.misread import MakeSpan, misread
+from jbclog.maintenance.counter_totals.replacement import replaced
+from jbclog.maintenance.counter_totals.sentences import RULES
+from jbclog.maintenance.counter_totals.span import LEAST_HOURS, Reading, Span
+from jbclog.maintenance.counter_totals.totals import Difference, Join, Kind, Point, Trace
+from jbclog.maintenance.counter_totals.traits import DRIFT, modulus_of, trait_of
+from jbclog.maintenance.counter_totals.units import is_ordinary
+
+MARGIN = 10.0  # by which a counter may go faster than it ever was seen to: other work may take that much more
+LEAST_SEEN = 6  # fewer are those of quiet weeks, in which no roll-over was to be doubted
+UNSURE = frozenset({*OPEN, "rolled_over_or_reset"})
+
+
+@dataclass
+class Traces:
+    """The counters of the station that is there now; `earlier` those of stations that were replaced."""
+
+    history: History
+    now: dict[Key, Trace] = field(default_factory=dict)
+    earlier: list[Trace] = field(default_factory=list)
+
+
+def traces_of(history: History) -> Traces:
+    """Every counter's trace."""
+    first = _Pass(history, {}, {})
+    first.go()
+    unsure = any(one.rule in UNSURE for judged in first.judged for one in judged)
+    if not unsure and not first.late:
+        return first.traces
+    judged = [*first.judged, *first.plain()]
+    paces, ratios = (_paces(judged), ratios_of(judged)) if unsure else ({}, {})
+    second = _Pass(history, paces, ratios, first.late)
+    second.go()
+    return second.traces
+
+
+def _strangers(left_out: Iterable[Collection[int]]) -> Iterator[int]:
+    """Looks at which several counters belong to nothing, so that for once another unit answered; and those after them."""
+    for look, counters in Counted(look for looks in left_out for look in looks).items():
+        if counters > 1:
+            yield from (look, look + 1)
+
+
+def _paces(looks: Sequence[Sequence[Judged]]) -> dict[Key, float]:
+    """The fastest that each counter was seen to go, in an hour of what it goes with, with a margin."""
+    seen: dict[Key, list[float]] = {}
+    for one in (one for judged in looks for one in judged):
+        hours = one.span.most / one.span.trait.fastest
+        if one.is_known and not one.span.trait.is_time and hours >= LEAST_HOURS:
+            seen.setdefault((one.span.port, one.span.counter), []).append(one.delta.high / hours)
+    return {key: MARGIN * max(paces) for key, paces in seen.items() if len(paces) >= LEAST_SEEN}
+
+
+class _Pass:
+    """One way through a history. `paces` and `ratios` are what is known of the counters before; `doubted` the looks before which
+    another unit may have come, as later ones showed. `late` are those that this way finds."""
+
+    def __init__(self, history: History, paces: Mapping[Key, float], ratios: Ratios, doubted: Collection[int] = ()) -> None:
+        self.history, self.paces, self.ratios = history, paces, ratios
+        self.traces = Traces(history)
+        self.judged: list[list[Judged]] = []
+        self._counters = {key: self._counter(key, found) for key, found in history.readings.items()}
+        self._left_out = {key: misread(found, self._maker(key)) for key, found in history.readings.items()}
+        self._doubted = {*doubted, *_strangers(self._left_out.values())}
+        self.late: set[int] = set()
+        self._odd = self._doubted.union(*self._left_out.values())
+        self._by_look: list[dict[Key, Reading]] = [{} for _ in history.looks]
+        self._plain: list[int] = []
+        self._last: dict[Key, Reading] = {}
+        self._of_other: dict[Key, Reading] = {}
+        self._resets = Resets()
+        self._turns: dict[Key, float] = {}
+
+    def _counter(self, key: Key, found: Sequence[Reading]) -> Counter:
+        return Counter(key, trait_of(key[1]), modulus_of(key[1], (one.shown.high for one in found)), self.paces.get(key))
+
+    def go(self) -> None:
+        """All looks."""
+        for key, found in self.history.readings.items():
+            for reading in found:
+                self._by_look[reading.look][key] = reading
+        for look, readings in enumerate(self._by_look):
+            if self._is_plain(look, readings):
+                self._go_on(look, readings)
+            else:
+                self._look(look, readings)
+
+    # -- where nothing happened -----------------------------------------------------------------------------------------------
+
+    def _is_plain(self, look: int, readings: Mapping[Key, Reading]) -> bool:
+        if not look or look in self._odd or self._replaced(look, ()) is not None:
+            return False
+        elapsed_h = self.history.elapsed.at_most_h(look - 1, look)
+        return math.isfinite(elapsed_h) and is_plain(look, self._last, readings, self._counters, elapsed_h)
+
+    def _go_on(self, look: int, readings: Mapping[Key, Reading]) -> None:
+        begin, end = self.history.looks[look - 1].time, self.history.looks[look].time
+        for key, one in readings.items():
+            trace, by = self.traces.now[key], self._turns.get(key, 0.0)
+            shown = Interval(one.shown.low + by, one.shown.high + by) if by else one.shown
+            trace.points.append(Point(look, end, shown))
+            trace.differences.append(difference(self._counters[key], self._last[key], one, begin, end))
+        self._last |= readings
+        self._plain.append(look)
+
+    def plain(self) -> Iterator[list[Judged]]:
+        """What these looks tell of counters of events, judged."""
+        for look in self._plain:
+            before, now = self._by_look[look - 1], self._by_look[look]
+            events = (key for key in now if not self._counters[key].is_time)
+            yield [counted_on(self._span_of(key, before, now)) for key in events]
+
+    # -- where anything did ---------------------------------------------------------------------------------------------------
+
+    def _look(self, look: int, readings: Mapping[Key, Reading]) -> None:
+        fitting = {key: one for key, one in readings.items() if look not in self._left_out[key]}
+        spans = [self._span_of(key, self._last, fitting) for key in fitting if key in self._last]
+        rule = self._replaced(look, spans) if look else None
+        if rule is not None:
+            self._begin_again()
+        else:
+            judged = self._judged(spans, look)
+            self.judged.append(judged)
+            for found in judged:
+                self._keep(found)
+        for key, one in readings.items():
+            self._note(key, one, rule)
+
+    def _judged(self, spans: Sequence[Span], look: int) -> list[Judged]:
+        if look in self._doubted:
+            return judge_doubted(spans, look, self._resets)
+        self._resets.stated = self._stated(look)
+        judged = judge(spans, look, self._resets, self.ratios)
+        if self._resets.other == look:
+            since = max(
+                (one.before.look for one in spans if math.isfinite(one.elapsed_h) and not is_ordinary(one)), default=look - 1
+            )
+            if since < look - 1:
+                self.late.update(range(since + 1, look + 1))
+        return judged
+
+    def _replaced(self, look: int, spans: Sequence[Span]) -> str | None:
+        before, now = self.history.looks[look - 1], self.history.looks[look]
+        stated = any(self.history.told(REPLACED, look - 1, look))
+        return replaced(before.identity, now.identity, spans, stated)
+
+    def _begin_again(self) -> None:
+        self.traces.earlier += self.traces.now.values()
+        self._of_other, self._last = self._last, {}
+        self.traces.now, self._turns, self._resets = {}, {}, Resets()
+
+    def _stated(self, look: int) -> dict[int, float]:
+        """Hours from the look before to the last reset that somebody told, by port."""
+        if not look:
+            return {}
+        begin = self.history.times[look - 1]
+        stated: dict[int, float] = {}
+        for fact in self.history.told(RESET, look - 1, look):  # of several the last: what was worked up to it is lost
+            port = fact.port or 0
+            stated[port] = max(stated.get(port, 0.0), (seconds(fact.time) - begin) / 3600)
+        return stated
+
+    # -- spans --------------------------------------------------------------------------------------------------------------
+
+    def _maker(self, key: Key) -> MakeSpan:
+        return lambda before, after: self._span(key, before, after)
+
+    def _span_of(self, key: Key, last: Mapping[Key, Reading], now: Mapping[Key, Reading]) -> Span:
+        """With what counters of time tell of it."""
+        look, elapsed_h = last[key].look, self.history.elapsed.at_most_h(last[key].look, now[key].look)
+        lasted = lasted_h(self._counters[key].hours, self._believed(look), now, look, elapsed_h)
+        return self._span(key, last[key], now[key], lasted)
+
+    def _believed(self, look: int) -> Mapping[Key, Reading]:
+        """What was read at a look, without what is left out."""
+        readings = self._by_look[look]
+        return {key: one for key, one in readings.items() if look not in self._left_out[key]} if look in self._odd else readings
+
+    def _span(self, key: Key, before: Reading, after: Reading, lasted: float = math.inf) -> Span:
+        counter, elapsed = self._counters[key], self.history.elapsed.at_most_h(before.look, after.look)
+        lasted = min(lasted, elapsed * DRIFT)
+        most = lasted if counter.is_time else lasted * counter.fastest
+        usual = most if counter.pace is None else min(most, counter.pace * max(lasted, LEAST_HOURS))
+        grown = Interval(after.shown.low - before.shown.high, after.shown.high - before.shown.low)
+        return Span(*key, counter.trait, counter.modulus, before, after, elapsed, most, usual, grown)
+
+    # -- what comes of it ---------------------------------------------------------------------------------------------------
+
+    def _keep(self, one: Judged) -> None:
+        key, span = (one.span.port, one.span.counter), one.span
+        trace = self.traces.now[key]
+        if one.join is Join.ON:
+            self._turns[key] = self._turns.get(key, 0.0) + one.turns * span.modulus
+        else:
+            self._turns[key] = 0.0
+        by = self._turns[key]
+        shown = Interval(span.after.shown.low + by, span.after.shown.high + by)
+        trace.points.append(Point(span.after.look, self.history.looks[span.after.look].time, shown, one.join, one.lost))
+        trace.differences.append(self._difference(one))
+        self._last[key] = span.after
+
+    def _note(self, key: Key, reading: Reading, rule: str | None) -> None:
+        """The first reading of a counter; or one that is left out."""
+        time = self.history.looks[reading.look].time
+        if reading.look in self._left_out[key]:
+            self._leave_out(key, reading)
+        elif key not in self.traces.now:
+            trace = Trace(*key, trait_of(key[1]).step, [Point(reading.look, time, reading.shown)])
+            if rule is not None and key in self._of_other:
+                span = self._span(key, self._of_other[key], reading)
+                trace.aside.append(self._difference(Judged(span, Kind.REPLACED, rule)))
+            self.traces.now[key], self._last[key] = trace, reading
+
+    def _leave_out(self, key: Key, reading: Reading) -> None:
+        if key in self.traces.now:
+            span = self._span(key, self._last[key], reading)
+            self.traces.now[key].aside.append(self._difference(Judged(span, Kind.SUSPECT, "left_out", Join.LOOSE, is_known=False)))
+
+    def _difference(self, one: Judged) -> Difference:
+        span, looks = one.span, self.history.looks
+        return Difference(
+            port=span.port,
+            counter=span.counter,
+            begin=looks[span.before.look].time,
+            end=looks[span.after.look].time,
+            before=span.before.shown.low,
+            after=span.after.shown.low,
+            kind=one.kind,
+            rule=one.rule,
+            text=RULES[one.rule],
+            delta=NOTHING if one.kind is Kind.REPLACED else one.delta,
+            is_known=one.is_known,
+        )

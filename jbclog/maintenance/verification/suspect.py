@@ -1,0 +1,133 @@
+"""Which runs stood on a tip that turned out bad.
+
+The *bad one* is the last verification that failed, of the station, port and tip that are asked for. What is *suspect* is every
+run that was on since the last one that passed before it, until the next that passed after it: nobody knows when in between it
+went bad. Where none passed before, that is from the beginning. A run is suspect for the ports that it recorded; one that names
+another tip for a port is not suspect for it, one that names none is.
+
+What cannot be read is told apart: nobody can say whether it is one of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from datetime import datetime
+from pathlib import Path
+
+from jbclog.core.errors import RecordError, UsageError
+from jbclog.maintenance.verification.verification import Result, Verification
+from jbclog.maintenance.verification.verifications_file import Book, read_book
+from jbclog.record.find_runs import Found, Unreadable, find
+from jbclog.record.manifest import read_manifest
+
+
+@dataclass(frozen=True, slots=True)
+class Used:
+    """A run that used a tip of the station: on which ports, and which tip it names for each (None: it does not say)."""
+
+    folder: Path
+    started: str | None
+    ended: str | None
+    ports: tuple[int, ...]
+    tips: tuple[str | None, ...]
+    units: tuple[str, ...]
+    order: str | None
+    verdict: str | None
+
+
+@dataclass(frozen=True, slots=True)
+class Suspect:
+    """The runs in the window from `since` to `until` (None: open), and why it is that window. `bad` is None where none failed."""
+
+    bad: Verification | None
+    since: datetime | None
+    until: datetime | None
+    why: str
+    runs: list[Used] = field(default_factory=list)
+    unreadable: list[Unreadable] = field(default_factory=list)
+    wrong: list[tuple[int, str]] = field(default_factory=list)
+
+
+def where_used(out: Path, station: str, port: int | None = None, tip: str | None = None, since: datetime | None = None) -> Suspect:
+    """The runs below `out` that used a tip of `station` since the last good verification, or since `since`.
+
+    Raises `RecordError` where the folder or the file of verifications cannot be read, `UsageError` where nothing knows the station:
+    under a name that was mistyped nothing is suspect.
+    """
+    book = read_book(out)
+    _expect_known(out, book, station)
+    window = _window(book, station, port, tip, since)
+    if window.bad is None and since is None:
+        return window
+    if tip is None and window.bad is not None and since is None:
+        tip = window.bad.tip
+    for run in find(out):  # by no filter: one that cannot be read might be one of them
+        if isinstance(run, Unreadable):
+            window.unreadable.append(run)
+            continue
+        if station in run.stations and _was_on(run, window):
+            try:
+                window.runs.extend(_used(run, station, port, tip))
+            except RecordError as error:
+                window.unreadable.append(Unreadable(run.folder, str(error)))
+    return window
+
+
+def _expect_known(out: Path, book: Book, station: str) -> None:
+    names: set[str] = {one.station for one in book.all}
+    if station in names or book.wrong:
+        return
+    for run in find(out):
+        if isinstance(run, Unreadable) or station in run.stations:
+            return  # or may be of it
+        names.update(run.stations)
+    known = f"there are {', '.join(sorted(names))}" if names else "there is none yet"
+    raise UsageError(f"{station}: no run in {out} and no verification is of a station of that name; {known}")
+
+
+def _window(book: Book, station: str, port: int | None, tip: str | None, since: datetime | None) -> Suspect:
+    these = [
+        one for one in book.all if one.station == station and one.is_valid and port in (None, one.port) and tip in (None, one.tip)
+    ]
+    bad = next((one for one in reversed(these) if one.result == Result.FAIL), None)
+    if since is not None:
+        return Suspect(bad, since, None, "It is since when was asked for.", wrong=book.wrong)
+    if bad is None:
+        why = (
+            "No verification of it failed; give --since to see the runs since then." if these else "No verification of it is known."
+        )
+        return Suspect(None, None, None, why, wrong=book.wrong)
+    same = [one for one in these if (one.port, one.tip) == (bad.port, bad.tip) and one.result == Result.PASS]
+    good = next((one for one in reversed(same) if one.seq < bad.seq), None)
+    again = next((one for one in same if one.seq > bad.seq), None)
+    told = f"Tip {bad.tip} in port {bad.port} failed at {bad.time[:16]}Z ({bad.offset_c:+.1f} °C)"
+    told += f"; it had passed at {good.time[:16]}Z" if good else "; it had never passed before"
+    told += f", and passed again at {again.time[:16]}Z." if again else ", and has not passed since."
+    return Suspect(bad, _moment(good), _moment(again), told, wrong=book.wrong)
+
+
+def _moment(one: Verification | None) -> datetime | None:
+    return None if one is None else datetime.fromisoformat(one.time)
+
+
+def _was_on(run: Found, window: Suspect) -> bool:
+    """Whether the run and the window overlap; an end that is not known is one that is still to come."""
+    began = None if run.started is None else datetime.fromisoformat(run.started)
+    ended = None if run.ended is None else datetime.fromisoformat(run.ended)
+    is_before = window.since is not None and ended is not None and ended < window.since
+    is_after = window.until is not None and began is not None and began > window.until
+    return not (is_before or is_after)
+
+
+def _used(run: Found, station: str, port: int | None, tip: str | None) -> Iterator[Used]:
+    manifest = read_manifest(run.folder)
+    facts = manifest.station(station)
+    if facts is None:
+        return
+    ports = [number for number in facts.ports or [port or 1] if port in (None, number)]
+    named = {number: manifest.metadata.tip(station, number) for number in ports}
+    these = [number for number in ports if tip is None or named[number] in (None, tip)]
+    if these:
+        said = (run.started, run.ended, tuple(these), tuple(named[number] for number in these), run.units, run.order, run.verdict)
+        yield Used(run.folder, *said)

@@ -1,0 +1,363 @@
+"""One question to a JBC station in Robot mode, and the one answer that is believed.
+
+The rules:
+
+1. One question is outstanding at a time. An answer is believed only when its check byte, addresses, header,
+   code, length and digits are those of the pending question; anything else on the line is counted and dropped.
+2. A frame with a wrong check byte is not the end: an answer may stand behind it. What is as long as the answer was the
+   answer, so only what is on its way behind that is waited for.
+3. Answers carry no sequence number, so a late one looks like a fresh one. Codes to which an answer may be under way are
+   in doubt until the station answers anything else; what is done about that is the client's business (`robot.py`).
+4. Other forms are taken where the manuals contradict each other, and counted (`protocol/commands/decisions.py`). Those that another
+   answer could be mistaken for are taken only while nothing is in doubt, and never right behind the question that they
+   would answer properly.
+5. How long an answer may take follows from the bytes, the line format and the turnaround of the reads seen on this station,
+   which is never stretched beyond `MOST_S`. A write is given longer, however quick reads are: what it is stored in may be
+   slow, and no manual prints how slow (digest B-13).
+
+Everything here is a generator that does no I/O (`core.io_requests`).
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+
+from jbclog.core.errors import (
+    AnswerCorrupt,
+    AnswerFormat,
+    AnswerTimeout,
+    ModelUnknown,
+    NotReceived,
+    NotSupported,
+    OutOfRange,
+    Refusal,
+    RobotModeOff,
+    StationError,
+)
+from jbclog.core.io_requests import Ask, Heard, Listen, Steps
+from jbclog.core.line_format import LineFormat
+from jbclog.protocol.client.anomalies import Anomalies
+from jbclog.protocol.client.flow import Flow
+from jbclog.protocol.client.question import Question, known_answers
+from jbclog.protocol.commands.command import Command, Effect, Scope
+from jbclog.protocol.commands.robot import COMMUNICATION_ERRORS
+from jbclog.protocol.commands.tolerated import ACKNOWLEDGED_WITH_VALUE, READ_ANSWERED_AS, WRITE_ANSWERED_AS
+from jbclog.protocol.frame import Frame
+from jbclog.protocol.reader import Corrupt, FrameReader
+
+REPEATS = 2  # a read goes out three times at most
+UNMEASURED_S = 0.3  # turnaround allowed before any was seen (digest B-13)
+LEAST_S = 0.1  # turnaround allowed at the least: a busy host may well need that long to hand bytes over
+SETTING_S = 1.0  # and for the acknowledgement of a write, whatever reads took: a setting, a tool's state
+STORING_S = 2.0  # one that erases, stores, restarts, moves or changes the address
+MOST_S = 2.0  # and at the most: a station that answers ever later must not stretch every wait for a lost answer
+QUIET_S = 0.02  # a line that was silent this long after a bad answer is drained
+MOST_DOUBTED = 64  # questions of which an answer may still come; a station does not keep more for later
+UNEXPECTED_LENGTH = 20  # characters allowed for an answer of unprinted length, for its time-out
+
+REFUSALS: dict[int, type[Refusal]] = {
+    1: NotReceived,
+    2: NotReceived,
+    3: OutOfRange,
+    4: NotSupported,
+    5: RobotModeOff,
+    6: ModelUnknown,
+}
+
+Pair = tuple[int | None, int | None]
+"""Source and target of a frame; both None where it has no addresses."""
+
+
+class AnsweredOtherwise(AnswerFormat):
+    """The answer has the letters of another command, as some stations may have it; `data` is its data field."""
+
+    def __init__(self, text: str, data: str) -> None:
+        super().__init__(text)
+        self.data = data
+
+
+def least_s(command: Command) -> float:
+    """The turnaround that a write of `command` is allowed at the least, in seconds."""
+    is_stored = command.effect in (Effect.ERASES, Effect.MOVES) or command.name == "address"
+    return STORING_S if is_stored else SETTING_S
+
+
+class Dialogue:
+    """Who speaks to the station on a line, and what is known of how it answers. `robot.Station` is the public face."""
+
+    def __init__(self, line: LineFormat, address: int | None, host_address: int) -> None:
+        self.line = line
+        self.address = address
+        self.host_address = host_address
+        self.sent = 0.0
+        self.first_sent: float | None = None
+        self.heard = 0.0
+        self.now = 0.0
+        self.exchanges = 0  # questions sent
+        self.turnaround_s: float | None = None  # the longest seen lately
+        self.strays: Counter[str] = Counter()
+        self.anomalies = Anomalies()
+        self.flow = Flow()
+        self._reader = FrameReader()
+        self._doubted: list[str] = []  # codes of questions whose answers may be under way, oldest first
+        self._is_clear = True  # nothing was in doubt when the pending question left
+        self._pending = self._last = ""  # the codes of the question that is out, and of the one before it
+        self._is_overdue = False  # the time of the last question was over before its answer came
+        self._answer_from_station = True  # the order of addresses in answers is learnt (digest B-6)
+        self._moving: tuple[Pair, ...] = ()  # addresses that the pending change of address may be acknowledged under
+        self._questions: dict[tuple[str, int | None, int | None], Question] = {}
+
+    # -- questions -------------------------------------------------------------------------------------------------
+
+    def question(self, command: Command, port: int | None = None, tool: int | None = None) -> Question:
+        """The read of `command`, made once and kept."""
+        key = (command.name, port, tool)
+        known = self._questions.get(key)
+        if known is None:
+            known = self._questions[key] = self._make(command, "R", port, tool)
+        return known
+
+    def _make(self, command: Command, header: str, port: int | None, tool: int | None, data: str = "") -> Question:
+        """The question of `command`: a read, which may have `data` as padding only, or a write of `data`."""
+        code, is_write = command.code(port, tool), header == "W"
+        digits = 0 if is_write else command.answer_digits
+        frame = self._frame(header, code + data, sending=True)
+        start = self._frame("A", code, sending=not self._answer_from_station)[:-2]
+        length = len(start) + (UNEXPECTED_LENGTH if digits is None else digits) + 2
+        wire_s = self.line.seconds(len(frame) + length)
+        tries = 1 if is_write or command.asked_once else 1 + REPEATS
+        is_short = command.scope is Scope.STATION and len(code) == 2
+        known = known_answers(frame, command, start)
+        question = Question(command, port, frame, code, digits, start, length, wire_s, tries, is_short, *known)
+        answered_as = (WRITE_ANSWERED_AS if is_write else READ_ANSWERED_AS).get(command.name)
+        if answered_as is not None:
+            question.also_number, question.also = answered_as[0], f"{answered_as[1]}{port}"
+        if is_write:
+            question.least_s = least_s(command)
+            question.repeated = data if command.name in ACKNOWLEDGED_WITH_VALUE else ""
+        return question
+
+    def _frame(self, header: str, text: str, *, sending: bool) -> bytes:
+        if self.address is None:
+            return Frame(header, text).encode()
+        source, target = (self.host_address, self.address) if sending else (self.address, self.host_address)
+        return Frame(header, text, source, target).encode()
+
+    # -- one exchange ----------------------------------------------------------------------------------------------
+
+    def patience_s(self, question: Question) -> float:
+        """How long the answer may take from the moment the question is handed over."""
+        seen = self.turnaround_s
+        from_reads = UNMEASURED_S if seen is None else min(max(LEAST_S, 4 * seen), MOST_S)
+        return question.wire_s + max(from_reads, question.least_s)
+
+    def _exchange(self, question: Question) -> Steps[str]:
+        """Ask once; give the data field of the answer. On a flooded link nothing is asked, but a write goes out."""
+        if not question.is_write:
+            self._expect_no_flood()
+        self._reader.reset()  # what came before the question cannot answer it
+        self._last = self._pending
+        self._pending = question.code
+        self._is_clear = not self._doubted
+        self._doubted.append(question.code)  # until that or any later one is answered
+        if len(self._doubted) > MOST_DOUBTED:
+            del self._doubted[0]
+        patience_s = self._patience_s(question)
+        heard = yield Ask(question.frame, patience_s)
+        self.exchanges += 1
+        self.sent = heard.sent
+        if self.first_sent is None:
+            self.first_sent = heard.sent
+        is_suspect = self.flow.came(heard.now, len(heard.data), question.answer_length)
+        text = question.text_in(heard.data)
+        if text is None or is_suspect:
+            return (yield from self._gather(question, heard, heard.sent + patience_s))
+        self._note_time(heard.now, question, question.wire_s)
+        return text
+
+    def _patience_s(self, question: Question) -> float:
+        """The same at this moment: an acknowledgement is not found in a flood, and other tools wait to be told."""
+        if question.is_write and (self.flow.is_flooded or self.flow.is_suspect):
+            return question.wire_s + LEAST_S
+        return self.patience_s(question)
+
+    def _gather(self, question: Question, heard: Heard, end: float) -> Steps[str]:
+        """The answer out of whatever comes until `end`: in pieces, among garbage, after frames that answer nothing."""
+        until = end
+        failure: StationError = AnswerTimeout(f"{question.title()}: no answer within {until - heard.sent:.3f} s")
+        while heard.data:
+            self.now = heard.now
+            self._expect_no_flood()
+            for found in self._reader.feed(heard.data):
+                if self.flow.is_suspect:
+                    self.strays["flood"] += 1
+                    failure = AnswerFormat(f"{question.title()}: far more came than an answer, and none of it is believed")
+                    continue
+                if isinstance(found, Corrupt):
+                    failure = AnswerCorrupt(f"{question.title()}: wrong check byte in {found.raw.hex(' ')}")
+                    until = min(until, self._rest_of(question, found, end))
+                    continue
+                data = self._match(question, found)
+                if data is not None:
+                    self._note_time(heard.now, question, self.line.seconds(len(question.frame) + len(found.encode())))
+                    return data
+                if not isinstance(failure, AnswerCorrupt):
+                    failure = AnswerFormat(f"{question.title()}: answered by {self._why_no_answer(found)}")
+            heard = yield Listen(until)
+            self.flow.came(heard.now, len(heard.data))
+        self.now = heard.now
+        self._is_overdue = until == end
+        self._reader.reset()
+        raise failure
+
+    def _expect_no_flood(self) -> None:
+        """Raise `LinkFlooded` where far more has come over the last second than answers are."""
+        if self.flow.found is not None:
+            raise self.flow.taken()
+
+    def _why_no_answer(self, frame: Frame) -> str:
+        """What came in place of an answer, in words; of a frame from another address, which one."""
+        said, pair, own = f"{frame.header}{frame.text}", (frame.source, frame.target), (self.address, self.host_address)
+        expected = [(None, None)] if self.address is None else [own, own[::-1], *self._moving]
+        if pair in expected:
+            return f"{said}, which is no answer to it"
+        if frame.source is None:
+            return f"{said} without an address, not from address {self.address:02d}"
+        other = next((one for one in pair if one not in own), frame.source)
+        asked = "though no address is used" if self.address is None else f"not {self.address:02d}"
+        return f"{said} from address {other:02d}, {asked}"
+
+    def _rest_of(self, question: Question, corrupt: Corrupt, end: float) -> float:
+        """Until when to listen behind a corrupt frame: one as long as the answer was the answer."""
+        if question.digits is not None and len(corrupt.raw) < question.answer_length:
+            return end
+        return self.now + QUIET_S + self.line.seconds(question.answer_length)
+
+    def _match(self, question: Question, frame: Frame) -> str | None:
+        """The data of `frame` if it answers `question`, None if it answers nothing; refusals and bad data raise."""
+        if frame.header in "RW":
+            self.strays["echo"] += 1
+            return None
+        if not self._addresses_fit(question, frame):
+            self.strays["address"] += 1
+            return None
+        if frame.header == "N":
+            self._refused(question, frame)
+            return None
+        data = self._data_in(question, frame.text)
+        if data is None:
+            self.strays["code"] += 1
+        elif question.digits not in (None, len(data)):
+            raise AnswerFormat(f"{question.title()}: {len(data)} characters of data in A{frame.text}")
+        return data
+
+    def _data_in(self, question: Question, text: str) -> str | None:
+        """The data field of an answer to `question`; None of an answer to something else."""
+        if text.startswith(question.code):
+            data = text[len(question.code) :]
+            return self._acknowledgement(question, data) if question.digits == 0 else self._value(question, data)
+        if question.also and text.startswith(question.also) and self._is_clear and self._last != question.also:
+            self._answered_otherwise(question, text)
+            return ""
+        return None
+
+    def _acknowledgement(self, question: Question, data: str) -> str | None:
+        """Nothing is the data of an acknowledgement; the value that was written may be (digest B-43)."""
+        if data and data == question.repeated and self._is_clear:
+            self._meet(ACKNOWLEDGED_WITH_VALUE[question.command.name], question, data)
+            return ""
+        return None if data else ""
+
+    def _value(self, question: Question, data: str) -> str | None:
+        """No data is an acknowledgement; six characters are ATT1ddddd for RTT, or ATT0ddddd (digest A.12, B-10)."""
+        if question.is_short and len(data) == 6 and data[0] in " 0":
+            self._meet(10, question, data)
+            return data[1:]
+        return None if not data or (question.digits == 5 and len(data) == 6) else data
+
+    def _answered_otherwise(self, question: Question, text: str) -> None:
+        """The letters of another command's answer: enough for an acknowledgement (B.4), not for a value (digest B-36)."""
+        data = text[len(question.also) :]
+        if question.digits:
+            raise AnsweredOtherwise(f"{question.title()}: answered by A{text}", data)
+        if data:
+            raise AnswerFormat(f"{question.title()}: answered by A{text}, which is no acknowledgement")
+        self._meet(question.also_number, question, text)
+
+    def _meet(self, number: int, question: Question, raw: str) -> None:
+        self.anomalies.meet(number, question.title(), raw, question.port)
+
+    def _addresses_fit(self, question: Question, frame: Frame) -> bool:
+        """Either order names this station (digest B-6); the check byte cannot tell them apart."""
+        pair, ordered = (frame.source, frame.target), (self.address, None if self.address is None else self.host_address)
+        if pair == ordered:
+            return True
+        if pair == ordered[::-1]:
+            if self._answer_from_station:
+                self._answer_from_station = False
+                self._questions.clear()
+                raw = f"{frame.source:02d}{frame.target:02d}{frame.header}{frame.text}"
+                self.anomalies.meet(6, question.title(), raw, times=0)  # each answer that is taken is counted
+            return True
+        if pair in self._moving:
+            self._meet(9, question, f"{pair}{frame.header}{frame.text}")
+            return True
+        return False
+
+    def _refused(self, question: Question, frame: Frame) -> None:
+        """Raise what an N frame says; one with another code answers something else, unless nothing can be read in it."""
+        code, digits = frame.text[:-5].rstrip(), frame.text[-5:]  # R-TT's may have a third character, a blank
+        if not digits.isdigit():
+            raise AnswerFormat(f"{question.title()}: N{frame.text} carries no error number")
+        number = int(digits)
+        if code not in ("", question.code) and number not in (1, 2):
+            self.strays["code"] += 1
+            return
+        if not code:
+            self._meet(11, question, f"N{frame.text}")
+        self._settled()
+        meaning = COMMUNICATION_ERRORS.get(number, "unknown communication error")
+        raise REFUSALS.get(number, Refusal)(number, f"{question.title()}: refused with N {number:05d}, {meaning}")
+
+    # -- the state of the line -------------------------------------------------------------------------------------
+
+    def _note_time(self, now: float, question: Question, wire_s: float) -> None:
+        """An answer was whole at `now`. What a write took tells nothing of reads."""
+        self.now = self.heard = now
+        self._settled()
+        if not self._answer_from_station:
+            self.anomalies.counts[6] += 1
+        if question.is_write:
+            return
+        took = max(now - self.sent - wire_s, 0.0)
+        seen = self.turnaround_s
+        if seen is None or took > seen:
+            self.turnaround_s = took
+        else:
+            self.turnaround_s = seen * 0.999 + took * 0.001  # forget a single late answer slowly
+
+    def _settled(self) -> None:
+        """The station has answered: answers come in the order of questions, so none to an earlier one is under way.
+
+        Where the code of the pending question is out more than once, it may have been an earlier one that was answered.
+        """
+        if len(self._doubted) > 1:
+            del self._doubted[: self._doubted.index(self._pending) + 1]
+        else:
+            self._doubted.clear()
+        self._is_overdue = bool(self._doubted)
+
+    def _drain(self) -> Steps[None]:
+        """Listen until the line has been quiet long enough for any late answer to have come."""
+        quiet = max(QUIET_S, self.turnaround_s or 0.0) + self.line.seconds(4)
+        end = self.now + min(50 * quiet, 2 * MOST_S)  # a line that never falls silent makes the next question fail
+        while self.now < end:
+            heard = yield Listen(self.now + quiet)
+            self.now = heard.now
+            self.flow.came(heard.now, len(heard.data))
+            if not heard.data:
+                break
+            self._expect_no_flood()
+            self.strays["late"] += 1
+            self._reader.feed(heard.data)
+        self._reader.reset()

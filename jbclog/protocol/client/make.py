@@ -1,0 +1,16 @@
+"""Which client speaks to a station of which family."""
+
+from __future__ import annotations
+
+from jbclog.core.line_format import LineFormat
+from jbclog.protocol.client.interface import Client
+from jbclog.protocol.client.omega import OmegaStation
+from jbclog.protocol.client.robot import Station
+from jbclog.protocol.commands.family import OMEGA, Family
+
+
+def client_for(family: Family | None, line: LineFormat, address: int | None) -> Client:
+    """The client for `family`; None, a family that is still to be learnt, is asked in JBC's protocol."""
+    if family is not None and family.protocol == OMEGA:
+        return OmegaStation(line)
+    return Station(line, address)

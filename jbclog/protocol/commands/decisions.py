@@ -1,0 +1,321 @@
+"""Every contradiction of the manuals with its decision: the 52 rows of section B of the digest, and its B.4 as the 53rd.
+
+Read a row as: what is contradicted, what jbclog does, why; then how a virtual station plays the alternative, and what the
+event says when a station is met that does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from types import MappingProxyType
+
+from jbclog.protocol.commands.decision import Decision
+from jbclog.protocol.commands.decisions_elsewhere import HOT_AIR_ROWS, OMEGA_ROWS
+
+LINK = (
+    Decision(
+        1,
+        "Baud rates 1200 to 500000 with any parity, or 19200 8N1 only",
+        "what the line file says; 19200 8N1 where it says nothing",
+        "An old station's menu decides, and a wrong format gives rubbish and no answer: `scan` tries them in turn.",
+    ),
+    Decision(
+        2,
+        "Pins 3 and 4: Tx and Rx, or the station's RX and TX",
+        "the same wiring, named from either side",
+        "No byte tells the names of pins; `doctor` names a swapped pair where nothing answers.",
+    ),
+    Decision(
+        3,
+        "The minus is printed as a dot (000) and as a hyphen (001, 002, 004)",
+        "a hyphen is written; a dot in the first place of an adjustment is read as a minus",
+        "The dot of ss.cc is in the third place, so nothing else can be meant.",
+        ("minus_as_dot",),
+        "A negative number has a dot in the place of its minus; it is read as negative.",
+    ),
+    Decision(
+        4,
+        "Numbers from -9999 to 99999, or none below -0050",
+        "the whole range is read; no adjustment below -50 is written, and above 50 none where 002 prints that bound",
+        "-0050 is the lowest adjustment, not the lowest number; both readings take every number that a station can send.",
+    ),
+    Decision(
+        5,
+        "Data of 0 or 5 characters, and longer examples",
+        "a frame ends with ETX, whatever its length; what each command should carry is in its row",
+        "Length, model and software have no five characters in the manuals' own examples.",
+        ("software_in_ten_characters",),
+        "The software version is not five characters wide; blanks around it are left out.",
+    ),
+    Decision(
+        6,
+        "The order of the addresses in an answer is not said",
+        "the station first, the robot second; the other order is taken too and learnt",
+        'The field is defined as "the sender\'s"; the check byte is the same in both orders, so it proves neither.',
+        ("addresses_swapped",),
+        "Answers name the robot before the station; either order is taken.",
+    ),
+    Decision(
+        7,
+        "Frames with addresses by menu, or by default",
+        "what the line file says; with addresses where it says nothing",
+        "A virtual station takes it from the same key; `scan` tries both, and a digit behind STX means addresses.",
+    ),
+    Decision(
+        8,
+        "Feeder 10 and extractor 20 have addresses and no commands",
+        "an ALE is a soldering station at 01, unless the line file says 10",
+        "The examples for ALE use 01; `scan` falls back to 10, and the line file's address is what a run uses.",
+    ),
+    Decision(
+        9,
+        "W-SAD 00000: address 00 or no addresses; how it is acknowledged is not said",
+        "sent by `write` only; then R-SMN must be answered at the new address, else at the old one",
+        "The acknowledgement may come from the old address, the new one, or without any; what counts is who answers.",
+        ("address_acknowledged_from_the_new_one", "address_acknowledged_without_any"),
+        "The change of address is not acknowledged from the old address; who answers at the new one is asked.",
+    ),
+    Decision(
+        10,
+        "R-TT has two letters in a field of three; padding is not said",
+        "sent bare; one try with a blank where it is refused or not answered, then counted as not supported",
+        "ATT and six characters is the transformer only where the first is a blank or 0: no port has that number.",
+        ("transformer_padded_with_blank", "transformer_padded_with_zero", "transformer_wants_blank"),
+        "The transformer's temperature is asked or told with a third character behind TT; it is left out.",
+    ),
+    Decision(
+        11,
+        "What an N frame repeats is not said",
+        "with the question's code, without any, or, for N 1 and 2, with another: it refuses the one question that is out",
+        "One question is out at a time; after a wrong check byte the station cannot know the code.",
+        ("refusal_without_code",),
+        "A refusal does not repeat what it refuses; it is taken for the question that was out.",
+    ),
+    Decision(
+        12,
+        "The acknowledgement of a write carries no value",
+        "every setting is read back; its row says confirmed only then",
+        "All manuals agree on the frame; what it proves is the question, and reading back answers that.",
+    ),
+    Decision(
+        13,
+        "No response time, no rule for repeats",
+        "300 ms at first, then four times the slowest answer seen, 100 ms to 2 s; reads three times, writes once",
+        "Nothing to be accepted or not; a virtual station has `turnaround_ms`, and its late answers are a fault of their own.",
+    ),
+    Decision(
+        14,
+        "A frame for another address or without one: silence or N 2",
+        "silence and N 2 alike mean that nobody is there under this address",
+        "It matters only to who seeks a station (`scan`, `doctor`, and after W-SAD), and who seeks counts neither as an answer.",
+        ("refuses_other_addresses",),
+    ),
+    Decision(
+        15,
+        "Hyphens, spaces and an À in the printed examples",
+        "typography; never sent",
+        "A code is made of the table's letters and digits, and a frame of printable ASCII.",
+    ),
+    Decision(
+        16,
+        "Ports and baud rates printed as 01h to 04h and 00h to 0Bh",
+        "a port is an ASCII digit",
+        "The hexadecimal numbers are the station's own; every printed frame has a digit.",
+    ),
+)
+
+STATUS = (
+    Decision(
+        17,
+        'Units 0 of the status: "no stand" or "working"',
+        "`working`",
+        "One digit, two names for it.",
+    ),
+    Decision(
+        18,
+        'Tens of the status: "extractor" or "cooling"',
+        "one flag in the column `cooling`",
+        "One digit; its name is the family's.",
+    ),
+    Decision(
+        19,
+        "Status words that may be written: 0 and 1, or 10 as well",
+        "00000, 00001, and 00010 on every family of 002; where 00010 is refused as the safe state, 00001 follows",
+        "002 prints 00010 for W-PSx without a limit of family, 000 prints 00000 and 00001 only. Asked for by a recipe at the "
+        "start, a refusal stops the station as that of any setting does (contract).",
+        ("extractor_refused",),
+        "The extractor state 00010 is refused; where it was to be the safe state, the tool is told to stand.",
+        families=("dde", "nae", "dme", "hde", "ucr", "ale"),
+    ),
+    Decision(
+        20,
+        "Sleep and hibernation delays: no unit, minutes, and defaults in seconds",
+        "minutes, as 002 and 004 say; the number stands in `settings` as it came, and defaults are never assumed",
+        "Nothing proves the unit but the station: right after the order to stand, R-ED is held against the delay.",
+        ("sleep_delay_in_seconds",),
+        "Right after the order to stand, the time to sleep does not agree with a delay in minutes; both are kept as they came.",
+        doubtful=True,
+    ),
+    Decision(
+        21,
+        "99999 disables the sleep mode, or the hibernation mode, under other commands",
+        "it disables the very thing that the command sets, and is written for delays only",
+        "A slip of the text under W-H, W-HD and W-LD; on the wire all four are 99999.",
+    ),
+    Decision(
+        22,
+        "Alarm delays as ss.cc in a field of digits; the least is 00.00 or 00.10",
+        "ss.cc, 00.00 at once; five digits without a dot are hundredths; 00.00 that is refused is an error for people",
+        "99999 is off in either form, and 160 hundredths can be nothing else. A comma or a dot elsewhere is no delay.",
+        ("delay_without_dot",),
+        "An alarm delay has no dot; its digits are read as hundredths of a second.",
+    ),
+    Decision(
+        23,
+        'An alarm limit that is "not set" has no printed number',
+        "99999, 00000 and what no station can reach (above 600 °C) are not set; none of them is ever written",
+        "99999 is what the manuals print for everything else that is off.",
+        ("alarm_not_set_is_zero", "alarm_not_set_is_out_of_range"),
+        "An alarm limit that cannot be one is read as not set.",
+    ),
+    Decision(
+        24,
+        "Reading the alarm flags clears them (000), or nothing is said of it; 1 is set",
+        "read by one reader, once for each answer; any digit but 0 is set",
+        "Flags that stay set are told once, as flags that are raised again are.",
+        ("alarm_flags_of_any_digit", "alarm_flags_stay"),
+        "An alarm flag is neither 0 nor 1; it is taken as set.",
+    ),
+    Decision(
+        25,
+        "The time to sleep when nothing counts down is not said",
+        "99999, 65535, and 0 while the tool is not waiting are no time: null, `not_counting`",
+        "65535 is what the maker's other protocol says.",
+        ("countdown_65535", "countdown_zero"),
+        "Without a countdown the time to sleep is a number; it is read as none.",
+    ),
+    Decision(
+        26,
+        "A factory table gives an offset of 0 °C as 32 °F",
+        "an offset of 0 K; all temperatures are °C",
+        "Fahrenheit is never on the wire.",
+    ),
+    Decision(
+        27,
+        "The selected temperature is volatile, or nothing is said of it",
+        "volatile; a run never sends W-NVS, and after a restart of the station its settings are read again",
+        "A station that kept it would answer the same; the EEPROM wears.",
+    ),
+)
+
+VALUES = (
+    Decision(
+        28,
+        "Port error 80000 or 00008",
+        "80000 is read as 8",
+        "A misprint: the other two manuals have 00008, and no table has 80000.",
+        ("port_error_80000",),
+        "A port error is 80000; it is read as 8.",
+    ),
+    Decision(
+        29,
+        "One tool number, several tools",
+        "the number is kept; its name is the family's table, and an unknown one is tool_<n>",
+        "The number on the wire is the same whatever it is called.",
+    ),
+    Decision(
+        30,
+        "Port errors 4 and 9 mean other things on hot air",
+        "the table is the family's, and the family is proven by R-SMN before any is read",
+        "The number alone cannot tell; the model can.",
+    ),
+    Decision(
+        31,
+        "Highest temperature 500 °C, or 450 for UCR245",
+        "R-MAT and R-MIT are read before the first write, and the recipe is held to them",
+        "The station tells its own limits, so neither print is needed.",
+    ),
+    Decision(
+        32,
+        "Power in per cent in the text, in per mille in the examples",
+        "per mille; more than 1000 is kept",
+        "00840 is printed as 84 %.",
+        ("power_above_full",),
+        "The power is above 1000 per mille; it is kept as it came.",
+        doubtful=True,
+    ),
+    Decision(
+        34,
+        "Model names of five characters, and models of six letters",
+        "blanks on either side are left out, any length is taken, and its beginning tells the family",
+        "UCR245 does not fit in five characters, so either the field is longer or the name is cut.",
+        ("six_letter_model", "model_cut_to_five", "model_unpadded"),
+        "The model name is not what fills five characters; its beginning is enough to tell the family.",
+    ),
+    Decision(
+        35,
+        "Dispensed length: hexadecimal with 0x and eleven digits in a field of five",
+        "hexadecimal of any width, with or without 0x, in either case; the column `raw` keeps the characters",
+        "Digits without a letter are hexadecimal too. Only a known length can prove it, so such numbers are marked.",
+        ("hex_with_0x", "hex_lower_case", "hex_of_eight"),
+        "A dispensed length is not five capital hexadecimal digits, or has no letter that proves it hexadecimal; it is read as "
+        "hexadecimal, and its characters are kept.",
+        doubtful=True,
+        usual=True,
+    ),
+    Decision(
+        36,
+        "R-DCx is answered by ACDx, which is the answer to R-CDx",
+        "ADCx; ACDx only from a station that never said ADCx, and only when it says the same twice (`protocol/client/robot.py`)",
+        "The text of R-DCx is a copy of R-CDx; a late or repeated ACDx must not become a count of dispensed cycles.",
+        ("dispensed_cycles_answers_acd",),
+        "R-DC is answered by ACD; it was asked twice over a drained line, and said the same.",
+        doubtful=True,
+    ),
+    Decision(
+        37,
+        "Orders without printed data: STR, STP, RST, RSP, IFE",
+        "00000; where N 2 refuses that, STP and IFE once without data",
+        "STR, RST and RSP act or erase: they go out once, whatever is said to them.",
+        ("no_data_orders",),
+        "An order with data 00000 was refused as badly formed; it was sent again without data.",
+    ),
+    Decision(
+        38,
+        'W-SPD modifies the "length", W-LEN has no text, W-SE the "air flow"',
+        "what the code's letters say",
+        "Slips of the text; the codes are distinct.",
+    ),
+    Decision(
+        39,
+        "The rows of R-FST, R-LEN, R-CPx and R-PEx are garbled",
+        "fuse status, UCR only; elsewhere N 4 means not supported",
+        "Codes and data can be read; what is lost are words of the description.",
+    ),
+    Decision(
+        40,
+        "W-RST: restart, station reset, or reset of settings; its answer is printed nowhere",
+        "a restart; acknowledged or not, the station is asked until it answers steadily again",
+        "Dangerous, and never sent by a run.",
+        ("silent_after_restart",),
+        "The order to restart was not acknowledged; the station was asked until it answered again.",
+    ),
+)
+
+PLAIN_MISPRINTS = Decision(
+    53,
+    "B.4, misprints without effect on the wire; W-HDx answered by ALDx (000, 4.8.24) is the one that could have one",
+    "AHDx; ALDx for a pending W-HDx on the same port, when no answer to W-LDx can be under way",
+    "The example there is AHD3. An acknowledgement proves nothing either way: the delay is read back.",
+    ("alarm_delay_answers_ald",),
+    "The upper alarm delay is acknowledged as the lower one; it was read back.",
+)
+
+
+def _number(row: Decision) -> int:
+    return row.number
+
+
+DECISIONS: Mapping[int, Decision] = MappingProxyType(
+    {row.number: row for row in sorted((*LINK, *STATUS, *VALUES, *HOT_AIR_ROWS, *OMEGA_ROWS, PLAIN_MISPRINTS), key=_number)}
+)

@@ -1,0 +1,320 @@
+"""The tables of JBC soldering stations in Robot mode: what seeds 000, 002 and 004 share, and where 000 prints less.
+
+Notes cite the digest of contradictions ("B-nn") where the manuals doubt or contradict themselves.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from types import MappingProxyType
+
+from jbclog.core.quantities import AlarmDelay, AlarmLimit, Delay, Flags, Number, Quantity, Text, Unsigned, Whole, Word
+from jbclog.protocol.commands.command import Command, Effect, Inferred, Limits, Scope
+
+CELSIUS = Whole("°C")
+OFFSET = Whole("°C", minus="-.")  # seed 000, 3.1 prints "." for the sign, and -0050 as the only negative number; digest B-3
+HOURS = Unsigned("h")
+COUNT = Unsigned("count")
+NOTHING = Number()
+TOOL_CODE = Number()
+UNPRINTED = Limits(printed=False)
+STEPS_OF_5 = Limits(step=5)
+FACTORY_RANGE = Inferred("002 Factory Settings", Limits(90, 500))
+"""The temperatures between which a station of 002 lets itself be set, fresh from the factory: R-MIT and R-MAT tell its own."""
+TIP_WITHIN = ("minimum_temperature", "maximum_temperature")
+SLEEP_WITHIN = (None, "maximum_temperature")
+"""002 prints of R-MIT that it bounds W-STx, and of W-Sxy no bound: what is colder than R-MIT is the station's to refuse."""
+STATUS_WORD = Word((0, 2, 1, 1, 3))
+ALARM_FLAGS = Flags((0, 0, 0, 1, 1))
+
+
+def per_port(
+    name: str, letters: str, quantity: Quantity, manual: str, limits: Limits = UNPRINTED, note: str = "", **more: object
+) -> Command:
+    """A command that is only read, on one port. What it may tell is printed for few."""
+    return Command(name, letters, Scope.PORT, quantity, "r", manual, limits, note=note, **more)  # type: ignore[arg-type]  # table helper
+
+
+def setting(
+    name: str, letters: str, scope: Scope, quantity: Quantity, manual: str, limits: Limits, note: str = "", **more: object
+) -> Command:
+    """A command that is written and read back."""
+    return Command(name, letters, scope, quantity, "rw", manual, limits, note=note, **more)  # type: ignore[arg-type]  # table helper
+
+
+READINGS = (
+    per_port("tip_temperature", "TT", CELSIUS, "002 R-TTx; 000 4.8.3"),
+    per_port("power", "PP", Unsigned("‰"), "002 R-PPx; 000 4.8.4", limits=Limits(0, 1000), note="B-32: per mille"),
+    per_port(
+        "port_error", "PE", Number(printed_for=((80000, 8),)), "002 R-PEx, Port Errors; 000 4.8.5", note="B-28: 80000 is read as 8"
+    ),
+    per_port("tool", "CT", TOOL_CODE, "002 R-CTx, Tools; 000 4.8.8"),
+    per_port("time_to_sleep", "ED", Unsigned("s"), "002 R-EDx; 000 4.8.9", note="B-25: value when not counting unprinted"),
+    per_port("transistor_temperature", "QT", CELSIUS, "002 R-QTx; 000 4.8.18"),
+    per_port(
+        "alarm_flags",
+        "TA",
+        ALARM_FLAGS,
+        "002 R-TAx; 000 4.8.27",
+        effect=Effect.CLEARS,
+        note="B-24: latched, cleared by reading (000); units high, tens low",
+    ),
+    Command(
+        "model", "SMN", Scope.STATION, Text(), "r", "002 R-SMN; 000 4.8.28", answer_digits=None, note="B-34: six letters occur"
+    ),
+    Command("station_error", "SER", Scope.STATION, Number(), "r", "002 R-SER, Station Errors; 000 4.8.33"),
+    Command(
+        "transformer_temperature", "TT", Scope.STATION, CELSIUS, "r", "002 R-TT; 000 4.8.34", UNPRINTED, note="B-10: two letters"
+    ),
+)
+
+TIP_STATUS = Command(
+    "status",
+    "PS",
+    Scope.PORT,
+    STATUS_WORD,
+    "rw",
+    "002 W-PSx, Tool Operating Status; 000 4.6, 4.8.7",
+    note="B-19: only 00000, 00001 and, not in 000, 00010 are written",
+)
+
+
+def _alarm_delay(name: str, letters: str, manual: str) -> Command:
+    """The form ss.cc is printed in both manuals, and it bounds the value."""
+    return setting(name, letters, Scope.PORT, AlarmDelay(), manual, Limits(0, 99.99, 0.01, off=True), "B-21, B-22")
+
+
+ALARM_DELAYS = (
+    _alarm_delay("alarm_high_delay", "HD", "002 W-HDx; 000 4.8.24"),
+    _alarm_delay("alarm_low_delay", "LD", "002 W-LDx; 000 4.8.26"),
+)
+SELECTED = Command(
+    "selected_temperature",
+    "ST",
+    Scope.PORT,
+    CELSIUS,
+    "rw",
+    "002 W-STx",
+    STEPS_OF_5,
+    note="B-27: volatile",
+    within=TIP_WITHIN,
+    inferred=FACTORY_RANGE,
+)
+SETTINGS = (  # 002 and 004
+    SELECTED,
+    TIP_STATUS,
+    setting("adjust", "A", Scope.TOOL, OFFSET, "002 W-Axy", Limits(-50, 50, 1), "B-3: the sign was once a dot"),
+    setting(
+        "sleep_temperature",
+        "S",
+        Scope.TOOL,
+        CELSIUS,
+        "002 W-Sxy",
+        STEPS_OF_5,
+        "R-MIT bounds W-STx alone",
+        within=SLEEP_WITHIN,
+        inferred=FACTORY_RANGE,
+    ),
+    setting("sleep_delay", "D", Scope.TOOL, Delay("min"), "002 W-Dxy", Limits(0, 9, 1, off=True), "B-20: minutes"),
+    setting("hibernation_delay", "H", Scope.TOOL, Delay("min"), "002 W-Hxy", Limits(0, 60, 5, off=True), "B-20: minutes"),
+    setting("alarm_high_limit", "HA", Scope.PORT, AlarmLimit(), "002 W-HAx", STEPS_OF_5, "B-23: not set is 99999 or 0"),
+    setting("alarm_low_limit", "LA", Scope.PORT, AlarmLimit(), "002 W-LAx", STEPS_OF_5, "B-23: not set is 99999 or 0"),
+    *ALARM_DELAYS,
+)
+_NO_RANGE = Limits(printed=False, off=True)
+OLD_SETTINGS = (  # 000 prints no range, no step and no unit of a delay; only the lowest number that can be sent (3.1)
+    replace(
+        SELECTED,
+        manual="000 4.8.2",
+        limits=UNPRINTED,
+        note="B-27: whether it is volatile is not printed here",
+        inferred=Inferred("002 W-STx, Factory Settings", Limits(90, 500, 5)),
+    ),
+    TIP_STATUS,
+    setting(
+        "adjust",
+        "A",
+        Scope.TOOL,
+        OFFSET,
+        "000 3.1, 4.8.11",
+        Limits(low=-50),
+        "B-3: the sign is a dot here; B-4: the lowest is in 3.1",
+        inferred=Inferred("002 W-Axy", Limits(-50, 50, 1)),
+    ),
+    setting(
+        "sleep_temperature",
+        "S",
+        Scope.TOOL,
+        CELSIUS,
+        "000 4.8.13",
+        UNPRINTED,
+        within=SLEEP_WITHIN,
+        inferred=Inferred("002 W-Sxy, Factory Settings", Limits(90, 500, 5)),
+    ),
+    setting(
+        "sleep_delay",
+        "D",
+        Scope.TOOL,
+        Delay("min"),
+        "000 4.8.15",
+        _NO_RANGE,
+        "B-20: no unit is printed here",
+        inferred=Inferred("002 W-Dxy", Limits(0, 9, 1, off=True), unit=True),
+    ),
+    setting(
+        "hibernation_delay",
+        "H",
+        Scope.TOOL,
+        Delay("min"),
+        "000 4.8.17",
+        _NO_RANGE,
+        "B-20: no unit is printed here",
+        inferred=Inferred("002 W-Hxy", Limits(0, 60, 5, off=True), unit=True),
+    ),
+    setting(
+        "alarm_high_limit",
+        "HA",
+        Scope.PORT,
+        AlarmLimit(),
+        "000 4.8.20",
+        UNPRINTED,
+        "B-23: not set is 99999 or 0",
+        inferred=Inferred("002 W-HAx", STEPS_OF_5),
+    ),
+    setting(
+        "alarm_low_limit",
+        "LA",
+        Scope.PORT,
+        AlarmLimit(),
+        "000 4.8.22",
+        UNPRINTED,
+        "B-23: not set is 99999 or 0",
+        inferred=Inferred("002 W-LAx", STEPS_OF_5),
+    ),
+    *ALARM_DELAYS,
+)
+
+STATION_LIMITS = (
+    Command("maximum_temperature", "MAT", Scope.STATION, CELSIUS, "rw", "002 W-MAT; 000 4.8.30", UNPRINTED, dangerous=True),
+    Command("minimum_temperature", "MIT", Scope.STATION, CELSIUS, "rw", "002 W-MIT; 000 4.8.32", UNPRINTED, dangerous=True),
+)
+
+COUNTERS = (
+    per_port("plugged_hours", "CP", HOURS, "002 R-CPx; 000 4.8.36"),
+    per_port("no_tool_hours", "CN", HOURS, "002 R-CNx; 000 4.8.37"),
+    per_port("sleep_hours", "CS", HOURS, "002 R-CSx; 000 4.8.38"),
+    per_port("hibernation_hours", "CH", HOURS, "002 R-CHx; 000 4.8.39"),
+    per_port("work_hours", "CW", HOURS, "002 R-CWx; 000 4.8.40"),
+    per_port("sleep_cycles", "CC", COUNT, "002 R-CCx; 000 4.8.41"),
+    per_port("desolder_cycles", "CD", COUNT, "002 R-CDx; 000 4.8.42", note="B-36: the printed example RCC1 is a misprint"),
+)
+
+
+def _order(name: str, letters: str, manual: str, effect: Effect, note: str = "") -> Command:
+    return Command(name, letters, Scope.STATION, NOTHING, "w", manual, Limits(0, 0), effect, True, note=note)
+
+
+ORDERS = (
+    _order("restart", "RST", "002 W-RST; 000 4.7", Effect.ERASES, "B-40: answer unprinted, may be silence; B-37: data 00000"),
+    _order("factory_reset", "RSP", "002 W-RSP; 000 4.9.35", Effect.ERASES, "B-37: data 00000"),
+)
+STORE = _order("store", "NVS", "002 W-NVS", Effect.ERASES, "writes the selected temperature into the EEPROM, which wears")
+SOFTWARE_VERSION = Command(
+    "software_version", "SVR", Scope.STATION, Text(), "r", "002 R-SVR", answer_digits=None, note="B-5: format unprinted"
+)
+
+IGNORE_FUSE_ERROR = _order("ignore_fuse_error", "IFE", "002 W-IFE", Effect.ERASES, "B-37: data 00000")
+
+COMMON = (*READINGS, TIP_STATUS, *ALARM_DELAYS, *STATION_LIMITS, *COUNTERS, *ORDERS)
+"""What 000, 002 and 004 print alike."""
+OLD = (*READINGS, *OLD_SETTINGS, *STATION_LIMITS, *COUNTERS, *ORDERS)
+BENCH = (*READINGS, *SETTINGS, *STATION_LIMITS, *COUNTERS, *ORDERS, STORE, SOFTWARE_VERSION, IGNORE_FUSE_ERROR)
+"""What 002 prints without saying which of its stations have it, or prints of all of them."""
+
+TOOLS_000 = {0: "none", 1: "T210", 2: "T245/T470", 3: "PA", 4: "HT", 5: "DS", 6: "DR", 7: "NT105", 8: "NP105"}
+TOOLS_002 = {
+    0: "none",
+    1: "T210",
+    2: "T245/T470/TR245/TR470",  # printed in two rows; the number cannot tell them apart (digest B-29)
+    3: "PA120/AM120",
+    4: "HT420/AT420",
+    5: "DS360",
+    6: "DR560",
+    7: "NT115",
+    8: "NP115/AN115",
+    9: "TRA245/TRA470",
+}
+TOOLS_004 = {0: "none", 2: "TR245/TR470", 9: "TRA245/TRA470"}
+
+
+@dataclass(frozen=True, slots=True)
+class ErrorTable:
+    """What error numbers mean. `states` are no faults; `no_tool` is the one that says that nothing is connected.
+
+    `voids` are error, signal and reason: what the signal says while the error lasts means nothing.
+    """
+
+    kind: str
+    texts: Mapping[int, str]
+    states: frozenset[int] = frozenset()
+    warnings: frozenset[int] = frozenset()
+    no_tool: int | None = None
+    voids: tuple[tuple[int, str, str], ...] = ()
+
+    def text(self, code: int) -> str:
+        """What `code` means; an unknown one is kept as a number."""
+        return self.texts.get(code, f"unknown {self.kind} error {code}")
+
+    def void(self, code: int | None, signal: str) -> str | None:
+        """Why `signal` means nothing while the error is `code`, or None."""
+        return next((reason for error, name, reason in self.voids if (error, name) == (code, signal)), None)
+
+
+PORT_ERRORS = ErrorTable(
+    "port",
+    MappingProxyType(
+        {
+            0: "ok",
+            1: "short circuit",
+            2: "short circuit, not recoverable; restart the station",
+            3: "open circuit",
+            4: "no tool",
+            5: "tool not accepted",
+            6: "detecting the tool",
+            7: "stopped: maximum power",
+            8: "stopped: overload (MOS)",
+            9: "warning: overload (MOS)",
+        }
+    ),
+    states=frozenset({4, 6}),  # digest A.5
+    warnings=frozenset({9}),
+    no_tool=4,
+)
+
+STATION_ERRORS = ErrorTable(
+    "station",
+    MappingProxyType(
+        {
+            0: "ok",
+            1: "stopped: transformer overload",
+            2: "temperature sensor",
+            3: "memory",
+            4: "mains frequency",
+            5: "station model",
+            6: "tool controller not connected",
+            7: "warning: transformer overload",
+        }
+    ),
+    warnings=frozenset({7}),
+)
+
+COMMUNICATION_ERRORS = {
+    1: "wrong check byte",
+    2: "wrong format",
+    3: "value out of range",
+    4: "command not accepted",
+    5: "Robot mode is off",
+    6: "station model unknown",
+    99999: "undefined",
+}

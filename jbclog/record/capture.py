@@ -1,0 +1,283 @@
+"""A station's wire as a file of the run: ``wire/STATION.tsv.gz``, a table of three columns that any tool opens.
+
+::
+
+    at_s            what    data
+    8123.480001251  run     {"format": 3, "station": "dde-1", ...}       what the session was ordered (`Head`)
+    8123.480341902  opened  /dev/ttyUSB0                                  lost, failed and closed say why
+    8123.481126017  sent    023030303152534d4e0302                        bytes, two hexadecimal digits each
+    8123.498264515  heard   023031303041534d4e204444450374
+    8123.498271302  told    ask 15 8123.481124960                         the wish that was answered, with how many bytes,
+    8123.580107466  told    wait 0                                        and when the question left
+    8125.006217701  told    gather 0                                      all stations have done this step of the start
+    9001.220071830  broke   listen the port is gone                       in place of an answer; stopped: the run's end
+    9002.118204002  done                                                  the session had ended
+
+`at_s` is the recorder's monotonic clock in seconds. Texts have JSON's escapes. ``zcat`` and ``pandas.read_csv`` read it.
+
+The file is written a few times a second, each time a block that is proven by itself (`wire_blocks`); the row ``run`` stands
+in several of them. What was damaged since is a `Hole` between the rows: named, and never filled. A kill may leave a block
+that is not whole at the end; `mend` cuts that off.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import zlib
+from collections.abc import Iterator
+from contextlib import suppress
+from dataclasses import asdict, dataclass
+from datetime import UTC, datetime
+from itertools import islice
+from pathlib import Path
+from typing import Final, cast
+
+from jbclog.core.errors import RecordError
+from jbclog.core.foreign.files import Kind, expect_regular, is_plain_folder, open_foreign
+from jbclog.core.foreign.from_json import Misfit, build
+from jbclog.core.foreign.numbers import expect_moment, json_of
+from jbclog.core.wire_capture import Row
+from jbclog.record.capture_blocks import FIXED, Block, Gap, blocks
+from jbclog.record.capture_rows import row_of
+
+FOLDER: Final = "wire"
+SUFFIX: Final = ".tsv.gz"
+FORMAT: Final = 3  # 2 has no rows of sessions that wait for each other
+WHOLE: Final = "whole"  # what the manifest says of wires that lack nothing
+COLUMNS: Final = "at_s\twhat\tdata\n"
+RUN: Final = "run"
+FIRST_BYTES: Final = 4096  # in which a file says its format, whatever that is
+SIP: Final = 64
+
+
+@dataclass(frozen=True, slots=True)
+class Head:
+    """What one session was ordered, as far as line file and recipe do not say it. Times as in the manifest."""
+
+    station: str
+    url: str
+    recipe: str  # the file's name in the run's folder `recipes`
+    t0_mono: float
+    t0_utc: float
+    duration_s: float | None = None
+    rate: float | str | None = None
+    allow_omega_write: bool = False
+    allow_missing: bool = False
+    jbclog: str = ""
+    format: int = FORMAT
+
+
+def wire_path(folder: Path, station: str) -> Path:
+    """Where the wire of a station is, in the folder of a run."""
+    return folder / FOLDER / f"{station}{SUFFIX}"
+
+
+def wire_paths(folder: Path) -> list[Path]:
+    """The wires that a run has recorded."""
+    return sorted((folder / FOLDER).glob(f"*{SUFFIX}")) if is_plain_folder(folder / FOLDER) else []
+
+
+@dataclass(frozen=True, slots=True)
+class Hole:
+    """A stretch of a wire that is lost, and the moments of the rows on both sides of it (None: there is none)."""
+
+    gap: Gap
+    after_s: float | None
+    before_s: float | None
+
+    def told(self, head: Head | None) -> str:
+        """What is lost, where in the file, and between which moments."""
+        return f"{self.gap}; nothing is known {_between(self.after_s, self.before_s, head)}"
+
+
+def _between(after_s: float | None, before_s: float | None, head: Head | None) -> str:
+    if after_s is None and before_s is None:
+        return "of it at all"
+    since = "from its beginning" if after_s is None else f"from {_moment(after_s, head)}"
+    return f"{since} {'on' if before_s is None else f'to {_moment(before_s, head)}'}"
+
+
+def _moment(at_s: float, head: Head | None) -> str:
+    if head is None:
+        return f"{at_s:.3f} s (monotonic)"
+    since, utc = at_s - head.t0_mono, at_s - head.t0_mono + head.t0_utc
+    if not 0 <= utc < 1e11:
+        return f"{since:.3f} s of the run"
+    return f"{since:.3f} s of the run ({datetime.fromtimestamp(utc, UTC):%Y-%m-%dT%H:%M:%S}Z)"
+
+
+# -- rows as lines -------------------------------------------------------------------------------------------------------
+
+
+def head_line(head: Head) -> str:
+    return f"{head.t0_mono!r}\t{RUN}\t{json.dumps(asdict(head))}\n"
+
+
+# -- reading -------------------------------------------------------------------------------------------------------------
+
+
+def read_head(path: Path) -> Head:
+    """What the session was ordered. Raises `RecordError` where the file is no wire record, or of a newer jbclog."""
+    try:
+        head = _head(path)
+    except (ValueError, Misfit, OSError, RecursionError) as error:
+        raise RecordError(f"{path} is no wire record: {error}") from error
+    if head.format > FORMAT:
+        raise RecordError(f"{path}: written in format {head.format}; this jbclog knows {FORMAT}")
+    return head
+
+
+def _head(path: Path) -> Head:
+    for block in blocks(path):
+        if isinstance(block, Block):
+            if block.first_line == 1 and not block.text.startswith(COLUMNS):
+                raise ValueError("its columns are others")
+            _, what, data = (*block.text.removeprefix(COLUMNS).partition("\n")[0].split("\t"), "", "", "")[:3]
+            if what == RUN:
+                return _believed(cast(Head, build(Head, json_of(data))), path)
+            if block.first_line == 1:
+                raise ValueError("it does not say of what run it is")
+    raise ValueError(_why_none(path))
+
+
+def _believed(head: Head, path: Path) -> Head:
+    """A head with which one can reckon, and that leads to no other folder. Raises `ValueError`."""
+    expect_moment(head.t0_utc)
+    if head.station != path.name.removesuffix(SUFFIX):
+        raise ValueError(f"it is that of {head.station}")
+    if head.recipe != Path(head.recipe).name:
+        raise ValueError(f"{head.recipe} is no recipe of this run")
+    return head
+
+
+def _why_none(path: Path) -> str:
+    """Why a file has no head: a newer one may be packed in another way, and says its format all the same."""
+    with open_foreign(path, Kind.WIRE) as file:
+        first = file.read(FIRST_BYTES)
+    found = re.search(rb'\trun\t\{[^\n]*"format": ([0-9]{1,9})', _begun(first))
+    if found and int(found[1]) > FORMAT:
+        return f"written in format {int(found[1])}; this jbclog knows {FORMAT}"
+    return "no block that says of what run it is can be proven" if first else "it is empty"
+
+
+def _begun(first: bytes) -> bytes:
+    """What can be unpacked of the first bytes of a file, proven or not."""
+    unpacker, begun = zlib.decompressobj(16 + zlib.MAX_WBITS), b""
+    with suppress(zlib.error):
+        for place in range(0, len(first), SIP):
+            begun += unpacker.decompress(first[place : place + SIP], FIRST_BYTES)
+    return begun
+
+
+def rows_and_holes(path: Path) -> Iterator[Row | Hole]:
+    """All that can be proven of a wire, in order. Raises `RecordError` where a line that is proven is no row."""
+    last: float | None = None
+    open_gap: Gap | None = None
+    for block in _blocks(path):
+        if isinstance(block, Gap):
+            open_gap = block
+            continue
+        for row in _rows(path, block):
+            if open_gap is not None:
+                yield Hole(open_gap, last, row.at_s)
+                open_gap = None
+            last = row.at_s
+            yield row
+    if open_gap is not None:
+        yield Hole(open_gap, last, None)
+
+
+def _rows(path: Path, block: Block) -> Iterator[Row]:
+    for number, line in enumerate(block.text.split("\n")[:-1], start=block.first_line):
+        if (number == 1 and line + "\n" == COLUMNS) or f"\t{RUN}\t" in line:
+            continue
+        try:
+            yield row_of(line)
+        except ValueError as error:
+            raise RecordError(f"{path}, line {number}: {error}") from error
+
+
+def _blocks(path: Path) -> Iterator[Block | Gap]:
+    try:
+        yield from blocks(path)
+    except OSError as error:
+        raise RecordError(f"{path} cannot be read: {error.strerror or error}") from error
+
+
+def read_rows(path: Path) -> Iterator[Row]:
+    """The rows of a wire that can be proven, one at a time; `holes` says what is missing between them."""
+    return (row for row in rows_and_holes(path) if not isinstance(row, Hole))
+
+
+def read_to_hole(path: Path, first: int = 0) -> Iterator[Row]:
+    """The rows from number `first` on, up to where something is missing: what a session was told cannot be told on behind it."""
+    return islice(_to_hole(path), first, None)
+
+
+def _to_hole(path: Path) -> Iterator[Row]:
+    for row in rows_and_holes(path):
+        if isinstance(row, Hole):
+            return
+        yield row
+
+
+def read_exchanges(path: Path) -> Iterator[Row]:
+    """The rows less those around a hole, from the last question before it to the first behind: their answers may lie in it."""
+    held: list[Row] = []
+    is_whole = True
+    for row in rows_and_holes(path):
+        if isinstance(row, Hole):
+            held, is_whole = [], False
+        elif row.what == "sent":
+            yield from held
+            held, is_whole = [row], True
+        elif is_whole:
+            held.append(row)
+    yield from held
+
+
+def holes(path: Path) -> list[Hole]:
+    """What is lost of a wire."""
+    return [hole for hole in rows_and_holes(path) if isinstance(hole, Hole)]
+
+
+def count_rows(path: Path) -> int:
+    """How many lines the file holds that can be proven, but for the columns' names."""
+    texts = (block.text for block in blocks(path) if isinstance(block, Block))
+    return sum(text.count("\n") - text.startswith(COLUMNS) for text in texts)
+
+
+def is_done(path: Path) -> bool:
+    """Whether the file goes on to the end of its session; its port may be closed behind that."""
+    is_done = False
+    for block in blocks(path):
+        is_done = isinstance(block, Block) and (is_done or "\tdone\t" in block.text)
+    return is_done
+
+
+# -- a file without its end ------------------------------------------------------------------------------------------------
+
+
+def mend(path: Path) -> int:
+    """Cut off what a crash left of a block that was being written; how many bytes that was. Raises OSError.
+
+    Only where nothing sound stands behind it, and never all of a file that may be something else.
+    """
+    last: Block | Gap | None = None
+    for last in blocks(path):  # noqa: B007  # the last one counts
+        pass
+    if not isinstance(last, Gap) or not (last.start or _has_begun(path)):
+        return 0
+    expect_regular(path, Kind.WIRE)
+    with path.open("r+b") as file:
+        file.truncate(last.start)
+        os.fsync(file.fileno())
+    return last.end - last.start
+
+
+def _has_begun(path: Path) -> bool:
+    """Whether the file begins as a block does."""
+    with open_foreign(path, Kind.WIRE) as file:
+        return FIXED.startswith(file.read(len(FIXED)))

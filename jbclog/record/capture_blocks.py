@@ -1,0 +1,237 @@
+"""The blocks of a wire file: each is a gzip member that is proven by itself, so that damage costs the blocks it touches.
+
+::
+
+    1f 8b 08 04 ...  gzip's head (RFC 1952) with an extra field `JW`, which other tools skip: number of the block, number
+                     of its first line, kin, length of the block in bytes, CRC-32 of all of that
+    ...              its lines, deflated
+    crc size         of the lines, as gzip has them
+
+`kin` is the CRC-32 of the head that the file began with: a block of another file is known for one. Numbers of blocks and
+lines run on without a gap, so that what is missing is counted even where not a byte of it is left.
+
+Format 1 was a single member with one check sum for all; such a file is read where that holds, and not at all otherwise.
+"""
+
+from __future__ import annotations
+
+import mmap
+import os
+import struct
+import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from jbclog.core.foreign.files import Kind, open_foreign
+
+FIXED: Final = b"\x1f\x8b\x08\x04\0\0\0\0\0\xff"  # deflate, an extra field, no time, no system
+SINGLE: Final = b"\x1f\x8b\x08\0"  # how a file of format 1 begins
+FIELD_NAME: Final = b"JW"
+HEAD: Final = struct.Struct("<10sH2sH4II")
+FIELD_BYTES: Final = HEAD.size - 16
+PIECE: Final = 1 << 16
+MOST_BYTES: Final = 64 << 20  # unpacked, of one block: three times what a recorder keeps waiting, and no more of a hostile one
+MOST_LINE: Final = 1 << 20
+LEVEL, WINDOW, MEMORY = 6, 13, 7  # of zlib: as small as 9 and 15 nearly, in a quarter of the memory
+
+
+@dataclass(frozen=True, slots=True)
+class Block:
+    """Some lines that are proven: the number of the first in its file, from 1, and their text, which ends with a line."""
+
+    first_line: int
+    text: str
+
+    @property
+    def next_line(self) -> int:
+        return self.first_line + self.text.count("\n")
+
+
+@dataclass(frozen=True, slots=True)
+class Gap:
+    """What is lost: its bytes in the file (`end` not included), its lines (None: not known how many), and why."""
+
+    start: int
+    end: int
+    first_line: int
+    next_line: int | None
+    why: str
+
+    def __str__(self) -> str:
+        where = f"bytes {self.start} to {self.end - 1}" if self.end > self.start else f"at byte {self.start}"
+        if self.next_line is None:
+            return f"{where}, from line {self.first_line} on: {self.why}"
+        last = self.next_line - 1
+        lines = (
+            "no line"
+            if last < self.first_line
+            else f"line {last}"
+            if last == self.first_line
+            else f"lines {self.first_line} to {last}"
+        )
+        return f"{where}, {lines}: {self.why}"
+
+
+@dataclass(frozen=True, slots=True)
+class _Label:
+    """What a block says of itself, and where it stands."""
+
+    at: int
+    number: int
+    first_line: int
+    kin: int
+    length: int
+
+
+# -- writing -------------------------------------------------------------------------------------------------------------
+
+
+def packed(text: str, number: int, first_line: int, kin: int) -> bytes:
+    """A block of these lines."""
+    data = text.encode()
+    packer = zlib.compressobj(LEVEL, zlib.DEFLATED, -WINDOW, MEMORY)
+    body = packer.compress(data) + packer.flush() + struct.pack("<II", zlib.crc32(data), len(data) & 0xFFFFFFFF)
+    told = FIXED, FIELD_BYTES + 4, FIELD_NAME, FIELD_BYTES, number, first_line, kin, HEAD.size + len(body)
+    return HEAD.pack(*told, _crc(HEAD.pack(*told, 0))) + body
+
+
+def has_head(number: int) -> bool:
+    """Whether the block of that number begins with the file's head: 0, 1, 2, 4, 8 ... do, so that no one place has them all."""
+    return number & (number - 1) == 0
+
+
+def _crc(head: bytes) -> int:
+    return zlib.crc32(head[:-4])
+
+
+# -- reading -------------------------------------------------------------------------------------------------------------
+
+
+def blocks(path: Path) -> Iterator[Block | Gap]:
+    """What the file holds, in order; what cannot be proven is a gap. Raises OSError."""
+    with _mapped(path) as data:
+        if data is not None:
+            labels = _labels(data)
+            first = next(labels, None)
+            yield from _singles(data) if first is None else _numbered(data, first, labels)
+
+
+@contextmanager
+def _mapped(path: Path) -> Iterator[mmap.mmap | None]:
+    """The bytes of a file; None where it is empty."""
+    with open_foreign(path, Kind.WIRE) as file:
+        if not os.fstat(file.fileno()).st_size:
+            yield None
+            return
+        with mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
+            yield data
+
+
+def _labels(data: mmap.mmap) -> Iterator[_Label]:
+    """Every sound head of a block, wherever it stands."""
+    at = data.find(FIXED)
+    while at >= 0:
+        head = data[at : at + HEAD.size]
+        if len(head) == HEAD.size and HEAD.unpack(head)[-1] == _crc(head):
+            yield _Label(at, *HEAD.unpack(head)[4:8])
+        at = data.find(FIXED, at + 1)
+
+
+def _numbered(data: mmap.mmap, first: _Label, labels: Iterator[_Label]) -> Iterator[Block | Gap]:
+    """The blocks whose heads and contents are sound, and gaps for all between them."""
+    end, number, line, why = 0, 0, 1, ""
+    for label in _chain(first, labels):
+        text = _text(data[label.at : label.at + label.length]) if label.kin == first.kin and label.number >= number else None
+        if text is None:
+            why = why or _doubt(label, first, number)
+            continue
+        if label.at > end or label.number > number:
+            yield Gap(end, label.at, line, label.first_line, why or ("damaged" if label.at > end else "missing"))
+        block = Block(label.first_line, text)
+        yield block
+        end, number, line, why = label.at + label.length, label.number + 1, block.next_line, ""
+    if end < len(data):
+        yield Gap(end, len(data), line, None, why or "damaged, or not written to its end")
+
+
+def _chain(first: _Label, others: Iterator[_Label]) -> Iterator[_Label]:
+    yield first
+    yield from others
+
+
+def _doubt(label: _Label, first: _Label, number: int) -> str:
+    if label.kin != first.kin:
+        return "belongs to another recording"
+    return "damaged" if label.number >= number else "stands here a second time"
+
+
+def _text(member: bytes) -> str | None:
+    """The lines of a gzip member, where its check sum and size hold and they are lines."""
+    unpacker = zlib.decompressobj(16 + zlib.MAX_WBITS)
+    try:
+        text = unpacker.decompress(member, MOST_BYTES).decode()
+    except (zlib.error, UnicodeDecodeError):
+        return None
+    return text if unpacker.eof and not unpacker.unused_data and text.endswith("\n") else None
+
+
+# -- format 1 --------------------------------------------------------------------------------------------------------------
+
+
+def _singles(data: mmap.mmap) -> Iterator[Block | Gap]:
+    """A file with a single check sum for all: nothing of it is given before that was seen to hold."""
+    end = _sound_end(data)
+    if end is None:
+        yield Gap(0, len(data), 1, None, "no block of it can be proven")
+        return
+    line = 1
+    for text in _lines(data):
+        block = Block(line, text)
+        yield block
+        line = block.next_line
+    if end < len(data):
+        yield Gap(end, len(data), line, None, "stands behind its end")
+
+
+def _unpacked(data: mmap.mmap) -> Iterator[tuple[bytes, int | None]]:
+    """The first member in small pieces, and at last where it ends, if it ends as it should. Raises zlib.error."""
+    unpacker = zlib.decompressobj(16 + zlib.MAX_WBITS)
+    for place in range(0, len(data), PIECE):
+        left = data[place : place + PIECE]
+        while left and not unpacker.eof:
+            yield unpacker.decompress(left, PIECE), None
+            left = unpacker.unconsumed_tail
+        if unpacker.eof:
+            yield b"", min(place + PIECE, len(data)) - len(unpacker.unused_data)
+            return
+
+
+def _sound_end(data: mmap.mmap) -> int | None:
+    """Where the first member ends; None where it is not sound, or holds what are no lines of text."""
+    end, rest = None, b""
+    try:
+        for piece, end in _unpacked(data):  # noqa: B007  # the last one counts
+            whole, rest = _split(rest + piece)
+            whole.decode()
+            if len(rest) > MOST_LINE:
+                return None
+    except (zlib.error, UnicodeDecodeError):
+        return None
+    return None if rest else end
+
+
+def _lines(data: mmap.mmap) -> Iterator[str]:
+    rest = b""
+    for piece, _ in _unpacked(data):
+        whole, rest = _split(rest + piece)
+        if whole:
+            yield whole.decode()
+
+
+def _split(text: bytes) -> tuple[bytes, bytes]:
+    """The whole lines, and what has begun of the next."""
+    end = text.rfind(b"\n") + 1
+    return text[:end], text[end:]

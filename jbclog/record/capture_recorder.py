@@ -1,0 +1,171 @@
+"""Writes what passes over the wires of a run, beside the record proper, and gives way to it.
+
+The rules:
+
+1. Noting a row costs the session an append. A thread puts rows into lines, packs and writes them twice a second.
+2. A kill loses what was not written yet, half a second or so (the file's form: `wire`).
+3. Trouble with a file ends the recording of that wire and nothing else: the run goes on. So does a disk with little room
+   left, for that belongs to the record itself.
+4. Memory is bounded: where the disk takes nothing for a minute and more, that is trouble, too.
+"""
+
+from __future__ import annotations
+
+import os
+import threading
+import time
+import zlib
+from collections import deque
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+from typing import Final
+
+from jbclog.core.durable_files import sync_folder
+from jbclog.core.wire_capture import Row
+from jbclog.record.capture import COLUMNS, FOLDER, Head, head_line, wire_path
+from jbclog.record.capture_blocks import has_head, packed
+from jbclog.record.capture_rows import line_of
+
+WRITE_S: Final = 0.5
+MOST_ROWS: Final = 20_000  # waiting for one station: a minute and a half of a full wire at 19200 baud
+BREATH_S: Final = 0.001  # after each wire: a thread that is always ready takes the sessions' turn at each of their reads
+LEAST_FREE: Final = 64 << 20  # bytes of the disk that are left to the record
+
+Keep = Callable[[Row], object]
+
+
+class Wire:
+    """The file of one station. `keep` may be called in any thread; all else is the recorder's."""
+
+    def __init__(self, path: Path, head: Head) -> None:
+        self.trouble: str | None = None
+        self._rows: deque[Row] = deque(maxlen=MOST_ROWS)
+        self.keep: Keep = self._rows.append
+        self._path = path
+        self._head = head_line(head)
+        self._kin = zlib.crc32(self._head.encode())
+        self._blocks = self._lines = self._written = 0
+        self._descriptor = -1
+        try:
+            self._descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o644)
+            self._put("")
+        except OSError as error:
+            self.give_up(error.strerror or str(error))
+
+    @property
+    def is_open(self) -> bool:
+        return self._descriptor >= 0
+
+    def write(self) -> int:
+        """Write what was kept so far; give how many rows it was. Does not raise: `trouble` says what went wrong."""
+        count = len(self._rows) if self.is_open else 0
+        if count == MOST_ROWS:
+            self.give_up(f"the disk was too slow for it: more than {MOST_ROWS} rows were waiting")
+        elif count:
+            try:
+                self._put("".join([line_of(self._rows.popleft()) for _ in range(count)]))
+            except OSError as error:
+                self.give_up(error.strerror or str(error))
+        return count
+
+    def close(self) -> None:
+        """Write the rest, and make it last."""
+        self.write()
+        if self.is_open:
+            self._end()
+
+    def _put(self, text: str) -> None:
+        """Write a block of these lines, all of it. Raises OSError."""
+        text = (COLUMNS if self._blocks == 0 else "") + (self._head if has_head(self._blocks) else "") + text
+        block = packed(text, self._blocks, self._lines + 1, self._kin)
+        rest = memoryview(block)
+        while rest:
+            rest = rest[os.write(self._descriptor, rest) :]
+        self._written += len(block)
+        self._blocks, self._lines = self._blocks + 1, self._lines + text.count("\n")
+
+    def give_up(self, why: str) -> None:
+        """Write nothing more; what was written as a whole stays."""
+        self.trouble = f"{FOLDER}/{self._path.name} cannot be written any further: {why}. The run goes on without it."
+        if self.is_open:
+            self._end()
+
+    def _end(self) -> None:
+        descriptor, self._descriptor = self._descriptor, -1
+        try:
+            os.ftruncate(descriptor, self._written)
+            os.fsync(descriptor)
+        except OSError as error:
+            self.trouble = self.trouble or f"{FOLDER}/{self._path.name} cannot be closed: {error.strerror or error}"
+        finally:
+            os.close(descriptor)
+            if not self._written:
+                with suppress(OSError):
+                    self._path.unlink()  # a file in which nothing stands is no wire record
+
+
+class WireRecorder:
+    """The wires of one run, in `folder`. `begin` each, then `start`; `news` tells what went wrong, once."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self._wires: list[Wire] = []
+        self._told: list[Wire] = []  # those whose trouble was told
+        self._ending = threading.Event()
+        self._thread = threading.Thread(target=self._write_on, name="jbclog-wires", daemon=True)
+
+    def begin(self, head: Head) -> Keep:
+        """Begin the file of one station; give what takes its rows. Does not raise."""
+        path = wire_path(self._folder, head.station)
+        with suppress(OSError):  # opening the file will say it, too
+            path.parent.mkdir(exist_ok=True)
+            sync_folder(self._folder)
+        wire = Wire(path, head)
+        self._wires.append(wire)
+        return wire.keep
+
+    def start(self) -> None:
+        self._thread.start()
+
+    def write(self, breath_s: float = 0.0) -> None:
+        """Write what was kept so far. Does not raise."""
+        self._look_for_room()
+        for wire in self._wires:
+            if wire.write():
+                time.sleep(breath_s)
+
+    def close(self) -> None:
+        """Write the rest and close all files. Does not raise."""
+        self._ending.set()
+        if self._thread.is_alive():
+            self._thread.join()
+        self._look_for_room()
+        for wire in self._wires:
+            wire.close()
+        with suppress(OSError):  # the record proper lies in the same folder, and says so
+            sync_folder(self._folder)
+
+    def troubles(self) -> list[str]:
+        """What went wrong so far, a sentence for each wire."""
+        return [wire.trouble for wire in self._wires if wire.trouble is not None]
+
+    def news(self) -> list[str]:
+        """The troubles that were not told yet."""
+        fresh = [wire for wire in self._wires if wire.trouble is not None and wire not in self._told]
+        self._told += fresh
+        return [wire.trouble for wire in fresh if wire.trouble is not None]
+
+    def _look_for_room(self) -> None:
+        try:
+            disk = os.statvfs(self._folder)
+        except OSError:
+            return  # the record proper lies there, too, and says so
+        if disk.f_bavail * disk.f_frsize < LEAST_FREE:
+            for wire in self._wires:
+                if wire.is_open:
+                    wire.give_up(f"less than {LEAST_FREE >> 20} MB are free on the disk, and the record needs them")
+
+    def _write_on(self) -> None:
+        while not self._ending.wait(WRITE_S):
+            self.write(BREATH_S)

@@ -1,0 +1,281 @@
+"""Finding runs by what was said of them and by what came of them, from their manifests alone.
+
+    for one in find(Path("runs"), Filter(order="88123", since=datetime(2026, 11, 1, tzinfo=UTC))):
+        ...  # a `Found`, or an `Unreadable` of which nobody can say whether it fits
+
+A text that is sought fits whole and letter by letter; ``*`` in it stands for any characters. Runs come in the order of their
+folders' names, which begin with their start. Serials that were read while a run goes on, or before it crashed, are in its
+manifest once it is sealed (`recover`).
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+from datetime import datetime
+from pathlib import Path
+from typing import Final, cast
+
+from jbclog.core.errors import RecordError
+from jbclog.core.folder_lock import is_held
+from jbclog.core.foreign.files import Kind, read_foreign
+from jbclog.core.foreign.from_json import Misfit, build
+from jbclog.core.foreign.mounts import expect_answer
+from jbclog.core.foreign.numbers import expect_year, json_of
+from jbclog.record.annotations import NAME as ANNOTATIONS
+from jbclog.record.folder import RUN_NAME
+from jbclog.record.manifest import NAME, STATES, LineFile, Lost, Metadata, RecipeFile, Unit, why_changed
+from jbclog.record.schema import SCHEMA_VERSION
+from jbclog.record.units import late_serials
+
+RUNNING, CRASHED, SEALED = "running", "crashed", "sealed"
+ENDINGS: Final = {"success": "ended", "aborted": "cut short", "failed": "ended with error", "lost": "recovered"}
+"""How a run ended, by the manifest's `exit_status`, in words that say nothing of its verdict."""
+STARTED: Final = "%Y%m%dT%H%M%SZ"  # as a folder's name begins
+STARTED_LENGTH: Final = 16
+OVER: Final = b'\n "state": "sealed"'
+ENDED: Final = re.compile(rb'\n "ended": "([0-9T:.+-]+)"')  # of the run itself: what is in it is indented more
+
+
+@dataclass(frozen=True, slots=True)
+class _Station:
+    name: str
+    first_tick: int | None = None
+    period_s: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class _Summary:
+    """What of a manifest is needed to find its run."""
+
+    run: str
+    state: str
+    schema: int = SCHEMA_VERSION
+    exit_status: str | None = None
+    exit_code: int | None = None
+    verdict: str | None = None
+    started: str | None = None
+    ended: str | None = None
+    line: LineFile | None = None
+    recipes: list[RecipeFile] = field(default_factory=list)
+    metadata: Metadata = field(default_factory=Metadata)
+    units: list[Unit] = field(default_factory=list)
+    stations: list[_Station] = field(default_factory=list)
+    lost: Lost | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Found:
+    """A run. `state` is ``running``, ``crashed`` (`recover` finishes it) or ``sealed``.
+
+    `units` are all serials: named at the start, read meanwhile, told later. `recipes` are ``NAME@REVISION``.
+    `changed` says what is wrong with the manifest: somebody, or a disk, changed it. `periods_s` are seconds between the ticks of
+    each station that was sampled; None without pause.
+    """
+
+    folder: Path
+    state: str
+    started: str | None
+    ended: str | None
+    line: str | None
+    stations: tuple[str, ...]
+    recipes: tuple[str, ...]
+    operator: str | None
+    order: str | None
+    product: str | None
+    units: tuple[str, ...]
+    wire_lots: tuple[str, ...]
+    flux_lots: tuple[str, ...]
+    tips: tuple[str, ...]
+    tags: Mapping[str, str]
+    verdict: str | None
+    exit_status: str | None
+    exit_code: int | None
+    lost: str | None
+    changed: str | None
+    periods_s: Mapping[str, float | None] = field(default_factory=dict)
+
+    @property
+    def shown_state(self) -> str:
+        """``running``, ``crashed``, or how it ended: ``ended``, ``cut short``, ``ended with error``, ``recovered``."""
+        return ending(self.exit_status, self.state) if self.state == SEALED else self.state
+
+
+@dataclass(frozen=True, slots=True)
+class Unreadable:
+    """A run's folder of which nothing can be told, and why."""
+
+    folder: Path
+    why: str
+
+
+@dataclass(frozen=True, slots=True)
+class Filter:
+    """What is sought; None fits all. Times are those of a run's start, `since` included, `until` not, both with a zone.
+
+    Of `ended_since` are runs that ended then or later, or did not end; to leave out the others takes the end of a manifest only.
+
+    A recipe is ``NAME`` or ``NAME@REVISION``, a tip its ID, with or without its place.
+    """
+
+    operator: str | None = None
+    order: str | None = None
+    product: str | None = None
+    unit: str | None = None
+    wire_lot: str | None = None
+    flux_lot: str | None = None
+    tip: str | None = None
+    tags: Mapping[str, str] = field(default_factory=dict)
+    line: str | None = None
+    station: str | None = None
+    recipe: str | None = None
+    verdict: str | None = None
+    state: str | None = None
+    since: datetime | None = None
+    until: datetime | None = None
+    ended_since: datetime | None = None
+
+    def fits(self, run: Found) -> bool:
+        """Whether `run` is one of those that are sought."""
+        sought: list[tuple[str | None, Iterable[str | None]]] = [
+            (self.operator, [run.operator]),
+            (self.order, [run.order]),
+            (self.product, [run.product]),
+            (self.unit, run.units),
+            (self.wire_lot, run.wire_lots),
+            (self.flux_lot, run.flux_lots),
+            (self.tip, [*run.tips, *(tip.partition("=")[2] for tip in run.tips)]),
+            (self.line, [run.line]),
+            (self.station, run.stations),
+            (self.recipe, [*run.recipes, *(recipe.rpartition("@")[0] for recipe in run.recipes)]),
+            (self.verdict and self.verdict.upper(), [run.verdict]),
+            (self.state, [run.state, run.exit_status, run.shown_state]),
+            *((text, [run.tags.get(name)]) for name, text in self.tags.items()),
+        ]
+        if any(text is not None and not _fits(text, those) for text, those in sought):
+            return False
+        return self._is_within(run.started) and not self._has_ended(run.ended)
+
+    def may_have(self, folder: Path) -> bool:
+        """Whether the run in a folder with this name can have begun when it is to have begun."""
+        began = folder.name[:STARTED_LENGTH]
+        is_early = self.since is not None and began < self.since.strftime(STARTED)
+        is_late = self.until is not None and began > self.until.strftime(STARTED)
+        return not (is_early or is_late) or not RUN_NAME.fullmatch(folder.name)
+
+    def may_be_in(self, data: bytes, *, has_annotations: bool = False) -> bool:
+        """Whether the bytes of a manifest, as they were written, can be those of a run that fits: all texts stand in them."""
+        sought = [self.operator, self.order, self.product, self.wire_lot, self.flux_lot, self.line, self.station]
+        sought += [None if has_annotations else self.unit, self.verdict and self.verdict.upper()]
+        texts = (text for text in (*sought, *self.tags.values()) if text and "*" not in text)
+        return all(json.dumps(text, ensure_ascii=False).encode() in data for text in texts)
+
+    def had_ended(self, data: bytes) -> bool:
+        """Whether the bytes of a manifest are those of a run that was over before `ended_since`."""
+        if self.ended_since is None or OVER not in data:
+            return False
+        found = ENDED.search(data)
+        return found is not None and self._has_ended(found[1].decode())
+
+    def _has_ended(self, ended: str | None) -> bool:
+        """Raises ValueError for what is no time."""
+        return self.ended_since is not None and ended is not None and datetime.fromisoformat(ended) < self.ended_since
+
+    def _is_within(self, started: str | None) -> bool:
+        if self.since is None and self.until is None:
+            return True
+        began = None if started is None else datetime.fromisoformat(started)
+        return began is not None and (self.since is None or began >= self.since) and (self.until is None or began < self.until)
+
+
+ALL: Final = Filter()
+
+
+def ending(exit_status: str | None, state: str) -> str:
+    """How a run ended, for people; its state where the manifest does not say."""
+    return state if exit_status is None else ENDINGS.get(exit_status, exit_status)
+
+
+def find(folder: Path, wanted: Filter = ALL) -> Iterator[Found | Unreadable]:
+    """The runs directly below `folder`, or the one that it is, that fit. Raises `RecordError` where it cannot be read."""
+    for path in _runs_in(folder):
+        if wanted.may_have(path):
+            run = summary_of(path, wanted)
+            if isinstance(run, Unreadable) or (run is not None and wanted.fits(run)):
+                yield run
+
+
+def summary_of(folder: Path, wanted: Filter = ALL) -> Found | Unreadable | None:
+    """What the manifest in a run's folder says of it; None where its bytes show that it is none that is wanted."""
+    path = folder / NAME
+    try:
+        data = read_foreign(path, Kind.MANIFEST)
+        if wanted.had_ended(data):
+            return None
+        changed = why_changed(data)
+        if changed is None and not wanted.may_be_in(data, has_annotations=(folder / ANNOTATIONS).exists()):
+            return None
+        told = cast(_Summary, build(_Summary, json_of(data, in_utf8=True)))
+        if told.state not in STATES or told.schema > SCHEMA_VERSION:
+            return Unreadable(folder, "its manifest is of a newer jbclog, or none")
+        if told.started is not None:
+            expect_year(datetime.fromisoformat(told.started).year)
+        return _found(folder, told, changed)
+    except FileNotFoundError:
+        return Unreadable(folder, "it has no manifest: cut off at its very start, or no run; `jbclog recover` finishes it")
+    except (OSError, ValueError, AttributeError, RecursionError, Misfit, RecordError) as error:
+        return Unreadable(folder, f"its manifest cannot be read: {error}")
+
+
+def _found(folder: Path, told: _Summary, changed: str | None) -> Found:
+    state = told.state if told.state == SEALED else RUNNING if is_held(folder) else CRASHED
+    said = told.metadata
+    serials = [*said.units, *(unit.serial for unit in told.units), *(late_serials(folder) if state == SEALED else ())]
+    return Found(
+        folder=folder,
+        state=state,
+        started=told.started,
+        ended=told.ended,
+        line=None if told.line is None else told.line.name,
+        stations=tuple(station.name for station in told.stations),
+        recipes=tuple(f"{recipe.name}@{recipe.revision}" for recipe in told.recipes),
+        operator=said.operator,
+        order=said.order,
+        product=said.product,
+        units=tuple(dict.fromkeys(serials)),
+        wire_lots=tuple(said.wire_lots),
+        flux_lots=tuple(said.flux_lots),
+        tips=tuple(said.tips),
+        tags=said.tags,
+        verdict=told.verdict,
+        exit_status=told.exit_status,
+        exit_code=told.exit_code,
+        lost=None if told.lost is None else told.lost.text,
+        changed=changed,
+        periods_s={station.name: station.period_s for station in told.stations if station.first_tick is not None},
+    )
+
+
+def _runs_in(folder: Path) -> list[Path]:
+    expect_answer(folder)
+    try:
+        if RUN_NAME.fullmatch(Path(os.path.realpath(folder)).name) or (folder / NAME).exists():
+            return [folder]
+        return sorted(path for path in folder.iterdir() if _is_run(path))
+    except OSError as error:
+        raise RecordError(f"{folder} cannot be read: {error.strerror or error}") from error
+
+
+def _is_run(path: Path) -> bool:
+    """By its name, or by what is in it where somebody gave it another one."""
+    return bool(RUN_NAME.fullmatch(path.name)) or (path / NAME).exists()
+
+
+def _fits(sought: str, texts: Iterable[str | None]) -> bool:
+    if "*" not in sought:
+        return sought in texts
+    pattern = re.compile(".*".join(map(re.escape, sought.split("*"))), re.DOTALL)
+    return any(text is not None and pattern.fullmatch(text) for text in texts)

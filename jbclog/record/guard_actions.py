@@ -1,0 +1,141 @@
+"""What a guard did when the recorder was gone: its diary becomes events, and what it reached stands in the facts.
+
+The guard writes where it cannot be waited for and without anything of the record's machinery: a JSON line each, in
+`guard.jsonl`, which is blank until then. `recover` takes them in, behind the last event that the recorder wrote; doing
+that twice changes nothing.
+"""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from dataclasses import replace
+from pathlib import Path
+from typing import Final
+
+import pyarrow as pa
+
+from jbclog.core.errors import RecordError
+from jbclog.core.file_lock import lock_of
+from jbclog.core.foreign.files import Kind, read_foreign
+from jbclog.core.foreign.numbers import json_of
+from jbclog.core.rows import EventRow, Severity, StationFacts
+from jbclog.record.batches import decode, encode
+from jbclog.record.chain import Chain
+from jbclog.record.parts import row_groups, through, write_part
+
+DIARY: Final = "guard.jsonl"
+LOCK: Final = "guard.lock"
+LEASE: Final = "lease.json"
+LOST: Final = "guard.lost"
+BLANK: Final = b"\n"  # the room that a diary has before it is needed
+AGAIN_S: Final = 0.05
+REACHED: Final = {"safety.safe_state": "verified", "safety.not_safe": "failed"}
+
+
+@contextmanager
+def without_guard(folder: Path, patience_s: float) -> Iterator[None]:
+    """Wait until no guard is at work in `folder`, and keep guards out: what they do belongs into the record.
+
+    Raises `RecordError`.
+    """
+    end = time.monotonic() + patience_s
+    while (descriptor := lock_of(folder / LOCK)) is None:
+        if time.monotonic() >= end:
+            raise RecordError(f"{folder}: its guard is at work; nothing was changed. Try again when it has ended")
+        time.sleep(AGAIN_S)
+    try:
+        yield
+        (folder / LOCK).unlink(missing_ok=True)
+    finally:
+        os.close(descriptor)
+
+
+def await_guard(folder: Path, patience_s: float) -> None:
+    """Wait until no guard is at work in `folder`. Raises `RecordError`."""
+    if (folder / LOCK).exists():
+        with without_guard(folder, patience_s):
+            pass
+
+
+def was_lost(folder: Path) -> bool:
+    """Whether the sealed events say that the run was without its guard for a time."""
+    return any(LOST in group["kind"].to_pylist() for group in row_groups(folder, "events", ["kind"]))
+
+
+def tidy(folder: Path) -> None:
+    """Give back the room that the diary did not need; where nothing is in it there is none. Raises `OSError`."""
+    path = folder / DIARY
+    with suppress(FileNotFoundError):
+        written = read_foreign(path, Kind.DIARY).rstrip(BLANK)
+        if not written:
+            path.unlink()
+            return
+        descriptor = os.open(path, os.O_WRONLY | os.O_CLOEXEC | os.O_NOFOLLOW)
+        try:
+            os.ftruncate(descriptor, len(written) + 1)
+        finally:
+            os.close(descriptor)
+
+
+def diary(folder: Path) -> list[EventRow]:
+    """The lines of the guard's diary that can be read, as events; nothing where no guard took over."""
+    try:
+        lines = read_foreign(folder / DIARY, Kind.DIARY).decode(errors="replace").splitlines()
+    except FileNotFoundError:
+        return []
+    return [event for line in lines if (event := _event(line)) is not None]
+
+
+def _event(line: str) -> EventRow | None:
+    """A torn last line is no event."""
+    try:
+        told = json_of(line)
+        return EventRow(
+            int(told["time"]), str(told["kind"]), Severity(told["severity"]), str(told["text"]), told["station"], told["port"]
+        )
+    except (ValueError, KeyError, TypeError):
+        return None
+
+
+def take_in(folder: Path, run: str, told: list[EventRow]) -> None:
+    """Put these behind the events that are sealed, those that are not there yet. The live store's have to be there already."""
+    if not told:
+        return
+    sealed = [row for group in row_groups(folder, "events") for row in plain_events(group).to_pylist()]
+    known = {(row["time"], row["text"]) for row in sealed}
+    missing = [event for event in told if (event.time, event.text) not in known]
+    if missing:
+        chain = Chain.after(sealed[-1]) if sealed else Chain(run)
+        rows = _table([chain.link(event) for event in missing])
+        write_part(folder, "events", lambda: [rows], through(folder, "events"))
+
+
+def _table(rows: Iterable[list[object]]) -> pa.Table:
+    batch = encode(0, "events", [value for row in rows for value in row])
+    return decode(batch, batch.crc)
+
+
+def plain_events(events: pa.Table) -> pa.Table:
+    """Times as whole microseconds, as they are hashed."""
+    for name in ("time", "earliest"):
+        place = events.schema.get_field_index(name)
+        events = events.set_column(place, name, events[name].cast(pa.int64()))
+    return events
+
+
+def with_guard(folder: Path, stations: list[StationFacts]) -> list[StationFacts]:
+    """The facts with what the guard reached: it spoke last."""
+    reached: dict[str, dict[int, EventRow]] = {}
+    for event in diary(folder):
+        if event.kind in REACHED and event.station is not None and event.port is not None:
+            reached.setdefault(event.station, {})[event.port] = event
+    return [_updated(station, reached.get(station.name, {})) for station in stations]
+
+
+def _updated(facts: StationFacts, reached: Mapping[int, EventRow]) -> StationFacts:
+    states = {port: REACHED[event.kind] for port, event in reached.items()}
+    unsafe = [f"{facts.name} port {port}: {event.text}" for port, event in reached.items() if REACHED[event.kind] == "failed"]
+    return replace(facts, safe_state=facts.safe_state | states, unsafe=[*facts.unsafe, *unsafe])

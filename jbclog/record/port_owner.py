@@ -1,0 +1,126 @@
+"""Which run holds a station's port, as others can see it: by what its recorder has open.
+
+A run holds the port of a station until the session of that station has ended, also while a cable is out and the port itself is
+closed. Its manifest names the ports from the start, its live store the sessions that have ended, and the lock of its folder shows
+that somebody is writing there. All of this needs /proc; without it only the lock of the port itself tells. What reads a record
+is loaded only where there is one.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import sqlite3
+from collections.abc import Collection, Iterator, Mapping
+from contextlib import closing
+from pathlib import Path
+from typing import Final
+
+from jbclog.core.errors import RecordError
+from jbclog.core.folder_lock import NAME as LOCK
+from jbclog.core.folder_lock import is_held, recorder
+from jbclog.core.same_port import PortPlace, place_of
+
+RUNNING: Final = "running"
+
+
+def run_that_holds(url: str) -> Path | None:
+    """The folder of the run in progress on this machine to which the port at `url` belongs now."""
+    return next(iter(runs_that_hold([url])), None)
+
+
+def runs_in_progress() -> Iterator[Path]:
+    """The folders that recorders of this user (for root: of all) are writing to."""
+    seen: set[Path] = set()
+    for process in _processes():
+        for folder in _folders_of(process):
+            if folder not in seen and is_held(folder):
+                seen.add(folder)
+                yield folder
+
+
+def runs_that_hold(urls: Collection[str]) -> list[Path]:
+    """The folders of the runs in progress on this machine to which any of the ports at `urls` belongs now."""
+    wanted = [place_of(url) for url in urls]
+    return [folder for folder in runs_in_progress() if _holds(folder, wanted)]
+
+
+def holds(folder: Path, urls: Collection[str]) -> bool:
+    """Whether any of the ports at `urls` belongs to the run in `folder`, which is still in progress."""
+    return is_held(folder) and _holds(folder, [place_of(url) for url in urls])
+
+
+def why_held(urls: Mapping[str, str]) -> dict[str, str]:
+    """Why stations, whose ports these are by their names, cannot be had; nothing of those that can.
+
+    A server of ports takes a second client, and a run holds its ports while a cable is out, too.
+    """
+    found = {}
+    for run in runs_that_hold([*urls.values()]):
+        process = recorder_of(run)
+        who = f"the run {run} (process {process}) holds" if process else f"the run {run} holds"
+        for name in (name for name, url in urls.items() if holds(run, [url])):
+            found[name] = f"{name}: {who} this port; nothing was sent. End that run, or wait for its end"
+    return found
+
+
+def recorder_of(folder: Path) -> int | None:
+    """The process that records the run in `folder`, as its lock says and the system bears out."""
+    process = recorder(folder)
+    return process if process and folder in _folders_of(process) else None
+
+
+def run_of(process: int) -> Path | None:
+    """The folder of the run that this process records."""
+    return next(_folders_of(process), None)
+
+
+def _processes() -> list[int]:
+    with contextlib.suppress(OSError):
+        return [int(place.name) for place in Path("/proc").iterdir() if place.name.isdigit()]
+    return []
+
+
+def _folders_of(process: int) -> Iterator[Path]:
+    """Where a process has the lock of a run's folder open."""
+    with contextlib.suppress(OSError), os.scandir(f"/proc/{process}/fd") as descriptors:
+        for descriptor in descriptors:
+            with contextlib.suppress(OSError):
+                opened = Path(os.readlink(descriptor.path))  # noqa: PTH115  # scandir gives no Path
+                if opened.name == LOCK and opened.exists():
+                    yield opened.parent
+
+
+def _holds(folder: Path, wanted: Collection[PortPlace]) -> bool:
+    from jbclog.record.manifest import read_manifest
+
+    ended = _ended(folder)  # before the manifest: where the store was removed meanwhile, that one says sealed
+    try:
+        manifest = read_manifest(folder)
+    except RecordError:
+        return False  # it has not begun to ask anything
+    if manifest.state != "open":
+        return False
+    held = [place_of(facts.url) for facts in manifest.stations if facts.outcome == RUNNING and facts.name not in ended]
+    return any(one.is_at(other) for one in held for other in wanted)
+
+
+def _ended(folder: Path) -> set[str]:
+    """The stations whose sessions have ended, as far as that has been stored."""
+    from jbclog.record.store import FACTS, Segment, segments
+
+    facts: dict[str, str] = {}
+    with contextlib.suppress(OSError, sqlite3.Error, RecordError, ValueError, TypeError):  # those of anybody's run may be anything
+        for path in segments(folder):
+            with closing(Segment.look(path)) as segment:
+                facts |= segment.notes(FACTS)
+    return {name for name, text in facts.items() if _says_ended(text)}
+
+
+def _says_ended(text: str) -> bool:
+    """Whether a station's facts say that its session is over; those of anybody's run may be no facts at all."""
+    with contextlib.suppress(ValueError, TypeError, RecursionError):
+        facts = json.loads(text)
+        return isinstance(facts, dict) and facts.get("outcome", RUNNING) != RUNNING
+    return False

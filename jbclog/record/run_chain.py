@@ -1,0 +1,113 @@
+"""Runs vouch for each other: a manifest carries the head of the run before it on the same line.
+
+The head of a run is the SHA-256 of its manifest, which holds those of its files. Nothing inside a folder can show that
+all of it was written anew, hashes included. What stands elsewhere can: the head on a printed report, and the one that
+the next manifest carries.
+
+*The same line* is the line's name in the same folder of runs (`--out`). *The run before* is the newest sealed one by
+its folder's name, which begins with its start; runs that are open, or whose manifest cannot be read, are passed over.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from contextlib import suppress
+from pathlib import Path
+from typing import Final
+
+from jbclog.core.errors import RecordError
+from jbclog.core.foreign.files import Kind, read_foreign
+from jbclog.core.foreign.mounts import expect_answer
+from jbclog.record.folder import LETTERS, RUN_NAME
+from jbclog.record.manifest import NAME, Manifest, Previous, manifest_sha256, read_manifest
+
+SHOWN: Final = 24  # hex digits of the short form, 96 bits: nobody can make a second record that has them
+LEAST: Final = 16  # what reports of the first release show
+HEAD: Final = re.compile(r"(?:[0-9a-fA-F]{4}[ -]?){4,16}")
+
+
+def short_head(sha256: str) -> str:
+    """What people compare: ``3f2a-91bc-77de-0a12-5c08-b6e1``."""
+    return "-".join(sha256[place : place + 4] for place in range(0, SHOWN, 4))
+
+
+def is_head(told: str, sha256: str) -> bool:
+    """Whether `told`, typed off a report in its short or its whole form, is that of this head."""
+    plain = re.sub(r"[\s-]", "", told).lower()
+    return len(plain) >= LEAST and sha256.startswith(plain)
+
+
+def digits(told: str) -> int:
+    """How many hex digits somebody typed."""
+    return len(re.sub(r"[\s-]", "", told))
+
+
+def previous_run(out: Path, line: str) -> Previous:
+    """What the next run of `line` below `out` has to carry. Raises `RecordError` where the network mount of `out` hangs."""
+    expect_answer(out)
+    newest_first = sorted(_runs_of(out, line), key=lambda folder: folder.name, reverse=True)
+    for folder in newest_first:
+        with suppress(RecordError, OSError):
+            if read_manifest(folder).state == "sealed":
+                return Previous(folder.name, manifest_sha256(folder), f"The run before this one on line {line}.")
+    if newest_first:
+        return Previous(None, None, f"No run of line {line} in this folder was sealed when this one began.")
+    return Previous(None, None, f"The first run of line {line} in this folder.")
+
+
+def _runs_of(out: Path, line: str) -> Iterator[Path]:
+    name = re.compile(rf"\d{{8}}T\d{{6}}Z-{re.escape(line)}-[{LETTERS}]{{4}}")
+    with suppress(OSError):  # whether runs can be made there is told by whoever makes one
+        for path in out.iterdir():
+            if name.fullmatch(path.name) and path.is_dir() and not path.is_symlink():
+                yield path
+
+
+# -- checked --------------------------------------------------------------------------------------------------------------
+
+
+def broken_links(folder: Path, manifest: Manifest) -> Iterator[str]:
+    """Where this run and its neighbours in the folder of runs do not agree, in words; who is not there cannot be asked."""
+    folder = folder.absolute()
+    yield from _before(folder, manifest)
+    yield from _behind(folder, manifest)
+
+
+def _before(folder: Path, manifest: Manifest) -> Iterator[str]:
+    carried = manifest.previous
+    if carried is None or carried.run is None:
+        return
+    if not RUN_NAME.fullmatch(carried.run):
+        yield f"previous: {carried.run!r:.80} is no run's name"
+        return
+    found = _head_of(folder.parent / carried.run)
+    if found is not None and found != carried.sha256:
+        yield f"previous: {carried.run} is not what it was when this run began: its head is {short_head(found)}, " + _carried(
+            carried
+        )
+
+
+def _behind(folder: Path, manifest: Manifest) -> Iterator[str]:
+    if manifest.line is None or folder.name != manifest.run:
+        return
+    own = manifest_sha256(folder)
+    for path in sorted(_runs_of(folder.parent, manifest.line.name)):
+        with suppress(RecordError, OSError):
+            if path.name == folder.name or manifest.run.encode() not in read_foreign(path / NAME, Kind.MANIFEST):
+                continue
+            carried = read_manifest(path).previous
+            if carried is not None and carried.run == manifest.run and carried.sha256 != own:
+                yield f"was changed after {path.name} began: its head is {short_head(own)}, " + _carried(carried)
+
+
+def _carried(carried: Previous) -> str:
+    return f"carried is {short_head(carried.sha256 or 'none')}"
+
+
+def _head_of(folder: Path) -> str | None:
+    """The head of a run; None where it is not there."""
+    try:
+        return manifest_sha256(folder)
+    except RecordError:
+        return None

@@ -1,0 +1,198 @@
+"""What stands in the live store, found even where parts of it are damaged, and what of it is not sealed yet."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import sqlite3
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import Final
+
+import pyarrow as pa
+
+from jbclog.core.errors import RecordError
+from jbclog.record.batches import Damaged, decode
+from jbclog.record.damage import Damage
+from jbclog.record.parts import through
+from jbclog.record.schema import TABLES
+from jbclog.record.store import FACTS, META, Segment, segments
+
+LEAST_BYTES: Final = 1024  # no batch is smaller, so no file holds more batches than this says
+
+
+IN_THE_WAY: Final = (
+    *(sqlite3.SQLITE_IOERR, sqlite3.SQLITE_FULL, sqlite3.SQLITE_CANTOPEN, sqlite3.SQLITE_NOMEM),
+    *(sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED, sqlite3.SQLITE_PERM),
+)
+UNREADABLE: Final = (sqlite3.SQLITE_IOERR_READ, sqlite3.SQLITE_IOERR_SHORT_READ, sqlite3.SQLITE_IOERR_CORRUPTFS)
+"""A place of the disk that cannot be read any more is damage, and the rest of the file is still there."""
+
+
+def expect_damage(path: Path, error: Exception) -> None:
+    """Raise `RecordError` where `error` tells of what is in the way now, and not of what stands in the file."""
+    code = getattr(error, "sqlite_errorcode", sqlite3.SQLITE_CORRUPT)
+    if code & 0xFF in IN_THE_WAY and code not in UNREADABLE:
+        raise RecordError(f"{path} cannot be read now: {error}; nothing of it was changed") from error
+
+
+class Stock:
+    """All segments of a run's live store, as they were at one moment; nothing is written. `damage` grows while it is read.
+
+    Numbers that two segments have are taken from the first in which they are sound. What only keeps it from being read now
+    (no room for SQLite's index, no right to make it, a disk that fails to write) is no damage: `RecordError`, from any call.
+    Files that are removed while they are opened are neither: the run is being sealed, so it looks again at what is there.
+    Read the manifest and list the parts after this, and no row can be missed: parts and manifest are there before files go.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        while not self._opened():
+            pass  # what was listed is gone, because the run is being sealed: its rows are elsewhere now
+
+    def _opened(self) -> bool:
+        """Open what is there and list what it holds; False where a file went away before that was done."""
+        self.damage: list[Damage] = []
+        self.segments: list[Segment] = []
+        self._where: dict[int, list[Segment]] = {}
+        self._tables: dict[int, str] = {}
+        there = segments(self.folder)
+        with contextlib.ExitStack() as opened:
+            try:
+                for path in there:
+                    self._open(path, opened)
+                self.notes = self._all_notes(META)
+                self._index()
+            except (RecordError, OSError):
+                if all(map(os.path.lexists, there)):
+                    raise
+                return False
+            if self.damage and not all(map(os.path.lexists, there)):
+                return False
+            self._snapshots = opened.pop_all()
+        return True
+
+    def __enter__(self) -> Stock:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        self._snapshots.close()
+
+    def _open(self, path: Path, opened: contextlib.ExitStack) -> None:
+        try:
+            segment = Segment.look(path)
+            opened.callback(segment.close)
+            opened.enter_context(segment.snapshot())
+            begun = segment.is_begun()
+        except sqlite3.DatabaseError as error:
+            if getattr(error, "sqlite_errorcode", 0) == sqlite3.SQLITE_READONLY_ROLLBACK:
+                return  # cut off while it was made, before its log: nothing was ever committed to it
+            expect_damage(path, error)
+            self._note(path.name, None, f"nothing in it can be read: {error}")
+        else:
+            self.segments += [segment] * begun
+
+    # -- what is there -----------------------------------------------------------------------------------------------
+
+    @property
+    def last(self) -> int:
+        """The number of the last batch that is there or should be."""
+        return max(max(self._where, default=0), self._number("last"), self._number("sealed"))
+
+    def numbers_of(self, table: str, after: int) -> list[int]:
+        """The batches of a table with numbers above `after`, in order."""
+        return [number for number, name in sorted(self._tables.items()) if name == table and number > after]
+
+    def tables(self, numbers: Sequence[int]) -> Iterator[pa.Table]:
+        """The rows of these batches; a damaged one is left out and noted."""
+        for number in numbers:
+            table = self._sound(number)
+            if table is not None:
+                yield table
+
+    @property
+    def was_closed(self) -> bool:
+        """Whether the recorder committed everything and closed the store itself."""
+        return self.notes.get("closed") == "1"
+
+    @property
+    def dropped_rows(self) -> int:
+        """Rows that the recorder could not keep."""
+        return self._number("dropped")
+
+    def facts(self) -> dict[str, str]:
+        """What was last handed over of each station, as JSON."""
+        return self._all_notes(FACTS)
+
+    def _all_notes(self, kind: str) -> dict[str, str]:
+        """The notes of a kind; those of later segments hold."""
+        notes: dict[str, str] = {}
+        for segment in self.segments:
+            try:
+                notes.update(segment.notes(kind))
+            except sqlite3.DatabaseError as error:
+                expect_damage(segment.path, error)
+                self._note(segment.path.name, 0, f"its notes ({kind}) cannot be read: {error}")
+        return notes
+
+    def _number(self, key: str) -> int:
+        text = self.notes.get(key, "")
+        return int(text) if text.isdigit() else 0
+
+    # -- finding it --------------------------------------------------------------------------------------------------
+
+    def _index(self) -> None:
+        for segment in self.segments:
+            try:
+                found = segment.index()
+            except sqlite3.DatabaseError as error:
+                expect_damage(segment.path, error)
+                self._note(segment.path.name, None, f"it is damaged ({error}); what follows was found piece by piece")
+                found = dict(self._probe(segment))
+            for number, table in found.items():
+                self._where.setdefault(number, []).append(segment)
+                if self._tables.get(number) not in TABLES:
+                    self._tables[number] = table
+        self._note_gaps()
+        for number, table in self._tables.items():
+            if table not in TABLES:
+                self._note(f"batch {number}", None, "it belongs to no table")
+
+    def _probe(self, segment: Segment) -> Iterator[tuple[int, str]]:
+        """Ask for every number that can be there, one by one."""
+        first = self._number("sealed") + 1
+        end = self._number("last") + 1 if self._number("last") else first + segment.path.stat().st_size // LEAST_BYTES
+        for number in range(first, end):
+            with contextlib.suppress(sqlite3.DatabaseError):
+                stored = segment.get(number)
+                if stored is not None:
+                    yield number, stored.batch.table
+
+    def _note_gaps(self) -> None:
+        """Numbers run without a gap from the last that was deleted to the last that was stored."""
+        expected = (self._number("sealed") or max(through(self.folder, table) for table in TABLES)) + 1
+        for number in [*sorted(n for n in self._where if n >= expected), self.last + 1]:
+            if number > expected:
+                which = f"batch {expected}" if number == expected + 1 else f"batches {expected} to {number - 1}"
+                self._note(which, None, "missing from the live store")
+            expected = number + 1
+
+    def _sound(self, number: int) -> pa.Table | None:
+        why, rows = "missing", None
+        for segment in self._where[number]:
+            try:
+                stored = segment.get(number)
+                if stored is not None:
+                    rows = stored.batch.rows
+                    return decode(stored.batch, stored.crc)
+            except (Damaged, sqlite3.DatabaseError) as error:
+                expect_damage(segment.path, error)
+                why = str(error)
+        self._note(f"batch {number} ({self._tables[number]})", rows, why)
+        return None
+
+    def _note(self, place: str, rows: int | None, why: str) -> None:
+        damage = Damage(place, rows, why)
+        if damage not in self.damage:
+            self.damage.append(damage)

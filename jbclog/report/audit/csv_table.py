@@ -1,0 +1,110 @@
+"""An audit as CSV: a row for each thing that is known, or that is not known and why. The columns stay as they are.
+
+Each row says of which audit, line and station it is. `kind` says what the row is of: a `station` (its state is that of its worst
+task), a `counter` (`value` as read, `low` and `high` what was worked since `since`, `state` what the last difference was), a
+`task` (`value` its life, `low` and `high` the percent that are used), a `use` figure, an `error` as read now, a `parameter`
+that drifted, a `note`. Times are UTC in ISO 8601. What has no upper end leaves `high` empty, as does what is not known.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import Final
+
+from jbclog.core.csv import csv_text
+from jbclog.maintenance.counter_totals.interval import Interval
+from jbclog.maintenance.due import TaskState
+from jbclog.maintenance.fleet import FleetAudit, Meter, StationAudit
+
+SCHEMA: Final = 1
+COLUMNS: Final = (
+    *("schema", "audit", "line", "station", "url", "family", "model", "software", "seen", "source", "last_seen"),
+    *("kind", "port", "name", "unit", "value", "low", "high", "standing", "state", "since"),
+    *("due_p10", "due_p50", "due_p90", "part", "text"),
+)
+
+Row = dict[str, object]
+
+
+def sheet_of(audit: FleetAudit) -> str:
+    """The whole table as text."""
+    return csv_text(COLUMNS, (row for station in audit.stations for row in _rows(audit, station)))
+
+
+def _rows(audit: FleetAudit, station: StationAudit) -> Iterator[Row]:
+    head = _head(audit, station)
+    for row in _of_station(station):
+        yield head | row
+
+
+def _head(audit: FleetAudit, station: StationAudit) -> Row:
+    who = station.identity
+    return {
+        "schema": SCHEMA,
+        "audit": audit.audit,
+        "line": station.line,
+        "station": station.station,
+        "url": station.url,
+        "family": who and who.family,
+        "model": who and who.model,
+        "software": who and who.software,
+        "seen": _yes(station.seen),
+        "source": station.source,
+        "last_seen": station.last_seen,
+    }
+
+
+def _of_station(station: StationAudit) -> Iterator[Row]:
+    yield {"kind": "station", "value": station.audits, "state": station.state.value, "text": station.why}
+    yield from map(_counter, station.meters)
+    yield from map(_task, station.tasks)
+    for figure in station.use:
+        row: Row = {"kind": "use", "port": figure.port, "name": figure.name, "unit": figure.unit, "value": figure.value}
+        yield row | _range(figure.range) | {"text": figure.why or figure.title}
+    yield from _errors(station)
+    for drift in station.drifts:
+        yield {"kind": "parameter", "name": drift.name, "value": drift.value, "state": drift.than, "text": drift.text}
+    for note in station.notes:
+        yield {"kind": "note", "text": note}
+
+
+def _counter(meter: Meter) -> Row:
+    row: Row = {"kind": "counter", "port": meter.port, "name": meter.counter, "unit": meter.unit, "since": meter.odometer.since}
+    row |= _range(meter.odometer.total)
+    if meter.read is not None:
+        row |= {"value": meter.read.value, "standing": meter.read.standing.value, "text": meter.read.why}
+    if meter.last is not None:
+        row |= {"state": meter.last.kind.value}
+        row["text"] = row.get("text") or meter.last.text
+    return row
+
+
+def _task(task: TaskState) -> Row:
+    row: Row = {"kind": "task", "port": task.port, "name": task.task, "unit": task.unit, "value": task.life}
+    row |= _range(task.percent) | {
+        "state": task.state.value,
+        "since": task.since,
+        "part": task.part,
+        "text": task.why or task.told_by or task.title,
+    }
+    due = task.due
+    return row | ({} if due is None else {"due_p10": due.p10, "due_p50": due.p50, "due_p90": due.p90})
+
+
+def _errors(station: StationAudit) -> Iterator[Row]:
+    if station.errors is None:
+        return
+    yield {"kind": "error", "name": "station", "text": station.errors.station}
+    for port, text in station.errors.ports.items():
+        yield {"kind": "error", "name": "port", "port": port, "text": text}
+    for kind, count in (station.errors.events or {}).items():
+        yield {"kind": "error", "name": kind, "unit": "events", "value": count}
+
+
+def _range(found: Interval | None) -> Row:
+    return {} if found is None else {"low": found.low, "high": found.high if math.isfinite(found.high) else None}
+
+
+def _yes(is_so: bool) -> str:
+    return "yes" if is_so else "no"

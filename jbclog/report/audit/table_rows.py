@@ -1,0 +1,209 @@
+"""The rows of the page's tables below what is due: use, drift, what the odometer could not know, counters, errors."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Final
+
+from jbclog.maintenance.counter_totals.interval import NOTHING
+from jbclog.maintenance.counter_totals.totals import Difference, Kind
+from jbclog.maintenance.ending import ABSENT
+from jbclog.maintenance.fleet import FLEET, FleetAudit, Meter, StationAudit, UseFigure, Week
+from jbclog.report.audit.wording import listed, span
+
+MOST_MARKS: Final = 200
+SUPERSCRIPTS: Final = str.maketrans("0123456789", "⁰¹²³⁴⁵⁶⁷⁸⁹")
+OK: Final = "ok"
+
+
+@dataclass(slots=True)
+class Notes:
+    """Reasons why something is not known, each numbered once, in the order in which they come."""
+
+    texts: list[str] = field(default_factory=list)
+
+    def sign(self, why: str) -> str:
+        """``–¹``: a dash, and the number of the reason."""
+        if not why:
+            return "–"
+        if why not in self.texts:
+            self.texts.append(why)
+        return f"–{str(self.texts.index(why) + 1).translate(SUPERSCRIPTS)}"
+
+
+@dataclass(frozen=True, slots=True)
+class UseRow:
+    """A station's use: its figures by name, of all ports together."""
+
+    station: StationAudit
+    figures: dict[str, UseFigure]
+    notes: Notes
+
+    def told(self, name: str, digits: int = 0) -> str:
+        """A figure's range in words, or the number of the reason why there is none."""
+        figure = self.figures.get(name)
+        if figure is None or figure.range is None:
+            return self.notes.sign("not reckoned" if figure is None else figure.why)
+        return span(figure.range, digits)
+
+    def bound(self, name: str, digits: int = 0) -> str:
+        """As `told`, of a figure of which one bound is what is meant."""
+        figure = self.figures.get(name)
+        if figure is None or figure.value is None:
+            return self.told(name, digits)
+        return span(replace(NOTHING, low=figure.value, high=figure.value), digits)
+
+    def has(self, name: str) -> bool:
+        return self.value(name) is not None
+
+    def value(self, name: str) -> float | None:
+        return self.figures[name].value if name in self.figures else None
+
+    @property
+    def shares(self) -> tuple[float, float, float] | None:
+        """Worked, slept, without a tool, per cent of the time plugged in; None where one of them is not known."""
+        work, sleep, tool = (self.value(name) for name in ("use_percent", "sleep_percent", "no_tool_percent"))
+        return None if work is None or sleep is None or tool is None else (work, sleep, tool)
+
+
+def use_rows(audit: FleetAudit, notes: Notes) -> list[UseRow]:
+    """Each station's, the most used first; those of which nothing is known last."""
+    rows = [
+        UseRow(station, {one.name: one for one in station.use if one.port is None}, notes)
+        for station in audit.stations
+        if station.use or station.weeks
+    ]
+    return sorted(
+        rows, key=lambda row: (-(row.value("work_h_a_day_365") or row.value("work_h_a_day_30") or -1), row.station.station)
+    )
+
+
+def courses(audit: FleetAudit) -> list[tuple[Week, ...]]:
+    """The years of the stations of which any week is known."""
+    return [station.weeks for station in audit.stations if any(week.per_day for week in station.weeks)]
+
+
+def fleet_weeks(audit: FleetAudit) -> list[tuple[Week, int]]:
+    """The sum of all stations that are known in a week, with how many those are."""
+    return [_together(weeks) for weeks in zip(*courses(audit), strict=False)]
+
+
+def _together(weeks: Sequence[Week]) -> tuple[Week, int]:
+    known = [week.per_day for week in weeks if week.per_day is not None]
+    hours = sum(known, NOTHING) if known else None
+    spread = sum(week.is_spread for week in weeks)
+    return Week(weeks[0].begin, hours, spread > len(known) / 4), len(known)
+
+
+# -- drift -------------------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class DriftRow:
+    """The same drift at some stations."""
+
+    name: str
+    text: str
+    stations: str
+    is_fleet: bool
+
+
+def drift_rows(audit: FleetAudit) -> list[DriftRow]:
+    """What drifted, what differs from the fleet first; stations with the same on one row."""
+    found: dict[tuple[bool, str, str], list[str]] = {}
+    for station in audit.stations:
+        for drift in station.drifts:
+            found.setdefault((drift.than != FLEET, drift.name, drift.text), []).append(station.station)
+    rows = sorted(found.items())
+    return [DriftRow(_setting(name), text, listed(at), not since) for (since, name, text), at in rows]
+
+
+def _setting(name: str) -> str:
+    port, _, setting = name.rpartition(".")
+    words = setting.replace("_", " ")
+    return f"port {port}: {words}" if port else words
+
+
+# -- the odometer ------------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class Mark:
+    """Differences of one port that are no plain ones and of which the same is said; each with its unit."""
+
+    station: str
+    port: int
+    begin: str
+    end: str
+    kind: str
+    text: str
+    rule: str
+    is_doubtful: bool
+    counters: tuple[tuple[str, Difference], ...]
+
+
+def marks(audit: FleetAudit) -> list[Mark]:
+    """All of them, the latest first; without roll-overs that left no doubt (`turns`)."""
+    found: dict[tuple[str, int, str, str, str, str, str, bool], list[tuple[str, Difference]]] = {}
+    for station in audit.stations:
+        for meter in station.meters:
+            for one in filter(_is_told, meter.odometer.marks):
+                kind = one.kind.value.replace("_", "-")
+                said = (station.station, one.port, one.begin, one.end, kind, one.text, one.rule.replace("_", " "), one.is_doubtful)
+                found.setdefault(said, []).append(("" if meter.unit == "count" else meter.unit, one))
+    together = [Mark(*said, tuple(counters)) for said, counters in found.items()]
+    return sorted(together, key=lambda one: (one.end, one.station, one.port), reverse=True)
+
+
+def _is_told(one: Difference) -> bool:
+    return one.kind is not Kind.ROLL_OVER or not one.is_known
+
+
+def turns(audit: FleetAudit) -> list[tuple[StationAudit, Meter, int]]:
+    """Counters that ran over after their last number and left no doubt about it, with how often."""
+    every = [(station, meter, [one for one in meter.odometer.marks if not _is_told(one)]) for station, meter in meters(audit)]
+    return [(station, meter, len(over)) for station, meter, over in every if over]
+
+
+def meters(audit: FleetAudit) -> Iterator[tuple[StationAudit, Meter]]:
+    """Each counter that ever counted."""
+    for station in audit.stations:
+        for meter in station.meters:
+            if meter.odometer.first or meter.odometer.total.high > 1 or meter.read is None or meter.read.value is None:
+                yield station, meter
+
+
+def unread(audit: FleetAudit) -> Iterator[tuple[StationAudit, Meter]]:
+    """Each counter that a station has and did not tell, or on which no two reads agreed."""
+    for station in audit.stations:
+        for meter in station.meters:
+            if meter.read is not None and meter.read.value is None and meter.read.why != ABSENT:
+                yield station, meter
+
+
+# -- errors ------------------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class ErrorRow:
+    """What is wrong at a place now, or what runs saw since last time."""
+
+    station: str
+    port: int | None
+    text: str
+    is_now: bool
+
+
+def error_rows(audit: FleetAudit) -> Iterator[ErrorRow]:
+    """Errors as they were read, and events of runs since the audit before."""
+    for station in audit.stations:
+        errors = station.errors
+        if errors is None:
+            continue
+        if errors.station not in (None, OK):
+            yield ErrorRow(station.station, None, str(errors.station), True)
+        yield from (ErrorRow(station.station, port, text, True) for port, text in sorted(errors.ports.items()) if text != OK)
+        yield from (
+            ErrorRow(station.station, None, f"{kind}: {n}", False) for kind, n in sorted((errors.events or {}).items()) if n
+        )

@@ -1,0 +1,178 @@
+"""From what came on a port to findings: why there is no station that could be driven, and the one step that mends it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Iterator
+
+from jbclog.core.errors import LinkError, LinkFlooded, PortBusy, PortForbidden, PortMissing
+from jbclog.core.line_format import LineFormat
+from jbclog.protocol.commands.family import FAMILIES
+from jbclog.protocol.commands.models import accept_line
+from jbclog.protocol.frame import Frame
+from jbclog.protocol.reader import FrameReader
+from jbclog.session.discovery.finding import Finding
+from jbclog.session.discovery.found import PortReport, StationFound
+from jbclog.session.discovery.trials import ADDRESSES, THOROUGH, plan_for
+from jbclog.session.discovery.who import address_of
+
+SHOWN_BYTES = 12
+
+SWITCH_ON = "switch Robot mode on in the station's menu"
+IS_IT_ON = "see that the station is on and that Robot mode is on in its menu; if so, "
+EXCHANGE = f"{IS_IT_ON}exchange transmit and receive in the cable (RJ12: pins 3 and 4)"  # digest B-2
+ALL = tuple(range(1, 100))
+BREAKS: tuple[tuple[type[LinkError], str], ...] = (
+    (PortBusy, "port.busy"),
+    (PortForbidden, "port.permission"),
+    (PortMissing, "port.missing"),
+    (LinkFlooded, "link.flooded"),
+    (LinkError, "port.broken"),
+)
+FIRMLY = "see that both plugs sit firmly, and keep the cable away from power lines"
+PLUG_IN = "pull the adapter out and plug it in again, or start the server behind it"
+
+
+def diagnose(report: PortReport) -> list[Finding]:
+    """What is wrong with this port, the first cause first; nothing where a station answers that a run could begin with."""
+    if report.broken is not None:
+        return [_broken(report.url, report.broken)]
+    if report.station is not None:
+        return [] if report.station.is_drivable else [_not_drivable(report.url, report.station, report.asked)]
+    if report.stopped:
+        return []
+    return [_nobody(report)]
+
+
+def _broken(url: str, error: LinkError) -> Finding:
+    """The sentences of `transport` say what is wrong, and behind a semicolon what to do."""
+    kind = next(kind for one, kind in BREAKS if isinstance(error, one))
+    what, _, step = str(error).removeprefix(url).lstrip(": ").partition("; ")
+    return Finding(kind, url, what, step or PLUG_IN)
+
+
+def _not_drivable(url: str, station: StationFound, asked: Collection[int | None]) -> Finding:
+    who = f"a station answers at {station.line}, {station.addressing}"
+    if station.contradicts:
+        return Finding("line.noisy", url, f"{who}, and says something else each time: {station.trouble}", FIRMLY)
+    if station.robot_mode is False:
+        return Finding("robot_mode.off", url, f"{who}, and refuses with N 00005: Robot mode is off", SWITCH_ON)
+    if station.address is not None and station.address not in asked and (station.refusal or station.trouble):
+        step = f"ask it: `jbclog scan {url} --addresses {station.address}`; in a line file it is `address = {station.address}`"
+        does = f"refuses what was not for it ({station.refusal})" if station.refusal else f"then does not: {station.trouble}"
+        return Finding("line.address", url, f"{who}, and {does}", step)
+    if station.refusal is not None:
+        step = "set the addresses of its menu to the usual ones (01, or none), and scan again"
+        return Finding("station.refuses", url, f"{who}, and does not say its model ({station.refusal})", step)
+    if station.trouble is not None:
+        return Finding("station.silent", url, f"{who}, and then does not: {station.trouble}", "see that its plug sits firmly")
+    driven = ", ".join(name for name, family in FAMILIES.items() if family.models)
+    step = f"if you know what it is, name its family in the line file ({driven}), and add {accept_line(str(station.model))}"
+    return Finding("station.unknown", url, f"{who}, and says model {station.model!r}, which no table has", step)
+
+
+def _nobody(report: PortReport) -> Finding:
+    """Why nobody is there. The surest sign decides."""
+    url = report.url
+    if report.binary is not None:
+        what = f"what comes at {report.binary} is like JBC's binary protocol, which a station speaks that is not in Robot mode"
+        return Finding("robot_mode.binary", url, what, SWITCH_ON)
+    if report.flood is not None:
+        return _broken(url, report.flood)
+    if report.echoed:
+        what = "each question comes back as it was sent, and no answer: a loop-back, or an adapter for RS-485 with echo"
+        return Finding("line.echo", url, what, "take the loop-back off, or take an adapter for RS-232")
+    heard = list(dict.fromkeys(_heard_addresses(report)))
+    if heard:
+        return _other_address(report, *heard[0])
+    if report.garbage:
+        return Finding(
+            "line.format", url, f"something speaks, in no line format that was tried: {_heard(report)}", _next_try(report)
+        )
+    if report.untried:
+        step = f"give it more time: `jbclog scan {url}{_options(report)}` without --seconds"
+        return Finding("scan.cut", url, f"nothing answers in {_formats(report)}; the time was over before the rest was tried", step)
+    return Finding("line.silent", url, f"nothing answers in {_formats(report)}", _look_again(report))
+
+
+def _heard_addresses(report: PortReport) -> Iterator[tuple[LineFormat, int]]:
+    """Line formats and addresses of stations in the whole JBC frames that came and answered nothing."""
+    for line, data in report.garbage.items():
+        for found in FrameReader().feed(data):
+            if isinstance(found, Frame) and (address := address_of(found)) is not None:
+                yield line, address
+
+
+def _other_address(report: PortReport, line: LineFormat, address: int) -> Finding:
+    """A JBC frame came, so the line format is right; who it names was not asked, or did not say who it is."""
+    url, number = report.url, f"{address:02d}"
+    kind = {10: ", which 004 gives to solder feeders", 20: ", which 004 gives to fume extractors"}.get(address, "")
+    if address in report.asked:
+        what = f"a frame of address {number}{kind} came at {line}, and no answer to the question for its model"
+        step = "connect a station that jbclog drives; this one does not say its model"
+        return Finding("station.refuses", url, what, step)
+    asked = ", ".join("none" if one is None else f"{one:02d}" for one in report.asked)
+    what = f"a frame of address {number}{kind} came at {line}; asked were the addresses {asked}"
+    numbers = _ranges([*(one for one in report.asked if one is not None and one not in ADDRESSES), address])
+    step = f"ask it: `jbclog scan {url} --addresses {numbers}`; in a line file it is `address = {address}`"
+    return Finding("line.address", url, what, step)
+
+
+def _look_again(report: PortReport) -> str:
+    """A format or an address that was not tried is likelier than crossed wires, and costs no iron."""
+    if _is_thorough(report) and set(ALL) <= set(report.asked):
+        return EXCHANGE
+    thorough = "" if _is_by_server(report) else " --thorough"
+    plan = plan_for(report.url, thorough=True, addresses=tuple(dict.fromkeys((*ADDRESSES, *ALL))), limit_s=None)
+    what = "every address" if _is_by_server(report) else "every line format and address"
+    minutes = math.ceil(plan.seconds / 60)
+    return f"{IS_IT_ON}try {what} (at most {minutes} min): `jbclog scan {report.url}{thorough} --addresses 1-99`"
+
+
+def _is_by_server(report: PortReport) -> bool:
+    """Whether somebody else decides on the line format."""
+    return report.url.startswith("socket:")
+
+
+def _is_thorough(report: PortReport) -> bool:
+    """Whether every line format was meant to be tried."""
+    return _is_by_server(report) or len(report.tried) + len(report.untried) >= len(THOROUGH)
+
+
+def _options(report: PortReport) -> str:
+    """How this scan was asked for, beside its port and its time."""
+    numbers = [number for number in report.asked if number is not None and number not in ADDRESSES]
+    thorough = " --thorough" if _is_thorough(report) and not _is_by_server(report) else ""
+    return f"{thorough} --addresses {_ranges(numbers)}" if numbers else thorough
+
+
+def _ranges(numbers: list[int]) -> str:
+    """``2,5-7``: as --addresses takes them."""
+    found: list[list[int]] = []
+    for number in sorted(numbers):
+        if found and number == found[-1][-1] + 1:
+            found[-1][1:] = [number]
+        else:
+            found.append([number])
+    return ",".join("-".join(map(str, ends)) for ends in found)
+
+
+def _heard(report: PortReport) -> str:
+    line, data = next(iter(report.garbage.items()))
+    more = " …" if len(data) > SHOWN_BYTES else ""
+    return f"{data[:SHOWN_BYTES].hex(' ')}{more} at {line}"
+
+
+def _next_try(report: PortReport) -> str:
+    if _is_by_server(report):
+        return "set the line format of the station's menu in the server behind this port"
+    if _is_thorough(report):
+        return "see what is connected there: no line format that a station can have makes sense of it"
+    return f"look up the line format in the station's menu, or try them all: `jbclog scan --thorough {report.url}`"
+
+
+def _formats(report: PortReport) -> str:
+    tried = report.tried
+    if len(tried) == 1:
+        return "the server's line format" if _is_by_server(report) else f"the line format {tried[0]}"
+    return f"{len(tried)} line formats ({', '.join(map(str, tried[:3]))}, …)"

@@ -1,0 +1,112 @@
+"""Asks one thing of a line on which nobody is known, and sorts what comes back: answer, echo, or something else."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TypeVar
+
+from jbclog.core.errors import LinkFlooded
+from jbclog.core.io_requests import Ask, Heard, Listen, Steps
+from jbclog.protocol.client.flow import MOST_TIMES, SECOND
+from jbclog.protocol.commands.robot import COMMON
+from jbclog.protocol.frame import Frame
+from jbclog.protocol.omega import OmegaReader, encode
+from jbclog.protocol.reader import FrameReader
+
+T = TypeVar("T")
+
+MOST_KEPT = 256  # bytes of what came
+MEASURES = 3
+USUAL_ANSWERS = 200  # bytes a second; ten times that is more than a line at 19200 carries, whose noise may have another cause
+HOST = 0
+MODEL = next(command for command in COMMON if command.name == "model")
+OMEGA_QUESTION = encode("A")  # 003, 11.3.1
+OMEGA_ANSWERS = frozenset(("a", *(f"a{state}" for state in "0123")))  # 003, 11.3.1 prints a; its digit is of digest A.13
+
+DLE, NAK, STX = b"\x10", b"\x15", b"\x02"  # of JBC's binary protocol: a frame begins with DLE STX, a refusal is NAK
+
+
+def model_question(address: int | None) -> bytes:
+    """R-SMN, the one question that every JBC station knows, to `address` or without addresses."""
+    target = (None, None) if address is None else (HOST, address)
+    return Frame("R", MODEL.letters, *target).encode()
+
+
+@dataclass(frozen=True, slots=True)
+class Came:
+    """What came back to a question, or unasked. `rest` is without the question's own echo."""
+
+    rest: bytes
+    echoed: bool = False
+
+
+class Ear:
+    """Collects what comes. `now` is the last moment that was told, monotonic seconds.
+
+    What brings more at once than an answer has is listened to for a second, so many times: `flood` says so where it goes on.
+    """
+
+    def __init__(self) -> None:
+        self.now = 0.0
+        self.flood: LinkFlooded | None = None
+        self._measures_left = MEASURES
+
+    def ask(self, question: bytes, patience_s: float, answer_in: Callable[[bytes], object | None]) -> Steps[Came]:
+        """Send `question` and take what comes until `answer_in` finds an answer in it, or `patience_s` are over."""
+        heard = yield Ask(question, patience_s)
+        until = heard.sent + patience_s
+        return (yield from self._collect(heard, until, question, answer_in))
+
+    def listen(self, seconds: float) -> Steps[Came]:
+        """Take what comes unasked."""
+        until = self.now + seconds
+        heard = yield Listen(until)
+        return (yield from self._collect(heard, until, b"", lambda _: None))
+
+    def _collect(self, heard: Heard, until: float, question: bytes, answer_in: Callable[[bytes], object | None]) -> Steps[Came]:
+        data = heard.data
+        while heard.data and len(data) < MOST_KEPT and answer_in(_without(question, data)) is None:
+            heard = yield Listen(until)
+            data += heard.data
+        self.now = heard.now
+        if len(data) >= MOST_KEPT and self._measures_left and self.flood is None:
+            yield from self._measure(heard.now)
+        return Came(_without(question, data)[:MOST_KEPT], bool(question) and question in data)
+
+    def _measure(self, began: float) -> Steps[None]:
+        """Count what comes in a second in which nothing is asked."""
+        self._measures_left -= 1
+        came = 0
+        while self.now < began + SECOND:
+            heard = yield Listen(began + SECOND)
+            self.now, came = heard.now, came + len(heard.data)
+        limit = MOST_TIMES * USUAL_ANSWERS
+        if came > limit:
+            self.flood = LinkFlooded(came, USUAL_ANSWERS, self.now - began, limit)
+
+
+def _without(question: bytes, data: bytes) -> bytes:
+    return data.replace(question, b"", 1) if question else data
+
+
+def robot_answer(data: bytes) -> Frame | None:
+    """The first answer or refusal in `data` that can be one to R-SMN."""
+    frames = (found for found in FrameReader().feed(data) if isinstance(found, Frame))
+    return next((frame for frame in frames if _is_answer(frame)), None)
+
+
+def _is_answer(frame: Frame) -> bool:
+    if frame.header == "N":
+        return frame.text[-5:].isdigit()
+    return frame.header == "A" and frame.text.startswith(MODEL.letters) and len(frame.text) > len(MODEL.letters)
+
+
+def omega_answer(data: bytes) -> str | None:
+    """The answer of an OMEGA to its information request in `data`."""
+    return next((text for text in OmegaReader().feed(data) if text in OMEGA_ANSWERS), None)
+
+
+def is_binary(data: bytes) -> bool:
+    """Whether this is how a station speaks that is not in Robot mode: frames behind DLE, or NAK again and again."""
+    return DLE + STX in data or (bool(data) and not data.strip(NAK + DLE))

@@ -1,0 +1,266 @@
+"""A station that a person asks for: opened, asked who it is, its ports and tools found."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from jbclog.core.errors import NotSupported, OutOfRange, RobotModeOff, StartRefused, StationError, StationSilent, UsageError
+from jbclog.core.io_requests import Reopen, Steps, Wait
+from jbclog.core.line_format import LineFormat
+from jbclog.core.quantities import Value
+from jbclog.protocol.client.after_write import MODEL
+from jbclog.protocol.client.agreement import agreed
+from jbclog.protocol.client.family_proof import NOT_DRIVEN, why_not_borne_out
+from jbclog.protocol.client.interface import Client
+from jbclog.protocol.client.make import client_for
+from jbclog.protocol.commands.command import TOOLS_WITH_A_PLACE, Command, Scope
+from jbclog.protocol.commands.family import Family, family_of
+from jbclog.protocol.commands.models import not_accepted, other_model, unknown_model
+from jbclog.protocol.commands.omega_values import CLEANING, is_condition
+
+PORTS = range(1, 5)
+NO_TOOL = 0
+CONDITIONS = "101 to 199, 201 to 299, 301 to 399, or 0 for the cleaning"
+
+
+@dataclass(frozen=True, slots=True)
+class Target:
+    """A station as the line file describes it. `family` is None for "auto", `ports` None for the family's own; `model` is the
+    name that is accepted for it, None where none is.
+    """
+
+    name: str
+    url: str
+    family: Family | None
+    line: LineFormat
+    address: int | None
+    ports: tuple[int, ...] | None
+    model: str | None = None
+
+
+class Place(NamedTuple):
+    """Where a command speaks to: nothing is the whole station. `condition` is the number of one of OMEGA's solder conditions."""
+
+    port: int | None = None
+    tool: int | None = None
+    condition: int | None = None
+
+    def __str__(self) -> str:
+        """``port 1, tool 2``; nothing for the whole station."""
+        return ", ".join(f"{name} {number}" for name, number in self._asdict().items() if number is not None)
+
+
+NOWHERE = Place()
+
+
+def title(command: Command, place: Place) -> str:
+    """``sleep_delay of port 1, tool 2``."""
+    return f"{command.name} of {place}" if any(number is not None for number in place) else command.name
+
+
+def sentence(error: StationError) -> str:
+    """What a station's error says, without its beginning, which says again what was asked."""
+    return str(error).partition(": ")[2] or str(error)
+
+
+@dataclass(slots=True)
+class Contact:
+    """A station that has answered. `model` is None where the family has no such question; `tools` are the codes by port."""
+
+    target: Target
+    client: Client
+    family: Family
+    model: str | None
+    ports: tuple[int, ...] | None
+    tools: dict[int, int]
+
+    @property
+    def name(self) -> str:
+        return self.target.name
+
+    @property
+    def is_proven(self) -> bool:
+        """Whether the station is of the family by whose tables it is spoken to, as far as its name tells."""
+        if self.model is None or self.target.model is None:
+            return self.model is None or self.family.proves(self.model)
+        return self.model == self.target.model
+
+    def stranger(self) -> str:
+        """In what the station and the line file differ."""
+        if self.target.model is not None:
+            return f"{self.name}: {not_accepted(self.target.model, str(self.model))}"
+        return f"{self.name}: the line file says family {self.family.name}, the station says model {self.model}"
+
+    def read(self, command: Command, place: Place) -> Steps[Value]:
+        """Ask once (the client repeats what was lost). Raises `StationError` and `LinkError`."""
+        return (yield from self.client.read(_numbered(command, place), place.port, place.tool))
+
+    def agreed(self, command: Command, place: Place, *, known: Value | None = None, grows: bool = False) -> Steps[Value]:
+        """Ask until two answers are the same: what decides is not believed of one. Raises as `read` does."""
+        return (yield from agreed(self.client, _numbered(command, place), place.port, place.tool, known=known, grows=grows))
+
+
+def _numbered(command: Command, place: Place) -> Command:
+    return command if place.condition is None else command.numbered(place.condition)
+
+
+def meet(target: Target) -> Steps[Contact]:
+    """Open the port and ask who is there. Raises `StartRefused` with what to do, and `LinkError`."""
+    client = client_for(target.family, target.line, target.address)
+    client.unasked((yield Wait(0.0)))
+    client.unasked((yield Reopen()))
+    family = target.family
+    if family is None or "model" in family.commands:
+        model = str((yield from _first_answer(target, client, MODEL)))
+        family = family or _learnt(target, model)
+        return Contact(target, client, family, model, target.ports or family.ports, {})
+    yield from _first_answer(target, client, family.commands[family.harmless[0]], again=True)
+    return Contact(target, client, family, None, target.ports or family.ports, {})
+
+
+def _first_answer(target: Target, client: Client, command: Command, *, again: bool = False) -> Steps[Value]:
+    """With `again` a first silence is not believed: what was on the line before can swallow an OMEGA's first question."""
+    try:
+        return (yield from agreed(client, command))
+    except StationSilent as error:
+        if not again:
+            raise StartRefused(no_answer(target, error)) from error
+        return (yield from _first_answer(target, client, command))
+    except RobotModeOff as error:
+        raise StartRefused(f"{target.name}: Robot mode is off; switch it on in the station's menu") from error
+    except StationError as error:
+        raise StartRefused(no_answer(target, error)) from error
+
+
+def no_answer(target: Target, error: StationError) -> str:
+    """What to look at when nothing usable comes."""
+    addressing = "without addresses" if target.address is None else f"address {target.address:02d}"
+    robot_mode = "" if target.family is not None and not target.family.models else "Robot mode is switched on in its menu, "
+    return (
+        f"{target.name}: no usable answer on {target.url} at {target.line.baudrate} {target.line.format}, {addressing} ({error}); "
+        f"check that the station is on, {robot_mode}the cable, and the line format"
+    )
+
+
+def _learnt(target: Target, model: str) -> Family:
+    family = family_of(model)
+    if family is None:
+        raise StartRefused(f"{target.name}: {unknown_model(model)}")
+    return family
+
+
+def expect_proven(contact: Contact) -> Steps[None]:
+    """Raise `StartRefused` where the station is not of its family: nothing is written to a stranger."""
+    if not contact.is_proven:
+        if contact.target.model is None:
+            raise StartRefused(f"{contact.name}: {other_model(contact.family, str(contact.model))}")
+        raise StartRefused(f"{contact.stranger()}; nothing was written to it. Correct `model`, or the cable")
+    yield from expect_borne_out(contact)
+
+
+def expect_borne_out(contact: Contact) -> Steps[None]:
+    """Raise `StartRefused` where a name that the line file accepts belongs to a station of another kind than its family's."""
+    if contact.target.model is None:
+        return
+    why = yield from why_not_borne_out(contact.client, contact.family, min(contact.ports or (1,)))
+    if why is not None:
+        model, family = contact.model, contact.family.name
+        raise StartRefused(f"{contact.name}: model {model} is driven as {family} by the line file, but {why}. {NOT_DRIVEN}")
+
+
+# -- ports and tools --------------------------------------------------------------------------------------------------------
+
+
+def find_ports(contact: Contact) -> Steps[tuple[int, ...]]:
+    """The ports that the line file names, or the family has, or that answer."""
+    if contact.ports is None:
+        found = []
+        for number in PORTS:
+            if (yield from find_tool(contact, number)) is not None:
+                found.append(number)
+        contact.ports = tuple(found)
+    return contact.ports
+
+
+def find_tool(contact: Contact, port: int) -> Steps[int | None]:
+    """The code of the tool connected to `port`, 0 for none; None where there is no such port. Asked once."""
+    if port not in contact.tools:
+        command = contact.family.command_of("tool")
+        try:
+            found = NO_TOOL if command is None else (yield from contact.agreed(command, Place(port)))
+        except (NotSupported, OutOfRange):
+            return None
+        contact.tools[port] = found if isinstance(found, int) else NO_TOOL
+    return contact.tools[port]
+
+
+def check_place(command: Command, family: Family, ports: tuple[int, ...] | None, place: Place) -> None:
+    """Raise `UsageError` where port or tool were given and cannot be meant; nothing has to be asked for that."""
+    if command.scope in (Scope.STATION, Scope.CONDITION) and place.port is not None:
+        raise UsageError(f"{command.name} belongs to the whole station: leave --port out")
+    if command.scope is not Scope.TOOL and place.tool is not None:
+        raise UsageError(f"{command.name} belongs to no tool: leave --tool out")
+    if command.scope is not Scope.CONDITION and place.condition is not None:
+        raise UsageError(f"{command.name} belongs to no solder condition: leave --condition out")
+    if command.scope is Scope.CONDITION and not is_number_of_one(place.condition):
+        raise UsageError(f"{command.name} needs --condition with a number: {CONDITIONS}")
+    if place.port is not None and ports is not None and place.port not in ports:
+        raise UsageError(f"there is no port {place.port}; this station has {', '.join(map(str, ports))}")
+    if place.tool is not None and place.tool not in TOOLS_WITH_A_PLACE:
+        known = "; ".join(f"{code} {family.tools[code]}" for code in tools_of(family))
+        raise UsageError(f"no command has a place for tool {place.tool}; 1 to 9. Manual {family.manual} prints {known}")
+
+
+def is_number_of_one(condition: int | None) -> bool:
+    """Whether this is a number under which OMEGA can hold a solder condition, or its cleaning."""
+    return condition is not None and (condition == CLEANING or is_condition(condition))
+
+
+def tools_of(family: Family) -> tuple[int, ...]:
+    return tuple(code for code in family.tools if code != NO_TOOL)
+
+
+def places(contact: Contact, command: Command, asked: Place) -> Steps[list[Place]]:
+    """Every place that is meant: the one asked for, or all ports, with the tools connected to them.
+
+    Raises `StartRefused` where the tool connected is meant and there is none.
+    """
+    if command.scope not in (Scope.PORT, Scope.TOOL):
+        return [Place(condition=asked.condition)]
+    ports = (asked.port,) if asked.port is not None else (yield from find_ports(contact))
+    found = []
+    for port in ports:
+        found.append((yield from _place(contact, command, port, asked.tool)))
+    return found
+
+
+def _place(contact: Contact, command: Command, port: int, tool: int | None) -> Steps[Place]:
+    if command.scope is not Scope.TOOL or tool is not None:
+        return Place(port, tool)
+    connected = yield from find_tool(contact, port)
+    if not connected:
+        example = next(iter(tools_of(contact.family)))
+        raise StartRefused(
+            f"{contact.name}: {command.name} belongs to a tool, and there is none in port {port}; "
+            f"name one with --tool, such as --tool {example} ({contact.family.tools[example]})"
+        )
+    if connected not in TOOLS_WITH_A_PLACE:
+        raise StartRefused(f"{contact.name}: {command.name} belongs to a tool, and no command has a place for tool {connected}")
+    return Place(port, connected)
+
+
+def everywhere(contact: Contact, commands: Iterable[Command]) -> Steps[list[tuple[Command, Place]]]:
+    """Every place of each of these commands: the station, its ports, the tools connected to them."""
+    ports = yield from find_ports(contact)
+    found: list[tuple[Command, Place]] = []
+    for command in commands:
+        if command.scope is Scope.STATION:
+            found.append((command, NOWHERE))
+            continue
+        for port in ports:
+            tool = yield from find_tool(contact, port)
+            if command.scope is Scope.PORT or tool in TOOLS_WITH_A_PLACE:
+                found.append((command, Place(port, tool if command.scope is Scope.TOOL else None)))
+    return found

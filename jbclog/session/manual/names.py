@@ -1,0 +1,138 @@
+"""Commands by name: found, or not with the nearest; listed by family, and by the families that share them."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Callable, Iterable, Mapping
+from typing import NamedTuple
+
+from jbclog.core.errors import UsageError
+from jbclog.core.quantities import OFF
+from jbclog.protocol.commands.command import Command, Scope
+from jbclog.protocol.commands.family import FAMILIES, Family
+from jbclog.protocol.commands.omega_values import StoredCondition
+from jbclog.protocol.commands.ranges import allowed
+from jbclog.session.manual.values import words_for
+
+Kind = Callable[[Command], bool]
+"""Which commands are meant: `readable` or `writable`."""
+
+MOST_NEAR = 3
+
+
+def readable(command: Command) -> bool:
+    return command.readable
+
+
+def writable(command: Command) -> bool:
+    return command.writable
+
+
+def is_order(command: Command) -> bool:
+    """Whether it carries no value of its own: a restart, a start of the feeder."""
+    return not command.readable and command.limits.low == command.limits.high == 0
+
+
+def find(name: str, family: Family | None, kind: Kind) -> Command:
+    """The command of that name. Where the family is still to be learnt, any family's, which tells no more than its kind.
+
+    Raises `UsageError` with the nearest names, or where the command cannot be read, or not written.
+    """
+    commands = family.commands if family is not None else anywhere()
+    command = commands.get(name) or commands.get(_normal(name))
+    of = f"a station of family {family.name}" if family is not None else "no station"
+    if command is None:
+        raise UsageError(_unknown(name, of, [one.name for one in commands.values() if kind(one)]))
+    if not kind(command):
+        other = "written" if kind is readable else "read"
+        verb = "write" if kind is readable else "read"
+        raise UsageError(f"{command.name} can only be {other}: `jbclog {verb}` does that")
+    return command
+
+
+def _normal(name: str) -> str:
+    """As the tables spell names: "Tip temperature" and tip-temperature are meant to be found."""
+    return name.strip().lower().replace("-", "_").replace(" ", "_")
+
+
+def _unknown(name: str, of: str, names: list[str]) -> str:
+    typed = _normal(name)[:64]
+    near = difflib.get_close_matches(typed, names, n=MOST_NEAR) or [one for one in names if typed and typed in one][:MOST_NEAR]
+    has = f"{of} knows {name!r}" if of == "no station" else f"{of} has no {name!r}"
+    meant = f"; did you mean {', '.join(near)}?" if near else "."
+    return f"{has}{meant} Leave the name out, and all of them are listed"
+
+
+def anywhere() -> Mapping[str, Command]:
+    """Every command of every family by its name; the first family's where several have it."""
+    found: dict[str, Command] = {}
+    for family in FAMILIES.values():
+        for command in family.commands.values():
+            found.setdefault(command.name, command)
+    return found
+
+
+class Entry(NamedTuple):
+    """A line of the list of names."""
+
+    name: str
+    unit: str
+    values: str
+    scope: str
+    manual: str
+    remark: str
+
+
+def entries(family: Family, kind: Kind) -> list[Entry]:
+    """Everything that a station of this family can be asked, or told, in the order of its tables."""
+    return [_entry(command, family, kind) for command in family.commands.values() if kind(command)]
+
+
+def _entry(command: Command, family: Family, kind: Kind) -> Entry:
+    values = values_text(command, family) if command.writable else ""
+    return Entry(command.name, command.unit, values, f"{command.scope.value}", command.manual, _remark(command, kind))
+
+
+def values_text(command: Command, family: Family) -> str:
+    """What may be written: ``0 to 9 min, in steps of 1, or off``; the words where there are words.
+
+    Where the station itself knows the ends, by what it tells them.
+    """
+    if is_order(command):
+        return "no value"
+    if isinstance(command.quantity, StoredCondition):
+        return "a condition, as `jbclog read` shows one"
+    words = [word for word, value in words_for(command, family).items() if value is not OFF]
+    if command.within is not None:
+        lowest, highest = command.within
+        steps = f"steps of {command.limits.step:g} {command.unit} " if command.limits.step else ""
+        return f"{steps}up to {highest}" if lowest is None else f"{steps}from {lowest} to {highest}"
+    return ", ".join(words) or allowed(command).replace('"off"', "off")  # no file, where words have quotes
+
+
+def _remark(command: Command, kind: Kind) -> str:
+    if kind is writable:
+        return "dangerous" if command.dangerous else ""
+    return why_only_by_name(command)
+
+
+def why_only_by_name(command: Command) -> str:
+    """Why this is not read among everything; nothing where it is."""
+    if command.asked_once:
+        return "reading clears it"
+    return "needs --condition" if command.scope is Scope.CONDITION else ""
+
+
+def shared(kind: Kind) -> list[tuple[tuple[str, ...], tuple[str, ...]]]:
+    """Names with the families that have them, those that most families have first: for `--help`."""
+    by_families: dict[tuple[str, ...], list[str]] = {}
+    for name in anywhere():
+        having = tuple(family.name for family in FAMILIES.values() if name in family.commands and kind(family.commands[name]))
+        if having:
+            by_families.setdefault(having, []).append(name)
+    return sorted(((families, tuple(names)) for families, names in by_families.items()), key=lambda one: -len(one[0]))
+
+
+def named(names: Iterable[str], beginning: str) -> list[str]:
+    """Those that begin so; for completion."""
+    return [name for name in names if name.startswith(beginning)]

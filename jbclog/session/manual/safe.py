@@ -1,0 +1,201 @@
+"""A whole station made safe by hand: whatever tools are in it, whoever put them to work.
+
+Nobody's recipe is known here, so each family's usual safe state is ordered, and whether a tool that stands will ever cool
+is asked of its own delays. A tool that rests already is left alone: told to stand, one that sleeps would wake, and one that is
+cold in its extractor state would be heated.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Final
+
+from jbclog.core.errors import LinkError, LinkFlooded, StartRefused, StationError
+from jbclog.core.io_requests import Steps, Wait
+from jbclog.protocol.client.agreement import agreed
+from jbclog.protocol.client.make import client_for
+from jbclog.protocol.commands.command import TOOLS_WITH_A_PLACE
+from jbclog.protocol.commands.family import Family, family_of
+from jbclog.session.manual.contact import NO_TOOL, PORTS, Contact, Target, expect_borne_out, find_tool, meet
+from jbclog.session.manual.cooling import DELAYS, Cooling, cooling_of, temperature_of
+from jbclog.session.safety.secure import SENT, Task, Tool, secure
+
+SWITCH_OFF: Final = "switch the station off"
+
+
+@dataclass(slots=True)
+class MadeSafe:
+    """One tool: its name (None where it could not be asked), the state read back, and why it is not safe, if it is not.
+
+    `rested`: it was in that state already. `told`: the state that was ordered last, `fell_back` why it is not the usual one.
+    `temperature_c` as it is now, None where it could not be read, `last_c` as last read. `cooling`: what it does next by itself.
+    `is_cold`: after waiting, whether it was seen below the limit; None where nobody waited.
+    """
+
+    port: int
+    tool: str | None
+    state: str | None = None
+    rested: bool = False
+    told: str | None = None
+    fell_back: str = ""
+    suction: bool = False
+    temperature_c: float | None = None
+    last_c: float | None = None
+    cooling: Cooling | None = None
+    is_cold: bool | None = None
+    problem: str | None = None
+
+    @property
+    def is_safe(self) -> bool:
+        return self.state is not None and self.problem is None
+
+
+@dataclass(slots=True)
+class StationMadeSafe:
+    """What came of one station, as far as it has come. `problem` is what concerns it as a whole; `note` is no trouble.
+
+    `feeder` is ``stopped``, ``running`` (it could not be stopped) or None where there is none. Ports without a tool are in
+    `empty`.
+    """
+
+    target: Target
+    model: str | None = None
+    family: str | None = None
+    tools: list[MadeSafe] = field(default_factory=list)
+    empty: list[int] = field(default_factory=list)
+    feeder: str | None = None
+    problem: str | None = None
+    note: str | None = None
+
+    @property
+    def is_safe(self) -> bool:
+        return self.problem is None and self.feeder != "running" and all(tool.is_safe for tool in self.tools)
+
+
+def make_safe(target: Target, made: StationMadeSafe) -> Steps[None]:
+    """Put every tool of a station in its safe state, its feeder stopped first. Raises `StartRefused` and `LinkError`."""
+    try:
+        contact = yield from meet(target)
+    except LinkFlooded as flood:
+        if target.family is None or not target.family.safe_states:
+            raise
+        yield from _order_over_flood(target, target.family, made, flood)
+        return
+    family = contact.family = yield from _proven(contact, made)
+    made.model, made.family = contact.model, family.name
+    if not family.safe_states:
+        made.problem = (
+            f"an {family.title} has no safe state, it takes no order that would make it safe: stop it at its own panel, "
+            f"or {SWITCH_OFF}"
+        )
+        return
+    tools = yield from _find_tools(contact, made)
+    task = Task(
+        contact.client,
+        family,
+        family.safe_states[0],
+        [Tool(port, suction=None) for port in tools],
+        family.has_feeder,
+        lambda: _is_still_there(contact),
+        spare=True,
+    )
+    yield from secure(task)
+    if family.has_feeder:
+        made.feeder = "running" if task.feeds else "stopped"
+    for tool, one in zip(task.tools, made.tools, strict=True):
+        yield from _tell(contact, task, tool, one, tools[tool.port])
+
+
+def _order_over_flood(target: Target, family: Family, made: StationMadeSafe, flood: LinkFlooded) -> Steps[None]:
+    """Order the safe state on every port that the line file or the family has, though nothing that is heard proves anything."""
+    client = client_for(family, target.line, target.address)
+    client.unasked((yield Wait(0.0)))
+    client.flow.is_flooded = True
+    ports = target.ports or family.ports or PORTS
+
+    def prove() -> Steps[bool]:
+        model = str((yield from agreed(client, family.commands["model"])))
+        return family.proves(model) if target.model is None else model == target.model
+
+    tools = [Tool(port) for port in ports]
+    task = Task(client, family, family.safe_states[0], tools, family.has_feeder, prove, is_proven=False)
+    yield from secure(task)
+    made.family, made.note = family.name, str(flood)
+    if family.has_feeder:
+        made.feeder = "running" if task.feeds else "stopped"
+    for tool in tools:
+        one = MadeSafe(tool.port, None, told=None if tool.ordered is None else family.status.state(tool.ordered))
+        if tool.is_safe and tool.status is not None:
+            one.state = family.status.state(tool.status)
+        else:
+            one.problem = _unconfirmed(tool, task)
+        made.tools.append(one)
+
+
+def _unconfirmed(tool: Tool, task: Task) -> str:
+    what = "was told to rest and does not confirm it" if tool.reached == SENT else "could not be made safe"
+    return f"it {what}{'' if task.flood is None else ' (its link is flooded)'}; it may be hot: {SWITCH_OFF}"
+
+
+def _proven(contact: Contact, made: StationMadeSafe) -> Steps[Family]:
+    """The family that the station itself proves, whatever the line file says; where that accepts its name, the family that it
+    bears out by reads. Raises `StartRefused` for a stranger.
+    """
+    if contact.is_proven:
+        yield from expect_borne_out(contact)
+        return contact.family
+    found = family_of(contact.model or "")
+    if found is None:
+        raise StartRefused(f"{contact.stranger()}; nothing was written to it. It may be hot: {SWITCH_OFF}")
+    made.note = f"the line file says family {contact.family.name}, the station says model {contact.model} and was spoken to as such"
+    return found
+
+
+def _is_still_there(contact: Contact) -> Steps[bool]:
+    return (yield from contact.client.read(contact.family.commands["model"])) == contact.model
+
+
+def _find_tools(contact: Contact, made: StationMadeSafe) -> Steps[dict[int, int | None]]:
+    """The tools by port, all ports that there are; None is a tool that could not be asked, and counts as one."""
+    tools: dict[int, int | None] = {}
+    for port in contact.family.ports or PORTS:
+        try:
+            code = yield from find_tool(contact, port)
+        except (StationError, LinkError):
+            tools[port] = None
+        else:
+            if code == NO_TOOL:
+                made.empty.append(port)
+            elif code is not None:
+                tools[port] = code
+    made.tools = [MadeSafe(port, None if code is None else contact.family.tool_name(code)) for port, code in tools.items()]
+    return tools
+
+
+def _tell(contact: Contact, task: Task, tool: Tool, made: MadeSafe, code: int | None) -> Steps[None]:
+    status = contact.family.status
+    made.rested, made.fell_back = tool.was_spared, tool.fell_back
+    made.told = None if tool.ordered is None else status.state(tool.ordered)
+    if task.flood is None:
+        made.temperature_c = made.last_c = yield from temperature_of(contact, tool.port)
+    if not tool.is_safe or tool.status is None:
+        made.problem = _unconfirmed(tool, task)
+        return
+    made.state, made.suction = status.state(tool.status), status.sucks(tool.status)
+    made.cooling = yield from cooling_of(contact, tool.port, code, made.state)
+    made.problem = _stays_hot(made.cooling, code)
+
+
+def _stays_hot(cooling: Cooling, code: int | None) -> str | None:
+    """Why a tool that stands never cools: a delay of its own that is off, or that cannot be read. None where it does.
+
+    One that was left in its extractor state was seen to cool.
+    """
+    if cooling.follows and code is not None and code not in TOOLS_WITH_A_PLACE:
+        return (
+            f"whether it will cool down is not known, because no command has a place for tool {code}: look at it, or {SWITCH_OFF}"
+        )
+    if cooling.never is None:
+        return f"whether it will cool down is not known, because its delays cannot be read: look at it, or {SWITCH_OFF}"
+    off = [DELAYS[what].replace("_", " ") for what in cooling.never]
+    return f"its {' and '.join(off)} {'is' if len(off) == 1 else 'are'} off, so it never cools down: {SWITCH_OFF}" if off else None

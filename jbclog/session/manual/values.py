@@ -1,0 +1,114 @@
+"""A person's text to the value that a command carries, and a value that was read to words."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping
+
+from jbclog.core.errors import UsageError
+from jbclog.core.quantities import OFF, AlarmLimit, Choice, Value, Word, text_of
+from jbclog.protocol.commands.command import Command
+from jbclog.protocol.commands.family import Family
+from jbclog.protocol.commands.omega_values import StoredCondition
+from jbclog.protocol.commands.possible import NO_COUNTDOWN
+from jbclog.protocol.commands.ranges import allowed, range_problem
+from jbclog.session.manual.conditions import condition_in
+
+_NUMBER = re.compile(r"[+-]?(\d+)(\.\d+)?", re.ASCII)
+NOT_COUNTED = ("count", "")  # units that say nothing beside a number
+SUCTION = "suction"
+MOST_SHOWN = 40  # characters of a text that was no value
+
+
+def words_for(command: Command, family: Family) -> dict[str, Value]:
+    """The words that a person can write in place of a number: a mode's names, the states of a tool, off."""
+    quantity = command.quantity
+    if isinstance(quantity, Choice):
+        return {name: name for name in quantity.names}
+    if isinstance(quantity, Word):
+        orders = family.status.orders
+        names = [name for name in dict.fromkeys((*family.run_statuses, *family.safe_states)) if name in orders]
+        return {name: orders[name] for name in names} | _words_with_suction(family, names)
+    return {"off": OFF} if command.limits.off else {}
+
+
+def _words_with_suction(family: Family, names: Iterable[str]) -> dict[str, Value]:
+    """``on+suction`` and ``on-suction``, where the status orders suction, too; the bare word leaves it as it is."""
+    status = family.status
+    signs = {"+": True, "-": False} if status.has_suction else {}
+    words = {f"{name}{sign}{SUCTION}": (name, on) for name in names for sign, on in signs.items()}
+    return {word: status.with_suction(status.orders[name], on=on) for word, (name, on) in words.items()}
+
+
+def names_suction(text: str | None) -> bool:
+    """Whether a word for a status says what becomes of suction."""
+    return text is not None and text.strip().lower().endswith(SUCTION)
+
+
+def value_in(text: str, command: Command, family: Family) -> Value:
+    """The value in `text`, as the station will give it back. Raises `UsageError` that says what is allowed."""
+    if isinstance(command.quantity, StoredCondition):
+        return condition_in(text, command)
+    words = words_for(command, family)
+    value: Value | None = words.get(text.strip().lower())
+    if value is None:
+        value = _number(text, command, words)
+    problem = range_problem(command, value)
+    if problem is not None:
+        raise UsageError(f"{command.name}: {problem}")
+    return command.quantity.decode(command.quantity.encode(value))
+
+
+def _number(text: str, command: Command, words: Mapping[str, Value]) -> Value:
+    """A number, whole where it is whole. Where the command takes words alone, no number is one."""
+    found = _NUMBER.fullmatch(text.strip())
+    if found is None or isinstance(command.quantity, Choice | Word):
+        raise UsageError(_no_value(text, command, words))
+    number = float(text)
+    return int(number) if number.is_integer() else number
+
+
+def _no_value(text: str, command: Command, words: Mapping[str, Value]) -> str:
+    shown = text if len(text) <= MOST_SHOWN else text[:MOST_SHOWN] + "..."
+    if isinstance(command.quantity, Choice | Word):
+        return f"{command.name}: {shown!r} is none of {', '.join(words)}"
+    if isinstance(command.quantity, AlarmLimit) and text == "off":
+        return f"{command.name}: no manual prints how a limit is taken back; switch its delay off instead"
+    hint = "; write the decimal point as a dot" if re.fullmatch(r"[+-]?\d+,\d+", shown) else ""
+    return f"{command.name}: {shown!r} is not a number{' or off' if words else ''}; {allowed(command)}{hint}"
+
+
+def shown(value: Value, command: Command, family: Family) -> str:
+    """The value in words, with its unit: ``348 °C``, ``stand``, ``4: no tool``, ``off``."""
+    if isinstance(value, tuple):
+        return _word(value, command, family)
+    if isinstance(value, int) and (meaning := _meaning(value, command, family)) is not None:
+        return f"{value}: {meaning}"
+    if value is OFF and isinstance(command.quantity, AlarmLimit):
+        return "not set"  # digest B-23
+    if command is family.command_of("delay_s") and value in NO_COUNTDOWN:
+        return f"not counting ({value})"
+    if value is OFF or command.unit in NOT_COUNTED:
+        return text_of(value)
+    return command.shown(value)
+
+
+def _word(word: tuple[int, ...], command: Command, family: Family) -> str:
+    if command is family.command_of("status"):
+        has_word = family.status.has_suction
+        other = f" ({text_of(word)})" if any(word[: 2 if has_word else 3]) else ""  # the rest has no words of its own here
+        return family.status.shown(word) + other
+    if command is family.command_of("alarm_high"):
+        return " and ".join(name for name, digit in (("high", word[4]), ("low", word[3])) if digit) or "none"
+    return text_of(word)
+
+
+def _meaning(value: int, command: Command, family: Family) -> str | None:
+    """What a number stands for where the family has a table for it."""
+    if command is family.command_of("tool"):
+        return family.tool_name(value)
+    if command is family.command_of("port_error"):
+        return family.port_errors.text(value)
+    if command is family.command_of("station_error"):
+        return family.station_errors.text(value)
+    return None

@@ -1,0 +1,347 @@
+"""Writing by hand: the value before, one sending, a reading back.
+
+What is raised here was raised before anything was sent; what came of the sending is in the `Written`. Nothing is sent twice,
+nothing is put back, and nobody watches what was put to work: that is said to whoever did it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Final
+
+from jbclog.core.errors import LinkError, NotSupported, Refusal, StartRefused, StationError, UsageError
+from jbclog.core.io_requests import Steps
+from jbclog.core.quantities import Value
+from jbclog.protocol.client import after_write
+from jbclog.protocol.client.robot import BADLY_FORMED, Station
+from jbclog.protocol.commands.command import Command, Effect, Scope
+from jbclog.protocol.commands.family import Family
+from jbclog.protocol.commands.omega_values import ConditionNumber, Stored
+from jbclog.protocol.commands.status import StatusWord
+from jbclog.session.manual.contact import NOWHERE, Contact, Place, Target, expect_proven, find_tool, meet, places, sentence, title
+from jbclog.session.manual.danger import ONLY_COLD, expect_cold
+from jbclog.session.manual.names import find, is_order, writable
+from jbclog.session.manual.read import found_after_all
+from jbclog.session.manual.snapshot import Keep, take_snapshot
+from jbclog.session.manual.values import names_suction, shown, value_in
+
+CONFIRMED, UNCHANGED, SENT = "confirmed", "unchanged", "sent"
+MISMATCH, REFUSED, UNCONFIRMED = "mismatch", "refused", "unconfirmed"
+FINE: Final = (CONFIRMED, UNCHANGED, SENT)
+
+FEEDING, RUNNING, STOPPED = "feeding", "running", "stopped"
+SHOWN_BY: Final[Mapping[str, str]] = MappingProxyType({"start_feeding": RUNNING, "stop_feeding": STOPPED})
+"""Orders that carry no value, and what `FEEDING` then tells."""
+
+Mirror = tuple[Command, Place]
+
+
+@dataclass(frozen=True, slots=True)
+class Change:
+    """What a person wants written, as typed. `text` is None for an order that carries no value."""
+
+    name: str
+    text: str | None
+    place: Place
+
+    def meant(self, family: Family) -> tuple[Command, Value]:
+        """The command and its value. Raises `UsageError`."""
+        command = find(self.name, family, writable)
+        if is_order(command):
+            if self.text is not None:
+                raise UsageError(f"{command.name} takes no value: leave {self.text!r} out")
+            return command, 0
+        if self.text is None:
+            raise UsageError(f"{command.name} needs a value")
+        return command, value_in(self.text, command, family)
+
+
+@dataclass(slots=True)
+class Written:
+    """One write, as far as it has come. `is_sent` from the moment on at which the station may have heard of it, `is_answered`
+    when it was acknowledged or waited for in vain: what is refused after that is the reading back.
+
+    `outcome` is ``confirmed``, ``unchanged`` (it was so already, and nothing was sent), ``sent`` (acknowledged, and there is
+    nothing to read back), ``mismatch``, ``refused`` or ``unconfirmed``; `problem` says why. `at_work` is whether the tool is,
+    or may be, at work now; None where that does not follow from the write. `is_empty`: there is none in
+    the port, and one that is put in is at work. `seconds` is how long a restart took.
+    """
+
+    contact: Contact | None = None
+    command: Command | None = None
+    place: Place = NOWHERE
+    value: Value | None = None
+    before: Value | None = None
+    readback: Value | None = None
+    is_sent: bool = False
+    is_answered: bool = False
+    outcome: str = ""
+    problem: str = ""
+    at_work: bool | None = None
+    is_empty: bool = False
+    seconds: float | None = None
+
+    @property
+    def is_fine(self) -> bool:
+        return self.outcome in FINE
+
+
+def write_value(target: Target, change: Change, keep: Keep, written: Written) -> Steps[None]:
+    """Write once what `change` asks for; `written` tells what came of it, also where this is broken off.
+
+    Raises `StartRefused`, `RecordError` (from `keep`) and `LinkError` before anything was sent.
+    """
+    contact = written.contact = yield from meet(target)
+    yield from expect_proven(contact)
+    command, value = found_after_all(contact, lambda: change.meant(contact.family))
+    written.command, written.value = command, None if is_order(command) else value
+    written.place = yield from _place(contact, command, change.place)
+    yield from _expect_within(contact, command, value)
+    yield from _read_before(contact, command, value, written)
+    if _is_status(contact, command) and isinstance(value, tuple) and not names_suction(change.text):
+        value = written.value = _with_suction_as_it_is(contact, value, written.before)
+    if written.before == value and not _is_status(contact, command):
+        written.outcome, written.readback = UNCHANGED, written.before
+        return
+    if command.dangerous:
+        yield from _prepare(contact, command, value, keep)
+    yield from _write(contact, command, value, written)
+    yield from _look_at_work(contact, command, written)
+
+
+# -- before it is sent ----------------------------------------------------------------------------------------------------------
+
+
+def expect_one_port(command: Command, place: Place, ports: tuple[int, ...] | None) -> None:
+    """Raise `UsageError` where a port must be named: nothing is written to several at once."""
+    if command.scope not in (Scope.PORT, Scope.TOOL) or place.port is not None or (ports is not None and len(ports) == 1):
+        return
+    which = f", one of {', '.join(map(str, ports))}" if ports is not None else ""
+    raise UsageError(f"{command.name} belongs to a port: name it with --port{which}")
+
+
+def _place(contact: Contact, command: Command, asked: Place) -> Steps[Place]:
+    try:
+        expect_one_port(command, asked, contact.ports)
+    except UsageError as error:
+        raise StartRefused(f"{contact.name}: {error}") from error
+    (place,) = yield from places(contact, command, asked)
+    return place
+
+
+def _expect_within(contact: Contact, command: Command, value: Value) -> Steps[None]:
+    """What only the station knows: how low and how high it lets itself be set."""
+    if command.within is None or not isinstance(value, int | float):
+        return
+    names = ("below", "minimum"), ("above", "maximum")
+    for (side, which), limit_name in zip(names, command.within, strict=True):
+        limit = None if limit_name is None else (yield from _limit(contact, limit_name))
+        if limit is None and side == "above":
+            raise StartRefused(f"{contact.name}: the station does not answer its {limit_name}; nothing was written")
+        if limit is not None and (value < limit if side == "below" else value > limit):
+            bound = f"{side} the station's {which} of {command.shown(limit)}"
+            raise StartRefused(f"{contact.name}: {command.shown(value)} is {bound}; nothing was written")
+
+
+def _limit(contact: Contact, name: str) -> Steps[float | None]:
+    command = contact.family.commands.get(name)
+    try:
+        found = None if command is None else (yield from contact.agreed(command, NOWHERE))
+    except NotSupported:
+        return None
+    except StationError as error:
+        raise StartRefused(f"{contact.name}: {name} cannot be read ({sentence(error)}); nothing was written") from error
+    return found if isinstance(found, int | float) else None
+
+
+def _prepare(contact: Contact, command: Command, value: Value, keep: Keep) -> Steps[None]:
+    if command.name in ONLY_COLD:
+        yield from expect_cold(contact)
+    keep((yield from take_snapshot(contact, _number_in(command, value))))
+
+
+def _number_in(command: Command, value: Value) -> int | None:
+    """The number of the solder condition that is written or run."""
+    if isinstance(value, Stored):
+        return value.condition
+    return value if isinstance(command.quantity, ConditionNumber) and isinstance(value, int) else None
+
+
+def _mirror(contact: Contact, command: Command, value: Value, place: Place) -> Mirror | None:
+    """By what a write is read back, and where; None where nothing shows it. What OMEGA is told with D it tells with C."""
+    if command.readable:
+        return command, place
+    if isinstance(value, Stored):
+        return contact.family.commands["condition"], Place(condition=value.condition)
+    return None
+
+
+def _read_before(contact: Contact, command: Command, value: Value, written: Written) -> Steps[None]:
+    """A tool's state is ordered even where it cannot be read: it may be what stops it."""
+    mirror = _mirror(contact, command, value, written.place)
+    if mirror is None:
+        return
+    try:
+        written.before = yield from contact.agreed(*mirror)
+    except StationError as error:
+        if not _is_status(contact, command):
+            raise StartRefused(
+                f"{contact.name}: {title(command, written.place)} cannot be read ({sentence(error)}); nothing was written"
+            ) from error
+
+
+def _with_suction_as_it_is(contact: Contact, word: StatusWord, before: Value | None) -> StatusWord:
+    """What is held by suction must not fall by an order that is about heat; what is not known counts as off."""
+    status = contact.family.status
+    return status.with_suction(word, on=isinstance(before, tuple) and status.sucks(before))
+
+
+def _is_status(contact: Contact, command: Command) -> bool:
+    return command is contact.family.command_of("status")
+
+
+# -- sending, and what came of it -----------------------------------------------------------------------------------------------
+
+
+def _write(contact: Contact, command: Command, value: Value, written: Written) -> Steps[None]:
+    written.is_sent, written.outcome = True, UNCONFIRMED
+    try:
+        yield from _send(contact, command, value, written)
+    except (StationError, LinkError) as error:
+        if isinstance(error, Refusal) and not written.is_answered:
+            written.outcome, written.problem = REFUSED, sentence(error) + _without_a_way(command, error)
+        else:
+            written.outcome, written.problem = UNCONFIRMED, str(error)
+
+
+def _without_a_way(command: Command, error: Refusal) -> str:
+    """Why an order that was refused for its form is not tried in another (digest B-37)."""
+    if error.code != BADLY_FORMED or not (is_order(command) and command.asked_once):
+        return ""
+    return (
+        "; it was not done. The manuals print no data for it, and what acts or erases is not tried in a second form, so jbclog "
+        "cannot give this station this order: give it at the station"
+    )
+
+
+def _send(contact: Contact, command: Command, value: Value, written: Written) -> Steps[None]:
+    client = contact.client
+    if command.name == "restart":
+        written.seconds = yield from after_write.restart(client, command)
+        written.outcome = SENT
+    elif command.name == "address" and isinstance(client, Station) and isinstance(value, int):
+        yield from after_write.change_address(client, command, value or None)
+        written.outcome = CONFIRMED
+    elif command.name == "factory_reset":
+        yield from client.write(command, value)
+        written.outcome, written.is_answered = SENT, True
+        yield from _look_who_is_there(contact, written)
+    elif command.name in SHOWN_BY:
+        yield from _send_and_look(contact, command, written)
+    elif (mirror := _mirror(contact, command, value, written.place)) is not None:
+        yield from _send_and_read(contact, command, value, mirror, written)
+    else:
+        yield from client.write(command, value)
+        written.outcome = SENT
+
+
+def _look_who_is_there(contact: Contact, written: Written) -> Steps[None]:
+    """Address, line format and Robot mode are settings too, as far as anybody knows."""
+    try:
+        yield from contact.client.read(after_write.MODEL)
+    except StationError as error:
+        written.problem = f"now it does not answer as before ({sentence(error)}); `jbclog scan` finds out how it does"
+
+
+def _lost(contact: Contact, command: Command, value: Value, written: Written) -> Steps[StationError | None]:
+    """Write once; give what came in place of an acknowledgement, if something did. Raises `Refusal`."""
+    lost = None
+    try:
+        yield from contact.client.write(command, value, written.place.port, written.place.tool)
+    except Refusal:
+        raise
+    except StationError as error:
+        lost = error
+    written.is_answered = True
+    return lost
+
+
+def _send_and_read(contact: Contact, command: Command, value: Value, mirror: Mirror, written: Written) -> Steps[None]:
+    """A lost acknowledgement is settled by the reading."""
+    yield from _lost(contact, command, value, written)
+    found = written.readback = yield from contact.agreed(*mirror, known=value)
+    written.outcome = CONFIRMED if _is_same(contact, command, found, value) else MISMATCH
+    if written.outcome == MISMATCH:
+        written.problem = f"{shown(found, command, contact.family)} was read back"
+
+
+def _is_same(contact: Contact, command: Command, found: Value, asked: Value) -> bool:
+    if isinstance(found, tuple) and isinstance(asked, tuple) and _is_status(contact, command):
+        status = contact.family.status
+        return status.confirms(found, asked) and status.sucks(found) == status.sucks(asked)
+    return found == asked
+
+
+def _send_and_look(contact: Contact, command: Command, written: Written) -> Steps[None]:
+    """Feeding may be over before it can be seen: only the order to stop it is held against what is seen."""
+    written.at_work = True  # as far as anybody knows
+    lost = yield from _lost(contact, command, 0, written)
+    expected = SHOWN_BY[command.name]
+    found = written.readback = yield from contact.agreed(contact.family.commands[FEEDING], NOWHERE, known=expected)
+    written.at_work = found != STOPPED
+    if found == expected:
+        written.outcome = CONFIRMED
+    elif lost is not None:
+        raise lost
+    elif command.effect is Effect.STOPS:
+        written.outcome, written.problem = MISMATCH, f"{FEEDING} is {found}"
+    else:
+        written.outcome = SENT
+
+
+def _look_at_work(contact: Contact, command: Command, written: Written) -> Steps[None]:
+    """Whether a tool is at work after an order to it, or after another temperature was selected for it."""
+    is_refused = written.outcome == REFUSED
+    if _is_status(contact, command):
+        word = written.before if is_refused else written.readback
+    elif command is contact.family.command_of("set_c") and not is_refused:
+        word = yield from _status_now(contact, written.place.port)
+        if word is None:
+            return
+    else:
+        return
+    written.at_work = contact.family.status.is_working(word) if isinstance(word, tuple) else True  # as far as anybody knows
+    written.is_empty = written.at_work and (yield from _is_empty(contact, written.place.port))
+
+
+def _is_empty(contact: Contact, port: int | None) -> Steps[bool]:
+    """Whether the station says that there is no tool in `port`."""
+    if port is None or contact.family.command_of("tool") is None:
+        return False
+    try:
+        return contact.family.is_empty((yield from find_tool(contact, port)), None)
+    except (StationError, LinkError):
+        return False
+
+
+def _status_now(contact: Contact, port: int | None) -> Steps[Value | None]:
+    """The state of the tool in `port`; None where it is not told, or there is none."""
+    status = contact.family.command_of("status")
+    try:
+        return None if status is None else (yield from contact.read(status, Place(port)))
+    except (StationError, LinkError):
+        return None
+
+
+def is_order_to_rest(contact: Contact, written: Written) -> bool:
+    """Whether this was to put a tool in its safe state, or to stop a motor: what must not fail unsaid."""
+    command = written.command
+    if command is None:
+        return False
+    if _is_status(contact, command):
+        status = contact.family.status
+        plain = status.with_suction(written.value, on=False) if isinstance(written.value, tuple) else None
+        return plain in [status.orders[name] for name in contact.family.safe_states]
+    return command.effect is Effect.STOPS

@@ -1,0 +1,141 @@
+"""Alarm flags: latched in the station, cleared by reading, one bit each without any proof.
+
+The flags are asked once and never again for the same answer (seed 000, 4.8.27; faults.md, row 39). A flag that is set
+counts as an alarm only when a temperature beyond the limit, read since the flags were last read, bears it out; until
+then it is `alarm.unconfirmed`. An answer that was lost makes the flag unknown, not off. Flags count while the tool is
+working and from its first entry into set ±10 °C on; those of the first reading were raised before the run.
+
+A flag that is set again and again is told once, and once more where more is known of it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import IntEnum
+
+from jbclog.core.rows import Severity
+from jbclog.session.run.context import Desk, PortState
+from jbclog.session.run.watch import counts
+
+
+@dataclass(frozen=True, slots=True)
+class _Side:
+    """One of the two flags: its names, its digit, and how a temperature bears it out."""
+
+    word: str
+    digit: int
+    limit: str
+    extreme: Callable[[PortState], int | None]
+    beyond: Callable[[float, float], bool]
+
+
+SIDES = (
+    _Side("high", 4, "alarm_high_limit", lambda port: port.hottest_c, lambda seen, limit: seen > limit),
+    _Side("low", 3, "alarm_low_limit", lambda port: port.coolest_c, lambda seen, limit: seen < limit),
+)
+
+
+def bears_out(desk: Desk, port: PortState, value: int) -> bool:
+    """Whether `value` is the first beyond a limit while alarms count: a flag that is set becomes an alarm by it."""
+    return counts(desk, port) and any(
+        _is_beyond(side, port, value) and not _is_beyond(side, port, port.temperature_c) for side in SIDES
+    )
+
+
+def _is_beyond(side: _Side, port: PortState, value: int | None) -> bool:
+    limit = port.celsius(side.limit)
+    return value is not None and limit is not None and side.beyond(value, limit)
+
+
+class Known(IntEnum):
+    """What is known of a flag that is set; each says more than the one before."""
+
+    BEFORE_RUN = 0
+    NOT_COUNTING = 1
+    UNCONFIRMED = 2
+    ALARM = 3
+
+
+class AlarmWatch:
+    """The flags of one port over a run."""
+
+    def __init__(self, desk: Desk, port: PortState) -> None:
+        self._desk = desk
+        self._port = port
+        self._last_read: float | None = None
+        self._told: dict[str, Known] = {}  # of the flags that are set
+
+    def read(self, word: tuple[int, ...], now: float) -> None:
+        """The flags were read as `word` at `now`."""
+        for side in SIDES:
+            told = self._told.get(side.word)
+            if word[side.digit] == 1:
+                known = self._known_of(side)
+                if told is None or known > told:
+                    self._told[side.word] = known
+                    self._tell(side, known, told)
+            elif told is not None:
+                del self._told[side.word]
+                self._note(side, f"alarm.{side.word}.ended", Severity.INFO, "is no longer set")
+        self._start_period(now)
+
+    def lost(self, now: float, why: str) -> None:
+        """The answer was lost at `now`: what the station said, it has forgotten."""
+        self._told.clear()
+        text = (
+            f"Port {self._port.number}: the answer to the alarm flags was lost ({why}); whether an alarm was raised is not known."
+        )
+        self._desk.note("alarm.unknown", Severity.WARNING, text, port=self._port.number, since=self._last_read)
+        self._start_period(now)
+
+    def _start_period(self, now: float) -> None:
+        self._last_read = now
+        self._port.hottest_c = self._port.coolest_c = None
+        self._port.has_counted = counts(self._desk, self._port)
+
+    def _known_of(self, side: _Side) -> Known:
+        """What the temperatures since the last reading say of a flag that is set; only those that count were kept."""
+        if self._last_read is None:
+            return Known.BEFORE_RUN
+        seen, limit = side.extreme(self._port), self._port.celsius(side.limit)
+        if seen is not None and limit is not None and side.beyond(seen, limit):
+            return Known.ALARM
+        return Known.UNCONFIRMED if self._port.has_counted else Known.NOT_COUNTING
+
+    def _tell(self, side: _Side, known: Known, told: Known | None) -> None:
+        seen, limit = side.extreme(self._port), self._port.celsius(side.limit)
+        if known is Known.BEFORE_RUN:
+            self._note(side, "alarm.before_run", Severity.INFO, "was set before this run began; it does not count")
+        elif known is Known.NOT_COUNTING:
+            self._note(side, f"alarm.{side.word}.not_working", Severity.INFO, "was raised while heating up or not working")
+        elif known is Known.UNCONFIRMED:
+            self._desk.facts.unconfirmed_alarms += 1
+            self._note(side, "alarm.unconfirmed", Severity.WARNING, self._not_borne_out(seen, limit), seen, limit)
+        else:
+            self._desk.facts.alarms += 1
+            self._desk.facts.unconfirmed_alarms -= told is Known.UNCONFIRMED
+            text = f"alarm: {seen} °C was seen, the limit is {limit:g} °C"
+            self._note(side, f"alarm.{side.word}", Severity.ERROR, text, seen, limit)
+
+    @staticmethod
+    def _not_borne_out(seen: int | None, limit: float | None) -> str:
+        if limit is None:
+            return "flag is set, its limit is not known"
+        return f"flag is set, no temperature beyond {limit:g} °C was read" + ("" if seen is None else f" (nearest {seen} °C)")
+
+    def _note(
+        self, side: _Side, kind: str, severity: Severity, text: str, value: float | None = None, limit: float | None = None
+    ) -> None:
+        sentence = f"Port {self._port.number}: {side.word}-temperature {text}."
+        self._desk.note(
+            kind,
+            severity,
+            sentence,
+            port=self._port.number,
+            since=self._last_read,
+            value=value,
+            limit=limit,
+            raw=side.word,
+            at_once=True,  # the station has cleared the flag by telling it
+        )

@@ -1,0 +1,280 @@
+"""What one session is told to do, and what it knows while it does it."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+
+from jbclog.config.fields import AUTO
+from jbclog.config.recipe import Recipe
+from jbclog.core.clock import UtcOffset
+from jbclog.core.io_requests import Steps
+from jbclog.core.line_format import LineFormat
+from jbclog.core.quantities import Value
+from jbclog.core.rows import EventRow, Journal, Severity, StationFacts
+from jbclog.protocol.client.agreement import agreed
+from jbclog.protocol.client.interface import Client
+from jbclog.protocol.client.make import client_for
+from jbclog.protocol.client.patient_reads import patiently
+from jbclog.protocol.commands.command import TOOLS_WITH_A_PLACE, Command
+from jbclog.protocol.commands.decisions import DECISIONS
+from jbclog.protocol.commands.family import Family
+from jbclog.protocol.commands.status import StatusWord
+
+EXAMINED, PREPARED, HEATED = 1, 2, 3  # the steps of a start, by what is done at their end (`start.py`)
+AS_AUTO = AUTO
+AS_FIT = "fit"
+AS_FAST_AS_POSSIBLE = "max"
+
+
+@dataclass(frozen=True, slots=True)
+class Order:
+    """What a run wants of one station. `family` is None for "auto"; `ports` None for those that answer. `model` is the name
+    that the line file accepts for the station, None where it names none.
+
+    `rate` is in Hz, or ``auto`` (a usual one with a fifth of the wire in reserve), or ``fit`` (the recipe's, or the best that
+    fits), or ``max`` (ask without pause); None for what the recipe says. What the station is of
+    a recorded run (`is_replay`) was sampled at that rate once, and is so again whatever the host makes of it. `t0` is the
+    run's zero on the monotonic clock; `duration_s` is None for a run that goes on until it is ended.
+    """
+
+    name: str
+    url: str
+    family: Family | None
+    line: LineFormat
+    address: int | None
+    ports: tuple[int, ...] | None
+    recipe: Recipe
+    recipe_file: str
+    families: Mapping[str, Family]
+    t0: float
+    duration_s: float | None = None
+    rate: float | str | None = None
+    rated_power_w: float | None = None
+    allow_omega_write: bool = False
+    may_be_missing: bool = False  # the run may go on without this station, if it does not start
+    is_replay: bool = False
+    model: str | None = None
+    begin: tuple[int, float] | None = None  # the first tick's number, and in how many seconds it is due once all is read
+
+
+@dataclass(slots=True)
+class PortState:
+    """What is known of one port while its run goes on. None: not known (yet, or any more)."""
+
+    number: int
+    tool: int | None = None
+    error: int | None = None
+    held: dict[str, Value] = field(default_factory=dict)  # command name -> value last read or confirmed
+    status: tuple[int, ...] | None = None
+    has_suction: bool | None = None  # the hundreds digit of the status, as two answers last bore it out
+    temperatures_c: dict[str, int] = field(default_factory=dict)  # signal -> as last believed
+    hottest_c: int | None = None  # since the alarm flags were last read, while alarms counted
+    coolest_c: int | None = None
+    has_counted: bool = False  # alarms have counted all the time since the flags were last read
+    at_temperature: bool = False  # has been within ±10 °C of its setting while working
+    found_above: tuple[float, int] | None = None  # before that: since when hotter than its setting, and how hot then
+    counted: dict[str, Value] = field(default_factory=dict)  # counter -> value that two answers bore out
+    states: dict[str, tuple[Value, float]] = field(default_factory=dict)  # OMEGA's, as last read, and when
+    touched: bool = False
+    tool_is_new: bool = False  # connected or changed, and its settings not read yet
+
+    @property
+    def temperature_c(self) -> int | None:
+        """The tip's, or the air's, as last believed."""
+        return self.temperatures_c.get("temperature_c")
+
+    @property
+    def has_tool(self) -> bool:
+        return self.tool not in (None, 0)
+
+    @property
+    def can_be_spoken_to(self) -> bool:
+        """Whether a command has a place for the number of the tool: its settings can be read and written."""
+        return self.tool in TOOLS_WITH_A_PLACE
+
+    def celsius(self, name: str) -> float | None:
+        """A held temperature or limit as a number; None where it is off or unknown."""
+        value = self.held.get(name)
+        return float(value) if isinstance(value, int | float) else None
+
+
+class Desk:
+    """Everything that the chapters of one session share: the order, the client, the ports, and the journal."""
+
+    def __init__(self, order: Order, journal: Journal, utc: UtcOffset) -> None:
+        self.order = order
+        self.recipe = order.recipe
+        self.journal = journal
+        self.utc = utc
+        self.station: Client = client_for(order.family, order.line, order.address)
+        self.ports: dict[int, PortState] = {}
+        self.held: dict[str, Value] = {}  # station-wide settings
+        self.not_supported: set[str] = set()
+        self.step = EXAMINED  # of the start, that it is at
+        self.has_started = False
+        self.written: list[str] = []  # settings that were changed at the start, with what they were before
+        self.tries = 1  # of what something is decided by: more while the run starts
+        self.feeder_touched = False
+        self.feeder_stopped = False  # at the end, and seen to stand
+        self.after_safe: Callable[[], Steps[None]] | None = None  # what is still read when sampling has ended
+        self.connected = False
+        self.is_proven = False  # the port has not broken since the station said who it is
+        self.doubted: Counter[str] = Counter()  # answers that were not believed at once, by command
+        self.link_is_faster: str | None = None  # than its line format says, in words, where it is
+        self.plugged_hours: dict[int, tuple[int, float]] = {}  # by port, with the moment at which they were read
+        self.said_at: dict[str, float] = {}  # when model and software last were those of this run's station
+        self.is_flooded = False  # its link is, and that was told
+        self.flood_pause_s = 0.0  # before a flooded link is opened again
+        self.flood_ended: float | None = None  # when the station was back after one
+        self.stranger: str | None = None  # who answers where this station was, in words
+        self._family = order.family
+        self.facts = StationFacts(
+            name=order.name,
+            url=order.url,
+            family=order.family.name if order.family else "auto",
+            address=order.address,
+            baudrate=order.line.baudrate,
+            format=order.line.format,
+            recipe=order.recipe_file,
+            rated_power_w=order.rated_power_w,
+            alarm_rules=order.recipe.episodes.rules(),
+        )
+
+    @property
+    def name(self) -> str:
+        return self.order.name
+
+    @property
+    def family(self) -> Family:
+        """The family; before the model name has proven one of "auto" there is none to ask for."""
+        if self._family is None:
+            raise LookupError(f"the family of {self.name} is not known yet")
+        return self._family
+
+    @family.setter
+    def family(self, family: Family) -> None:
+        self._family = family
+        self.facts.family = family.name
+
+    @property
+    def family_known(self) -> bool:
+        return self._family is not None
+
+    @property
+    def set_name(self) -> str:
+        """The setting by which the temperature is selected; empty where the family has none."""
+        command = self.family.command_of("set_c")
+        return "" if command is None else command.name
+
+    def set_c(self, port: PortState) -> float | None:
+        """The temperature selected on `port`, as last read."""
+        return port.celsius(self.set_name)
+
+    @property
+    def safe_state(self) -> str:
+        """What touched tools are put in at the end; it belongs to the family."""
+        return self.recipe.safe_state(self.family.name)
+
+    def start_word(self, port: PortState) -> StatusWord | None:
+        """The status word that is ordered on `port` at the start; None where the recipe leaves it alone, or it is not known.
+
+        One word orders the tool's state and, on hot air, suction; what the recipe does not ask for stays as it was read.
+        """
+        status, state, held = self.family.status, self.recipe.run.status, port.held.get("status")
+        known = held if isinstance(held, tuple) else None
+        word = known if state is None else status.orders[state]
+        if word is None or not status.has_suction:
+            return None if state is None else word
+        if self.recipe.suction == "keep":
+            return None if state is None else status.with_suction(word, on=known is not None and status.sucks(known))
+        return status.with_suction(word, on=self.recipe.suction == "on")
+
+    @property
+    def spares_resting(self) -> bool:
+        """Whether a safe order leaves a tool alone that rests: before the third step of the start this run has ordered no status
+        and no setpoint, and a tool that sleeps, or lies in its extractor, would be heated to be told to stand.
+        """
+        return self.step <= PREPARED
+
+    def keeps_suction(self, port: PortState) -> bool:
+        """Whether a safe order keeps suction on at `port`. It never waits for a reading: what is not known counts as off."""
+        return self.family.status.has_suction and self.recipe.run.safe_suction == "keep" and port.has_suction is True
+
+    @property
+    def may_feed(self) -> bool:
+        """Whether a feeder may run that is this run's to stop: a robot's own switch can start it whenever its tool is at work."""
+        has_feeder = self.family_known and self.family.has_feeder
+        touched = self.feeder_touched or any(port.touched for port in self.ports.values())
+        return has_feeder and touched and not self.feeder_stopped
+
+    @property
+    def now(self) -> float:
+        """The last moment that the station or the driver told, monotonic seconds."""
+        return self.station.now
+
+    def command(self, name: str) -> Command:
+        return self.family.commands[name]
+
+    def agreed(
+        self, command: Command, port: int | None = None, tool: int | None = None, *, known: Value | None = None, grows: bool = False
+    ) -> Steps[Value]:
+        """Read what something is decided by: two answers must say the same (`protocol/client/agreement.py`).
+
+        While the run starts, what was lost on the line is asked again (`protocol/client/patient_reads.py`).
+        """
+
+        def ask() -> Steps[Value]:
+            return agreed(self.station, command, port, tool, known=known, grows=grows, doubted=self.doubted)
+
+        return patiently(self.station, ask, self.tries)
+
+    def note(
+        self,
+        kind: str,
+        severity: Severity,
+        text: str,
+        *,
+        port: int | None = None,
+        since: float | None = None,
+        code: int | None = None,
+        value: float | None = None,
+        limit: float | None = None,
+        raw: str | None = None,
+        at_once: bool = False,
+    ) -> None:
+        """Put an event into the record. `since` is the earliest moment at which it can have happened."""
+        time = self.utc.micros(self.now)
+        earliest = None if since is None else self.utc.micros(since)
+        event = EventRow(time, kind, severity, text, self.name, port, earliest, code, value, limit, raw)
+        self.journal.event(event, at_once=at_once)
+
+    def tell_anomalies(self) -> None:
+        """Put into the record what the station was newly seen to do otherwise than recommended; each kind comes once."""
+        for one in self.station.anomalies.take():
+            decision = DECISIONS[one.number]
+            severity = Severity.WARNING if decision.doubtful and not decision.usual else Severity.INFO
+            text = f"{decision.met} First met: {one.place}."
+            self.note("protocol.anomaly", severity, text, port=one.port, code=one.number, raw=one.raw)
+
+    def publish(self) -> None:
+        """Hand the facts over as they are now."""
+        has_tools = self._family is None or self._family.tools
+        self.facts.tools = {port.number: self.tool_text(port.tool) for port in self.ports.values() if has_tools}
+        self.facts.signals = [] if self._family is None else [signal.name for signal in self._family.signals]
+        self.facts.touched = [port.number for port in self.ports.values() if port.touched]
+        self.facts.asked_safe_state = self.safe_state if self.family_known else ""
+        self.facts.may_feed = self.may_feed
+        self.facts.suction = [port.number for port in self.ports.values() if self.family_known and self.keeps_suction(port)]
+        self.facts.not_supported = sorted(self.not_supported)
+        self.facts.garbage_bytes = self.station.garbage_bytes
+        self.facts.strays = dict(self.station.strays)
+        self.tell_anomalies()
+        self.facts.anomalies = dict(sorted(self.station.anomalies.counts.items()))
+        self.facts.doubted = dict(self.doubted)
+        self.facts.last_temperature_c = {p.number: p.temperature_c for p in self.ports.values() if p.temperature_c is not None}
+        self.journal.facts(self.facts)
+
+    def tool_text(self, code: int | None) -> str:
+        return "unknown" if code is None else self.family.tool_name(code)

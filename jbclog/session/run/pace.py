@@ -1,0 +1,147 @@
+"""How fast a station is sampled: the rate asked for, if it fits the wire with the turnaround just measured."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from jbclog.config.recipe import Recipe
+from jbclog.core.errors import StartRefused
+from jbclog.core.line_format import LineFormat
+from jbclog.core.rows import StationFacts
+from jbclog.protocol.commands.family import Family
+from jbclog.session.run.context import AS_AUTO, AS_FAST_AS_POSSIBLE, AS_FIT, Desk
+from jbclog.session.run.identity import SAID
+from jbclog.session.run.watch import WATCHED_SETTINGS
+from jbclog.session.scheduler import (
+    AUTO_RATES_HZ,
+    KEPT_FOR_REPEATS,
+    Demand,
+    Reading,
+    identity_readings,
+    readings_of,
+    watched_readings,
+)
+
+SOME_RATES = ", ".join(f"{rate_hz:g}" for rate_hz in AUTO_RATES_HZ[:6]) + " …"
+
+
+@dataclass(frozen=True, slots=True)
+class Pace:
+    """What is read repeatedly and at which period; `paced` is False where the station is asked without pause."""
+
+    readings: list[Reading]
+    period_s: float
+    paced: bool
+
+
+def readings_for(family: Family, ports: Sequence[int], recipe: Recipe, line: LineFormat, addressed: bool) -> list[Reading]:
+    """Everything that a run reads repeatedly on a station of `family` with `ports`; also for `plan`."""
+    sampling = recipe.sampling
+    signals = [(signal, family.commands[signal.command]) for signal in family.signals]
+    counters = [(counter, family.commands[counter.command]) for counter in family.counters]
+    watched = [family.commands[name] for name in WATCHED_SETTINGS if name in family.commands]
+    found = readings_of(signals, counters, ports, line, addressed, sampling.alarms_every_s, sampling.counters_every_s)
+    said = [family.commands[name] for name in SAID if name in family.commands]
+    found += identity_readings(said, ports, line, addressed, sampling.counters_every_s)
+    return found + watched_readings(watched, ports, line, addressed, sampling.counters_every_s)
+
+
+@dataclass(frozen=True, slots=True)
+class Response:
+    """How long a station takes to answer, in seconds: usually, and the longest that a rate must still fit."""
+
+    usual_s: float
+    longest_s: float
+
+
+def response(family: Family, median_s: float, p99_s: float) -> Response:
+    """What a rate is held against: the usual response time, or the longest seen where the manual prints that it varies."""
+    return Response(median_s, median_s if family.turnaround_ms is None else p99_s)
+
+
+def asked_rate(rate: float | str | None, recipe: Recipe, family: Family | None) -> float | str:
+    """What is asked for: by `--rate`, else by the recipe."""
+    return recipe.asked_rate(family) if rate is None else rate
+
+
+def taken_rate_hz(asked: float | str, recipe: Recipe, family: Family, demand: Demand, response: Response) -> float:
+    """The rate in Hz that `asked` (not ``max``) comes to; 0.0 where none fits. A number is taken as it is.
+
+    ``auto`` holds for the whole run, so it reckons with the longest response time that the manual prints, seen or not.
+    """
+    if asked == AS_AUTO:
+        printed_s = family.turnaround_ms[1] / 1000 if family.turnaround_ms else 0.0
+        return demand.auto_rate_hz(response.usual_s, max(response.longest_s, printed_s))
+    if asked == AS_FIT:
+        return min(recipe.rate_hz(family), demand.best_rate_hz(response.longest_s))
+    return float(asked)
+
+
+def choose_pace(desk: Desk) -> Pace:
+    """Decide the rate. Raises `StartRefused` naming the best rate and the greatest turnaround where it does not fit."""
+    order, facts = desk.order, desk.facts
+    readings = readings_for(desk.family, list(desk.ports), desk.recipe, order.line, order.address is not None)
+    unread = {"software_version"} if facts.software is None else set()  # there is nothing to compare it with
+    readings = [one for one in readings if one.name not in desk.not_supported | unread]
+    demand, seen = Demand.of(readings), facts.turnaround_us
+    usual = response(desk.family, seen["median"] / 1e6, seen["p99"] / 1e6)
+    asked = facts.asked_rate = asked_rate(order.rate, desk.recipe, desk.family)
+    if asked == AS_FAST_AS_POSSIBLE:
+        return Pace(readings, demand.tick_s(usual.longest_s), False)
+    facts.rate_hz = _rate_hz(desk, asked, demand, usual)
+    facts.period_s = 1 / facts.rate_hz
+    return Pace(readings, facts.period_s, True)
+
+
+def _rate_hz(desk: Desk, asked: float | str, demand: Demand, response: Response) -> float:
+    if demand.best_rate_hz(response.longest_s) <= 0:
+        raise StartRefused(f"{desk.name}: with {response.longest_s * 1000:.1f} ms of turnaround no rate at all fits its wire")
+    taken = taken_rate_hz(asked, desk.recipe, desk.family, demand, response)
+    problem = None if asked == AS_FIT else rate_problem(desk.name, taken, demand, response.longest_s)
+    if problem and not (desk.order.is_replay and taken):
+        raise StartRefused(problem)
+    return taken
+
+
+def chosen_text(facts: StationFacts) -> str:
+    """How a rate that was chosen here came to be, to stand behind a comma; empty where a number was asked for."""
+    if facts.rate_hz is None or not isinstance(facts.asked_rate, str):
+        return ""
+    why = "a fifth of its link stays free" if facts.asked_rate == AS_AUTO else "the best rate that fits"
+    return f", sampled at {facts.rate_hz:g} Hz ({facts.asked_rate}: {why})"
+
+
+def rate_problem(name: str, rate_hz: float, demand: Demand, turnaround_s: float) -> str | None:
+    """Why a rate cannot be kept with all that is to be read, or None. 0 Hz stands for ``auto`` that found none."""
+    if not rate_hz:
+        return nothing_left(name, demand, turnaround_s)
+    if demand.is_too_slow(rate_hz):
+        return (
+            f"{name}: at {rate_hz:g} Hz a tick is too rare for the readings that are due more often; the lowest rate is "
+            f"{demand.slowest_rate_hz:.3g} Hz: raise it, or alarms_every_s in the recipe's [sampling]"
+        )
+    return None if demand.fits(rate_hz, turnaround_s) else too_fast(name, rate_hz, demand, turnaround_s)
+
+
+def too_fast(name: str, rate_hz: float, demand: Demand, turnaround_s: float) -> str:
+    """The sentence that says by how much a rate does not fit, and what would."""
+    load, best = demand.load(rate_hz, turnaround_s), demand.best_rate_hz(turnaround_s)
+    most = demand.greatest_turnaround_s(rate_hz) * 1000
+    why = "95 % is the limit" if load > 1 - KEPT_FOR_REPEATS else "which leaves the slow signals too little to come round in time"
+    limit = f"the turnaround may be {most:.2f} ms at most" if most >= 0 else "its bytes alone are too many"
+    return (
+        f"{name}: {rate_hz:g} Hz does not fit its wire: {load:.1%} in use with {turnaround_s * 1000:.2f} ms of turnaround, "
+        f"{why}; at this rate {limit}. The best rate is {best:g} Hz: --rate {best:g}, or --rate fit"
+    )
+
+
+def nothing_left(name: str, demand: Demand, turnaround_s: float) -> str:
+    """The sentence for ``auto`` where none of its rates leaves a fifth of the link free."""
+    best = demand.best_rate_hz(turnaround_s)
+    by_hand = "" if demand.is_too_slow(best) else f", or name a rate: {best:g} Hz is the best"
+    return (
+        f'{name}: "auto" finds no rate: none of {SOME_RATES} Hz from {demand.slowest_rate_hz:.3g} Hz on, which its slow readings '
+        f"need, leaves a fifth of its link free with {turnaround_s * 1000:.2f} ms of response time; raise alarms_every_s in the "
+        f"recipe's [sampling]{by_hand}"
+    )

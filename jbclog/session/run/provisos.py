@@ -1,0 +1,19 @@
+"""What the samples rest on and must be known before the first of them: errors that make a signal meaningless."""
+
+from __future__ import annotations
+
+from jbclog.core.io_requests import Steps
+from jbclog.session.run.context import Desk
+from jbclog.session.run.watch import OBSERVERS
+
+
+def learn_provisos(desk: Desk) -> Steps[None]:
+    """Read the port errors, and tell them, where one of them voids a signal (digest B-44).
+
+    Raises `LinkError` or `StationError` where the station does not answer.
+    """
+    if not desk.family.port_errors.voids:
+        return
+    for port in desk.ports.values():
+        error = yield from desk.agreed(desk.command("port_error"), port.number, known=port.error or 0)
+        OBSERVERS["port_error"](desk, port, error)

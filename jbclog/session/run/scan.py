@@ -1,0 +1,280 @@
+"""One tick of one station: every due reading asked, every one accounted for, one row a port.
+
+What could not be read is null with a reason. What would stop a run, counts something, or cannot well be, is asked again
+before it is believed (`second_look.py`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from jbclog.core.errors import ImplausibleAnswer, LinkError, NotSupported, Refusal, RobotModeOff, StationError, StationSilent
+from jbclog.core.io_requests import Steps
+from jbclog.core.quantities import Value
+from jbclog.core.rows import COLUMN, SAMPLE_COLUMNS, CounterRow, SampleRow, Severity, quality_of, reasons_text
+from jbclog.protocol.client.interface import Asking
+from jbclog.protocol.commands.family import NEEDS_A_TOOL
+from jbclog.session.run.alarms import AlarmWatch, bears_out
+from jbclog.session.run.anomalies import note_zero_countdown
+from jbclog.session.run.columns import NO_DIGIT, Fill, fill_of, unusable, void
+from jbclog.session.run.context import Desk, PortState
+from jbclog.session.run.identity import SAID, expect_said, expect_same, is_said
+from jbclog.session.run.omega_states import differs_from_last
+from jbclog.session.run.possible import possible_of
+from jbclog.session.run.second_look import Doubt, SecondLook
+from jbclog.session.run.watch import OBSERVERS, WATCHED_SETTINGS, Observe, arrives, is_no_tool
+from jbclog.session.scheduler import Reading
+
+WIDTH = len(SAMPLE_COLUMNS)
+SKIPPED = "skipped"
+EXPECTED = frozenset(  # told by other events, or none
+    {"no_tool", "no_thermocouple", "not_counting", NO_DIGIT, SKIPPED, LinkError.reason, "robot_off"}
+)
+
+_TIME, _TICK, _STATION, _PORT = (COLUMN[name] for name in ("time", "tick", "station", "port"))
+_LATE, _SCAN, _QUALITY, _REASONS = (COLUMN[name] for name in ("late_us", "scan_us", "quality", "reasons"))
+
+
+def _differs_from_held(name: str) -> Doubt:
+    return lambda desk, port, value: port.held.get(name, value) != value
+
+
+def _differs_from_said(name: str) -> Doubt:
+    return lambda desk, port, value: not is_said(desk, name, value)
+
+
+def _differs_from_counted(name: str) -> Doubt:
+    return lambda desk, port, value: port.counted.get(name) != value
+
+
+def _leaps(name: str) -> Doubt:
+    """A temperature that no tool gets to from where it was when last read. The first has nothing to be held against."""
+
+    def doubt(desk: Desk, port: PortState, value: Value) -> bool:
+        before = port.temperatures_c.get(name)
+        return before is None or not isinstance(value, int) or abs(value - before) > desk.family.jump_c
+
+    return doubt
+
+
+_jumps = _leaps("temperature_c")
+
+
+def _decides(desk: Desk, port: PortState, value: Value) -> bool:
+    """A tip temperature that leaps, with which alarms begin to count, or that would bear one out."""
+    if _jumps(desk, port, value) or not isinstance(value, int):
+        return True
+    return arrives(desk, port, value) or bears_out(desk, port, value)
+
+
+DOUBTS: dict[str, Doubt] = {
+    "temperature_c": _decides,
+    **{name: _leaps(name) for name in ("external_c", "transistor_c", "transformer_c")},
+    "status": lambda desk, port, value: port.status != value,
+    "tool": lambda desk, port, value: port.tool != value,
+    "port_error": lambda desk, port, value: (port.error or 0) != value,
+    "station_error": lambda desk, port, value: desk.held.get("station_error", 0) != value,
+    "set_c": lambda desk, port, value: port.held.get(desk.set_name, value) != value,
+    "solder_shortage": differs_from_last("solder_shortage"),
+    "preparing": differs_from_last("preparing"),
+    "set_flow_permille": _differs_from_held("selected_air_flow"),
+    **{name: _differs_from_held(name) for name in WATCHED_SETTINGS},
+    **{name: _differs_from_said(name) for name in SAID},
+}
+
+
+@dataclass(slots=True)
+class Probe:
+    """A reading with everything that its answer needs, and how it fared so far."""
+
+    reading: Reading
+    question: Asking
+    port: PortState
+    fill: Fill | None
+    observe: Observe | None
+    look: SecondLook
+    place: int | None  # of its first column
+    due: int = 0
+    missed: dict[str, int] = field(default_factory=dict)
+    failing: bool = False
+    is_known: bool = False  # it was answered, once at least
+    is_lacking: bool = False  # the station does not have it
+
+    @classmethod
+    def of(cls, desk: Desk, reading: Reading) -> Probe:
+        question = desk.station.question(reading.command, reading.asks_port)
+        fill = fill_of(reading, desk) if reading.columns else None
+        place = COLUMN[reading.columns[0]] if reading.columns else None
+        name, port = reading.name, desk.ports[reading.port]
+        doubt = DOUBTS.get(name) if reading.counter is None else _differs_from_counted(reading.counter.name)
+        look = SecondLook(reading, port, question, doubt, possible_of(desk, reading))
+        return cls(reading, question, port, fill, OBSERVERS.get(name), look, place)
+
+
+@dataclass(slots=True)
+class Scan:
+    """One port in one tick: its row as it fills."""
+
+    port: PortState
+    fast: list[Probe]
+    alarms: AlarmWatch
+    row: SampleRow = field(default_factory=list)
+    reasons: dict[str, str] = field(default_factory=dict)
+    first_sent: float | None = None
+    last_heard: float | None = None
+    temperature_at: float | None = None
+    no_tool: bool = False
+
+
+class Scanner:
+    """Reads into rows. `due` is the moment at which the tick was due; None where there is no grid."""
+
+    def __init__(self, desk: Desk) -> None:
+        self._desk = desk
+        self._station = desk.station
+
+    def begin(self, scan: Scan, tick: int) -> None:
+        row: SampleRow = [None] * WIDTH
+        row[_TICK], row[_STATION], row[_PORT] = tick, self._desk.name, scan.port.number
+        scan.row, scan.reasons = row, {}
+        scan.first_sent = scan.last_heard = scan.temperature_at = None
+        scan.no_tool = is_no_tool(self._desk, scan.port)
+
+    def take(self, probe: Probe, scan: Scan) -> Steps[None]:
+        """Ask one reading; put it where it belongs, or the reason why there is none.
+
+        Raises what ends the asking altogether: `LinkError`, `StationSilent`, `RobotModeOff`, and the run's end.
+        """
+        probe.due += 1
+        if scan.first_sent is None:
+            self._station.first_sent = None
+        try:
+            value = yield from self._station.ask(probe.question)
+            if probe.look.is_due(self._desk, value):
+                value = yield from probe.look.settle(self._desk, value)
+            if probe.reading.command.name == self._desk.family.hours:
+                expect_same(self._desk, probe.port.number, value)
+            if probe.reading.is_identity:
+                expect_said(self._desk, probe.reading.name, value)
+        except NotSupported as error:
+            self._lacks(probe, scan, error)
+        except (StationError, LinkError) as error:
+            why = self._why_unread(probe, scan, error)
+            self.unread(probe, scan, why, sent=not isinstance(error, Refusal), told=str(error) if why == error.reason else "")
+            if isinstance(error, LinkError | StationSilent | RobotModeOff):
+                raise
+        except BaseException:  # the run's end in mid-question: it may be asked once more, flags may not
+            if probe.reading.command.asked_once:
+                self.unread(probe, scan, SKIPPED, sent=True)
+            else:
+                probe.due -= 1
+            raise
+        else:
+            scan.last_heard = probe.look.heard_at = self._station.heard
+            try:
+                self._keep(probe, scan, value)
+            except Exception:  # a fault of this program: what does not stand in the row is not accounted for as read
+                probe.due -= probe.place is None or scan.row[probe.place] is None
+                raise
+        finally:
+            if scan.first_sent is None:
+                scan.first_sent = self._station.first_sent
+
+    def _lacks(self, probe: Probe, scan: Scan, error: NotSupported) -> None:
+        """A signal that was never answered is one that the station does not have: it is not due, and not asked again."""
+        why = self._why_unread(probe, scan, error)
+        if probe.is_known or scan.no_tool or why != error.reason:
+            self.unread(probe, scan, why)
+            return
+        probe.due -= 1
+        probe.is_lacking = True
+        scan.fast = [one for one in scan.fast if one is not probe]
+        self._desk.not_supported.add(probe.reading.name)
+
+    def _why_unread(self, probe: Probe, scan: Scan, error: StationError | LinkError) -> str:
+        """The reason; a station that refuses or garbles what means nothing at the moment is not at fault for that."""
+        meaningless = isinstance(error, Refusal | ImplausibleAnswer) and void(probe.reading.name, scan.port, self._desk)
+        return meaningless or error.reason
+
+    def _keep(self, probe: Probe, scan: Scan, value: Value) -> None:
+        name = probe.reading.name
+        if name == "temperature_c":
+            scan.temperature_at = scan.last_heard
+        why = "no_tool" if scan.no_tool and name in NEEDS_A_TOOL else unusable(probe.reading, value, scan.port, self._desk)
+        if why:
+            self.unread(probe, scan, why)
+            if name == "delay_s":
+                note_zero_countdown(self._desk, probe.port, value)
+            return
+        probe.failing, probe.is_known = False, True
+        if probe.fill is not None:
+            probe.fill(scan.row, value)
+        if probe.observe is not None:
+            probe.observe(self._desk, probe.port, value)
+        if name == "alarm_high" and isinstance(value, tuple):
+            scan.alarms.read(value, self._station.heard)
+        elif probe.reading.counter is not None:
+            self._count(probe, value)
+
+    def unread(self, probe: Probe, scan: Scan, why: str, *, sent: bool = False, told: str = "") -> None:
+        """Account for a due reading that gave nothing; `sent` where the station may have given an answer that was lost.
+
+        `told` is what was met, for the event.
+        """
+        probe.missed[why] = probe.missed.get(why, 0) + 1
+        for column in probe.reading.columns:
+            scan.reasons[column] = why
+        if probe.reading.counter is not None:
+            self._counter_row(probe, None, f"<{why}>")
+        if probe.reading.name == "alarm_high" and sent:
+            scan.alarms.lost(self._desk.now, why)
+        if why not in EXPECTED and not probe.failing:
+            probe.failing = True  # one event for a series of failures; each is in the rows
+            self._desk.note(f"read.{why}", Severity.WARNING, _sentence(probe, why), port=probe.port.number, raw=told or None)
+
+    def _count(self, probe: Probe, value: Value) -> None:
+        if isinstance(value, int | float) and probe.reading.counter is not None:
+            probe.port.counted[probe.reading.counter.name] = value
+            self._counter_row(probe, float(value), probe.reading.command.as_it_came(self._desk.station.data, value))
+
+    def _counter_row(self, probe: Probe, value: float | None, raw: str) -> None:
+        counter, desk = probe.reading.counter, self._desk
+        if counter is not None:
+            time = desk.utc.micros(desk.now)
+            desk.journal.counter(CounterRow(time, desk.name, probe.port.number, counter.name, value, counter.unit, raw))
+
+    def finish(self, scan: Scan, unasked: str, due: float | None) -> None:
+        """Write the row: what was not even asked, the times, the quality."""
+        row, reasons = scan.row, scan.reasons
+        for probe in scan.fast:
+            if row[probe.place or 0] is None and probe.reading.name not in reasons:
+                probe.due += 1
+                self.unread(probe, scan, unasked)
+        self._stamp(scan, due)
+        if reasons:
+            row[_QUALITY], row[_REASONS] = quality_of(reasons), reasons_text(reasons)
+        else:
+            row[_QUALITY] = "ok"
+        self._desk.journal.sample(row)
+        if self._station.anomalies.untold:
+            self._desk.tell_anomalies()
+
+    def _stamp(self, scan: Scan, due: float | None) -> None:
+        row, first, last = scan.row, scan.first_sent, scan.last_heard
+        moment = scan.temperature_at if scan.temperature_at is not None else due
+        row[_TIME] = self._desk.utc.micros(self._desk.now if moment is None else moment)
+        if first is not None and due is not None:
+            row[_LATE] = round((first - due) * 1e6)
+        if first is not None and last is not None:
+            row[_SCAN] = round((last - first) * 1e6)
+
+
+def _sentence(probe: Probe, why: str) -> str:
+    told = {
+        "timeout": "no answer came in time",
+        "bcc": "the check byte of every answer was wrong",
+        "format": "what came back was no answer to it",
+        "implausible": "the value cannot be true, or was another when asked again",
+    }
+    refused = f"the station refused it ({why})" if why.startswith("nak") else why
+    return f"The {probe.question.title()} could not be read: {told.get(why, refused)}."

@@ -1,0 +1,218 @@
+"""One setting on one station: written, read back, and written again where it was lost on the way.
+
+A setting is idempotent, so one that was not taken is written again, `REPEATS` times at the most:
+
+1. A refusal is final, unless it says that the write was not understood (N 1, N 2). What was understood is not asked twice.
+2. It is written again where two answers say that the value from before still stands. A third value is a mismatch.
+3. Where no answer can be had, it is written again once the line has answered something else; not so what can heat
+   (`recipe.order.CAN_HEAT`): that is never written again without those two answers.
+4. Nothing is written again once the run is to end: its end is thrown into the session and goes through here.
+
+Each write that was followed by another is a row of `settings` (``repeated``), an event and a count of the station's facts.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final, NoReturn
+
+from jbclog.config.write_order import CAN_HEAT
+from jbclog.core.errors import LinkError, NotReceived, Refusal, StartRefused, StationError
+from jbclog.core.io_requests import RunEnded, Steps, Wait
+from jbclog.core.quantities import Value, text_of
+from jbclog.core.rows import SettingRow, Severity
+from jbclog.protocol.client.patient_reads import SETTLE_S
+from jbclog.protocol.commands.command import Command, Scope
+from jbclog.session.run.context import Desk, PortState
+from jbclog.session.run.identify import Absent
+
+ROBOT_MODE_OFF: Final = ", Robot mode is off, although it answers reads; switch it on in the station's menu"
+REPEATS: Final = 3
+
+
+@dataclass(slots=True)
+class _Try:
+    """What became of one write: what was read back (None: nothing), and what went wrong with either."""
+
+    found: Value | None = None
+    lost: StationError | None = None
+    unread: StationError | None = None
+
+    @property
+    def is_meant(self) -> bool:
+        """Whether the station understood the write and refused it."""
+        return _is_meant(self.lost)
+
+    @property
+    def nak(self) -> int | None:
+        return self.lost.code if isinstance(self.lost, Refusal) else None
+
+
+def _is_meant(error: StationError | None) -> bool:
+    return isinstance(error, Refusal) and not isinstance(error, NotReceived)
+
+
+def read_setting(desk: Desk, command: Command, port: PortState | None, known: Value | None = None) -> Steps[Value]:
+    return desk.agreed(command, *_place(command, port), known=known)
+
+
+def _place(command: Command, port: PortState | None) -> tuple[int | None, int | None]:
+    """Port and tool as the command's code wants them."""
+    if port is None or command.scope is Scope.STATION:
+        return None, None
+    return port.number, port.tool if command.scope is Scope.TOOL else None
+
+
+def title_of(command: Command, port: PortState | None) -> str:
+    name = command.name.replace("_", " ")
+    return name if port is None else f"{name} of port {port.number}"
+
+
+def keep_row(
+    desk: Desk,
+    command: Command,
+    port: PortState | None,
+    outcome: str,
+    *,
+    requested: str | None = None,
+    written: str | None = None,
+    readback: str | None = None,
+    nak: int | None = None,
+) -> None:
+    """Put a row of `settings` into the record."""
+    tool = desk.tool_text(port.tool) if port and command.scope is Scope.TOOL else None
+    time, number = desk.utc.micros(desk.now), port.number if port else None
+    row = SettingRow(time, desk.name, number, tool, command.name, command.unit, requested, written, readback, nak, outcome)
+    desk.journal.setting(row)
+
+
+def touch(desk: Desk, port: PortState | None) -> None:
+    """Say that this run may have changed the port, or the feeder: it is made safe at the end."""
+    if port is None:
+        news, desk.feeder_touched = not desk.feeder_touched, True
+    else:
+        news, port.touched = port.number not in desk.facts.touched, True
+    if news:
+        desk.publish()  # a guard and a recovery must know which tools may be hot, before they are
+
+
+def write_setting(desk: Desk, command: Command, value: Value, port: PortState | None) -> Steps[None]:
+    """Write until it is read back as asked. Raises `StartRefused` where it is not, `Absent` where the link breaks.
+
+    What is broken off in between may or may not have been done.
+    """
+    before, requested = (desk.held if port is None else port.held).get(command.name), text_of(value)
+    if before is not None:
+        keep_row(desk, command, port, "read", readback=text_of(before))  # what it was is nowhere else, once it is overwritten
+    touch(desk, port)
+    try:
+        yield from _write(desk, command, value, port, before)
+    except (LinkError, RunEnded) as error:
+        keep_row(desk, command, port, "unconfirmed", requested=requested, written=requested)
+        if isinstance(error, RunEnded):
+            raise
+        raise Absent(_failed(desk, command, port, value, before, f"it could not be read back ({error})")) from error
+
+
+def _write(desk: Desk, command: Command, value: Value, port: PortState | None, before: Value | None) -> Steps[None]:
+    for number in range(1, 2 + REPEATS):
+        one = yield from _try(desk, command, value, port)
+        if one.is_meant:
+            _refuse(desk, command, value, port, before, one, number)
+        if one.found is not None and _is_same(desk, command, one.found, value):
+            desk.written.append(f"{title_of(command, port)} {command.shown(value)} (was {_shown(command, before)})")
+            _end(desk, command, value, port, "confirmed", one)
+            return
+        if number > REPEATS or not (yield from _may_repeat(desk, command, one, before)):
+            _refuse(desk, command, value, port, before, one, number)
+        _tell_repeated(desk, command, value, port, one, number)
+
+
+def _try(desk: Desk, command: Command, value: Value, port: PortState | None) -> Steps[_Try]:
+    """Write once and read back: a lost acknowledgement is settled by the reading. A refusal that was meant needs none."""
+    one = _Try()
+    try:
+        yield from desk.station.write(command, value, *_place(command, port), once=True)
+    except StationError as error:
+        one.lost = error
+        if one.is_meant:
+            return one
+    try:
+        one.found = yield from read_setting(desk, command, port)
+    except StationError as error:
+        one.unread = error
+    return one
+
+
+def _may_repeat(desk: Desk, command: Command, one: _Try, before: Value | None) -> Steps[bool]:
+    """Whether the line has settled, and what stands there is what stood before; of what cannot heat, whether it may stand."""
+    if one.found is not None:
+        if one.found != before:
+            return False
+        desk.station.unasked((yield Wait(desk.now + SETTLE_S)))
+        return True
+    if command.name in CAN_HEAT or _is_meant(one.unread):
+        return False
+    try:
+        yield from desk.agreed(desk.command("model"), known=desk.facts.model)
+    except StationError:
+        return False
+    return True
+
+
+def _is_same(desk: Desk, command: Command, found: Value, value: Value) -> bool:
+    if found == value:
+        return True
+    if command.name != "status" or not isinstance(found, tuple) or not isinstance(value, tuple):
+        return False
+    status = desk.family.status
+    is_suction_free = desk.recipe.suction == "keep"  # it was not asked for: whoever switches it meanwhile may
+    return status.confirms(found, value) and (is_suction_free or status.sucks(found) == status.sucks(value))
+
+
+def _end(desk: Desk, command: Command, value: Value, port: PortState | None, outcome: str, one: _Try) -> None:
+    """The row of the last write, and what is held now as far as it is known."""
+    readback = None if one.found is None else text_of(one.found)
+    nak = one.nak if outcome == "refused" else None
+    keep_row(desk, command, port, outcome, requested=text_of(value), written=text_of(value), readback=readback, nak=nak)
+    if one.found is not None:
+        (desk.held if port is None else port.held)[command.name] = one.found
+
+
+def _refuse(
+    desk: Desk, command: Command, value: Value, port: PortState | None, before: Value | None, one: _Try, number: int
+) -> NoReturn:
+    """Raise `StartRefused`: it is not what was asked, for a reason, after so many writes."""
+    if one.nak is not None and one.found in (None, before):
+        outcome, why = "refused", f"the station refused it with N {one.nak:05d}{ROBOT_MODE_OFF if one.nak == 5 else ''}"
+        one.found = None
+    elif one.found is None:
+        outcome, why = "unconfirmed", f"it could not be read back ({one.unread})"
+    else:
+        outcome, why = "mismatch", f"{command.shown(one.found)} was read back"
+    _end(desk, command, value, port, outcome, one)
+    why += "" if one.is_meant else f", in {number} write{'' if number == 1 else 's'}"
+    error = _failed(desk, command, port, value, before, why)
+    raise StartRefused(error) from (one.unread or one.lost)
+
+
+def _failed(desk: Desk, command: Command, port: PortState | None, value: Value, before: Value | None, why: str) -> str:
+    return (
+        f"{desk.name}: {title_of(command, port)}: {command.shown(value)} was asked, {why}; before it was {_shown(command, before)}"
+    )
+
+
+def _shown(command: Command, before: Value | None) -> str:
+    return "unknown" if before is None else command.shown(before)
+
+
+def _tell_repeated(desk: Desk, command: Command, value: Value, port: PortState | None, one: _Try, number: int) -> None:
+    readback = None if one.found is None else text_of(one.found)
+    keep_row(desk, command, port, "repeated", requested=text_of(value), written=text_of(value), readback=readback, nak=one.nak)
+    desk.facts.settings_repeated += 1
+    stands = "it could not be read back" if one.found is None else f"{command.shown(one.found)} still stands"
+    lost = "acknowledged" if one.lost is None else str(one.lost)
+    what = title_of(command, port)
+    text = f"{what[:1].upper()}{what[1:]}: {command.shown(value)} was not taken ({lost}; {stands}). "
+    text += f"Write {number + 1} of at most {1 + REPEATS} follows."
+    desk.note("setting.repeated", Severity.WARNING, text, port=port.number if port else None, value=number + 1)

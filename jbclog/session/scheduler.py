@@ -1,0 +1,307 @@
+"""Which reading is due when on one wire, and whether all of them fit: a cyclic executive.
+
+Fast signals are due on every tick of an absolute grid. Slow ones have a period, at which they are read when the wire
+has room (once a tick at most), and a ceiling of three times that, which the plan guarantees even while repeats take
+their share: they go into what the fast ones leave, the most urgent first, one at a time, and where there is no other way
+they run into the next tick by no more than their own length. Five percent of the wire are kept for repeats (contract,
+"Rates"), a fifth where the rate is chosen here (`auto_rate_hz`).
+
+The same arithmetic decides before a run whether a rate fits (`Demand`) and during it what to ask next (`SlowReadings`).
+Why the ceilings hold: what is read once in each of its periods, wherever in it, is never older than two. Earliest
+deadline first manages that where the shortest period leaves time enough for its share of all slow readings and for the
+one that is just being read (Liu and Layland 1973, with the fast signals as a supply that comes and goes).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from heapq import heapify, heappop, heappush
+from itertools import count
+
+from jbclog.core.line_format import ADDRESSES, AROUND, LineFormat
+from jbclog.protocol.commands.command import Command, Scope
+from jbclog.protocol.commands.signals import Counter, Pace, Signal
+
+KEPT_FOR_REPEATS = 0.05
+KEPT_BY_AUTO = 0.2
+AUTO_RATES_HZ = (10.0, 5.0, 4.0, 2.0, 1.0, 0.5, 0.4, 0.2, 0.1, 0.05, 0.04, 0.02, 0.01, 0.005, 0.004, 0.002, 0.001)
+CEILING = 3.0  # a slow reading may be this many of its periods old
+BEHIND_LETTERS = {Scope.STATION: 0, Scope.PORT: 1, Scope.TOOL: 2}  # characters for port and tool
+USUAL_DIGITS = 5  # of an answer whose length is not printed
+FIXED_PERIODS_S = {Pace.FIVE: 5.0, Pace.TEN: 10.0}
+
+
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """One thing to read repeatedly: a signal, a counter or a setting that is watched, on one port.
+
+    `port` is the row that it belongs to; `asks_port` is None where the command speaks to the whole station.
+    `period_s` is None for a fast signal.
+    """
+
+    name: str
+    command: Command
+    port: int
+    asks_port: int | None
+    wire_s: float
+    period_s: float | None
+    columns: tuple[str, ...] = ()
+    counter: Counter | None = None
+    is_identity: bool = False  # the model, or the software, of the station
+
+    @property
+    def was_read(self) -> bool:
+        """Whether it has been read before the first tick."""
+        return self.counter is not None or self.is_identity
+
+
+def period_s(pace: Pace, alarms_every_s: float, counters_every_s: float) -> float | None:
+    """Seconds between two readings of a pace; None for every tick."""
+    if pace is Pace.FAST:
+        return None
+    chosen = {Pace.ALARMS: alarms_every_s, Pace.COUNTERS: counters_every_s}
+    return chosen.get(pace) or FIXED_PERIODS_S[pace]
+
+
+def read_wire_s(line: LineFormat, command: Command, addressed: bool) -> float:
+    """Seconds that the bytes of a read and its usual answer take on the wire, without turnaround."""
+    code = len(command.letters) + BEHIND_LETTERS[command.scope]
+    digits = USUAL_DIGITS if command.answer_digits is None else command.answer_digits
+    return line.seconds(2 * (AROUND + code + (ADDRESSES if addressed else 0)) + digits)
+
+
+@dataclass(frozen=True, slots=True)
+class Demand:
+    """What one wire has to carry: the fast reads of a tick, and slow ones as pairs of wire time and period in seconds."""
+
+    fast_s: float
+    fast_reads: int
+    slow: tuple[tuple[float, float], ...] = ()
+
+    @classmethod
+    def of(cls, readings: Iterable[Reading]) -> Demand:
+        readings = list(readings)
+        fast = [reading.wire_s for reading in readings if reading.period_s is None]
+        return cls(sum(fast), len(fast), tuple((one.wire_s, one.period_s) for one in readings if one.period_s is not None))
+
+    def tick_s(self, turnaround_s: float) -> float:
+        """Seconds that the fast reads of one tick take."""
+        return self.fast_s + self.fast_reads * turnaround_s
+
+    def longest_slow_s(self, turnaround_s: float) -> float:
+        """Seconds that the longest slow read takes; 0.0 where there is none."""
+        return max((wire_s + turnaround_s for wire_s, _ in self.slow), default=0.0)
+
+    def load(self, rate_hz: float, turnaround_s: float) -> float:
+        """The share of the wire in use with slow readings at their ceilings, 1.0 being all of it."""
+        return rate_hz * self.tick_s(turnaround_s) + self._slow_share(rate_hz, turnaround_s) / CEILING
+
+    def fits(self, rate_hz: float, turnaround_s: float, kept: float = KEPT_FOR_REPEATS) -> bool:
+        """Whether every tick can be run in its time and every slow reading within its ceiling, the share `kept` being free."""
+        free_s = 1 / rate_hz - self.tick_s(turnaround_s)
+        return self.load(rate_hz, turnaround_s) <= 1 - kept and self._is_in_time(free_s, rate_hz, turnaround_s)
+
+    def runs_over(self, rate_hz: float, turnaround_s: float) -> bool:
+        """Whether slow readings must be let into the next tick, because whole ones that end before it are too few."""
+        one_s = self.longest_slow_s(turnaround_s)
+        free_s = 1 / rate_hz - self.tick_s(turnaround_s)
+        return bool(self.slow) and not self._is_in_time(math.floor(free_s / one_s + 1e-9) * one_s, rate_hz, turnaround_s)
+
+    def best_rate_hz(self, turnaround_s: float) -> float:
+        """The highest rate that fits, in Hz, rounded down to a tenth (to a hundredth below 1 Hz); 0.0 where none does."""
+        rate = _border(lambda rate_hz: self.fits(rate_hz, turnaround_s), 1e-3, 1 / self.tick_s(turnaround_s))
+        grain = 10 if rate >= 1 else 100
+        return math.floor(rate * grain + 1e-9) / grain
+
+    def auto_rate_hz(self, turnaround_s: float, longest_s: float) -> float:
+        """The highest of `AUTO_RATES_HZ` that leaves a fifth of the wire free, in Hz; 0.0 where none does.
+
+        The fifth is reckoned with the usual turnaround; with `longest_s`, the longest that is to be expected, the rate must fit.
+        None is lower than the slow readings need.
+        """
+        rates = (rate_hz for rate_hz in AUTO_RATES_HZ if not self.is_too_slow(rate_hz))
+        return next((hz for hz in rates if self.fits(hz, turnaround_s, KEPT_BY_AUTO) and self.fits(hz, longest_s)), 0.0)
+
+    def greatest_turnaround_s(self, rate_hz: float, kept: float = KEPT_FOR_REPEATS) -> float:
+        """The longest turnaround at which `rate_hz` fits, in seconds; negative where the bytes alone are too many."""
+        return _border(lambda turnaround_s: self.fits(rate_hz, turnaround_s, kept), -self.fast_s / self.fast_reads, 1 / rate_hz)
+
+    @property
+    def slowest_rate_hz(self) -> float:
+        """The lowest rate whose ticks come often enough for the slow readings' ceilings; 0.0 where there are none."""
+        return 1 / (CEILING * min(period_s for _, period_s in self.slow)) if self.slow else 0.0
+
+    def is_too_slow(self, rate_hz: float) -> bool:
+        """Whether the ticks of `rate_hz` come too rarely for the slow readings' ceilings."""
+        return rate_hz < self.slowest_rate_hz * (1 - 1e-9)
+
+    def _slow_share(self, rate_hz: float, turnaround_s: float) -> float:
+        """The share of the wire that slow readings take where each is read in its period, or once a tick."""
+        return sum((wire_s + turnaround_s) / max(period_s, 1 / rate_hz) for wire_s, period_s in self.slow)
+
+    def _is_in_time(self, free_s: float, rate_hz: float, turnaround_s: float) -> bool:
+        """Whether slow readings come round in their periods where each tick has `free_s` for them."""
+        tick_s = 1 / rate_hz
+        window_s = max(min((period_s for _, period_s in self.slow), default=0.0), tick_s)
+        whole, rest_s = divmod(window_s + 1e-12, tick_s)
+        blocked_s = (tick_s - free_s) * whole + min(tick_s - free_s, rest_s)  # at worst it begins with fast reads
+        needed_s = self._slow_share(rate_hz, turnaround_s) * window_s + self.longest_slow_s(turnaround_s)
+        return window_s - blocked_s >= needed_s - 1e-9
+
+
+def _border(fits: Callable[[float], bool], good: float, bad: float) -> float:
+    """Where `fits` turns from true at `good` to false at `bad`; `good` is taken on trust."""
+    while bad - good > 1e-9:
+        between = (good + bad) / 2
+        good, bad = (between, bad) if fits(between) else (good, between)
+    return good
+
+
+@dataclass(frozen=True, slots=True)
+class Grid:
+    """The absolute grid of due times: tick n is due at `t0 + n * period_s` (monotonic seconds)."""
+
+    t0: float
+    period_s: float
+
+    def due(self, tick: int) -> float:
+        return self.t0 + tick * self.period_s
+
+    def first_from(self, moment: float) -> int:
+        """The first tick that is due at `moment` or later."""
+        return math.ceil((moment - self.t0) / self.period_s - 1e-9)
+
+    def next_after(self, tick: int, now: float) -> int:
+        """The tick to run once `tick` is done at `now`: the next one, unless that is a whole period late already.
+
+        What lies between is skipped, not made up by a burst.
+        """
+        behind = math.floor((now - self.due(tick + 1)) / self.period_s)
+        return tick + 1 + max(behind, 0)
+
+
+@dataclass(slots=True, eq=False)
+class Slow:
+    """A slow reading, when it is next due and when it was last asked."""
+
+    reading: Reading
+    period_s: float
+    due: float
+    last: float
+
+
+class SlowReadings:
+    """The slow readings of one wire. `longest_s` is what the longest of them takes, with turnaround.
+
+    Where `runs_over`, one may be begun before a tick and end in it. With ticks `tick_s` apart none is due more often.
+    """
+
+    def __init__(
+        self, readings: Iterable[Reading], start: float, *, longest_s: float = 0.0, tick_s: float = 0.0, runs_over: bool = False
+    ) -> None:
+        """Signals are due at `start`, so that a run knows everything as soon as the wire has room.
+
+        Counters, model and software have been read before the first tick and are due a period later.
+        """
+        found = [
+            Slow(reading, max(reading.period_s, tick_s), start + (reading.period_s if reading.was_read else 0.0), start)
+            for reading in readings
+            if reading.period_s is not None
+        ]
+        self._coming = [(slow.due, number, slow) for number, slow in enumerate(found)]  # a heap
+        heapify(self._coming)
+        self._number = count(len(found))
+        self._waiting: list[Slow] = []  # due, and not yet taken
+        self._longest_s = longest_s
+        self._runs_over = runs_over
+        self.worst_periods = 0.0  # the longest that any reading waited, in its own periods; CEILING is the promise
+
+    def next(self, now: float, following: float) -> Slow | None:
+        """The due reading that is nearest to its ceiling, if one may be begun before the tick due at `following`.
+
+        One that has waited for a whole period after it was due goes first even then: on a line on which much has to be
+        asked again, ticks are late or skipped before slow signals are forgotten.
+        """
+        self._fall_due(now)
+        if not self._waiting:
+            return None
+        one = min(self._waiting, key=_urgency)
+        is_room = now + self._longest_s <= following + 1e-9 or (self._runs_over and now <= following)
+        return one if is_room or now > one.due + one.period_s else None
+
+    def all_due(self, now: float) -> list[Slow]:
+        """Every reading due by `now`, for a station that cannot be asked."""
+        self._fall_due(now)
+        return list(self._waiting)
+
+    def _fall_due(self, now: float) -> None:
+        while self._coming and self._coming[0][0] <= now:
+            self._waiting.append(heappop(self._coming)[2])
+
+    def taken(self, slow: Slow, now: float, following: float = 0.0) -> None:
+        """`slow` was asked, with whatever result; it is due again a period after it was due.
+
+        But never twice in a row, nor before the tick due at `following`: a row has one place for it.
+        """
+        self.worst_periods = max(self.worst_periods, (now - slow.last) / slow.period_s)
+        slow.last = now
+        slow.due = max(slow.due + slow.period_s, now + slow.period_s / 2, following)
+        self._waiting.remove(slow)
+        heappush(self._coming, (slow.due, next(self._number), slow))
+
+    def drop(self, slow: Slow) -> None:
+        """`slow` is nothing that the station has: it is never due again."""
+        self._coming = [one for one in self._coming if one[2] is not slow]
+        heapify(self._coming)
+
+
+def _urgency(slow: Slow) -> float:
+    """The nearer to its ceiling, the smaller."""
+    return slow.due + slow.period_s
+
+
+def readings_of(
+    signals: Iterable[tuple[Signal, Command]],
+    counters: Iterable[tuple[Counter, Command]],
+    ports: Sequence[int],
+    line: LineFormat,
+    addressed: bool,
+    alarms_every_s: float,
+    counters_every_s: float,
+) -> list[Reading]:
+    """Everything that is read repeatedly on one station; station-wide signals once, in the row of the first port."""
+    found: list[Reading] = []
+    for signal, command in signals:
+        for port in ports if command.scope is Scope.PORT else ports[:1]:
+            asks = port if command.scope is Scope.PORT else None
+            pace = period_s(signal.pace, alarms_every_s, counters_every_s)
+            found.append(Reading(signal.name, command, port, asks, read_wire_s(line, command, addressed), pace, signal.columns))
+    for counter, command in counters:
+        for port in ports:
+            wire, pace = read_wire_s(line, command, addressed), period_s(counter.pace, alarms_every_s, counters_every_s)
+            every_s = counters_every_s if pace is None else min(pace, counters_every_s)
+            found.append(Reading(counter.name, command, port, port, wire, every_s, (), counter))
+    return found
+
+
+def watched_readings(
+    commands: Iterable[Command], ports: Sequence[int], line: LineFormat, addressed: bool, every_s: float
+) -> list[Reading]:
+    """Settings that are read again now and then, to find them changed; they fill no column."""
+    return [
+        Reading(command.name, command, port, port, read_wire_s(line, command, addressed), every_s)
+        for command in commands
+        for port in ports
+    ]
+
+
+def identity_readings(
+    commands: Iterable[Command], ports: Sequence[int], line: LineFormat, addressed: bool, every_s: float
+) -> list[Reading]:
+    """What a station says of who it is, read again now and then, to find another one in its place; it fills no column."""
+    return [
+        Reading(command.name, command, ports[0], None, read_wire_s(line, command, addressed), every_s, is_identity=True)
+        for command in commands
+    ]

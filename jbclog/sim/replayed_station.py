@@ -1,0 +1,292 @@
+"""A recorded station, played from its tape without any I/O: to a question that was asked then, what was answered then.
+
+What came is given as it came, with its delay: whole, in pieces, corrupt, late, twice, or not at all. Where the link was
+lost after a question, it is lost again, for as long. The rules of what is next:
+
+1. Each question has its own row of answers in the order in which they were recorded, and each asking takes the next: so
+   a client that asks in a slightly other order gets the same values all the same.
+2. Nothing from behind a recorded write is given before that write comes, and nothing from before it afterwards (the
+   stretches of `exchanges`). A write that comes is where the client is, whatever it left out.
+3. The client's clock and the tape's go alike. What a host loses in handing bytes over it gets back with the next answer.
+   An answer well behind the client's time is left out where a later one is nearer, which `left_out` counts: who missed a
+   tick gets the values of the tick that he is at.
+4. A question and its second and third look are one group (`looks`), given in order or left out whole: an answer that the
+   recording contradicts right after is never given without what contradicts it.
+5. Asked once more than then, a question gets what stands at this place of the tape: the answer that was believed. Alarm
+   flags, which a station holds until they are read, are not told twice, nor left out where they were set. `repeated`
+   counts that. Some time behind the tape's end there is silence, and so it is where a question was never recorded, which
+   `strange` counts: nothing is made up.
+"""
+
+from __future__ import annotations
+
+from collections import Counter, defaultdict, deque
+from collections.abc import Callable, Iterable, Iterator
+from math import inf
+from statistics import median_low
+
+from jbclog.core.wire_capture import Row
+from jbclog.sim.exchanges import Contents, Exchange, Ticks, exchanges, is_write
+from jbclog.sim.looks import LOOK_S, Looks, has_flags, looks
+from jbclog.sim.virtual import Reply
+
+LATELY = 16  # exchanges by whose times the two clocks are held against each other
+NEAR = 0.25  # of the time between two answers to one question: within it the nearer one is meant, whatever the order says
+MADE_GOOD_S = 0.02  # that a question may be early or late on the tape's clock and its answer at its moment all the same
+LEFT = 0.5  # of a recorded delay, at least
+OVER_S = 5.0  # after the last recorded question, in which the last answers still stand for a client that goes on a little longer
+AGAIN = 3  # times that a question gets its last answer once more where nothing tells whether the tape is over
+
+
+class TapeStation:
+    """A station that plays `rows`. They are read when they are needed; `speed` divides all delays.
+
+    Recorded delays hold what it took to hand bytes over; who serves it on a port, where that is taken again, has each
+    answer begin `early_s` before its time. `ticks` is the grid on which it was sampled, where that is known.
+
+    `strange` counts what was heard and never recorded, `repeated` the questions that came more often than they were
+    recorded, `left_out` the recorded ones that the client has passed without asking them.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        rows: Callable[[], Iterable[Row]],
+        speed: float = 1.0,
+        early_s: float = 0.0,
+        ticks: Ticks | None = None,
+    ) -> None:
+        self.name = name
+        self.strange = 0
+        self.repeated: Counter[bytes] = Counter()
+        self.left_out = 0
+        self._speed = speed
+        self._early_s = early_s
+        self._ticks = ticks
+        first_s = ticks.first_s if ticks else None
+        self._contents = Contents.of(exchanges(rows(), first_s))
+        self._coming = looks(exchanges(rows(), first_s), ticks, self._contents.sampled)
+        self._ahead = next(self._coming, None)
+        self._rows: defaultdict[bytes, deque[Looks]] = defaultdict(deque)
+        self._left: defaultdict[bytes, deque[Exchange]] = defaultdict(deque)  # what is left of the group last begun
+        self._last: dict[bytes, Exchange] = {}
+        self._believed: dict[bytes, Exchange] = {}
+        self._asked, self._asked_at = b"", -inf  # the question before this one
+        self._starts = {question[:length] for question in self._contents.known for length in range(1, len(question))}
+        self._lengths = sorted({len(question) for question in self._contents.known}, reverse=True)
+        self._heard = b""
+        self._outages: list[tuple[float, float]] = []
+        self._stretch = 0
+        self._again: Counter[bytes] = Counter()  # as `repeated`, in this stretch
+        self._offsets: deque[float] = deque(maxlen=LATELY)  # tape's clock less the client's, of the last exchanges
+        self._tick_offsets: deque[float] = deque(maxlen=LATELY)  # the same, of questions that began a tick at its time
+        self._is_in_time = False  # whether these tell the place on the tape
+
+    def receive(self, data: bytes, now: float) -> list[Reply]:
+        """What comes back to `data` written at `now`: bytes, each with the moment at which they are there."""
+        if self.hung_up(now):
+            self._heard = b""
+            return []
+        replies = [reply for question in self._questions(data) for reply in self._replies(question, now)]
+        return [reply for reply in replies if not self.hung_up(reply.at)]
+
+    def hung_up(self, now: float) -> bool:
+        """Whether the link is lost."""
+        return any(begin <= now < end for begin, end in self._outages)
+
+    def next_plugging(self, now: float) -> float | None:
+        """When `hung_up` changes next, as far as is known."""
+        return min((moment for outage in self._outages for moment in outage if now < moment < inf), default=None)
+
+    def _questions(self, data: bytes) -> Iterator[bytes]:
+        """The known questions in what has been heard; a piece of one is kept until the rest of it comes."""
+        self._heard += data
+        dropped = False
+        while self._heard and self._heard not in self._starts:
+            length = next((length for length in self._lengths if self._heard[:length] in self._contents.known), 0)
+            if length:
+                yield self._heard[:length]
+            dropped |= not length
+            self._heard = self._heard[length or 1 :]
+        self.strange += dropped
+
+    def _replies(self, question: bytes, now: float) -> list[Reply]:
+        self._enter(question)
+        one = self._next(question, now)
+        if one is None:
+            one, behind_s = self._once_more(question, now), 0.0
+        else:
+            behind_s = self._behind_s(one, now)
+            self._go_on(one, now)
+        self._asked, self._asked_at = question, now
+        return [Reply(now + self._delay_s(delay_s, behind_s), data) for delay_s, data in one.replies]
+
+    def _behind_s(self, one: Exchange, now: float) -> float:
+        """How much later than then the client asked, as far as only the handing over of bytes explains it."""
+        behind_s = self._time(now) - one.at_s if self._offsets else 0.0
+        return behind_s if abs(behind_s) <= MADE_GOOD_S else 0.0
+
+    def _delay_s(self, delay_s: float, behind_s: float) -> float:
+        """What is left of a recorded delay: the client is to have the answer at its moment, and not still later."""
+        return max(max(delay_s - behind_s, LEFT * delay_s) / self._speed - self._early_s, 0.0)
+
+    # -- the place on the tape ------------------------------------------------------------------------------------------
+
+    def _time(self, now: float) -> float:
+        """The client's time on the tape's clock."""
+        return now * self._speed + median_low(self._tick_offsets or self._offsets)
+
+    def _enter(self, question: bytes) -> None:
+        """Go on to the stretch that begins with this question, where it begins one and is not waited for in this one."""
+        found = self._written(question) if is_write(question) else self._sampled(question)
+        if found is not None:
+            self._begin(found)
+
+    def _written(self, question: bytes) -> int | None:
+        """The number of the next stretch that begins with this write; None where it belongs to this one, or to none."""
+        firsts = self._contents.firsts
+        if firsts[self._stretch] == question and self._is_waited_for(question):
+            return None
+        return next((number for number in range(self._stretch + 1, len(firsts)) if firsts[number] == question), None)
+
+    def _sampled(self, question: bytes) -> int | None:
+        """The number of the next stretch, where it begins with the first tick and the client has come to that."""
+        firsts, number = self._contents.firsts, self._stretch + 1
+        if number >= len(firsts) or is_write(firsts[number]) or self._is_waited_for(question):
+            return None
+        return number if firsts[number] == question or self._again[question] >= AGAIN else None
+
+    def _begin(self, stretch: int) -> None:
+        """What lies before this stretch is over."""
+        self._stretch = stretch
+        self._again.clear()
+        for row in self._rows.values():
+            self.left_out += sum(len(group.all) for group in row)
+            row.clear()
+        for left in self._left.values():
+            self.left_out += len(left)
+            left.clear()
+        while self._ahead is not None and self._ahead.stretch < stretch:
+            self.left_out += len(self._ahead.all)
+            self._ahead = next(self._coming, None)
+        self._offsets.clear()
+        self._tick_offsets.clear()
+        self._is_in_time = False  # what is not on a grid takes as long as the host lets it: there only the order counts
+
+    def _is_waited_for(self, question: bytes) -> bool:
+        """Whether it comes once more in this stretch."""
+        return bool(self._left[question]) or self._reach(question, 1)
+
+    def _reach(self, question: bytes, count: int, until_s: float = inf) -> bool:
+        """Read on until so many groups of that question wait, or to a time; never over the end of this stretch."""
+        row = self._rows[question]
+        while len(row) < count:
+            one = self._ahead
+            if one is None or one.stretch > self._stretch or one.at_s > until_s:
+                return False
+            self._rows[one.question].append(one)
+            self._ahead = next(self._coming, None)
+        return True
+
+    def _next(self, question: bytes, now: float) -> Exchange | None:
+        """The exchange with that question that is due; None where it is not due yet, or never again in this stretch."""
+        left = self._left[question]
+        if left and self._is_at(question, now):
+            return left.popleft()
+        row, is_in_time = self._rows[question], self._is_in_time and self._offsets
+        if not (self._reach_due(question, now) if is_in_time else self._reach(question, 1)):
+            return None
+        self._leave(left, now)
+        if is_in_time:
+            self._pass_over(row, question, now)
+        return self._begin_group(row.popleft())
+
+    def _is_at(self, question: bytes, now: float) -> bool:
+        """Whether the client still is at the group that it has begun, and not at the next one."""
+        if not (self._is_in_time and self._offsets) or self._is_next_look(question, now):
+            return True
+        time_s, left_s, row = self._time(now), self._left[question][0].at_s, self._rows[question]
+        far_s = (time_s - NEAR * left_s) / (1 - NEAR)
+        return not (self._reach(question, 1, far_s) and self._is_nearer(time_s, left_s, row[0].at_s))
+
+    def _is_next_look(self, question: bytes, now: float) -> bool:
+        """Whether the client asks the same right after it was answered."""
+        last = self._last.get(question)
+        answered_s = last.replies[-1][0] if last is not None and last.replies else 0.0
+        return question == self._asked and (now - self._asked_at) * self._speed - answered_s < LOOK_S
+
+    def _reach_due(self, question: bytes, now: float) -> bool:
+        """Whether there is a next group, and the client is as far as that."""
+        last, row = self._last.get(question), self._rows[question]
+        if last is None or last.stretch != self._stretch:
+            return self._reach(question, 1)
+        gone_s = self._time(now) - last.at_s
+        if question == self._asked:  # one more look at what it has just been told
+            gone_s = min(gone_s, (now - self._asked_at) * self._speed)
+        far_s = last.at_s + max(gone_s, 0.0) / NEAR
+        return self._reach(question, 1, far_s) and row[0].at_s <= far_s
+
+    def _pass_over(self, row: deque[Looks], question: bytes, now: float) -> None:
+        """Leave out the groups that are behind the client's time."""
+        time_s = self._time(now)
+        while self._reach(question, 2, 2 * time_s - row[0].at_s) and self._is_nearer(time_s, row[0].at_s, row[1].at_s):
+            if row[0].has_flags:
+                return  # they are held until somebody reads them
+            self._leave(deque(row.popleft().all), now)
+
+    def _leave(self, left: deque[Exchange], now: float) -> None:
+        """These were passed without being asked."""
+        while left:
+            self.left_out += 1
+            self._lose(left.popleft(), now)
+
+    def _begin_group(self, group: Looks) -> Exchange:
+        """The first of a group; the others are left to be asked for."""
+        question, (first, *others) = group.question, group.all
+        self._left[question].extend(others)
+        believed = group.believed(self._believed.get(question))
+        if believed is not None:
+            self._believed[question] = believed
+        return first
+
+    @staticmethod
+    def _is_nearer(time_s: float, first_s: float, second_s: float) -> bool:
+        """Whether the second of two moments is meant, and not the first."""
+        return time_s > second_s - NEAR * (second_s - first_s)
+
+    def _once_more(self, question: bytes, now: float) -> Exchange:
+        """What stands at this place of the tape."""
+        self.repeated[question] += 1
+        self._again[question] += 1
+        is_over = not self._is_in_time or not self._offsets or self._time(now) > self._contents.last_s + OVER_S
+        silence = Exchange(question, 0.0)
+        return silence if is_over and self._again[question] > AGAIN else self._still_said(question, silence)
+
+    def _still_said(self, question: bytes, silence: Exchange) -> Exchange:
+        """What was believed; of flags that are cleared by telling what came next, if they were cleared then."""
+        one = self._believed.get(question, silence)
+        if not has_flags(one) or not self._reach(question, 1):
+            return one
+        after = self._rows[question][0]
+        return one if after.has_flags else after.all[-1]
+
+    def _go_on(self, one: Exchange, now: float) -> None:
+        """This exchange happens: the place on the tape, and the link, are what they were then."""
+        self._last[one.question] = one
+        self._set_clock(one, one.at_s - now * self._speed)
+        self._lose(one, now)
+
+    def _set_clock(self, one: Exchange, offset: float) -> None:
+        """Hold the two clocks against each other: where both are on a grid, by what began ticks at their times."""
+        self._offsets.append(offset)
+        ticks = self._ticks
+        if ticks is None:
+            self._is_in_time |= len(self._offsets) == LATELY
+        elif one.question == self._contents.sampled and ticks.is_on_time(one.at_s):
+            self._tick_offsets.append(offset)
+            self._is_in_time = True
+
+    def _lose(self, one: Exchange, now: float) -> None:
+        """Lose the link where it was lost after this exchange."""
+        if one.lost_s is not None:
+            self._outages.append((now + one.lost_s / self._speed, now + one.back_s / self._speed))

@@ -1,0 +1,66 @@
+"""Ports without a descriptor to watch (rfc2217, Windows): a thread reads and hands its bytes over; the session does not know."""
+
+from __future__ import annotations
+
+import asyncio
+import threading
+from collections.abc import Callable
+
+from jbclog.core.errors import LinkError
+from jbclog.transport.blocking import Port
+
+PUMP_S = 0.2  # how often a reading thread looks whether it is still wanted
+
+
+class Pump:
+    """A thread that reads a port without a descriptor and hands its bytes to the loop, one piece at a time.
+
+    It reads on when the loop has taken the last piece and does not want it to `rest`.
+    """
+
+    def __init__(self, loop: asyncio.AbstractEventLoop, port: Port, take: Callable[[Pump, bytes, LinkError | None], None]) -> None:
+        self._loop = loop
+        self._port = port
+        self._take = take
+        self._wanted = True
+        self._rests = False
+        self._may_read = threading.Event()
+        threading.Thread(target=self._read, name="read-port", daemon=True).start()
+
+    def stop(self) -> None:
+        self._wanted = False
+        self._may_read.set()
+
+    def rest(self) -> None:
+        """Read nothing until `go_on`; to be called while a piece is taken."""
+        self._rests = True
+
+    def go_on(self) -> None:
+        self._rests = False
+        self._may_read.set()
+
+    def _read(self) -> None:
+        while self._wanted:
+            data, error = b"", None
+            try:
+                data = self._port.read(PUMP_S)
+            except LinkError as broken:
+                error = broken
+            if (data or error) and self._wanted:
+                self._hand_over(data, error)
+            if error:
+                return
+
+    def _taken(self, data: bytes, error: LinkError | None) -> None:
+        self._take(self, data, error)
+        if not self._rests:
+            self._may_read.set()
+
+    def _hand_over(self, data: bytes, error: LinkError | None) -> None:
+        self._may_read.clear()
+        try:
+            self._loop.call_soon_threadsafe(self._taken, data, error)
+        except RuntimeError:  # the loop is closed: the run is over
+            self._wanted = False
+        while self._wanted and not self._may_read.wait(PUMP_S):
+            pass  # a loop that is stopped takes nothing any more

@@ -1,0 +1,370 @@
+"""One session and its port, pulled by the reactor: what is wished, what is heard, and what becomes of a port that breaks.
+
+Opening and closing a port can block, so both happen in the reactor's threads.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from concurrent.futures import Future
+from typing import TYPE_CHECKING
+
+from jbclog.core.errors import LinkError
+from jbclog.core.io_requests import Ask, Gather, Heard, Listen, RunEnded, Steps, Wait, Wish
+from jbclog.transport.blocking import OpenPort, Port
+from jbclog.transport.port_thread import Pump
+from jbclog.transport.read_budget import MOST_KEPT, REST_S, Budget
+
+if TYPE_CHECKING:
+    from jbclog.transport.reactor import Reactor
+
+NEVER = float("inf")
+
+Session = Steps[object]
+
+
+class Pulled:
+    """One session and its port."""
+
+    __slots__ = (
+        "_armed",
+        "_broken",
+        "_budget",
+        "_deadline",
+        "_ending",
+        "_failing",
+        "_fileno",
+        "_heard",
+        "_is_ended",
+        "_is_gathered",
+        "_is_started",
+        "_is_told_to_end",
+        "_is_watched",
+        "_late_s",
+        "_listening",
+        "_loop",
+        "_member",
+        "_now",
+        "_open_port",
+        "_opening",
+        "_port",
+        "_pump",
+        "_reactor",
+        "_rest",
+        "_send",
+        "_sent",
+        "_session",
+        "_throw",
+        "_unasked",
+    )
+
+    def __init__(self, reactor: Reactor, session: Session, open_port: OpenPort, name: str) -> None:
+        self._reactor = reactor
+        self._loop = reactor.loop
+        self._now = reactor.now
+        self._session = session
+        self._send, self._throw = session.send, session.throw
+        self._open_port = open_port
+        self._port: Port | None = None
+        self._fileno: int | None = None
+        self._pump: Pump | None = None
+        self._broken: LinkError | None = None  # found while nothing was asked; told at the next question
+        self._opening = False
+        self._listening = False
+        self._unasked = b""
+        self._budget = Budget()
+        self._is_watched = False  # whether its port is read as soon as something comes
+        self._rest: asyncio.TimerHandle | None = None  # until when it is not
+        self._sent = 0.0
+        self._deadline = NEVER
+        self._armed = NEVER  # when the next alarm that counts will ring
+        self._failing: asyncio.Handle | None = None  # a broken link that the session has not been told of yet
+        self._ending: RunEnded | None = None  # the run's end, while a port is being opened
+        self._heard = 0.0  # when bytes last came
+        self._late_s = 0.0  # by which the loop had been late when the session was last told something
+        self._is_gathered = False  # it waits for the other sessions
+        self._member = reactor.barrier.join(name, self)
+        self._is_told_to_end = False
+        self._is_started = False
+        self._is_ended = False
+
+    def start(self) -> None:
+        if not self._is_started:
+            self._is_started = True
+            self._resume(None)
+
+    def end(self, why: str) -> None:
+        """Throw the run's end into the session, where it stands; once."""
+        self.start()  # a session that has not begun has nothing to throw into
+        if self._is_told_to_end or self._is_ended:
+            return
+        self._is_told_to_end = True
+        self._end_with(RunEnded(why))
+
+    def _end_with(self, error: RunEnded) -> None:
+        if self._opening:
+            self._ending = error
+        else:
+            self._fail(error)
+
+    # -- the other sessions ----------------------------------------------------------------------------------------------
+
+    def heard_at(self) -> float:
+        """When bytes last came."""
+        return self._heard
+
+    def go_on(self) -> None:
+        """The other sessions are there, too."""
+        if self._is_gathered:
+            self._is_gathered = False
+            self._tell(self._now(), self._take_unasked())
+
+    def throw(self, error: RunEnded) -> None:
+        """The run does not start, or starts without this session."""
+        if not (self._is_ended or self._is_told_to_end):
+            self._end_with(error)
+
+    # -- pulling ---------------------------------------------------------------------------------------------------------
+
+    def _tell(self, now: float, data: bytes) -> None:
+        before, self._late_s = self._late_s, self._reactor.beat.late_s()
+        self._resume(Heard(now, data, self._sent, self._late_s - before))
+
+    def _resume(self, heard: Heard | None) -> None:
+        try:
+            wish = self._send(heard)  # type: ignore[arg-type]  # the first send of a generator is None
+        except StopIteration:
+            self._finish()
+        except Exception as broken:
+            self._finish(broken)
+        else:
+            self._do(wish)
+
+    def _fail(self, error: Exception) -> None:
+        self._is_gathered = False
+        if self._failing is not None:
+            self._failing.cancel()
+            self._failing = None
+        try:
+            wish = self._throw(error)
+        except StopIteration:
+            self._finish()
+        except Exception as broken:
+            self._finish(broken)
+        else:
+            self._do(wish)
+
+    def _fail_soon(self, error: LinkError) -> None:
+        """Not from within: a session that fails at once must not pile up."""
+        self._listening, self._deadline = False, NEVER
+        self._failing = self._loop.call_soon(self._fail, error)
+
+    def _do(self, wish: Wish) -> None:
+        kind = type(wish)
+        if kind is Ask:
+            self._ask(wish)  # type: ignore[arg-type]  # told by its type
+        elif kind is Listen:
+            self._await(wish.until, listening=True)  # type: ignore[union-attr]
+        elif kind is Wait:
+            self._await(wish.until, listening=False)  # type: ignore[union-attr]
+        elif kind is Gather:
+            self._listening, self._deadline, self._is_gathered = False, NEVER, True
+            self._reactor.barrier.gather(self._member, wish)  # type: ignore[arg-type]
+        else:
+            self._reopen()
+
+    def _ask(self, wish: Ask) -> None:
+        try:
+            if self._port is None:
+                raise self._broken or LinkError("the port is not open")
+            self._sent = sent = self._now()  # before writing: after it this thread may have to wait for its turn to go on
+            self._port.write(wish.data)
+        except LinkError as error:
+            self._drop_port()
+            self._fail_soon(error)
+            return
+        self._listening = True
+        self._budget.asked()
+        if not self._is_watched:
+            self._watch()
+        self._arm(sent + wish.patience_s)
+
+    def _await(self, until: float, *, listening: bool) -> None:
+        if listening and self._port is None:
+            self._fail_soon(self._broken or LinkError("the port is not open"))
+            return
+        self._listening = listening
+        if listening and self._unasked:
+            until = 0.0
+        elif not self._is_watched:
+            self._watch()
+        self._arm(until)
+
+    # -- time ------------------------------------------------------------------------------------------------------------
+
+    def _arm(self, deadline: float) -> None:
+        """Wake at `deadline`. An alarm that is set for an earlier moment is left: it sets itself again."""
+        self._deadline = deadline
+        if deadline < self._armed:
+            self._armed = deadline
+            self._reactor.wake_at(deadline, self)
+
+    def on_time(self, armed: float) -> None:
+        """An alarm rings that was set for the moment `armed`."""
+        if armed != self._armed:
+            return  # an earlier one was set since
+        self._armed = NEVER
+        now, deadline = self._now(), self._deadline
+        if now < deadline:
+            self._arm(deadline)
+            return
+        self._deadline = NEVER
+        self._listening = False
+        self._tell(now, self._take_unasked())
+
+    # -- bytes -----------------------------------------------------------------------------------------------------------
+
+    def _on_readable(self) -> None:
+        port = self._port
+        if port is None:
+            return
+        try:
+            data = port.read_now()
+        except LinkError as error:
+            self._on_broken(error)
+            return
+        if data:
+            self.on_bytes(data)
+
+    def on_bytes(self, data: bytes) -> None:
+        """Bytes came: the session's, if it listens; else they wait until it does."""
+        self._heard = now = self._now()
+        if self._budget.is_spent(len(data)):
+            self._let_rest()
+        if self._listening:
+            self._listening = False
+            self._deadline = NEVER
+            self._tell(now, data)
+        else:
+            self._unasked += data
+            if len(self._unasked) >= MOST_KEPT:
+                self._unwatch()
+
+    def _take_unasked(self) -> bytes:
+        unasked, self._unasked = self._unasked, b""
+        return unasked
+
+    def _let_rest(self) -> None:
+        """Read nothing for a while: what comes is too much to be answers."""
+        self._unwatch()
+        if self._rest is None:
+            self._rest = self._loop.call_later(REST_S, self._rested)
+
+    def _rested(self) -> None:
+        self._rest = None
+        if self._listening or len(self._unasked) < MOST_KEPT:
+            self._watch()
+
+    def _watch(self) -> None:
+        """Have the port read as soon as something comes, unless it rests."""
+        if self._is_watched or self._rest is not None or self._port is None:
+            return
+        self._is_watched = True
+        if self._pump is not None:
+            self._pump.go_on()
+        elif self._fileno is not None:
+            self._reactor.readers.add(self._fileno, self._on_readable)
+
+    def _unwatch(self) -> None:
+        if not self._is_watched:
+            return
+        self._is_watched = False
+        if self._pump is not None:
+            self._pump.rest()
+        elif self._fileno is not None:
+            self._reactor.readers.remove(self._fileno)
+
+    def _on_broken(self, error: LinkError) -> None:
+        self._drop_port()
+        self._broken = error
+        if self._listening:
+            self._listening = False
+            self._deadline = NEVER
+            self._fail(error)
+
+    # -- the port --------------------------------------------------------------------------------------------------------
+
+    def _reopen(self) -> None:
+        closing = self._drop_port()
+        self._deadline, self._listening, self._opening = NEVER, False, True
+        future = self._reactor.openers.submit(self._open_after, closing)
+        future.add_done_callback(lambda done: self._loop.call_soon_threadsafe(self._on_opened, done))
+
+    def _open_after(self, closing: Future[None] | None) -> Port:
+        """In a thread: a port is locked as long as it is open."""
+        if closing is not None:
+            closing.result()
+        return self._open_port()
+
+    def _on_opened(self, done: Future[Port]) -> None:
+        self._opening = False
+        error = done.exception()
+        if error is None:
+            self._take_port(done.result())
+        ending, self._ending = self._ending, None
+        if ending is not None:
+            self._fail(ending)
+        elif isinstance(error, LinkError):
+            self._fail(error)
+        elif error is not None:
+            self._fail(LinkError(f"opening the port failed: {error}"))
+        else:
+            self._tell(self._now(), b"")
+
+    def _take_port(self, port: Port) -> None:
+        self._port, self._broken, self._unasked = port, None, b""
+        self._fileno = port.fileno()
+        if self._fileno is None:
+            self._pump = Pump(self._loop, port, self.on_pumped)
+        self._watch()
+
+    def on_pumped(self, pump: Pump, data: bytes, error: LinkError | None) -> None:
+        """What the reading thread of a port brought; too late where the port has been closed since."""
+        if pump is not self._pump:
+            return
+        if error is not None:
+            self._on_broken(error)
+        else:
+            self.on_bytes(data)
+
+    def _drop_port(self) -> Future[None] | None:
+        """Give the port up; it is closed in a thread, for a driver may take its time."""
+        port, self._port = self._port, None
+        self._unwatch()
+        if self._rest is not None:
+            self._rest.cancel()
+            self._rest = None
+        self._fileno = None
+        if self._pump is not None:
+            self._pump.stop()
+            self._pump = None
+        return None if port is None else self._reactor.openers.submit(port.close)
+
+    def let_go(self) -> None:
+        """Give the port up, wherever the session stands."""
+        port = self._port
+        try:
+            self._drop_port()
+        except Exception:  # no thread, no memory for one
+            if port is not None:
+                port.close()
+
+    def _finish(self, broken: Exception | None = None) -> None:
+        self._is_ended = True
+        self._armed = NEVER
+        self._drop_port()
+        self._reactor.barrier.ended(self._member)
+        if broken is None:
+            self._reactor.ended(self)
+        else:
+            self._reactor.failed(self, broken)

@@ -1,0 +1,158 @@
+"""Where the sessions of a run wait for each other while it starts: none goes on to the next step before all are done with this one.
+
+One object for all sessions of a driver; what it needs of each is in `Member`. It does no I/O and never resumes a session from
+within: it asks the driver to do so. The rules:
+
+1. A step is over when each session has done it, failed at it, or was silent for `SILENT_S` while all others had done it.
+2. Where one failed the run does not start: `NotStarted` is thrown into all that did not. Up to step two that waits until the step
+   is over, so that every failure is known; in the last one, in which tools are heated, nobody waits.
+3. Where the run may go on without (`goes_on`), the others do.
+4. Once the run is to end, or the last step is over, nobody waits any more.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Final, Protocol
+
+from jbclog.core.io_requests import START_STEPS, Gather, LeftOut, NotStarted, RunEnded
+
+SILENT_S: Final = 10.0
+
+
+class Waiting(Protocol):
+    """A driver's end of one session."""
+
+    def heard_at(self) -> float:
+        """When something last came from its station (monotonic seconds); any earlier moment where nothing ever did."""
+
+    def go_on(self) -> None:
+        """Answer the session's `Gather`."""
+
+    def throw(self, error: RunEnded) -> None:
+        """Throw `error` into the session, wherever it stands."""
+
+
+class Member:
+    """One session at the barrier."""
+
+    __slots__ = ("failure", "is_out", "is_waiting", "name", "waiting")
+
+    def __init__(self, name: str, waiting: Waiting) -> None:
+        self.name = name
+        self.waiting = waiting
+        self.is_waiting = False  # it has done the step
+        self.is_out = False  # it failed, was left out, or has ended
+        self.failure = ""
+
+
+class Barrier:
+    """`now` gives the moment, `at` has something done at one, in the drivers' own loop: both in monotonic seconds."""
+
+    def __init__(self, now: Callable[[], float], at: Callable[[float, Callable[[], None]], None], *, goes_on: bool = False) -> None:
+        self._now = now
+        self._at = at
+        self._goes_on = goes_on
+        self._members: list[Member] = []
+        self._step = 1
+        self._last_done = 0.0  # when a session was last done with the step, or failed at it
+        self._is_over = False
+        self._is_armed = False
+
+    def join(self, name: str, waiting: Waiting) -> Member:
+        member = Member(name or f"session {len(self._members) + 1}", waiting)
+        self._members.append(member)
+        return member
+
+    def gather(self, member: Member, wish: Gather) -> None:
+        """`member` is done with a step, or failed at it; a session that failed does not wait for the others."""
+        if self._is_over or wish.failure:
+            self._soon(member.waiting.go_on)
+        if self._is_over:
+            return
+        self._last_done = self._now()
+        if wish.failure:
+            member.is_out, member.failure = True, wish.failure
+        else:
+            member.is_waiting = True
+        self._look()
+
+    def ended(self, member: Member) -> None:
+        """The session has ended, so nobody waits for it."""
+        member.is_out, member.is_waiting = True, False
+        if not self._is_over:
+            self._look()
+
+    def disband(self) -> None:
+        """The run is to end: nobody waits, and nobody is called off."""
+        self._is_over = True
+
+    # -- who is there ----------------------------------------------------------------------------------------------------
+
+    @property
+    def _coming(self) -> list[Member]:
+        return [one for one in self._members if not (one.is_waiting or one.is_out)]
+
+    @property
+    def _failed(self) -> list[Member]:
+        return [one for one in self._members if one.failure]
+
+    def _look(self) -> None:
+        coming = self._coming
+        if self._failed and not self._goes_on and (self._step == START_STEPS or not coming):
+            self._call_off()
+        elif coming:
+            self._arm()
+        else:
+            self._pass()
+
+    def _pass(self) -> None:
+        waiting = [one for one in self._members if one.is_waiting]
+        self._step += 1
+        self._is_over = self._step > START_STEPS
+        for one in waiting:
+            one.is_waiting = False
+            self._soon(one.waiting.go_on)
+
+    def _call_off(self) -> None:
+        self._is_over = True
+        names = ", ".join(one.name for one in self._failed)
+        for one in self._members:
+            if not one.is_out:
+                one.is_waiting = False
+                self._throw_soon(one, NotStarted(names))
+
+    # -- who is not ------------------------------------------------------------------------------------------------------
+
+    def _deadline(self) -> float | None:
+        """When those that are still coming have been silent for long enough; None where nobody is done yet."""
+        coming = self._coming
+        if not coming or not any(one.is_waiting or one.failure for one in self._members):
+            return None
+        return max(self._last_done, *(one.waiting.heard_at() for one in coming)) + SILENT_S
+
+    def _arm(self) -> None:
+        deadline = self._deadline()
+        if deadline is not None and not self._is_armed:
+            self._is_armed = True
+            self._at(deadline, self._ring)
+
+    def _ring(self) -> None:
+        self._is_armed = False
+        deadline = None if self._is_over else self._deadline()
+        if deadline is None:
+            return
+        if self._now() < deadline:
+            self._arm()
+            return
+        for one in self._coming:
+            one.is_out = True
+            one.failure = f"it was silent for {SILENT_S:g} s in step {self._step} of the start, while the others waited"
+            self._throw_soon(one, LeftOut(one.failure))
+        self._look()
+
+    def _soon(self, call: Callable[[], None]) -> None:
+        self._at(self._now(), call)
+
+    def _throw_soon(self, member: Member, error: RunEnded) -> None:
+        self._soon(lambda: member.waiting.throw(error))

@@ -1,0 +1,109 @@
+"""Joints whose number hangs on the assumptions: it is not known, the range is said, and no rule about joints is kept by it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scripted_tip import soldered
+
+from jbclog.analysis.joints import joints as finding
+from jbclog.analysis.joints.doubt import MOST_DOUBT, MOST_DOUBT_SLOW, Doubt, _same, why_not_known
+from jbclog.analysis.joints.draw import Draw
+from jbclog.analysis.joints.figure import Figure
+from jbclog.analysis.joints.joints import Found, find_joints
+from jbclog.analysis.joints.parameters import Asked
+from jbclog.analysis.joints.series import Series
+from jbclog.analysis.metrics.measures import measure_port
+
+EACH_FIVE = [(15.0 + 5 * number, 16.2 + 5 * number) for number in range(20)]
+
+
+@pytest.fixture(scope="module")
+def clear() -> Series:
+    """Joints that nothing hides."""
+    return soldered(EACH_FIVE, 120.0)
+
+
+@pytest.fixture(scope="module")
+def faint() -> Series:
+    """Every other joint takes hardly more heat than the noise hides."""
+    loud, quiet = soldered(EACH_FIVE[::2], 120.0), soldered(EACH_FIVE[1::2], 120.0, conductance=0.014, seed=2)
+    rows = loud.rows
+    cold = np.array([any(start - 0.5 <= at < start + 3.5 for start, _ in EACH_FIVE[1::2]) for at in rows.seconds])
+    temperature, power = (np.where(cold, getattr(quiet.rows, name), getattr(rows, name)) for name in ("temperature", "power"))
+    return replace(loud, rows=replace(rows, temperature=temperature, power=power))
+
+
+def figures(series: Series, asked: Asked | None = None) -> dict[str, Figure]:
+    return {one.name: one for one in measure_port(series, "tip", asked=asked).figures}
+
+
+def doubt(found: Found) -> Doubt:
+    assert found.doubt is not None
+    return found.doubt
+
+
+def test_joints_that_stand_clear_are_the_same_under_every_assumption(clear: Series) -> None:
+    found = find_joints(clear)
+    assert (found.why, len(found.joints)) == (None, 20)
+    assert doubt(found).share <= MOST_DOUBT / 4
+    assert doubt(found).least <= 20 <= doubt(found).most <= 21
+
+
+def test_joints_that_hang_on_a_limit_have_no_number_but_a_range(faint: Series) -> None:
+    found, measured = find_joints(faint), figures(faint)
+    assert doubt(found).share > 1.2 * MOST_DOUBT
+    assert doubt(found).least <= 15 < 20 <= doubt(found).most
+    assert found.joints, "they are listed all the same"
+    for name in ("joints", "joints_by_heat", "joints_not_recovered", "recovered_before_next_percent", "joint_share_percent"):
+        assert measured[name].value is None, name
+        assert f"Between {doubt(found).least} and {doubt(found).most} were found" in str(measured[name].why), name
+    assert measured["joint_dwell_s"].value is not None
+
+
+def test_what_noise_makes_of_a_low_limit_is_no_doubt() -> None:
+    """A minute of rest, a joint, and five more minutes of rest: lower limits find noise, as often upside down."""
+    found = find_joints(soldered([(70.0, 71.2)], 370.0, noise_c=0.5))
+    assert (len(found.joints), found.why) == (1, None)
+
+
+def test_the_range_of_a_long_record_is_that_of_its_windows_on_the_whole() -> None:
+    text = why_not_known(Doubt(0.2, 45, 60, 50), 1000, 0.1)
+    assert text is not None
+    assert text.startswith("Between 900 and 1200 were found")
+    assert "20 % of them come or go, 3 % are allowed" in text
+    some = Doubt((MOST_DOUBT + MOST_DOUBT_SLOW) / 2, 45, 60, 50)
+    assert why_not_known(some, 50, 0.1) is None
+    assert why_not_known(some, 50, 0.5) is not None, "slow rates show less"
+    none = Doubt(0.0, 0, 0, 0)
+    assert why_not_known(none, 0, 0.1) is None
+    assert "readings 0.5 s apart do not show" in str(why_not_known(none, 0, 0.5))
+
+
+def test_a_long_contact_at_a_slow_rate_may_be_several() -> None:
+    drags = [(20.0 + 30 * number, 32.0 + 30 * number) for number in range(5)]
+    slow, fast = (find_joints(soldered(drags, 170.0, hz=hz)) for hz in (2.0, 10.0))
+    assert len(slow.joints) == 5
+    assert doubt(slow).share >= 1 > 0.1 > doubt(fast).share
+
+
+def test_a_feeder_that_decides_needs_no_number_by_heat(faint: Series, monkeypatch: pytest.MonkeyPatch) -> None:
+    at = faint.seconds
+    fed = replace(faint, feeding=((at % 5 >= 0.3) & (at % 5 < 0.9) & (at > 15) & (at < 115)).astype(float))
+    found = find_joints(fed, Asked(wire_decides=True))
+    assert (found.by_wire, found.why, len(found.joints)) == (True, None, 20)
+    assert found.number_why is not None, "of heat alone"
+    monkeypatch.setattr(finding, "why_not_known", lambda *_: None)
+    assert find_joints(fed, Asked(wire_decides=True)).number_why is None
+
+
+def test_draws_are_the_same_where_they_overlap_for_half_of_the_shorter() -> None:
+    def draws(*spans: tuple[float, float]) -> list[Draw]:
+        return [Draw(start, end, end - start, 100.0, 300.0, 1, 0.9) for start, end in spans]
+
+    assert _same(draws((1, 2), (5, 6)), draws((1.4, 2.4), (5.6, 6.6))) == 1
+    assert _same(draws((1, 4)), draws((1, 2), (3, 4))) == 1
+    assert _same(draws((1, 2), (3, 4)), draws((1, 4))) == 1
+    assert _same(draws(), draws((1, 4))) == 0

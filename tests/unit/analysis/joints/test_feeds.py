@@ -1,0 +1,172 @@
+"""The feeder as a witness: feeds seen in the motor's state, feeds counted between two readings, and what both make of draws."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from made_series import Floats, joints_at, made, rest
+from scripted_tip import soldered
+
+from jbclog.analysis.joints.feed_events import feed_events
+from jbclog.analysis.joints.feeds import feeds_of
+from jbclog.analysis.joints.figure import Figure
+from jbclog.analysis.joints.joints import Found, find_joints
+from jbclog.analysis.joints.parameters import Asked
+from jbclog.analysis.joints.port_rows import cycles_of
+from jbclog.analysis.joints.series import Cycles, Series
+from jbclog.analysis.metrics.measures import measure_port
+
+STARTS = [10.0 + 6 * number for number in range(18)]  # joints of 1.5 s
+FEEDS = [(start + 0.3, start + 0.9) for start in STARTS]
+
+
+def fed(seen: Sequence[tuple[float, float]], counted: Sequence[float] | None = None, starts: Sequence[float] = STARTS) -> Series:
+    """Joints at `starts` with these feeds."""
+    return witnessed(made(120, *joints_at(starts)), seen, counted)
+
+
+def witnessed(series: Series, seen: Sequence[tuple[float, float]], counted: Sequence[float] | None) -> Series:
+    """The motor is seen pushing in `seen`, and the counter, read each 2 s, grows at each moment of `counted`."""
+    at = series.seconds
+    motor = sum((((at >= start) & (at < end)).astype(float) for start, end in seen), np.zeros(len(at)))
+    read = np.arange(0.7, at[-1], 2.0)
+    cycles = None if counted is None else Cycles(read, 40.0 + np.searchsorted(np.sort(counted), read, side="right"))
+    return replace(series, feeding=motor, cycles=cycles)
+
+
+def figures(series: Series) -> dict[str, Figure]:
+    return {one.name: one for one in measure_port(series, "tip").figures}
+
+
+def counts(found: Found) -> tuple[int, int | None, int, int]:
+    seen = found.witnessed
+    assert seen is not None
+    return seen.feeds, seen.counted, seen.feeds_without_draw, seen.draws_without_feed
+
+
+# -- what is known of feeds ---------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("side", [0, 1])
+def test_a_feed_that_was_seen_and_counted_is_one_whether_it_counts_as_it_begins_or_as_it_ends(side: int) -> None:
+    events = feed_events(fed(FEEDS, [feed[side] for feed in FEEDS]))
+    assert events is not None
+    assert (len(events.seen), events.counted_only, events.counted, events.number) == (18, [], 18, 18)
+
+
+def test_a_feed_that_was_not_seen_lies_between_two_readings_of_the_counter() -> None:
+    events = feed_events(fed([*FEEDS[:4], *FEEDS[5:]], [end for _, end in FEEDS]))
+    assert events is not None
+    (one,) = events.counted_only
+    assert (one.feeds, one.end_s - one.start_s) == (1, pytest.approx(2.3))
+    assert one.start_s < FEEDS[4][1] <= one.end_s
+
+
+def test_several_pushes_of_one_cycle_are_one_feed() -> None:
+    twice = [push for start, end in FEEDS for push in ((start, start + 0.2), (end, end + 0.2))]
+    events = feed_events(fed(twice, [end for _, end in FEEDS]))
+    assert events is not None
+    assert (len(events.seen), events.number) == (18, 18)
+    alone = feed_events(fed(twice))
+    assert alone is not None
+    assert alone.number == 36, "without the counter nobody knows"
+
+
+def test_a_counter_that_was_reset_tells_nothing_of_that_time() -> None:
+    series = fed([], [end for _, end in FEEDS])
+    assert series.cycles is not None
+    counted = np.where(series.cycles.seconds > 60, series.cycles.counted - 45, series.cycles.counted)
+    events = feed_events(replace(series, cycles=Cycles(series.cycles.seconds, counted)))
+    assert events is not None
+    assert events.is_counted(10, 50)
+    assert events.is_counted(70, 100)
+    assert not events.is_counted(50, 70)
+    assert events.counted in (17, 18)
+
+
+def test_counts_stand_on_the_grid_of_the_rows_also_where_the_clock_was_stepped() -> None:
+    seconds: Floats = np.arange(100) / 10
+    rows_us = (1_790_000_000_000_000 + 1e6 * seconds + np.where(seconds >= 5, 3600e6, 0)).astype(np.int64)
+    at = rows_us[[20, 70]]
+    placed = cycles_of(np.array([rows_us[0] - 500_000, *at, rows_us[-1] + 400_000]), np.arange(4.0), rows_us, seconds)
+    assert placed.seconds == pytest.approx([-0.5, 2.0, 7.0, 10.3])
+
+
+# -- feeds and draws ----------------------------------------------------------------------------------------------------------
+
+
+def test_a_counted_feed_without_a_draw_is_a_joint_somewhere_between_two_readings() -> None:
+    found = find_joints(fed([], [4.0, *(end for _, end in FEEDS)]))
+    alone, *others = found.joints
+    assert alone.start_s <= 4.0 <= alone.end_s
+    assert alone.end_s - alone.start_s < 2.5
+    assert (alone.heat, alone.dwell_s, alone.kind, alone.confidence < 0.5) == (None, None, "not known", True)
+    assert [joint.start_s for joint in others] == pytest.approx(STARTS, abs=0.15)
+    assert all(joint.fed and joint.kind == "joint" for joint in others)
+    assert counts(found) == (19, 19, 1, 0)
+
+
+def test_a_draw_of_which_the_counter_says_that_it_had_no_feed_is_told() -> None:
+    found = find_joints(fed([], [end for _, end in (*FEEDS[:7], *FEEDS[8:])]))
+    assert [number for number, joint in enumerate(found.joints) if joint.fed is False] == [7]
+    assert found.joints[7].kind == "not known"
+    assert counts(found) == (17, 17, 0, 1)
+
+
+def test_two_feeds_in_one_draw_are_two_joints_cut_where_the_flow_is_lowest() -> None:
+    contacts = [(start, start + 1.0) for start in (15.0, 17.0, 19.0, 21.0, 22.5, 24.5, 26.5)]
+    asked, feeds = Asked(merge_gap_s=0.8), [(start + 0.2, start + 0.6) for start, _ in contacts]
+    series = soldered(contacts, 40.0)
+    assert len(find_joints(series, asked).joints) == 6
+    found = find_joints(witnessed(series, feeds, [end for _, end in feeds]), asked)
+    parts = [joint for joint in found.joints if joint.draw.cut_by_feeds]
+    assert (len(found.joints), len(found.by_heat)) == (7, 6)
+    assert [joint.start_s for joint in parts] == pytest.approx([21.0, 22.3], abs=0.25)
+    assert all(joint.confidence <= 0.5 and joint.kind == "joint" for joint in parts)
+
+
+def test_a_drag_in_which_wire_is_pushed_again_and_again_is_one() -> None:
+    """Its flow does not fall between the pushes."""
+    drags = [15.0 + 12 * number for number in range(5)]
+    series = soldered([(start, start + 5.0) for start in drags], 75.0, leak=0.4)
+    pushes = [(start + more, start + more + 0.4) for start in drags for more in (0.5, 2.0, 3.5)]
+    found = find_joints(witnessed(series, pushes, None))
+    assert [joint.start_s for joint in found.joints] == pytest.approx(drags, abs=0.2)
+    assert [joint.end_s for joint in found.joints] == pytest.approx([start + 5.0 for start in drags], abs=0.3)
+
+
+def test_feeds_of_a_tool_that_rests_are_no_joints() -> None:
+    series = rest(fed([(4.0, 4.6), *FEEDS], [4.6, *(end for _, end in FEEDS)]), (3.0, 6.0))
+    found = find_joints(series)
+    assert (len(found.joints), counts(found)[2]) == (18, 1)
+
+
+def test_a_joint_that_a_feed_follows_before_the_tip_is_back_is_cut_off_not_late() -> None:
+    found = find_joints(fed([*FEEDS, (12.2, 12.5)], [*(end for _, end in FEEDS), 12.5]))
+    first = found.joints[0]
+    assert (first.recovered, first.recovery_s) == (None, None)
+    assert "feed" in str(first.why)
+
+
+def test_where_heat_cannot_tell_the_feeder_does_and_that_is_said() -> None:
+    rng = np.random.default_rng(3)
+    series = made(120, lambda at: 350 + rng.integers(-40, 40, len(at)), lambda at: rng.integers(0, 1000, len(at)).astype(float))
+    assert find_joints(series).why is not None
+    found = figures(witnessed(series, FEEDS, [end for _, end in FEEDS]))
+    assert (found["joints"].value, found["joints_fed_alone"].value, found["joints_by_feeder"].value) == (18, 18, 18)
+    assert found["joints_by_heat"].value is None
+    assert found["recovery_s"].value is None
+    asked = find_joints(witnessed(series, FEEDS, None), Asked(wire_decides=False))
+    assert (asked.joints, asked.why) == ([], asked.heat_why)
+
+
+def test_joints_are_held_against_the_counter_by_heat_alone() -> None:
+    """Half of the feeds have no draw; that the feeder made joints of them keeps no limit."""
+    series = fed([], [end for _, end in FEEDS], STARTS[::2])
+    found = find_joints(series, Asked(wire_decides=True))
+    assert len(found.joints) == 18
+    against = feeds_of(series, found.by_heat)
+    assert (against.found, against.counted) == (9, 18)

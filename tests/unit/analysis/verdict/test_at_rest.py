@@ -1,0 +1,98 @@
+"""Which readings are at rest, on a plant whose idle error is zero: between joints that come fast, slowly, and with breaks."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+import second_plant as plant
+from second_plant import BOARD_C, Contact, Script, Trial, Truth, plants_of, simulate
+
+from jbclog.analysis.verdict.idle import Block, Floats, idle_readings
+
+SEEDS = tuple(range(71_001, 71_005))
+SECONDS, SET_C, FIRST_S = 240.0, 350.0, 20.0
+
+
+def worked(seed: int, dwell_s: float, pause_s: float, break_s: float = 0.0) -> Script:
+    """A joint after the other with the same pause; after every tenth a break, where there is one."""
+    rng, script, now, number = np.random.default_rng([seed, 9]), Script(), FIRST_S, 0
+    script.settings.append((0.0, SET_C))
+    while now < SECONDS - 3:
+        size = rng.uniform(0.8, 1.2, 3)
+        script.contacts.append(Contact(now, now + dwell_s, 0.35 * size[0], 0.12 * size[1], 0.06 * size[2], BOARD_C))
+        script.truths.append(Truth(now, now + dwell_s, "medium"))
+        number += 1
+        now += dwell_s + pause_s + (break_s if number % 10 == 0 else 0.0)
+    return script
+
+
+@cache
+def trials(dwell_s: float, pause_s: float, break_s: float, hz: float) -> list[Trial]:
+    plants, scripts = plants_of(SEEDS), [worked(seed, dwell_s, pause_s, break_s) for seed in SEEDS]
+    seen = simulate(plants, scripts, round(SECONDS / plant.STEP_S))
+    return [plant._recorded(plants, scripts[row], seen, row, seed, hz) for row, seed in enumerate(SEEDS)]
+
+
+def readings(trial: Trial, hz: float, rules: int = 3) -> Floats:
+    block = Block(trial.seconds, trial.temperature, trial.power, trial.setting, trial.working)
+    return idle_readings(block, 1 / hz, rules)[1]
+
+
+BUSY = [(0.8, 1.0), (2.0, 1.2), (1.0, 3.0)]
+WITH_REST = [(1.0, 12.0, 0.0), (1.0, 30.0, 0.0), (0.8, 1.0, 30.0)]
+rates = pytest.mark.parametrize("hz", [10.0, 2.0])
+
+
+@rates
+@pytest.mark.parametrize(("dwell_s", "pause_s"), BUSY)
+def test_a_line_that_never_rests_has_no_idle_error(dwell_s: float, pause_s: float, hz: float) -> None:
+    assert [len(readings(trial, hz)) for trial in trials(dwell_s, pause_s, 0.0, hz)] == [0] * len(SEEDS)
+
+
+@rates
+def test_rules_2_took_the_tail_of_recovery_for_rest(hz: float) -> None:
+    """What the test above is there for."""
+    assert max(abs(readings(trial, hz, rules=2).mean()) for trial in trials(1.0, 3.0, 0.0, hz)) > 1.5
+
+
+@rates
+@pytest.mark.parametrize(("dwell_s", "pause_s", "break_s"), WITH_REST)
+def test_where_it_rests_the_error_is_that_of_the_rest(dwell_s: float, pause_s: float, break_s: float, hz: float) -> None:
+    for trial in trials(dwell_s, pause_s, break_s, hz):
+        found = readings(trial, hz)
+        assert len(found) / hz > 30
+        assert abs(found.mean()) < 0.25
+        assert found.std() < 0.9
+
+
+@rates
+def test_joints_that_leave_hardly_time_to_recover_give_the_true_error_or_none(hz: float) -> None:
+    """Eight seconds from joint to joint: some of these tips are back for a moment, and some are not."""
+    for trial in trials(1.0, 7.0, 0.0, hz):
+        found = readings(trial, hz)
+        assert not len(found) or abs(found.mean()) < 0.35
+
+
+def test_what_the_tip_does_in_its_own_time_stays_in() -> None:
+    """A slow swing of 3 °C while nothing is soldered is the tip's spread, not the tail of anything."""
+    at = np.arange(6000) / 10
+    temperature = np.round(350 + 3 * np.sin(2 * np.pi * at / 45))
+    power = np.full(len(at), 100.0)
+    for start in range(60, 600, 90):  # a joint now and then, whose recovery lasts 2 s
+        here = (at >= start) & (at < start + 1.5)
+        power[here], temperature[here] = 600.0, temperature[here] - 15
+        after = (at >= start + 1.5) & (at < start + 3.5)
+        temperature[after] -= np.round(15 * np.exp(-(at[after] - start - 1.5)))
+    block = Block(at, temperature, power, np.full(len(at), 350.0), np.ones(len(at), dtype=np.bool_))
+    found = idle_readings(block, 0.1)[1]
+    assert len(found) > 4500
+    assert found.std() == pytest.approx(3 / np.sqrt(2), rel=0.1)
+    assert abs(found.mean()) < 0.3
+
+
+def test_power_that_is_all_there_is_is_no_rest() -> None:
+    at = np.arange(600) / 10
+    block = Block(at, np.full(600, 300.0), np.full(600, 1000.0), np.full(600, 350.0), np.ones(600, dtype=np.bool_))
+    assert not len(idle_readings(block, 0.1)[1])

@@ -1,0 +1,108 @@
+"""Coverage and the longest gap, counted from sealed samples whatever their order and parts."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from jbclog.analysis.verdict import Limits, judge
+from jbclog.analysis.verdict.samples import measure
+
+
+def gap(case: Any, port: int = 1) -> float | None:
+    evidence = case.evidence()
+    return measure(evidence.folder, {facts.name: facts for facts in evidence.stations})["a", port].gap_s
+
+
+def test_no_gap_is_zero(case: Any, tip: Callable[..., Any]) -> None:
+    case.station("a", tip())
+    assert gap(case) == 0
+
+
+@pytest.mark.parametrize("start", [0, 20, 57])
+def test_a_gap_counts_at_the_beginning_in_the_middle_and_at_the_end(case: Any, tip: Callable[..., Any], start: float) -> None:
+    case.station("a", tip().lose(start, 3))
+    assert gap(case) == 3
+
+
+def test_one_lost_reading_is_one_period(case: Any, tip: Callable[..., Any]) -> None:
+    case.station("a", tip().lose(20, 0.1))
+    assert gap(case) == 0.1
+
+
+def test_skipped_ticks_have_no_rows_and_count_in_both(case: Any, tip: Callable[..., Any]) -> None:
+    facts = case.station("a", tip(), skipped=60)
+    assert gap(case) == 6  # at the end: last_tick says that they were due
+    assert facts.last_tick == 659
+    coverage = next(rule for rule in judge(case.evidence(), {"a": Limits(coverage_percent=95)}).rules if rule.name == "coverage")
+    assert coverage.observed == pytest.approx(100 * 600 / 660)
+    assert coverage.result == "missing"
+
+
+def test_a_gap_between_two_parts_and_in_interleaved_rows(case: Any, tip: Callable[..., Any]) -> None:
+    facts = case.station("a", tip(), tip().lose(55, 5))
+    case.seal([("a", 1, tip()), ("a", 2, tip().lose(0, 2))], first_tick=600)
+    facts.last_tick = 1199
+    assert gap(case, 1) == 0
+    assert gap(case, 2) == 7
+
+
+def test_small_batches_measure_the_same(case: Any, tip: Callable[..., Any], monkeypatch: pytest.MonkeyPatch) -> None:
+    case.station("a", tip(1300).lose(601, 4).at(30, 2, 320, 700), tip(1300).lose(3, 9))
+    facts = {one.name: one for one in case.stations}
+    whole = measure(case.folder, facts)
+    monkeypatch.setattr("jbclog.analysis.verdict.samples.BATCH_ROWS", 97)
+    pieces = measure(case.folder, facts)
+    for port in (1, 2):
+        assert pieces["a", port].gap_s == whole["a", port].gap_s
+        assert pieces["a", port].idle == whole["a", port].idle
+        assert pieces["a", port].readings == whole["a", port].readings
+
+
+def test_without_a_grid_the_gap_is_taken_from_the_times(case: Any, tip: Callable[..., Any]) -> None:
+    facts = case.station("a", tip().lose(20, 3))
+    facts.period_s = facts.first_tick = facts.last_tick = None
+    assert gap(case) == pytest.approx(3.1, abs=1e-6)
+
+
+def test_a_port_that_never_gave_a_temperature_has_no_gap_to_tell(case: Any, tip: Callable[..., Any]) -> None:
+    case.station("a", tip().lose(0, 60))
+    assert gap(case) is None
+    rules = {rule.name: rule for rule in judge(case.evidence(), {"a": Limits(longest_gap_s=5, coverage_percent=0)}).rules}
+    assert rules["longest_gap"].result == "missing"
+
+
+@pytest.mark.parametrize(("ok", "shown", "result"), [(99_499, "99.49 %", "fail"), (99_500, "99.5 %", "pass")])
+def test_coverage_is_never_rounded_up_to_its_limit(case: Any, tip: Callable[..., Any], ok: int, shown: str, result: str) -> None:
+    case.station("a", tip(100_000, hz=1).lose(0, 100_000 - ok))
+    coverage = next(rule for rule in judge(case.evidence(), {"a": Limits(coverage_percent=99.5)}).rules if rule.name == "coverage")
+    assert coverage.result == result
+    assert shown in coverage.text
+
+
+@pytest.mark.parametrize("batch", [16_384, 97])
+@pytest.mark.parametrize("sizes", [(3600.0,), (-3600.0,), (3600.0, -7200.0), (-0.8, 30.0), (2.0,)])
+def test_without_a_grid_a_stepped_clock_is_no_gap(
+    case: Any, tip: Callable[..., Any], monkeypatch: pytest.MonkeyPatch, sizes: tuple[float, ...], batch: int
+) -> None:
+    """Steps at 20 s and 40 s; at 30 s half a second is lost, which is a gap of 0.6 s between two readings."""
+    monkeypatch.setattr("jbclog.analysis.verdict.samples.BATCH_ROWS", batch)
+    facts = case.station("a", tip().lose(30, 0.5), tip().lose(30, 0.5))
+    facts.period_s = None
+    path = case.folder / "samples" / "part-0000.parquet"
+    table = pq.read_table(path)
+    times, sum_us = table["time"].cast("int64").to_numpy().copy(), 0
+    zero = int(times[0])
+    for second, size in zip((20, 40), sizes, strict=False):
+        place = 2 * 10 * second  # two ports
+        sum_us += round(size * 1e6)
+        times[place:] += round(size * 1e6)
+        told = zero + round((second + 0.03) * 1e6) + sum_us
+        case.event("clock.step", "warning", time=told, value=size)
+    pq.write_table(table.set_column(0, "time", pa.array(times, pa.timestamp("us", tz="UTC"))), path)
+    assert gap(case) == pytest.approx(0.6)
+    assert gap(case, 2) == pytest.approx(0.6)

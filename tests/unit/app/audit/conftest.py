@@ -1,0 +1,29 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from audit_bench import MakeBench, See, wanted
+from by_hand import Bench
+
+from jbclog.app import connection
+from jbclog.app.audit import survey
+from jbclog.maintenance.counter_totals.observed import Observation
+
+
+@pytest.fixture
+def see(monkeypatch: pytest.MonkeyPatch) -> See:
+    monkeypatch.setattr(survey, "run_that_holds", lambda url: None)
+
+    def seen(bench: Bench) -> dict[str, Observation]:
+        monkeypatch.setattr(connection, "means", bench.means)
+        found: list[Observation] = []
+        survey.Looking(at_once=1).all(wanted(bench), found.append)  # one clock for all of them
+        return {one.station: one for one in found}
+
+    return seen
+
+
+@pytest.fixture
+def bench(tmp_path: Path) -> MakeBench:
+    return lambda *stations: Bench(tmp_path, *stations)

@@ -1,0 +1,185 @@
+"""Errors that runs saw are counted once, whatever runs and audits there are; tips that were verified count as done."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+import pytest
+
+from jbclog.app.audit.past_runs import LAG, PastRuns, past_runs
+from jbclog.core.rows import EventRow, Severity, StationFacts
+from jbclog.maintenance.counter_totals.observed import Errors, Observation
+from jbclog.maintenance.station_errors import counted_until
+from jbclog.record.conclude import conclude
+from jbclog.record.live import LiveStore
+from jbclog.record.manifest import LineFile, Manifest, write_manifest
+from jbclog.record.seal import seal_rows
+
+NOW = datetime(2026, 11, 21, 6, 0, tzinfo=UTC)
+FACTS = [StationFacts(name, f"/dev/{name}", "dde", "DDE", "1", ports=[1], tools={}) for name in ("dde-1", "dde-2")]
+PLACE = ("hall", "dde-1")
+
+
+def iso(hours: float) -> str:
+    """So many hours after `NOW`, as the ledger has it."""
+    return (NOW + timedelta(hours=hours)).isoformat(timespec="milliseconds")
+
+
+@dataclass(eq=False)
+class Recorded:
+    """A run that begins at `begin`; events at hours after `NOW`."""
+
+    folder: Path
+    manifest: Manifest
+    store: LiveStore
+
+    def say(self, *events: tuple[float, str], station: str = "dde-1", severity: Severity = Severity.ERROR) -> None:
+        for hours, kind in events:
+            time = int((NOW + timedelta(hours=hours)).timestamp() * 1e6)
+            self.store.event(EventRow(time, kind, severity, "it happened", station, 1))
+        self.store.commit_now()
+
+    def end(self, hours: float) -> None:
+        """It ends, and is sealed."""
+        self.store.close()
+        self.manifest.ended, self.manifest.exit_status = iso(hours), "success"
+        seal_rows(self.folder)
+        conclude(self.folder, self.manifest, self.store.lock)
+        GO_ON.remove(self)
+
+
+GO_ON: list[Recorded] = []
+
+
+@pytest.fixture(autouse=True)
+def _let_go() -> Iterator[None]:
+    """A run that goes on is seen by all tests of this process: at the end of each, none does."""
+    yield
+    for one in GO_ON:
+        one.store.close()
+        one.store.release()
+    GO_ON.clear()
+
+
+def run(out: Path, begin: float, line: str = "hall") -> Recorded:
+    folder = out / f"{(NOW + timedelta(hours=begin)).strftime('%Y%m%dT%H%M%SZ')}-{line}-abcd"
+    folder.mkdir(parents=True)
+    manifest = Manifest(folder.name, started=iso(begin), line=LineFile(line, "line.toml", "0" * 64), stations=FACTS)
+    write_manifest(folder, manifest)
+    store = LiveStore(folder, seal_every_s=None)
+    store.start()
+    GO_ON.append(Recorded(folder, manifest, store))
+    return GO_ON[-1]
+
+
+def look(hours: float, source: str = "wire", **errors: object) -> Observation:
+    told = Errors(**errors)  # type: ignore[arg-type]  # test helper
+    return Observation(iso(hours), iso(hours), *PLACE, "/dev/dde-1", True, source=source, errors=told)
+
+
+@dataclass
+class Ledger:
+    """Looks at one station, each counting from where those before ended."""
+
+    out: Path
+    looks: list[Observation]
+
+    def audit(self, hours: float, source: str = "wire", **errors: object) -> dict[str, int] | None:
+        since = counted_until(self.looks, iso(hours))
+        past = past_runs(self.out, {} if since is None else {PLACE: since}, iso(hours))
+        assert past.trouble == []
+        self.looks.append(past.with_errors(look(hours, source, **errors)))
+        return self.looks[-1].errors.events
+
+
+@pytest.fixture
+def ledger(tmp_path: Path) -> Ledger:
+    (tmp_path / "runs").mkdir()
+    return Ledger(tmp_path / "runs", [look(-24)])
+
+
+def test_an_error_of_a_run_counts_once(ledger: Ledger) -> None:
+    one = run(ledger.out, -5)
+    one.say((-4, "port.error"), (-3, "port.error"), (-3, "station.error"), (-2, "alarm.high"))
+    one.say((-3, "port.state"), severity=Severity.WARNING)
+    one.say((-3, "port.error"), station="dde-2")
+    one.end(-1)
+    assert ledger.audit(0) == {"alarm.high": 1, "port.error": 2, "station.error": 1}
+    assert ledger.audit(0.01) is None  # no run since: nobody can tell
+    assert ledger.audit(24) is None
+
+
+def test_a_run_over_several_audits_counts_part_by_part(ledger: Ledger) -> None:
+    one = run(ledger.out, -30)
+    one.say((-29, "port.error"), (-20, "port.error"))
+    assert ledger.audit(0) == {"port.error": 1}  # the first was before the look a day ago
+    one.say((-LAG.total_seconds() / 7200, "station.error"), (1, "port.error"))  # half the lag before the audit, told afterwards
+    assert ledger.audit(24) == {"port.error": 1, "station.error": 1}
+    assert ledger.audit(48) == {}
+    one.say((49, "port.error"))
+    one.end(50)
+    assert ledger.audit(72) == {"port.error": 1}
+    assert ledger.audit(96) is None
+
+
+def test_runs_of_other_lines_and_of_before_are_none_of_it(ledger: Ledger) -> None:
+    for one, end in ((run(ledger.out, -4, "other"), -1), (run(ledger.out, -60), -50)):
+        one.say((-3, "port.error"))
+        one.end(end)
+    assert ledger.audit(0) is None
+
+
+def test_the_run_that_has_the_station_counts_once_whether_it_is_of_the_folder_or_not(ledger: Ledger) -> None:
+    one = run(ledger.out, -4)
+    one.say((-3, "port.error"))
+    assert ledger.audit(0, f"run:{one.folder}", events={"port.error": 1}) == {"port.error": 1}
+    one.end(0.5)
+    assert ledger.audit(1, "run:/elsewhere/run", events={"port.error": 4}) == {"port.error": 4}
+
+
+def test_the_first_look_and_one_that_saw_nothing_count_nothing(ledger: Ledger) -> None:
+    one = run(ledger.out, -5)
+    one.say((-4, "port.error"))
+    one.end(-1)
+    ledger.looks.clear()
+    assert ledger.audit(0) is None
+    unseen = replace(look(1), seen=False)
+    assert past_runs(ledger.out, {PLACE: iso(-24)}, iso(1)).with_errors(unseen) == unseen
+
+
+def test_a_clock_set_back_counts_nothing_twice_and_one_that_was_years_ahead_does_not_blind(ledger: Ledger) -> None:
+    one = run(ledger.out, -5)
+    one.say((-4, "port.error"))
+    assert ledger.audit(0) == {"port.error": 1}
+    assert not ledger.audit(-1)
+    one.say((1, "port.error"))
+    assert ledger.audit(2) == {"port.error": 1}
+    ledger.audit(24 * 3650)
+    one.say((3, "station.error"))
+    assert ledger.audit(24) == {"station.error": 1}
+
+
+def test_a_folder_that_is_not_there_leaves_its_errors_to_the_next_audit(ledger: Ledger) -> None:
+    one = run(ledger.out, -5)
+    one.say((-4, "port.error"))
+    gone = past_runs(ledger.out / "gone", {PLACE: iso(-24)}, iso(0))
+    assert "there is no such folder of runs; errors since last time were not counted, and will be by the next" in gone.trouble[0]
+    ledger.looks.append(gone.with_errors(look(0)))
+    assert ledger.audit(1) == {"port.error": 1}
+
+
+def test_a_run_that_cannot_be_read_is_told_and_takes_no_other_with_it(ledger: Ledger) -> None:
+    one = run(ledger.out, -5)
+    one.say((-4, "port.error"))
+    (run(ledger.out, -4).folder / "manifest.json").write_text("{", encoding="utf-8")
+    past = past_runs(ledger.out, {PLACE: iso(-24)}, iso(0))
+    assert ["its manifest cannot be read" in text for text in past.trouble] == [True]
+    assert past.events[PLACE] == {"port.error": 1}
+
+
+def test_without_a_folder_nothing_changes() -> None:
+    seen = look(0, events={"port.error": 1})
+    assert PastRuns().with_errors(seen) == seen

@@ -1,0 +1,151 @@
+"""A file that may be anybody's is opened in one place (`jbclog/core/foreign`): a bare read anywhere else is found here.
+
+Ruff's banned-api knows names of modules and not methods such as `Path.read_bytes`, so this looks at the syntax tree itself.
+"""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from syntax import parsed
+
+import jbclog
+
+PACKAGE = Path(jbclog.__file__).parent
+HOME = ("core", "foreign")
+
+READS = {"read_bytes", "read_text", "readlines"}  # methods of a path
+LOOPS = {"resolve"}  # in Python 3.11 it raises RuntimeError where a link leads to itself; os.path.realpath does not
+FUNCTIONS = {
+    *("ParquetFile", "ParquetDataset", "read_table", "read_schema", "read_metadata", "read_parquet", "read_csv"),
+    *("memory_map", "mmap", "fromfile", "loadtxt", "genfromtxt", "OSFile"),
+}
+WHOLE_NAMES = {
+    *("sqlite3.connect", "pd.read_json"),
+    *("json.load", "tomllib.load", "np.load", "pickle.load", "shutil.copy", "shutil.copyfile"),
+}
+
+ALLOWED = {
+    "cli/demo.py:read_text": "files of this package",
+    "report/page.py:read_text": "files of this package",
+    "cli/streams.py:open": "the three streams by their numbers, and the null device",
+    "cli/streams.py:os.open": "the null device",
+    "guard/messages.py:os.open": "the null device",
+    "guard/action_log.py:os.open": "the diary that this guard has written, to cut its end off",
+    "app/doctor/ports.py:read_text": "the kernel's own, below /sys",
+    "transport/holder.py:read_text": "the kernel's own, below /proc",
+    "core/folder_lock.py:read_text": "the kernel's own, below /proc",
+    "transport/typed_lines.py:open": "a source of units, which is a pipe or a device by its nature; it is polled",
+    "record/capture_blocks.py:mmap": "of a file that `open_foreign` opened",
+    "core/durable_files.py:os.open": "what this process has just written, to sync it",
+    "record/capture.py:open": "looked at by `expect_regular` in the line before",
+    "core/chained_lines.py:os.open": "to add a line; looked at by `expect_opened`",
+    "record/parts.py:ParquetFile": "the part that was written the moment before, to compare it",
+    "core/file_lock.py:os.open": "looked at by `expect_regular` in the line before; nothing is read",
+    "sim/links.py:os.open": "a pseudo terminal of a virtual station",
+    "record/guard_actions.py:os.open": "read through `read_foreign` before",
+    "config/load_recipe.py:read_text": "the function of `config/toml_reader.py`, which reads through `read_foreign`",
+    "config/line.py:read_text": "the same",
+    "config/tasks_file.py:read_text": "the same",
+    "config/jobs_file.py:read_text": "the same",
+    "config/line.py:read_table": "a table of TOML",
+    "config/load_recipe.py:read_table": "a table of TOML",
+    "config/tasks_file.py:read_table": "a table of TOML",
+    "config/jobs_file.py:read_table": "a table of TOML",
+}
+"""File and call -> why it is no read of a foreign file."""
+
+
+def bare_reads(path: Path) -> Iterator[tuple[int, str]]:
+    """Line and name of each call in a file that reads from what may be anybody's."""
+    for node in ast.walk(parsed(path)):
+        if isinstance(node, ast.Call) and (name := _read(node)) is not None:
+            yield node.lineno, name
+
+
+def _read(call: ast.Call) -> str | None:
+    whole, last = ast.unparse(call.func), ast.unparse(call.func).rpartition(".")[2]
+    if whole in WHOLE_NAMES or last in FUNCTIONS:
+        return whole if whole in WHOLE_NAMES else last
+    if last in LOOPS and not call.args:
+        return last
+    if last in READS and whole != "self.read":
+        return last
+    if whole == "os.open":
+        return None if any(flag in ast.unparse(call) for flag in ("O_CREAT", "FLAGS", "O_DIRECTORY")) else whole
+    is_open = whole == "open" or (last == "open" and (not call.args or _is_mode(call.args[0])) and _is_file_mode(call))
+    return "open" if is_open and not _writes(call) else None
+
+
+def _is_mode(argument: ast.expr) -> bool:
+    return isinstance(argument, ast.Constant) and isinstance(argument.value, str) and set(argument.value) <= set("rwxab+t")
+
+
+def _is_file_mode(call: ast.Call) -> bool:
+    """A path's `open`, with a mode or none; a port's and a store's are others."""
+    return bool(call.args) or any(one.arg in ("mode", "encoding") for one in call.keywords)
+
+
+def _writes(call: ast.Call) -> bool:
+    place = 1 if ast.unparse(call.func) == "open" else 0
+    mode = call.args[place] if len(call.args) > place else None
+    return isinstance(mode, ast.Constant) and isinstance(mode.value, str) and set(mode.value) & set("wxa") != set()
+
+
+def found_below(package: Path) -> dict[str, str]:
+    """``FILE:CALL`` of each read outside of the one room, and where it stands."""
+    files = (path for path in sorted(package.rglob("*.py")) if path.relative_to(package).parts[:2] != HOME)
+    return {
+        f"{path.relative_to(package).as_posix()}:{name}": f"{path.relative_to(package).as_posix()}:{line}"
+        for path in files
+        for line, name in bare_reads(path)
+    }
+
+
+def test_nothing_is_read_but_through_the_one_room() -> None:
+    found = found_below(PACKAGE)
+    assert {place for call, place in found.items() if call not in ALLOWED} == set(), "use jbclog.core.foreign"
+
+
+def test_every_exception_is_still_one() -> None:
+    found = found_below(PACKAGE)
+    assert {call for call in ALLOWED if call not in found} == set()
+
+
+@pytest.mark.parametrize(
+    ("text", "name"),
+    [
+        ("path.read_bytes()", "read_bytes"),
+        ("(folder / NAME).read_text(encoding='utf-8')", "read_text"),
+        ("open(path)", "open"),
+        ("open(path, 'rb')", "open"),
+        ("path.open('rb')", "open"),
+        ("path.open('r+b')", "open"),
+        ("path.open(encoding='utf-8')", "open"),
+        ("os.open(path, os.O_RDONLY)", "os.open"),
+        ("pq.ParquetFile(path)", "ParquetFile"),
+        ("pq.read_table(path)", "read_table"),
+        ("pq.read_metadata(path)", "read_metadata"),
+        ("pd.read_parquet(path)", "read_parquet"),
+        ("sqlite3.connect(path)", "sqlite3.connect"),
+        ("mmap.mmap(file.fileno(), 0)", "mmap"),
+        ("np.fromfile(path)", "fromfile"),
+        ("json.load(file)", "json.load"),
+        ("path.open('wb')", None),
+        ("path.open('x')", None),
+        ("os.open(path, os.O_RDWR | os.O_CREAT)", None),
+        ("read_foreign(path, Kind.MANIFEST)", None),
+        ("path.resolve()", "resolve"),
+        ("os.path.realpath(path)", None),
+        ("port.open()", None),
+        ("Segment.open(path)", None),
+    ],
+)
+def test_a_bare_read_is_found(tmp_path: Path, text: str, name: str | None) -> None:
+    path = tmp_path / "record" / "made_up.py"
+    path.parent.mkdir()
+    path.write_text(f"x = {text}\n", encoding="utf-8")
+    assert list(found_below(tmp_path)) == ([f"record/made_up.py:{name}"] if name else [])

@@ -1,0 +1,127 @@
+"""Parquet whose footer, page heads or values are not what a recorder writes: a sentence, and never the end of the process."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from pathlib import Path
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from jbclog.core.foreign.compact import BINARY, BYTE, I16, I32, I64, LIST, STRUCT, YES, Compact
+from jbclog.core.foreign.files import NotReadable
+from jbclog.core.foreign.footer import groups_in
+from jbclog.core.foreign.tables import TAIL, bounds_of, open_table, read_small
+
+ROWS = pa.table(
+    {
+        "time": pa.array([1_790_000_000_000_000, 1_790_000_001_000_000], pa.timestamp("us", tz="UTC")),
+        "name": pa.array(["dde-1", None]),
+        "value": pa.array([350.0, None], pa.float64()),
+    }
+)
+
+
+def written(path: Path, rows: pa.Table = ROWS) -> Path:
+    pq.write_table(rows, path, write_page_checksum=True, compression="zstd", row_group_size=1)
+    return path
+
+
+def footer_of(data: bytes) -> bytes:
+    length = TAIL.unpack(data[-TAIL.size :])[0]
+    return data[-TAIL.size - length : -TAIL.size]
+
+
+def test_the_footer_says_what_the_library_says(tmp_path: Path) -> None:
+    path = written(tmp_path / "a.parquet")
+    groups, known = groups_in(footer_of(path.read_bytes())), pq.read_metadata(path)
+    assert len(groups) == known.num_row_groups == 2
+    for index, group in enumerate(groups):
+        assert group.rows == known.row_group(index).num_rows
+        for place, chunk in enumerate(group.chunks):
+            column = known.row_group(index).column(place)
+            same = column.path_in_schema, column.num_values, column.total_uncompressed_size, column.total_compressed_size
+            assert (chunk.name, chunk.values, chunk.unpacked, chunk.packed) == same
+            assert (chunk.data_at, chunk.dictionary_at) == (column.data_page_offset, column.dictionary_page_offset)
+    micros = [(1_790_000_000_000_000 + second * 1_000_000).to_bytes(8, "little") for second in range(2)]
+    assert bounds_of(path, "time") == [(one, one) for one in micros]
+    assert bounds_of(path, "value")[1] is None
+
+
+def child_that_ends(path: Path, all_of_them: Iterator[bytes]) -> int:
+    """How a child ends that reads each of these in turn: an abort of the library would be its end."""
+    child = os.fork()
+    if not child:
+        code = 1
+        try:
+            for data in all_of_them:
+                path.write_bytes(data)
+                try:
+                    read_small(path)
+                except (OSError, pa.ArrowException):
+                    continue
+            code = 0
+        finally:
+            os._exit(code)
+    return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+
+
+def test_no_byte_of_a_footer_ends_the_process(tmp_path: Path) -> None:
+    """Two of them did, in a library that does not catch its own exception where a column's statistics contradict its kind."""
+    path = written(tmp_path / "a.parquet", ROWS.select(["name"]).slice(0, 1))
+    data = path.read_bytes()
+    begin = len(data) - TAIL.size - len(footer_of(data))
+    turned = (data[:at] + bytes([data[at] ^ (1 << at % 8)]) + data[at + 1 :] for at in range(begin, len(data)))
+    assert child_that_ends(path, turned) == 0
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("time", pa.array([9 * 10**18], pa.timestamp("us", tz="UTC"))),
+        ("time", pa.array([-(10**15)], pa.timestamp("us", tz="UTC"))),
+        ("value", pa.array([float("nan")])),
+        ("value", pa.array([float("inf")])),
+        ("value", pa.array([1e300])),
+        ("number", pa.array([2**63 - 1])),
+        ("text", pa.Array.from_buffers(pa.string(), 1, pa.array([b"\xff\xfe"]).buffers())),
+    ],
+)
+def test_a_value_that_nobody_can_reckon_with_or_show(tmp_path: Path, name: str, value: pa.Array) -> None:
+    path = written(tmp_path / "a.parquet", pa.table({name: value}))
+    with pytest.raises((NotReadable, pa.ArrowInvalid)):
+        read_small(path)
+    with open_table(path) as table, pytest.raises((NotReadable, pa.ArrowInvalid)):
+        list(table.batches(10))
+
+
+def test_a_number_that_the_library_would_take_otherwise() -> None:
+    """A field twice, a field's number and a value beyond their bits: the last one, or a part of it, would count there."""
+    twice = bytes([0x15, 2, 0x05, 2, 4, 0])  # field 1 twice, the second time by its whole number
+    beyond = bytes([0x05, 0x84, 0x80, 0x08, 2, 0])  # field 65538
+    large = bytes([0x15, 0x82, 0x80, 0x80, 0x80, 0x20, 0])  # beyond 32 bits
+    for data in (twice, beyond, large):
+        reader = Compact(data)
+        with pytest.raises(ValueError, match=r"twice|bits"):
+            [reader.integer(kind) for _, kind in reader.heads()]
+
+
+@pytest.mark.parametrize(
+    ("kind", "data"),
+    [
+        (I16, b"\x06"),
+        (I32, b"\x85\x01"),
+        (I64, b"\x06"),
+        (BYTE, b"\x06"),
+        (BINARY, b"\x03abc"),
+        (LIST, bytes([0x20 | BINARY]) + b"\x01a\x02bc"),
+        (LIST, bytes([0x30 | YES]) + b"\x01\x02\x01"),  # a flag in a list is a byte
+        (STRUCT, b"\x11\x12\x25\x06\x00"),  # in a struct it is its kind
+    ],
+)
+def test_what_is_skipped_is_skipped_whole(kind: int, data: bytes) -> None:
+    reader = Compact(data + b"\x7f")
+    reader.skip(kind)
+    assert reader.at == len(data)

@@ -1,0 +1,141 @@
+"""The page of an audit: what it says first, that it opens offline, and that nothing from outside can act in it."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from dataclasses import fields, is_dataclass, replace
+from itertools import cycle
+
+import fleets
+import pytest
+from hostile_names import HOSTILE, Acting
+
+from jbclog.maintenance.due import State
+from jbclog.maintenance.fleet import FleetAudit
+from jbclog.report.audit.overview import at_a_glance
+from jbclog.report.audit.page import page_of
+
+every_fleet = pytest.mark.parametrize("make", fleets.ALL.values(), ids=fleets.ALL)
+
+
+def words(page: str) -> str:
+    """What a reader sees."""
+    seen = re.sub(r"<style>.*?</style>|<[^>]+>", " ", page, flags=re.DOTALL)
+    return re.sub(r"\s+", " ", seen)
+
+
+@every_fleet
+def test_the_same_audit_gives_the_same_bytes(make: Callable[[], FleetAudit]) -> None:
+    assert page_of(make()) == page_of(make())
+
+
+@every_fleet
+def test_the_page_needs_nothing_but_itself(make: Callable[[], FleetAudit]) -> None:
+    page = page_of(make())
+    assert "default-src 'none'; style-src 'unsafe-inline'; base-uri 'none'; form-action 'none'" in page
+    assert Acting(re.sub(r"</?svg[^>]*>", "", page)).found == []  # the drawings are ours, of numbers only
+    assert not re.search(r"url\(|@import|<img|<script|href=", page)
+
+
+def test_the_worst_station_stands_first_and_the_headline_says_how_many() -> None:
+    seen = words(page_of(fleets.trouble()))
+    assert "✕ 1 OVERDUE" in seen
+    assert "of 8 stations, of which 2 did not answer" in seen
+    order = [row.station.station for row in at_a_glance(fleets.trouble()).rows]
+    assert order[:4] == ["line3-ale", "line3-dme", "line3-hde", "line3-dde-b"]
+    assert order[4] == "line3-dde-c"  # never seen, before those of which something is not known
+    assert order[-2:] == ["line3-jtse", "line3-nae"]
+
+
+def test_of_what_is_not_used_up_the_soonest_stands_first() -> None:
+    late, soon = fleets.task(0, 70, pace=0.1), fleets.task(0, 40, pace=4.0)
+    rows = at_a_glance(fleets.fleet(fleets.station("a", 1, tasks=(late,)), fleets.station("b", 1, tasks=(soon,)))).rows
+    assert [row.station.station for row in rows] == ["b", "a"]
+
+
+@pytest.mark.parametrize(
+    ("make", "headline"),
+    [
+        (fleets.three, "✕ 1 OVERDUE"),
+        (fleets.empty, "? NO STATION AUDITED"),
+        (fleets.first_ever, "✓ NOTHING IS DUE"),
+        (lambda: fleets.fleet(fleets.station("a", 1, tasks=(fleets.task(0, 85),))), "△ 1 DUE SOON"),
+        (lambda: fleets.fleet(fleets.station("a", 1, tasks=(fleets.unknown_task(0),))), "? 1 NOT KNOWN"),
+        (lambda: fleets.fleet(fleets.station("a", 1, tasks=())), "– NO TASK IS STATED"),
+        (lambda: fleets.fleet(replace(fleets.station("a", 1, tasks=(fleets.task(0, 9),)), seen=False)), "– 1 NOT SEEN"),
+    ],
+)
+def test_the_headline_is_the_worst_that_there_is(make: Callable[[], FleetAudit], headline: str) -> None:
+    assert f" {headline} " in words(page_of(make()))
+
+
+def test_a_due_range_is_a_range_and_never_one_day() -> None:
+    page = words(page_of(fleets.three()))
+    assert re.search(r"83 to 84 %, 334 to 338 of 400 h 2026-12-18 to 2026-12-29", page.replace("\u00a0", " "))
+    far = replace(fleets.task(0, 5, pace=0.2), state=State.FINE)
+    assert "or later" in words(page_of(fleets.fleet(fleets.station("a", 1, tasks=(far,)))))
+
+
+def test_the_first_audit_ever_promises_nothing() -> None:
+    page = words(page_of(fleets.first_ever()))
+    assert "This is audit 1. A due date is given from four audits on" in page
+    assert "not enough data: 1 of 4 audits" in page
+    assert "Not counted here, or not read twice yet." in page
+
+
+def test_what_is_not_known_is_a_dash_with_its_reason_and_never_zero() -> None:
+    page = words(page_of(fleets.three()))
+    assert "–¹" in page
+    assert "No run was recorded that would tell." in page
+
+
+def test_marks_stand_with_their_rule_and_what_was_worked_at_least_and_at_most() -> None:
+    page = words(page_of(fleets.trouble()))
+    found = page[page.index("What the odometer could not know", page.index("Not seen Station")) :]
+    for said in ("working: 941, 12; 12 to 121 h", "fell together", "impossible", "31 or more", "nothing tells why"):
+        assert said in found, said
+    assert "left no doubt: line3-ale · port 1, feeds, 1 time." in found
+    assert "line 41 is no observation or fact, or was changed" in page
+
+
+def test_drift_says_from_how_many() -> None:
+    page = words(page_of(fleets.trouble()))
+    assert "port 1: sleep delay ≠ off, 6 of 7 others have 5 line3-hde and line3-nae" in page
+    assert "0203457, was 0203456 at the last audit" in page
+
+
+def test_errors_now_and_since() -> None:
+    page = words(page_of(fleets.trouble()))
+    assert "line3-dme · port 2 now short circuit" in page
+    assert "line3-dme since last time port.error: 3" in page
+
+
+def test_a_hall_of_a_hundred_is_drawn_small_and_whole() -> None:
+    page = page_of(fleets.hundred())
+    assert len(page) < 1_000_000
+    for number in range(1, 101):
+        assert page.count(f"<b>hall-{number:03}</b>") >= 2  # what is due, and use
+
+
+def spoilt(value: object, texts: object) -> object:
+    """The same value with a hostile text in the place of every text that is not a time or a word of ours."""
+    if is_dataclass(value) and not isinstance(value, type):
+        kept = {"time", "told", "audit", "begin", "end", "since", "last_seen", "p10", "p50", "p90", "than", "kind", "name"}
+        changed = {one.name: spoilt(getattr(value, one.name), texts) for one in fields(value) if one.name not in kept and one.init}
+        return replace(value, **changed)
+    if isinstance(value, tuple):
+        return tuple(spoilt(one, texts) for one in value)
+    if isinstance(value, dict):
+        return {key: spoilt(one, texts) for key, one in value.items()}
+    if type(value) is str:
+        return next(texts)  # type: ignore[call-overload]
+    return value
+
+
+@pytest.mark.parametrize("first", range(0, len(HOSTILE), 12))
+def test_texts_from_outside_are_shown_and_do_nothing(first: int) -> None:
+    texts = cycle([*HOSTILE.values()][first:] + [*HOSTILE.values()][:first])
+    page = page_of(spoilt(fleets.trouble(), texts))  # type: ignore[arg-type]
+    assert Acting(re.sub(r'<svg class="\w*" viewBox[^<>"]*"[^<>]*>|<svg viewBox="0 0 12 12"[^<>]*>|</svg>', "", page)).found == []
+    assert not re.search("[\u202a-\u202e\u2066-\u2069\x00\x1b\x07\x08]", page)

@@ -1,0 +1,84 @@
+"""How long a station takes to answer: what is made of twelve harmless reads."""
+
+from __future__ import annotations
+
+from itertools import count
+
+import pytest
+from talk import Answer, Talk
+
+from jbclog.core.io_requests import Steps
+from jbclog.core.line_format import LineFormat
+from jbclog.protocol.client.robot import Station
+from jbclog.protocol.client.turnaround import LEAST_ANSWERED, READS, ResponseTime, response_time
+from jbclog.protocol.commands.family import FAMILIES
+
+ANSWERS = {"RSER": "ASER00000", "RTT1": "ATT100183"}
+Measured = tuple[ResponseTime | None, int]
+
+
+def measure(station: Station) -> Steps[Measured]:
+    return response_time(station, FAMILIES["dde"], 1)
+
+
+def talk_with(late_s: list[float | None], line: LineFormat | None = None) -> Talk:
+    """One whose answers take so much longer, in turn; None: no answer."""
+    number = count()
+
+    def replies(text: str) -> list[Answer]:
+        after = late_s[next(number) % len(late_s)]
+        return [] if after is None or text not in ANSWERS else [(0.02 + after, ANSWERS[text])]
+
+    return Talk(replies=replies, line=line)
+
+
+def measured(late_s: list[float | None], line: LineFormat | None = None) -> ResponseTime:
+    found, answered = talk_with(late_s, line).do(measure)
+    assert found is not None
+    assert answered == len(found.took)
+    return found
+
+
+def test_the_shortest_comes_first_and_the_longest_last() -> None:
+    """The last is what a rate is held against where answers vary."""
+    found = measured([0.04, 0.0, 0.02, 0.01])
+    assert len(found.took) == READS
+    assert list(found.took) == sorted(found.took)
+    assert found.longest - found.took[0] == pytest.approx(40_000, abs=10_000)
+    assert not found.is_faster
+
+
+def test_a_line_that_is_too_bad_is_not_asked_on() -> None:
+    """Once six of twelve can no more be answered; each question that is not costs a time-out and some probes."""
+    talk = talk_with([None])
+    assert talk.do(measure) == (None, 0)
+    silent = len(talk.end.heard)
+    assert READS - LEAST_ANSWERED < silent < 20
+
+
+def test_one_in_two_is_enough() -> None:
+    assert len(measured([None, *5 * [0.0]]).took) >= LEAST_ANSWERED
+
+
+def test_on_a_link_that_is_faster_than_its_stated_rate_it_is_zero() -> None:
+    """20 ms for what takes 28 ms at 9600 bit/s: no station answers before it was asked."""
+    found = measured([0.0], LineFormat(9600))
+    assert set(found.took) == {0.0}
+    assert (found.median, found.longest) == (0.0, 0.0)
+    assert found.whole == pytest.approx(20_000, abs=1)
+    said = found.faster_text(LineFormat(9600))
+    assert said == "the link is faster than its stated 9600 8N1: a question and its answer take 20.00 ms, 28.12 ms at that rate"
+
+
+def test_a_link_within_the_tolerance_of_two_clocks_is_not_called_faster() -> None:
+    found = ResponseTime((0.0,), 13_700.0, 14_060.0)
+    assert not found.is_faster
+    assert found.faster_text(LineFormat()) is None
+    assert ResponseTime((0.0,), 13_600.0, 14_060.0).is_faster
+
+
+def test_one_late_answer_does_not_hide_a_faster_link() -> None:
+    found = measured([0.0, 0.0, 0.05, 0.0, 0.0, 0.0], LineFormat(9600))
+    assert found.is_faster
+    assert found.median == 0.0
+    assert found.longest == pytest.approx(42_000, abs=1_000)

@@ -1,0 +1,131 @@
+"""What one port may give at a time: a port that never falls silent costs neither memory nor the others' time."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from itertools import pairwise
+
+import pytest
+from near_ends import PairPort, ThreadedPort
+
+from jbclog.core.io_requests import Ask, Heard, Listen, Reopen, Steps, Wait
+from jbclog.transport import blocking
+from jbclog.transport.port import MOST_AT_ONCE
+from jbclog.transport.reactor import Reactor
+from jbclog.transport.read_budget import MOST_KEPT, MOST_READS, REST_S, Budget
+
+every_kind = pytest.mark.parametrize("kind", [PairPort, ThreadedPort])
+every_piece = pytest.mark.parametrize("piece", [b"x", b"\x020100ATT100077\x03\x52" * 500], ids=["single bytes", "whole kilobytes"])
+
+
+@contextmanager
+def flooding(port: PairPort, piece: bytes) -> Iterator[None]:
+    """Send on the far end whenever there is room."""
+    is_over = threading.Event()
+    far = port.far.dup()  # the driver closes both ends
+    far.settimeout(0.1)
+
+    def send() -> None:
+        with suppress(BrokenPipeError, ConnectionError):  # the near end is closed
+            while not is_over.is_set():
+                with suppress(TimeoutError):
+                    far.send(piece)
+
+    thread = threading.Thread(target=send, daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        is_over.set()
+        thread.join()
+        far.close()
+
+
+def test_answers_in_pieces_of_a_byte_are_never_made_to_rest() -> None:
+    budget = Budget()
+    for _ in range(100):
+        budget.asked()
+        assert not any(budget.is_spent(1) for _ in range(MOST_READS))
+    assert budget.is_spent(1)
+    assert budget.is_spent(MOST_AT_ONCE)
+
+
+@every_kind
+@every_piece
+def test_what_comes_in_a_wait_is_bounded(kind: type[PairPort], piece: bytes) -> None:
+    port, heard = kind(lambda _: b""), list[Heard]()
+
+    def session() -> Steps[None]:
+        now = (yield Reopen()).now
+        for step in range(1, 4):
+            heard.append((yield Wait(now + 0.3 * step)))
+
+    reactor = Reactor()
+    reactor.add(session(), lambda: port)
+    with flooding(port, piece):
+        reactor.run()
+    assert max(len(one.data) for one in heard) <= MOST_KEPT + MOST_AT_ONCE
+    assert min(len(one.data) for one in heard) > 0  # it is read again after each
+
+
+@every_kind
+@every_piece
+def test_a_listener_is_told_some_twenty_times_a_second_and_its_neighbour_at_once(kind: type[PairPort], piece: bytes) -> None:
+    flooded, other = kind(lambda _: b""), PairPort()
+    told: list[float] = []
+    waited: list[float] = []
+
+    def listening() -> Steps[None]:
+        begun = (yield Reopen()).now
+        while (heard := (yield Listen(begun + 1.0))).now < begun + 1.0:
+            told.append(heard.now)
+
+    def asking() -> Steps[None]:
+        begun = now = (yield Reopen()).now
+        while now < begun + 1.0:
+            heard = yield Ask(b"question", 1.0)
+            waited.append(heard.now - heard.sent)
+            now = (yield Wait(heard.now + 0.01)).now
+
+    reactor = Reactor()
+    reactor.add(listening(), lambda: flooded)
+    reactor.add(asking(), lambda: other)
+    with flooding(flooded, piece):
+        reactor.run()
+    assert len(told) <= MOST_READS + 1.0 / REST_S + 5
+    assert sorted(waited)[len(waited) // 2] < 0.01
+
+
+def test_answers_come_again_once_the_flood_is_over() -> None:
+    port, answers = PairPort(), list[bytes]()
+
+    def session() -> Steps[None]:
+        now = (yield Reopen()).now
+        with flooding(port, b"x" * 4096):
+            now = (yield Wait(now + 0.3)).now
+        while (heard := (yield Listen(now + 0.3))).data:
+            now = heard.now
+        answers.append((yield Ask(b"abc", 2.0)).data)
+
+    reactor = Reactor()
+    reactor.add(session(), lambda: port)
+    reactor.run()
+    assert answers == [b"cba"]
+
+
+def test_a_thread_of_its_own_rests_too() -> None:
+    """Or the threads of the other stations would wait for their turn."""
+    port, told = PairPort(lambda _: b""), list[float]()
+
+    def session() -> Steps[None]:
+        begun = (yield Reopen()).now
+        while (heard := (yield Listen(begun + 0.6))).now < begun + 0.6:
+            told.append(heard.now)
+
+    with flooding(port, b"x" * 4096):
+        blocking.run(session(), lambda: port, sleep=time.sleep)
+    assert 3 <= len(told) <= 0.6 / REST_S + 2
+    assert min(after - before for before, after in pairwise(told)) > 0.9 * REST_S

@@ -1,0 +1,450 @@
+"""The reactor: bytes and moments into sessions, broken links where they are met, and the run's end exactly once."""
+
+from __future__ import annotations
+
+import contextlib
+import threading
+import time
+from collections.abc import Callable
+
+import pytest
+from near_ends import PairPort, ThreadedPort
+
+from jbclog.core.errors import LinkError
+from jbclog.core.io_requests import Ask, Listen, Reopen, RunEnded, Steps, Wait
+from jbclog.transport.reactor import Reactor
+
+KINDS = pytest.mark.parametrize("kind", [PairPort, ThreadedPort], ids=["descriptor", "thread"])
+LONG_S = 30.0  # nobody waits that long
+
+
+def soon(seconds: float) -> float:
+    return time.monotonic() + seconds
+
+
+def pull(session: Steps[None], port: PairPort, *calls: tuple[float, Callable[[Reactor], None]]) -> None:
+    """Pull one session on `port`, with calls some seconds after the beginning."""
+    reactor = Reactor()
+    reactor.add(session, lambda: port)
+    for seconds, call in calls:
+        reactor.loop.call_later(seconds, call, reactor)
+    began = time.monotonic()
+    reactor.run()
+    assert time.monotonic() - began < LONG_S / 2, "it waited for something that cannot come"
+
+
+# -- questions and answers -----------------------------------------------------------------------------------------
+
+
+@KINDS
+def test_a_question_is_answered(kind: type[PairPort]) -> None:
+    heard = []
+
+    def session() -> Steps[None]:
+        yield Reopen()
+        for question in (b"abc", b"def"):
+            heard.append((yield Ask(question, LONG_S)))
+
+    port = kind()
+    pull(session(), port)
+    assert [one.data for one in heard] == [b"cba", b"fed"]
+    assert all(one.sent <= one.now for one in heard)
+    assert port.written == [b"abc", b"def"]
+    assert port.is_closed
+
+
+@KINDS
+def test_an_answer_that_does_not_come_is_none_at_the_end_of_patience(kind: type[PairPort]) -> None:
+    heard = []
+
+    def session() -> Steps[None]:
+        yield Reopen()
+        heard.append((yield Ask(b"abc", 0.05)))
+
+    pull(session(), kind(lambda question: b""))
+    assert heard[0].data == b""
+    assert 0.05 <= heard[0].now - heard[0].sent < LONG_S / 2
+
+
+@KINDS
+def test_what_came_unasked_is_given_at_the_end_of_a_wait(kind: type[PairPort]) -> None:
+    heard, port = [], kind()
+
+    def session() -> Steps[None]:
+        yield Reopen()
+        port.far.send(b"late")
+        heard.append((yield Wait(soon(0.3))))
+        heard.append((yield Ask(b"abc", LONG_S)))
+
+    pull(session(), port)
+    assert [one.data for one in heard] == [b"late", b"cba"]
+
+
+def test_pieces_are_given_as_they_come() -> None:
+    heard, port = [], PairPort(lambda question: b"")
+
+    def session() -> Steps[None]:
+        yield Reopen()
+        heard.append((yield Ask(b"abc", LONG_S)).data)
+        heard.append((yield Listen(soon(LONG_S))).data)
+        heard.append((yield Listen(soon(0.05))).data)
+
+    pull(session(), port, (0.05, lambda _: port.far.send(b"first")), (0.1, lambda _: port.far.send(b"second")))
+    assert heard == [b"first", b"second", b""]
+
+
+# -- broken links --------------------------------------------------------------------------------------------------
+
+
+@KINDS
+def test_a_link_that_breaks_while_it_is_asked(kind: type[PairPort]) -> None:
+    met, port = [], kind(lambda question: b"")
+
+    def session() -> Steps[None]:
+        yield Reopen()
+        try:
+            yield Ask(b"abc", LONG_S)
+        except LinkError as error:
+            met.append(str(error))
+
+    pull(session(), port, (0.1, lambda _: port.unplug()))
+    assert met == ["hung up"]
+
+
+@KINDS
+@pytest.mark.parametrize("wish", [Ask(b"abc", LONG_S), Listen(1e12)], ids=["ask", "listen"])
+def test_a_link_that_breaks_while_it_is_idle_is_told_at_the_next_wish(kind: type[PairPort], wish: Ask | Listen) -> None:
+    met, port = [], kind()
+
+    def session() -> Steps[None]:
+        yield Reopen()
+        port.unplug()
+        met.append((yield Wait(soon(0.3))).data)
+        try:
+            yield wish
+        except LinkError as error:
+            met.append(str(error).encode())
+
+    pull(session(), port)
+    assert met == [b"", b"hung up"]
+
+
+@pytest.mark.parametrize("error", [LinkError("no such port"), ValueError("a fault of the driver")])
+def test_a_port_that_cannot_be_opened(error: Exception) -> None:
+    met = []
+
+    def cannot() -> PairPort:
+        raise error
+
+    def session() -> Steps[None]:
+        for wish in (Reopen(), Ask(b"abc", LONG_S)):
+            try:
+                yield wish
+            except LinkError as failure:
+                met.append(str(failure))
+
+    reactor = Reactor()
+    reactor.add(session(), cannot)
+    reactor.run()
+    assert str(error) in met[0]
+    assert met[1] == "the port is not open"
+
+
+@KINDS
+def test_a_port_opened_again_is_another(kind: type[PairPort]) -> None:
+    ports, heard = [kind(), kind()], []
+    opened = iter(ports)
+
+    def session() -> Steps[None]:
+        yield Reopen()
+        ports[0].unplug()
+        try:
+            yield Ask(b"abc", LONG_S)
+        except LinkError:
+            yield Reopen()
+        heard.append((yield Ask(b"abc", LONG_S)).data)
+
+    reactor = Reactor()
+    reactor.add(session(), lambda: next(opened))
+    reactor.run()
+    assert heard == [b"cba"]
+    assert [port.is_closed for port in ports] == [True, True]
+
+
+def test_a_port_is_closed_before_it_is_opened_again() -> None:
+    """It is locked as long as it is open."""
+    first, closed_when_opened = PairPort(close_s=0.2), []
+
+    def opened() -> PairPort:
+        closed_when_opened.append(first.is_closed)
+        return first if len(closed_when_opened) == 1 else PairPort()
+
+    def session() -> Steps[None]:
+        yield Reopen()
+        yield Reopen()
+
+    reactor = Reactor()
+    reactor.add(session(), opened)
+    reactor.run()
+    assert closed_when_opened == [False, True]
+
+
+# -- the run's end -------------------------------------------------------------------------------------------------
+
+
+PHASES: dict[str, Callable[[], Steps[None]]] = {}
+
+
+def phase(session: Callable[[], Steps[None]]) -> Callable[[], Steps[None]]:
+    PHASES[session.__name__] = session
+    return session
+
+
+@phase
+def waiting() -> Steps[None]:
+    yield Wait(soon(LONG_S))
+
+
+@phase
+def asking() -> Steps[None]:
+    yield Reopen()
+    yield Ask(b"", LONG_S)
+
+
+@phase
+def listening() -> Steps[None]:
+    yield Reopen()
+    yield Listen(soon(LONG_S))
+
+
+@phase
+def asking_a_broken_link() -> Steps[None]:
+    while True:
+        try:
+            yield Ask(b"abc", LONG_S)
+        except LinkError:
+            yield Wait(soon(0.001))
+
+
+@pytest.mark.parametrize("name", PHASES)
+@pytest.mark.parametrize("at_s", [None, 0.0, 0.1, 0.101, 0.102])
+def test_the_end_is_thrown_once_where_the_session_stands(name: str, at_s: float | None) -> None:
+    """Before it began, too; and what it does then (open the port, ask, wait) is done, whatever ends come after."""
+    story: list[object] = []
+
+    def session() -> Steps[None]:
+        try:
+            yield from PHASES[name]()
+        except RunEnded as end:
+            story.append(str(end))
+        yield Wait(0.0)
+        yield Reopen()
+        story.append((yield Ask(b"stand", LONG_S)).data)
+        yield Wait(soon(0.05))
+        yield Reopen()
+        story.append((yield Ask(b"sure", LONG_S)).data)
+
+    reactor = Reactor()
+    reactor.add(session(), PairPort)
+    if at_s is None:
+        reactor.end("SIGTERM")
+    else:
+        reactor.loop.call_later(at_s, reactor.end, "SIGTERM")
+        reactor.loop.call_later(at_s + 0.001, reactor.end, "SIGINT")
+        reactor.loop.call_later(at_s + 0.03, reactor.end, "SIGINT")
+    reactor.run()
+    assert story == ["SIGTERM", b"dnats", b"erus"]
+
+
+def test_the_end_while_a_port_is_being_opened_comes_when_it_is_open() -> None:
+    story, go = [], threading.Event()
+
+    def slowly() -> PairPort:
+        go.wait(2)
+        return PairPort()
+
+    def session() -> Steps[None]:
+        try:
+            yield Reopen()
+        except RunEnded as end:
+            story.append(str(end))
+        story.append((yield Ask(b"stand", LONG_S)).data.decode())
+        yield Reopen()
+        story.append("opened again")
+
+    reactor = Reactor()
+    reactor.add(session(), slowly)
+    reactor.loop.call_later(0.05, reactor.end, "SIGTERM")
+    reactor.loop.call_later(0.1, go.set)
+    reactor.run()
+    assert story == ["SIGTERM", "dnats", "opened again"]
+
+
+# -- many of them --------------------------------------------------------------------------------------------------
+
+
+def test_a_port_that_takes_its_time_to_close_delays_nobody() -> None:
+    """It is closed only when the other session is through, which would never be if that waited for the closing."""
+    closing, through = threading.Event(), threading.Event()
+
+    class Slow(PairPort):
+        def close(self) -> None:
+            closing.set()
+            assert through.wait(LONG_S)
+            super().close()
+
+    def steady() -> Steps[None]:
+        rings = 0
+        while rings < 10:
+            yield Wait(soon(0.02))
+            rings += closing.is_set()
+        through.set()
+
+    def brief() -> Steps[None]:
+        yield Reopen()
+        yield Wait(soon(0.05))
+
+    reactor, slow = Reactor(), Slow()
+    reactor.add(steady(), PairPort)
+    reactor.add(brief(), lambda: slow)
+    reactor.run()
+    assert slow.is_closed
+
+
+def test_a_session_that_breaks_ends_the_others_in_good_order() -> None:
+    story = []
+
+    def broken() -> Steps[None]:
+        yield Wait(soon(0.05))
+        raise ZeroDivisionError("injected")
+
+    def other() -> Steps[None]:
+        try:
+            yield Wait(soon(LONG_S))
+        except RunEnded as end:
+            story.append(str(end))
+        yield Reopen()
+        story.append((yield Ask(b"stand", LONG_S)).data.decode())
+
+    reactor = Reactor()
+    reactor.add(broken(), PairPort)
+    reactor.add(other(), PairPort)
+    with pytest.raises(ZeroDivisionError, match="injected"):
+        reactor.run()
+    assert story == ["a session broke: injected", "dnats"]
+
+
+def test_what_breaks_beside_the_sessions_ends_them_in_good_order() -> None:
+    """An alarm that was lost, say, because there was no memory for it: somebody may wait for it for ever."""
+    story = []
+
+    def steady() -> Steps[None]:
+        try:
+            yield Wait(soon(LONG_S))
+        except RunEnded as end:
+            story.append(str(end))
+        yield Reopen()
+        story.append((yield Ask(b"stand", LONG_S)).data.decode())
+
+    def fail() -> None:
+        raise MemoryError
+
+    reactor = Reactor()
+    reactor.add(steady(), PairPort)
+    reactor.loop.call_later(0.05, fail)
+    with pytest.raises(MemoryError):
+        reactor.run(lambda: story.append("all well"))
+    assert story == ["the program failed", "dnats"]
+
+
+def test_sessions_that_do_not_end_then_are_left_with_their_ports_closed(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Their tools are the guard's, which could not open what is open here."""
+    monkeypatch.setattr("jbclog.transport.reactor.ENDING_S", 0.2)
+    port = PairPort()
+
+    def deaf() -> Steps[None]:
+        yield Reopen()
+        while True:
+            with contextlib.suppress(RunEnded):
+                yield Wait(soon(LONG_S))
+
+    def fail() -> None:
+        raise MemoryError
+
+    reactor = Reactor()
+    reactor.add(deaf(), lambda: port)
+    reactor.loop.call_later(0.1, fail)
+    with pytest.raises(MemoryError):
+        reactor.run()
+    assert port.is_closed
+
+
+def test_what_is_called_every_so_often_is_called_whatever_it_raised(caplog: pytest.LogCaptureFixture) -> None:
+    calls = []
+
+    def call() -> None:
+        calls.append(time.monotonic())
+        raise ZeroDivisionError("injected")
+
+    def session() -> Steps[None]:
+        while len(calls) < 4:
+            yield Wait(soon(0.01))
+
+    reactor = Reactor()
+    reactor.add(session(), PairPort)
+    reactor.every(0.05, call)
+    reactor.run()
+    assert calls[3] - calls[0] >= 2 * 0.05  # the third and the fourth follow each other quickly where the second was late
+    assert "injected" in caplog.text
+
+
+def test_ticks_of_many_sessions_ring_in_order() -> None:
+    rung: list[tuple[float, float]] = []
+
+    def session(first: float) -> Steps[None]:
+        for step in range(20):
+            due = first + 0.01 * step
+            rung.append((due, (yield Wait(due)).now))
+
+    reactor, begin = Reactor(), soon(0.05)
+    for number in range(50):
+        reactor.add(session(begin + 0.0001 * number), PairPort)
+    reactor.run()
+    assert len(rung) == 1000
+    assert all(now >= due for due, now in rung)
+    assert [due for due, _ in rung] == sorted(due for due, _ in rung)  # how late they are, tests/bench measures
+
+
+def test_a_reactor_without_sessions_ends_at_once() -> None:
+    Reactor().run()
+
+
+# -- who wants to know of the end ---------------------------------------------------------------------------------------------
+
+
+def test_the_end_is_told_before_ports_that_are_slow_to_close_are_waited_for() -> None:
+    """A guard would take a recorder for hung that waits for them."""
+    port, told = PairPort(close_s=0.5), []
+
+    def session() -> Steps[None]:
+        yield Reopen()
+
+    reactor = Reactor()
+    reactor.add(session(), lambda: port)
+    reactor.run(lambda: told.append(port.is_closed))
+    assert told == [False]
+    assert port.is_closed
+
+
+def test_the_end_is_not_told_where_a_session_broke() -> None:
+    told = []
+
+    def session() -> Steps[None]:
+        yield Reopen()
+        raise ValueError("a fault of the program")
+
+    reactor = Reactor()
+    reactor.add(session(), PairPort)
+    with pytest.raises(ValueError, match="a fault"):
+        reactor.run(lambda: told.append(True))
+    assert told == []

@@ -1,0 +1,208 @@
+"""What a session was told is kept, and told again to the bit; where it wishes something else, it goes on by itself."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import suppress
+from math import inf
+
+import pytest
+
+from jbclog.core.errors import LinkError
+from jbclog.core.io_requests import Ask, Heard, Listen, Reopen, RunEnded, Steps, Wait, Wish
+from jbclog.core.wire_capture import Passed, Row, Told
+from jbclog.transport.session_history import Astray, Step, keeping, reliving, steps_of
+
+Story = list[object]
+
+
+def session(story: Story) -> Steps[str]:
+    """Opens, waits, asks, listens; keeps what it is told, and ends with the first thing that is thrown into it twice."""
+    story.append((yield Wait(1.0)))
+    story.append((yield Reopen()))
+    try:
+        story.append((yield Ask(b"first", 0.5)))
+        story.append((yield Listen(9.0)))
+        story.append((yield Ask(b"second", 0.5)))
+    except (LinkError, RunEnded) as error:
+        story.append(str(error))
+        story.append((yield Wait(8.0)))
+    return "the end"
+
+
+Answer = Heard | Exception
+
+
+def pulled(steps: Steps[object], answers: list[Answer]) -> tuple[list[Wish], object]:
+    """Give these answers, one after the other; the wishes, and what came of the session."""
+    wishes = [next(steps)]
+    for answer in answers:
+        try:
+            wishes.append(steps.throw(answer) if isinstance(answer, Exception) else steps.send(answer))
+        except StopIteration as end:
+            return wishes, end.value
+    return wishes, None
+
+
+GOOD: list[Answer] = [
+    Heard(1.00002, b"", 0.0),
+    Heard(1.5, b"", 0.0),
+    Heard(2.1, b"ab", 2.0),
+    Heard(2.2, b"c", 2.0),
+    Heard(3.75, b"", 3.0),
+]
+BYTES: dict[int, list[Row]] = {
+    2: [Passed(2.0, "sent", b"first"), Passed(2.1, "heard", b"ab"), Passed(2.15, "heard", b"c")],
+    4: [Passed(3.0, "sent", b"second")],
+}
+
+
+def recording(answers: list[Answer]) -> tuple[list[Row], Story]:
+    """The tape of a session that was answered so, and what it was told."""
+    tape, story = list[Row](), list[object]()
+    steps = keeping(session(story), tape.append, lambda: 7.0)
+    next(steps)
+    for place, answer in enumerate(answers):
+        tape.extend(BYTES.get(place, []))
+        with suppress(StopIteration):
+            _ = steps.throw(answer) if isinstance(answer, Exception) else steps.send(answer)
+    return tape, story
+
+
+def lived_again(
+    tape: list[Row], made: Callable[[Story], Steps[str]] = session, answers: list[Answer] | None = None
+) -> tuple[Story, list[Wish], object, list[Astray]]:
+    story, left = list[object](), list[Astray]()
+
+    def leave(astray: Astray) -> tuple[float, str]:
+        left.append(astray)
+        return inf, ""
+
+    steps = reliving(made(story), steps_of(tape), leave)
+    wishes, ended = pulled(steps, [Heard(0.0, b"the driver's", 0.0)] * 20 if answers is None else answers)
+    return story, wishes, ended, left
+
+
+@pytest.mark.parametrize(
+    "answers",
+    [
+        GOOD,
+        [*GOOD[:3], LinkError("gone"), Heard(8.0, b"", 2.0)],
+        [*GOOD[:2], LinkError("gone at once"), Heard(8.0, b"", 2.0)],
+        [*GOOD[:4], RunEnded("Ctrl-C"), Heard(8.0, b"x", 3.0)],
+    ],
+    ids=["good", "broken", "broken at once", "ended"],
+)
+def test_the_second_life_is_told_the_same(answers: list[Answer]) -> None:
+    if answers[-1] == Heard(8.0, b"x", 3.0):
+        BYTES[5] = [Passed(5.0, "heard", b"x")]
+    tape, story = recording(answers)
+    BYTES.pop(5, None)
+    again, wishes, ended, left = lived_again(tape)
+    assert again == story
+    assert (ended, left) == ("the end", [])
+    assert all(isinstance(wish, Wait) for wish in wishes)  # the driver only hears of waits
+    moments = [wish.until for wish in wishes if isinstance(wish, Wait)]
+    assert moments == [row.at_s for row in tape if isinstance(row, Told) and row.what != "done"]
+
+
+def test_what_is_kept() -> None:
+    tape, _ = recording(GOOD)
+    assert [row for row in tape if isinstance(row, Told)] == [
+        Told(1.00002, "told", "wait", 0, 0.0),
+        Told(1.5, "told", "reopen", 0, 0.0),
+        Told(2.1, "told", "ask", 2, 2.0),
+        Told(2.2, "told", "listen", 1, 2.0),
+        Told(3.75, "told", "ask", 0, 3.0),
+        Told(7.0, "done", "wait"),
+    ]
+
+
+def test_a_session_that_breaks_is_not_held() -> None:
+    def broken() -> Steps[None]:
+        yield Wait(0.0)
+        raise ZeroDivisionError
+
+    for wrapped in (keeping(broken(), print, lambda: 0.0), reliving(broken(), steps_of(recording(GOOD)[0]), lambda _: (inf, ""))):
+        next(wrapped)
+        with pytest.raises(ZeroDivisionError):
+            wrapped.send(Heard(0.0, b"", 0.0))
+
+
+def test_bytes_are_told_to_the_wish_that_took_them_and_those_of_a_closed_port_to_none() -> None:
+    rows: list[Row] = [
+        Passed(1.0, "heard", b"left over"),
+        Passed(2.0, "opened"),
+        Passed(3.0, "sent", b"q"),
+        Passed(3.1, "heard", b"abc"),
+        Told(3.2, "told", "ask", 1, 3.0),
+        Told(3.3, "told", "listen", 2, 3.0),
+    ]
+    steps = list(steps_of(rows))
+    assert [(step.place, step.asked, step.data) for step in steps] == [(0, b"q", b"a"), (5, b"", b"bc")]
+
+
+# -- another program -----------------------------------------------------------------------------------------------------------
+
+
+def another(story: Story) -> Steps[str]:
+    story.append((yield Wait(1.0)))
+    story.append((yield Reopen()))
+    story.append((yield Ask(b"something else", 0.5)))
+    story.append((yield Wait(99.0)))
+    return "another end"
+
+
+def test_a_session_that_wishes_something_else_goes_on_by_itself() -> None:
+    tape, story = recording(GOOD)
+    opened, first, second = Heard(1.5, b"", 0.0), Heard(1.6, b"new", 1.5), Heard(99.0, b"", 1.5)
+    pulled_along = [Heard(1.0, b"", 0.0), Heard(1.5, b"", 0.0)]
+    again, wishes, ended, (left,) = lived_again(tape, another, [*pulled_along, opened, first, second])
+    assert again == [*story[:2], first, second]
+    assert wishes[2:] == [Reopen(), Ask(b"something else", 0.5), Wait(99.0)]
+    assert ended == "another end"
+    assert (left.at_s, left.is_cut_off) == (1.5, False)
+    assert str(left) == "it would ask b'something else'; recorded is ask b'first'"
+
+
+def test_a_session_on_its_own_is_ended_when_it_was_then() -> None:
+    tape, _ = recording(GOOD)
+    steps = reliving(another([]), steps_of(tape), lambda _: (50.0, "the recording is over"))
+    next(steps)
+    for moment in (1.0, 1.5, 1.5, 1.6):
+        steps.send(Heard(moment, b"", 0.0))
+    with pytest.raises(RunEnded, match="the recording is over"):
+        steps.send(Heard(50.0, b"", 0.0))
+
+
+def test_a_tape_without_its_end() -> None:
+    tape, story = recording(GOOD)
+    again, _, ended, (left,) = lived_again(tape[:-2])
+    assert (again, ended, left.is_cut_off) == (story[:-1], None, True)
+    assert str(left) == "it would ask b'second'; recorded is nothing more"
+
+
+@pytest.mark.parametrize(
+    ("wish", "step", "fits"),
+    [
+        (Wait(2.0), Told(2.0, "told", "wait"), True),
+        (Wait(2.0), Told(2.5, "told", "wait"), True),  # the host was late
+        (Wait(2.0), Told(1.9, "told", "wait"), False),
+        (Listen(2.0), Told(1.9, "told", "listen"), False),
+        (Ask(b"q", 0.5), Told(2.5, "told", "ask", 0, 2.0), True),
+        (Ask(b"q", 0.5), Told(2.3, "told", "ask", 0, 2.0), False),  # it would wait longer now
+        (Ask(b"r", 0.5), Told(2.5, "told", "ask", 0, 2.0), False),
+        (Ask(b"r", 0.5), Told(2.5, "broke", "ask"), False),
+        (Wait(2.0), Told(2.5, "told", "listen"), False),
+        (Reopen(), Told(2.5, "broke", "reopen"), True),
+        (Wait(2.0), Told(2.5, "done", "wait"), False),
+    ],
+)
+def test_which_steps_answer_a_wish(wish: Wish, step: Told, fits: bool) -> None:
+    asked = b"q" if step.wish == "ask" else b""
+    assert Step(0, step, asked, b"").answers(wish) is fits
+
+
+def test_a_question_that_could_not_even_be_sent() -> None:
+    assert Step(0, Told(2.5, "broke", "ask"), b"", b"").answers(Ask(b"any", 0.5))
+    assert not Step(0, Told(2.5, "told", "ask"), b"", b"").answers(Ask(b"any", 0.5))

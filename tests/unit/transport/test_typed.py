@@ -1,0 +1,137 @@
+"""Lines that come in while a run goes on: what makes one, what is none, and that nothing is lost or waited for."""
+
+from __future__ import annotations
+
+import os
+import pty
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from jbclog.core.errors import UsageError
+from jbclog.transport.typed_lines import KEPT, Gone, Line, Source, Splitter, is_plain_file, lines_of_file, open_source
+
+
+def lines(*pieces: bytes) -> list[Line]:
+    splitter = Splitter()
+    return [line for piece in pieces for line in splitter.feed(piece)]
+
+
+@pytest.mark.parametrize("end", [b"\n", b"\r", b"\r\n"])
+def test_a_reader_may_end_its_lines_as_it_is_set_up(end: bytes) -> None:
+    assert lines(b"SN-1" + end, b"SN", b"-2" + end) == [Line("SN-1"), Line("SN-2")]
+
+
+@given(st.lists(st.sampled_from(["SN-1", "Ä 7", "", "\x1dA"])), st.data())
+def test_how_the_bytes_come_changes_nothing(serials: list[str], data: st.DataObject) -> None:
+    whole = "".join(f"{serial}\r\n" for serial in serials).encode()
+    cuts = sorted(data.draw(st.lists(st.integers(0, len(whole)))))
+    pieces = [whole[a:b] for a, b in zip([0, *cuts], [*cuts, len(whole)], strict=True)]
+    assert lines(*pieces) == lines(whole)
+
+
+@pytest.mark.parametrize("nothing", [b"\n", b"\r\n\r\n", b"  \t\n"])
+def test_an_empty_line_is_none(nothing: bytes) -> None:
+    assert lines(nothing) == []
+
+
+@pytest.mark.parametrize(
+    ("typed", "kept"),
+    [
+        (b"0104\x1d21A\n", "0104\\x1d21A"),  # GS1 with its group separator
+        (b"SN\xe97\n", "SN\\xe97"),  # Latin-1
+        (b"SN\xe2\x80\xae7\n", "SN\\u202e7"),  # turns the text around
+        (b"\x1b[2JSN\n", "\\x1b[2JSN"),
+        (b"SN\x00\n", "SN\\x00"),
+    ],
+)
+def test_what_does_not_show_is_kept_as_an_escape_and_told(typed: bytes, kept: str) -> None:
+    assert lines(typed) == [Line(kept, is_clear=False)]
+
+
+def test_two_serials_that_differ_in_what_does_not_show_differ() -> None:
+    assert len({line.text for line in lines(b"A\x1dB\nA\x1eB\nAB\n")}) == 3
+
+
+def test_the_mark_that_windows_puts_first_is_no_part_of_a_serial() -> None:
+    assert lines(b"\xef\xbb\xbfSN-1\n") == [Line("SN-1")]
+
+
+@pytest.mark.parametrize("length", [201, KEPT, KEPT + 1, 10 * KEPT])
+def test_a_line_that_is_too_long_is_told_as_such_and_the_next_one_counts(length: int) -> None:
+    pieces = [b"X" * 256] * (length // 256) + [b"X" * (length % 256), b"\nSN-2\n"]
+    assert lines(*pieces) == [Line("X" * 200, is_whole=False), Line("SN-2")]
+
+
+def test_what_has_no_end_yet_is_not_lost() -> None:
+    splitter = Splitter()
+    assert (list(splitter.feed(b"SN-1\nSN")), list(splitter.finish()), list(splitter.finish())) == (
+        [Line("SN-1")],
+        [Line("SN")],
+        [],
+    )
+
+
+# -- sources ---------------------------------------------------------------------------------------------------------------
+
+
+def test_nothing_is_waited_for() -> None:
+    reading, writing = os.pipe()
+    source = Source(reading, "stdin")
+    assert source.read() == b""  # or it would wait for ever
+    os.write(writing, b"SN-1\n")
+    assert source.read() == b"SN-1\n"
+    os.close(writing)
+    assert source.read() is None
+    source.close()
+
+
+def test_a_flood_stays_in_the_pipe() -> None:
+    reading, writing = os.pipe()
+    os.write(writing, b"y\n" * 20000)
+    source = Source(reading, "stdin")
+    assert len(source.read() or b"") <= 256
+    source.close()
+    os.close(writing)
+
+
+def test_the_writers_of_a_named_pipe_come_and_go(tmp_path: Path) -> None:
+    pipe = tmp_path / "serials"
+    os.mkfifo(pipe)
+    source = open_source(str(pipe))
+    for serial in (b"SN-1\n", b"SN-2\n"):
+        assert source.read() == b""
+        pipe.write_bytes(serial)
+        assert source.read() == serial
+    assert source.read() == b""
+    source.close()
+
+
+def test_a_reader_on_a_terminal_of_its_own_that_is_unplugged() -> None:
+    ours, theirs = pty.openpty()
+    source = open_source(os.ttyname(theirs))
+    os.close(theirs)
+    os.write(ours, b"SN-1\r")
+    assert source.is_typed
+    assert source.read() == b"SN-1\n"
+    os.close(ours)
+    with pytest.raises(Gone):
+        source.read()
+    source.close()
+
+
+@pytest.mark.parametrize("name", ["nowhere/serials", "/", "a\0b", "x" * 5000])
+def test_what_cannot_be_read_is_said_before_anything_is_sent(name: str) -> None:
+    with pytest.raises(UsageError, match="--units"):
+        open_source(name)
+
+
+def test_a_plain_file_is_a_list(tmp_path: Path) -> None:
+    file = tmp_path / "serials.txt"
+    file.write_bytes(b"\xef\xbb\xbfSN-1\r\n\r\nSN-2")
+    assert is_plain_file(str(file))
+    assert lines_of_file(str(file), 100) == [Line("SN-1"), Line("SN-2")]
+    with pytest.raises(UsageError, match="no list of serials"):
+        lines_of_file(str(file), 5)
