@@ -17,7 +17,7 @@ from jbclog.core.rows import EventRow, Severity, StationFacts
 from jbclog.record.conclude import known_stations
 from jbclog.record.parts import groups_of, part_paths
 from jbclog.record.sealed_rows import expect_unchanged
-from jbclog.record.store_reader import Stock
+from jbclog.record.store_reader import StoreReader
 
 if TYPE_CHECKING:
     from jbclog.analysis.run import Run
@@ -34,7 +34,7 @@ def stations_of(run: Run) -> list[StationFacts]:
     manifest = run.manifest
     if manifest.state == "sealed":
         return manifest.stations
-    with Stock(run.folder) as stock:
+    with StoreReader(run.folder) as stock:
         manifest = run.manifest  # after the store: a run that is sealed meanwhile has them there
         return manifest.stations if manifest.state == "sealed" else known_stations(stock, manifest.stations)
 

@@ -22,7 +22,7 @@ from jbclog.record.parts import groups_of, part_paths, parts_through
 from jbclog.record.schema import SCHEMAS
 from jbclog.record.sealed_rows import expect_manifest_unchanged, expect_unchanged
 from jbclog.record.store import segments
-from jbclog.record.store_reader import Stock
+from jbclog.record.store_reader import StoreReader
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -236,7 +236,7 @@ class Run:
 
     def _read(self, wanted: Asked) -> tuple[list[Path], list[pa.Table], list[Damage]]:
         """The order matters: a snapshot of the store first, then manifest and parts, then what the parts do not have."""
-        with Stock(self.folder) as stock:
+        with StoreReader(self.folder) as stock:
             manifest = self.manifest
             parts = part_paths(self.folder, wanted.table)
             if manifest.state == "sealed":

@@ -18,7 +18,7 @@ from jbclog.core.rows import EventRow
 
 if TYPE_CHECKING:
     from jbclog.cli.progress import Lines, Screen
-    from jbclog.session.run.context import Desk
+    from jbclog.session.run.context import SessionContext
 
 STDERR: Final = 2
 WAITING_MOST: Final = 1000  # what is told while nobody listens; the record has it all
@@ -28,7 +28,7 @@ CLOSE_S: Final = 2.0
 Told = Callable[[], None]
 
 
-class Aside:
+class BackgroundObserver:
     """Tells `observer` what a run tells, as soon as stderr takes it. Ends with `close`."""
 
     def __init__(self, observer: Lines | Screen) -> None:
@@ -46,7 +46,7 @@ class Aside:
     def happened(self, event: EventRow) -> None:
         self._tell(lambda: self._observer.happened(event))
 
-    def second(self, desks: list[Desk]) -> None:
+    def second(self, desks: list[SessionContext]) -> None:
         if self._waiting.empty():  # a table that is not seen need not be made
             self._tell(lambda: self._observer.second(desks))
 

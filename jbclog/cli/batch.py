@@ -14,7 +14,7 @@ from jbclog.cli.output import ends_with_errors_told, note, tell, tell_json
 from jbclog.core.errors import UsageError
 
 if TYPE_CHECKING:
-    from jbclog.app.batch.executor import Foreman
+    from jbclog.app.batch.executor import BatchExecutor
     from jbclog.cli.batch_progress import Lines, Screen
 
 
@@ -83,7 +83,7 @@ def batch(
     raise typer.Exit(code)
 
 
-def _carry_out(foreman: Foreman, shown: Lines | Screen) -> int:
+def _carry_out(foreman: BatchExecutor, shown: Lines | Screen) -> int:
     """As far as it goes; give the exit code. What follows are last words, which no signal ends."""
     from jbclog.app.run.runner import heard
     from jbclog.transport.signals import Signals

@@ -17,10 +17,10 @@ if TYPE_CHECKING:
     from rich.live import Live
     from rich.table import Table
 
-    from jbclog.app.batch.job_dir import Now, Papers
+    from jbclog.app.batch.job_dir import JobDir, Now
     from jbclog.app.batch.queue import Next
     from jbclog.app.batch.resume import Shift
-    from jbclog.app.batch.state import JobStanding, Standing
+    from jbclog.app.batch.state import BatchState, JobState
     from jbclog.config.jobs_file import JobTable
 
 SHOW_EVERY_S: Final = 1.0
@@ -30,7 +30,7 @@ COLUMNS: Final = ("job", "stations", "so far", "now", "tools", "alarms")
 class _Follower:
     """The events of one job that are worth telling, as they come."""
 
-    def __init__(self, papers: Papers) -> None:
+    def __init__(self, papers: JobDir) -> None:
         self.papers = papers
         self._worth = Worth()
         self._read = 0
@@ -51,11 +51,11 @@ class Lines:
         self._recording: set[str] = set()
         self._shown = 0.0
 
-    def started(self, job: JobStanding) -> None:
+    def started(self, job: JobState) -> None:
         again = "" if len(job.attempts) == 1 else ", again, as a new run"
         self.told(f"{job.name} begins on {', '.join(self._shift.orders.stations[job.name])}{again}")
 
-    def ended(self, job: JobStanding) -> None:
+    def ended(self, job: JobState) -> None:
         self._tell_news(job)
         self._followed.pop(job.name, None)
         if job.state is State.SKIPPED or job.last is None:
@@ -68,7 +68,7 @@ class Lines:
     def told(self, text: str) -> None:
         self._print(f"{time.strftime('%H:%M:%S')}  {text}")
 
-    def look(self, standing: Standing, following: Next) -> None:
+    def look(self, standing: BatchState, following: Next) -> None:
         now = time.monotonic()
         if now - self._shown >= SHOW_EVERY_S:
             self._shown = now
@@ -80,30 +80,30 @@ class Lines:
     def close(self) -> None:
         return
 
-    def _tell_run(self, job: JobStanding) -> None:
+    def _tell_run(self, job: JobState) -> None:
         run = job.last and job.last.run
         if run and run not in self._recording:
             self._recording.add(run)
             self.told(f"{job.name} records into {run}")
 
-    def _tell_news(self, job: JobStanding) -> None:
+    def _tell_news(self, job: JobState) -> None:
         for text in self._follow(job).news():
             self._print(f"{job.name}: {text}")
 
-    def _follow(self, job: JobStanding) -> _Follower:
+    def _follow(self, job: JobState) -> _Follower:
         papers = self._shift.hands.papers(job.name, max(len(job.attempts), 1))
         known = self._followed.get(job.name)
         if known is None or known.papers.folder != papers.folder:
             known = self._followed[job.name] = _Follower(papers)
         return known
 
-    def _now(self, job: JobStanding) -> Now:
+    def _now(self, job: JobState) -> Now:
         return self._follow(job).papers.now()
 
     def _print(self, text: str) -> None:
         note(text)
 
-    def _second(self, standing: Standing, following: Next) -> None:
+    def _second(self, standing: BatchState, following: Next) -> None:
         return
 
 
@@ -131,11 +131,11 @@ class Screen(Lines):
     def _print(self, text: str) -> None:
         self._console.print(wrapped(clean(text), self._console.width), markup=False, soft_wrap=True)
 
-    def _second(self, standing: Standing, following: Next) -> None:
+    def _second(self, standing: BatchState, following: Next) -> None:
         if self._live is not None:
             self._live.update(self._table(standing, following), refresh=True)
 
-    def _table(self, standing: Standing, following: Next) -> Table:
+    def _table(self, standing: BatchState, following: Next) -> Table:
         from rich.table import Table
 
         table = Table(title=clean(title(standing, following)), title_justify="left", pad_edge=False)
@@ -145,13 +145,13 @@ class Screen(Lines):
             table.add_row(*map(clean, self._cells(job, self._now(job))))
         return table
 
-    def _cells(self, job: JobStanding, now: Now) -> tuple[str, ...]:
+    def _cells(self, job: JobState, now: Now) -> tuple[str, ...]:
         stations = ", ".join(self._shift.orders.stations[job.name])
         away = f"; away: {', '.join(now.away)}" if now.away else ""
         return job.name, stations, so_far(self._asked[job.name], now), now.doing + away, tools(now), str(now.alarms or "")
 
 
-def title(standing: Standing, following: Next) -> str:
+def title(standing: BatchState, following: Next) -> str:
     """``2 of 9 jobs have ended; next smd-2 (dde-1: behind smd-1)``."""
     ended = sum(job.is_over for job in standing.jobs.values())
     text = f"{ended} of {len(standing.jobs)} jobs have ended"

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Final
 
 if TYPE_CHECKING:
     from jbclog.app.batch.resume import Shift
-    from jbclog.app.batch.state import Attempt, JobStanding
+    from jbclog.app.batch.state import Attempt, JobState
 
 NOT_STARTED: Final = "not started"
 COLUMNS: Final = ("job", "stations", "came to", "exit", "verdict", "began", "took", "run")
@@ -72,11 +72,11 @@ def table(shift: Shift, out: Path) -> list[str]:
     return ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]
 
 
-def _in_file_order(shift: Shift) -> list[JobStanding]:
+def _in_file_order(shift: Shift) -> list[JobState]:
     return [shift.standing.jobs[name] for name in shift.orders.orders]
 
 
-def _rows(shift: Shift, job: JobStanding, out: Path) -> Iterator[Sequence[str]]:
+def _rows(shift: Shift, job: JobState, out: Path) -> Iterator[Sequence[str]]:
     stations = ",".join(shift.orders.stations[job.name])
     for attempt in job.attempts[:-1]:
         yield (job.name, stations, *_cells(attempt, out))
@@ -88,7 +88,7 @@ def _rows(shift: Shift, job: JobStanding, out: Path) -> Iterator[Sequence[str]]:
         yield (job.name, stations, state_of(job), "-", "-", "-", "-", "-")
 
 
-def state_of(job: JobStanding) -> str:
+def state_of(job: JobState) -> str:
     """How it stands, when nothing more will be done."""
     return job.state.value if job.is_over else NOT_STARTED
 
@@ -113,7 +113,7 @@ def facts(shift: Shift, out: Path, code: int) -> dict[str, object]:
     }
 
 
-def _job_facts(shift: Shift, job: JobStanding, out: Path) -> dict[str, object]:
+def _job_facts(shift: Shift, job: JobState, out: Path) -> dict[str, object]:
     last = job.last
     return {
         "name": job.name,

@@ -54,9 +54,9 @@ def demo(
 
 
 def _record(out: Path, seconds: float, *, quiet: bool) -> Result:
-    from jbclog.app.run.plan import Metadata, Wanted, make_plan
+    from jbclog.app.run.plan import Metadata, RunOptions, make_plan
     from jbclog.app.run.runner import conduct
-    from jbclog.cli.background_observer import Aside
+    from jbclog.cli.background_observer import BackgroundObserver
     from jbclog.cli.progress import observer
     from jbclog.sim.process import SimProcess
 
@@ -67,8 +67,8 @@ def _record(out: Path, seconds: float, *, quiet: bool) -> Result:
         if not quiet:
             note("four virtual stations: dde-1 and dde-2 with two tools each, the robot unit ucr-1, ale-1 with its solder feeder")
         with SimProcess(line, Path(folder) / "ports", tcp=tcp) as stations:
-            plan = make_plan(Wanted(stations.line_path, recipe, duration_s=seconds, metadata=metadata))
-            shown = Aside(observer(seconds, quiet=quiet))
+            plan = make_plan(RunOptions(stations.line_path, recipe, duration_s=seconds, metadata=metadata))
+            shown = BackgroundObserver(observer(seconds, quiet=quiet))
             try:
                 return conduct(plan, out, shown, missed=shown.missed)
             finally:

@@ -23,7 +23,7 @@ PIECE: Final = 512
 END_S: Final = 2.0  # what people may take at the end of a verb to go on reading
 
 
-class Unheld(io.RawIOBase):
+class NonblockingOutput(io.RawIOBase):
     """Writes to `descriptor` in a thread. `write` never waits; `settle` does, for `END_S` in all."""
 
     def __init__(self, descriptor: int) -> None:
@@ -94,17 +94,21 @@ def never_wait() -> None:
         stream = getattr(sys, name)
         if _is_at(stream, descriptor):
             stream.flush()
-            unheld = Unheld(descriptor)
+            unheld = NonblockingOutput(descriptor)
             setattr(sys, name, _around(unheld, stream))
             atexit.register(unheld.settle)
 
 
 def _is_at(stream: IO[str], descriptor: int) -> bool:
     try:
-        return isinstance(stream, io.TextIOWrapper) and stream.fileno() == descriptor and not isinstance(stream.buffer, Unheld)
+        return (
+            isinstance(stream, io.TextIOWrapper)
+            and stream.fileno() == descriptor
+            and not isinstance(stream.buffer, NonblockingOutput)
+        )
     except (OSError, ValueError):
         return False
 
 
-def _around(raw: Unheld, like: io.TextIOWrapper) -> io.TextIOWrapper:
+def _around(raw: NonblockingOutput, like: io.TextIOWrapper) -> io.TextIOWrapper:
     return io.TextIOWrapper(raw, encoding=like.encoding, errors=like.errors, write_through=True)

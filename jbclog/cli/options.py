@@ -13,7 +13,7 @@ from jbclog.cli.names import complete_station
 from jbclog.core.errors import UsageError
 
 if TYPE_CHECKING:
-    from jbclog.app.run.plan import Metadata, Wanted
+    from jbclog.app.run.plan import Metadata, RunOptions
 
 LINE = typer.Option(..., "--line", "-l", metavar="FILE", help="The line file: which stations, on which ports.", show_default=False)
 RECIPE = typer.Argument(
@@ -149,11 +149,11 @@ def wanted(
     metadata: Metadata | None = None,
     *,
     allow_omega_write: bool = False,
-) -> Wanted:
+) -> RunOptions:
     """What the options ask for."""
-    from jbclog.app.run.plan import Wanted
+    from jbclog.app.run.plan import RunOptions
 
-    return Wanted(
+    return RunOptions(
         line,
         recipe,
         tuple(stations),

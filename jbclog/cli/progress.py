@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from jbclog.cli.output import is_terminal, note, wrapped
 from jbclog.core.rows import EventRow, Severity
 from jbclog.core.text import clean
-from jbclog.session.run.context import Desk, PortState
+from jbclog.session.run.context import PortState, SessionContext
 
 if TYPE_CHECKING:
     from rich.live import Live
@@ -62,7 +62,7 @@ class Lines:
         if self._worth.telling(event):
             note(event_line(event))
 
-    def second(self, desks: list[Desk]) -> None:
+    def second(self, desks: list[SessionContext]) -> None:
         return
 
     def sealing(self) -> None:
@@ -96,7 +96,7 @@ class Screen:
         if self._worth.telling(event):
             self._print(event_line(event))
 
-    def second(self, desks: list[Desk]) -> None:
+    def second(self, desks: list[SessionContext]) -> None:
         if self._live is not None:
             self._live.update(self._table(desks), refresh=True)
 
@@ -112,7 +112,7 @@ class Screen:
     def _print(self, text: str) -> None:
         self._console.print(wrapped(clean(text), self._console.width), markup=False, soft_wrap=True)
 
-    def _table(self, desks: list[Desk]) -> Table:
+    def _table(self, desks: list[SessionContext]) -> Table:
         from rich.table import Table
 
         passed = time.monotonic() - self._began
@@ -126,7 +126,7 @@ class Screen:
         return table
 
 
-def _cells(desk: Desk) -> Iterator[tuple[str, ...]]:
+def _cells(desk: SessionContext) -> Iterator[tuple[str, ...]]:
     """A row for each port of a station that is recorded; one for a station that is not yet, or not any more."""
     alarms = str(desk.facts.alarms or "")
     if desk.facts.outcome != RUNNING or not desk.ports:
@@ -141,14 +141,14 @@ def _cells(desk: Desk) -> Iterator[tuple[str, ...]]:
         alarms = ""  # they are counted by station
 
 
-def _tip(desk: Desk, port: PortState) -> str:
+def _tip(desk: SessionContext, port: PortState) -> str:
     if desk.family.command_of("temperature_c") is None:
         return ""
     known = desk.connected and port.temperature_c is not None
     return f"{port.temperature_c} °C" if known else "unknown"
 
 
-def _status(desk: Desk, port: PortState) -> str:
+def _status(desk: SessionContext, port: PortState) -> str:
     if desk.connected and port.states:  # OMEGA's, each in its own words
         return ", ".join(str(port.states[signal.name][0]) for signal in desk.family.signals if signal.name in port.states)
     if not desk.connected or port.status is None:

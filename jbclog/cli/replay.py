@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from jbclog.app.replay.recording import Recording
     from jbclog.app.replay.reproduce import Again, Held
     from jbclog.core.rows import EventRow
-    from jbclog.session.run.context import Desk
+    from jbclog.session.run.context import SessionContext
     from jbclog.sim.replayed_station import TapeStation
     from jbclog.transport.session_history import Astray
 
@@ -146,7 +146,7 @@ class _Nobody:
 
     def happened(self, event: EventRow) -> None: ...
 
-    def second(self, desks: list[Desk]) -> None: ...
+    def second(self, desks: list[SessionContext]) -> None: ...
 
     def sealing(self) -> None: ...
 

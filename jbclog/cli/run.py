@@ -16,7 +16,7 @@ from jbclog.cli.unit_lines import listed, source_of, unshown
 from jbclog.core.outcome import Exit, in_order
 
 if TYPE_CHECKING:
-    from jbclog.app.run.plan import Plan, Wanted
+    from jbclog.app.run.plan import Plan, RunOptions
     from jbclog.app.run.run_record import Result
     from jbclog.transport.typed_lines import Source
 
@@ -82,13 +82,13 @@ def run(
     raise typer.Exit(code)
 
 
-def record(wanted: Wanted, out: Path, units: Source | None = None, *, as_json: bool) -> int:
+def record(wanted: RunOptions, out: Path, units: Source | None = None, *, as_json: bool) -> int:
     """Carry out the one job that there is, as a batch does each of its own, and tell what came of it; give the exit code."""
     from jbclog.app.run.job import Job, carry_out
-    from jbclog.cli.background_observer import Aside
+    from jbclog.cli.background_observer import BackgroundObserver
     from jbclog.cli.progress import observer
 
-    shown = Aside(observer(wanted.duration_s, quiet=as_json))
+    shown = BackgroundObserver(observer(wanted.duration_s, quiet=as_json))
     try:
         with unshown(units):
             result = carry_out(Job(wanted, out), shown, units=units, missed=shown.missed, planned=_tell_notes)

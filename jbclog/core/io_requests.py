@@ -74,12 +74,12 @@ class LeftOut(RunEnded):
 
 
 T = TypeVar("T")
-Wish = Ask | Listen | Wait | Reopen | Gather
-Steps = Generator[Wish, Heard, T]
+Request = Ask | Listen | Wait | Reopen | Gather
+Steps = Generator[Request, Heard, T]
 """A piece of a session: yields wishes, is sent what was heard, returns a `T`."""
 
 
-def relay(steps: Steps[T], do: Callable[[Wish], Steps[Heard]]) -> Steps[T]:
+def relay(steps: Steps[T], do: Callable[[Request], Steps[Heard]]) -> Steps[T]:
     """Pull `steps`, and have `do` see to each of its wishes. What goes wrong in that is for the steps, as from a driver."""
     try:
         wish = next(steps)

@@ -17,9 +17,9 @@ from contextlib import suppress
 from pathlib import Path
 
 from jbclog.core.errors import RecordError
-from jbclog.guard.action_log import Diary
+from jbclog.guard.action_log import ActionLog
 from jbclog.guard.lease import StationLease
-from jbclog.guard.lease_writer import Shelf
+from jbclog.guard.lease_writer import LeaseWriter
 from jbclog.guard.messages import STDERR, let_go, say
 from jbclog.guard.process import ANSWER, READY
 from jbclog.guard.recorder import Recorder
@@ -43,8 +43,8 @@ def main() -> int:
     folder, recorder = Path(sys.argv[1]), Recorder(int(sys.argv[3]))
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)
-    diary = Diary(folder)
-    shelf = Shelf(folder, diary)
+    diary = ActionLog(folder)
+    shelf = LeaseWriter(folder, diary)
     try:
         with only_one(folder, PREDECESSOR_S):
             with suppress(OSError):  # then it has to do without
@@ -70,7 +70,7 @@ def main() -> int:
     return 0
 
 
-def _keep(left: Sequence[StationLease], shelf: Shelf, diary: Diary) -> None:
+def _keep(left: Sequence[StationLease], shelf: LeaseWriter, diary: ActionLog) -> None:
     """Close the lease as far as it is known what came of it: what could not be written down is nobody's to know."""
     if not diary.is_torn:
         shelf.put(left)
@@ -79,7 +79,7 @@ def _keep(left: Sequence[StationLease], shelf: Shelf, diary: Diary) -> None:
         diary.tidy()
 
 
-def _guard(recorder: Recorder, shelf: Shelf, diary: Diary) -> tuple[Sequence[StationLease], Collection[str]]:
+def _guard(recorder: Recorder, shelf: LeaseWriter, diary: ActionLog) -> tuple[Sequence[StationLease], Collection[str]]:
     """Watch, and take over where it comes to that; give what is left that may be hot, and what was told over a flooded link."""
     os.set_blocking(STDOUT, False)
     _answer(READY)
@@ -106,7 +106,7 @@ def _say_failed(error: Exception) -> None:
         say(f"the guard failed, {type(error).__name__}: {error}")
 
 
-def _watch(watch: Watch, shelf: Shelf) -> Verdict:
+def _watch(watch: Watch, shelf: LeaseWriter) -> Verdict:
     poll = select.poll()
     poll.register(STDIN, select.POLLIN)
     while True:
@@ -132,7 +132,9 @@ def _answer(data: bytes) -> None:
         os.write(STDOUT, data)
 
 
-def _take_over(watch: Watch, verdict: Verdict, recorder: Recorder, diary: Diary) -> tuple[Sequence[StationLease], Collection[str]]:
+def _take_over(
+    watch: Watch, verdict: Verdict, recorder: Recorder, diary: ActionLog
+) -> tuple[Sequence[StationLease], Collection[str]]:
     if verdict is not Verdict.FAILED:  # one that failed has closed its ports
         recorder.end(0.0 if verdict is Verdict.HUNG else DYING_S, DEATH_S)
     taking_over = TakeOver(list(watch.stations.values()), diary)
@@ -143,7 +145,7 @@ def _take_over(watch: Watch, verdict: Verdict, recorder: Recorder, diary: Diary)
     return left, taking_over.flooded
 
 
-def _go_on(folder: Path, left: Sequence[StationLease], flooded: Collection[str], shelf: Shelf, diary: Diary) -> None:
+def _go_on(folder: Path, left: Sequence[StationLease], flooded: Collection[str], shelf: LeaseWriter, diary: ActionLog) -> None:
     """Try again, until all is safe, or somebody else has seen to it, or time is up. Between tries the folder is free."""
     end = time.monotonic() + GO_ON_S
     while left and time.monotonic() < end:

@@ -27,7 +27,7 @@ LINE_BYTES: Final = 512  # that one line may take
 FLAGS: Final = os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK
 
 
-class Diary:
+class ActionLog:
     """Keeps lines that are on the disk when `write` returns. Where the disk takes none, the tools come first.
 
     `who` says it, where it is said of a sealed run. `is_torn`: something that was to be kept is not.

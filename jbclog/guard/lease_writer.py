@@ -11,20 +11,20 @@ from pathlib import Path
 from threading import Condition, Thread
 
 from jbclog.guard import lease
-from jbclog.guard.action_log import Diary
+from jbclog.guard.action_log import ActionLog
 from jbclog.guard.lease import StationLease
 from jbclog.transport.opening import make_ready
 
 LINES_A_STATION = 3  # in the diary, beside one for each tool
 
 
-class Shelf:
+class LeaseWriter:
     """Keeps the newest lease in `folder`, and room in the `diary` for what will have to be said of it.
 
     A disk that takes none is no reason to stop watching.
     """
 
-    def __init__(self, folder: Path, diary: Diary) -> None:
+    def __init__(self, folder: Path, diary: ActionLog) -> None:
         self._folder = folder
         self._diary = diary
         self._changed = Condition()

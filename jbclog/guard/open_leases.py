@@ -12,7 +12,7 @@ from typing import Final, NamedTuple
 
 from jbclog.core.errors import RecordError
 from jbclog.guard import lease, lease_registry
-from jbclog.guard.action_log import Diary
+from jbclog.guard.action_log import ActionLog
 from jbclog.guard.lease import StationLease
 from jbclog.guard.single_guard import only_one
 from jbclog.guard.takeover import CRITICAL, ERROR, INFO, TakeOver
@@ -92,7 +92,7 @@ def _take_over(folder: Path, urls: Collection[str]) -> LeftOver | None:
     ours = [station for station in held if _is_wanted(station, urls)]
     if not ours:  # the guard that was there has done it meanwhile
         return None
-    diary = Diary(folder, "jbclog run")
+    diary = ActionLog(folder, "jbclog run")
     left = TakeOver(ours, diary, spare=True).run()
     if not diary.is_torn:
         with suppress(OSError):
@@ -102,7 +102,7 @@ def _take_over(folder: Path, urls: Collection[str]) -> LeftOver | None:
     return LeftOver(not left, text)
 
 
-def _tell(diary: Diary, folder: Path, stations: Collection[StationLease], *, is_safe: bool) -> str:
+def _tell(diary: ActionLog, folder: Path, stations: Collection[StationLease], *, is_safe: bool) -> str:
     done = "every tool is in its safe state now" if is_safe else "not every tool could be made safe"
     text = f"Run {folder.name} had left tools of {', '.join(sorted(one.name for one in stations))} as they were: {done}."
     diary.write("guard.left_over", ERROR if is_safe else CRITICAL, text)
@@ -131,7 +131,7 @@ def close(urls: Collection[str], look: Callable[[StationLease], Seen | None], is
 def _close(folder: Path, look: Callable[[StationLease], Seen | None], who: str) -> bool:
     """Whether anything of it was closed; where its guard is there, that is its own to do."""
     with suppress(RecordError, OSError), only_one(folder):
-        held, diary = lease.kept(folder), Diary(folder, who)
+        held, diary = lease.kept(folder), ActionLog(folder, who)
         left = [_without(station, look(station), diary) for station in held]
         closed = {before: after for before, after in zip(held, left, strict=True) if after != before}
         if closed:
@@ -143,7 +143,7 @@ def _close(folder: Path, look: Callable[[StationLease], Seen | None], who: str) 
     return False
 
 
-def _without(station: StationLease, seen: Seen | None, diary: Diary) -> StationLease:
+def _without(station: StationLease, seen: Seen | None, diary: ActionLog) -> StationLease:
     """What the lease still holds."""
     if seen is None or seen.model != station.model:
         return station

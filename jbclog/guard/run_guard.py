@@ -7,7 +7,7 @@ from pathlib import Path
 
 from jbclog.core.rows import StationFacts
 from jbclog.guard.lease import StationLease
-from jbclog.guard.supervisor import Keeper
+from jbclog.guard.supervisor import GuardSupervisor
 
 RUNNING = "running"  # the outcome of a session that has not ended
 NO_MORE = "verified"  # a tool that was read back in its safe state is nobody's to guard any more
@@ -17,11 +17,11 @@ class Guarding:
     """A guard from `start` to `end`; without a start nothing is told to anybody."""
 
     def __init__(self) -> None:
-        self._keeper: Keeper | None = None
+        self._keeper: GuardSupervisor | None = None
 
     def start(self, folder: Path, tell: Callable[[str, str], None]) -> None:
         """Start it. Raises `StartRefused`; nothing has been sent to any station then."""
-        self._keeper = Keeper(folder, tell)
+        self._keeper = GuardSupervisor(folder, tell)
 
     def know(self, facts: StationFacts) -> None:
         """Lease what these facts say may be hot. Called before the first write to a tool goes out."""

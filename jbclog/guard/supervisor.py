@@ -18,7 +18,7 @@ Tell = Callable[[str, str], None]
 """Is given the kind and the sentence of a critical event."""
 
 
-class Keeper:
+class GuardSupervisor:
     """The guard of the run in `folder`. Raises `StartRefused` where the first one cannot be started."""
 
     def __init__(self, folder: Path, tell: Tell) -> None:

@@ -15,7 +15,7 @@ from threading import Thread
 from jbclog.core.errors import Refusal, UsageError
 from jbclog.core.io_requests import Steps
 from jbclog.core.line_format import LineFormat
-from jbclog.guard.action_log import Diary
+from jbclog.guard.action_log import ActionLog
 from jbclog.guard.lease import StationLease
 from jbclog.guard.messages import say
 from jbclog.protocol.client.interface import Client
@@ -43,7 +43,7 @@ class TakeOver:
     def __init__(
         self,
         stations: Sequence[StationLease],
-        diary: Diary,
+        diary: ActionLog,
         *,
         again: bool = False,
         spare: bool = False,

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from jbclog.maintenance.counter_totals.interval import Interval
 from jbclog.maintenance.counter_totals.observed import Count, Errors, Fact, Identity
-from jbclog.maintenance.counter_totals.totals import Difference, Odometer
+from jbclog.maintenance.counter_totals.totals import CounterTotal, Difference
 from jbclog.maintenance.due import State, TaskState
 
 BEFORE, FLEET = "before", "fleet"
@@ -20,7 +20,7 @@ class Meter:
     counter: str
     unit: str
     read: Count | None
-    odometer: Odometer
+    odometer: CounterTotal
     last: Difference | None
     per_day: Interval | None
 

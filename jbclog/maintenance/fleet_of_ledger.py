@@ -9,7 +9,7 @@ from jbclog.config.tasks_file import Task
 from jbclog.maintenance.counter_totals.history import History, histories
 from jbclog.maintenance.counter_totals.interval import Interval
 from jbclog.maintenance.counter_totals.observed import Count, Entry, Observation
-from jbclog.maintenance.counter_totals.totals import DOUBTFUL, Difference, Kind, Odometer, Trace, per_day
+from jbclog.maintenance.counter_totals.totals import DOUBTFUL, CounterTotal, Difference, Kind, Trace, per_day
 from jbclog.maintenance.counter_totals.tracing import Traces, traces_of
 from jbclog.maintenance.drift import drifts
 from jbclog.maintenance.due import TaskState, states_of
@@ -105,7 +105,7 @@ def _meters(now: Observation, history: History, traces: Traces) -> Iterator[Mete
             yield _meter(trace, read.get(key), history)
         else:
             one = read[key]
-            unknown = Odometer(Interval(0.0, math.inf), now.time, 0.0, is_known=False)
+            unknown = CounterTotal(Interval(0.0, math.inf), now.time, 0.0, is_known=False)
             yield Meter(one.port, one.counter, one.unit, one, unknown, None, None)
 
 

@@ -31,7 +31,7 @@ from jbclog.record.manifest import NAME, Lost, Manifest, SealedFile, iso, write_
 from jbclog.record.parts import complete, part_paths, row_groups, through
 from jbclog.record.schema import TABLES
 from jbclog.record.store import companions, segments
-from jbclog.record.store_reader import Stock
+from jbclog.record.store_reader import StoreReader
 from jbclog.record.units import units_of
 
 RUNNING: Final = "running"
@@ -53,7 +53,7 @@ def conclude(folder: Path, manifest: Manifest, lock: FolderLock) -> Manifest:
     lock.expect_ours()
     try:
         complete(folder)
-        with Stock(folder) as stock:
+        with StoreReader(folder) as stock:
             _refuse_unsealed(stock)
             damage.note(folder, stock.damage)
             stations = stations_of(folder, stock, manifest)
@@ -73,23 +73,23 @@ def conclude(folder: Path, manifest: Manifest, lock: FolderLock) -> Manifest:
     return sealed
 
 
-def _refuse_unsealed(stock: Stock) -> None:
+def _refuse_unsealed(stock: StoreReader) -> None:
     waiting = sum(len(stock.numbers_of(table, through(stock.folder, table))) for table in TABLES)
     if waiting:
         raise RecordError(f"{stock.folder}: {waiting} batches of the live store are not sealed yet")
 
 
-def stations_of(folder: Path, stock: Stock, manifest: Manifest) -> list[StationFacts]:
+def stations_of(folder: Path, stock: StoreReader, manifest: Manifest) -> list[StationFacts]:
     """The facts, with what a guard reached."""
     return guard_actions.with_guard(folder, known_stations(stock, manifest.stations))
 
 
-def unkept_rows(stock: Stock) -> int:
+def unkept_rows(stock: StoreReader) -> int:
     """How many rows the disk never took: as the store has it, or the recorder's last word where that did not come into it."""
     return max(stock.dropped_rows, witness(stock.folder).unkept)
 
 
-def known_stations(stock: Stock, known: list[StationFacts]) -> list[StationFacts]:
+def known_stations(stock: StoreReader, known: list[StationFacts]) -> list[StationFacts]:
     """The facts in the live store, in the order in which the manifest has the stations already.
 
     What the recorder itself says of a session that has ended is the last word: its store may not have taken that any more.

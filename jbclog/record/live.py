@@ -29,12 +29,12 @@ from jbclog.core.errors import RecordError
 from jbclog.core.folder_lock import FolderLock, Witness
 from jbclog.core.rows import CounterRow, EventRow, SampleRow, SettingRow, Severity, StationFacts
 from jbclog.record.batches import keep_pandas_out
-from jbclog.record.pending_events import OnEvent, Untold
-from jbclog.record.row_buffer import Intake
+from jbclog.record.pending_events import OnEvent, PendingEvents
+from jbclog.record.row_buffer import RowBuffer
 from jbclog.record.schema import SCHEMA_VERSION
 from jbclog.record.seal import SealChild
 from jbclog.record.store import FACTS, META
-from jbclog.record.store_writer import Keeping
+from jbclog.record.store_writer import StoreWriter
 
 COMMIT_S: Final = 0.8
 AT_RISK_S: Final = 1.0  # what a kill can take at the most: the pause between two commits, and the commit itself
@@ -65,12 +65,12 @@ class LiveStore:
         self._on_failure = on_failure
         self._seal_every_s = seal_every_s
         self._lock: FolderLock | None = None
-        self._intake = Intake(folder.name, self._bad_row)
-        self._keeping = Keeping(folder)
+        self._intake = RowBuffer(folder.name, self._bad_row)
+        self._keeping = StoreWriter(folder)
         self._child: SealChild | None = None
         self._facts: dict[str, str] = {}
         self._unstored: set[str] = set()  # stations whose facts have changed since they were stored
-        self._untold = Untold(on_event)
+        self._untold = PendingEvents(on_event)
         self._committing = threading.Lock()  # held for a whole commit
         self._commit_began: float | None = None  # monotonic seconds, while one goes on
         self._witness = Witness()

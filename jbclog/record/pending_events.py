@@ -15,7 +15,7 @@ from jbclog.core.rows import EventRow
 OnEvent = Callable[[EventRow], None]
 
 
-class Untold:
+class PendingEvents:
     """Holds events in their order; `show` is given each once. Callers may be in any thread."""
 
     def __init__(self, show: OnEvent | None) -> None:

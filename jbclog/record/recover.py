@@ -31,7 +31,7 @@ from jbclog.record.recipe_copies import recipe_texts
 from jbclog.record.schema import TABLES
 from jbclog.record.seal import seal_rows
 from jbclog.record.store import refuse_newer, segments
-from jbclog.record.store_reader import Stock
+from jbclog.record.store_reader import StoreReader
 
 PATIENCE_S: Final = 10.0  # a sealing child that outlived its recorder is given this long to end
 FINISHED: Final = "finished already; nothing was changed."
@@ -121,7 +121,7 @@ def _finish(folder: Path, manifest: Manifest, lock: FolderLock) -> Recovery:
     seal_rows(folder)
     guard_actions.take_in(folder, manifest.run, guard_actions.diary(folder))
     manifest = replace(manifest, guard="lost" if guard_actions.was_lost(folder) else manifest.guard)
-    with Stock(folder) as stock:
+    with StoreReader(folder) as stock:
         _note_missing_end(folder, stock.last)
         stations = _tell_left_hot(folder, manifest, stock)
         manifest = _outcome(folder, manifest, stock, is_safe=not any(facts.unsafe for facts in stations))
@@ -139,7 +139,7 @@ def _recovery(
     return Recovery(folder, outcome, f"{text} {warning}".rstrip(), rows, is_safe=not warning)
 
 
-def _tell_left_hot(folder: Path, manifest: Manifest, stock: Stock) -> list[StationFacts]:
+def _tell_left_hot(folder: Path, manifest: Manifest, stock: StoreReader) -> list[StationFacts]:
     """Put into the events what is not known of tools; give the facts with that in them."""
     stations = stations_of(folder, stock, manifest)
     unknown = left_hot.unknown(folder, stations, manifest.guard)
@@ -184,7 +184,7 @@ def _draft(folder: Path) -> Manifest:
         return Manifest(run=folder.name)
 
 
-def _outcome(folder: Path, manifest: Manifest, stock: Stock, *, is_safe: bool) -> Manifest:
+def _outcome(folder: Path, manifest: Manifest, stock: StoreReader, *, is_safe: bool) -> Manifest:
     """What the manifest has to say of the end that the recorder could not write."""
     found = damage.read(folder)
     if stock.was_closed and manifest.exit_status is not None and not found:
@@ -198,7 +198,7 @@ def _outcome(folder: Path, manifest: Manifest, stock: Stock, *, is_safe: bool) -
     )
 
 
-def _lost(found: list[damage.Damage], stock: Stock) -> Lost:
+def _lost(found: list[damage.Damage], stock: StoreReader) -> Lost:
     unkept = unkept_rows(stock)
     if stock.was_closed and not found and not unkept:
         return Lost(0.0, "The recorder ended before it could write what came of the run; all of its rows are there.")

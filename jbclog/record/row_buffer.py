@@ -19,7 +19,7 @@ OnBadRow = Callable[[str, Exception], None]
 """Is told the table and the reason when a row cannot be recorded."""
 
 
-class Intake:
+class RowBuffer:
     """Takes rows at once; `take` turns what came since into batches, which stay in `backlog` until they are stored.
 
     `on_bad_row` is called by `take`, in its thread. Rows that are no rows, and the oldest samples that `HELD_BYTES` has

@@ -28,7 +28,7 @@ from jbclog.record import damage
 from jbclog.record.parts import regroup, remove_leavings, through, write_part
 from jbclog.record.schema import TABLES
 from jbclog.record.store import Segment, segments
-from jbclog.record.store_reader import Stock
+from jbclog.record.store_reader import StoreReader
 
 NICENESS: Final = 10
 
@@ -51,7 +51,7 @@ def seal_rows(folder: Path, *, part: bool = False) -> int:
 
 def _seal_stock(folder: Path) -> tuple[int, bool]:
     """Seal what is there; give the number of the last batch and whether all of them were sound."""
-    with Stock(folder) as stock:
+    with StoreReader(folder) as stock:
         for table in TABLES:
             numbers = stock.numbers_of(table, through(folder, table))
             if numbers:
@@ -60,7 +60,7 @@ def _seal_stock(folder: Path) -> tuple[int, bool]:
         return stock.last, not stock.damage
 
 
-def _groups(stock: Stock, numbers: list[int]) -> Iterator[pa.Table]:
+def _groups(stock: StoreReader, numbers: list[int]) -> Iterator[pa.Table]:
     return regroup(stock.tables(numbers))
 
 

@@ -37,7 +37,7 @@ def expect_damage(path: Path, error: Exception) -> None:
         raise RecordError(f"{path} cannot be read now: {error}; nothing of it was changed") from error
 
 
-class Stock:
+class StoreReader:
     """All segments of a run's live store, as they were at one moment; nothing is written. `damage` grows while it is read.
 
     Numbers that two segments have are taken from the first in which they are sound. What only keeps it from being read now
@@ -73,7 +73,7 @@ class Stock:
             self._snapshots = opened.pop_all()
         return True
 
-    def __enter__(self) -> Stock:
+    def __enter__(self) -> StoreReader:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:

@@ -32,7 +32,7 @@ class Kept:
     moved_to: str | None = None
 
 
-class Keeping:
+class StoreWriter:
     """Stores batches in `folder`. Used by one thread at a time."""
 
     def __init__(self, folder: Path) -> None:

@@ -7,7 +7,7 @@ from typing import Protocol, TypeVar
 
 from jbclog.core.clock import Clock, SystemClock
 from jbclog.core.errors import LinkError
-from jbclog.core.io_requests import Ask, Gather, Heard, Listen, Steps, Wait, Wish
+from jbclog.core.io_requests import Ask, Gather, Heard, Listen, Request, Steps, Wait
 from jbclog.transport.read_budget import REST_S, Budget
 
 T = TypeVar("T")
@@ -59,7 +59,7 @@ class _Puller:
         self._budget = Budget()
         self._rests_until = 0.0  # a port that brings more than answers: a thread that never waits keeps the others from going on
 
-    def do(self, wish: Wish) -> Heard:
+    def do(self, wish: Request) -> Heard:
         if isinstance(wish, Ask):
             port = self._open()
             self._sent = self._now()

@@ -16,7 +16,7 @@ from jbclog.core import clock
 from jbclog.transport.blocking import OpenPort
 from jbclog.transport.event_loop import Readers, exact_selector
 from jbclog.transport.loop_lag import Beat
-from jbclog.transport.session_runner import NEVER, Pulled, Session
+from jbclog.transport.session_runner import NEVER, Session, SessionRunner
 from jbclog.transport.start_barrier import Barrier
 
 OPENERS = 8  # ports opened at the same time
@@ -45,8 +45,8 @@ class Reactor:
         self.loop = _Loop(exact_selector())
         self.readers = Readers(self.loop)
         self.openers = ThreadPoolExecutor(OPENERS, thread_name_prefix="open-port")
-        self._wires: set[Pulled] = set()
-        self._alarms: list[tuple[float, int, Pulled]] = []  # a heap
+        self._wires: set[SessionRunner] = set()
+        self._alarms: list[tuple[float, int, SessionRunner]] = []  # a heap
         self._order = count()
         self._timer: asyncio.TimerHandle | None = None  # for the first of them
         self.beat = Beat(self.loop, fast.speed if fast else 1.0)
@@ -56,7 +56,7 @@ class Reactor:
 
     def add(self, session: Session, open_port: OpenPort, name: str = "") -> None:
         """Have `session` pulled; `open_port` is called, in a thread, for each of its wishes to open the port."""
-        self._wires.add(Pulled(self, session, open_port, name))
+        self._wires.add(SessionRunner(self, session, open_port, name))
 
     def _at(self, moment: float, call: Callable[[], None]) -> None:
         self.loop.call_at(self._elapsed_at(moment), call)
@@ -125,13 +125,13 @@ class Reactor:
         self._failure = self._failure or (error if isinstance(error, Exception) else RuntimeError(str(context.get("message"))))
         loop.stop()
 
-    def failed(self, wire: Pulled, error: Exception) -> None:
+    def failed(self, wire: SessionRunner, error: Exception) -> None:
         """The session of `wire` broke, which no session may; the others are ended in good order."""
         self._failure = self._failure or error
         self.ended(wire)
         self.loop.call_soon(self.end, f"a session broke: {error}")
 
-    def ended(self, wire: Pulled) -> None:
+    def ended(self, wire: SessionRunner) -> None:
         """`wire` has nothing more to pull."""
         self._wires.discard(wire)
         if not self._wires:
@@ -139,7 +139,7 @@ class Reactor:
 
     # One timer of the loop for all wires: on a common grid they wake together, and comparing asyncio's timers is dear.
 
-    def wake_at(self, moment: float, wire: Pulled) -> None:
+    def wake_at(self, moment: float, wire: SessionRunner) -> None:
         """Call `wire.on_time(moment)` at `moment`. Nothing is ever taken back: a wire knows which of its alarms counts."""
         heappush(self._alarms, (moment, next(self._order), wire))
         self._set_timer()

@@ -12,12 +12,12 @@ from math import inf
 from typing import NamedTuple, TypeVar
 
 from jbclog.core.errors import LinkError
-from jbclog.core.io_requests import Ask, Gather, Heard, LeftOut, Listen, NotStarted, Reopen, RunEnded, Steps, Wait, Wish
+from jbclog.core.io_requests import Ask, Gather, Heard, LeftOut, Listen, NotStarted, Reopen, Request, RunEnded, Steps, Wait
 from jbclog.core.wire_capture import Row, Told, ToldName, WishName
 
 T = TypeVar("T")
 
-NAMES: dict[type[Wish], WishName] = {Ask: "ask", Listen: "listen", Wait: "wait", Reopen: "reopen", Gather: "gather"}
+NAMES: dict[type[Request], WishName] = {Ask: "ask", Listen: "listen", Wait: "wait", Reopen: "reopen", Gather: "gather"}
 THROWN: dict[type[Exception], ToldName] = {RunEnded: "stopped", NotStarted: "not_started", LeftOut: "left_out"}
 ENDS: dict[ToldName, type[RunEnded]] = {"stopped": RunEnded, "not_started": NotStarted, "left_out": LeftOut}
 ROUNDING_S = 1e-6  # a moment may come so much before its time, by the way in which it was reckoned
@@ -61,7 +61,7 @@ class Step(NamedTuple):
     def __str__(self) -> str:
         return "the end" if self.told.what == "done" else f"{self.told.wish} {self.asked!r}" if self.asked else self.told.wish
 
-    def answers(self, wish: Wish) -> bool:
+    def answers(self, wish: Request) -> bool:
         """Whether this can be what came of `wish`."""
         told = self.told
         if told.what == "done" or NAMES[type(wish)] != told.wish:
@@ -70,7 +70,7 @@ class Step(NamedTuple):
             return False
         return told.what != "told" or bool(self.data) or told.at_s >= self._deadline(wish) - ROUNDING_S
 
-    def _deadline(self, wish: Wish) -> float:
+    def _deadline(self, wish: Request) -> float:
         """The moment before which nothing is told without bytes."""
         if isinstance(wish, Ask):
             return self.told.sent_s + wish.patience_s
@@ -96,7 +96,7 @@ class Astray(NamedTuple):
     """Where a session left what was recorded: what it wished, and the step that does not answer it (None: none is left)."""
 
     at_s: float
-    wish: Wish
+    wish: Request
     step: Step | None
 
     def __str__(self) -> str:
@@ -138,7 +138,7 @@ def reliving(steps: Steps[T], tape: Iterable[Step], left: Left) -> Steps[T | Non
     return None
 
 
-def _tell(steps: Steps[T], step: Step) -> Wish:
+def _tell(steps: Steps[T], step: Step) -> Request:
     told = step.told
     if told.what == "broke":
         return steps.throw(LinkError(told.text))
@@ -147,7 +147,7 @@ def _tell(steps: Steps[T], step: Step) -> Wish:
     return steps.send(Heard(told.at_s, step.data, told.sent_s, told.late_s))
 
 
-def _on_its_own(steps: Steps[T], wish: Wish, end_s: float, why: str) -> Steps[T]:
+def _on_its_own(steps: Steps[T], wish: Request, end_s: float, why: str) -> Steps[T]:
     """Have the driver fulfil what is wished from `wish` on, over a port that is open as far as the session knows."""
     if not isinstance(wish, Reopen):
         with suppress(LinkError):  # the session hears of that at its next question

@@ -10,7 +10,7 @@ from concurrent.futures import Future
 from typing import TYPE_CHECKING
 
 from jbclog.core.errors import LinkError
-from jbclog.core.io_requests import Ask, Gather, Heard, Listen, RunEnded, Steps, Wait, Wish
+from jbclog.core.io_requests import Ask, Gather, Heard, Listen, Request, RunEnded, Steps, Wait
 from jbclog.transport.blocking import OpenPort, Port
 from jbclog.transport.port_thread import Pump
 from jbclog.transport.read_budget import MOST_KEPT, REST_S, Budget
@@ -23,7 +23,7 @@ NEVER = float("inf")
 Session = Steps[object]
 
 
-class Pulled:
+class SessionRunner:
     """One session and its port."""
 
     __slots__ = (
@@ -159,7 +159,7 @@ class Pulled:
         self._listening, self._deadline = False, NEVER
         self._failing = self._loop.call_soon(self._fail, error)
 
-    def _do(self, wish: Wish) -> None:
+    def _do(self, wish: Request) -> None:
         kind = type(wish)
         if kind is Ask:
             self._ask(wish)  # type: ignore[arg-type]  # told by its type

@@ -13,7 +13,7 @@ from typing import Protocol
 
 from jbclog.core.clock import VirtualClock
 from jbclog.core.errors import LinkError
-from jbclog.core.io_requests import Ask, Gather, Heard, Listen, RunEnded, Steps, Wait, Wish
+from jbclog.core.io_requests import Ask, Gather, Heard, Listen, Request, RunEnded, Steps, Wait
 from jbclog.transport.read_budget import MOST_KEPT
 from jbclog.transport.start_barrier import Barrier
 
@@ -129,7 +129,7 @@ class _Wire:
         if self._ending is None and not self.is_ended:
             self._pull(lambda: self._session.throw(error))
 
-    def _pull(self, step: Callable[[], Wish]) -> None:
+    def _pull(self, step: Callable[[], Request]) -> None:
         self._turn += 1
         self._is_gathered = False
         try:
@@ -145,7 +145,7 @@ class _Wire:
             self._is_open = False
             self._pull(lambda: self._session.throw(failure))
 
-    def _do(self, wish: Wish) -> None:
+    def _do(self, wish: Request) -> None:
         now = self._driver.clock.monotonic()
         if isinstance(wish, Ask):
             self._check_link(now)

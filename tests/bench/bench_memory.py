@@ -19,11 +19,11 @@ from statistics import linear_regression
 from common import RECIPE, Claim, at_most, in_own_process, is_short, judge, line_text, show, virtual_stations
 from recorder import Recorded, record
 
-from jbclog.app.run.plan import Wanted, make_plan, orders
+from jbclog.app.run.plan import RunOptions, make_plan, orders
 from jbclog.core.clock import UtcOffset, VirtualClock
 from jbclog.record.folder import create_run
 from jbclog.record.live import LiveStore
-from jbclog.session.run.context import Desk
+from jbclog.session.run.context import SessionContext
 from jbclog.session.run.station_run import run_station
 from jbclog.sim.virtual import VirtualStation
 from jbclog.transport.virtual import VirtualDriver
@@ -103,12 +103,14 @@ def compressed(folder: Path, minutes: float) -> Hour:
     return found
 
 
-def _put_to_work(driver: VirtualDriver, clock: VirtualClock, store: LiveStore, folder: Path, seconds: float) -> list[Desk]:
+def _put_to_work(
+    driver: VirtualDriver, clock: VirtualClock, store: LiveStore, folder: Path, seconds: float
+) -> list[SessionContext]:
     line, recipe = folder / "hour-line.toml", folder / "hour.toml"
     line.write_text(line_text([f"dde-{number}" for number in range(1, STATIONS_OF_THE_HOUR + 1)]))
     recipe.write_text(RECIPE.format(hz=10, alarms_every_s=0.2))
-    plan = make_plan(Wanted(line, recipe, duration_s=seconds))
-    desks = [Desk(order, store, UtcOffset(clock)) for order in orders(plan, clock.monotonic())]
+    plan = make_plan(RunOptions(line, recipe, duration_s=seconds))
+    desks = [SessionContext(order, store, UtcOffset(clock)) for order in orders(plan, clock.monotonic())]
     for desk, station in zip(desks, plan.stations, strict=True):
         driver.add(run_station(desk), VirtualStation(station.spec, now=clock.monotonic()))
     return desks

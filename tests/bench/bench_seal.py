@@ -25,9 +25,9 @@ from jbclog.core.rows import COLUMN, SAMPLE_COLUMNS, SampleRow, StationFacts
 from jbclog.record.batches import encode, keep_pandas_out
 from jbclog.record.folder import create_run
 from jbclog.record.parts import part_paths
-from jbclog.record.row_buffer import Intake
+from jbclog.record.row_buffer import RowBuffer
 from jbclog.record.seal import seal_in_child
-from jbclog.record.store_writer import Keeping
+from jbclog.record.store_writer import StoreWriter
 
 HZ = 10
 T0 = 1_790_000_000_000_000
@@ -100,7 +100,7 @@ def tools_of(stations: int) -> list[Tool]:
 def keep(folder: Path, tools: list[Tool], seconds: int) -> tuple[int, float]:
     """Store the rows a second at a time; give their number and the seconds of CPU that it took."""
     trouble: list[str] = []
-    intake, keeping = Intake(folder.name, lambda table, error: trouble.append(f"{table}: {error}")), Keeping(folder)
+    intake, keeping = RowBuffer(folder.name, lambda table, error: trouble.append(f"{table}: {error}")), StoreWriter(folder)
     keeping.begin({})
     rows = 0
     cpu = 0.0

@@ -10,13 +10,13 @@ from typing import NamedTuple
 import pyarrow.parquet as pq
 from common import cpu_s, percentile
 
-from jbclog.app.run.plan import Wanted, make_plan
+from jbclog.app.run.plan import RunOptions, make_plan
 from jbclog.app.run.run_record import Result
 from jbclog.app.run.runner import conduct
 from jbclog.core.rows import EventRow
 from jbclog.record.capture import read_rows, wire_paths
 from jbclog.record.live import SEAL_S
-from jbclog.session.run.context import Desk
+from jbclog.session.run.context import SessionContext
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,7 +57,7 @@ class Watcher:
 
     def happened(self, event: EventRow) -> None: ...
 
-    def second(self, desks: list[Desk]) -> None:
+    def second(self, desks: list[SessionContext]) -> None:
         if all(desk.facts.first_tick is not None and desk.facts.outcome == "running" for desk in desks):
             self.last = Mark(time.monotonic(), cpu_s(), sum(desk.station.exchanges for desk in desks))
             self.first = self.first or self.last
@@ -76,7 +76,7 @@ def record(
     wire: bool = False,
 ) -> Recorded:
     """Run the stations of `line` for `seconds`, as ``jbclog run`` does, with ``--wire`` where `wire` says so."""
-    plan = make_plan(Wanted(line, recipe, duration_s=seconds, rate=rate, wire=wire))
+    plan = make_plan(RunOptions(line, recipe, duration_s=seconds, rate=rate, wire=wire))
     watcher, before = Watcher(), cpu_s()
     result = conduct(plan, out, watcher, seal_every_s=seal_every_s)
     return _recorded(result, watcher, cpu_s() - before)

@@ -26,7 +26,7 @@ from jbclog.core.io_requests import Steps
 from jbclog.core.rows import COLUMN, StationFacts
 from jbclog.record.check import check
 from jbclog.record.manifest import read_manifest
-from jbclog.session.run.context import Order
+from jbclog.session.run.context import StationTask
 from jbclog.session.run.standstill import SUSPENDED_S
 from jbclog.transport.virtual import Peer
 
@@ -97,7 +97,7 @@ class Trial:
         rng = Random(seed)
         phases = {f"dde-{number}": history(rng) for number in range(1, STATIONS)} | {f"dde-{STATIONS}": []}
 
-        def slow(order: Order, session: Steps[StationFacts], cable: Peer) -> tuple[Steps[StationFacts], Peer]:
+        def slow(order: StationTask, session: Steps[StationFacts], cable: Peer) -> tuple[Steps[StationFacts], Peer]:
             return session, Slow(cable, phases[order.name], order.t0)
 
         run = prepare(line(*STATIONS * [""]), duration_s=DURATION_S, rate=rng.choice([1.0, 4.0, 8.0]), pulled=slow)
@@ -202,7 +202,7 @@ def test_a_station_that_was_slow_once_and_falls_silent_is_away_and_no_host_stood
     """Its patience has grown by the slow answer, so three tries last six seconds."""
     phases: list[Phase] = [(20.0, 21.0, 0.09), (21.0, 22.0, 0.3), (22.0, 24.0, 1.0), (24.0, 26.0, 1.6), (35.0, 65.0, None)]
 
-    def slow(order: Order, session: Steps[StationFacts], cable: Peer) -> tuple[Steps[StationFacts], Peer]:
+    def slow(order: StationTask, session: Steps[StationFacts], cable: Peer) -> tuple[Steps[StationFacts], Peer]:
         return session, Slow(cable, phases if order.name == "dde-1" else [], order.t0)
 
     run = prepare(line("", ""), duration_s=80, pulled=slow, rate=4.0).go()

@@ -52,7 +52,7 @@ from jbclog.record.manifest import NAME as MANIFEST
 from jbclog.record.manifest import STATES, manifest_text, read_manifest, write_manifest
 from jbclog.record.recover import recover
 from jbclog.record.schema import TABLES
-from jbclog.record.store_reader import Stock
+from jbclog.record.store_reader import StoreReader
 
 MANY = int(os.environ.get("JBCLOG_FUZZ", "20000"))
 
@@ -309,7 +309,7 @@ def store(case: Any, folder: Path) -> None:
     data = path.read_bytes()
     path.write_bytes(altered(data, [data], [b"\xff" * 8, b"batch", b"CREATE VIEW"], rng, case[1]))
     try:
-        with Stock(run) as stock:
+        with StoreReader(run) as stock:
             numbers = [number for table in TABLES for number in stock.numbers_of(table, 0)]
             rows = [row for table in stock.tables(numbers) if "tick" in table.column_names for row in table["tick"].to_pylist()]
             damaged = [str(one) for one in stock.damage]

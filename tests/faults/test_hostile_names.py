@@ -22,7 +22,7 @@ from recorded_run import RecordedRun
 from typer.testing import CliRunner
 
 import jbclog
-from jbclog.app.run.plan import Metadata, Wanted, make_plan
+from jbclog.app.run.plan import Metadata, RunOptions, make_plan
 from jbclog.cli.app import app
 from jbclog.config.line import parse_line
 from jbclog.config.load_recipe import parse_recipe
@@ -242,7 +242,7 @@ def hostile_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, model: str | No
     texts = tuple(HOSTILE.values())
     tips = tuple(f"dde-1={text}" for text in texts if text)
     said = Metadata(JOINED, JOINED, JOINED, texts, {text: text for text in texts}, texts, texts, tips)
-    plan = make_plan(Wanted(home / "line.toml", recipe, duration_s=3.0, metadata=said))
+    plan = make_plan(RunOptions(home / "line.toml", recipe, duration_s=3.0, metadata=said))
     return RecordedRun(plan, tmp_path / "runs").result.folder
 
 

@@ -20,7 +20,7 @@ from jbclog.core.io_requests import Steps
 from jbclog.core.quantities import text_of
 from jbclog.core.rows import SettingRow, StationFacts
 from jbclog.protocol.commands.status import STAND, WORKING
-from jbclog.session.run.context import Order
+from jbclog.session.run.context import StationTask
 from jbclog.sim.virtual import VirtualStation
 
 STATIONS = 8
@@ -46,7 +46,7 @@ def started(number: int, share: float) -> tuple[VirtualRun, list[LossyWire]]:
     """One start of eight stations, each on a wire of its own, and a second of sampling."""
     wires: list[LossyWire] = []
 
-    def behind_wire(order: Order, session: Steps[StationFacts], tap: object) -> tuple[Steps[StationFacts], LossyWire]:
+    def behind_wire(order: StationTask, session: Steps[StationFacts], tap: object) -> tuple[Steps[StationFacts], LossyWire]:
         wires.append(LossyWire(tap, Random(f"{number} {order.name}"), share))  # type: ignore[arg-type]  # it is a tap
         return session, wires[-1]
 

@@ -16,8 +16,8 @@ from recorded_run import Nobody, _sealed_here
 from several import fault
 from virtual_run import RECIPE, line_text
 
-from jbclog.app.run.plan import Plan, Wanted, make_plan
-from jbclog.app.run.run_record import Dossier
+from jbclog.app.run.plan import Plan, RunOptions, make_plan
+from jbclog.app.run.run_record import RunRecord
 from jbclog.core.clock import VirtualClock
 from jbclog.record.check import check
 from jbclog.record.manifest import read_manifest
@@ -60,13 +60,13 @@ def plan_for(folder: Path, days: float) -> Plan:
     outs = "".join(fault("dropout", at_s=at_s, for_s=OUT_S) for at_s in outages(days))
     (folder / "line.toml").write_text(line_text("noise_c = 2.0\njoints_per_minute = 2\n" + outs, "ports = [1]"))
     (folder / "recipe.toml").write_text(SPARSE)
-    return make_plan(Wanted(folder / "line.toml", folder / "recipe.toml", duration_s=days * DAY_S))
+    return make_plan(RunOptions(folder / "line.toml", folder / "recipe.toml", duration_s=days * DAY_S))
 
 
 def live(folder: Path, days: float, seal_s: float = DAY_S) -> Lived:
     """Run for so many days and seal what there is each `seal_s`."""
     plan, clock, began = plan_for(folder, days), VirtualClock(), time.monotonic()
-    papers, driver = Dossier(plan, folder / "runs", Nobody(), clock, seal_every_s=None), VirtualDriver(clock)
+    papers, driver = RunRecord(plan, folder / "runs", Nobody(), clock, seal_every_s=None), VirtualDriver(clock)
     lived = Lived(papers.folder)
     papers.begin()
     for station, desk in zip(plan.stations, papers.desks, strict=True):
@@ -92,7 +92,7 @@ def _look(lived: Lived) -> None:
     lived.files.append(len(list(Path("/proc/self/fd").iterdir())))
 
 
-def _seal(papers: Dossier, lived: Lived) -> None:
+def _seal(papers: RunRecord, lived: Lived) -> None:
     """Have it sealed, as the hourly child does, and wait for that: real time is short here."""
     store = papers._store
     store.commit_now()

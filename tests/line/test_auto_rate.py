@@ -14,7 +14,7 @@ from virtual_run import RECIPE as SETTINGS
 from virtual_run import VirtualRun, line_text, prepare
 from virtual_run import order_for as order_of
 
-from jbclog.app.run.plan import Plan, Wanted, make_plan
+from jbclog.app.run.plan import Plan, RunOptions, make_plan
 from jbclog.cli.app import app
 from jbclog.cli.progress import Worth
 from jbclog.config.line import parse_line
@@ -24,7 +24,7 @@ from jbclog.core.errors import StartRefused
 from jbclog.core.line_format import LineFormat
 from jbclog.core.rows import NoJournal
 from jbclog.protocol.commands.family import FAMILIES
-from jbclog.session.run.context import Desk, PortState
+from jbclog.session.run.context import PortState, SessionContext
 from jbclog.session.run.pace import choose_pace, readings_for
 from jbclog.session.scheduler import AUTO_RATES_HZ, CEILING, KEPT_BY_AUTO, Demand
 
@@ -35,13 +35,13 @@ def slow(turnaround_ms: float, ports: str = "ports = [1, 2]") -> str:
     return line_text("", ports).replace("turnaround_ms = 1.0", f"turnaround_ms = {turnaround_ms}")
 
 
-def desk_of(family: str, ports: tuple[int, ...], usual_ms: float, longest_ms: float, recipe: str = "") -> Desk:
+def desk_of(family: str, ports: tuple[int, ...], usual_ms: float, longest_ms: float, recipe: str = "") -> SessionContext:
     """A desk that has measured how long its station takes to answer."""
     head = f'[recipe]\nname = "test"\nrevision = 1\nfamilies = ["{family}"]\n[sampling]\nrate_hz = "auto"\n{recipe}'
     text = f'[line]\nname = "one"\n[[station]]\nname = "one-1"\nurl = "one"\nfamily = "{family}"\n'
     (spec,) = parse_line(text, Path("line.toml")).stations
     clock = VirtualClock()
-    desk = Desk(order_of(spec, parse_recipe(head), clock, 10.0, None), NoJournal(), UtcOffset(clock))
+    desk = SessionContext(order_of(spec, parse_recipe(head), clock, 10.0, None), NoJournal(), UtcOffset(clock))
     desk.ports.update({number: PortState(number, 2) for number in ports})
     desk.facts.turnaround_us = {"median": usual_ms * 1000, "p99": longest_ms * 1000, "n": 12}
     return desk
@@ -188,7 +188,7 @@ def bench_plan(turnaround_ms: float | None, tmp_path: Path) -> Plan:
     if turnaround_ms is not None:
         text = text.replace('family = "dde"', f'family = "dde"\nturnaround_ms = {turnaround_ms}')
     (tmp_path / "line.toml").write_text(text)
-    return make_plan(Wanted(tmp_path / "line.toml", RECIPE))
+    return make_plan(RunOptions(tmp_path / "line.toml", RECIPE))
 
 
 def test_a_plan_names_what_it_assumes_and_what_it_would_take(tmp_path: Path) -> None:

@@ -15,7 +15,7 @@ from jbclog.core.clock import UtcOffset, VirtualClock
 from jbclog.core.io_requests import Steps
 from jbclog.core.rows import COLUMN, StationFacts
 from jbclog.protocol.commands.status import STAND
-from jbclog.session.run.context import Desk, Order
+from jbclog.session.run.context import SessionContext, StationTask
 from jbclog.session.run.loss import LONGEST_AFTER_FLOOD_S
 from jbclog.session.run.station_run import run_station
 from jbclog.transport.session_history import Astray, Step, keeping, reliving
@@ -152,7 +152,7 @@ def test_a_link_that_is_flooded_from_the_start_refuses_the_run_within_seconds() 
 def test_a_run_with_a_flood_is_lived_through_again_to_the_row() -> None:
     tape: list[Step] = []
 
-    def noted(order: Order, session: Steps[StationFacts], cable: Peer) -> tuple[Steps[StationFacts], Peer]:
+    def noted(order: StationTask, session: Steps[StationFacts], cable: Peer) -> tuple[Steps[StationFacts], Peer]:
         return _noted(session, tape), cable
 
     run = prepare(duration_s=15, rate=5.0, pulled=noted)
@@ -193,7 +193,7 @@ def _noted(session: Steps[StationFacts], tape: list[Step]) -> Steps[StationFacts
 def _relived(run: VirtualRun, tape: list[Step]) -> Memory:
     clock = VirtualClock()
     memory, driver = Memory(), VirtualDriver(clock)
-    desk = Desk(next(iter(run.desks.values())).order, memory, UtcOffset(clock))
+    desk = SessionContext(next(iter(run.desks.values())).order, memory, UtcOffset(clock))
 
     def astray(where: Astray) -> tuple[float, str]:
         raise AssertionError(str(where))

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 from virtual_run import Heard, VirtualRun, line_text, prepare
 
-from jbclog.app.run.plan import StationPlan, Wanted, make_plan
+from jbclog.app.run.plan import RunOptions, StationPlan, make_plan
 from jbclog.config.line import parse_line
 from jbclog.core.errors import Problems
 from jbclog.core.rows import COLUMN
@@ -49,7 +49,7 @@ def planned(folder: Path, baudrate: int, form: str) -> StationPlan:
     line, recipe = folder / "line.toml", folder / "recipe.toml"
     line.write_text(line_of(baudrate, form))
     recipe.write_text(RECIPE)
-    return make_plan(Wanted(line, recipe, rate="fit")).stations[0]
+    return make_plan(RunOptions(line, recipe, rate="fit")).stations[0]
 
 
 def test_the_formats_are_the_seventy_two_that_are_printed() -> None:

@@ -16,7 +16,7 @@ from recorded_run import RecordedRun
 from typer.testing import CliRunner
 
 from jbclog.analysis.run import open_run
-from jbclog.app.run.plan import Plan, Wanted, make_plan
+from jbclog.app.run.plan import Plan, RunOptions, make_plan
 from jbclog.cli.app import app
 from jbclog.config.line import StationSpec, load_line
 from jbclog.config.write_order import COMMAND_OF
@@ -46,7 +46,7 @@ Recorded = Callable[[Path], RecordedRun]
 def plan_of(path: Path) -> Plan:
     """The line with its own recipes; the bench names none, as the demo has it."""
     own = all(station.recipe is not None for station in load_line(path).stations)
-    return make_plan(Wanted(path, None if own else RECIPE, duration_s=SECONDS))
+    return make_plan(RunOptions(path, None if own else RECIPE, duration_s=SECONDS))
 
 
 @pytest.fixture(scope="module")

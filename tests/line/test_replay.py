@@ -12,7 +12,7 @@ from virtual_run import RECIPE, Memory, line_text
 from jbclog.core.rows import COLUMN
 from jbclog.protocol.client import turnaround
 from jbclog.record.capture import read_rows, wire_path
-from jbclog.session.run.context import Order
+from jbclog.session.run.context import StationTask
 
 FAULT = "[[station.sim.fault]]\nkind = "
 TROUBLE = {
@@ -179,7 +179,7 @@ def test_what_a_session_is_ordered_is_in_line_file_recipe_and_wire() -> None:
     of_line = {"name", "family", "model", "line", "address", "ports", "rated_power_w", "is_replay", "begin"}
     of_recipe, of_program = {"recipe"}, {"families"}
     of_head = {"url", "recipe_file", "t0", "duration_s", "rate", "allow_omega_write", "may_be_missing"}
-    assert {field.name for field in fields(Order)} == of_line | of_recipe | of_program | of_head
+    assert {field.name for field in fields(StationTask)} == of_line | of_recipe | of_program | of_head
 
 
 def test_every_byte_is_kept_with_its_time(tmp_path: Path) -> None:

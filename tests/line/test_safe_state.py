@@ -12,7 +12,7 @@ from jbclog.core.io_requests import Steps
 from jbclog.core.rows import EventRow, SampleRow
 from jbclog.protocol.commands.status import EXTRACTOR, STAND, WORKING
 from jbclog.session.run import station_run as session_run
-from jbclog.session.run.context import Desk
+from jbclog.session.run.context import SessionContext
 from jbclog.session.run.scan import Scanner
 from jbclog.sim.port import Port
 from jbclog.sim.state import STAND as STANDING
@@ -184,7 +184,7 @@ def test_a_fault_of_a_moment_while_it_is_made_safe_costs_no_row_of_the_record(mo
     """Memory is refused once, say: the tools rest, and what is read and told after that is in the record, too."""
     real, refused = session_run.make_safe, list[str]()
 
-    def refusing(desk: Desk) -> Steps[None]:
+    def refusing(desk: SessionContext) -> Steps[None]:
         if not refused:
             refused.append(desk.name)
             raise MemoryError

@@ -15,7 +15,7 @@ from jbclog.core.io_requests import Steps
 from jbclog.core.outcome import Exit, exit_code, findings
 from jbclog.core.rows import StationFacts
 from jbclog.protocol.commands.status import STAND, WORKING
-from jbclog.session.run.context import Order
+from jbclog.session.run.context import StationTask
 from jbclog.sim.virtual import VirtualStation
 from jbclog.transport.start_barrier import SILENT_S
 
@@ -75,7 +75,7 @@ def start_with(sim: str, also: str) -> VirtualRun:
 def run_with(
     deaf: Deaf = never, sim: str = "", *, pulled: bool = False, allow_missing: bool = False, also: str = "", duration_s: float = 2.0
 ) -> VirtualRun:
-    def behind_cable(order: Order, session: Steps[StationFacts], tap: object) -> tuple[Steps[StationFacts], Cable]:
+    def behind_cable(order: StationTask, session: Steps[StationFacts], tap: object) -> tuple[Steps[StationFacts], Cable]:
         return session, Cable(tap, deaf if order.name == "b" else never, pulled)  # type: ignore[arg-type]  # it is a tap
 
     line = line_of({"b": sim, "c": also})
@@ -293,7 +293,7 @@ def hung(*, allow_missing: bool) -> VirtualRun:
                 facts = done.value
                 return facts
 
-    def behind(order: Order, session: Steps[StationFacts], tap: object) -> tuple[Steps[StationFacts], Tap]:
+    def behind(order: StationTask, session: Steps[StationFacts], tap: object) -> tuple[Steps[StationFacts], Tap]:
         return (late(session) if order.name == "b" else session), tap  # type: ignore[return-value]  # it is a tap
 
     return prepare(line_of({}), RECIPE, 2.0, 2.0, allow_missing=allow_missing, pulled=behind).go()

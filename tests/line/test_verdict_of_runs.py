@@ -12,7 +12,7 @@ from verdict_corpus import ONLY_COVERAGE, SOLDERING, STATION, WORKING, StallingC
 from jbclog.analysis.rejudge import held
 from jbclog.analysis.run import open_run
 from jbclog.analysis.verdict import RULES
-from jbclog.app.run.plan import Plan, Wanted, make_plan
+from jbclog.app.run.plan import Plan, RunOptions, make_plan
 from jbclog.app.run.run_record import Result
 
 STAND = '\n[run]\nstatus = "stand"\n'
@@ -23,7 +23,7 @@ def planned(home: Path, *parts: str, family: str = "dde", sim: str = "tool = 2",
     line, recipe = home / "line.toml", home / "recipe.toml"
     line.write_text('[line]\nname = "bench"\n' + STATION.format(family=family, sim=sim))
     recipe.write_text("".join([SOLDERING, *parts]).format(name="test"))
-    return make_plan(Wanted(line, recipe, duration_s=seconds, rate=4.0))
+    return make_plan(RunOptions(line, recipe, duration_s=seconds, rate=4.0))
 
 
 def run(home: Path, *parts: str, stalls_s: tuple[float, ...] = (), **more: str) -> Result:

@@ -15,7 +15,7 @@ from jbclog.core.errors import WriteForbidden
 from jbclog.core.io_requests import Steps
 from jbclog.protocol.commands.family import FAMILIES
 from jbclog.session.run import start as chapters
-from jbclog.session.run.context import Desk
+from jbclog.session.run.context import SessionContext
 from jbclog.session.run.writes import WRITES, listed
 
 PROFILES = Path(__file__).parents[2] / "profiles"
@@ -102,7 +102,7 @@ def slips_in(monkeypatch: pytest.MonkeyPatch, name: str, value: object, port: in
     """A fault of this program: in the middle of a run it writes what nobody asked for."""
     counters = chapters.read_counters
 
-    def broken(desk: Desk) -> Steps[None]:
+    def broken(desk: SessionContext) -> Steps[None]:
         yield from counters(desk)
         if desk.facts.first_tick is None:
             yield from desk.station.write(desk.command(name), value, port, tool)  # type: ignore[arg-type]

@@ -17,7 +17,7 @@ from typer.testing import CliRunner, Result
 
 from jbclog.analysis.run import open_run
 from jbclog.app.audit import past_runs, survey
-from jbclog.app.audit.questions import Wanted
+from jbclog.app.audit.questions import SurveyTarget
 from jbclog.cli.app import app
 from jbclog.core.rows import EventRow, Severity, StationFacts
 from jbclog.maintenance.counter_totals.observed import Observation, Standing
@@ -149,7 +149,7 @@ def _note_opened(monkeypatch: pytest.MonkeyPatch, opened: list[str]) -> None:
     """Keep which stations' ports the audits come to have."""
     real = survey._open
 
-    def noted(wanted: Wanted) -> Port:
+    def noted(wanted: SurveyTarget) -> Port:
         port = real(wanted)
         opened.append(wanted.target.name)
         return port

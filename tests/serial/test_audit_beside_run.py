@@ -12,7 +12,7 @@ from command import RECIPE, WireLog, is_sampling, jbclog, started, until
 from typer.testing import CliRunner
 
 from jbclog.app.audit import survey
-from jbclog.app.audit.questions import Wanted
+from jbclog.app.audit.questions import SurveyTarget
 from jbclog.cli.app import app
 from jbclog.maintenance.counter_totals.observed import Observation
 from jbclog.maintenance.ledger import read_book
@@ -62,7 +62,7 @@ def when_open(monkeypatch: pytest.MonkeyPatch, act: Callable[[], None]) -> None:
     """Do that while the audit has the port, before it asks anything."""
     real = survey._open
 
-    def opened(wanted: Wanted) -> Port:
+    def opened(wanted: SurveyTarget) -> Port:
         port = real(wanted)
         act()
         return port

@@ -16,7 +16,7 @@ from jbclog.core.io_requests import Reopen, Steps
 from jbclog.core.quantities import Value
 from jbclog.protocol.client.robot import Station
 from jbclog.protocol.commands.family import FAMILIES
-from jbclog.session.run.context import Desk
+from jbclog.session.run.context import SessionContext
 from jbclog.session.run.station_run import run_station
 from jbclog.sim.process import SimProcess
 from jbclog.transport import blocking
@@ -66,7 +66,7 @@ def test_a_whole_run_of_two_stations_of_which_one_drops_out(served: Callable[...
     line = served("", DROPOUT)
     memory, clock, reactor = Memory(), SystemClock(), Reactor()
     recipe = parse_recipe(RECIPE + 'on_difference = "continue"\n')
-    desks = [Desk(order_for(spec, recipe, clock, 4.5, None), memory, UtcOffset(clock)) for spec in line.stations]
+    desks = [SessionContext(order_for(spec, recipe, clock, 4.5, None), memory, UtcOffset(clock)) for spec in line.stations]
     for desk, spec in zip(desks, line.stations, strict=True):
         reactor.add(run_station(desk), opener(spec))
     reactor.run()

@@ -254,16 +254,16 @@ def test_a_wire_that_was_cut_is_told_with_its_share_and_no_success(copied: Path,
 
 def test_a_row_too_many_is_a_difference(copied: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """What is compared as far as both go finds no row that came on top: only a recording that was cut is compared so."""
-    from jbclog.app.run.run_record import Dossier
+    from jbclog.app.run.run_record import RunRecord
     from jbclog.core.rows import EventRow, Severity
 
-    close = Dossier.close
+    close = RunRecord.close
 
-    def with_another(dossier: Dossier) -> str | None:
+    def with_another(dossier: RunRecord) -> str | None:
         dossier.journal.event(EventRow(dossier.utc.micros(dossier.clock.monotonic()), "x.more", Severity.INFO, "More.", "dde-1"))
         return close(dossier)
 
-    monkeypatch.setattr(Dossier, "close", with_another)
+    monkeypatch.setattr(RunRecord, "close", with_another)
     code, told = held(copied, tmp_path / "again")
     assert code == 1
     assert re.search(r"events, dde-1: \d+ rows instead of \d+", str(told["differences"]))

@@ -21,10 +21,10 @@ from jbclog.core.line_format import LineFormat
 from jbclog.guard import __main__ as guard_itself
 from jbclog.guard import lease_registry
 from jbclog.guard.action_log import NAME as DIARY
-from jbclog.guard.action_log import Diary
+from jbclog.guard.action_log import ActionLog
 from jbclog.guard.lease import NAME as LEASE
 from jbclog.guard.lease import StationLease, keep
-from jbclog.guard.lease_writer import Shelf
+from jbclog.guard.lease_writer import LeaseWriter
 from jbclog.guard.open_leases import LeftOver, settle
 from jbclog.guard.single_guard import only_one
 from jbclog.guard.takeover import TakeOver
@@ -97,7 +97,7 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_every_line_at_once(line: ServedLine, run: Path) -> None:
     began = time.monotonic()
-    assert TakeOver(all_leases(line), Diary(run)).run() == []
+    assert TakeOver(all_leases(line), ActionLog(run)).run() == []
     assert (line.at_work(), line.motor("ale-1")) == (0, False)
     orders = line.orders(began)
     assert {order.station for order in orders} == set(line.stations)
@@ -114,7 +114,7 @@ def test_every_line_at_once(line: ServedLine, run: Path) -> None:
 def test_another_station_is_not_written_to(line: ServedLine, run: Path, other: dict[str, object]) -> None:
     began = time.monotonic()
     stranger = replace(lease(line, "dde-1"), **other)  # type: ignore[arg-type]
-    assert TakeOver([stranger], Diary(run)).run() == [stranger]
+    assert TakeOver([stranger], ActionLog(run)).run() == [stranger]
     assert line.orders(began) == []
     assert told(run) == [("safety.not_safe", "dde-1", 1), ("safety.not_safe", "dde-1", 2)]
     assert time.monotonic() - began < 30
@@ -127,7 +127,7 @@ def test_an_accepted_name_is_acted_upon_where_the_run_has_borne_it_out(line: Ser
     own, identity.model = identity.model, "DIE"
     try:
         held = replace(lease(line, "dde-1"), model="DIE", model_accepted=accepted)
-        assert TakeOver([held], Diary(run)).run() == ([] if accepted else [held])
+        assert TakeOver([held], ActionLog(run)).run() == ([] if accepted else [held])
         assert bool(line.orders(began)) == accepted
     finally:
         identity.model = own
@@ -141,7 +141,7 @@ def test_a_lease_of_the_first_release_can_be_read(line: ServedLine) -> None:
 
 def test_one_that_cannot_be_saved_keeps_nobody_else(line: ServedLine, run: Path) -> None:
     broken = replace(lease(line, "dde-2"), family="of a later version")
-    assert TakeOver([broken, lease(line, "dde-1"), lease(line, "ale-1")], Diary(run)).run() == [broken]
+    assert TakeOver([broken, lease(line, "dde-1"), lease(line, "ale-1")], ActionLog(run)).run() == [broken]
     assert line.at_work() == 3
     assert ("guard.failed", "dde-2", None) in told(run)
 
@@ -151,7 +151,7 @@ def test_a_port_that_is_let_go_late_is_waited_for(line: ServedLine, run: Path) -
     port = open_port(line.url("ucr-1"), LineFormat())
     threading.Timer(BUSY_S, port.close).start()
     began = time.monotonic()
-    assert TakeOver([lease(line, "ucr-1")], Diary(run)).run() == []
+    assert TakeOver([lease(line, "ucr-1")], ActionLog(run)).run() == []
     assert BUSY_S < time.monotonic() - began < 30
 
 
@@ -164,7 +164,7 @@ def test_where_the_system_gives_no_threads_it_is_done_one_after_the_other(
     leases = all_leases(line)
     with monkeypatch.context() as patch:
         patch.setattr("jbclog.guard.takeover.Thread.start", no_more)
-        taking_over = TakeOver(leases, Diary(run))
+        taking_over = TakeOver(leases, ActionLog(run))
         patch.setattr("jbclog.transport.port.give_back", lambda *steps: [step() for step in steps])
         assert taking_over.run() == []
     assert line.at_work() == 0
@@ -173,7 +173,7 @@ def test_where_the_system_gives_no_threads_it_is_done_one_after_the_other(
 def test_what_rests_is_spared_where_that_is_asked(line: ServedLine, run: Path) -> None:
     line.stations["dde-1"].plant.ports[1].order(SLEEP, False)
     began = time.monotonic()
-    assert TakeOver([lease(line, "dde-1")], Diary(run), spare=True).run() == []
+    assert TakeOver([lease(line, "dde-1")], ActionLog(run), spare=True).run() == []
     assert [(order.station, order.port) for order in line.orders(began)] == [("dde-1", 2)]
     assert line.stations["dde-1"].plant.ports[1].doing.state == SLEEP
     assert line.stations["dde-1"].plant.ports[2].doing.state == STAND
@@ -192,8 +192,8 @@ def unplugged(line: ServedLine, name: str) -> Callable[[], object]:
 @pytest.mark.usefixtures("quick")
 def test_a_cable_that_is_put_back_is_enough(line: ServedLine, run: Path) -> None:
     plug_in = unplugged(line, "dde-1")
-    diary = Diary(run)
-    shelf = Shelf(run, diary)
+    diary = ActionLog(run)
+    shelf = LeaseWriter(run, diary)
     left = TakeOver(all_leases(line), diary).run()
     assert [station.name for station in left] == ["dde-1"]
     before = told(run)
@@ -257,13 +257,13 @@ def test_it_ends_when_somebody_else_has_seen_to_it(line: ServedLine, run: Path) 
 
     plug_in = unplugged(line, "dde-1")
     try:
-        shelf = Shelf(run, Diary(run))
+        shelf = LeaseWriter(run, ActionLog(run))
         left = [lease(line, "dde-1")]
         shelf.put(left)
         shelf.settle(5.0)
         threading.Timer(0.5, see_to_it).start()
         began = time.monotonic()
-        guard_itself._go_on(run, left, (), shelf, Diary(run))
+        guard_itself._go_on(run, left, (), shelf, ActionLog(run))
         assert time.monotonic() - began < 30
     finally:
         plug_in()
@@ -273,7 +273,7 @@ def test_it_ends_when_somebody_else_has_seen_to_it(line: ServedLine, run: Path) 
 def test_it_ends_when_time_is_up(line: ServedLine, run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(guard_itself, "GO_ON_S", 0.5)
     stranger = replace(lease(line, "dde-1"), model="NAE")
-    guard_itself._go_on(run, [stranger], (), Shelf(run, Diary(run)), Diary(run))
+    guard_itself._go_on(run, [stranger], (), LeaseWriter(run, ActionLog(run)), ActionLog(run))
     assert line.at_work() == 6
 
 

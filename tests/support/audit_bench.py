@@ -7,7 +7,7 @@ from typing import Final
 
 from by_hand import Bench
 
-from jbclog.app.audit.questions import Wanted
+from jbclog.app.audit.questions import SurveyTarget
 from jbclog.maintenance.counter_totals.observed import Count, Observation
 
 AUDIT: Final = "2026-11-21T06:17:00.000+00:00"
@@ -17,9 +17,9 @@ See = Callable[[Bench], dict[str, Observation]]
 MakeBench = Callable[..., Bench]
 
 
-def wanted(bench: Bench) -> list[Wanted]:
+def wanted(bench: Bench) -> list[SurveyTarget]:
     """All stations of the bench."""
-    return [Wanted(AUDIT, "hand", bench.target(name)) for name in bench.wires]
+    return [SurveyTarget(AUDIT, "hand", bench.target(name)) for name in bench.wires]
 
 
 def count(seen: Observation, counter: str, port: int = 1) -> Count:

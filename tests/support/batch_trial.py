@@ -20,9 +20,9 @@ from pathlib import Path
 from command import started
 
 from jbclog.app.batch.entry import RECORDED, State
-from jbclog.app.batch.job_dir import Papers
+from jbclog.app.batch.job_dir import JobDir
 from jbclog.app.batch.journal import read
-from jbclog.app.batch.state import Standing, standing_of
+from jbclog.app.batch.state import BatchState, standing_of
 from jbclog.record.check import check
 from jbclog.record.find_runs import Found, find
 from jbclog.record.manifest import read_manifest
@@ -74,7 +74,7 @@ class Trial:
     def journal(self) -> Path:
         return sorted(path for path in (self.out / "quick-night.batch").iterdir() if path.is_dir())[-1]
 
-    def standing(self) -> Standing:
+    def standing(self) -> BatchState:
         return standing_of(read(self.journal))
 
     def runs(self) -> list[str]:
@@ -123,13 +123,13 @@ def _strike(trial: Trial, batch: subprocess.Popen[str], dice: random.Random) -> 
 
 def running(out: Path) -> list[int]:
     """The processes of jobs that run now."""
-    papers = [Papers(path) for path in out.glob("*.batch/*/jobs/*")]
+    papers = [JobDir(path) for path in out.glob("*.batch/*/jobs/*")]
     return [process for one in papers if one.is_held() and (process := one.process()) is not None]
 
 
 def recording(out: Path) -> list[int]:
     """Those whose run has a folder."""
-    papers = [Papers(path) for path in sorted(out.glob("*.batch/*/jobs/*"))]
+    papers = [JobDir(path) for path in sorted(out.glob("*.batch/*/jobs/*"))]
     return [process for one in papers if one.is_held() and one.run() and (process := one.process()) is not None]
 
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from jbclog.app.batch.entry import Entry, Kind, State
-from jbclog.app.batch.executor import Foreman, Means, Unseen
+from jbclog.app.batch.executor import BatchExecutor, Means, Unseen
 from jbclog.app.batch.journal import Journal, iso
 from jbclog.app.batch.processes import Came
 from jbclog.app.batch.state import standing_of
@@ -110,11 +110,11 @@ class World:
     def process(self, name: str, attempt: int) -> Process | None:
         return next((one for one in self.processes if (one.name, one.attempt) == (name, attempt)), None)
 
-    def foreman(self) -> Foreman:
+    def foreman(self) -> BatchExecutor:
         return Whole(in_turn(self.turns), Memory(self), WorldHands(self), Unseen(), Means(lambda: self.now, self.pause))
 
 
-class Whole(Foreman):
+class Whole(BatchExecutor):
     """With what is done when what came of the jobs has been told."""
 
     def work(self) -> Exit:

@@ -12,14 +12,14 @@ from jbclog.app.run import runner
 from jbclog.cli import main
 from jbclog.core.io_requests import Steps
 from jbclog.core.rows import StationFacts
-from jbclog.session.run.context import Desk
+from jbclog.session.run.context import SessionContext
 from jbclog.session.run.station_run import run_station
 
 WISHES = 40  # of sampling, by when it breaks
 
 
 def break_session_of(station: str) -> None:
-    def breaking(desk: Desk) -> Steps[StationFacts]:
+    def breaking(desk: SessionContext) -> Steps[StationFacts]:
         steps = run_station(desk)
         wish, left = next(steps), WISHES
         while left or desk.name != station:

@@ -25,8 +25,8 @@ from recorded_run import Nobody
 from virtual_run import RECIPE, Memory, Tap, line_text
 
 from jbclog.app.run import run_record
-from jbclog.app.run.plan import Plan, Wanted, make_plan
-from jbclog.app.run.run_record import Dossier, Result
+from jbclog.app.run.plan import Plan, RunOptions, make_plan
+from jbclog.app.run.run_record import Result, RunRecord
 from jbclog.core.clock import VirtualClock
 from jbclog.core.errors import RecordError
 from jbclog.core.folder_lock import FolderLock
@@ -107,7 +107,7 @@ class Trial:
     def go(self, *, ends: bool = True) -> None:
         """Raises `RecordError` where the record cannot be begun. Without `ends` it is cut off there."""
         clock, failures = VirtualClock(), []
-        papers = Dossier(self.plan, self.out, Nobody(), clock, failures.append, seal_every_s=None)
+        papers = RunRecord(self.plan, self.out, Nobody(), clock, failures.append, seal_every_s=None)
         self.folder = papers.folder
         for desk in papers.desks:
             desk.journal = Both(papers._store, self.memory)
@@ -143,7 +143,7 @@ def _is_safe(station: VirtualStation) -> bool:
 def trial(home: Path, duration_s: float = DURATION_S) -> Trial:
     (home / "line.toml").write_text(line_text(SIM), encoding="utf-8")
     (home / "recipe.toml").write_text(RECIPE, encoding="utf-8")
-    plan = make_plan(Wanted(home / "line.toml", home / "recipe.toml", duration_s=duration_s))
+    plan = make_plan(RunOptions(home / "line.toml", home / "recipe.toml", duration_s=duration_s))
     return Trial(plan, home / "runs", {}, Memory())
 
 

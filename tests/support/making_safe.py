@@ -8,7 +8,7 @@ from pathlib import Path
 
 from jbclog.config.line import parse_line
 from jbclog.core.errors import LinkError
-from jbclog.core.io_requests import Ask, Heard, Listen, Reopen, Steps, Wait, Wish
+from jbclog.core.io_requests import Ask, Heard, Listen, Reopen, Request, Steps, Wait
 from jbclog.core.line_format import LineFormat
 from jbclog.protocol.client.robot import Station
 from jbclog.protocol.commands.family import FAMILIES
@@ -82,7 +82,7 @@ class Cable:
         except StopIteration:
             return
 
-    def _do(self, wish: Wish) -> Heard:
+    def _do(self, wish: Request) -> Heard:
         if isinstance(wish, Reopen):
             self.coming = []
             self.opens()

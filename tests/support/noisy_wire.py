@@ -17,7 +17,7 @@ from damage import DAMAGES, jbc_holds, omega_holds
 from injector import KINDS, Deed, Injector
 from virtual_run import Tap
 
-from jbclog.core.io_requests import Ask, Heard, Listen, Steps, Wish
+from jbclog.core.io_requests import Ask, Heard, Listen, Request, Steps
 from jbclog.core.rows import StationFacts
 
 ON_QUESTIONS = ("question_lost", *(f"question_{name}" for name in DAMAGES))
@@ -103,7 +103,7 @@ class NoisyWire(Injector):
 
     def kept(self, session: Steps[StationFacts]) -> Steps[StationFacts]:
         """The session, with what it asks and is given put into the books."""
-        step: Callable[[], Wish] = partial(next, session)
+        step: Callable[[], Request] = partial(next, session)
         while True:
             try:
                 wish = step()

@@ -25,7 +25,7 @@ from recorded_run import RecordedRun
 
 from jbclog import __version__
 from jbclog.app.run import run_record
-from jbclog.app.run.plan import Metadata, Wanted, make_plan
+from jbclog.app.run.plan import Metadata, RunOptions, make_plan
 from jbclog.core.clock import VirtualClock
 from jbclog.maintenance.counter_totals.observed import Fact, Observation
 from jbclog.maintenance.ledger import add
@@ -252,7 +252,7 @@ def record(one: Example, out: Path, seed: int) -> Path:
         line, recipe = Path(aside, "line.toml"), Path(aside, "recipe.toml")
         line.write_text('[line]\nname = "bench-3"\n' + "".join(station.text for station in one.stations))
         recipe.write_text(one.recipe)
-        plan = make_plan(Wanted(line, recipe, duration_s=one.seconds, rate=one.rate, metadata=one.metadata))
+        plan = make_plan(RunOptions(line, recipe, duration_s=one.seconds, rate=one.rate, metadata=one.metadata))
         return RecordedRun(plan, out, VirtualClock(utc=one.began.timestamp())).result.folder
 
 

@@ -14,7 +14,7 @@ from jbclog.config.line import parse_line
 from jbclog.config.load_recipe import parse_recipe
 from jbclog.core.clock import UtcOffset, VirtualClock
 from jbclog.core.rows import COLUMN, SampleRow, SettingRow
-from jbclog.session.run.context import Desk
+from jbclog.session.run.context import SessionContext
 from jbclog.session.run.station_run import run_station
 from jbclog.transport.virtual import VirtualDriver
 
@@ -66,7 +66,7 @@ status = "on"
 class Outcome:
     memory: Memory
     cables: dict[str, Cable]
-    desks: dict[str, Desk]
+    desks: dict[str, SessionContext]
     driver: VirtualDriver
 
     @property
@@ -93,7 +93,7 @@ def virtual(
     desks = {}
     for spec in parse_line(text, Path("line.toml")).stations:
         order = order_for(spec, recipes[spec.family == "jtse"], clock, duration_s, None)
-        desks[spec.name] = Desk(replace(order, may_be_missing=goes_on), memory, UtcOffset(clock))
+        desks[spec.name] = SessionContext(replace(order, may_be_missing=goes_on), memory, UtcOffset(clock))
         driver.add(run_station(desks[spec.name]), cables[spec.name], spec.name)
     driver.run()
     return Outcome(memory, cables, desks, driver)

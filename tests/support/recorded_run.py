@@ -8,12 +8,12 @@ import pytest
 
 from jbclog.app.run import run_record
 from jbclog.app.run.plan import Plan
-from jbclog.app.run.run_record import Dossier, Result
+from jbclog.app.run.run_record import Result, RunRecord
 from jbclog.core.clock import VirtualClock
 from jbclog.core.folder_lock import FolderLock
 from jbclog.core.rows import EventRow
 from jbclog.record.seal import seal_rows
-from jbclog.session.run.context import Desk
+from jbclog.session.run.context import SessionContext
 from jbclog.session.run.station_run import run_station
 from jbclog.sim.make import virtual_station
 from jbclog.sim.omega import VirtualOmega
@@ -28,7 +28,7 @@ class Nobody:
 
     def happened(self, event: EventRow) -> None: ...
 
-    def second(self, desks: list[Desk]) -> None: ...
+    def second(self, desks: list[SessionContext]) -> None: ...
 
     def sealing(self) -> None: ...
 
@@ -38,7 +38,7 @@ class RecordedRun:
 
     def __init__(self, plan: Plan, out: Path, clock: VirtualClock | None = None) -> None:
         clock = clock or VirtualClock()
-        papers, driver = Dossier(plan, out, Nobody(), clock, seal_every_s=None), VirtualDriver(clock)
+        papers, driver = RunRecord(plan, out, Nobody(), clock, seal_every_s=None), VirtualDriver(clock)
         self.stations: dict[str, VirtualStation | VirtualOmega] = {}
         papers.begin()
         for station, desk in zip(plan.stations, papers.desks, strict=True):
@@ -49,7 +49,7 @@ class RecordedRun:
         self.result: Result = papers.conclude(_sealed_here(papers))
 
 
-def _sealed_here(papers: Dossier) -> str | None:
+def _sealed_here(papers: RunRecord) -> str | None:
     """Closed and sealed; a child process would take a second for it."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(run_record, "seal_in_child", _seal)

@@ -13,7 +13,7 @@ from pathlib import Path
 from recorded_run import RecordedRun
 from several import fault
 
-from jbclog.app.run.plan import Metadata, Wanted, make_plan
+from jbclog.app.run.plan import Metadata, RunOptions, make_plan
 from jbclog.report.write import write_report
 
 RECIPE = """[recipe]
@@ -102,7 +102,7 @@ def recorded(name: str, out: Path) -> Path:
     stations = [STATION.format(family=family, number=n, sim=sim) for n, (family, sim) in enumerate(wish.stations, 1)]
     line.write_text('[line]\nname = "bench-3"\n' + "".join(stations))
     recipe.write_text(RECIPE)
-    plan = make_plan(Wanted(line, recipe, duration_s=wish.seconds, rate=wish.hz, metadata=SAID))
+    plan = make_plan(RunOptions(line, recipe, duration_s=wish.seconds, rate=wish.hz, metadata=SAID))
     return RecordedRun(plan, home / "runs").result.folder
 
 

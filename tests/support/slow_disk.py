@@ -11,20 +11,20 @@ import sys
 import time
 
 from jbclog.cli import main
-from jbclog.record.store_writer import Keeping
+from jbclog.record.store_writer import StoreWriter
 
 STALL_S = 1.5
 
 
 def make_slow(seconds: float) -> None:
     """Have this process wait for its disk."""
-    add, fsync, end = Keeping.add, os.fsync, 0.0
+    add, fsync, end = StoreWriter.add, os.fsync, 0.0
 
     def wait() -> None:
         if time.monotonic() < end:
             time.sleep(STALL_S)
 
-    def adding(self: Keeping, *arguments: object) -> object:
+    def adding(self: StoreWriter, *arguments: object) -> object:
         nonlocal end
         end = end or time.monotonic() + seconds
         wait()
@@ -34,7 +34,7 @@ def make_slow(seconds: float) -> None:
         wait()
         fsync(descriptor)
 
-    Keeping.add = adding  # type: ignore[assignment,method-assign]  # the same but for the wait
+    StoreWriter.add = adding  # type: ignore[assignment,method-assign]  # the same but for the wait
     os.fsync = syncing  # type: ignore[assignment]
 
 

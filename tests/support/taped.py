@@ -20,7 +20,7 @@ from jbclog.core.wire_capture import Passed, Told
 from jbclog.record.capture import Head
 from jbclog.record.capture_recorder import Keep, WireRecorder
 from jbclog.record.manifest import Manifest, write_manifest
-from jbclog.session.run.context import Desk, Order
+from jbclog.session.run.context import SessionContext, StationTask
 from jbclog.session.run.station_run import run_station
 from jbclog.sim.replayed_station import TapeStation
 from jbclog.transport.session_history import Astray, keeping
@@ -78,7 +78,7 @@ def recorded(
     (folder / "recipes" / RECIPE_FILE).write_text(recipe)
     wires, clock = WireRecorder(folder), VirtualClock()
 
-    def pulled(order: Order, session: Steps[StationFacts], cable: Peer) -> tuple[Steps[StationFacts], Peer]:
+    def pulled(order: StationTask, session: Steps[StationFacts], cable: Peer) -> tuple[Steps[StationFacts], Peer]:
         given = order.duration_s, order.rate, order.allow_omega_write
         head = Head(order.name, order.url, RECIPE_FILE, order.t0, clock.utc(), *given)
         taped = TapedCable(cable, wires.begin(head))
@@ -111,8 +111,8 @@ def relived(folder: Path) -> tuple[Memory, dict[str, Astray]]:
     return memory, relive(recording, desks_of(recording, memory, clock), clock)
 
 
-def desks_of(recording: Recording, memory: Memory, clock: VirtualClock) -> list[Desk]:
-    return [Desk(order, memory, UtcOffset(clock)) for order in orders(plan_of(recording), clock.monotonic())]
+def desks_of(recording: Recording, memory: Memory, clock: VirtualClock) -> list[SessionContext]:
+    return [SessionContext(order, memory, UtcOffset(clock)) for order in orders(plan_of(recording), clock.monotonic())]
 
 
 class Handing:
@@ -156,7 +156,7 @@ def recorded_again(
         rate, name = replay.rate_hz.get(order.name, order.rate), order.name
         longer = None if order.duration_s is None else order.duration_s + longer_s
         order = replace(order, rate=rate, duration_s=longer, is_replay=True, begin=replay.begin(name))
-        desk = Desk(order, memory, UtcOffset(clock))
+        desk = SessionContext(order, memory, UtcOffset(clock))
         stations[name] = station_of(recording, name)
         driver.add(run_station(desk), Handing(stations[name], most_s, stalls))
     driver.run()

@@ -21,7 +21,7 @@ from pathlib import Path
 from recorded_run import RecordedRun
 from several import fault
 
-from jbclog.app.run.plan import Metadata, Wanted, make_plan
+from jbclog.app.run.plan import Metadata, RunOptions, make_plan
 from jbclog.core.clock import VirtualClock
 from jbclog.record.annotations import append
 from jbclog.record.manifest import read_manifest
@@ -142,7 +142,7 @@ def record(name: str, home: Path) -> Path:
     line.write_text('[line]\nname = "bench"\n' + STATION.format(family=wish.family, sim=sim))
     recipe.write_text(wish.recipe)
     said = Metadata("M. Weber", "WO-88123", "PCB-4711 rev C", ("SN-001",), {"shift": "B"})
-    plan = make_plan(Wanted(line, recipe, duration_s=wish.seconds, rate=wish.hz, metadata=said))
+    plan = make_plan(RunOptions(line, recipe, duration_s=wish.seconds, rate=wish.hz, metadata=said))
     folder = RecordedRun(plan, home / "runs", StallingClock(wish.stalls_s, 0.6)).result.folder
     append(folder, who="A. Rossi", what="SN-001 was scrapped", why="cracked joint", utc_s=EPOCH_S + 1000)
     if wish.has_report:

@@ -13,7 +13,7 @@ from jbclog.core.clock import UtcOffset, VirtualClock
 from jbclog.core.io_requests import Steps
 from jbclog.core.rows import COLUMN, CounterRow, EventRow, SampleRow, SettingRow, StationFacts
 from jbclog.protocol.commands.family import FAMILIES
-from jbclog.session.run.context import Desk, Order
+from jbclog.session.run.context import SessionContext, StationTask
 from jbclog.session.run.station_run import run_station
 from jbclog.sim.make import virtual_station
 from jbclog.sim.omega import VirtualOmega
@@ -154,7 +154,7 @@ class VirtualRun:
     memory: Memory
     stations: dict[str, VirtualStation | VirtualOmega]
     driver: VirtualDriver
-    desks: dict[str, Desk]
+    desks: dict[str, SessionContext]
     taps: dict[str, Tap] = field(default_factory=dict)
     t0: float = 0.0  # the run's zero on the monotonic clock
 
@@ -200,7 +200,7 @@ def line_text(sim: str = "", keys: str = "") -> str:
     return LINE.format(sim=sim, keys=keys)
 
 
-Pulled = Callable[[Order, Steps[StationFacts], Peer], tuple[Steps[StationFacts], Peer]]
+Pulled = Callable[[StationTask, Steps[StationFacts], Peer], tuple[Steps[StationFacts], Peer]]
 
 
 def prepare(
@@ -222,7 +222,7 @@ def prepare(
         station = virtual_station(spec, now=clock.monotonic())
         order = order_for(spec, loaded, clock, duration_s, rate, allow_omega_write=allow_omega_write)
         order = replace(order, may_be_missing=allow_missing)
-        desk = Desk(order, memory, UtcOffset(clock))
+        desk = SessionContext(order, memory, UtcOffset(clock))
         taps[spec.name] = Tap(station)
         driver.add(*pulled(order, run_station(desk), taps[spec.name]), spec.name)
         stations[spec.name], desks[spec.name] = station, desk
@@ -237,8 +237,8 @@ def order_for(
     rate: float | str | None,
     *,
     allow_omega_write: bool = False,
-) -> Order:
-    return Order(
+) -> StationTask:
+    return StationTask(
         name=spec.name,
         url=spec.url,
         family=None if spec.family == "auto" else FAMILIES[spec.family],

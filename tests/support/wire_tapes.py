@@ -26,7 +26,7 @@ from jbclog.core.io_requests import Steps
 from jbclog.core.quantities import text_of
 from jbclog.core.rows import StationFacts
 from jbclog.protocol.commands.family import FAMILIES, Family
-from jbclog.session.run.context import Order
+from jbclog.session.run.context import StationTask
 from jbclog.sim.questions import questions
 from jbclog.transport.virtual import Peer
 
@@ -93,7 +93,7 @@ def play(number: int) -> Played:
     kinds = OF_ANY_PROTOCOL if family == "omega" else ALL_KINDS
     tape = Tape(random, random.sample(kinds, random.randint(1, len(kinds))), random.choice([0, 60, 400, 400, 400]))
 
-    def pulled(_order: Order, session: Steps[StationFacts], _cable: Peer) -> tuple[Steps[StationFacts], Peer]:
+    def pulled(_order: StationTask, session: Steps[StationFacts], _cable: Peer) -> tuple[Steps[StationFacts], Peer]:
         wires.append(NoisyWire(_cable, tape, random, is_omega=family == "omega"))  # type: ignore[arg-type]  # it is a tap
         return wires[0].kept(session), wires[0]
 

@@ -9,7 +9,7 @@ from invariants import Ended, Kept, _common, _due, _unlisted, kept_in, violation
 from recorded_run import RecordedRun
 from virtual_run import RECIPE, Heard, VirtualRun, line_text, prepare
 
-from jbclog.app.run.plan import Wanted, make_plan
+from jbclog.app.run.plan import RunOptions, make_plan
 from jbclog.core.rows import COLUMN
 
 SIM = "joints_per_minute = 20\nnoise_c = 2.0\n"
@@ -66,7 +66,7 @@ def sealed(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, li
     home = tmp_path_factory.mktemp("sealed")
     (home / "line.toml").write_text(line_text(SIM), encoding="utf-8")
     (home / "recipe.toml").write_text(RECIPE, encoding="utf-8")
-    run = RecordedRun(make_plan(Wanted(home / "line.toml", home / "recipe.toml", duration_s=4.0)), home / "runs")
+    run = RecordedRun(make_plan(RunOptions(home / "line.toml", home / "recipe.toml", duration_s=4.0)), home / "runs")
     return run.result.folder, {}
 
 

@@ -15,7 +15,7 @@ from few_rows import table
 from recorded_run import Nobody, RecordedRun
 from virtual_run import RECIPE, line_text
 
-from jbclog.app.run.plan import Metadata, Plan, Wanted, make_plan
+from jbclog.app.run.plan import Metadata, Plan, RunOptions, make_plan
 from jbclog.app.run.run_record import Result
 from jbclog.app.run.runner import conduct
 from jbclog.core.errors import RecordError, StartRefused
@@ -34,7 +34,7 @@ SAID = Metadata("A. Rossi", "88123", units=("SN-1",), tags={"shift": "1"})
 def plan_of(folder: Path, line: str, recipe: str = RECIPE, **wanted: object) -> Plan:
     (folder / "line.toml").write_text(line)
     (folder / "recipe.toml").write_text(recipe)
-    return make_plan(Wanted(folder / "line.toml", folder / "recipe.toml", duration_s=2.0, metadata=SAID, **wanted))  # type: ignore[arg-type]
+    return make_plan(RunOptions(folder / "line.toml", folder / "recipe.toml", duration_s=2.0, metadata=SAID, **wanted))  # type: ignore[arg-type]
 
 
 def expect_record(result: Result, outcome: str, *words: str) -> None:

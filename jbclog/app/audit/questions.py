@@ -26,7 +26,7 @@ TOLD_ALONE: Final = frozenset({"mode", "fuse"})  # what is set at the station it
 
 
 @dataclass(frozen=True, slots=True)
-class Wanted:
+class SurveyTarget:
     """A station that is to be looked at. `audit` is when the audit began, `since` when the station was last seen: UTC as text."""
 
     audit: str
@@ -57,7 +57,7 @@ class _Seen:
         return self.asking.contact.family
 
 
-def look(wanted: Wanted, utc_of: Callable[[float], str]) -> Steps[Observation]:
+def look(wanted: SurveyTarget, utc_of: Callable[[float], str]) -> Steps[Observation]:
     """Ask the station; what it does not say is in the observation, with the reason. `utc_of` gives a monotonic moment as UTC.
 
     Raises `StartRefused` where nobody usable answers, and `LinkError` where there is no port to be had.

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 from pyarrow import ArrowException
 
 from jbclog.app.audit.past_runs import counted_to, error_events
-from jbclog.app.audit.questions import Wanted, is_parameter, parameter_name
+from jbclog.app.audit.questions import SurveyTarget, is_parameter, parameter_name
 from jbclog.core.errors import JbclogError
 from jbclog.core.rows import StationFacts
 from jbclog.core.same_port import is_one_port
@@ -25,7 +25,7 @@ from jbclog.protocol.commands.family import FAMILIES, Family
 from jbclog.record.conclude import known_stations
 from jbclog.record.manifest import NAME as MANIFEST
 from jbclog.record.manifest import read_manifest
-from jbclog.record.store_reader import Stock
+from jbclog.record.store_reader import StoreReader
 
 if TYPE_CHECKING:
     from jbclog.analysis.run import Run
@@ -58,7 +58,7 @@ class _Record:
         return FAMILIES.get(self.facts.family)
 
 
-def observed_in(folder: Path, wanted: Wanted, now: datetime) -> Observation:
+def observed_in(folder: Path, wanted: SurveyTarget, now: datetime) -> Observation:
     """The station as the run in `folder` has it. `seen` is false, with the reason, where it has no counters of it yet."""
     source = f"run:{folder}"
     try:
@@ -71,7 +71,7 @@ def observed_in(folder: Path, wanted: Wanted, now: datetime) -> Observation:
         return replace(wanted.unseen(_text(now), f"the run {folder} has it, and its record cannot be read: {error}"), source=source)
 
 
-def _record(folder: Path, wanted: Wanted, now: datetime) -> _Record | None:
+def _record(folder: Path, wanted: SurveyTarget, now: datetime) -> _Record | None:
     from jbclog.analysis.run import open_run
 
     facts = next((one for one in _facts(folder) if is_one_port(one.url, wanted.target.url)), None)
@@ -80,7 +80,7 @@ def _record(folder: Path, wanted: Wanted, now: datetime) -> _Record | None:
 
 def _facts(folder: Path) -> list[StationFacts]:
     """What the run knows of its stations by now; where it was sealed meanwhile, what its manifest says."""
-    with Stock(folder) as stock:
+    with StoreReader(folder) as stock:
         stored = known_stations(stock, [])
     if stored or not (folder / MANIFEST).exists():
         return stored
@@ -95,7 +95,7 @@ def _nothing_yet(folder: Path, record: _Record | None) -> str:
     return f"the run {folder} has this station, and {has}; it was left alone. Audit again in a minute, or when the run has ended"
 
 
-def _observation(wanted: Wanted, record: _Record, counts: list[_Told], source: str) -> Observation:
+def _observation(wanted: SurveyTarget, record: _Record, counts: list[_Told], source: str) -> Observation:
     facts = record.facts
     return Observation(
         _text(max((one.time for one in counts), default=record.now)),
@@ -147,7 +147,7 @@ def _parameters(record: _Record) -> Iterator[tuple[str, str]]:
             yield parameter_name(setting, None if command.scope is Scope.STATION else int(port)), readback
 
 
-def _errors(record: _Record, wanted: Wanted) -> Errors:
+def _errors(record: _Record, wanted: SurveyTarget) -> Errors:
     family, name = record.family, record.facts.name
     rows = record.run.samples(name, start=record.now - NOW, columns=["port", "station_error", "port_error"])
     stations, ports = rows["station_error"].dropna(), rows.dropna(subset=["port_error"])

@@ -19,7 +19,7 @@ from typing import Final
 
 from jbclog.app import connection
 from jbclog.app.audit.past_runs import PastRuns, past_runs
-from jbclog.app.audit.questions import Wanted
+from jbclog.app.audit.questions import SurveyTarget
 from jbclog.app.audit.survey import Looking, Told
 from jbclog.app.audit.verifications import verified, with_never
 from jbclog.config.line import Line, StationSpec
@@ -124,13 +124,13 @@ def _keep_the_rest(ledger: Path, audited: Audited) -> None:
             audited.trouble.append(str(error))
 
 
-def _wanted(lines: Sequence[Line], audited: Audited) -> list[Wanted]:
+def _wanted(lines: Sequence[Line], audited: Audited) -> list[SurveyTarget]:
     looks: dict[tuple[str, str], list[Observation]] = {}
     for one in audited.book.observations:
         if one.seen:
             looks.setdefault((one.line, one.station), []).append(one)
     return [
-        Wanted(
+        SurveyTarget(
             audited.time,
             line.name,
             connection.target_of(line, station.name),
@@ -140,7 +140,7 @@ def _wanted(lines: Sequence[Line], audited: Audited) -> list[Wanted]:
     ]
 
 
-def _past(runs: Path | None, wanted: Sequence[Wanted], audited: Audited) -> PastRuns:
+def _past(runs: Path | None, wanted: Sequence[SurveyTarget], audited: Audited) -> PastRuns:
     """What the folder of runs tells, before any station is asked."""
     if runs is None:
         return PastRuns()
@@ -152,7 +152,7 @@ def _past(runs: Path | None, wanted: Sequence[Wanted], audited: Audited) -> Past
     return past
 
 
-def _not_asked(wanted: Sequence[Wanted], audited: Audited) -> Iterator[Observation]:
+def _not_asked(wanted: Sequence[SurveyTarget], audited: Audited) -> Iterator[Observation]:
     """Those that the audit did not come to. They are no observations, and not in the ledger."""
     asked = {(one.line, one.station) for one in audited.seen}
     return (one.unseen(audited.time, STOPPED) for one in wanted if (one.line, one.target.name) not in asked)

@@ -22,9 +22,9 @@ from typing import Final
 
 from jbclog.app import connection
 from jbclog.app.audit.harmless import harmless_for
-from jbclog.app.audit.questions import Wanted, look
+from jbclog.app.audit.questions import SurveyTarget, look
 from jbclog.core.errors import LinkError, PortBusy, StartRefused, StationError
-from jbclog.core.io_requests import Heard, RunEnded, Steps, Wish, relay
+from jbclog.core.io_requests import Heard, Request, RunEnded, Steps, relay
 from jbclog.core.same_port import PortPlace, place_of
 from jbclog.maintenance.counter_totals.observed import Observation
 from jbclog.record.port_owner import run_of, run_that_holds
@@ -54,7 +54,7 @@ class Looking:
     def is_stopped(self) -> bool:
         return self._stop.is_set()
 
-    def all(self, wanted: Sequence[Wanted], told: Told) -> None:
+    def all(self, wanted: Sequence[SurveyTarget], told: Told) -> None:
         """Look at each; `told` is called in this thread with each observation as it comes."""
         wires = _by_wire(wanted)
         with ThreadPoolExecutor(max_workers=max(1, min(len(wires), self._at_once)), thread_name_prefix="audit") as pool:
@@ -72,7 +72,7 @@ class Looking:
                 self.stop()
                 raise
 
-    def _wire(self, wire: Sequence[Wanted]) -> None:
+    def _wire(self, wire: Sequence[SurveyTarget]) -> None:
         try:
             for wanted in wire:
                 if self.is_stopped:
@@ -82,7 +82,7 @@ class Looking:
         finally:
             self._done.put(None)
 
-    def _surely(self, wanted: Wanted) -> Observation:
+    def _surely(self, wanted: SurveyTarget) -> Observation:
         """Whatever goes wrong with one station, the others are read."""
         try:
             return self._look(wanted)
@@ -91,7 +91,7 @@ class Looking:
         except Exception as error:
             return wanted.unseen(_text(_now()), f"internal error, {type(error).__name__}: {error} (please report it)")
 
-    def _look(self, wanted: Wanted) -> Observation:
+    def _look(self, wanted: SurveyTarget) -> Observation:
         run = run_that_holds(wanted.target.url)
         if run is not None:
             return _in_run(run, wanted)
@@ -107,19 +107,19 @@ class Looking:
         run = run_that_holds(wanted.target.url)  # behind a server of ports that takes two clients it may have begun meanwhile
         return seen if run is None else _in_run(run, wanted)
 
-    def _ask(self, wanted: Wanted) -> Observation:
+    def _ask(self, wanted: SurveyTarget) -> Observation:
         steps = relay(look(wanted, utc_of), self._unless_stopped)
         return blocking.run(steps, lambda: _open(wanted), sleep=connection.means.sleep, clock=connection.means.clock)
 
-    def _unless_stopped(self, wish: Wish) -> Steps[Heard]:
+    def _unless_stopped(self, wish: Request) -> Steps[Heard]:
         if self.is_stopped:
             raise RunEnded("the audit was stopped")
         return (yield wish)
 
 
-def _by_wire(wanted: Sequence[Wanted]) -> list[list[Wanted]]:
+def _by_wire(wanted: Sequence[SurveyTarget]) -> list[list[SurveyTarget]]:
     """Those behind one port together, in their order."""
-    wires: list[tuple[PortPlace, list[Wanted]]] = []
+    wires: list[tuple[PortPlace, list[SurveyTarget]]] = []
     for one in wanted:
         place = place_of(one.target.url)
         found = next((wire for known, wire in wires if known.is_at(place)), None)
@@ -130,7 +130,7 @@ def _by_wire(wanted: Sequence[Wanted]) -> list[list[Wanted]]:
     return [wire for _, wire in wires]
 
 
-def _open(wanted: Wanted) -> Port:
+def _open(wanted: SurveyTarget) -> Port:
     """The port, for questions only. One that another program reads, too, is left alone: it would lose its answers."""
     target = wanted.target
     sharers = sharers_of(target.url)
@@ -139,7 +139,7 @@ def _open(wanted: Wanted) -> Port:
     return ReadOnly(connection.means.open_port(target.url, target.line), harmless_for(target.family))
 
 
-def _in_run(run: Path, wanted: Wanted) -> Observation:
+def _in_run(run: Path, wanted: SurveyTarget) -> Observation:
     from jbclog.app.audit.recorded_counters import observed_in  # what reads a record is loaded only where there is one
 
     return observed_in(run, wanted, _now())

@@ -18,18 +18,18 @@ from typing import Final
 
 from pydantic import TypeAdapter
 
-from jbclog.app.batch.job_dir import Now, Papers, PortNow, Said
-from jbclog.app.batch.job_spec import Order
+from jbclog.app.batch.job_dir import JobDir, Now, PortNow, Said
+from jbclog.app.batch.job_spec import JobSpec
 from jbclog.app.batch.serial_handover import Carried
 from jbclog.app.run.job import carry_out
 from jbclog.app.run.run_record import Result
 from jbclog.core.errors import JbclogError
 from jbclog.core.outcome import Exit, in_order
 from jbclog.core.rows import EventRow
-from jbclog.session.run.context import Desk
+from jbclog.session.run.context import SessionContext
 from jbclog.transport.typed_lines import open_source
 
-ORDER: Final = TypeAdapter(Order)
+ORDER: Final = TypeAdapter(JobSpec)
 INTERRUPTED: Final = 130
 WAITING_MOST: Final = 1000
 RUNNING: Final = "running"
@@ -45,7 +45,7 @@ class Told:
     Only that the run has begun is told at once: its papers must know its folder before any station is touched.
     """
 
-    def __init__(self, papers: Papers) -> None:
+    def __init__(self, papers: JobDir) -> None:
         self._papers = papers
         self._began = time.monotonic()
         self._units = 0
@@ -62,7 +62,7 @@ class Told:
         self._units += event.kind == UNIT_ENDS
         self._tell(lambda: self._papers.happened(event))
 
-    def second(self, desks: list[Desk]) -> None:
+    def second(self, desks: list[SessionContext]) -> None:
         if self._waiting.empty():
             self._tell(lambda: self._papers.tell(self._now(desks)))
 
@@ -79,7 +79,7 @@ class Told:
             self._waiting.put(None, timeout=CLOSE_S)
         self._thread.join(CLOSE_S)
 
-    def _now(self, desks: list[Desk]) -> Now:
+    def _now(self, desks: list[SessionContext]) -> Now:
         return Now(
             passed_s=time.monotonic() - self._began,
             doing="recording" if any(desk.ports for desk in desks) else "starting",
@@ -103,13 +103,13 @@ class Told:
                 self._dropped += 1
 
 
-def _ports(desk: Desk) -> list[PortNow]:
+def _ports(desk: SessionContext) -> list[PortNow]:
     if desk.facts.outcome != RUNNING:
         return []
     return [_port(desk, number) for number in desk.ports]
 
 
-def _port(desk: Desk, number: int) -> PortNow:
+def _port(desk: SessionContext, number: int) -> PortNow:
     port = desk.ports[number]
     status = None if port.status is None or port.states else desk.family.status.state(port.status)
     return PortNow(desk.name, number, port.temperature_c, desk.set_c(port), status)
@@ -117,7 +117,7 @@ def _port(desk: Desk, number: int) -> PortNow:
 
 def main(arguments: list[str]) -> int:
     """The process. `arguments`: the folder of its papers, and the descriptor of their lock."""
-    papers, descriptor = Papers(Path(arguments[0])), int(arguments[1])
+    papers, descriptor = JobDir(Path(arguments[0])), int(arguments[1])
     os.set_inheritable(descriptor, False)  # a guard outlives the job, and must not look like it
     papers.sign(descriptor)
     try:
@@ -131,7 +131,7 @@ def main(arguments: list[str]) -> int:
     return said.exit_code
 
 
-def _carry_out(papers: Papers) -> Said:
+def _carry_out(papers: JobDir) -> Said:
     order = ORDER.validate_json(papers.job())
     units = None if order.units_from is None else open_source(order.units_from)
     if units is not None and order.first_unit is not None:

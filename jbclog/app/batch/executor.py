@@ -12,9 +12,9 @@ from typing import Final, Protocol
 
 from jbclog.app.batch.entry import RECORDED, Entry, Kind, State
 from jbclog.app.batch.journal import Journal
-from jbclog.app.batch.processes import ENDED_BY, Came, Hands
+from jbclog.app.batch.processes import ENDED_BY, Came, Processes
 from jbclog.app.batch.queue import Next, whats_next
-from jbclog.app.batch.state import JobStanding, Standing
+from jbclog.app.batch.state import BatchState, JobState
 from jbclog.config.job_order import OnFailure, Turn
 from jbclog.core.errors import UsageError
 from jbclog.core.outcome import Exit, Finding, exit_code
@@ -25,28 +25,28 @@ LOOK_EVERY_S: Final = 0.2
 class Shown(Protocol):
     """Who is shown how a batch goes on. Nothing that it does changes the batch."""
 
-    def started(self, job: JobStanding) -> None: ...
+    def started(self, job: JobState) -> None: ...
 
-    def ended(self, job: JobStanding) -> None: ...
+    def ended(self, job: JobState) -> None: ...
 
     def told(self, text: str) -> None: ...
 
-    def look(self, standing: Standing, following: Next) -> None: ...
+    def look(self, standing: BatchState, following: Next) -> None: ...
 
 
 class Unseen:
     """Nobody is shown anything."""
 
-    def started(self, job: JobStanding) -> None:
+    def started(self, job: JobState) -> None:
         return
 
-    def ended(self, job: JobStanding) -> None:
+    def ended(self, job: JobState) -> None:
         return
 
     def told(self, text: str) -> None:
         return
 
-    def look(self, standing: Standing, following: Next) -> None:
+    def look(self, standing: BatchState, following: Next) -> None:
         return
 
 
@@ -58,10 +58,10 @@ class Means:
     pause: Callable[[], None]
 
 
-class Foreman:
+class BatchExecutor:
     """Carries out the jobs `turns` (in the order of `in_turn`) of the batch whose journal this is. Raises `RecordError`."""
 
-    def __init__(self, turns: Sequence[Turn], journal: Journal, hands: Hands, shown: Shown, means: Means) -> None:
+    def __init__(self, turns: Sequence[Turn], journal: Journal, hands: Processes, shown: Shown, means: Means) -> None:
         self._turns = turns
         self._journal = journal
         self._hands = hands
@@ -71,7 +71,7 @@ class Foreman:
         self._asked: set[str] = set()
 
     @property
-    def standing(self) -> Standing:
+    def standing(self) -> BatchState:
         return self._journal.standing
 
     def interrupt(self, number: signal.Signals) -> None:
@@ -113,7 +113,7 @@ class Foreman:
                 self._end(job, self._await(job), is_old=True)
         return [job.name for job in running if job.state is State.RUNNING]
 
-    def _await(self, job: JobStanding) -> Came:
+    def _await(self, job: JobState) -> Came:
         while (came := self._hands.came(*_attempt(job))) is None:
             self._means.pause()
         return came
@@ -145,7 +145,7 @@ class Foreman:
             if job.name not in self._asked and self._hands.ask_to_end(*_attempt(job), self._signal):
                 self._asked.add(job.name)
 
-    def _follow(self, job: JobStanding) -> None:
+    def _follow(self, job: JobState) -> None:
         attempt = job.attempts[-1]
         runs = self._hands.runs(*_attempt(job))  # asked first: what it says afterwards is its last word
         if attempt.run is None:
@@ -157,7 +157,7 @@ class Foreman:
             if came is not None:
                 self._end(job, came)
 
-    def _start(self, job: JobStanding) -> None:
+    def _start(self, job: JobState) -> None:
         number = len(job.attempts) + 1
         self._note(Kind.START, f"{job.name} is started{'' if number == 1 else ' again'}.", job=job.name, attempt=number)
         try:
@@ -168,7 +168,7 @@ class Foreman:
         else:
             self._shown.started(job)
 
-    def _end(self, job: JobStanding, came: Came, *, is_old: bool = False) -> None:
+    def _end(self, job: JobState, came: Came, *, is_old: bool = False) -> None:
         """Write down what came of a job, and whether it is open again when the batch is gone on with."""
         self._journal.note(
             Entry(
@@ -189,7 +189,7 @@ class Foreman:
         if is_stopping and self.standing.waiting():
             self._shown.told(f"{job.name} stops the line: nothing more begins, and what runs is let run to its end")
 
-    def _is_again(self, job: JobStanding, came: Came, *, is_old: bool) -> bool:
+    def _is_again(self, job: JobState, came: Came, *, is_old: bool) -> bool:
         """What an interruption or a crash cut off, and what stopped the line; never what was recorded to its end."""
         if came.state in RECORDED:
             return False
@@ -223,12 +223,12 @@ class Foreman:
         return exit_code(found)
 
 
-def _findings(jobs: Iterable[JobStanding]) -> Iterable[Finding]:
+def _findings(jobs: Iterable[JobState]) -> Iterable[Finding]:
     for job in jobs:
         if job.is_over and job.last is not None and job.last.exit_code is not None:
             code = Exit(job.last.exit_code) if job.last.exit_code in list(Exit) else Exit.RECORD
             yield Finding(Exit.STATION if code is Exit.USAGE else code, job.last.text)
 
 
-def _attempt(job: JobStanding) -> tuple[str, int]:
+def _attempt(job: JobState) -> tuple[str, int]:
     return job.name, job.attempts[-1].number

@@ -63,7 +63,7 @@ class Said:
     run: str | None = None
 
 
-class Papers:
+class JobDir:
     """The folder of one attempt."""
 
     def __init__(self, folder: Path) -> None:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Final, cast
 
 from jbclog.app.run.job import Job
-from jbclog.app.run.plan import Metadata, Plan, Wanted
+from jbclog.app.run.plan import Metadata, Plan, RunOptions
 from jbclog.config.durations import span_s
 from jbclog.config.job_order import Turn
 from jbclog.config.job_time import read_at
@@ -32,7 +32,7 @@ _TAG: Final = re.compile(r"--tag (\S+)=…")
 
 
 @dataclass(frozen=True, slots=True)
-class Order:
+class JobSpec:
     """A job, where it reads the serials of its units, and the one that was read already."""
 
     job: Job
@@ -46,7 +46,7 @@ class Orders:
 
     file: JobsFile
     line: Line
-    orders: dict[str, Order]
+    orders: dict[str, JobSpec]
     turns: tuple[Turn, ...]
     stations: dict[str, tuple[str, ...]]
     notes: tuple[str, ...] = ()
@@ -58,12 +58,12 @@ def orders_of(file: JobsFile, out: Path) -> Orders:
     problems: list[Problem] = []
     planned: list[Problem] = []
     chosen: dict[str, tuple[str, ...]] = {}
-    orders: dict[str, Order] = {}
+    orders: dict[str, JobSpec] = {}
     notes: dict[str, None] = {}
     for place, job in enumerate(file.jobs):
         known = len(problems)
         chosen[job.name] = tuple(_chosen(file, line, place, job, problems))
-        orders[job.name] = Order(_job(file, job, chosen[job.name], out), file.reader(job))
+        orders[job.name] = JobSpec(_job(file, job, chosen[job.name], out), file.reader(job))
         plan = _plan(file, place, orders[job.name], planned) if len(problems) == known else None
         notes |= dict.fromkeys((*(plan.notes if plan else ()), *_not_there_yet(job.name, orders[job.name])))
     if problems or planned:
@@ -105,7 +105,7 @@ def _job(file: JobsFile, job: JobTable, stations: Sequence[str], out: Path) -> J
         job.tips,
         reads_units=job.units_from is not None,
     )
-    wanted = Wanted(
+    wanted = RunOptions(
         file.line,
         file.recipe(job),
         tuple(stations),
@@ -125,7 +125,7 @@ def _rate(value: object) -> float | str | None:
     return float(value) if isinstance(value, int | float) else cast(str | None, value)
 
 
-def _plan(file: JobsFile, place: int, order: Order, problems: list[Problem]) -> Plan | None:
+def _plan(file: JobsFile, place: int, order: JobSpec, problems: list[Problem]) -> Plan | None:
     """Everything that can be known to be wrong with a job, with its place in the jobs file."""
     source = order.units_from
     if source is not None and is_plain_file(source):
@@ -140,7 +140,7 @@ def _plan(file: JobsFile, place: int, order: Order, problems: list[Problem]) -> 
     return None
 
 
-def _not_there_yet(name: str, order: Order) -> list[str]:
+def _not_there_yet(name: str, order: JobSpec) -> list[str]:
     """A reader may be plugged in until its job begins, as a station may; who starts a night wants to know it before."""
     source = order.units_from
     return [] if source is None or Path(source).exists() else [f"{name}: its reader {source} is not there yet"]

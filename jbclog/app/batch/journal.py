@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Final, cast
 
 from jbclog.app.batch.entry import Entry, Kind
-from jbclog.app.batch.state import Standing, standing_of
+from jbclog.app.batch.state import BatchState, standing_of
 from jbclog.core.chained_lines import add_line, chain_in, fields_of, line_of, sha256
 from jbclog.core.durable_files import sync_folder, write_whole
 from jbclog.core.errors import RecordError
@@ -52,7 +52,7 @@ class Journal:
 
     def __init__(self, folder: Path, utc: Callable[[], float], entries: list[Entry] | None = None) -> None:
         self.folder = folder
-        self.standing: Standing = standing_of(entries or ())
+        self.standing: BatchState = standing_of(entries or ())
         self._utc = utc
 
     def note(self, entry: Entry) -> None:

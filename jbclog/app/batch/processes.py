@@ -18,8 +18,8 @@ from typing import Final, Protocol
 
 from jbclog.app.batch.child import ORDER
 from jbclog.app.batch.entry import State
-from jbclog.app.batch.job_dir import NOTES, Papers
-from jbclog.app.batch.job_spec import Order
+from jbclog.app.batch.job_dir import NOTES, JobDir
+from jbclog.app.batch.job_spec import JobSpec
 from jbclog.app.batch.serial_handover import carried
 from jbclog.app.run.plan import Metadata
 from jbclog.core.errors import RecordError, Unsafe
@@ -49,7 +49,7 @@ class Came:
         return self.run is not None
 
 
-class Hands(Protocol):
+class Processes(Protocol):
     """What the foreman does things with; a test has others."""
 
     def start(self, name: str, attempt: int) -> None:
@@ -68,10 +68,10 @@ class Hands(Protocol):
         """What came of it, when it does not run any more; None while that is being found out."""
 
 
-class ProcessHands:
+class SystemProcesses:
     """Processes of this computer, with their papers below `folder`."""
 
-    def __init__(self, folder: Path, orders: dict[str, Order]) -> None:
+    def __init__(self, folder: Path, orders: dict[str, JobSpec]) -> None:
         self._folder = folder
         self._orders = orders
         self._children: dict[Path, subprocess.Popen[bytes]] = {}
@@ -80,8 +80,8 @@ class ProcessHands:
         self._told: dict[Path, signal.Signals] = {}
         self._recorded: dict[Path, Path] = {}
 
-    def papers(self, name: str, attempt: int) -> Papers:
-        return Papers(self._folder / "jobs" / f"{name}-{attempt}")
+    def papers(self, name: str, attempt: int) -> JobDir:
+        return JobDir(self._folder / "jobs" / f"{name}-{attempt}")
 
     def remember(self, name: str, attempt: int, run: Path) -> None:
         """The journal knows its run's folder, should its papers be gone."""
@@ -105,13 +105,13 @@ class ProcessHands:
         finally:
             os.close(descriptor)
 
-    def _order(self, name: str) -> Order:
+    def _order(self, name: str) -> JobSpec:
         """With the serial that the last job at its reader left to it."""
         order = self._orders[name]
         same = [other for other, one in self._orders.items() if one.units_from == order.units_from]
         if order.units_from is None:
             return order
-        before = [Papers(path) for path in (self._folder / "jobs").glob("*") if path.name.rpartition("-")[0] in same]
+        before = [JobDir(path) for path in (self._folder / "jobs").glob("*") if path.name.rpartition("-")[0] in same]
         return replace(order, first_unit=carried(before))
 
     def runs(self, name: str, attempt: int) -> bool:
@@ -169,7 +169,7 @@ class ProcessHands:
         return f"ended meanwhile with exit code {ended.exit_code} ({run.name})"
 
 
-def came_of(papers: Papers, told: signal.Signals | None = None, recorded: Path | None = None) -> Came:
+def came_of(papers: JobDir, told: signal.Signals | None = None, recorded: Path | None = None) -> Came:
     """What came of an attempt whose process is gone; its run is recovered where that is needed.
 
     `told` is the signal that it was asked to end by, `recorded` the run that the journal has of it.
@@ -198,7 +198,7 @@ def came_of(papers: Papers, told: signal.Signals | None = None, recorded: Path |
     return _told(ended.exit_code or 0, "", run, ended.verdict)
 
 
-def signed(order: Order, papers: Papers) -> Order:
+def signed(order: JobSpec, papers: JobDir) -> JobSpec:
     """The order with the attempt in its run's tags: by it the run is known, also one whose papers do not name it yet."""
     wanted = order.job.wanted
     said = wanted.metadata or Metadata()
@@ -206,12 +206,12 @@ def signed(order: Order, papers: Papers) -> Order:
     return replace(order, job=replace(order.job, wanted=replace(wanted, metadata=said)))
 
 
-def _attempt(papers: Papers) -> str:
+def _attempt(papers: JobDir) -> str:
     """Such as ``20261122T004342Z/warm-up-1``: the batch's start, the job, and which try at it."""
     return f"{papers.folder.parent.parent.name}/{papers.folder.name}"
 
 
-def _unnamed(papers: Papers) -> Path | None:
+def _unnamed(papers: JobDir) -> Path | None:
     """The run of a process that died after it had made its folder and before its papers named it."""
     try:
         out = ORDER.validate_json(papers.job()).job.out

@@ -10,7 +10,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from jbclog.app.batch.entry import State
-from jbclog.app.batch.state import Standing
+from jbclog.app.batch.state import BatchState
 from jbclog.config.job_order import OnFailure, Turn
 
 DONE_FOR = frozenset({State.FAILED, State.HALF, State.NOT_FINE})
@@ -34,7 +34,7 @@ class Next:
     wait: tuple[Waits, ...] = ()
 
 
-def whats_next(turns: Sequence[Turn], standing: Standing, now: float) -> Next:
+def whats_next(turns: Sequence[Turn], standing: BatchState, now: float) -> Next:
     """What comes next at `now` (seconds since 1970 UTC). `turns` in the order of `in_turn`.
 
     A line that was stopped begins and skips nothing more. Skipping comes alone: what it means for others is asked next.
@@ -60,7 +60,7 @@ def whats_next(turns: Sequence[Turn], standing: Standing, now: float) -> Next:
     return Next(tuple(begin), wait=tuple(wait))
 
 
-def _running(standing: Standing) -> list[str]:
+def _running(standing: BatchState) -> list[str]:
     return [job.name for job in standing.running()]
 
 
@@ -68,7 +68,7 @@ def _places(turns: Sequence[Turn], name: str) -> frozenset[str]:
     return next(turn.places for turn in turns if turn.name == name)
 
 
-def _skipped(turns: Sequence[Turn], standing: Standing) -> Iterator[tuple[str, str]]:
+def _skipped(turns: Sequence[Turn], standing: BatchState) -> Iterator[tuple[str, str]]:
     policies = {turn.name: turn.on_failure for turn in turns}
     for turn in turns:
         if standing.jobs[turn.name].state is State.WAITING:
@@ -79,7 +79,7 @@ def _skipped(turns: Sequence[Turn], standing: Standing) -> Iterator[tuple[str, s
                     break
 
 
-def _why_waits(turn: Turn, standing: Standing, taken: dict[str, str], now: float) -> Waits | None:
+def _why_waits(turn: Turn, standing: BatchState, taken: dict[str, str], now: float) -> Waits | None:
     others = [name for name in turn.after if not standing.jobs[name].is_over]
     if others:
         return Waits(turn.name, f"after {', '.join(others)}")

@@ -11,11 +11,11 @@ from pathlib import Path
 from typing import Final
 
 from jbclog.app.batch.entry import Entry, Kind, State
-from jbclog.app.batch.executor import Foreman, Means, Shown, Unseen
+from jbclog.app.batch.executor import BatchExecutor, Means, Shown, Unseen
 from jbclog.app.batch.job_spec import Orders
 from jbclog.app.batch.journal import JOBS_FILE, Journal, begin, home_of, iso, newest
-from jbclog.app.batch.processes import ProcessHands
-from jbclog.app.batch.state import JobStanding, Standing
+from jbclog.app.batch.processes import SystemProcesses
+from jbclog.app.batch.state import BatchState, JobState
 from jbclog.config.job_order import Turn, due_times, in_turn
 from jbclog.config.job_time import Zone
 from jbclog.core.errors import Problem, Problems, UsageError
@@ -30,24 +30,24 @@ class Shift:
 
     orders: Orders
     journal: Journal
-    hands: ProcessHands
+    hands: SystemProcesses
     turns: tuple[Turn, ...]
     is_new: bool
 
     @property
-    def standing(self) -> Standing:
+    def standing(self) -> BatchState:
         return self.journal.standing
 
-    def foreman(self, shown: Shown, means: Means) -> Foreman:
-        return Foreman(self.turns, self.journal, self.hands, shown, means)
+    def foreman(self, shown: Shown, means: Means) -> BatchExecutor:
+        return BatchExecutor(self.turns, self.journal, self.hands, shown, means)
 
-    def what_will_be_done(self) -> Iterator[tuple[JobStanding, str]]:
+    def what_will_be_done(self) -> Iterator[tuple[JobState, str]]:
         """Each job and what becomes of it, in the file's order. Nothing is done about any of it."""
         for name in self.orders.orders:
             job = self.standing.jobs[name]
             yield job, self._of(job)
 
-    def _of(self, job: JobStanding) -> str:
+    def _of(self, job: JobState) -> str:
         if job.last is None or job.state in (State.WAITING, State.SKIPPED):
             return "stays skipped" if job.state is State.SKIPPED else "waits for its turn"
         if job.state is State.RUNNING:
@@ -77,7 +77,7 @@ def take(orders: Orders, out: Path, means: Means, zone: Zone, *, resume: bool, a
 
 
 def _shift(orders: Orders, journal: Journal, *, is_new: bool) -> Shift:
-    hands = ProcessHands(journal.folder, orders.orders)
+    hands = SystemProcesses(journal.folder, orders.orders)
     for job in journal.standing.running():
         if job.last is not None and job.last.run is not None:
             hands.remember(job.name, job.last.number, journal.folder.parent.parent / job.last.run)

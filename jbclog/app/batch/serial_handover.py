@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Final
 
-from jbclog.app.batch.job_dir import Papers
+from jbclog.app.batch.job_dir import JobDir
 from jbclog.transport.typed_lines import Source
 
 NEXT: Final = "unit.next"
@@ -32,7 +32,7 @@ class Carried(Source):
         self._source.close()
 
 
-def carried(before: Iterable[Papers]) -> str | None:
+def carried(before: Iterable[JobDir]) -> str | None:
     """The serial that the last of these jobs read and left to the next; None where there is none, or it is not known."""
     ended = [papers for papers in before if papers.ended_at() is not None]
     last = max(ended, key=lambda papers: papers.ended_at() or 0.0, default=None)

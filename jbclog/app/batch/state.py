@@ -26,7 +26,7 @@ class Attempt:
 
 
 @dataclass(slots=True)
-class JobStanding:
+class JobState:
     """How a job stands. `due` is the moment that it waits for, seconds since 1970 UTC; `asked` what its file asked of it."""
 
     name: str
@@ -46,10 +46,10 @@ class JobStanding:
 
 
 @dataclass(slots=True)
-class Standing:
+class BatchState:
     """How the batch stands. `stopped_by` is the job whose failure stopped the line in this sitting, `closing` how it ended."""
 
-    jobs: dict[str, JobStanding] = field(default_factory=dict)
+    jobs: dict[str, JobState] = field(default_factory=dict)
     policies: dict[str, OnFailure] = field(default_factory=dict)
     begun: str | None = None
     file: str = ""
@@ -60,10 +60,10 @@ class Standing:
     last: str = ""
     closing: str = ""
 
-    def running(self) -> list[JobStanding]:
+    def running(self) -> list[JobState]:
         return [job for job in self.jobs.values() if job.state is State.RUNNING]
 
-    def waiting(self) -> list[JobStanding]:
+    def waiting(self) -> list[JobState]:
         return [job for job in self.jobs.values() if job.state is State.WAITING]
 
     def is_open(self) -> bool:
@@ -93,7 +93,7 @@ class Standing:
                 job.state = State.WAITING
 
     def _of_job(self, entry: Entry, name: str) -> None:
-        job = self.jobs.setdefault(name, JobStanding(name))
+        job = self.jobs.setdefault(name, JobState(name))
         if entry.kind == Kind.JOB:
             job.asked, job.due = entry.asked or "", _seconds(entry.due)
             self.policies[name] = OnFailure(entry.on_failure or OnFailure.STOP)
@@ -107,7 +107,7 @@ class Standing:
         elif entry.kind == Kind.END and job.last is not None:
             self._end(job, job.last, entry)
 
-    def _end(self, job: JobStanding, attempt: Attempt, entry: Entry) -> None:
+    def _end(self, job: JobState, attempt: Attempt, entry: Entry) -> None:
         job.state = attempt.state = State(entry.state or State.HALF)
         job.text = attempt.text = entry.text
         attempt.ended, attempt.again = entry.time, bool(entry.again)
@@ -117,7 +117,7 @@ class Standing:
             self.stopped_by = job.name
 
 
-def _is_again(job: JobStanding) -> bool:
+def _is_again(job: JobState) -> bool:
     return job.last is not None and job.state is job.last.state and job.last.again and job.state not in RECORDED
 
 
@@ -125,9 +125,9 @@ def _seconds(time: str | None) -> float | None:
     return None if time is None else datetime.fromisoformat(time).timestamp()
 
 
-def standing_of(entries: Iterable[Entry]) -> Standing:
+def standing_of(entries: Iterable[Entry]) -> BatchState:
     """How the batch stands by these lines."""
-    standing = Standing()
+    standing = BatchState()
     for entry in entries:
         standing.take(entry)
     return standing

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from jbclog.app.run.plan import Metadata, Plan, StationPlan, Wanted, station_plan
+from jbclog.app.run.plan import Metadata, Plan, RunOptions, StationPlan, station_plan
 from jbclog.config.line import Line, Replay, StationSpec, load_line
 from jbclog.config.load_recipe import load_recipe
 from jbclog.core.errors import UsageError
@@ -145,7 +145,7 @@ def open_recording(folder: Path) -> Recording:
 def plan_of(recording: Recording) -> Plan:
     """The plan that was run. Raises `Problems` where line file or recipe are none any more."""
     head = recording.first
-    wanted = Wanted(
+    wanted = RunOptions(
         recording.line.path,
         stations=tuple(recording.heads),
         duration_s=head.duration_s,
@@ -159,7 +159,7 @@ def plan_of(recording: Recording) -> Plan:
     return Plan(recording.line, tuple(stations), wanted)
 
 
-def _station_plan(recording: Recording, spec: StationSpec, wanted: Wanted) -> StationPlan:
+def _station_plan(recording: Recording, spec: StationSpec, wanted: RunOptions) -> StationPlan:
     """Stations of one run may have rates of their own, where the run was itself a replay."""
     recipe = load_recipe(recording.recipe_path(spec.name), links=False)
     return station_plan(spec, recipe, replace(wanted, rate=recording.heads[spec.name].rate))

@@ -14,7 +14,7 @@ from math import inf
 from pathlib import Path
 
 from jbclog.app.replay.recording import Recording, plan_of
-from jbclog.app.run.run_record import Dossier, Observer, Result
+from jbclog.app.run.run_record import Observer, Result, RunRecord
 from jbclog.core.clock import VirtualClock
 from jbclog.core.io_requests import Steps
 from jbclog.core.rows import NoJournal
@@ -22,7 +22,7 @@ from jbclog.core.wire_capture import Row
 from jbclog.record.compare import Compared, Comparison, compare_records
 from jbclog.record.manifest import Lost
 from jbclog.record.schema import TABLES
-from jbclog.session.run.context import Desk
+from jbclog.session.run.context import SessionContext
 from jbclog.session.run.station_run import run_station
 from jbclog.sim.replayed_station import TapeStation
 from jbclog.sim.virtual import Reply
@@ -48,7 +48,7 @@ class Again:
 def record_again(recording: Recording, out: Path, observer: Observer) -> Again:
     """Live through the run and record that below `out`. Raises `RecordError` where it cannot be kept, or the tape be read."""
     clock = VirtualClock(recording.first.t0_mono, recording.first.t0_utc)
-    dossier = Dossier(plan_of(recording), out, observer, clock)
+    dossier = RunRecord(plan_of(recording), out, observer, clock)
     dossier.begin()
     left = relive(recording, dossier.desks, clock)
     cut_off = [name for name, astray in left.items() if astray.is_cut_off]
@@ -117,7 +117,7 @@ def compare(recording: Recording, again: Again) -> Held | None:
 # -- the second life -----------------------------------------------------------------------------------------------------------
 
 
-def relive(recording: Recording, desks: Iterable[Desk], clock: VirtualClock) -> dict[str, Astray]:
+def relive(recording: Recording, desks: Iterable[SessionContext], clock: VirtualClock) -> dict[str, Astray]:
     """Run the sessions of `desks` on what was recorded; give where they left it, by station, if they did."""
     driver = VirtualDriver(clock)
     lives = [_Life(recording, desk) for desk in desks]
@@ -130,7 +130,7 @@ def relive(recording: Recording, desks: Iterable[Desk], clock: VirtualClock) -> 
 class _Life:
     """The second life of one session, and the station that it needs only where it leaves its tape."""
 
-    def __init__(self, recording: Recording, desk: Desk) -> None:
+    def __init__(self, recording: Recording, desk: SessionContext) -> None:
         self.name = desk.name
         self.astray: Astray | None = None
         self._desk = desk

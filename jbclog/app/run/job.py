@@ -9,7 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from jbclog.app.run.plan import Plan, Wanted, make_plan
+from jbclog.app.run.plan import Plan, RunOptions, make_plan
 from jbclog.app.run.run_record import Observer, Result
 from jbclog.app.run.runner import conduct
 from jbclog.transport.typed_lines import Source
@@ -19,7 +19,7 @@ from jbclog.transport.typed_lines import Source
 class Job:
     """What is to run, and the folder that its run's folder is made in."""
 
-    wanted: Wanted
+    wanted: RunOptions
     out: Path
     name: str = "run"
 

@@ -22,7 +22,7 @@ from jbclog.core.rows import JOINTS, UNITS, Goal
 from jbclog.protocol.commands.family import FAMILIES, Family
 from jbclog.protocol.commands.omega_values import ConditionRecord
 from jbclog.protocol.commands.ranges import inferred_note, unit_note
-from jbclog.session.run.context import AS_FAST_AS_POSSIBLE, Order
+from jbclog.session.run.context import AS_FAST_AS_POSSIBLE, StationTask
 from jbclog.session.run.pace import asked_rate, rate_problem, readings_for, response, taken_rate_hz
 from jbclog.session.scheduler import Demand
 
@@ -64,7 +64,7 @@ def _option(name: str) -> str:
 
 
 @dataclass(frozen=True, slots=True)
-class Wanted:
+class RunOptions:
     """What was asked for on the command line. `rate` is Hz, ``auto``, ``fit``, ``max``, or None for the recipe's.
 
     `metadata` is None where nobody was asked yet, as in a dry run. `wire`: what passes over the wires is kept, too.
@@ -158,7 +158,7 @@ class Plan:
 
     line: Line
     stations: tuple[StationPlan, ...]
-    wanted: Wanted
+    wanted: RunOptions
 
     @property
     def recipes(self) -> dict[str, Recipe]:
@@ -220,7 +220,7 @@ class Plan:
                 yield f"{recipe.path.name} requires {' '.join(missing)}: to be given to `run`"
 
 
-def make_plan(wanted: Wanted) -> Plan:
+def make_plan(wanted: RunOptions) -> Plan:
     """Read and check everything. Raises `Problems` or `UsageError` with all that is wrong (exit 2)."""
     problems: list[Problem] = []
     line = _load_line(wanted, problems)
@@ -241,11 +241,11 @@ def make_plan(wanted: Wanted) -> Plan:
     return Plan(line, _with_file_names(stations), wanted)
 
 
-def orders(plan: Plan, t0: float) -> Iterator[Order]:
+def orders(plan: Plan, t0: float) -> Iterator[StationTask]:
     """What each session is told; `t0` is the run's zero, monotonic seconds."""
     for station in plan.stations:
         spec = station.spec
-        yield Order(
+        yield StationTask(
             name=spec.name,
             url=spec.url,
             family=station.family,
@@ -270,7 +270,7 @@ def orders(plan: Plan, t0: float) -> Iterator[Order]:
 # -- files ------------------------------------------------------------------------------------------------------------------
 
 
-def _load_line(wanted: Wanted, problems: list[Problem]) -> Line | None:
+def _load_line(wanted: RunOptions, problems: list[Problem]) -> Line | None:
     try:
         return load_line(wanted.line)
     except Problems as error:
@@ -278,7 +278,7 @@ def _load_line(wanted: Wanted, problems: list[Problem]) -> Line | None:
         return None
 
 
-def _load_recipes(wanted: Wanted, line: Line | None, problems: list[Problem]) -> dict[str, Recipe]:
+def _load_recipes(wanted: RunOptions, line: Line | None, problems: list[Problem]) -> dict[str, Recipe]:
     """Each station's recipe by the station's name: its own, or the one given. A file is read once."""
     read: dict[Path, Recipe | None] = {}
     found: dict[str, Recipe] = {}
@@ -302,7 +302,7 @@ def _load_recipes(wanted: Wanted, line: Line | None, problems: list[Problem]) ->
     return found
 
 
-def _chosen(line: Line, wanted: Wanted) -> list[StationSpec]:
+def _chosen(line: Line, wanted: RunOptions) -> list[StationSpec]:
     names = [spec.name for spec in line.stations]
     unknown = [name for name in wanted.stations if name not in names]
     if unknown:
@@ -310,7 +310,7 @@ def _chosen(line: Line, wanted: Wanted) -> list[StationSpec]:
     return [spec for spec in line.stations if not wanted.stations or spec.name in wanted.stations]
 
 
-def station_plan(spec: StationSpec, recipe: Recipe, wanted: Wanted, replay: Replay | None = None) -> StationPlan:
+def station_plan(spec: StationSpec, recipe: Recipe, wanted: RunOptions, replay: Replay | None = None) -> StationPlan:
     """What `wanted` means for one station with its recipe. A recorded run is sampled at its own rate where none is wanted."""
     rate = replay.rate_hz.get(spec.name) if replay is not None and wanted.rate is None else wanted.rate
     family = None if spec.family == "auto" else FAMILIES[spec.family]
@@ -345,7 +345,7 @@ def _without_recipe(line: Line, chosen: list[StationSpec], recipes: dict[str, Re
             )
 
 
-def _unused(line: Line, chosen: list[StationSpec], wanted: Wanted) -> Iterator[Problem]:
+def _unused(line: Line, chosen: list[StationSpec], wanted: RunOptions) -> Iterator[Problem]:
     """A recipe that was asked for and would not run: heating by another one is not what was meant."""
     own = [os.path.realpath(spec.recipe) for spec in chosen if spec.recipe is not None]
     if wanted.recipe is not None and len(own) == len(chosen) and os.path.realpath(wanted.recipe) not in own:
@@ -380,14 +380,14 @@ def _beside_replay(line: Line, spec: StationSpec) -> Iterator[Problem]:
         yield Problem(str(line.path), None, place, f"its url {spec.written_url} leads to {leads_to}, and {NOT_BESIDE_REPLAY}")
 
 
-def _missing_metadata(stations: Sequence[StationPlan], wanted: Wanted) -> Iterator[Problem]:
+def _missing_metadata(stations: Sequence[StationPlan], wanted: RunOptions) -> Iterator[Problem]:
     for recipe in {id(one.recipe): one.recipe for one in stations}.values():
         missing = wanted.metadata.missing(recipe.metadata.required) if wanted.metadata else []
         if missing:
             yield recipe.problem(("metadata", "required"), f"give {' '.join(missing)}")
 
 
-def _out_of_reach(stations: Sequence[StationPlan], wanted: Wanted) -> Iterator[Problem]:
+def _out_of_reach(stations: Sequence[StationPlan], wanted: RunOptions) -> Iterator[Problem]:
     """A number that this run can never come to."""
     if wanted.until_units is not None and wanted.metadata is not None and not wanted.metadata.reads_units:
         text = "serials are to be read while the run goes on: give --units -, a pipe or a device"
@@ -402,7 +402,7 @@ def _shows_no_joints(family: Family | None) -> bool:
     return family is not None and (family.hot_part != "tip" or family.command_of("power_permille") is None)
 
 
-def _misplaced_tips(chosen: Sequence[StationSpec], wanted: Wanted) -> Iterator[Problem]:
+def _misplaced_tips(chosen: Sequence[StationSpec], wanted: RunOptions) -> Iterator[Problem]:
     """A tip for a place that this run does not have is none that it runs with."""
     places = {spec.name for spec in chosen} | {f"{spec.name}:{port}" for spec in chosen for port in spec.ports or PORTS}
     for text in wanted.metadata.tips if wanted.metadata else ():

@@ -2,7 +2,7 @@
 
 The same for a run on real ports (`app.run.runner`) and for one that is lived through once more (`app.replay`)::
 
-    Dossier() -> begin -> (the sessions) -> close -> conclude
+    RunRecord() -> begin -> (the sessions) -> close -> conclude
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ from jbclog.record.live import SEAL_S, LiveStore, OnFailure
 from jbclog.record.manifest import LineFile, Manifest, Metadata, RecipeFile, iso, write_manifest
 from jbclog.record.run_chain import previous_run
 from jbclog.record.seal import seal_in_child
-from jbclog.session.run.context import Desk
+from jbclog.session.run.context import SessionContext
 
 OnFacts = Callable[[StationFacts], None]
 NOT_STARTED = "The run was not started."
@@ -52,7 +52,7 @@ class Observer(Protocol):
 
     def happened(self, event: EventRow) -> None: ...
 
-    def second(self, desks: list[Desk]) -> None: ...
+    def second(self, desks: list[SessionContext]) -> None: ...
 
     def sealing(self) -> None: ...
 
@@ -67,7 +67,7 @@ class Result:
     manifest: Manifest
 
 
-class Dossier:
+class RunRecord:
     """The papers of one run of `plan`, in a new folder below `out`. Times are those of `clock`.
 
     `on_facts` is given what a session hands over, before the session goes on. `on_failure` is told, in a thread of the
@@ -95,7 +95,7 @@ class Dossier:
         self.journal = _Tap(self._store, on_facts)
         self.manifest = replace(self._draft(), previous=previous)
         self.manifest.verifications = self._cited(out)
-        self.desks = [Desk(order, self.journal, self.utc) for order in orders(plan, self.t0)]
+        self.desks = [SessionContext(order, self.journal, self.utc) for order in orders(plan, self.t0)]
 
     def begin(self) -> None:
         """Keep what runs and begin to take rows. Raises `RecordError`; no station has been touched then."""

@@ -2,7 +2,7 @@
 
 ::
 
-    Dossier -> Reactor(run_station × n) -> close -> seal -> judge -> manifest
+    RunRecord -> Reactor(run_station × n) -> close -> seal -> judge -> manifest
 
 Nothing is sent to any station before the record is known to take writes; the tools are in their safe state before the
 record is closed.
@@ -20,7 +20,7 @@ from pathlib import Path
 from jbclog import __version__
 from jbclog.app.run.goals import Goals
 from jbclog.app.run.plan import Plan
-from jbclog.app.run.run_record import Dossier, Observer, Result
+from jbclog.app.run.run_record import Observer, Result, RunRecord
 from jbclog.app.run.unit_feed import LOOK_EVERY_S as LOOK_FOR_UNITS_S
 from jbclog.app.run.unit_feed import UnitFeed
 from jbclog.core.clock import Clock, FastClock, SystemClock
@@ -38,7 +38,7 @@ from jbclog.record.guard_actions import diary
 from jbclog.record.live import SEAL_S
 from jbclog.record.manifest import iso
 from jbclog.record.port_owner import why_held
-from jbclog.session.run.context import Desk
+from jbclog.session.run.context import SessionContext
 from jbclog.session.run.station_run import run_station
 from jbclog.transport.descriptors import allow_ports
 from jbclog.transport.opening import open_port
@@ -88,7 +88,7 @@ def conduct(
     with Signals(heard(), FREEZING, for_good=is_last) as signals:
         held = why_held({station.spec.name: station.spec.url for station in plan.stations})
         if held:
-            return Dossier(plan, out, observer, SystemClock()).refuse(held)
+            return RunRecord(plan, out, observer, SystemClock()).refuse(held)
         return _kept_to_the_end(_Run(plan, out, observer, seal_every_s, missed, units), out, signals)
 
 
@@ -133,7 +133,7 @@ class _Run:
         allow_ports(len(plan.stations))
         self._guarding = Guarding()
         self._left_over = settle(out, {station.spec.url for station in plan.stations}, is_held)
-        self._dossier = Dossier(
+        self._dossier = RunRecord(
             plan, out, observer, self._clock, self._on_record_failure, seal_every_s, on_facts=self._guarding.know
         )
         self._note = self._dossier.note
@@ -227,7 +227,7 @@ class _Run:
         for event in diary(self._dossier.folder):
             self._dossier.journal.event(event)
 
-    def _add(self, desk: Desk) -> None:
+    def _add(self, desk: SessionContext) -> None:
         """Have a station's session pulled; where wires are kept, with all that passes and all that it is told noted."""
         order = desk.order
 
@@ -240,7 +240,7 @@ class _Run:
         keep, now = self._wires.begin(self._head(desk)), self._clock.monotonic
         self._reactor.add(keeping(run_station(desk), keep, now), lambda: Tee.opened(opened, keep, now), order.name)
 
-    def _head(self, desk: Desk) -> Head:
+    def _head(self, desk: SessionContext) -> Head:
         order, manifest = desk.order, self._dossier.manifest
         return Head(
             station=order.name,

@@ -57,7 +57,7 @@ class Difference:
 
 
 @dataclass(frozen=True, slots=True)
-class Odometer:
+class CounterTotal:
     """What was worked from `since` (UTC) to the last reading: `total` holds the truth, `is_known` where it is as narrow as can be.
 
     `first` is what the counter showed at `since`. `marks` are all differences that are not plainly normal or zero, oldest first.
@@ -137,10 +137,10 @@ class Trace:
         return all(one.is_known for one in self.differences[begin:end])
 
     @property
-    def odometer(self) -> Odometer:
+    def odometer(self) -> CounterTotal:
         last = len(self.points) - 1
         marks = [one for one in self.differences if one.kind not in PLAIN or not one.is_known]
-        return Odometer(
+        return CounterTotal(
             total=self.between(0, last),
             since=self.points[0].time,
             first=self.points[0].shown.low,

@@ -41,7 +41,7 @@ class Came:
     echoed: bool = False
 
 
-class Ear:
+class Probe:
     """Collects what comes. `now` is the last moment that was told, monotonic seconds.
 
     What brings more at once than an answer has is listened to for a second, so many times: `flood` says so where it goes on.

@@ -24,7 +24,7 @@ from jbclog.session.discovery.probe import (
     MOST_KEPT,
     OMEGA_QUESTION,
     Came,
-    Ear,
+    Probe,
     is_binary,
     model_question,
     omega_answer,
@@ -63,7 +63,7 @@ class _Scan:
     """One scan while it goes on."""
 
     def __init__(self, plan: ScanPlan, dial: Dial, report: PortReport, began: float) -> None:
-        self.ear = Ear()
+        self.ear = Probe()
         self.ear.now = began
         self._plan = plan
         self._dial = dial

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from enum import IntEnum
 
 from jbclog.core.rows import Severity
-from jbclog.session.run.context import Desk, PortState
+from jbclog.session.run.context import PortState, SessionContext
 from jbclog.session.run.watch import counts
 
 
@@ -36,7 +36,7 @@ SIDES = (
 )
 
 
-def bears_out(desk: Desk, port: PortState, value: int) -> bool:
+def bears_out(desk: SessionContext, port: PortState, value: int) -> bool:
     """Whether `value` is the first beyond a limit while alarms count: a flag that is set becomes an alarm by it."""
     return counts(desk, port) and any(
         _is_beyond(side, port, value) and not _is_beyond(side, port, port.temperature_c) for side in SIDES
@@ -60,7 +60,7 @@ class Known(IntEnum):
 class AlarmWatch:
     """The flags of one port over a run."""
 
-    def __init__(self, desk: Desk, port: PortState) -> None:
+    def __init__(self, desk: SessionContext, port: PortState) -> None:
         self._desk = desk
         self._port = port
         self._last_read: float | None = None

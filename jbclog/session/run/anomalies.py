@@ -1,6 +1,7 @@
 """What a station does otherwise than the manuals recommend: told once each, and what only a session can notice of it.
 
-A client takes other forms and counts them (`protocol/client/anomalies.py`); whoever holds the desk tells (`Desk.tell_anomalies`).
+A client takes other forms and counts them (`protocol/client/anomalies.py`); whoever holds the desk tells
+(`SessionContext.tell_anomalies`).
 """
 
 from __future__ import annotations
@@ -10,19 +11,19 @@ from collections.abc import Iterable
 from jbclog.core.errors import StationError
 from jbclog.core.io_requests import Steps
 from jbclog.core.quantities import Value
-from jbclog.session.run.context import Desk, PortState
+from jbclog.session.run.context import PortState, SessionContext
 
 DELAY_UNIT, NO_COUNTDOWN = 20, 25  # rows of section B
 LATE_S, EARLY_S = 30, 5  # how far a countdown may be from a whole delay shortly after it began
 
 
-def note_zero_countdown(desk: Desk, port: PortState, value: Value) -> None:
+def note_zero_countdown(desk: SessionContext, port: PortState, value: Value) -> None:
     """A time to sleep of 0 s where nothing counts down (digest B-25)."""
     if value == 0:
         _meet(desk, NO_COUNTDOWN, "time to sleep", port)
 
 
-def compare_countdowns(desk: Desk, ports: Iterable[PortState]) -> Steps[None]:
+def compare_countdowns(desk: SessionContext, ports: Iterable[PortState]) -> Steps[None]:
     """Hold the time to sleep against the sleep delay on `ports`, which were at work and have just been told to stand.
 
     Manuals give the delay in minutes, in seconds or without a unit; only this can tell (digest B-20).
@@ -35,7 +36,7 @@ def compare_countdowns(desk: Desk, ports: Iterable[PortState]) -> Steps[None]:
             yield from _compare_countdown(desk, port, delay)
 
 
-def _compare_countdown(desk: Desk, port: PortState, delay: int) -> Steps[None]:
+def _compare_countdown(desk: SessionContext, port: PortState, delay: int) -> Steps[None]:
     try:
         left = yield from desk.station.read(desk.command("time_to_sleep"), port.number)
     except StationError:
@@ -44,5 +45,5 @@ def _compare_countdown(desk: Desk, port: PortState, delay: int) -> Steps[None]:
         _meet(desk, DELAY_UNIT, f"time to sleep with a sleep delay of {delay}", port)
 
 
-def _meet(desk: Desk, number: int, what: str, port: PortState) -> None:
+def _meet(desk: SessionContext, number: int, what: str, port: PortState) -> None:
     desk.station.anomalies.meet(number, f"{what}, port {port.number}", desk.station.data, port.number)

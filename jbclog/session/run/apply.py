@@ -18,7 +18,7 @@ from jbclog.core.rows import SettingRow, Severity
 from jbclog.protocol.commands.command import Command, Scope
 from jbclog.protocol.commands.omega_values import Stored
 from jbclog.session.run.anomalies import compare_countdowns
-from jbclog.session.run.context import Desk, PortState
+from jbclog.session.run.context import PortState, SessionContext
 from jbclog.session.run.setting import keep_row, read_setting, title_of, touch, write_setting
 
 COOLING_DELAYS = ("sleep_delay", "hibernation_delay")
@@ -29,7 +29,7 @@ Wanted = tuple[Setting, PortState | None]
 """A setting and its port; None for one of the whole station."""
 
 
-def examine(desk: Desk) -> Steps[list[Wanted]]:
+def examine(desk: SessionContext) -> Steps[list[Wanted]]:
     """Read and check everything; give what is to be set, in order. Raises `StartRefused` with all that does not fit."""
     yield from read_all(desk)
     wanted = _wanted(desk)
@@ -39,14 +39,14 @@ def examine(desk: Desk) -> Steps[list[Wanted]]:
     return wanted
 
 
-def apply(desk: Desk, wanted: list[Wanted], *, heats: bool) -> Steps[None]:
+def apply(desk: SessionContext, wanted: list[Wanted], *, heats: bool) -> Steps[None]:
     """Bring what can heat a tool, or what cannot, to the recipe. Raises `StartRefused` naming the setting that failed."""
     for setting, port in wanted:
         if (setting.command.name in CAN_HEAT) == heats:
             yield from _apply(desk, setting, port)
 
 
-def apply_status(desk: Desk) -> Steps[None]:
+def apply_status(desk: SessionContext) -> Steps[None]:
     """Put the tools to work, or to rest, where the recipe says so. Raises `StartRefused`."""
     at_work = [port for port in desk.ports.values() if _works(desk, port)]
     if desk.recipe.run.status is not None or _orders_suction(desk):
@@ -57,7 +57,7 @@ def apply_status(desk: Desk) -> Steps[None]:
     desk.publish()
 
 
-def _works(desk: Desk, port: PortState) -> bool:
+def _works(desk: SessionContext, port: PortState) -> bool:
     word = port.held.get("status")
     return isinstance(word, tuple) and desk.family.status.is_working(word)
 
@@ -73,7 +73,7 @@ def note_status(port: PortState) -> None:
 # -- what there is and what is wanted -----------------------------------------------------------------------------------
 
 
-def readable_settings(desk: Desk, scope: Scope) -> Iterator[Command]:
+def readable_settings(desk: SessionContext, scope: Scope) -> Iterator[Command]:
     """The settings of one scope that a run reads: all that can be read back. `status` has its own way."""
     for command in desk.family.commands.values():
         if command.access == "rw" and command.scope is scope and command.name != "status":
@@ -83,7 +83,7 @@ def readable_settings(desk: Desk, scope: Scope) -> Iterator[Command]:
         yield desk.command("condition").numbered(condition.condition)
 
 
-def read_all(desk: Desk) -> Steps[None]:
+def read_all(desk: SessionContext) -> Steps[None]:
     """Read every setting of station, ports and connected tools into `held`."""
     for command in readable_settings(desk, Scope.STATION):
         yield from _read_held(desk, command, None)
@@ -91,7 +91,7 @@ def read_all(desk: Desk) -> Steps[None]:
         yield from read_port(desk, port)
 
 
-def read_port(desk: Desk, port: PortState) -> Steps[None]:
+def read_port(desk: SessionContext, port: PortState) -> Steps[None]:
     """Read every setting of one port, and of the tool in it if there is one."""
     for command in readable_settings(desk, Scope.PORT):
         yield from _read_held(desk, command, port)
@@ -101,7 +101,7 @@ def read_port(desk: Desk, port: PortState) -> Steps[None]:
         yield from read_tool(desk, port)
 
 
-def read_tool(desk: Desk, port: PortState) -> Steps[None]:
+def read_tool(desk: SessionContext, port: PortState) -> Steps[None]:
     """Read the settings that belong to the tool in `port`. One whose number no command can carry keeps them to itself."""
     if not port.can_be_spoken_to:
         text = f"Tool {port.tool} in port {port.number}: no command has a place for this number, so its settings are not known."
@@ -111,7 +111,7 @@ def read_tool(desk: Desk, port: PortState) -> Steps[None]:
         yield from _read_held(desk, command, port)
 
 
-def _read_held(desk: Desk, command: Command, port: PortState | None) -> Steps[None]:
+def _read_held(desk: SessionContext, command: Command, port: PortState | None) -> Steps[None]:
     held = desk.held if port is None else port.held
     try:
         held[command.name] = yield from read_setting(desk, command, port, held.get(command.name))
@@ -122,7 +122,7 @@ def _read_held(desk: Desk, command: Command, port: PortState | None) -> Steps[No
         raise StartRefused(f"{desk.name}: cannot read {title_of(command, port)}: {error}") from error
 
 
-def _wanted(desk: Desk) -> list[Wanted]:
+def _wanted(desk: SessionContext) -> list[Wanted]:
     """What the recipe asks for here, in the order in which it is written; tool settings only where a tool is."""
     wanted: list[Wanted] = [(one, None) for one in station_settings_for(desk.recipe, desk.family)]
     for port in desk.ports.values():
@@ -132,7 +132,7 @@ def _wanted(desk: Desk) -> list[Wanted]:
     return wanted
 
 
-def _as_counted(desk: Desk, setting: Setting) -> Setting:
+def _as_counted(desk: SessionContext, setting: Setting) -> Setting:
     """The setting with the number that goes on the wire, once it has been checked that there is one."""
     counted = setting.as_counted(desk.held)
     assert counted is not None
@@ -142,7 +142,7 @@ def _as_counted(desk: Desk, setting: Setting) -> Setting:
 # -- checks before the first write ----------------------------------------------------------------------------------------
 
 
-def _check(desk: Desk, wanted: list[Wanted]) -> None:
+def _check(desk: SessionContext, wanted: list[Wanted]) -> None:
     """What only the station knows: its limits, and whether a tool told to stand will ever cool."""
     problems = []
     for port in desk.ports.values():
@@ -152,7 +152,7 @@ def _check(desk: Desk, wanted: list[Wanted]) -> None:
         raise StartRefused(f"{desk.name}: " + "; ".join(problems) + ". Nothing was written")
 
 
-def _cooling_problems(desk: Desk, port: PortState, wanted: list[Wanted]) -> list[str]:
+def _cooling_problems(desk: SessionContext, port: PortState, wanted: list[Wanted]) -> list[str]:
     """Delays that are off or not told, so that a tool in stand stays hot or may (contract, "Safe state")."""
     if not desk.family.may_stand_at_last(desk.safe_state) or not port.has_tool:
         return []
@@ -175,7 +175,7 @@ def _cooling_problems(desk: Desk, port: PortState, wanted: list[Wanted]) -> list
 # -- one setting ------------------------------------------------------------------------------------------------------------
 
 
-def _record_untouched(desk: Desk, wanted: list[Wanted]) -> None:
+def _record_untouched(desk: SessionContext, wanted: list[Wanted]) -> None:
     """A row for everything that was read and is left alone, and for what the recipe has for other families."""
     asked = {(one.command.name, port.number if port else None) for one, port in wanted}
     places: list[PortState | None] = [None, *desk.ports.values()]
@@ -188,7 +188,7 @@ def _record_untouched(desk: Desk, wanted: list[Wanted]) -> None:
         desk.journal.setting(SettingRow(time, desk.name, None, None, key, "", None, None, None, None, "unsupported"))
 
 
-def _apply(desk: Desk, setting: Setting, port: PortState | None) -> Steps[None]:
+def _apply(desk: SessionContext, setting: Setting, port: PortState | None) -> Steps[None]:
     command, value = setting.command, setting.value
     held = desk.held if port is None else port.held
     requested = text_of(value)
@@ -200,7 +200,7 @@ def _apply(desk: Desk, setting: Setting, port: PortState | None) -> Steps[None]:
         yield from write_setting(desk, command, value, port)
 
 
-def _look_at_suction(desk: Desk, port: PortState) -> Steps[None]:
+def _look_at_suction(desk: SessionContext, port: PortState) -> Steps[None]:
     """Read the status once more: a key of the station's own may have switched suction since. What cannot be read is as it was."""
     try:
         port.held["status"] = yield from read_setting(desk, desk.command("status"), port, port.held["status"])
@@ -209,11 +209,11 @@ def _look_at_suction(desk: Desk, port: PortState) -> Steps[None]:
     note_status(port)
 
 
-def _orders_suction(desk: Desk) -> bool:
+def _orders_suction(desk: SessionContext) -> bool:
     return desk.family.status.has_suction and desk.recipe.suction != "keep"
 
 
-def _apply_status(desk: Desk) -> Steps[None]:
+def _apply_status(desk: SessionContext) -> Steps[None]:
     """Put the tools to work (or to stand) once everything else holds; a port without a tool is left alone."""
     command = desk.command("status")
     for port in desk.ports.values():

@@ -12,7 +12,7 @@ from jbclog.protocol.commands.omega import OMEGA_SIGNALS, SAYS_YES
 from jbclog.protocol.commands.omega_values import UNTOLD
 from jbclog.protocol.commands.possible import NO_COUNTDOWN
 from jbclog.protocol.commands.signals import STATUS_COLUMNS
-from jbclog.session.run.context import Desk, PortState
+from jbclog.session.run.context import PortState, SessionContext
 from jbclog.session.scheduler import Reading
 
 Fill = Callable[[SampleRow, Value], None]
@@ -72,7 +72,7 @@ def _plain(column: str) -> Fill:
     return fill
 
 
-def _share(column: str, command: Command, desk: Desk) -> Fill:
+def _share(column: str, command: Command, desk: SessionContext) -> Fill:
     """Per mille of what the station tells as its greatest; the raw number is a row of `settings` (digest B-33)."""
     place = COLUMN[column]
 
@@ -90,7 +90,7 @@ SPECIAL: dict[str, Fill] = {
 }
 
 
-def fill_of(reading: Reading, desk: Desk) -> Fill:
+def fill_of(reading: Reading, desk: SessionContext) -> Fill:
     """How the answer to a reading fills its columns."""
     signal = reading.name
     if signal == "status":
@@ -100,13 +100,13 @@ def fill_of(reading: Reading, desk: Desk) -> Fill:
     return SPECIAL.get(signal) or _plain(signal)
 
 
-def whole_of(command: Command, desk: Desk) -> int | None:
+def whole_of(command: Command, desk: SessionContext) -> int | None:
     """What the number that `command` tells is a share of, as the station told it; None where it did not."""
     whole = desk.held.get(str(command.share_of))
     return whole if isinstance(whole, int) and whole > 0 else None
 
 
-def unusable(reading: Reading, value: Value, port: PortState, desk: Desk) -> str | None:
+def unusable(reading: Reading, value: Value, port: PortState, desk: SessionContext) -> str | None:
     """Why a well-formed value is not taken, or None.
 
     A countdown that does not run has no remaining time, a share of something unknown is none, and an answer without its digit
@@ -121,7 +121,7 @@ def unusable(reading: Reading, value: Value, port: PortState, desk: Desk) -> str
     return void(reading.name, port, desk)
 
 
-def void(signal: str, port: PortState, desk: Desk) -> str | None:
+def void(signal: str, port: PortState, desk: SessionContext) -> str | None:
     """Why nothing that is answered means anything while the port's error lasts, or None (digest B-44)."""
     return desk.family.port_errors.void(port.error, signal)
 

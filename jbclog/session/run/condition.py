@@ -12,11 +12,11 @@ from jbclog.core.errors import Ignored, LinkError, NotSupported, StartRefused, S
 from jbclog.core.io_requests import RunEnded, Steps
 from jbclog.core.rows import SettingRow, Severity
 from jbclog.protocol.commands.omega_values import ConditionRecord, SetTemperature, Stored, difference, differing
-from jbclog.session.run.context import Desk
+from jbclog.session.run.context import SessionContext
 from jbclog.session.run.watch import tell_change
 
 
-def look_at_condition(desk: Desk) -> Steps[ConditionRecord | None]:
+def look_at_condition(desk: SessionContext) -> Steps[ConditionRecord | None]:
     """Read and compare the recipe's condition; give what is to be written. Raises `StartRefused` where it must not be."""
     wanted = condition_of(desk.recipe, desk.family)
     if wanted is None:
@@ -34,7 +34,7 @@ def look_at_condition(desk: Desk) -> Steps[ConditionRecord | None]:
     return wanted
 
 
-def bring_condition(desk: Desk, wanted: ConditionRecord | None) -> Steps[None]:
+def bring_condition(desk: SessionContext, wanted: ConditionRecord | None) -> Steps[None]:
     """Write the condition that `look_at_condition` gave. Raises `StartRefused` where it does not hold then."""
     if wanted is not None:
         held = desk.held["condition"]
@@ -42,7 +42,7 @@ def bring_condition(desk: Desk, wanted: ConditionRecord | None) -> Steps[None]:
         yield from _write(desk, wanted, held)
 
 
-def check_condition(desk: Desk) -> Steps[None]:
+def check_condition(desk: SessionContext) -> Steps[None]:
     """Read the condition once more at the end; say where somebody changed it meanwhile."""
     before = desk.held.get("condition")
     if not isinstance(before, Stored):
@@ -59,13 +59,13 @@ def check_condition(desk: Desk) -> Steps[None]:
         tell_change(desk, None, f"condition_{before.condition}", was, now)
 
 
-def _read(desk: Desk, number: int) -> Steps[Stored]:
+def _read(desk: SessionContext, number: int) -> Steps[Stored]:
     found = yield from desk.agreed(desk.command("condition").numbered(number))
     assert isinstance(found, Stored)
     return found
 
 
-def _held(desk: Desk, wanted: ConditionRecord) -> Steps[Stored]:
+def _held(desk: SessionContext, wanted: ConditionRecord) -> Steps[Stored]:
     """What the controller holds under the recipe's number, before anything is written."""
     try:
         held = yield from _read(desk, wanted.condition)
@@ -80,14 +80,14 @@ def _held(desk: Desk, wanted: ConditionRecord) -> Steps[Stored]:
     return held
 
 
-def _tell_unresolved(desk: Desk, held: SetTemperature) -> None:
+def _tell_unresolved(desk: SessionContext, held: SetTemperature) -> None:
     """A temperature whose scale nothing here decides (digest B-51)."""
     raw = held.set_temperature_raw
     place = f"condition {held.condition}: {raw} on the wire, {raw / 10:.1f} °C if it is in tenths and {raw} °C if it is not"
     desk.station.anomalies.meet(51, place, desk.station.data)
 
 
-def _write(desk: Desk, wanted: ConditionRecord, held: Stored) -> Steps[None]:
+def _write(desk: SessionContext, wanted: ConditionRecord, held: Stored) -> Steps[None]:
     """Write once, read back, compare. What is broken off in between may or may not have been done."""
     try:
         ignored = yield from _write_once(desk, wanted)
@@ -106,7 +106,7 @@ def _write(desk: Desk, wanted: ConditionRecord, held: Stored) -> Steps[None]:
     raise StartRefused(f"{_asked(desk, wanted)}, {why}, and read back it has {difference(wanted, found)}; before it was {held}")
 
 
-def _write_once(desk: Desk, wanted: ConditionRecord) -> Steps[bool]:
+def _write_once(desk: SessionContext, wanted: ConditionRecord) -> Steps[bool]:
     """Whether it was ignored. A lost acknowledgement is settled by the reading."""
     try:
         yield from desk.station.write(desk.command("store_condition"), wanted)
@@ -117,11 +117,11 @@ def _write_once(desk: Desk, wanted: ConditionRecord) -> Steps[bool]:
     return False
 
 
-def _asked(desk: Desk, wanted: ConditionRecord) -> str:
+def _asked(desk: SessionContext, wanted: ConditionRecord) -> str:
     return f"{desk.name}: condition {wanted.condition} was written"
 
 
-def _rows(desk: Desk, wanted: ConditionRecord, found: Stored | None, outcome: str, *, written: bool = False) -> None:
+def _rows(desk: SessionContext, wanted: ConditionRecord, found: Stored | None, outcome: str, *, written: bool = False) -> None:
     """A row for each field; where the outcome is bad, fields that hold all the same are unchanged."""
     told = {} if found is None else {name: text for name, _, text in found.values()}
     for name, unit, text in wanted.values():

@@ -29,7 +29,7 @@ AS_FAST_AS_POSSIBLE = "max"
 
 
 @dataclass(frozen=True, slots=True)
-class Order:
+class StationTask:
     """What a run wants of one station. `family` is None for "auto"; `ports` None for those that answer. `model` is the name
     that the line file accepts for the station, None where it names none.
 
@@ -100,10 +100,10 @@ class PortState:
         return float(value) if isinstance(value, int | float) else None
 
 
-class Desk:
+class SessionContext:
     """Everything that the chapters of one session share: the order, the client, the ports, and the journal."""
 
-    def __init__(self, order: Order, journal: Journal, utc: UtcOffset) -> None:
+    def __init__(self, order: StationTask, journal: Journal, utc: UtcOffset) -> None:
         self.order = order
         self.recipe = order.recipe
         self.journal = journal

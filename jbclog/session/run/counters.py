@@ -6,10 +6,10 @@ from jbclog.core.errors import LinkError, NotSupported, RobotModeOff, StationErr
 from jbclog.core.io_requests import Steps
 from jbclog.core.rows import CounterRow
 from jbclog.protocol.commands.signals import Counter
-from jbclog.session.run.context import Desk, PortState
+from jbclog.session.run.context import PortState, SessionContext
 
 
-def read_counters(desk: Desk) -> Steps[None]:
+def read_counters(desk: SessionContext) -> Steps[None]:
     """A row for every counter of every port; null with its reason where it could not be read.
 
     Raises `LinkError`, `StationSilent` or `RobotModeOff` where nothing can be read any more.
@@ -20,7 +20,7 @@ def read_counters(desk: Desk) -> Steps[None]:
                 yield from _read(desk, port, counter)
 
 
-def _read(desk: Desk, port: PortState, counter: Counter) -> Steps[None]:
+def _read(desk: SessionContext, port: PortState, counter: Counter) -> Steps[None]:
     command, known = desk.command(counter.command), port.counted.get(counter.name)
     try:
         found = yield from desk.agreed(command, port.number, known=known, grows=True)
@@ -41,7 +41,7 @@ def _read(desk: Desk, port: PortState, counter: Counter) -> Steps[None]:
         )
 
 
-def _keep(desk: Desk, port: PortState, counter: Counter, value: float | None, raw: str) -> None:
+def _keep(desk: SessionContext, port: PortState, counter: Counter, value: float | None, raw: str) -> None:
     due = desk.facts.due.setdefault(str(port.number), {})
     due[counter.name] = due.get(counter.name, 0) + 1
     time = desk.utc.micros(desk.now)

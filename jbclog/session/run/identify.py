@@ -21,7 +21,7 @@ from jbclog.protocol.client.patient_reads import START_TRIES, pause
 from jbclog.protocol.client.turnaround import LEAST_ANSWERED, READS, response_time
 from jbclog.protocol.commands.family import ROBOT
 from jbclog.protocol.commands.models import not_accepted, other_model, unknown_model
-from jbclog.session.run.context import Desk, PortState
+from jbclog.session.run.context import PortState, SessionContext
 from jbclog.session.run.identity import learn_identity
 from jbclog.session.run.loss import tell_flood
 
@@ -32,7 +32,7 @@ class Absent(StartRefused):
     """The station did not answer at the start."""
 
 
-def identify(desk: Desk) -> Steps[None]:
+def identify(desk: SessionContext) -> Steps[None]:
     """Open the port and prove who is there. Raises `StartRefused` with what to do."""
     desk.facts.model = yield from connect(desk, reopen=True, tries=START_TRIES)
     desk.connected = desk.is_proven = True
@@ -45,14 +45,14 @@ def identify(desk: Desk) -> Steps[None]:
     desk.publish()
 
 
-def _learn_who(desk: Desk) -> Steps[None]:
+def _learn_who(desk: SessionContext) -> Steps[None]:
     try:
         yield from learn_identity(desk)
     except StationError as error:
         raise StartRefused(f"{desk.name}: cannot read plugged hours: {error}") from error
 
 
-def connect(desk: Desk, *, reopen: bool, tries: int) -> Steps[str | None]:
+def connect(desk: SessionContext, *, reopen: bool, tries: int) -> Steps[str | None]:
     """Open the port and read the model name; used at the start and after an outage.
 
     None where the family does not tell one: then it has answered something else, which proves the protocol and no more.
@@ -71,7 +71,7 @@ def connect(desk: Desk, *, reopen: bool, tries: int) -> Steps[str | None]:
         raise Absent(f"{desk.name}: {error}") from error
 
 
-def _answer(desk: Desk, tries: int) -> Steps[str | None]:
+def _answer(desk: SessionContext, tries: int) -> Steps[str | None]:
     for number in range(1, tries + 1):
         try:
             if desk.family_known and not desk.family.models:
@@ -89,7 +89,7 @@ def _answer(desk: Desk, tries: int) -> Steps[str | None]:
     raise AssertionError("no try at all")
 
 
-def _no_answer(desk: Desk, error: StationError, tries: int) -> str:
+def _no_answer(desk: SessionContext, error: StationError, tries: int) -> str:
     order, is_robot = desk.order, not desk.family_known or desk.family.protocol == ROBOT
     mode = "Robot mode is switched on in its menu, " if is_robot else ""
     addressing = "without addresses" if order.address is None else f"address {order.address:02d}"
@@ -100,7 +100,7 @@ def _no_answer(desk: Desk, error: StationError, tries: int) -> str:
     )
 
 
-def _learn_family(desk: Desk) -> Steps[None]:
+def _learn_family(desk: SessionContext) -> Steps[None]:
     model = desk.facts.model or ""
     if desk.order.model is not None:
         if model != desk.order.model:
@@ -118,7 +118,7 @@ def _learn_family(desk: Desk) -> Steps[None]:
         desk.facts.software = yield from _software(desk)
 
 
-def _accept_model(desk: Desk) -> Steps[None]:
+def _accept_model(desk: SessionContext) -> Steps[None]:
     """Bear out by reads a family that the line file names for the model name: that one never proves the kind of station."""
     model = desk.order.model
     if model is None:
@@ -132,7 +132,7 @@ def _accept_model(desk: Desk) -> Steps[None]:
     desk.note("station.model_accepted", Severity.INFO, text, raw=model)
 
 
-def _software(desk: Desk) -> Steps[str | None]:
+def _software(desk: SessionContext) -> Steps[str | None]:
     """The software version; None where the station refuses the question, which is how it says that it does not know it, or where
     it could not be read. That is a warning, because what is not known identifies nobody.
     """
@@ -147,7 +147,7 @@ def _software(desk: Desk) -> Steps[str | None]:
         return None
 
 
-def _learn_ports(desk: Desk) -> Steps[None]:
+def _learn_ports(desk: SessionContext) -> Steps[None]:
     """Ports that the line file names must answer R-CT; without a name, those that do are meant."""
     named = desk.order.ports or desk.family.ports
     if not desk.family.tools:
@@ -170,7 +170,7 @@ def _learn_ports(desk: Desk) -> Steps[None]:
     _require_tools(desk)
 
 
-def _require_tools(desk: Desk) -> None:
+def _require_tools(desk: SessionContext) -> None:
     for port in desk.ports.values():
         if port.has_tool:
             continue
@@ -181,7 +181,7 @@ def _require_tools(desk: Desk) -> None:
         desk.note("tool.absent", Severity.WARNING, f"No tool in port {port.number}; it is recorded as no_tool.", port=port.number)
 
 
-def measure_turnaround(desk: Desk) -> Steps[None]:
+def measure_turnaround(desk: SessionContext) -> Steps[None]:
     """Ask harmless questions and keep how long the station itself takes to answer, in µs."""
     measured, answered = yield from response_time(desk.station, desk.family, min(desk.ports))
     if measured is None or answered < LEAST_ANSWERED:

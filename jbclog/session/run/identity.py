@@ -14,7 +14,7 @@ from jbclog.core.io_requests import Steps
 from jbclog.core.quantities import Value
 from jbclog.core.rows import Severity
 from jbclog.protocol.client.family_proof import why_not_answering
-from jbclog.session.run.context import Desk
+from jbclog.session.run.context import SessionContext
 
 SAID = ("model", "software_version")  # reads by which a station says who it is, the same all through a run
 RESOLUTION_H = 1  # the counters count whole hours
@@ -22,7 +22,7 @@ DRIFT = 0.01  # by which a station's clock may differ from ours
 ROLLS_OVER_AT = 100_000  # five digits
 
 
-def learn_identity(desk: Desk) -> Steps[None]:
+def learn_identity(desk: SessionContext) -> Steps[None]:
     """Note the plugged hours of each port beside model and software, to know the station by later."""
     desk.said_at = dict.fromkeys(SAID, desk.now)
     for number in desk.ports:
@@ -31,7 +31,7 @@ def learn_identity(desk: Desk) -> Steps[None]:
             desk.plugged_hours[number] = (hours, desk.now)
 
 
-def recognise(desk: Desk, model: str | None) -> Steps[bool]:
+def recognise(desk: SessionContext, model: str | None) -> Steps[bool]:
     """Whether `model` answers for this run's station. A stranger is told once, and neither read further nor written.
 
     Raises `StationError` or `LinkError` where it cannot be asked.
@@ -49,13 +49,13 @@ def recognise(desk: Desk, model: str | None) -> Steps[bool]:
     return desk.is_proven
 
 
-def _other_kind(desk: Desk) -> Steps[str | None]:
+def _other_kind(desk: SessionContext) -> Steps[str | None]:
     """Why a station with an accepted name is not of the kind that was borne out at the start; None where it is."""
     why = yield from why_not_answering(desk.station, desk.family, min(desk.ports))
     return None if why is None else f"a {desk.facts.model} of another kind ({why})"
 
 
-def _difference(desk: Desk) -> Steps[str | None]:
+def _difference(desk: SessionContext) -> Steps[str | None]:
     """How the station differs from this run's, of the same model; None where it does not."""
     model, software = desk.facts.model, desk.facts.software
     if software is not None:
@@ -69,7 +69,7 @@ def _difference(desk: Desk) -> Steps[str | None]:
     return None
 
 
-def expect_same(desk: Desk, number: int, hours: Value) -> None:
+def expect_same(desk: SessionContext, number: int, hours: Value) -> None:
     """Raise `OtherStation` where plugged hours that were just read cannot be those of this run's station."""
     before, then = desk.plugged_hours.get(number, (None, 0.0))
     if before is None or not isinstance(hours, int):
@@ -79,12 +79,12 @@ def expect_same(desk: Desk, number: int, hours: Value) -> None:
     desk.plugged_hours[number] = hours, desk.now
 
 
-def is_said(desk: Desk, name: str, value: Value) -> bool:
+def is_said(desk: SessionContext, name: str, value: Value) -> bool:
     """Whether `value` is what the station said at the start, when it was asked for its model or its software."""
     return value == (desk.facts.model if name == SAID[0] else desk.facts.software)
 
 
-def expect_said(desk: Desk, name: str, value: Value) -> None:
+def expect_said(desk: SessionContext, name: str, value: Value) -> None:
     """Raise `OtherStation` where a model or a software that was just read is not that of this run's station."""
     if not is_said(desk, name, value):
         known = desk.facts.model if name == SAID[0] else desk.facts.software
@@ -98,7 +98,7 @@ def _can_be(hours: int, before: int, seconds: float) -> bool:
     return (hours - before) % ROLLS_OVER_AT <= seconds / 3600 * (1 + DRIFT) + RESOLUTION_H
 
 
-def _hours(desk: Desk, number: int, known: int | None = None) -> Steps[int | None]:
+def _hours(desk: SessionContext, number: int, known: int | None = None) -> Steps[int | None]:
     """The plugged hours of a port; None where the station does not count them."""
     counter = desk.family.hours
     if counter is None:

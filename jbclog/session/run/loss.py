@@ -10,7 +10,7 @@ from typing import Final
 
 from jbclog.core.errors import LinkError, LinkFlooded, OtherStation, RobotModeOff, StationError
 from jbclog.core.rows import Severity
-from jbclog.session.run.context import Desk
+from jbclog.session.run.context import SessionContext
 
 FIRST_SEEK_S: Final = 0.25
 SEEK_GROWTH: Final = 1.3  # gentle, so that a short drop-out is not made much longer by the search
@@ -22,7 +22,7 @@ FORGOTTEN_S: Final = 60.0  # after so long without one, a flood is the first aga
 HOT_C: Final = 60  # a tip that was last seen above this is called hot
 
 
-def tell_loss(desk: Desk, cause: LinkError | StationError) -> None:
+def tell_loss(desk: SessionContext, cause: LinkError | StationError) -> None:
     """Put the loss into the record and note it in the facts."""
     desk.facts.outages += 1
     desk.connected = False
@@ -41,7 +41,7 @@ def tell_loss(desk: Desk, cause: LinkError | StationError) -> None:
         desk.note("link.lost", severity, f"The station cannot be reached: {cause}.{warning}")
 
 
-def tell_flood(desk: Desk, flood: LinkFlooded) -> None:
+def tell_flood(desk: SessionContext, flood: LinkFlooded) -> None:
     """Put a flood into the record, unless one was told since the station was last heard of."""
     if desk.is_flooded:
         return
@@ -54,18 +54,18 @@ def tell_flood(desk: Desk, flood: LinkFlooded) -> None:
     desk.note("link.flooded", severity, text, since=desk.now - flood.seconds, value=flood.came, limit=flood.limit)
 
 
-def tell_flood_over(desk: Desk) -> None:
+def tell_flood_over(desk: SessionContext) -> None:
     """The station has been reached again."""
     if desk.is_flooded:
         desk.is_flooded, desk.flood_ended = False, desk.now
 
 
-def first_pause_s(desk: Desk) -> float:
+def first_pause_s(desk: SessionContext) -> float:
     """How long to wait before a lost link is tried again."""
     return desk.flood_pause_s if desk.is_flooded else FIRST_SEEK_S
 
 
-def next_pause_s(desk: Desk, pause_s: float) -> float:
+def next_pause_s(desk: SessionContext, pause_s: float) -> float:
     """The same after a try that failed, behind a pause of `pause_s`."""
     if not desk.is_flooded:
         return min(SEEK_GROWTH * pause_s, LONGEST_SEEK_S)
@@ -73,7 +73,7 @@ def next_pause_s(desk: Desk, pause_s: float) -> float:
     return desk.flood_pause_s
 
 
-def _heat(desk: Desk) -> tuple[Severity, str]:
+def _heat(desk: SessionContext) -> tuple[Severity, str]:
     """How severe it is that the station cannot be reached, and what may be hot there."""
     hot = [port for port in desk.ports.values() if port.touched and (port.temperature_c or 0) > HOT_C]
     tips = ", ".join(f"port {port.number} at {port.temperature_c} °C" for port in hot)

@@ -12,11 +12,11 @@ from jbclog.core.quantities import OFF, text_of
 from jbclog.core.rows import SettingRow, Severity
 from jbclog.protocol.commands.command import Scope
 from jbclog.session.run.apply import read_tool, readable_settings
-from jbclog.session.run.context import Desk, PortState
+from jbclog.session.run.context import PortState, SessionContext
 from jbclog.session.run.safe import put_in_safe_state
 
 
-def meet_tool(desk: Desk, port: PortState) -> Steps[None]:
+def meet_tool(desk: SessionContext, port: PortState) -> Steps[None]:
     """Learn what the new tool in `port` holds, and make it safe if it must be. Raises what ends the asking."""
     port.tool_is_new = False
     for command in readable_settings(desk, Scope.TOOL):
@@ -34,12 +34,12 @@ def meet_tool(desk: Desk, port: PortState) -> Steps[None]:
         yield from _make_safe(desk, port)
 
 
-def _stays_hot(desk: Desk, port: PortState) -> bool:
+def _stays_hot(desk: SessionContext, port: PortState) -> bool:
     """Whether it would never cool in stand. Hot air needs no delay for that: its safe states have the heater off."""
     return "sleep_delay" in desk.family.commands and port.held.get("sleep_delay", OFF) is OFF
 
 
-def _record(desk: Desk, port: PortState) -> None:
+def _record(desk: SessionContext, port: PortState) -> None:
     time, tool = desk.utc.micros(desk.now), desk.tool_text(port.tool)
     for command in readable_settings(desk, Scope.TOOL):
         if command.name in port.held:
@@ -48,7 +48,7 @@ def _record(desk: Desk, port: PortState) -> None:
             desk.journal.setting(row)
 
 
-def _make_safe(desk: Desk, port: PortState) -> Steps[None]:
+def _make_safe(desk: SessionContext, port: PortState) -> Steps[None]:
     """The tool's own delay would keep it hot in stand for ever, or is not known: do not leave it at work."""
     text = f"The sleep delay of the new tool in port {port.number} is off or unknown: the port is put in its safe state."
     desk.note("safety.no_cooldown", Severity.WARNING, text, port=port.number)

@@ -15,7 +15,7 @@ from jbclog.core.rows import Severity
 from jbclog.protocol.client.omega import OmegaStation
 from jbclog.protocol.commands.omega import CONTROL, INFORMATION, LATE, SAYS_YES
 from jbclog.protocol.commands.omega_values import UNTOLD
-from jbclog.session.run.context import Desk, PortState
+from jbclog.session.run.context import PortState, SessionContext
 
 LASTING_S = 10.0
 
@@ -41,10 +41,10 @@ PREPARING = _State(
 OUT_OF_RANGE = "temperature.out_of_range"
 
 
-def _flags(signal: str, flags: Mapping[str, _State]) -> Callable[[Desk, PortState, Value], None]:
+def _flags(signal: str, flags: Mapping[str, _State]) -> Callable[[SessionContext, PortState, Value], None]:
     """Tell each change of the flags in the answers to `signal`; at the first reading those that are set."""
 
-    def observe(desk: Desk, port: PortState, value: Value) -> None:
+    def observe(desk: SessionContext, port: PortState, value: Value) -> None:
         before = port.states.get(signal)
         port.states[signal] = (value, desk.now)
         for column, state in flags.items():
@@ -58,7 +58,7 @@ def _flags(signal: str, flags: Mapping[str, _State]) -> Callable[[Desk, PortStat
     return observe
 
 
-def _in_range(desk: Desk, port: PortState, value: Value) -> None:
+def _in_range(desk: SessionContext, port: PortState, value: Value) -> None:
     """A temperature that has been out of its range for `LASTING_S`; `states` holds since when it is as it is."""
     before = port.states.get("in_range")
     is_in = value in SAYS_YES["in_range"]
@@ -84,10 +84,10 @@ USUAL = {"solder_shortage": INFORMATION.names[0], "preparing": CONTROL.names[0]}
 """What a state is taken to have been before the first reading of it."""
 
 
-def differs_from_last(name: str) -> Callable[[Desk, PortState, Value], bool]:
+def differs_from_last(name: str) -> Callable[[SessionContext, PortState, Value], bool]:
     """Whether a state is another than at the last reading; where that is an error it is asked twice before it is believed."""
 
-    def doubt(_desk: Desk, port: PortState, value: Value) -> bool:
+    def doubt(_desk: SessionContext, port: PortState, value: Value) -> bool:
         last = port.states.get(name)
         if value == UNTOLD and last is None:
             return False
@@ -96,7 +96,7 @@ def differs_from_last(name: str) -> Callable[[Desk, PortState, Value], bool]:
     return doubt
 
 
-def told_text(desk: Desk) -> str:
+def told_text(desk: SessionContext) -> str:
     """What this controller does not tell of its states, as sentences; nothing where it tells them all."""
     untold = [signal.command.replace("_", " ") for signal in desk.family.signals if signal.name in desk.not_supported]
     text = f" It does not answer {', '.join(untold)}: that is not due, and not known." if untold else ""
@@ -105,7 +105,7 @@ def told_text(desk: Desk) -> str:
     return text
 
 
-def tell_late(desk: Desk) -> None:
+def tell_late(desk: SessionContext) -> None:
     """Tell what the controller has said by itself: that a joint is done which somebody else, or an earlier order, began."""
     if not isinstance(desk.station, OmegaStation):
         return

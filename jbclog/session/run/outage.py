@@ -12,7 +12,7 @@ from jbclog.core.quantities import Value
 from jbclog.core.rows import Severity
 from jbclog.protocol.commands.command import Scope
 from jbclog.session.run.apply import note_status, read_all
-from jbclog.session.run.context import Desk, PortState
+from jbclog.session.run.context import PortState, SessionContext
 from jbclog.session.run.identify import connect
 from jbclog.session.run.identity import recognise
 from jbclog.session.run.loss import FIRST_SEEK_S, first_pause_s, next_pause_s, tell_flood, tell_flood_over, tell_loss
@@ -26,7 +26,7 @@ class Gone(Exception):
     """The run's duration ended while the station was away, and it did not come back right after it."""
 
 
-def outage(desk: Desk, sampler: Sampler, tick: int, lost: Lost) -> Steps[int]:
+def outage(desk: SessionContext, sampler: Sampler, tick: int, lost: Lost) -> Steps[int]:
     """Live through an outage that began in `tick`; give the tick at which sampling goes on.
 
     Raises `Gone` where the run ends first and the station is not found soon after, `SettingChanged` where the recipe stops on a
@@ -38,7 +38,7 @@ def outage(desk: Desk, sampler: Sampler, tick: int, lost: Lost) -> Steps[int]:
     return (yield from sampler.watched(_live_through(desk, sampler, tick, lost)))
 
 
-def _live_through(desk: Desk, sampler: Sampler, tick: int, lost: Lost) -> Steps[int]:
+def _live_through(desk: SessionContext, sampler: Sampler, tick: int, lost: Lost) -> Steps[int]:
     began, pause = desk.now, first_pause_s(desk)
     last_heard = min(desk.station.heard, began)
     why = lost.cause.reason if isinstance(lost.cause, RobotModeOff) else LinkError.reason
@@ -65,7 +65,7 @@ def _live_through(desk: Desk, sampler: Sampler, tick: int, lost: Lost) -> Steps[
     raise Gone(f"{desk.name}: {away} ({lost})")
 
 
-def _seek_at_end(desk: Desk, *, reopen: bool) -> Steps[bool]:
+def _seek_at_end(desk: SessionContext, *, reopen: bool) -> Steps[bool]:
     """Whether the station is found within `SEEK_AT_END_S`. One that is late as the run ends has had no other chance.
 
     A flooded link is tried once.
@@ -80,13 +80,13 @@ def _seek_at_end(desk: Desk, *, reopen: bool) -> Steps[bool]:
     return False
 
 
-def _resume(desk: Desk, began: float, why: str, held: dict[int | None, dict[str, Value]]) -> None:
+def _resume(desk: SessionContext, began: float, why: str, held: dict[int | None, dict[str, Value]]) -> None:
     """The station is back, and has been looked at."""
     _tell_return(desk, began, why)
     _compare(desk, held)
 
 
-def _tell_return(desk: Desk, began: float, why: str) -> None:
+def _tell_return(desk: SessionContext, began: float, why: str) -> None:
     desk.connected = True
     tell_flood_over(desk)
     away = desk.now - began
@@ -99,7 +99,7 @@ def _tell_return(desk: Desk, began: float, why: str) -> None:
     desk.publish()
 
 
-def _seek(desk: Desk, *, reopen: bool) -> Steps[bool]:
+def _seek(desk: SessionContext, *, reopen: bool) -> Steps[bool]:
     """Try once to reach the station and to learn what it holds now. Whether it may be sampled again."""
     try:
         found = yield from connect(desk, reopen=reopen, tries=1)
@@ -115,7 +115,7 @@ def _seek(desk: Desk, *, reopen: bool) -> Steps[bool]:
     return True
 
 
-def _read_tools(desk: Desk) -> Steps[None]:
+def _read_tools(desk: SessionContext) -> Steps[None]:
     for port in desk.ports.values() if desk.family.tools else ():
         tool = yield from desk.agreed(desk.command("tool"), port.number, known=port.tool)
         if tool != port.tool and isinstance(tool, int):
@@ -125,7 +125,7 @@ def _read_tools(desk: Desk) -> Steps[None]:
             port.tool, port.tool_is_new = tool, True
 
 
-def _all_held(desk: Desk) -> dict[int | None, dict[str, Value]]:
+def _all_held(desk: SessionContext) -> dict[int | None, dict[str, Value]]:
     """All settings as they were last known, station first; the status is the last that was seen."""
     held: dict[int | None, dict[str, Value]] = {None: dict(desk.held)}
     for port in desk.ports.values():
@@ -133,7 +133,7 @@ def _all_held(desk: Desk) -> dict[int | None, dict[str, Value]]:
     return held
 
 
-def _compare(desk: Desk, before: dict[int | None, dict[str, Value]]) -> None:
+def _compare(desk: SessionContext, before: dict[int | None, dict[str, Value]]) -> None:
     """Tell every setting that came back different, station first; then stop, where the recipe says so."""
     changes = []
     for number, held in before.items():
@@ -149,14 +149,14 @@ def _compare(desk: Desk, before: dict[int | None, dict[str, Value]]) -> None:
     stop_on(desk, changes)
 
 
-def _is_watched(desk: Desk, port: PortState | None, name: str) -> bool:
+def _is_watched(desk: SessionContext, port: PortState | None, name: str) -> bool:
     """Whether a difference in it is one: a new tool has settings of its own, and a recipe may leave the tools' state alone."""
     if name == "status" and desk.recipe.run.status is None:
         return False
     return not (port is not None and port.tool_is_new and desk.command(name).scope is Scope.TOOL)
 
 
-def _is_alike(desk: Desk, name: str, before: Value, found: Value) -> bool:
+def _is_alike(desk: SessionContext, name: str, before: Value, found: Value) -> bool:
     """Whether nothing changed that anybody set; a status goes on by itself from stand to sleep."""
     if name == "status" and isinstance(found, tuple) and isinstance(before, tuple):
         return desk.family.status.is_working(found) == desk.family.status.is_working(before)

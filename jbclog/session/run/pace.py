@@ -10,7 +10,7 @@ from jbclog.core.errors import StartRefused
 from jbclog.core.line_format import LineFormat
 from jbclog.core.rows import StationFacts
 from jbclog.protocol.commands.family import Family
-from jbclog.session.run.context import AS_AUTO, AS_FAST_AS_POSSIBLE, AS_FIT, Desk
+from jbclog.session.run.context import AS_AUTO, AS_FAST_AS_POSSIBLE, AS_FIT, SessionContext
 from jbclog.session.run.identity import SAID
 from jbclog.session.run.watch import WATCHED_SETTINGS
 from jbclog.session.scheduler import (
@@ -78,7 +78,7 @@ def taken_rate_hz(asked: float | str, recipe: Recipe, family: Family, demand: De
     return float(asked)
 
 
-def choose_pace(desk: Desk) -> Pace:
+def choose_pace(desk: SessionContext) -> Pace:
     """Decide the rate. Raises `StartRefused` naming the best rate and the greatest turnaround where it does not fit."""
     order, facts = desk.order, desk.facts
     readings = readings_for(desk.family, list(desk.ports), desk.recipe, order.line, order.address is not None)
@@ -94,7 +94,7 @@ def choose_pace(desk: Desk) -> Pace:
     return Pace(readings, facts.period_s, True)
 
 
-def _rate_hz(desk: Desk, asked: float | str, demand: Demand, response: Response) -> float:
+def _rate_hz(desk: SessionContext, asked: float | str, demand: Demand, response: Response) -> float:
     if demand.best_rate_hz(response.longest_s) <= 0:
         raise StartRefused(f"{desk.name}: with {response.longest_s * 1000:.1f} ms of turnaround no rate at all fits its wire")
     taken = taken_rate_hz(asked, desk.recipe, desk.family, demand, response)

@@ -9,11 +9,11 @@ from jbclog.core.quantities import Value
 from jbclog.protocol.commands.command import Command
 from jbclog.protocol.commands.possible import Possible, is_share, possible_as
 from jbclog.session.run.columns import whole_of
-from jbclog.session.run.context import Desk
+from jbclog.session.run.context import SessionContext
 from jbclog.session.scheduler import Reading
 
 
-def possible_of(desk: Desk, reading: Reading) -> Possible | None:
+def possible_of(desk: SessionContext, reading: Reading) -> Possible | None:
     """What tells whether an answer to `reading` can be true; None where nothing is known to be impossible."""
     possible = possible_as(reading.name, desk.family)
     if possible is None and reading.command.share_of is not None:
@@ -21,7 +21,7 @@ def possible_of(desk: Desk, reading: Reading) -> Possible | None:
     return possible
 
 
-def _share_of(command: Command, desk: Desk) -> Possible:
+def _share_of(command: Command, desk: SessionContext) -> Possible:
     """Not much more than the whole, as soon as that is known."""
 
     def possible(value: Value) -> bool:

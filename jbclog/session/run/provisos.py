@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from jbclog.core.io_requests import Steps
-from jbclog.session.run.context import Desk
+from jbclog.session.run.context import SessionContext
 from jbclog.session.run.watch import OBSERVERS
 
 
-def learn_provisos(desk: Desk) -> Steps[None]:
+def learn_provisos(desk: SessionContext) -> Steps[None]:
     """Read the port errors, and tell them, where one of them voids a signal (digest B-44).
 
     Raises `LinkError` or `StationError` where the station does not answer.

@@ -6,13 +6,13 @@ from __future__ import annotations
 
 from jbclog.core.io_requests import Steps, Wait
 from jbclog.core.rows import Severity
-from jbclog.session.run.context import Desk, PortState
+from jbclog.session.run.context import PortState, SessionContext
 from jbclog.session.run.identity import recognise
 from jbclog.session.run.loss import tell_flood
 from jbclog.session.safety.secure import FAILED, SENT, VERIFIED, Task, Tool, secure
 
 
-def make_safe(desk: Desk) -> Steps[None]:
+def make_safe(desk: SessionContext) -> Steps[None]:
     """Put what this run touched into the recipe's safe state; `facts.unsafe` and an event name every tool that is not.
 
     All is done before any of it is told, so that a record that fails keeps no tool hot.
@@ -33,13 +33,13 @@ def make_safe(desk: Desk) -> Steps[None]:
     desk.publish()
 
 
-def put_in_safe_state(desk: Desk, port: PortState) -> Steps[None]:
+def put_in_safe_state(desk: SessionContext, port: PortState) -> Steps[None]:
     """Order the safe state on one port until a reading bears it out, and say how that went."""
     (tool,) = (yield from _put(desk, [port], feeds=False)).tools
     _tell(desk, port, tool)
 
 
-def _put(desk: Desk, ports: list[PortState], *, feeds: bool) -> Steps[Task]:
+def _put(desk: SessionContext, ports: list[PortState], *, feeds: bool) -> Steps[Task]:
     """Make these ports safe. What came of it is in the facts, too, whatever ends this early."""
     tools = [Tool(port.number, desk.keeps_suction(port)) for port in ports]
     spare = desk.spares_resting
@@ -60,16 +60,16 @@ def _put(desk: Desk, ports: list[PortState], *, feeds: bool) -> Steps[Task]:
     return task
 
 
-def _is_ours(desk: Desk) -> Steps[bool]:
+def _is_ours(desk: SessionContext) -> Steps[bool]:
     model = yield from desk.agreed(desk.command("model"), known=desk.facts.model)
     return (yield from recognise(desk, str(model)))
 
 
-def _is_verified(desk: Desk, port: PortState) -> bool:
+def _is_verified(desk: SessionContext, port: PortState) -> bool:
     return desk.facts.safe_state[port.number] == VERIFIED
 
 
-def _tell(desk: Desk, port: PortState, tool: Tool) -> None:
+def _tell(desk: SessionContext, port: PortState, tool: Tool) -> None:
     if _is_verified(desk, port):
         text, severity = f"Port {port.number}: the tool is in its safe state, as read back: {_state_of(desk, port)}", Severity.INFO
         if tool.was_spared:
@@ -81,11 +81,11 @@ def _tell(desk: Desk, port: PortState, tool: Tool) -> None:
         desk.note("safety.not_safe", Severity.CRITICAL, _unsafe_text(desk, port) + ".", port=port.number)
 
 
-def _state_of(desk: Desk, port: PortState) -> str:
+def _state_of(desk: SessionContext, port: PortState) -> str:
     return "not read" if port.status is None else desk.family.status.shown(port.status)
 
 
-def _unsafe_text(desk: Desk, port: PortState) -> str:
+def _unsafe_text(desk: SessionContext, port: PortState) -> str:
     last = "never read" if port.temperature_c is None else f"last read {port.temperature_c} °C"
     sent = desk.facts.safe_state.get(port.number) == SENT
     what = "was told to go to its safe state and does not confirm it" if sent else "could not be put in its safe state"

@@ -15,7 +15,7 @@ from jbclog.core.io_requests import RunEnded, Steps, T, Wait
 from jbclog.core.rows import Severity
 from jbclog.session.run.alarms import AlarmWatch
 from jbclog.session.run.busy import KIND, SLOW_KIND, Busy
-from jbclog.session.run.context import Desk
+from jbclog.session.run.context import SessionContext
 from jbclog.session.run.new_tool import meet_tool
 from jbclog.session.run.omega_states import tell_late
 from jbclog.session.run.scan import SKIPPED, Probe, Scan, Scanner
@@ -36,7 +36,7 @@ class Lost(Exception):
 class Sampler:
     """Samples one station. On a grid (`paced`) ticks are due times; without pause they count scans."""
 
-    def __init__(self, desk: Desk, readings: list[Reading], grid: Grid, *, paced: bool) -> None:
+    def __init__(self, desk: SessionContext, readings: list[Reading], grid: Grid, *, paced: bool) -> None:
         self.desk = desk
         self.grid = grid
         self.paced = paced

@@ -17,7 +17,7 @@ from jbclog.protocol.commands.family import NEEDS_A_TOOL
 from jbclog.session.run.alarms import AlarmWatch, bears_out
 from jbclog.session.run.anomalies import note_zero_countdown
 from jbclog.session.run.columns import NO_DIGIT, Fill, fill_of, unusable, void
-from jbclog.session.run.context import Desk, PortState
+from jbclog.session.run.context import PortState, SessionContext
 from jbclog.session.run.identity import SAID, expect_said, expect_same, is_said
 from jbclog.session.run.omega_states import differs_from_last
 from jbclog.session.run.possible import possible_of
@@ -50,7 +50,7 @@ def _differs_from_counted(name: str) -> Doubt:
 def _leaps(name: str) -> Doubt:
     """A temperature that no tool gets to from where it was when last read. The first has nothing to be held against."""
 
-    def doubt(desk: Desk, port: PortState, value: Value) -> bool:
+    def doubt(desk: SessionContext, port: PortState, value: Value) -> bool:
         before = port.temperatures_c.get(name)
         return before is None or not isinstance(value, int) or abs(value - before) > desk.family.jump_c
 
@@ -60,7 +60,7 @@ def _leaps(name: str) -> Doubt:
 _jumps = _leaps("temperature_c")
 
 
-def _decides(desk: Desk, port: PortState, value: Value) -> bool:
+def _decides(desk: SessionContext, port: PortState, value: Value) -> bool:
     """A tip temperature that leaps, with which alarms begin to count, or that would bear one out."""
     if _jumps(desk, port, value) or not isinstance(value, int):
         return True
@@ -101,7 +101,7 @@ class Probe:
     is_lacking: bool = False  # the station does not have it
 
     @classmethod
-    def of(cls, desk: Desk, reading: Reading) -> Probe:
+    def of(cls, desk: SessionContext, reading: Reading) -> Probe:
         question = desk.station.question(reading.command, reading.asks_port)
         fill = fill_of(reading, desk) if reading.columns else None
         place = COLUMN[reading.columns[0]] if reading.columns else None
@@ -129,7 +129,7 @@ class Scan:
 class Scanner:
     """Reads into rows. `due` is the moment at which the tick was due; None where there is no grid."""
 
-    def __init__(self, desk: Desk) -> None:
+    def __init__(self, desk: SessionContext) -> None:
         self._desk = desk
         self._station = desk.station
 

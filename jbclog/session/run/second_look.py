@@ -17,14 +17,14 @@ from jbclog.core.rows import Severity
 from jbclog.protocol.client.agreement import borne_out
 from jbclog.protocol.client.interface import Asking
 from jbclog.protocol.commands.possible import STILL_C, TEMPERATURES, Possible
-from jbclog.session.run.context import Desk, PortState
+from jbclog.session.run.context import PortState, SessionContext
 from jbclog.session.scheduler import Reading
 
 LOOKS = 3  # answers that are asked for at the most
 JUMP_EVERY_S = 0.25  # a family's `jump_c` in this time is twice what its quickest tools make while they heat up
 SERIES_S = 60.0  # what is doubted again within this time is not told again
 
-Doubt = Callable[[Desk, PortState, Value], bool]
+Doubt = Callable[[SessionContext, PortState, Value], bool]
 
 
 @dataclass(slots=True)
@@ -39,7 +39,7 @@ class SecondLook:
     heard_at: float | None = None  # of the last answer that was believed
     told_at: float | None = None  # of the last one that was doubted
 
-    def is_due(self, desk: Desk, value: Value) -> bool:
+    def is_due(self, desk: SessionContext, value: Value) -> bool:
         """Whether `value` is hard to believe."""
         doubtful = self.doubt is not None and self.doubt(desk, self.port, value)
         if not (doubtful or self._is_impossible(value)):
@@ -49,7 +49,7 @@ class SecondLook:
     def _is_impossible(self, value: Value) -> bool:
         return self.possible is not None and not self.possible(value)
 
-    def settle(self, desk: Desk, first: Value) -> Steps[Value]:
+    def settle(self, desk: SessionContext, first: Value) -> Steps[Value]:
         """Ask again until an answer leaves no doubt or is borne out by another.
 
         Raises `ImplausibleAnswer` where none does, and what asking raises.
@@ -65,7 +65,7 @@ class SecondLook:
         desk.doubted[self.reading.command.name] += 1
         raise ImplausibleAnswer(f"{self.question.title()}: {self._shown(given)} when asked {len(given)} times")
 
-    def _settled(self, desk: Desk, given: Sequence[Value]) -> Value | None:
+    def _settled(self, desk: SessionContext, given: Sequence[Value]) -> Value | None:
         """What the last answer settles. Marked where it contradicts another, or is a jump that no tool makes."""
         value: Value | None = given[-1]
         if not self.is_due(desk, given[-1]):
@@ -89,7 +89,7 @@ class SecondLook:
     def _grows(self) -> bool:
         return self.reading.counter is not None
 
-    def _borne_out(self, desk: Desk, given: Sequence[Value]) -> Value | None:
+    def _borne_out(self, desk: SessionContext, given: Sequence[Value]) -> Value | None:
         """What two of the answers say, if it can be. A temperature may have moved a little between them."""
         if self._is_impossible(given[-1]):
             return None
@@ -104,7 +104,7 @@ class SecondLook:
             return False
         return any(isinstance(one, int) and abs(last - one) <= STILL_C for one in before)
 
-    def _is_jump(self, desk: Desk, value: Value) -> bool:
+    def _is_jump(self, desk: SessionContext, value: Value) -> bool:
         """Whether no tool gets from the last temperature to this one in the time that was between them."""
         known = self._last_c
         if not isinstance(value, int) or known is None or self.heard_at is None:
@@ -112,7 +112,7 @@ class SecondLook:
         spans = max((desk.station.heard - self.heard_at) / JUMP_EVERY_S, 1.0)
         return abs(value - known) > desk.family.jump_c * spans
 
-    def _mark(self, desk: Desk, given: Sequence[Value], value: Value, *, is_jump: bool) -> None:
+    def _mark(self, desk: SessionContext, given: Sequence[Value], value: Value, *, is_jump: bool) -> None:
         desk.doubted[self.reading.command.name] += 1
         is_new = self.told_at is None or desk.now - self.told_at > SERIES_S
         self.told_at = desk.now

@@ -23,7 +23,7 @@ from jbclog.core.quantities import Value, text_of
 from jbclog.core.rows import SettingRow, Severity
 from jbclog.protocol.client.patient_reads import SETTLE_S
 from jbclog.protocol.commands.command import Command, Scope
-from jbclog.session.run.context import Desk, PortState
+from jbclog.session.run.context import PortState, SessionContext
 from jbclog.session.run.identify import Absent
 
 ROBOT_MODE_OFF: Final = ", Robot mode is off, although it answers reads; switch it on in the station's menu"
@@ -52,7 +52,7 @@ def _is_meant(error: StationError | None) -> bool:
     return isinstance(error, Refusal) and not isinstance(error, NotReceived)
 
 
-def read_setting(desk: Desk, command: Command, port: PortState | None, known: Value | None = None) -> Steps[Value]:
+def read_setting(desk: SessionContext, command: Command, port: PortState | None, known: Value | None = None) -> Steps[Value]:
     return desk.agreed(command, *_place(command, port), known=known)
 
 
@@ -69,7 +69,7 @@ def title_of(command: Command, port: PortState | None) -> str:
 
 
 def keep_row(
-    desk: Desk,
+    desk: SessionContext,
     command: Command,
     port: PortState | None,
     outcome: str,
@@ -86,7 +86,7 @@ def keep_row(
     desk.journal.setting(row)
 
 
-def touch(desk: Desk, port: PortState | None) -> None:
+def touch(desk: SessionContext, port: PortState | None) -> None:
     """Say that this run may have changed the port, or the feeder: it is made safe at the end."""
     if port is None:
         news, desk.feeder_touched = not desk.feeder_touched, True
@@ -96,7 +96,7 @@ def touch(desk: Desk, port: PortState | None) -> None:
         desk.publish()  # a guard and a recovery must know which tools may be hot, before they are
 
 
-def write_setting(desk: Desk, command: Command, value: Value, port: PortState | None) -> Steps[None]:
+def write_setting(desk: SessionContext, command: Command, value: Value, port: PortState | None) -> Steps[None]:
     """Write until it is read back as asked. Raises `StartRefused` where it is not, `Absent` where the link breaks.
 
     What is broken off in between may or may not have been done.
@@ -114,7 +114,7 @@ def write_setting(desk: Desk, command: Command, value: Value, port: PortState | 
         raise Absent(_failed(desk, command, port, value, before, f"it could not be read back ({error})")) from error
 
 
-def _write(desk: Desk, command: Command, value: Value, port: PortState | None, before: Value | None) -> Steps[None]:
+def _write(desk: SessionContext, command: Command, value: Value, port: PortState | None, before: Value | None) -> Steps[None]:
     for number in range(1, 2 + REPEATS):
         one = yield from _try(desk, command, value, port)
         if one.is_meant:
@@ -128,7 +128,7 @@ def _write(desk: Desk, command: Command, value: Value, port: PortState | None, b
         _tell_repeated(desk, command, value, port, one, number)
 
 
-def _try(desk: Desk, command: Command, value: Value, port: PortState | None) -> Steps[_Try]:
+def _try(desk: SessionContext, command: Command, value: Value, port: PortState | None) -> Steps[_Try]:
     """Write once and read back: a lost acknowledgement is settled by the reading. A refusal that was meant needs none."""
     one = _Try()
     try:
@@ -144,7 +144,7 @@ def _try(desk: Desk, command: Command, value: Value, port: PortState | None) -> 
     return one
 
 
-def _may_repeat(desk: Desk, command: Command, one: _Try, before: Value | None) -> Steps[bool]:
+def _may_repeat(desk: SessionContext, command: Command, one: _Try, before: Value | None) -> Steps[bool]:
     """Whether the line has settled, and what stands there is what stood before; of what cannot heat, whether it may stand."""
     if one.found is not None:
         if one.found != before:
@@ -160,7 +160,7 @@ def _may_repeat(desk: Desk, command: Command, one: _Try, before: Value | None) -
     return True
 
 
-def _is_same(desk: Desk, command: Command, found: Value, value: Value) -> bool:
+def _is_same(desk: SessionContext, command: Command, found: Value, value: Value) -> bool:
     if found == value:
         return True
     if command.name != "status" or not isinstance(found, tuple) or not isinstance(value, tuple):
@@ -170,7 +170,7 @@ def _is_same(desk: Desk, command: Command, found: Value, value: Value) -> bool:
     return status.confirms(found, value) and (is_suction_free or status.sucks(found) == status.sucks(value))
 
 
-def _end(desk: Desk, command: Command, value: Value, port: PortState | None, outcome: str, one: _Try) -> None:
+def _end(desk: SessionContext, command: Command, value: Value, port: PortState | None, outcome: str, one: _Try) -> None:
     """The row of the last write, and what is held now as far as it is known."""
     readback = None if one.found is None else text_of(one.found)
     nak = one.nak if outcome == "refused" else None
@@ -180,7 +180,7 @@ def _end(desk: Desk, command: Command, value: Value, port: PortState | None, out
 
 
 def _refuse(
-    desk: Desk, command: Command, value: Value, port: PortState | None, before: Value | None, one: _Try, number: int
+    desk: SessionContext, command: Command, value: Value, port: PortState | None, before: Value | None, one: _Try, number: int
 ) -> NoReturn:
     """Raise `StartRefused`: it is not what was asked, for a reason, after so many writes."""
     if one.nak is not None and one.found in (None, before):
@@ -196,7 +196,7 @@ def _refuse(
     raise StartRefused(error) from (one.unread or one.lost)
 
 
-def _failed(desk: Desk, command: Command, port: PortState | None, value: Value, before: Value | None, why: str) -> str:
+def _failed(desk: SessionContext, command: Command, port: PortState | None, value: Value, before: Value | None, why: str) -> str:
     return (
         f"{desk.name}: {title_of(command, port)}: {command.shown(value)} was asked, {why}; before it was {_shown(command, before)}"
     )
@@ -206,7 +206,7 @@ def _shown(command: Command, before: Value | None) -> str:
     return "unknown" if before is None else command.shown(before)
 
 
-def _tell_repeated(desk: Desk, command: Command, value: Value, port: PortState | None, one: _Try, number: int) -> None:
+def _tell_repeated(desk: SessionContext, command: Command, value: Value, port: PortState | None, one: _Try, number: int) -> None:
     readback = None if one.found is None else text_of(one.found)
     keep_row(desk, command, port, "repeated", requested=text_of(value), written=text_of(value), readback=readback, nak=one.nak)
     desk.facts.settings_repeated += 1

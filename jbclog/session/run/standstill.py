@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from math import inf
 from typing import NamedTuple
 
-from jbclog.core.io_requests import Ask, Heard, Listen, Steps, T, Wait, Wish, relay
+from jbclog.core.io_requests import Ask, Heard, Listen, Request, Steps, T, Wait, relay
 
 SUSPENDED_S = 5.0  # a standstill of the host that is an event; its ticks have no rows. A busy host may be late by less
 
@@ -41,7 +41,7 @@ class Standstill:
         """Do `steps` as they are, from `now` on, and note by how much their wishes came back too late."""
         self._due = max(self._due, now)
 
-        def timed(wish: Wish) -> Steps[Heard]:
+        def timed(wish: Request) -> Steps[Heard]:
             try:
                 heard = yield wish
             except Exception:  # nobody says when: what it may have taken is not the host's
@@ -63,7 +63,7 @@ class Standstill:
         return any(span.begin < moment <= span.end for span in self.spans)
 
 
-def _latest(wish: Wish, now: float) -> float:
+def _latest(wish: Request, now: float) -> float:
     """The moment by which `wish` ought to have come back. Nobody can say how long opening a port may take, or the others."""
     match wish:
         case Ask():
@@ -74,6 +74,6 @@ def _latest(wish: Wish, now: float) -> float:
             return inf
 
 
-def _held_up(wish: Wish, heard: Heard) -> float:
+def _held_up(wish: Request, heard: Heard) -> float:
     """Since when an answer may have been there, unheard. In any other wish the driver being late matters at its end only."""
     return heard.now - heard.late_s if isinstance(wish, Ask | Listen) and heard.data else inf

@@ -17,7 +17,7 @@ from jbclog.core.io_requests import Gather, RunEnded, Steps
 from jbclog.core.rows import Severity
 from jbclog.session.run.apply import apply, apply_status, examine
 from jbclog.session.run.condition import bring_condition, look_at_condition
-from jbclog.session.run.context import EXAMINED, HEATED, PREPARED, Desk
+from jbclog.session.run.context import EXAMINED, HEATED, PREPARED, SessionContext
 from jbclog.session.run.counters import read_counters
 from jbclog.session.run.identify import identify
 from jbclog.session.run.omega_states import told_text
@@ -25,7 +25,7 @@ from jbclog.session.run.pace import Pace, choose_pace, chosen_text
 from jbclog.session.run.provisos import learn_provisos
 
 
-def start(desk: Desk) -> Steps[Pace]:
+def start(desk: SessionContext) -> Steps[Pace]:
     """Bring the station to its recipe, together with all others of the run; give the rate at which it is sampled.
 
     Raises `StartRefused` where this station fails, `NotStarted` where another does, `LeftOut` where it was waited for in vain.
@@ -51,12 +51,12 @@ def start(desk: Desk) -> Steps[Pace]:
     return pace
 
 
-def _wait_for_others(desk: Desk, step: int) -> Steps[None]:
+def _wait_for_others(desk: SessionContext, step: int) -> Steps[None]:
     desk.station.unasked((yield Gather(step)))
     desk.step = step + 1
 
 
-def tell_failure(desk: Desk) -> Steps[None]:
+def tell_failure(desk: SessionContext) -> Steps[None]:
     """Let the others know that this station does not start; it does not wait for them."""
     try:
         desk.station.unasked((yield Gather(desk.step, desk.facts.reason)))
@@ -64,7 +64,7 @@ def tell_failure(desk: Desk) -> Steps[None]:
         return
 
 
-def _ready_text(desk: Desk) -> str:
+def _ready_text(desk: SessionContext) -> str:
     facts, answers = desk.facts, f"answers in {desk.facts.turnaround_us['median'] / 1000:.2f} ms (median)"
     if desk.link_is_faster is not None:
         answers += f" ({desk.link_is_faster})"

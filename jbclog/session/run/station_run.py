@@ -12,7 +12,7 @@ from jbclog.core.io_requests import START_STEPS, LeftOut, NotStarted, RunEnded, 
 from jbclog.core.rows import Journal, NoJournal, Severity, StationFacts
 from jbclog.session.run.anomalies import compare_countdowns
 from jbclog.session.run.condition import check_condition
-from jbclog.session.run.context import Desk
+from jbclog.session.run.context import SessionContext
 from jbclog.session.run.counters import read_counters
 from jbclog.session.run.identify import Absent
 from jbclog.session.run.loss import tell_flood
@@ -28,7 +28,7 @@ from jbclog.session.scheduler import Grid
 SEVERITY = {"not_started": Severity.WARNING, "left_out": Severity.WARNING}  # of how a station ended, but for errors
 
 
-def run_station(desk: Desk) -> Steps[StationFacts]:
+def run_station(desk: SessionContext) -> Steps[StationFacts]:
     """Run one station to its end and give what is known of it. Its tools are safe on every way out, or the facts say not.
 
     Never raises for what a station or a link does; `facts.outcome` and `facts.reason` tell it.
@@ -67,7 +67,7 @@ def run_station(desk: Desk) -> Steps[StationFacts]:
     return facts
 
 
-def _give_up(desk: Desk) -> Steps[None]:
+def _give_up(desk: SessionContext) -> Steps[None]:
     """This station does not start: say what was written, and let the others know. One that may be missing is left out."""
     facts = desk.facts
     if desk.written:
@@ -78,7 +78,7 @@ def _give_up(desk: Desk) -> Steps[None]:
     yield from tell_failure(desk)
 
 
-def _ended(desk: Desk, why: str) -> tuple[str, str]:
+def _ended(desk: SessionContext, why: str) -> tuple[str, str]:
     """Outcome and reason of a station whose run was ended. One that had no time to answer is not away."""
     if desk.connected:
         return "completed", why
@@ -87,7 +87,7 @@ def _ended(desk: Desk, why: str) -> tuple[str, str]:
     return "gone", f"{desk.name}: away when the run was ended"
 
 
-def _record(desk: Desk) -> Steps[None]:
+def _record(desk: SessionContext) -> Steps[None]:
     pace = yield from start(desk)
     desk.tries = 1
     sampler = Sampler(desk, pace.readings, _grid(desk, pace), paced=pace.paced)
@@ -98,7 +98,7 @@ def _record(desk: Desk) -> Steps[None]:
         desk.after_safe = sampler.read_flags_once_more
 
 
-def _grid(desk: Desk, pace: Pace) -> Grid:
+def _grid(desk: SessionContext, pace: Pace) -> Grid:
     """The grid of due times, from the run's zero on. That of a recorded run lies as it did to what came before it."""
     if not pace.paced:
         return Grid(desk.now, pace.period_s)
@@ -108,7 +108,7 @@ def _grid(desk: Desk, pace: Pace) -> Grid:
     return Grid(desk.now + in_s - tick * pace.period_s, pace.period_s)
 
 
-def _sample(desk: Desk, sampler: Sampler) -> Steps[None]:
+def _sample(desk: SessionContext, sampler: Sampler) -> Steps[None]:
     tick = sampler.grid.first_from(desk.now) if sampler.paced else 0
     desk.facts.first_tick = tick
     while not sampler.is_over(tick):
@@ -118,7 +118,7 @@ def _sample(desk: Desk, sampler: Sampler) -> Steps[None]:
             tick = yield from outage(desk, sampler, desk.facts.last_tick or tick, lost)
 
 
-def _close(desk: Desk) -> Steps[None]:
+def _close(desk: SessionContext) -> Steps[None]:
     at_work = [port for port in desk.ports.values() if is_at_work(desk, port)]
     yield from _surely_make_safe(desk)
     try:
@@ -133,7 +133,7 @@ def _close(desk: Desk) -> Steps[None]:
     desk.publish()
 
 
-def _surely_make_safe(desk: Desk) -> Steps[None]:
+def _surely_make_safe(desk: SessionContext) -> Steps[None]:
     """Nothing ends this early: not the run's end, not a fault of the program, not a record that cannot be kept."""
     journals: list[Journal] = [desk.journal, NoJournal()]  # with which it is tried again
     while True:
@@ -150,14 +150,14 @@ def _surely_make_safe(desk: Desk) -> Steps[None]:
         return
 
 
-def _fail(desk: Desk, error: Exception) -> None:
+def _fail(desk: SessionContext, error: Exception) -> None:
     """A fault of this program, or of its record; it must not leave a tip hot."""
     known = isinstance(error, JbclogError)
     desk.facts.outcome = "failed"
     desk.facts.reason = str(error) if known else f"{desk.name}: internal error, {type(error).__name__}: {error}"
 
 
-def _tell_end(desk: Desk) -> None:
+def _tell_end(desk: SessionContext) -> None:
     facts = desk.facts
     good = facts.outcome == "completed"
     if facts.reason or not good:

@@ -8,7 +8,7 @@ from jbclog.core.errors import JbclogError
 from jbclog.core.quantities import Value, text_of
 from jbclog.core.rows import Severity
 from jbclog.protocol.commands.robot import ErrorTable
-from jbclog.session.run.context import Desk, PortState
+from jbclog.session.run.context import PortState, SessionContext
 from jbclog.session.run.omega_states import OMEGA_OBSERVERS
 
 COOLS_WITHIN_S = 10.0  # a tip without heating is colder after this long, whatever it is
@@ -19,10 +19,10 @@ class SettingChanged(JbclogError):
     """A setting was found changed and the recipe says to stop."""
 
 
-Observe = Callable[[Desk, PortState, Value], None]
+Observe = Callable[[SessionContext, PortState, Value], None]
 
 
-def _temperature(desk: Desk, port: PortState, value: Value) -> None:
+def _temperature(desk: SessionContext, port: PortState, value: Value) -> None:
     assert isinstance(value, int)
     if arrives(desk, port, value):
         port.at_temperature = True
@@ -35,7 +35,7 @@ def _temperature(desk: Desk, port: PortState, value: Value) -> None:
         port.has_counted = False
 
 
-def arrives(desk: Desk, port: PortState, value: int) -> bool:
+def arrives(desk: SessionContext, port: PortState, value: int) -> bool:
     """Whether alarms begin to count with this temperature: the tool is at work and has come to its setting."""
     setting = desk.set_c(port)
     if port.at_temperature or setting is None or not is_at_work(desk, port):
@@ -49,7 +49,7 @@ def _enters(before: int | None, value: int, setting: float) -> bool:
     return passed or abs(value - setting) <= BAND_C
 
 
-def _stays_above(desk: Desk, port: PortState, value: int, setting: float) -> bool:
+def _stays_above(desk: SessionContext, port: PortState, value: int, setting: float) -> bool:
     """Whether a tip that was found hotter than its setting does not cool: one that runs away never comes into the band."""
     if value <= setting + BAND_C or port.found_above is None:
         return False
@@ -57,7 +57,7 @@ def _stays_above(desk: Desk, port: PortState, value: int, setting: float) -> boo
     return desk.now - since >= COOLS_WITHIN_S and value >= then
 
 
-def _note_above(desk: Desk, port: PortState, value: int) -> None:
+def _note_above(desk: SessionContext, port: PortState, value: int) -> None:
     """Keep since when a tip is hotter than its setting before it was there once, and how hot it was."""
     setting = desk.set_c(port)
     if port.at_temperature or setting is None or not is_at_work(desk, port):
@@ -69,24 +69,24 @@ def _note_above(desk: Desk, port: PortState, value: int) -> None:
 
 
 def _temperature_of(name: str) -> Observe:
-    def observe(desk: Desk, port: PortState, value: Value) -> None:
+    def observe(desk: SessionContext, port: PortState, value: Value) -> None:
         assert isinstance(value, int)
         port.temperatures_c[name] = value
 
     return observe
 
 
-def is_at_work(desk: Desk, port: PortState) -> bool:
+def is_at_work(desk: SessionContext, port: PortState) -> bool:
     """Whether the tool was last seen at work."""
     return port.status is not None and desk.family.status.is_working(port.status)
 
 
-def counts(desk: Desk, port: PortState) -> bool:
+def counts(desk: SessionContext, port: PortState) -> bool:
     """Whether alarms count: while the tool is working, from its first entry into set ±10 °C on (contract, "Exit codes")."""
     return port.at_temperature and is_at_work(desk, port)
 
 
-def _status(desk: Desk, port: PortState, word: Value) -> None:
+def _status(desk: SessionContext, port: PortState, word: Value) -> None:
     assert isinstance(word, tuple)
     before, port.status = port.status, word
     if before is not None and before[2] == word[2]:
@@ -100,7 +100,7 @@ def _status(desk: Desk, port: PortState, word: Value) -> None:
         found_changed(desk, port, "status", text_of(before), text_of(word))
 
 
-def _suction(desk: Desk, port: PortState, *, is_on: bool) -> None:
+def _suction(desk: SessionContext, port: PortState, *, is_on: bool) -> None:
     """Two answers said so. The guard has to know: a safe order keeps what holds a part."""
     if port.has_suction != is_on:
         port.has_suction = is_on
@@ -108,7 +108,7 @@ def _suction(desk: Desk, port: PortState, *, is_on: bool) -> None:
             desk.publish()
 
 
-def _set_temperature(desk: Desk, port: PortState, value: Value) -> None:
+def _set_temperature(desk: SessionContext, port: PortState, value: Value) -> None:
     name = desk.set_name
     before = port.held.get(name)
     if before is not None and before != value:
@@ -116,12 +116,12 @@ def _set_temperature(desk: Desk, port: PortState, value: Value) -> None:
         found_changed(desk, port, name, f"{before} °C", f"{value} °C")
 
 
-def found_changed(desk: Desk, port: PortState | None, name: str, before: str, found: str) -> None:
+def found_changed(desk: SessionContext, port: PortState | None, name: str, before: str, found: str) -> None:
     """Say that a setting is not what it was; raise `SettingChanged` where the recipe stops on that."""
     stop_on(desk, [tell_change(desk, port, name, before, found)])
 
 
-def tell_change(desk: Desk, port: PortState | None, name: str, before: str, found: str) -> str:
+def tell_change(desk: SessionContext, port: PortState | None, name: str, before: str, found: str) -> str:
     """Put a changed setting into the record; give it in words."""
     place = "" if port is None else f" of port {port.number}"
     change = f"{name.replace('_', ' ')}{place} was found changed: {found} instead of {before}"
@@ -131,7 +131,7 @@ def tell_change(desk: Desk, port: PortState | None, name: str, before: str, foun
     return change
 
 
-def stop_on(desk: Desk, changes: list[str]) -> None:
+def stop_on(desk: SessionContext, changes: list[str]) -> None:
     """Raise `SettingChanged` with all changes where the recipe stops on them."""
     if changes and desk.recipe.run.on_difference == "stop":
         raise SettingChanged(f"{desk.name}: {'; '.join(changes)}")
@@ -150,7 +150,7 @@ WATCHED_SETTINGS = (
 def _watched(name: str) -> Observe:
     """A setting without a column that is read again now and then."""
 
-    def observe(desk: Desk, port: PortState, value: Value) -> None:
+    def observe(desk: SessionContext, port: PortState, value: Value) -> None:
         before = port.held.get(name)
         port.held[name] = value
         if before is not None and before != value:
@@ -160,7 +160,7 @@ def _watched(name: str) -> Observe:
     return observe
 
 
-def _tool(desk: Desk, port: PortState, value: Value) -> None:
+def _tool(desk: SessionContext, port: PortState, value: Value) -> None:
     assert isinstance(value, int)
     before, port.tool = port.tool, value
     if before == value:
@@ -170,7 +170,7 @@ def _tool(desk: Desk, port: PortState, value: Value) -> None:
     desk.note("tool.changed", Severity.WARNING, text, port=port.number, code=value)
 
 
-def _port_error(desk: Desk, port: PortState, value: Value) -> None:
+def _port_error(desk: SessionContext, port: PortState, value: Value) -> None:
     assert isinstance(value, int)
     before, port.error = port.error, value
     if before == value or (before is None and value == 0):
@@ -189,7 +189,7 @@ def _severity(errors: ErrorTable, code: int) -> Severity:
     return Severity.WARNING if code in errors.warnings else Severity.ERROR
 
 
-def _station_error(desk: Desk, port: PortState, value: Value) -> None:
+def _station_error(desk: SessionContext, port: PortState, value: Value) -> None:
     before = desk.held.get("station_error", 0)
     desk.held["station_error"] = value
     if before == value or not isinstance(value, int):
@@ -215,6 +215,6 @@ OBSERVERS: dict[str, Observe] = {
 }
 
 
-def is_no_tool(desk: Desk, port: PortState) -> bool:
+def is_no_tool(desk: SessionContext, port: PortState) -> bool:
     """Whether the station last said that nothing is in `port`; its temperature then means nothing."""
     return desk.family.is_empty(port.tool, port.error)

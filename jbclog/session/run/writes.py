@@ -19,7 +19,7 @@ from jbclog.core.errors import WriteForbidden
 from jbclog.core.quantities import Value, text_of
 from jbclog.protocol.client.interface import Permit
 from jbclog.protocol.commands.command import Command
-from jbclog.session.run.context import Desk
+from jbclog.session.run.context import SessionContext
 
 SETTING: Final = "before sampling, where the station holds another: the recipe's `{key}`"
 
@@ -35,7 +35,7 @@ WRITES: Final[Mapping[str, str]] = MappingProxyType(
 """Command -> when a run writes it, and whose value. A command that is not here is never written by a run."""
 
 
-def listed(desk: Desk) -> Permit:
+def listed(desk: SessionContext) -> Permit:
     """What `desk`'s client asks before each write: raises `WriteForbidden` for what the run may not send."""
 
     def permit(command: Command, value: Value, port: int | None, tool: int | None) -> None:
@@ -48,7 +48,7 @@ def listed(desk: Desk) -> Permit:
     return permit
 
 
-def _values(desk: Desk, command: Command, port: int | None) -> Iterator[Value]:
+def _values(desk: SessionContext, command: Command, port: int | None) -> Iterator[Value]:
     """The values that may be written there."""
     if command.name == "status":
         yield from _states(desk, port)
@@ -62,7 +62,7 @@ def _values(desk: Desk, command: Command, port: int | None) -> Iterator[Value]:
         yield from _settings(desk, command, port)
 
 
-def _states(desk: Desk, number: int | None) -> Iterator[Value]:
+def _states(desk: SessionContext, number: int | None) -> Iterator[Value]:
     """The word of the start, and those that make the tool safe."""
     status, port = desk.family.status, desk.ports.get(number or 0)
     if port is None:
@@ -74,7 +74,7 @@ def _states(desk: Desk, number: int | None) -> Iterator[Value]:
         yield from status.safe_words(desk.safe_state, suction=desk.keeps_suction(port))
 
 
-def _settings(desk: Desk, command: Command, port: int | None) -> Iterator[Value]:
+def _settings(desk: SessionContext, command: Command, port: int | None) -> Iterator[Value]:
     recipe, family = desk.recipe, desk.family
     for setting in station_settings_for(recipe, family) if port is None else settings_for(recipe, family, port):
         counted = setting.as_counted(desk.held)
@@ -82,7 +82,7 @@ def _settings(desk: Desk, command: Command, port: int | None) -> Iterator[Value]
             yield counted.value
 
 
-def _is_its_tool(desk: Desk, port: int | None, tool: int | None) -> bool:
+def _is_its_tool(desk: SessionContext, port: int | None, tool: int | None) -> bool:
     """Whether the port is one of this run's, and the tool the one that is connected there."""
     if port is None:
         return tool is None
@@ -90,6 +90,6 @@ def _is_its_tool(desk: Desk, port: int | None, tool: int | None) -> bool:
     return state is not None and tool in (None, state.tool)
 
 
-def _title(desk: Desk, command: Command, port: int | None) -> str:
+def _title(desk: SessionContext, command: Command, port: int | None) -> str:
     name = command.name.replace("_", " ")
     return f"{desk.name}: {name if port is None else f'{name} of port {port}'}"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from jbclog.core.errors import AnswerTimeout
-from jbclog.core.io_requests import Ask, Heard, Listen, Steps, T, Wait, Wish, relay
+from jbclog.core.io_requests import Ask, Heard, Listen, Request, Steps, T, Wait, relay
 
 
 def in_time(steps: Steps[T], now: float, end: float) -> Steps[T]:
@@ -12,7 +12,7 @@ def in_time(steps: Steps[T], now: float, end: float) -> Steps[T]:
     A question that would leave later is not sent; to who asks it was not answered.
     """
 
-    def done_by_then(wish: Wish) -> Steps[Heard]:
+    def done_by_then(wish: Request) -> Steps[Heard]:
         nonlocal now
         if now >= end and isinstance(wish, Ask):
             raise AnswerTimeout("no time is left to ask")
@@ -23,7 +23,7 @@ def in_time(steps: Steps[T], now: float, end: float) -> Steps[T]:
     return relay(steps, done_by_then)
 
 
-def _cut(wish: Wish, now: float, end: float) -> Wish:
+def _cut(wish: Request, now: float, end: float) -> Request:
     if isinstance(wish, Ask):
         return Ask(wish.data, min(wish.patience_s, end - now))
     if isinstance(wish, Listen | Wait):

@@ -17,7 +17,7 @@ from virtual_run import RECIPE, line_text
 from jbclog.analysis.alarms import Detector
 from jbclog.analysis.run import open_run
 from jbclog.analysis.run_alarms import TABLE
-from jbclog.app.run.plan import Wanted, make_plan
+from jbclog.app.run.plan import RunOptions, make_plan
 from jbclog.cli.app import app
 from jbclog.record.annotations import append, read
 
@@ -33,7 +33,7 @@ HOT = "\n[[station.sim.fault]]\nkind = 'overheat'\nat_s = {at_s}\nfor_s = {for_s
 def run_of(home: Path, sim: str, recipe: str = RECIPE, duration_s: float = 40.0, rate: str | None = None) -> Path:
     (home / "line.toml").write_text(line_text("joints_per_minute = 0\n" + sim, "ports = [1]"), encoding="utf-8")
     (home / "recipe.toml").write_text(recipe, encoding="utf-8")
-    plan = make_plan(Wanted(home / "line.toml", home / "recipe.toml", duration_s=duration_s, rate=rate))
+    plan = make_plan(RunOptions(home / "line.toml", home / "recipe.toml", duration_s=duration_s, rate=rate))
     return RecordedRun(plan, home / "runs").result.folder
 
 

@@ -21,7 +21,7 @@ from jbclog.analysis.joint_table import JOINTS_SCHEMA
 from jbclog.analysis.metrics.definitions import DEFINITIONS
 from jbclog.analysis.metrics.measures import measure_port
 from jbclog.analysis.run import open_run
-from jbclog.app.run.plan import Wanted, make_plan
+from jbclog.app.run.plan import RunOptions, make_plan
 from jbclog.record.annotations import vouch
 from jbclog.record.manifest import manifest_sha256
 from jbclog.report.write import write_report
@@ -34,7 +34,7 @@ AIR = "[recipe]\nname = 'air'\nrevision = 1\nfamilies = ['jtse']\n[air]\ntempera
 def recorded(home: Path, line: str, recipe: str = RECIPE, seconds: float = 120.0, rate: str | None = None) -> Path:
     (home / "line.toml").write_text(line, encoding="utf-8")
     (home / "recipe.toml").write_text(recipe, encoding="utf-8")
-    plan = make_plan(Wanted(home / "line.toml", home / "recipe.toml", duration_s=seconds, rate=rate))
+    plan = make_plan(RunOptions(home / "line.toml", home / "recipe.toml", duration_s=seconds, rate=rate))
     return RecordedRun(plan, home / "runs").result.folder
 
 

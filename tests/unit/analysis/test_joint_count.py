@@ -15,7 +15,7 @@ from jbclog.analysis.joints.series import Series
 from jbclog.analysis.run import Run, open_run
 from jbclog.analysis.run_metrics import joint_count, joints_and_metrics
 from jbclog.app.run.joint_counter import ENDED_S
-from jbclog.app.run.plan import Wanted, make_plan
+from jbclog.app.run.plan import RunOptions, make_plan
 
 SECONDS = 120.0
 
@@ -37,7 +37,7 @@ def soldered(tmp_path_factory: pytest.TempPathFactory) -> Run:
     home = tmp_path_factory.mktemp("soldered")
     (home / "line.toml").write_text(line_text("joints_per_minute = 20\njoint_seconds = 1.0\nseed = 5"), encoding="utf-8")
     (home / "recipe.toml").write_text(RECIPE, encoding="utf-8")
-    plan = make_plan(Wanted(home / "line.toml", home / "recipe.toml", duration_s=SECONDS))
+    plan = make_plan(RunOptions(home / "line.toml", home / "recipe.toml", duration_s=SECONDS))
     return open_run(RecordedRun(plan, home / "runs").result.folder)
 
 

@@ -23,7 +23,7 @@ from jbclog.analysis.joints.series import Cycles, Series
 from jbclog.analysis.rejudge import held, judge_again
 from jbclog.analysis.run import open_run
 from jbclog.analysis.verdict import Feeds
-from jbclog.app.run.plan import Wanted, make_plan
+from jbclog.app.run.plan import RunOptions, make_plan
 from jbclog.record.manifest import Manifest, read_manifest, write_manifest
 from jbclog.record.parts import part_paths
 from jbclog.report import write
@@ -37,7 +37,7 @@ SIM = "joints_per_minute = 24\njoint_seconds = 0.8\nfeed_each_joint = true"
 def recorded(home: Path, recipe: str, seconds: float, sim: str = SIM, family: str = "ale") -> Path:
     (home / "line.toml").write_text(line_text(sim).replace('"dde"', f'"{family}"'), encoding="utf-8")
     (home / "recipe.toml").write_text(recipe, encoding="utf-8")
-    plan = make_plan(Wanted(home / "line.toml", home / "recipe.toml", duration_s=seconds))
+    plan = make_plan(RunOptions(home / "line.toml", home / "recipe.toml", duration_s=seconds))
     return RecordedRun(plan, home / "runs").result.folder
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from jbclog.cli import background_observer
-from jbclog.cli.background_observer import Aside
+from jbclog.cli.background_observer import BackgroundObserver
 from jbclog.cli.progress import Lines
 from jbclog.core.rows import EventRow, Severity
 
@@ -58,7 +58,7 @@ def fill(writing: int) -> None:
 
 def test_all_is_told_in_order_whatever_fails(pipe: tuple[int, int]) -> None:
     noted = Noted()
-    shown = Aside(noted)
+    shown = BackgroundObserver(noted)
     shown.begun(Path("x"))
     shown.happened(EVENT)
     shown.second([])
@@ -73,7 +73,7 @@ def test_nobody_waits_for_a_stderr_that_takes_nothing(pipe: tuple[int, int], mon
     monkeypatch.setattr(background_observer, "LOOK_S", 0.01)
     fill(pipe[1])
     noted = Noted()
-    shown = Aside(noted)
+    shown = BackgroundObserver(noted)
     for _ in range(2 * background_observer.WAITING_MOST):
         shown.happened(EVENT)
     time.sleep(0.05)
@@ -85,7 +85,7 @@ def test_nobody_waits_for_a_stderr_that_takes_nothing(pipe: tuple[int, int], mon
 def test_what_waited_is_told_when_somebody_reads_again(pipe: tuple[int, int]) -> None:
     fill(pipe[1])
     noted = Noted()
-    shown = Aside(noted)
+    shown = BackgroundObserver(noted)
     shown.happened(EVENT)
     os.read(pipe[0], 1 << 20)
     shown.close()

@@ -14,15 +14,15 @@ from jbclog.core.clock import SystemClock, UtcOffset
 from jbclog.core.line_format import LineFormat
 from jbclog.core.rows import EventRow, NoJournal, Severity
 from jbclog.protocol.commands.family import FAMILIES
-from jbclog.session.run.context import Desk, Order, PortState
+from jbclog.session.run.context import PortState, SessionContext, StationTask
 
 RECIPE = parse_recipe('[recipe]\nname = "job"\nrevision = 1\nfamilies = ["dde"]\n')
 
 
-def desk(name: str = "dde-1", outcome: str = "running") -> Desk:
+def desk(name: str = "dde-1", outcome: str = "running") -> SessionContext:
     """A station with two ports; the first is known, the second not."""
-    order = Order(name, "nowhere", FAMILIES["dde"], LineFormat(), 1, None, RECIPE, "job.toml", FAMILIES, 0.0)
-    found = Desk(order, NoJournal(), UtcOffset(SystemClock()))
+    order = StationTask(name, "nowhere", FAMILIES["dde"], LineFormat(), 1, None, RECIPE, "job.toml", FAMILIES, 0.0)
+    found = SessionContext(order, NoJournal(), UtcOffset(SystemClock()))
     found.ports = {number: PortState(number) for number in (1, 2)}
     found.ports[1].temperatures_c, found.ports[1].status = {"temperature_c": 349}, (0, 0, 0, 0, 0)
     found.ports[1].held["selected_temperature"] = 350
@@ -30,7 +30,7 @@ def desk(name: str = "dde-1", outcome: str = "running") -> Desk:
     return found
 
 
-def rows(monkeypatch: pytest.MonkeyPatch, *desks: Desk) -> list[list[str]]:
+def rows(monkeypatch: pytest.MonkeyPatch, *desks: SessionContext) -> list[list[str]]:
     """The table's cells, as a terminal shows them."""
     monkeypatch.setattr(progress, "is_terminal", lambda: True)
     screen = progress.observer(60.0, quiet=False)

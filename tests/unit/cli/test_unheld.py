@@ -8,7 +8,7 @@ from collections.abc import Iterator
 import pytest
 
 from jbclog.cli import nonblocking_stdio
-from jbclog.cli.nonblocking_stdio import Unheld
+from jbclog.cli.nonblocking_stdio import NonblockingOutput
 
 
 @pytest.fixture
@@ -31,7 +31,7 @@ def fill(writing: int) -> int:
 
 
 def test_all_comes_in_order(pipe: tuple[int, int]) -> None:
-    stream = Unheld(pipe[1])
+    stream = NonblockingOutput(pipe[1])
     for number in range(1000):
         stream.write(b"%d\n" % number)
     assert stream.settle()
@@ -43,7 +43,7 @@ def test_all_comes_in_order(pipe: tuple[int, int]) -> None:
 def test_who_does_not_read_is_not_waited_for(pipe: tuple[int, int], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(nonblocking_stdio, "END_S", 0.1)
     before = fill(pipe[1])
-    stream = Unheld(pipe[1])
+    stream = NonblockingOutput(pipe[1])
     stream.write(b"the end")
     assert not stream.settle()  # or it would wait for ever
     assert not stream.settle()  # its patience is spent
@@ -56,7 +56,7 @@ def test_who_does_not_read_is_not_waited_for(pipe: tuple[int, int], monkeypatch:
 def test_what_waits_is_bounded(pipe: tuple[int, int], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(nonblocking_stdio, "END_S", 0.1)
     fill(pipe[1])
-    stream = Unheld(pipe[1])
+    stream = NonblockingOutput(pipe[1])
     for _ in range(3 * nonblocking_stdio.WAITING_MOST // 65_536):
         stream.write(b"x" * 65_536)
     assert stream.lost >= nonblocking_stdio.WAITING_MOST
@@ -65,7 +65,7 @@ def test_what_waits_is_bounded(pipe: tuple[int, int], monkeypatch: pytest.Monkey
 
 def test_a_reader_that_goes_is_no_error(pipe: tuple[int, int]) -> None:
     os.close(pipe[0])
-    stream = Unheld(pipe[1])
+    stream = NonblockingOutput(pipe[1])
     assert stream.write(b"nobody reads this") == 17
     assert stream.settle()
     assert stream.lost == 17

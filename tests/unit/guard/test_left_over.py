@@ -10,7 +10,7 @@ import pytest
 
 from jbclog.guard import open_leases
 from jbclog.guard.action_log import NAME as DIARY
-from jbclog.guard.action_log import Diary
+from jbclog.guard.action_log import ActionLog
 from jbclog.guard.lease import StationLease, keep, kept
 from jbclog.guard.open_leases import LeftOver, Seen, close, settle
 from jbclog.guard.single_guard import only_one
@@ -104,7 +104,7 @@ def test_a_lease_stays_open_where_it_cannot_be_written_down_why_it_was_closed(ru
     def full(*_: object) -> None:
         raise OSError("no space")
 
-    monkeypatch.setattr(Diary, "_write", full)
+    monkeypatch.setattr(ActionLog, "_write", full)
     close([URL], lambda _: SAFE, nobody, "jbclog safe")
     assert kept(run) == [LEASE, OTHER]
 

@@ -20,9 +20,9 @@ import pytest
 from jbclog.core.errors import RecordError
 from jbclog.guard import lease as leases
 from jbclog.guard import lease_registry
-from jbclog.guard.action_log import LEAST_BYTES, LINE_BYTES, Diary
+from jbclog.guard.action_log import LEAST_BYTES, LINE_BYTES, ActionLog
 from jbclog.guard.lease import NAME, StationLease, keep, kept
-from jbclog.guard.lease_writer import Shelf
+from jbclog.guard.lease_writer import LeaseWriter
 from jbclog.guard.single_guard import NAME as LOCK
 from jbclog.guard.single_guard import only_one
 from jbclog.record import annotations, guard_actions, left_hot
@@ -116,7 +116,7 @@ def test_nothing_is_read_or_cut_through_a_link_and_no_pipe_is_waited_for(tmp_pat
         with suppress(OSError):
             assert not look(folder)
     with pytest.raises(OSError, match="symbolic links"):
-        Diary(folder).reserve(1) if name == guard_actions.DIARY else os.open(folder / name, os.O_RDONLY | os.O_NOFOLLOW)
+        ActionLog(folder).reserve(1) if name == guard_actions.DIARY else os.open(folder / name, os.O_RDONLY | os.O_NOFOLLOW)
     assert foreign.read_text().endswith("\n\n\n")
     (folder / name).unlink()
     os.mkfifo(folder / name)
@@ -165,7 +165,7 @@ def test_a_disk_that_hangs_keeps_nobody(tmp_path: Path, monkeypatch: pytest.Monk
         written.append([station.name for station in stations])
 
     monkeypatch.setattr(leases, "keep", hanging)
-    shelf, began = Shelf(tmp_path, Diary(tmp_path)), time.monotonic()
+    shelf, began = LeaseWriter(tmp_path, ActionLog(tmp_path)), time.monotonic()
     for name in "abcde":
         shelf.put([lease(name)])
     shelf.settle(0.05)
@@ -177,7 +177,7 @@ def test_a_disk_that_hangs_keeps_nobody(tmp_path: Path, monkeypatch: pytest.Monk
 
 
 def test_a_disk_that_is_full_is_no_reason_to_stop(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    shelf, really = Shelf(tmp_path, Diary(tmp_path)), leases.keep
+    shelf, really = LeaseWriter(tmp_path, ActionLog(tmp_path)), leases.keep
 
     def full(folder: Path, stations: list[StationLease]) -> None:
         raise OSError(errno.ENOSPC, "no room")
@@ -196,7 +196,7 @@ def test_a_disk_that_is_full_is_no_reason_to_stop(tmp_path: Path, monkeypatch: p
 
 def test_a_diary_that_cannot_be_written_is_not_waited_for_and_says_so(tmp_path: Path) -> None:
     (tmp_path / guard_actions.DIARY).mkdir()
-    diary = Diary(tmp_path)
+    diary = ActionLog(tmp_path)
     diary.write("guard.took_over", "error", "text")
     diary.tidy()
     assert diary.is_torn
@@ -204,7 +204,7 @@ def test_a_diary_that_cannot_be_written_is_not_waited_for_and_says_so(tmp_path: 
 
 def test_a_sealed_run_is_never_written_to_again_and_told_beside_its_record(tmp_path: Path) -> None:
     folder = few_rows.abandoned(tmp_path)
-    diary = Diary(folder, "jbclog run")
+    diary = ActionLog(folder, "jbclog run")
     diary.write("guard.took_over", "error", "before")
     recover(folder)
     sealed = (folder / guard_actions.DIARY).read_bytes()
@@ -225,7 +225,7 @@ def blocks(folder: Path) -> int:
 
 
 def test_the_diary_has_its_room_before_it_is_needed_and_gives_it_back(tmp_path: Path) -> None:
-    diary = Diary(tmp_path)
+    diary = ActionLog(tmp_path)
     diary.reserve()
     assert blocks(tmp_path) >= LEAST_BYTES  # written, and not a hole
     diary.reserve(1000)
@@ -243,7 +243,7 @@ def test_the_diary_has_its_room_before_it_is_needed_and_gives_it_back(tmp_path: 
 def test_a_disk_that_is_full_takes_what_there_is_room_for_and_it_is_seen_where_there_is_none(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    diary, really = Diary(tmp_path), os.pwrite
+    diary, really = ActionLog(tmp_path), os.pwrite
     diary.reserve()
 
     def full(descriptor: int, data: bytes, at: int) -> int:
@@ -262,7 +262,7 @@ def test_a_disk_that_is_full_takes_what_there_is_room_for_and_it_is_seen_where_t
 
 
 def test_a_diary_that_nothing_was_written_into_is_none(tmp_path: Path) -> None:
-    diary = Diary(tmp_path)
+    diary = ActionLog(tmp_path)
     diary.reserve()
     assert guard_actions.diary(tmp_path) == []
     diary.tidy()
@@ -271,20 +271,20 @@ def test_a_diary_that_nothing_was_written_into_is_none(tmp_path: Path) -> None:
 
 
 def test_a_line_behind_one_that_was_torn_off_is_whole(tmp_path: Path) -> None:
-    diary = Diary(tmp_path)
+    diary = ActionLog(tmp_path)
     diary.reserve()
     diary.write("guard.took_over", "error", "first")
     with (tmp_path / guard_actions.DIARY).open("r+b") as file:
         data = file.read().rstrip(b"\n")
         file.seek(len(data) - 10)
         file.write(b"\n" * 10)
-    Diary(tmp_path).write("guard.took_over", "error", "second")
+    ActionLog(tmp_path).write("guard.took_over", "error", "second")
     assert [event.text for event in guard_actions.diary(tmp_path)] == ["second"]
 
 
 def test_a_reserve_does_not_cover_what_stands_there(tmp_path: Path) -> None:
-    Diary(tmp_path).write("guard.took_over", "error", "first")
-    second = Diary(tmp_path)
+    ActionLog(tmp_path).write("guard.took_over", "error", "first")
+    second = ActionLog(tmp_path)
     second.reserve()
     second.write("guard.took_over", "error", "second")
     assert [event.text for event in guard_actions.diary(tmp_path)] == ["first", "second"]
@@ -327,7 +327,7 @@ def test_recovery_waits_for_a_guard_that_is_at_work(tmp_path: Path) -> None:
     folder = few_rows.abandoned(tmp_path)
     with only_one(folder), pytest.raises(RecordError, match="its guard is at work; nothing was changed"):
         recover(folder, 0.1)
-    Diary(folder).write("safety.safe_state", "info", "The tool was put in its safe state.", "a", 1)
+    ActionLog(folder).write("safety.safe_state", "info", "The tool was put in its safe state.", "a", 1)
     (folder / LOCK).touch()  # as one that was killed leaves it
     recover(folder, 0.1)
     assert not (folder / LOCK).exists()

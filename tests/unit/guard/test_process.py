@@ -22,7 +22,7 @@ from jbclog.guard.lease import NAME as LEASE
 from jbclog.guard.lease import StationLease, kept
 from jbclog.guard.process import UNANSWERED_MOST, GuardLost, GuardProcess
 from jbclog.guard.single_guard import NAME as LOCK
-from jbclog.guard.supervisor import REPLACED_AT_MOST, Keeper
+from jbclog.guard.supervisor import REPLACED_AT_MOST, GuardSupervisor
 
 READY_S = 0.5
 HEAVY = ("pydantic", "pyarrow", "pandas", "numpy", "asyncio", "typer", "rich", "sqlite3", "tomllib", "multiprocessing", "http")
@@ -223,7 +223,7 @@ def test_leases_told_to_one_that_had_not_begun_to_watch_are_kept(tmp_path: Path)
 
 def test_the_next_one_is_told_all_leases(tmp_path: Path) -> None:
     told: list[tuple[str, str]] = []
-    keeper = Keeper(tmp_path, lambda kind, text: told.append((kind, text)))
+    keeper = GuardSupervisor(tmp_path, lambda kind, text: told.append((kind, text)))
     for number in range(3):
         keeper.lease(lease(number))
     first = keeper.pid
@@ -243,7 +243,7 @@ def test_the_next_one_is_told_all_leases(tmp_path: Path) -> None:
 
 def test_whatever_kills_guards_is_not_fed_for_ever(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     told: list[str] = []
-    keeper = Keeper(tmp_path, lambda kind, text: told.append(text))
+    keeper = GuardSupervisor(tmp_path, lambda kind, text: told.append(text))
     keeper.end()
     monkeypatch.setattr("jbclog.guard.supervisor.GuardProcess", _Lost)
     keeper._guard = _Lost(tmp_path)  # type: ignore[assignment]
@@ -288,7 +288,7 @@ def test_nothing_in_the_package_forks_or_hands_all_descriptors_over() -> None:
 
 def test_the_lease_is_closed_at_the_end_whatever_became_of_the_guard(tmp_path: Path) -> None:
     """Else the next start finds tools hot that are safe. A guard that was refused memory at its last step left it open."""
-    keeper = Keeper(tmp_path, lambda kind, text: None)
+    keeper = GuardSupervisor(tmp_path, lambda kind, text: None)
     keeper.lease(UNKNOWN)
     until(lambda: (tmp_path / LEASE).exists())
     assert keeper.pid is not None
@@ -298,7 +298,7 @@ def test_the_lease_is_closed_at_the_end_whatever_became_of_the_guard(tmp_path: P
 
 
 def test_a_lease_that_was_handed_over_is_the_guard_s(tmp_path: Path) -> None:
-    keeper = Keeper(tmp_path, lambda kind, text: None)
+    keeper = GuardSupervisor(tmp_path, lambda kind, text: None)
     keeper.lease(UNKNOWN)
     until(lambda: (tmp_path / LEASE).exists())
     assert keeper._guard is not None

@@ -13,7 +13,7 @@ import pytest
 from jbclog.core.errors import LinkFlooded
 from jbclog.guard import takeover
 from jbclog.guard.action_log import NAME as DIARY
-from jbclog.guard.action_log import Diary
+from jbclog.guard.action_log import ActionLog
 from jbclog.guard.lease import StationLease
 from jbclog.guard.takeover import OPENING, TakeOver
 from jbclog.protocol.commands.status import EXTRACTOR, STAND
@@ -45,7 +45,7 @@ def test_there_are_descriptors_for_all_ports_that_are_opened_at_once(tmp_path: P
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     resource.setrlimit(resource.RLIMIT_NOFILE, (BESIDE + 40, hard))
     try:
-        assert TakeOver(nobodys, Diary(tmp_path)).run() == nobodys
+        assert TakeOver(nobodys, ActionLog(tmp_path)).run() == nobodys
         assert resource.getrlimit(resource.RLIMIT_NOFILE)[0] >= BESIDE + 40 * OPENING
     finally:
         resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
@@ -127,7 +127,7 @@ def test_each_tool_is_in_the_diary_once_and_what_is_not_safe_stays_leased(
     said: list[str],
 ) -> None:
     becomes(outcome)
-    taking_over = TakeOver([replace(LEASE, feeds=outcome is feeding)], Diary(tmp_path), again=again)
+    taking_over = TakeOver([replace(LEASE, feeds=outcome is feeding)], ActionLog(tmp_path), again=again)
     remaining = taking_over.run()
     assert [(one.ports, one.feeds) for one in remaining] == ([] if left is None else [left])
     ports = (1, 2, None)
@@ -157,6 +157,6 @@ def test_a_fault_of_a_moment_is_tried_again_and_one_that_stays_is_written_down(
         put(task)
 
     becomes(fails)
-    assert TakeOver([LEASE], Diary(tmp_path)).run() == left
+    assert TakeOver([LEASE], ActionLog(tmp_path)).run() == left
     lines = [line[:2] + line[3:] for line in told(tmp_path)]
     assert lines == ([("guard.failed", "critical", f"The guard failed, MemoryError: no memory; {HOT}")] if left else [PUT] * 2)

@@ -8,7 +8,7 @@ from pathlib import Path
 import few_rows
 import pytest
 
-from jbclog.guard.action_log import NAME, Diary
+from jbclog.guard.action_log import NAME, ActionLog
 from jbclog.record import conclude as concluding
 from jbclog.record.check import check
 from jbclog.record.guard_actions import DIARY
@@ -21,7 +21,7 @@ from jbclog.record.recover import recover
 def guarded(tmp_path: Path) -> Path:
     """A run whose recorder died, and whose guard could save one of two tools."""
     folder = few_rows.abandoned(tmp_path)
-    diary = Diary(folder)
+    diary = ActionLog(folder)
     diary.write("safety.safe_state", "info", "The guard put the tool in its safe state, as read back: stand.", "a", 1)
     diary.write("safety.not_safe", "critical", "The tool could not be made safe; it may be hot.", "a", 2)
     diary.write("guard.took_over", "critical", "The guard took over, because the recorder died.")

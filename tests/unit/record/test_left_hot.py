@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 
 from jbclog.cli.app import app
 from jbclog.core.rows import StationFacts
-from jbclog.guard.action_log import Diary
+from jbclog.guard.action_log import ActionLog
 from jbclog.guard.open_leases import settle
 from jbclog.record import conclude as concluding
 from jbclog.record import left_hot
@@ -106,7 +106,7 @@ def test_without_a_guard_that_is_the_reason(left: Left) -> None:
 def test_a_diary_that_was_cut_short_leaves_the_others_unknown(left: Left) -> None:
     """As on a disk that takes no more: the lease stays open then."""
     folder = left(TOUCHED, lease(1, 2))
-    Diary(folder).write("safety.safe_state", "info", "The tool was put in its safe state.", "a", 1)
+    ActionLog(folder).write("safety.safe_state", "info", "The tool was put in its safe state.", "a", 1)
     assert not recover(folder).is_safe
     assert [port for port, _, _ in told(folder)] == [2]
 
@@ -135,7 +135,7 @@ def test_what_is_known_is_not_told_again(
 
 def test_a_take_over_that_did_all_is_a_lost_run_and_no_unsafe_one(left: Left) -> None:
     folder = left(FEEDS)
-    diary = Diary(folder)
+    diary = ActionLog(folder)
     diary.reserve()
     diary.write("safety.safe_state", "info", "The tool was put in its safe state.", "a", 1)
     diary.write("guard.took_over", "error", "The guard took over.")
@@ -147,7 +147,7 @@ def test_a_take_over_that_did_all_is_a_lost_run_and_no_unsafe_one(left: Left) ->
 
 def test_a_diary_that_was_never_needed_is_no_part_of_the_record(left: Left) -> None:
     folder = left(few_rows.facts())
-    Diary(folder).reserve()
+    ActionLog(folder).reserve()
     recover(folder)
     assert not (folder / DIARY).exists()
 
@@ -185,7 +185,7 @@ def test_recover_ends_with_5_until_the_lease_is_closed(left: Left) -> None:
 
 def test_recover_ends_with_5_where_the_guard_could_not_make_a_tool_safe(left: Left) -> None:
     folder = left(TOUCHED, lease(2))
-    diary = Diary(folder)
+    diary = ActionLog(folder)
     diary.write("safety.safe_state", "info", "The tool was put in its safe state.", "a", 1)
     diary.write("safety.not_safe", "critical", "The tool could not be made safe.", "a", 2)
     assert CliRunner().invoke(app, ["recover", str(folder)]).exit_code == 5

@@ -25,7 +25,7 @@ from jbclog.record.manifest import Manifest
 from jbclog.record.parts import part_paths
 from jbclog.record.seal import seal_in_child, seal_rows
 from jbclog.record.store import Notes, Segment, segments
-from jbclog.record.store_reader import Stock
+from jbclog.record.store_reader import StoreReader
 from jbclog.record.store_writer import RESERVE, RESERVE_BYTES
 
 
@@ -114,7 +114,7 @@ def test_at_once_is_at_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
 
 def committed(folder: Path) -> int:
     """How many batches another process would see."""
-    with Stock(folder) as stock:
+    with StoreReader(folder) as stock:
         return sum(len(stock.numbers_of(table, 0)) for table in ("samples", "events", "settings", "counters"))
 
 
@@ -124,7 +124,7 @@ def test_facts_are_those_of_the_moment_they_were_handed_over(tmp_path: Path) -> 
     store.facts(facts)
     facts.model = "changed later"
     store.commit_now()
-    with Stock(store.folder) as stock:
+    with StoreReader(store.folder) as stock:
         assert json.loads(stock.facts()["a"])["model"] is None
     store.facts(facts)
     folder = finished(store)
@@ -313,7 +313,7 @@ def test_hourly_sealing_keeps_the_live_store_small(tmp_path: Path) -> None:
         hand_over(store, range(hour * 3000, hour * 3000 + 3000))
         store.commit_now()
         seal_rows(store.folder, part=True)
-        with Stock(store.folder) as stock:
+        with StoreReader(store.folder) as stock:
             assert stock.numbers_of("samples", 0) == []
         if hour == 0:
             first = (store.folder / "live.sqlite").stat().st_size

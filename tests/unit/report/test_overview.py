@@ -13,7 +13,7 @@ from several import fault
 from verdict_corpus import ONLY_COVERAGE, SOLDERING, STATION, WORKING
 
 from jbclog.analysis.run import open_run
-from jbclog.app.run.plan import Wanted, make_plan
+from jbclog.app.run.plan import RunOptions, make_plan
 from jbclog.report.overview import Overview
 from jbclog.report.trace import Grid, trace
 from jbclog.report.write import write_report
@@ -28,7 +28,7 @@ def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (home / "line.toml").write_text('[line]\nname = "bench"\n' + one + two.replace("dde-1", "dde-2"))
     for name, parts in (("cold", (SOLDERING, ONLY_COVERAGE)), ("hot", (SOLDERING, WORKING, ONLY_COVERAGE))):
         (home / f"{name}.toml").write_text("".join(parts).format(name=name))
-    plan = make_plan(Wanted(home / "line.toml", home / "hot.toml", duration_s=60.0, rate=4.0))
+    plan = make_plan(RunOptions(home / "line.toml", home / "hot.toml", duration_s=60.0, rate=4.0))
     folder = RecordedRun(plan, home / "runs").result.folder
     write_report(folder)
     return folder

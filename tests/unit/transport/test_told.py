@@ -9,7 +9,7 @@ from math import inf
 import pytest
 
 from jbclog.core.errors import LinkError
-from jbclog.core.io_requests import Ask, Heard, Listen, Reopen, RunEnded, Steps, Wait, Wish
+from jbclog.core.io_requests import Ask, Heard, Listen, Reopen, Request, RunEnded, Steps, Wait
 from jbclog.core.wire_capture import Passed, Row, Told
 from jbclog.transport.session_history import Astray, Step, keeping, reliving, steps_of
 
@@ -33,7 +33,7 @@ def session(story: Story) -> Steps[str]:
 Answer = Heard | Exception
 
 
-def pulled(steps: Steps[object], answers: list[Answer]) -> tuple[list[Wish], object]:
+def pulled(steps: Steps[object], answers: list[Answer]) -> tuple[list[Request], object]:
     """Give these answers, one after the other; the wishes, and what came of the session."""
     wishes = [next(steps)]
     for answer in answers:
@@ -71,7 +71,7 @@ def recording(answers: list[Answer]) -> tuple[list[Row], Story]:
 
 def lived_again(
     tape: list[Row], made: Callable[[Story], Steps[str]] = session, answers: list[Answer] | None = None
-) -> tuple[Story, list[Wish], object, list[Astray]]:
+) -> tuple[Story, list[Request], object, list[Astray]]:
     story, left = list[object](), list[Astray]()
 
     def leave(astray: Astray) -> tuple[float, str]:
@@ -198,7 +198,7 @@ def test_a_tape_without_its_end() -> None:
         (Wait(2.0), Told(2.5, "done", "wait"), False),
     ],
 )
-def test_which_steps_answer_a_wish(wish: Wish, step: Told, fits: bool) -> None:
+def test_which_steps_answer_a_wish(wish: Request, step: Told, fits: bool) -> None:
     asked = b"q" if step.wish == "ask" else b""
     assert Step(0, step, asked, b"").answers(wish) is fits
 

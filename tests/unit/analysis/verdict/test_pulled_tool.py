@@ -9,7 +9,7 @@ from recorded_run import RecordedRun
 from virtual_run import RECIPE, line_text
 
 from jbclog.analysis.run import open_run
-from jbclog.app.run.plan import Wanted, make_plan
+from jbclog.app.run.plan import RunOptions, make_plan
 
 LIMITS = "\n[acceptance]\nidle_error_c = 5\nidle_sd_c = 5\n"
 FAULT = '[[station.sim.fault]]\nat_s = {at_s}\nkind = "tool"\nport = 1\ncode = {code}\n'
@@ -19,7 +19,7 @@ def run_of(home: Path, *faults: tuple[float, int]) -> Path:
     sim = "joints_per_minute = 0\n" + "".join(FAULT.format(at_s=at_s, code=code) for at_s, code in faults)
     (home / "line.toml").write_text(line_text(sim, "ports = [1]"), encoding="utf-8")
     (home / "recipe.toml").write_text(RECIPE + LIMITS, encoding="utf-8")
-    plan = make_plan(Wanted(home / "line.toml", home / "recipe.toml", duration_s=60.0))
+    plan = make_plan(RunOptions(home / "line.toml", home / "recipe.toml", duration_s=60.0))
     return RecordedRun(plan, home / "runs").result.folder
 
 

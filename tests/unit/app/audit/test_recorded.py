@@ -13,7 +13,7 @@ from by_hand import station_text
 
 from jbclog.app import connection
 from jbclog.app.audit import survey
-from jbclog.app.audit.questions import Wanted
+from jbclog.app.audit.questions import SurveyTarget
 from jbclog.app.audit.recorded_counters import observed_in
 from jbclog.core.line_format import LineFormat
 from jbclog.core.rows import COLUMN, SAMPLE_COLUMNS, CounterRow, EventRow, SettingRow, Severity, StationFacts
@@ -27,7 +27,7 @@ from jbclog.session.manual.contact import Target
 
 NOW = datetime(2026, 11, 21, 6, 17, tzinfo=UTC)
 URL = "/dev/serial/by-id/usb-1"
-WANTED = Wanted(AUDIT, "hall", Target("ale-7", URL, FAMILIES["ale"], LineFormat(), 1, None))
+WANTED = SurveyTarget(AUDIT, "hall", Target("ale-7", URL, FAMILIES["ale"], LineFormat(), 1, None))
 FACTS = StationFacts("ale-1", URL, "ale", "ALE", "1.00a", ports=[1], tools={1: "T245"})
 
 
@@ -65,7 +65,7 @@ def run(tmp_path: Path) -> Iterator[LiveStore]:
 
 @pytest.fixture
 def seen(run: LiveStore) -> Callable[..., Observation]:
-    def after(*rows: CounterRow, wanted: Wanted = WANTED) -> Observation:
+    def after(*rows: CounterRow, wanted: SurveyTarget = WANTED) -> Observation:
         for row in rows:
             run.counter(row)
         run.commit_now()
@@ -165,6 +165,6 @@ def test_a_run_that_began_behind_a_server_of_ports_meanwhile_has_the_station(
     monkeypatch.setattr(survey, "run_that_holds", lambda _: next(looks))
     found: list[Observation] = []
     target = replace(made.target("ale-7"), url=url)
-    survey.Looking(at_once=1).all([Wanted(AUDIT, "hall", target)], found.append)
+    survey.Looking(at_once=1).all([SurveyTarget(AUDIT, "hall", target)], found.append)
     assert (found[0].seen, found[0].source) == (False, f"run:{run.folder}")
     assert made.wires["ale-7"].heard != []

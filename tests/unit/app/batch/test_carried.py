@@ -5,15 +5,15 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-from jbclog.app.batch.job_dir import Papers, Said
+from jbclog.app.batch.job_dir import JobDir, Said
 from jbclog.app.batch.serial_handover import Carried, carried
 from jbclog.app.run.unit_feed import UnitFeed
 from jbclog.core.rows import EventRow, Severity
 from jbclog.transport.typed_lines import open_source
 
 
-def papers(folder: Path, name: str, *kinds: str, ended: float | None = None) -> Papers:
-    made = Papers(folder / name)
+def papers(folder: Path, name: str, *kinds: str, ended: float | None = None) -> JobDir:
+    made = JobDir(folder / name)
     os.close(made.make(b"{}"))
     for number, kind in enumerate(kinds):
         made.happened(EventRow(number, kind, Severity.INFO, "", raw=f"S{number}"))

@@ -15,24 +15,24 @@ import pytest
 
 from jbclog.app.batch.child import ORDER
 from jbclog.app.batch.entry import State
-from jbclog.app.batch.job_dir import Papers, Said
-from jbclog.app.batch.job_spec import Order
-from jbclog.app.batch.processes import Came, ProcessHands, came_of, signed
+from jbclog.app.batch.job_dir import JobDir, Said
+from jbclog.app.batch.job_spec import JobSpec
+from jbclog.app.batch.processes import Came, SystemProcesses, came_of, signed
 from jbclog.app.run.job import Job
-from jbclog.app.run.plan import Wanted
+from jbclog.app.run.plan import RunOptions
 from jbclog.record.check import check
 from jbclog.record.manifest import Manifest, Metadata, read_manifest, write_manifest
 from jbclog.record.recover import recover
 
 
-def came(hands: ProcessHands) -> Came:
+def came(hands: SystemProcesses) -> Came:
     while hands.runs("a", 1) or (came := hands.came("a", 1)) is None:
         time.sleep(0.005)
     return came
 
 
-def hands_with(folder: Path, process: subprocess.Popen[bytes]) -> ProcessHands:
-    hands = ProcessHands(folder, {})
+def hands_with(folder: Path, process: subprocess.Popen[bytes]) -> SystemProcesses:
+    hands = SystemProcesses(folder, {})
     hands._children[hands.papers("a", 1).folder] = process
     return hands
 
@@ -60,11 +60,11 @@ def test_dead_by_itself_before_its_run_began(tmp_path: Path) -> None:
     assert came(hands) == Came(State.FAILED, 4, "its process ended before its run began")
 
 
-def cut_off(home: Path) -> tuple[Papers, Path]:
+def cut_off(home: Path) -> tuple[JobDir, Path]:
     """An attempt whose process died when its run had a folder and its papers did not name it yet; the run."""
-    papers = Papers(home / "night.batch" / "20261122T004342Z" / "jobs" / "a-1")
+    papers = JobDir(home / "night.batch" / "20261122T004342Z" / "jobs" / "a-1")
     run = few_rows.abandoned(home)
-    order = signed(Order(Job(Wanted(home / "line.toml"), run.parent, "a")), papers)
+    order = signed(JobSpec(Job(RunOptions(home / "line.toml"), run.parent, "a")), papers)
     os.close(papers.make(ORDER.dump_json(order)))
     assert order.job.wanted.metadata is not None
     write_manifest(run, Manifest(run.name, metadata=Metadata(tags=dict(order.job.wanted.metadata.tags))))
@@ -81,7 +81,7 @@ def test_a_run_that_its_papers_do_not_name_yet_is_found_and_recorded_as_half_don
 
 def test_another_attempts_run_is_not_taken_for_its_own(tmp_path: Path) -> None:
     papers, _ = cut_off(tmp_path)
-    other = Papers(papers.folder.with_name("a-2"))
+    other = JobDir(papers.folder.with_name("a-2"))
     os.close(other.make(papers.job()))
     assert came_of(other).run is None
 

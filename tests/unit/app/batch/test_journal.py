@@ -16,7 +16,7 @@ from command import BENCH, PROFILES
 
 from jbclog.app.batch.entry import Entry, Kind
 from jbclog.app.batch.executor import Means
-from jbclog.app.batch.job_dir import Papers
+from jbclog.app.batch.job_dir import JobDir
 from jbclog.app.batch.job_spec import Orders, orders_of
 from jbclog.app.batch.journal import NAME, Journal, begin, home_of, newest, read
 from jbclog.app.batch.processes import came_of
@@ -191,7 +191,7 @@ def test_a_run_that_the_journal_has_is_not_forgotten_with_the_papers_of_its_job(
     shift = bench.take(resume=True)
     text = next(text for _, text in shift.what_will_be_done())
     assert text == "was cut off by a crash: run-1 is recovered and recorded as half done, and the job is done again"
-    assert came_of(Papers(bench.out), recorded=bench.out / "run-1").run == bench.out / "run-1"
+    assert came_of(JobDir(bench.out), recorded=bench.out / "run-1").run == bench.out / "run-1"
 
 
 @pytest.mark.parametrize(
@@ -244,7 +244,7 @@ def test_what_still_runs_is_not_given_up(bench: Bench) -> None:
     shift = bench.take()
     shift.journal.note(SITTING)
     shift.journal.note(START)
-    papers = Papers(shift.journal.folder / "jobs" / "a-1")
+    papers = JobDir(shift.journal.folder / "jobs" / "a-1")
     descriptor = papers.make(b"{}")
     try:
         assert "a of the batch of 2026-09" in bench.problems(anew=True)

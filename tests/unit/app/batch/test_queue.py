@@ -12,9 +12,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from jbclog.app.batch.entry import RECORDED, Kind, State
-from jbclog.app.batch.executor import Foreman
+from jbclog.app.batch.executor import BatchExecutor
 from jbclog.app.batch.queue import whats_next
-from jbclog.app.batch.state import Standing, standing_of
+from jbclog.app.batch.state import BatchState, standing_of
 from jbclog.config.job_order import OnFailure, Turn, circle, in_turn
 from jbclog.config.job_time import At, read_at
 from jbclog.core.outcome import Exit
@@ -185,7 +185,7 @@ def test_what_died_while_nobody_looked_is_told_and_done_again(policy: OnFailure,
 
 def test_killed_before_it_could_tell_what_came_of_it_it_tells_it_and_does_nothing_again() -> None:
     bench = world(turn("a", "s1"), turn("b", "s1"), b=Fate(1))
-    assert Foreman.work(bench.foreman()) is Exit.NOT_FINE  # and there it dies
+    assert BatchExecutor.work(bench.foreman()) is Exit.NOT_FINE  # and there it dies
     assert not standing_of(bench.disk).is_finished
     assert bench.foreman().work() is Exit.NOT_FINE
     assert starts(bench) == ["a", "b"]
@@ -323,7 +323,7 @@ def test_killed_at_each_step_in_turn_it_comes_to_the_same_as_undisturbed(turns: 
         assert_goes_on(bench, foreman.standing)
 
 
-def assert_goes_on(bench: World, standing: Standing) -> None:
+def assert_goes_on(bench: World, standing: BatchState) -> None:
     for job in standing.jobs.values():
         assert not [process for process in bench.processes if process.name == job.name and process.ended is None]
         recorded = [process for process in bench.processes if process.name == job.name and process.comes_to in (0, 1)]

@@ -11,7 +11,7 @@ from virtual_run import line_text
 
 from jbclog.app.replay.recording import Recording, open_recording, plan_of
 from jbclog.app.replay.serving import limits, serve
-from jbclog.app.run.plan import Wanted, make_plan, orders
+from jbclog.app.run.plan import RunOptions, make_plan, orders
 from jbclog.config.line import load_line
 from jbclog.core.clock import VirtualClock
 from jbclog.core.errors import Problems, RecordError, UsageError
@@ -73,9 +73,9 @@ def test_the_line_file_has_the_recipe_that_ran_the_rate_that_came_of_it_and_the_
     assert (spec.name, spec.baudrate, spec.url) == ("dde-1", 19200, str(tmp_path / "served" / "dde-1"))
     assert line.replay is not None
     assert (line.replay.speed, line.replay.rate_hz) == (speed, {"dde-1": 10.0})
-    (plan,) = make_plan(Wanted(line.path)).stations
+    (plan,) = make_plan(RunOptions(line.path)).stations
     assert plan.rate == 10.0
-    (order,) = orders(make_plan(Wanted(line.path)), 0.0)
+    (order,) = orders(make_plan(RunOptions(line.path)), 0.0)
     assert order.is_replay
     (reply, *_) = station.receive(b"\x020001RSMN\x03\x02", VirtualClock().monotonic())
     assert reply.data.startswith(b"\x020100ASMN")
@@ -104,10 +104,10 @@ def test_no_real_station_is_asked_at_the_pace_of_a_recorded_one(folder: Path, tm
     (tmp_path / "served" / "linked").symlink_to("/dev/null")  # a device that is no pseudo-terminal
     assert load_line(path).replay is not None  # as it stands in old runs, it can be read
     if is_fine:
-        make_plan(Wanted(path))
+        make_plan(RunOptions(path))
     else:
         with pytest.raises(Problems, match="must not be asked at the pace of"):
-            make_plan(Wanted(path))
+            make_plan(RunOptions(path))
 
 
 def test_a_speed_that_cannot_be_kept_is_refused_with_the_one_that_can(folder: Path, tmp_path: Path) -> None:

@@ -13,7 +13,7 @@ from virtual_run import RECIPE, VirtualRun, line_text, prepare
 from jbclog.app.run import goals as goals_of_a_run
 from jbclog.app.run.goals import Goals, JointCount, Uncounted
 from jbclog.app.run.joint_counter import LEAST_PAUSE_S, MOST_PAUSE_S, pause_s
-from jbclog.app.run.plan import Metadata, Wanted, make_plan
+from jbclog.app.run.plan import Metadata, RunOptions, make_plan
 from jbclog.app.run.unit_feed import LOOK_EVERY_S, UnitFeed
 from jbclog.core.errors import Problems
 from jbclog.core.outcome import Exit, exit_code, findings
@@ -208,10 +208,10 @@ def test_what_can_never_be_reached_is_said_before_a_byte_is_sent(tmp_path: Path)
     line.write_text(line_text())
     recipe.write_text(RECIPE)
     with pytest.raises(Problems, match="--until-units 3: serials are to be read while the run goes on"):
-        make_plan(Wanted(line, recipe, until_units=3, until_joints=5))
-    make_plan(Wanted(line, recipe, until_units=3, metadata=Metadata(reads_units=True)))
-    make_plan(Wanted(line, recipe, until_units=3, metadata=None))  # a dry run: nobody was asked yet
+        make_plan(RunOptions(line, recipe, until_units=3, until_joints=5))
+    make_plan(RunOptions(line, recipe, until_units=3, metadata=Metadata(reads_units=True)))
+    make_plan(RunOptions(line, recipe, until_units=3, metadata=None))  # a dry run: nobody was asked yet
     line.write_text(OF_OMEGA)
     recipe.write_text(OMEGA)
     with pytest.raises(Problems, match="--until-joints 5: no station of this run has a tip"):
-        make_plan(Wanted(line, recipe, until_joints=5))
+        make_plan(RunOptions(line, recipe, until_joints=5))

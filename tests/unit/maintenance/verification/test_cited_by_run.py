@@ -9,7 +9,7 @@ import pytest
 from recorded_run import RecordedRun
 from virtual_run import RECIPE, line_text
 
-from jbclog.app.run.plan import Metadata, Wanted, make_plan
+from jbclog.app.run.plan import Metadata, RunOptions, make_plan
 from jbclog.core.clock import VirtualClock
 from jbclog.maintenance.verification import NAME, Given, keep, own_of, read_book, verify
 from jbclog.record.check import check
@@ -21,7 +21,7 @@ ASKED = RECIPE + "\n[acceptance]\nverification_days = 30\n"
 def run_of(home: Path, tips: tuple[str, ...] = ()) -> Manifest:
     (home / "line.toml").write_text(line_text("joints_per_minute = 0\n", "ports = [1, 2]"), encoding="utf-8")
     (home / "recipe.toml").write_text(ASKED, encoding="utf-8")
-    wanted = Wanted(home / "line.toml", home / "recipe.toml", duration_s=4.0, metadata=Metadata(tips=tips))
+    wanted = RunOptions(home / "line.toml", home / "recipe.toml", duration_s=4.0, metadata=Metadata(tips=tips))
     return read_manifest(RecordedRun(make_plan(wanted), home / "runs").result.folder)
 
 
