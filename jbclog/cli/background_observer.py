@@ -46,9 +46,9 @@ class BackgroundObserver:
     def happened(self, event: EventRow) -> None:
         self._tell(lambda: self._observer.happened(event))
 
-    def second(self, desks: list[SessionContext]) -> None:
+    def second(self, contexts: list[SessionContext]) -> None:
         if self._waiting.empty():  # a table that is not seen need not be made
-            self._tell(lambda: self._observer.second(desks))
+            self._tell(lambda: self._observer.second(contexts))
 
     def sealing(self) -> None:
         self._tell(self._observer.sealing)

@@ -62,7 +62,7 @@ class Lines:
         if self._worth.telling(event):
             note(event_line(event))
 
-    def second(self, desks: list[SessionContext]) -> None:
+    def second(self, contexts: list[SessionContext]) -> None:
         return
 
     def sealing(self) -> None:
@@ -96,9 +96,9 @@ class Screen:
         if self._worth.telling(event):
             self._print(event_line(event))
 
-    def second(self, desks: list[SessionContext]) -> None:
+    def second(self, contexts: list[SessionContext]) -> None:
         if self._live is not None:
-            self._live.update(self._table(desks), refresh=True)
+            self._live.update(self._table(contexts), refresh=True)
 
     def sealing(self) -> None:
         self.close()
@@ -112,7 +112,7 @@ class Screen:
     def _print(self, text: str) -> None:
         self._console.print(wrapped(clean(text), self._console.width), markup=False, soft_wrap=True)
 
-    def _table(self, desks: list[SessionContext]) -> Table:
+    def _table(self, contexts: list[SessionContext]) -> Table:
         from rich.table import Table
 
         passed = time.monotonic() - self._began
@@ -120,40 +120,40 @@ class Screen:
         table = Table(title=f"{passed:.0f} s{total}", title_justify="left", pad_edge=False)
         for name in ("station", "port", "now", "set", "status", "alarms", "link"):
             table.add_column(name, justify="right" if name in ("now", "set", "alarms") else "left")
-        for desk in desks:
-            for cells in _cells(desk):
+        for context in contexts:
+            for cells in _cells(context):
                 table.add_row(*map(clean, cells))
         return table
 
 
-def _cells(desk: SessionContext) -> Iterator[tuple[str, ...]]:
+def _cells(context: SessionContext) -> Iterator[tuple[str, ...]]:
     """A row for each port of a station that is recorded; one for a station that is not yet, or not any more."""
-    alarms = str(desk.facts.alarms or "")
-    if desk.facts.outcome != RUNNING or not desk.ports:
-        ports = ", ".join(map(str, desk.ports))
-        yield desk.name, ports, "", "", "", alarms, "starting" if desk.facts.outcome == RUNNING else desk.facts.outcome
+    alarms = str(context.facts.alarms or "")
+    if context.facts.outcome != RUNNING or not context.ports:
+        ports = ", ".join(map(str, context.ports))
+        yield context.name, ports, "", "", "", alarms, "starting" if context.facts.outcome == RUNNING else context.facts.outcome
         return
-    for port in desk.ports.values():
-        setting = desk.set_c(port)
+    for port in context.ports.values():
+        setting = context.set_c(port)
         wanted = "" if setting is None else f"{setting:g} °C"
-        link = "connected" if desk.connected else "away"
-        yield desk.name, str(port.number), _tip(desk, port), wanted, _status(desk, port), alarms, link
+        link = "connected" if context.connected else "away"
+        yield context.name, str(port.number), _tip(context, port), wanted, _status(context, port), alarms, link
         alarms = ""  # they are counted by station
 
 
-def _tip(desk: SessionContext, port: PortState) -> str:
-    if desk.family.command_of("temperature_c") is None:
+def _tip(context: SessionContext, port: PortState) -> str:
+    if context.family.command_of("temperature_c") is None:
         return ""
-    known = desk.connected and port.temperature_c is not None
+    known = context.connected and port.temperature_c is not None
     return f"{port.temperature_c} °C" if known else "unknown"
 
 
-def _status(desk: SessionContext, port: PortState) -> str:
-    if desk.connected and port.states:  # OMEGA's, each in its own words
-        return ", ".join(str(port.states[signal.name][0]) for signal in desk.family.signals if signal.name in port.states)
-    if not desk.connected or port.status is None:
+def _status(context: SessionContext, port: PortState) -> str:
+    if context.connected and port.states:  # OMEGA's, each in its own words
+        return ", ".join(str(port.states[signal.name][0]) for signal in context.family.signals if signal.name in port.states)
+    if not context.connected or port.status is None:
         return "unknown"
-    return desk.family.status.state(port.status)
+    return context.family.status.state(port.status)
 
 
 def observer(duration_s: float | None, *, quiet: bool) -> Lines | Screen:

@@ -43,15 +43,15 @@ def main() -> int:
     folder, recorder = Path(sys.argv[1]), Recorder(int(sys.argv[3]))
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)
-    diary = ActionLog(folder)
-    shelf = LeaseWriter(folder, diary)
+    action_log = ActionLog(folder)
+    lease_writer = LeaseWriter(folder, action_log)
     try:
         with only_one(folder, PREDECESSOR_S):
             with suppress(OSError):  # then it has to do without
-                diary.reserve()
-            left, flooded = _guard(recorder, shelf, diary)
+                action_log.reserve()
+            left, flooded = _guard(recorder, lease_writer, action_log)
             try:
-                _keep(left, shelf, diary)
+                _keep(left, lease_writer, action_log)
             except Exception as error:  # what is left is tried again all the same
                 _say_failed(error)
             let_go(STDOUT)  # a recorder that waits for the outcome sees that there is one
@@ -66,28 +66,28 @@ def main() -> int:
         return RecordError.exit_code
     if left:
         let_go(STDERR)
-        _go_on(folder, left, flooded, shelf, diary)
+        _go_on(folder, left, flooded, lease_writer, action_log)
     return 0
 
 
-def _keep(left: Sequence[StationLease], shelf: LeaseWriter, diary: ActionLog) -> None:
+def _keep(left: Sequence[StationLease], lease_writer: LeaseWriter, action_log: ActionLog) -> None:
     """Close the lease as far as it is known what came of it: what could not be written down is nobody's to know."""
-    if not diary.is_torn:
-        shelf.put(left)
-        shelf.settle(SHELF_S)
+    if not action_log.is_torn:
+        lease_writer.put(left)
+        lease_writer.settle(SHELF_S)
     if not left:
-        diary.tidy()
+        action_log.tidy()
 
 
-def _guard(recorder: Recorder, shelf: LeaseWriter, diary: ActionLog) -> tuple[Sequence[StationLease], Collection[str]]:
+def _guard(recorder: Recorder, lease_writer: LeaseWriter, action_log: ActionLog) -> tuple[Sequence[StationLease], Collection[str]]:
     """Watch, and take over where it comes to that; give what is left that may be hot, and what was told over a flooded link."""
     os.set_blocking(STDOUT, False)
     _answer(READY)
     watch = Watch(time.monotonic())
     for _ in range(TRIES):
         try:
-            verdict = _watch(watch, shelf)
-            return ((), ()) if verdict is Verdict.DONE else _take_over(watch, verdict, recorder, diary)
+            verdict = _watch(watch, lease_writer)
+            return ((), ()) if verdict is Verdict.DONE else _take_over(watch, verdict, recorder, action_log)
         except Exception as error:  # of this program: memory was refused, say
             if _is_followed(watch, recorder):
                 raise
@@ -106,7 +106,7 @@ def _say_failed(error: Exception) -> None:
         say(f"the guard failed, {type(error).__name__}: {error}")
 
 
-def _watch(watch: Watch, shelf: LeaseWriter) -> Verdict:
+def _watch(watch: Watch, lease_writer: LeaseWriter) -> Verdict:
     poll = select.poll()
     poll.register(STDIN, select.POLLIN)
     while True:
@@ -120,7 +120,7 @@ def _watch(watch: Watch, shelf: LeaseWriter) -> Verdict:
         if data:
             _answer(ANSWER)
             if watch.hear(data, now):
-                shelf.put(watch.stations.values())
+                lease_writer.put(watch.stations.values())
         verdict = watch.verdict(now, closed=bool(ready) and not data)
         if verdict is not Verdict.WATCH and not (data and verdict is Verdict.HUNG):
             return verdict
@@ -133,31 +133,33 @@ def _answer(data: bytes) -> None:
 
 
 def _take_over(
-    watch: Watch, verdict: Verdict, recorder: Recorder, diary: ActionLog
+    watch: Watch, verdict: Verdict, recorder: Recorder, action_log: ActionLog
 ) -> tuple[Sequence[StationLease], Collection[str]]:
     if verdict is not Verdict.FAILED:  # one that failed has closed its ports
         recorder.end(0.0 if verdict is Verdict.HUNG else DYING_S, DEATH_S)
-    taking_over = TakeOver(list(watch.stations.values()), diary)
+    taking_over = TakeOver(list(watch.stations.values()), action_log)
     left = taking_over.run()
     why = f"{verdict.value} for {HUNG_S:g} s and was ended" if verdict is Verdict.HUNG else verdict.value
     outcome = (ERROR, "every tool is in its safe state") if not left else (CRITICAL, "not every tool could be made safe")
-    diary.write("guard.took_over", outcome[0], f"The guard took over, because {why}: {outcome[1]}.")
+    action_log.write("guard.took_over", outcome[0], f"The guard took over, because {why}: {outcome[1]}.")
     return left, taking_over.flooded
 
 
-def _go_on(folder: Path, left: Sequence[StationLease], flooded: Collection[str], shelf: LeaseWriter, diary: ActionLog) -> None:
+def _go_on(
+    folder: Path, left: Sequence[StationLease], flooded: Collection[str], lease_writer: LeaseWriter, action_log: ActionLog
+) -> None:
     """Try again, until all is safe, or somebody else has seen to it, or time is up. Between tries the folder is free."""
     end = time.monotonic() + GO_ON_S
     while left and time.monotonic() < end:
         time.sleep(AGAIN_S)
         with suppress(Exception), only_one(folder):
-            if shelf.was_cleared:
+            if lease_writer.was_cleared:
                 return
-            taking_over = TakeOver(left, diary, again=True, flooded=flooded)
+            taking_over = TakeOver(left, action_log, again=True, flooded=flooded)
             left, flooded = taking_over.run(), taking_over.flooded
-            _keep(left, shelf, diary)
+            _keep(left, lease_writer, action_log)
     with suppress(RecordError, OSError), only_one(folder):
-        diary.tidy()
+        action_log.tidy()
 
 
 if __name__ == "__main__":

@@ -19,14 +19,14 @@ LINES_A_STATION = 3  # in the diary, beside one for each tool
 
 
 class LeaseWriter:
-    """Keeps the newest lease in `folder`, and room in the `diary` for what will have to be said of it.
+    """Keeps the newest lease in `folder`, and room in the `action_log` for what will have to be said of it.
 
     A disk that takes none is no reason to stop watching.
     """
 
-    def __init__(self, folder: Path, diary: ActionLog) -> None:
+    def __init__(self, folder: Path, action_log: ActionLog) -> None:
         self._folder = folder
-        self._diary = diary
+        self._action_log = action_log
         self._changed = Condition()
         self._waiting: list[StationLease] | None = None
         self._is_writing = False
@@ -69,6 +69,6 @@ class LeaseWriter:
         except Exception:
             self._is_kept = False  # no reason to stop watching
         with suppress(Exception):
-            self._diary.reserve(sum(len(station.ports) + LINES_A_STATION for station in stations if station.holds))
+            self._action_log.reserve(sum(len(station.ports) + LINES_A_STATION for station in stations if station.holds))
         for station in stations:
             make_ready(station.url)

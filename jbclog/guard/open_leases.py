@@ -92,20 +92,20 @@ def _take_over(folder: Path, urls: Collection[str]) -> LeftOver | None:
     ours = [station for station in held if _is_wanted(station, urls)]
     if not ours:  # the guard that was there has done it meanwhile
         return None
-    diary = ActionLog(folder, "jbclog run")
-    left = TakeOver(ours, diary, spare=True).run()
-    if not diary.is_torn:
+    action_log = ActionLog(folder, "jbclog run")
+    left = TakeOver(ours, action_log, spare=True).run()
+    if not action_log.is_torn:
         with suppress(OSError):
             lease.keep(folder, [*(station for station in held if station not in ours), *left])
-    text = _tell(diary, folder, ours, is_safe=not left)
-    diary.tidy()
+    text = _tell(action_log, folder, ours, is_safe=not left)
+    action_log.tidy()
     return LeftOver(not left, text)
 
 
-def _tell(diary: ActionLog, folder: Path, stations: Collection[StationLease], *, is_safe: bool) -> str:
+def _tell(action_log: ActionLog, folder: Path, stations: Collection[StationLease], *, is_safe: bool) -> str:
     done = "every tool is in its safe state now" if is_safe else "not every tool could be made safe"
     text = f"Run {folder.name} had left tools of {', '.join(sorted(one.name for one in stations))} as they were: {done}."
-    diary.write("guard.left_over", ERROR if is_safe else CRITICAL, text)
+    action_log.write("guard.left_over", ERROR if is_safe else CRITICAL, text)
     return text
 
 
@@ -131,19 +131,19 @@ def close(urls: Collection[str], look: Callable[[StationLease], Seen | None], is
 def _close(folder: Path, look: Callable[[StationLease], Seen | None], who: str) -> bool:
     """Whether anything of it was closed; where its guard is there, that is its own to do."""
     with suppress(RecordError, OSError), only_one(folder):
-        held, diary = lease.kept(folder), ActionLog(folder, who)
-        left = [_without(station, look(station), diary) for station in held]
+        held, action_log = lease.kept(folder), ActionLog(folder, who)
+        left = [_without(station, look(station), action_log) for station in held]
         closed = {before: after for before, after in zip(held, left, strict=True) if after != before}
         if closed:
-            _tell(diary, folder, closed, is_safe=not any(after.holds for after in closed.values()))
-            if not diary.is_torn:
+            _tell(action_log, folder, closed, is_safe=not any(after.holds for after in closed.values()))
+            if not action_log.is_torn:
                 lease.keep(folder, left)
-            diary.tidy()
+            action_log.tidy()
             return True
     return False
 
 
-def _without(station: StationLease, seen: Seen | None, diary: ActionLog) -> StationLease:
+def _without(station: StationLease, seen: Seen | None, action_log: ActionLog) -> StationLease:
     """What the lease still holds."""
     if seen is None or seen.model != station.model:
         return station
@@ -151,7 +151,7 @@ def _without(station: StationLease, seen: Seen | None, diary: ActionLog) -> Stat
         if port in seen.states:
             state = seen.states[port]
             text = "There is no tool any more" if state is None else f"The tool was found safe, as read back: {state}"
-            diary.write("safety.safe_state", INFO, f"{text}.", station.name, port)
+            action_log.write("safety.safe_state", INFO, f"{text}.", station.name, port)
     return replace(
         station,
         ports=tuple(port for port in station.ports if port not in seen.states),

@@ -17,31 +17,31 @@ class Guarding:
     """A guard from `start` to `end`; without a start nothing is told to anybody."""
 
     def __init__(self) -> None:
-        self._keeper: GuardSupervisor | None = None
+        self._supervisor: GuardSupervisor | None = None
 
     def start(self, folder: Path, tell: Callable[[str, str], None]) -> None:
         """Start it. Raises `StartRefused`; nothing has been sent to any station then."""
-        self._keeper = GuardSupervisor(folder, tell)
+        self._supervisor = GuardSupervisor(folder, tell)
 
     def know(self, facts: StationFacts) -> None:
         """Lease what these facts say may be hot. Called before the first write to a tool goes out."""
-        if self._keeper is not None and facts.asked_safe_state:
-            self._keeper.lease(lease_of(facts))
+        if self._supervisor is not None and facts.asked_safe_state:
+            self._supervisor.lease(lease_of(facts))
 
     def renew(self) -> None:
         """Say that the recorder lives."""
-        if self._keeper is not None:
-            self._keeper.renew()
+        if self._supervisor is not None:
+            self._supervisor.renew()
 
     def end(self) -> None:
         """All sessions have come to their own ends."""
-        if self._keeper is not None:
-            self._keeper.end()
+        if self._supervisor is not None:
+            self._supervisor.end()
 
     def take_over(self) -> None:
         """Sessions have not come to their own ends, and all ports are closed. Waits until the guard has done what it can."""
-        if self._keeper is not None:
-            self._keeper.take_over()
+        if self._supervisor is not None:
+            self._supervisor.take_over()
 
 
 def lease_of(facts: StationFacts) -> StationLease:

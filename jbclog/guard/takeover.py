@@ -43,7 +43,7 @@ class TakeOver:
     def __init__(
         self,
         stations: Sequence[StationLease],
-        diary: ActionLog,
+        action_log: ActionLog,
         *,
         again: bool = False,
         spare: bool = False,
@@ -51,7 +51,7 @@ class TakeOver:
     ) -> None:
         self.flooded = set(flooded)
         self._left = {station.name: station for station in stations if station.holds}  # until it is known better
-        self._diary = diary
+        self._action_log = action_log
         self._again = again
         self._spare = spare
 
@@ -142,7 +142,7 @@ class TakeOver:
     def _tell(self, lease: StationLease, kind: str, severity: str, text: str, port: int | None = None) -> None:
         if self._again and severity == CRITICAL:
             return
-        self._diary.write(kind, severity, f"{text[0].upper()}{text[1:]}.", lease.name, port)
+        self._action_log.write(kind, severity, f"{text[0].upper()}{text[1:]}.", lease.name, port)
         say(f"{lease.name if port is None else f'{lease.name} port {port}'}: {text}")
 
 

@@ -80,7 +80,7 @@ def tidy(folder: Path) -> None:
             os.close(descriptor)
 
 
-def diary(folder: Path) -> list[EventRow]:
+def action_log(folder: Path) -> list[EventRow]:
     """The lines of the guard's diary that can be read, as events; nothing where no guard took over."""
     try:
         lines = read_foreign(folder / DIARY, Kind.DIARY).decode(errors="replace").splitlines()
@@ -129,7 +129,7 @@ def plain_events(events: pa.Table) -> pa.Table:
 def with_guard(folder: Path, stations: list[StationFacts]) -> list[StationFacts]:
     """The facts with what the guard reached: it spoke last."""
     reached: dict[str, dict[int, EventRow]] = {}
-    for event in diary(folder):
+    for event in action_log(folder):
         if event.kind in REACHED and event.station is not None and event.port is not None:
             reached.setdefault(event.station, {})[event.port] = event
     return [_updated(station, reached.get(station.name, {})) for station in stations]

@@ -103,7 +103,7 @@ def unknown(folder: Path, stations: list[StationFacts], guard: str | None) -> li
 
 def _places(folder: Path, stations: list[StationFacts]) -> Iterator[tuple[str, int | None]]:
     held, why = _lease(folder)
-    was_taken_over = any(event.kind in TOOK_OVER for event in guard_actions.diary(folder))
+    was_taken_over = any(event.kind in TOOK_OVER for event in guard_actions.action_log(folder))
     for facts in stations:
         lease, goes_on = held.get(facts.name, Lease()), facts.outcome == RUNNING and facts.asked_safe_state != ""
         ports = {*lease.ports, *(facts.touched if goes_on or why else ())}

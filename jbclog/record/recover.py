@@ -119,7 +119,7 @@ def _finish(folder: Path, manifest: Manifest, lock: FolderLock) -> Recovery:
     bad_parts.set_aside(folder, manifest)
     manifest = replace(manifest, state="open", files=[], wire=_wire(folder, manifest))
     seal_rows(folder)
-    guard_actions.take_in(folder, manifest.run, guard_actions.diary(folder))
+    guard_actions.take_in(folder, manifest.run, guard_actions.action_log(folder))
     manifest = replace(manifest, guard="lost" if guard_actions.was_lost(folder) else manifest.guard)
     with StoreReader(folder) as stock:
         _note_missing_end(folder, stock.last)
@@ -217,7 +217,7 @@ def _at_risk_s(folder: Path) -> float:
     A guard saw when the recorder ended, so with one it is known how long the last wait was.
     """
     said = witness(folder)
-    ended = [event.time / 1e6 for event in guard_actions.diary(folder) if event.kind == left_hot.TOOK_OVER[0]]
+    ended = [event.time / 1e6 for event in guard_actions.action_log(folder) if event.kind == left_hot.TOOK_OVER[0]]
     last = ended[0] - said.since if ended and said.since is not None else 0.0
     return math.ceil(max(AT_RISK_S, said.risk_s, last) * 10) / 10
 

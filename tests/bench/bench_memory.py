@@ -91,14 +91,14 @@ def compressed(folder: Path, minutes: float) -> Hour:
     driver = VirtualDriver(clock)
     store = LiveStore(create_run(folder, "hour", clock.utc()), seal_every_s=None)
     store.start()
-    desks = _put_to_work(driver, clock, store, folder, minutes * 60)
+    contexts = _put_to_work(driver, clock, store, folder, minutes * 60)
     _every(driver, COMMIT_S, lambda _: store.commit_now())
     _every(driver, SEAL_S, lambda _: _seal(store, found))
     _every(driver, LOOK_S, lambda elapsed_s: _look(found, elapsed_s / 60, minutes / 3))
     driver.run()
     store.close()
     store.release()
-    found.exchanges = sum(desk.station.exchanges for desk in desks)
+    found.exchanges = sum(context.station.exchanges for context in contexts)
     found.seconds = time.monotonic() - began
     return found
 
@@ -110,10 +110,10 @@ def _put_to_work(
     line.write_text(line_text([f"dde-{number}" for number in range(1, STATIONS_OF_THE_HOUR + 1)]))
     recipe.write_text(RECIPE.format(hz=10, alarms_every_s=0.2))
     plan = make_plan(RunOptions(line, recipe, duration_s=seconds))
-    desks = [SessionContext(order, store, UtcOffset(clock)) for order in orders(plan, clock.monotonic())]
-    for desk, station in zip(desks, plan.stations, strict=True):
-        driver.add(run_station(desk), VirtualStation(station.spec, now=clock.monotonic()))
-    return desks
+    contexts = [SessionContext(order, store, UtcOffset(clock)) for order in orders(plan, clock.monotonic())]
+    for context, station in zip(contexts, plan.stations, strict=True):
+        driver.add(run_station(context), VirtualStation(station.spec, now=clock.monotonic()))
+    return contexts
 
 
 def _every(driver: VirtualDriver, seconds: float, call: Callable[[float], None]) -> None:

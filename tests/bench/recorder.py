@@ -57,9 +57,9 @@ class Watcher:
 
     def happened(self, event: EventRow) -> None: ...
 
-    def second(self, desks: list[SessionContext]) -> None:
-        if all(desk.facts.first_tick is not None and desk.facts.outcome == "running" for desk in desks):
-            self.last = Mark(time.monotonic(), cpu_s(), sum(desk.station.exchanges for desk in desks))
+    def second(self, contexts: list[SessionContext]) -> None:
+        if all(context.facts.first_tick is not None and context.facts.outcome == "running" for context in contexts):
+            self.last = Mark(time.monotonic(), cpu_s(), sum(context.station.exchanges for context in contexts))
             self.first = self.first or self.last
 
     def sealing(self) -> None: ...

@@ -158,8 +158,8 @@ def assert_all_agree(trial: Trial) -> int:
 def assert_each_tick_is_where_it_belongs(trial: Trial) -> int:
     """No row is missing but of a tick at which the host stood still; none of the quick station's has no value but for that."""
     run, seen = trial.run, 0
-    for name, desk in run.desks.items():
-        facts = desk.facts
+    for name, context in run.contexts.items():
+        facts = context.facts
         rows = {row[COLUMN["tick"]]: row[COLUMN["quality"]] for row in run.memory.samples if row[COLUMN["station"]] == name}
         assert facts.first_tick is not None
         assert facts.last_tick is not None
@@ -207,7 +207,7 @@ def test_a_station_that_was_slow_once_and_falls_silent_is_away_and_no_host_stood
 
     run = prepare(line("", ""), duration_s=80, pulled=slow, rate=4.0).go()
     assert [event for event in run.memory.events if event.kind.startswith("host.")] == []
-    assert {desk.facts.skipped for desk in run.desks.values()} == {0}
+    assert {context.facts.skipped for context in run.contexts.values()} == {0}
     away = [
         row[COLUMN["quality"]]
         for row in run.memory.samples

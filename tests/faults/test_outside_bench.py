@@ -163,7 +163,7 @@ def test_one_that_is_late_as_the_run_ends_gets_its_chance(for_s: float, family: 
     one = cable(family, 1)
     one.silent_from = int(str(begun_at)) / 1e6 - (VirtualClock().utc() - VirtualClock().monotonic()) + 4.7
     one.silent_until = one.silent_from + for_s
-    facts = virtual({family: one}, duration_s=5.0).desks[family].facts
+    facts = virtual({family: one}, duration_s=5.0).contexts[family].facts
     assert facts.outages == 1
     if for_s > 10:
         assert facts.outcome == "gone"
@@ -195,7 +195,7 @@ def test_a_software_that_is_never_told_is_a_warning_and_not_counted_as_unknown_t
     one = cable("dde", 1)
     one.is_silent_to = lambda text: text == "RSVR"
     outcome = virtual({"dde": one})
-    facts = outcome.desks["dde"].facts
+    facts = outcome.contexts["dde"].facts
     assert (facts.outcome, facts.software, facts.not_supported.count("software_version")) == ("completed", None, 0)
     assert [event.severity for event in outcome.memory.of_kind("identity.not_known")] == ["warning"]
 
@@ -233,7 +233,7 @@ def test_what_is_written_where_when_one_fails(how: str) -> None:
         assert [one for name in rested for one in orders[name] if one.startswith("WPS")] == []  # they are cold
     if step == 3:
         assert [one.station.name for name, one in cables.items() if is_hot(one) and (name != "hde" or "silent" not in how)] == []
-    others = {outcome.desks[name].facts.outcome for name in FOUR if name != "hde"}
+    others = {outcome.contexts[name].facts.outcome for name in FOUR if name != "hde"}
     assert others == {"not_started"}
     assert all("hde" in outcome.not_started[name] for name in FOUR)
 
@@ -259,7 +259,7 @@ def test_a_silent_station_delays_the_others_by_ten_seconds_at_the_most(how: str)
     spoil(cables["hde"])
     outcome = virtual(cables, duration_s=0.5, goes_on=True)
     assert set(outcome.not_started) == {"hde"}
-    assert outcome.desks["hde"].facts.outcome == "left_out"
+    assert outcome.contexts["hde"].facts.outcome == "left_out"
     assert begun(outcome) - begun(alone) < 10.5
     assert_true(outcome, how) if "silent" not in how else None
     assert {row[2] for row in outcome.memory.samples} == {"dde", "nae", "jtse"}
@@ -304,7 +304,7 @@ def test_hot_air_keeps_its_suction_where_the_station_lets_it(refused: tuple[str,
     one.refuses = lambda text: 3 * text.endswith(tuple(f"WPS1{word}" for word in refused)) if refused else 0
     outcome = virtual({"jtse": one})
     assert [word for word, _ in statuses(one)] == told
-    assert outcome.desks["jtse"].facts.safe_state == {1: "verified"}
+    assert outcome.contexts["jtse"].facts.safe_state == {1: "verified"}
 
 
 @pytest.mark.parametrize("name", ["DIE", "DDE"])

@@ -52,7 +52,7 @@ def virtual(way: str = "") -> VirtualRun:
 
 
 def kept(run: VirtualRun) -> Kept:
-    return Kept(run.memory.samples, [], [], [desk.facts for desk in run.desks.values()], run.t0, 0.0)
+    return Kept(run.memory.samples, [], [], [context.facts for context in run.contexts.values()], run.t0, 0.0)
 
 
 def moved_ms(sound: Kept, hung: Kept) -> dict[str, float]:
@@ -66,7 +66,7 @@ def test_one_of_sixteen_hangs_and_no_other_is_later(way: str) -> None:
     moved = moved_ms(kept(virtual()), kept(virtual(way)))
     assert len(moved) == STATIONS - 1
     assert max(map(abs, moved.values())) < MOVED_MS
-    assert {virtual(way).desks[name].facts.outcome for name in moved} == {"completed"}
+    assert {virtual(way).contexts[name].facts.outcome for name in moved} == {"completed"}
 
 
 @pytest.mark.parametrize("way", WAYS)

@@ -93,28 +93,28 @@ def is_working(run: VirtualRun, name: str) -> bool:
 
 def refused(run: VirtualRun) -> dict[str, str]:
     """The stations that did not come to sample, with the reason."""
-    return {name: desk.facts.reason for name, desk in run.desks.items() if desk.facts.first_tick is None}
+    return {name: context.facts.reason for name, context in run.contexts.items() if context.facts.first_tick is None}
 
 
 def failed(run: VirtualRun) -> dict[str, str]:
     """Those of them that failed themselves; the others were ready, and did not start because of these."""
-    return {name: why for name, why in refused(run).items() if run.desks[name].facts.outcome != "not_started"}
+    return {name: why for name, why in refused(run).items() if run.contexts[name].facts.outcome != "not_started"}
 
 
 def tally(run: VirtualRun, wires: list[LossyWire]) -> Counter[str]:
     told = Counter[str](starts=1, stations=STATIONS, frames=sum(wire.frames for wire in wires))
     told["disturbed"] = sum(wire.did.total() for wire in wires)
-    told["written_again"] = sum(desk.facts.settings_repeated for desk in run.desks.values())
+    told["written_again"] = sum(context.facts.settings_repeated for context in run.contexts.values())
     told["refused"], told["runs_refused"] = len(failed(run)), bool(refused(run))
     return told
 
 
 def assert_start_holds(run: VirtualRun, number: int) -> None:
     assert list(wrong_values(run)) == [], number
-    for desk in run.desks.values():
-        again = [row for row in run.memory.settings if (row.station, row.outcome) == (desk.name, "repeated")]
-        events = [event for event in run.memory.of_kind("setting.repeated") if event.station == desk.name]
-        assert len(again) == len(events) == desk.facts.settings_repeated
+    for context in run.contexts.values():
+        again = [row for row in run.memory.settings if (row.station, row.outcome) == (context.name, "repeated")]
+        events = [event for event in run.memory.of_kind("setting.repeated") if event.station == context.name]
+        assert len(again) == len(events) == context.facts.settings_repeated
 
 
 @pytest.mark.parametrize("number", range(4))
@@ -122,7 +122,7 @@ def test_no_start_is_refused_at_one_percent_of_each(number: int) -> None:
     run, wires = started(number, 0.01)
     assert refused(run) == {}
     assert_start_holds(run, number)
-    assert all(is_working(run, name) for name in run.desks)
+    assert all(is_working(run, name) for name in run.contexts)
     assert sum(wire.did.total() for wire in wires) > 20
 
 

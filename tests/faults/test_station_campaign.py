@@ -316,11 +316,11 @@ def assert_it_holds(run: VirtualRun) -> None:
 
 
 def assert_tools_rest_or_are_told(run: VirtualRun) -> None:
-    for name, desk in run.desks.items():
-        for number in desk.facts.touched:
+    for name, context in run.contexts.items():
+        for number in context.facts.touched:
             port = station(run, int(name[-1])).plant.ports[number]
             rests = port.tool == 0 or port.doing.state != WORKING or (port.doing.extractor and port.character.extractor_cools)
-            told = any(f"port {number}:" in text for text in desk.facts.unsafe)
+            told = any(f"port {number}:" in text for text in context.facts.unsafe)
             assert rests or told, (name, number)
 
 
@@ -331,7 +331,7 @@ def test_what_happens_to_a_station(row: Row) -> None:
     assert run.facts.outcome == row.outcome, run.facts.reason
     assert [kind for kind in row.told if kind not in kinds] == []
     assert [kind for kind in row.not_told if kind in kinds] == []
-    assert sum(len(desk.facts.unsafe) for desk in run.desks.values()) == row.unsafe
+    assert sum(len(context.facts.unsafe) for context in run.contexts.values()) == row.unsafe
     row.also(run)
     assert_it_holds(run)
     assert_tools_rest_or_are_told(run)
@@ -397,7 +397,7 @@ def mixed(number: int) -> VirtualRun:
 
 def assert_mixed(number: int) -> VirtualRun:
     run = mixed(number)
-    assert [desk.facts.reason for desk in run.desks.values() if desk.facts.outcome == "failed"] == [], number
+    assert [context.facts.reason for context in run.contexts.values() if context.facts.outcome == "failed"] == [], number
     try:
         assert_it_holds(run)
     except AssertionError as error:
@@ -416,8 +416,8 @@ def test_all_of_it_at_random_for_long(counted: Callable[..., None]) -> None:
     lost, unsafe = 0, 0
     for number in range(FIRST, FIRST + RUNS):
         run = assert_mixed(number)
-        lost += sum(desk.facts.outages for desk in run.desks.values())
-        unsafe += sum(len(desk.facts.unsafe) for desk in run.desks.values())
+        lost += sum(context.facts.outages for context in run.contexts.values())
+        unsafe += sum(len(context.facts.unsafe) for context in run.contexts.values())
         assert_memory_is_bounded()
     counted(runs=RUNS, outages=lost, rows_lost=0, wrong=0, hot_and_told=unsafe, hot_and_untold=0)
 

@@ -69,8 +69,8 @@ def live(folder: Path, days: float, seal_s: float = DAY_S) -> Lived:
     papers, driver = RunRecord(plan, folder / "runs", Nobody(), clock, seal_every_s=None), VirtualDriver(clock)
     lived = Lived(papers.folder)
     papers.begin()
-    for station, desk in zip(plan.stations, papers.desks, strict=True):
-        driver.add(run_station(desk), virtual_station(station.spec, now=clock.monotonic()))
+    for station, context in zip(plan.stations, papers.contexts, strict=True):
+        driver.add(run_station(context), virtual_station(station.spec, now=clock.monotonic()))
     _each(driver, HOUR_S, lambda: _look(lived))
     _each(driver, seal_s, lambda: _seal(papers, lived))
     driver.run()

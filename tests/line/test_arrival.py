@@ -17,7 +17,7 @@ def cold(recipe: str = NEAR_LIMIT, stuck_c: int = 310, duration_s: float = 14) -
 
 
 def has_arrived(run: VirtualRun) -> bool:
-    return run.desks["dde-1"].ports[1].at_temperature
+    return run.contexts["dde-1"].ports[1].at_temperature
 
 
 def latch_low(run: VirtualRun, at_s: float) -> None:

@@ -41,10 +41,10 @@ def desk_of(family: str, ports: tuple[int, ...], usual_ms: float, longest_ms: fl
     text = f'[line]\nname = "one"\n[[station]]\nname = "one-1"\nurl = "one"\nfamily = "{family}"\n'
     (spec,) = parse_line(text, Path("line.toml")).stations
     clock = VirtualClock()
-    desk = SessionContext(order_of(spec, parse_recipe(head), clock, 10.0, None), NoJournal(), UtcOffset(clock))
-    desk.ports.update({number: PortState(number, 2) for number in ports})
-    desk.facts.turnaround_us = {"median": usual_ms * 1000, "p99": longest_ms * 1000, "n": 12}
-    return desk
+    context = SessionContext(order_of(spec, parse_recipe(head), clock, 10.0, None), NoJournal(), UtcOffset(clock))
+    context.ports.update({number: PortState(number, 2) for number in ports})
+    context.facts.turnaround_us = {"median": usual_ms * 1000, "p99": longest_ms * 1000, "n": 12}
+    return context
 
 
 def taken(family: str, ports: tuple[int, ...], usual_ms: float, longest_ms: float | None = None) -> float:
@@ -163,9 +163,9 @@ def test_without_pause_there_is_no_rate() -> None:
 
 def test_where_no_rate_is_left_the_refusal_says_what_would_be() -> None:
     """Flags each 0.1 s want 3.33 Hz at least, and behind 16 ms two ports have 4 Hz at the most with a fifth in reserve."""
-    desk = desk_of("dde", (1, 2), 25, 25, "alarms_every_s = 0.1\n")
+    context = desk_of("dde", (1, 2), 25, 25, "alarms_every_s = 0.1\n")
     with pytest.raises(StartRefused, match=r'"auto" finds no rate: .*3\.33 Hz.*25\.00 ms of response time; raise alarms_every_s'):
-        choose_pace(desk)
+        choose_pace(context)
     run = prepare(slow(25.0), AUTO + "alarms_every_s = 0.1\n", duration_s=2).go()
     assert run.facts.outcome == "refused"
     assert run.writes == []

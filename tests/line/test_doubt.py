@@ -125,7 +125,7 @@ def test_a_counter_that_is_refused_keeps_no_other_from_being_read() -> None:
     run.station.device.answer = answer  # type: ignore[method-assign]
     run.go()
     kept = {one.counter: one.value for one in run.memory.counters}
-    assert list(kept) == [counter.name for counter in run.desks["dde-1"].family.counters]
+    assert list(kept) == [counter.name for counter in run.contexts["dde-1"].family.counters]
     assert [name for name, value in kept.items() if value is None] == ["work_h"]
     assert kept["sleep_h"] == 3.0
     assert (run.facts.outcome, run.memory.of_kind("counters.missed")) == ("completed", [])

@@ -35,7 +35,7 @@ def only(run: VirtualRun, name: str) -> VirtualRun:
         samples=[row for row in run.memory.samples if row[COLUMN["station"]] == name],
         counters=[row for row in run.memory.counters if row.station == name],
     )
-    return replace(run, memory=memory, desks={name: run.desks[name]})
+    return replace(run, memory=memory, contexts={name: run.contexts[name]})
 
 
 def of_links(run: VirtualRun) -> list[str]:
@@ -45,7 +45,7 @@ def of_links(run: VirtualRun) -> list[str]:
 def due_s(run: VirtualRun, row: list[object]) -> float:
     tick = row[COLUMN["tick"]]
     assert isinstance(tick, int)
-    return tick * (run.desks["dde-1"].facts.period_s or 0.0)
+    return tick * (run.contexts["dde-1"].facts.period_s or 0.0)
 
 
 @every_shape
@@ -57,8 +57,8 @@ def test_a_flooded_link_is_lost_and_back_and_the_neighbour_does_not_notice(shape
     run.go()
     kinds = [kind for kind in of_links(run) if kind != "robot.off"]  # one refusal before the flood shows ends the asking, too
     assert kinds in (["link.flooded", "link.back"], ["link.flooded", "robot.on"])
-    assert {name: desk.facts.outcome for name, desk in run.desks.items()} == {"dde-1": "completed", "dde-2": "completed"}
-    assert {name: desk.facts.outages for name, desk in run.desks.items()} == {"dde-1": 1, "dde-2": 0}
+    assert {name: context.facts.outcome for name, context in run.contexts.items()} == {"dde-1": "completed", "dde-2": "completed"}
+    assert {name: context.facts.outages for name, context in run.contexts.items()} == {"dde-1": 1, "dde-2": 0}
     assert_account_holds(only(run, "dde-1"))
     assert rows_of(run, "dde-2") == rows_of(alone, "dde-2")
     for row in rows_of(run, "dde-1"):
@@ -104,7 +104,7 @@ def test_a_flood_that_does_not_end_leaves_the_tools_told_and_not_verified() -> N
     run = prepare(line("", ""), duration_s=15, rate=5.0)
     flood(run, "dde-1", "copies of the safe state", FAST, 6, 40)
     run.go()
-    flooded, other = run.desks["dde-1"].facts, run.desks["dde-2"].facts
+    flooded, other = run.contexts["dde-1"].facts, run.contexts["dde-2"].facts
     assert flooded.outcome == "gone"
     assert flooded.safe_state == {1: "sent", 2: "sent"}
     assert other.safe_state == {1: "verified", 2: "verified"}
@@ -123,8 +123,8 @@ def test_a_flood_that_begins_while_the_tools_are_made_safe_is_in_the_record() ->
     flood(run, "dde-1", "noise", FAST, 6.0, 40)
     run.go()
     assert len(run.memory.of_kind("link.flooded")) == 1
-    assert run.desks["dde-1"].facts.safe_state == {1: "sent", 2: "sent"}
-    assert run.desks["dde-2"].facts.safe_state == {1: "verified", 2: "verified"}
+    assert run.contexts["dde-1"].facts.safe_state == {1: "sent", 2: "sent"}
+    assert run.contexts["dde-2"].facts.safe_state == {1: "verified", 2: "verified"}
 
 
 def test_it_is_tried_ever_more_rarely_where_it_is_flooded_again_and_again() -> None:
@@ -142,9 +142,9 @@ def test_a_link_that_is_flooded_from_the_start_refuses_the_run_within_seconds() 
     run = prepare(line("", ""), duration_s=10)
     flood(run, "dde-1", "another model's answers", FAST, 0.0, 30)
     run.go()
-    assert run.desks["dde-1"].facts.outcome == "gone"
-    assert "the link is flooded" in run.desks["dde-1"].facts.reason
-    assert run.desks["dde-2"].facts.outcome == "not_started"
+    assert run.contexts["dde-1"].facts.outcome == "gone"
+    assert "the link is flooded" in run.contexts["dde-1"].facts.reason
+    assert run.contexts["dde-2"].facts.outcome == "not_started"
     assert run.driver.clock.monotonic() - run.t0 < 10
     assert [one.text for one in run.taps["dde-1"].heard if one.is_write] == []
 
@@ -193,11 +193,11 @@ def _noted(session: Steps[StationFacts], tape: list[Step]) -> Steps[StationFacts
 def _relived(run: VirtualRun, tape: list[Step]) -> Memory:
     clock = VirtualClock()
     memory, driver = Memory(), VirtualDriver(clock)
-    desk = SessionContext(next(iter(run.desks.values())).order, memory, UtcOffset(clock))
+    context = SessionContext(next(iter(run.contexts.values())).order, memory, UtcOffset(clock))
 
     def astray(where: Astray) -> tuple[float, str]:
         raise AssertionError(str(where))
 
-    driver.add(reliving(run_station(desk), tape, astray), run.taps["dde-1"])
+    driver.add(reliving(run_station(context), tape, astray), run.taps["dde-1"])
     driver.run()
     return memory

@@ -522,9 +522,9 @@ def test_suction_that_was_asked_for_and_is_not_read_back_is_a_mismatch(monkeypat
 @pytest.mark.parametrize("word", [(0, 0, 1, 1, 0), (0, 0, 1, 0, 0), (0, 0, 0, 0, 1), (0, 0, 1, 0, 1)])
 def test_of_the_words_exactly_those_are_permitted_that_the_recipe_and_the_station_lead_to(word: tuple[int, ...]) -> None:
     run = sucking(with_keys(), begins=False).go()
-    desk = next(iter(run.desks.values()))
-    command = desk.command("status")
-    permit = listed(desk)
+    context = next(iter(run.contexts.values()))
+    command = context.command("status")
+    permit = listed(context)
     for allowed in ((0, 0, 0, 0, 1), (0, 0, 0, 1, 0), (0, 0, 0, 0, 0)):
         permit(command, allowed, 1, None)
     if word != (0, 0, 0, 0, 1):

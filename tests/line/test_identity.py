@@ -161,7 +161,7 @@ def test_model_and_software_are_read_as_often_as_the_counters_and_planned_for() 
     run = prepare(duration_s=310).go()
     asked = [one.text for one in run.heard if one.at > run.t0 + 30]
     assert (asked.count("RSMN"), asked.count("RSVR")) == (5, 5)
-    readings = readings_for(FAMILIES["dde"], [1, 2], run.desks["dde-1"].recipe, LineFormat(19200, "8N1"), addressed=False)
+    readings = readings_for(FAMILIES["dde"], [1, 2], run.contexts["dde-1"].recipe, LineFormat(19200, "8N1"), addressed=False)
     assert [(one.name, one.port, one.asks_port, one.period_s) for one in readings if one.is_identity] == [
         ("model", 1, None, 60.0),
         ("software_version", 1, None, 60.0),

@@ -214,14 +214,14 @@ def test_a_rate_is_held_against_the_longest_answer_where_answers_vary(family: st
     """003, 11.1: 0 to 250 ms. What one answer in twelve takes, one in twelve of a run takes, too."""
     recipe = RECIPE if family == "dde" else '[recipe]\nname = "test"\nrevision = 1\nfamilies = ["omega"]\n'
     line = line_text("", "ports = [1]" if family == "dde" else "").replace("dde", family)
-    (desk,) = prepare(line, recipe, rate=3).desks.values()
-    desk.ports[1] = PortState(1, 2)
-    desk.facts.turnaround_us = {"median": 5_000.0, "p99": 250_000.0, "n": 12}
+    (context,) = prepare(line, recipe, rate=3).contexts.values()
+    context.ports[1] = PortState(1, 2)
+    context.facts.turnaround_us = {"median": 5_000.0, "p99": 250_000.0, "n": 12}
     if fits:
-        assert choose_pace(desk).period_s == pytest.approx(1 / 3)
+        assert choose_pace(context).period_s == pytest.approx(1 / 3)
         return
     with pytest.raises(StartRefused, match=r"250\.00 ms of turnaround"):
-        choose_pace(desk)
+        choose_pace(context)
 
 
 def test_a_line_on_which_most_questions_are_lost_is_not_run_on() -> None:

@@ -45,10 +45,10 @@ def assert_stopped_before_sampling(run: VirtualRun, *words: str) -> None:
     assert run.memory.samples == []
     for word in words:
         assert word in run.facts.reason
-    (desk,) = run.desks.values()
+    (context,) = run.contexts.values()
     for port in {write.port for write in run.station.log.writes if write.port}:
         told = [write.value for write in run.station.log.written("status") if write.port == port]
-        if desk.step > 2:
+        if context.step > 2:
             assert told == [STAND]
         else:  # it rested, and would be heated to be told to stand
             assert told == []
@@ -296,9 +296,9 @@ def test_a_station_that_says_nothing_for_a_moment_is_asked_again(command: str) -
     """Longer than the client's own repeats and probes take."""
     run = prepare(duration_s=1)
     (tap,) = run.taps.values()
-    (desk,) = run.desks.values()
+    (context,) = run.contexts.values()
     through, since = tap.receive, [0.0]
-    code = desk.command(command).letters.encode()
+    code = context.command(command).letters.encode()
 
     def receive(data: bytes, now: float) -> Sequence[tuple[float, bytes]]:
         since[0] = since[0] or (now if b"R" + code in data else 0.0)

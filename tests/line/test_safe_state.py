@@ -42,7 +42,7 @@ def touched(run: VirtualRun) -> set[int]:
 
 def may_be_hot(run: VirtualRun) -> bool:
     """Whether the third step of the start had begun: before it nothing is written that heats, not even to make a tool safe."""
-    return max(desk.step for desk in run.desks.values()) > 2
+    return max(context.step for context in run.contexts.values()) > 2
 
 
 def assert_safe(run: VirtualRun) -> None:
@@ -170,8 +170,8 @@ class BrokenJournal(Memory):
 @pytest.mark.parametrize("after", [0, 1, 2, 3, 10, 100])
 def test_a_record_that_cannot_be_kept(after: int) -> None:
     run = prepare(duration_s=5)
-    for desk in run.desks.values():
-        desk.journal = BrokenJournal(after)
+    for context in run.contexts.values():
+        context.journal = BrokenJournal(after)
     run.go()
     assert run.facts.outcome == "failed"
     assert_safe(run)
@@ -184,11 +184,11 @@ def test_a_fault_of_a_moment_while_it_is_made_safe_costs_no_row_of_the_record(mo
     """Memory is refused once, say: the tools rest, and what is read and told after that is in the record, too."""
     real, refused = session_run.make_safe, list[str]()
 
-    def refusing(desk: SessionContext) -> Steps[None]:
+    def refusing(context: SessionContext) -> Steps[None]:
         if not refused:
-            refused.append(desk.name)
+            refused.append(context.name)
             raise MemoryError
-        return real(desk)
+        return real(context)
 
     monkeypatch.setattr(session_run, "make_safe", refusing)
     run = prepare(line_text()).go()
@@ -267,7 +267,7 @@ def test_the_extractor_state_counts_where_the_tip_cools(family: str) -> None:
     for port in run.facts.touched:
         assert orders(run, port) == [WORKING, EXTRACTOR]
     assert {severity for severity, _ in told(run)} == {"info"}
-    assert strange_writes(run.heard, family, next(iter(run.desks.values())).recipe.text) == []
+    assert strange_writes(run.heard, family, next(iter(run.contexts.values())).recipe.text) == []
 
 
 @pytest.mark.parametrize("family", OF_002)

@@ -99,20 +99,20 @@ def heated(run: VirtualRun) -> list[str]:
 
 
 def outcomes(run: VirtualRun) -> list[str]:
-    return [run.desks[name].facts.outcome for name in NAMES]
+    return [run.contexts[name].facts.outcome for name in NAMES]
 
 
 def code_of(run: VirtualRun) -> Exit:
-    return exit_code(findings([desk.facts for desk in run.desks.values()], verdict=None, record=None, cut_short=None))
+    return exit_code(findings([context.facts for context in run.contexts.values()], verdict=None, record=None, cut_short=None))
 
 
 def assert_all_touched_are_safe(run: VirtualRun) -> None:
     for name in NAMES:
-        station, facts = run.stations[name], run.desks[name].facts
+        station, facts = run.stations[name], run.contexts[name].facts
         assert isinstance(station, VirtualStation)
         if station.log.writes and not facts.unsafe:
             assert facts.safe_state == {1: "verified"}
-            if run.desks[name].step <= 2:  # it rested, and would be heated to be told to stand
+            if run.contexts[name].step <= 2:  # it rested, and would be heated to be told to stand
                 assert is_cold_in_extractor(station, 1)
                 assert station.log.written("status") == []
             else:
@@ -123,16 +123,16 @@ def assert_is_not_started(run: VirtualRun, step: int) -> None:
     """The others were fine and say whose fault it is; nobody sampled; the run ends with 3 and names the station."""
     assert run.memory.samples == []
     for name in ("a", "c"):
-        facts = run.desks[name].facts
+        facts = run.contexts[name].facts
         assert facts.outcome == "not_started"
         assert "did not start because of b" in facts.reason
     assert outcomes(run)[1] in ("refused", "gone")
-    assert [name for name in ("a", "c") if run.desks[name].facts.unsafe] == []
-    assert code_of(run) is (Exit.UNSAFE if run.desks["b"].facts.unsafe else Exit.STATION)
+    assert [name for name in ("a", "c") if run.contexts[name].facts.unsafe] == []
+    assert code_of(run) is (Exit.UNSAFE if run.contexts["b"].facts.unsafe else Exit.STATION)
     assert_all_touched_are_safe(run)
     if step == 1:
         assert [writes(run, name) for name in NAMES] == [[], [], []]
-        assert all(desk.facts.touched == [] for desk in run.desks.values())
+        assert all(context.facts.touched == [] for context in run.contexts.values())
     if step == 2:
         assert heated(run) == []
 
@@ -173,14 +173,14 @@ def _first(run: VirtualRun, name: str, start: str) -> Heard:
 def test_one_that_fails_in_step_one_leaves_all_untouched(sim: str, words: str) -> None:
     run = run_with(sim=sim)
     assert_is_not_started(run, 1)
-    assert words in run.desks["b"].facts.reason
+    assert words in run.contexts["b"].facts.reason
 
 
 def test_every_station_that_fails_in_step_one_is_named() -> None:
     run = run_with(sim=SILENT, also="tool = 0")
     assert outcomes(run) == ["not_started", "gone", "refused"]
-    assert "because of b, c" in run.desks["a"].facts.reason or "because of c, b" in run.desks["a"].facts.reason
-    found = findings([desk.facts for desk in run.desks.values()], verdict=None, record=None, cut_short=None)
+    assert "because of b, c" in run.contexts["a"].facts.reason or "because of c, b" in run.contexts["a"].facts.reason
+    found = findings([context.facts for context in run.contexts.values()], verdict=None, record=None, cut_short=None)
     assert {finding.text.partition(":")[0] for finding in found} == {"b", "c"}
     assert [writes(run, name) for name in NAMES] == [[], [], []]
 
@@ -195,14 +195,14 @@ def test_one_that_fails_in_step_two_heats_nothing_and_what_was_written_is_named(
 
     run = run_with(deaf, nak("alarm_high_limit") if how == "refused" else "", pulled=how == "pulled")
     assert_is_not_started(run, 2)
-    assert bool(run.desks["b"].facts.unsafe) == (how != "refused")  # it was touched and cannot be reached
-    assert "step 2 of 3" in run.desks["b"].facts.reason
+    assert bool(run.contexts["b"].facts.unsafe) == (how != "refused")  # it was touched and cannot be reached
+    assert "step 2 of 3" in run.contexts["b"].facts.reason
     for name in NAMES:
-        assert "written before that and left as it is: sleep delay of port 1 5 min (was 9 min)" in run.desks[name].facts.reason
+        assert "written before that and left as it is: sleep delay of port 1 5 min (was 9 min)" in run.contexts[name].facts.reason
         station = run.stations[name]
         assert isinstance(station, VirtualStation)
         assert station.plant.ports[1].tools[2].sleep_delay == 5  # nothing is rolled back
-        assert run.desks[name].facts.touched == [1]
+        assert run.contexts[name].facts.touched == [1]
 
 
 @pytest.mark.parametrize("state", ["extractor", "sleep", "working", "held hot"])
@@ -219,7 +219,7 @@ def test_a_tool_that_rests_when_step_two_fails_is_not_told_to_stand(state: str) 
     assert writes(run, "c")[-1].startswith(COOLS) != rests
     assert (COOLS in writes(run, "a")) == (state == "working")
     told = {event.station: event.text for event in run.memory.of_kind("safety.safe_state")}
-    assert run.desks["c"].facts.safe_state == {1: "verified"}
+    assert run.contexts["c"].facts.safe_state == {1: "verified"}
     assert ("rests already and is left as it is" in told["c"]) == rests
 
 
@@ -251,8 +251,8 @@ def test_in_step_three_nobody_who_heats_waits_for_one_that_is_slow_to_fail() -> 
 def test_a_station_that_is_silent_delays_the_others_by_ten_seconds_at_the_most() -> None:
     run = hung(allow_missing=False)
     assert outcomes(run) == ["not_started", "gone", "not_started"]
-    assert "silent for 10 s in step 1" in run.desks["b"].facts.reason
-    assert "because of b" in run.desks["a"].facts.reason
+    assert "silent for 10 s in step 1" in run.contexts["b"].facts.reason
+    assert "because of b" in run.contexts["a"].facts.reason
     ended = [event.time / 1e6 - run.utc_s(run.t0) for event in run.memory.of_kind("station.not_started")]
     assert all(SILENT_S <= at <= SILENT_S + 3 for at in ended)
     assert [writes(run, name) for name in NAMES] == [[], [], []]
@@ -307,7 +307,7 @@ def test_a_slow_station_is_waited_for_as_long_as_it_answers() -> None:
         .replace("turnaround_ms = 5.0", "turnaround_ms = 5.0\nwire = true")
     )
     run = prepare(line, RECIPE.replace("[run]", "[sampling]\ncounters_every_s = 600\n\n[run]"), 10.0, 0.2).go()
-    assert outcomes(run) == ["completed"] * 3, [desk.facts.reason for desk in run.desks.values()]
+    assert outcomes(run) == ["completed"] * 3, [context.facts.reason for context in run.contexts.values()]
     assert _first(run, "a", "WD1").at - run.t0 > SILENT_S
 
 

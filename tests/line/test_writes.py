@@ -70,11 +70,11 @@ def test_a_condition_of_omega_is_written_as_the_recipe_has_it_and_only_where_tha
 def test_omega_s_condition_is_on_the_list_only_where_that_is_allowed(allowed: bool) -> None:
     recipe = (PROFILES / "recipes" / "omega-point.toml").read_text()
     run = prepare(LINES["omega"].read_text(), recipe, duration_s=5.0, allow_omega_write=allowed).go()
-    (desk,) = run.desks.values()
-    condition = condition_of(desk.recipe, desk.family)
+    (context,) = run.contexts.values()
+    condition = condition_of(context.recipe, context.family)
     assert condition is not None
     with nullcontext() if allowed else pytest.raises(WriteForbidden, match="nobody asked for"):
-        listed(desk)(desk.command("store_condition"), condition, None, None)
+        listed(context)(context.command("store_condition"), condition, None, None)
 
 
 @pytest.mark.parametrize(
@@ -102,10 +102,10 @@ def slips_in(monkeypatch: pytest.MonkeyPatch, name: str, value: object, port: in
     """A fault of this program: in the middle of a run it writes what nobody asked for."""
     counters = chapters.read_counters
 
-    def broken(desk: SessionContext) -> Steps[None]:
-        yield from counters(desk)
-        if desk.facts.first_tick is None:
-            yield from desk.station.write(desk.command(name), value, port, tool)  # type: ignore[arg-type]
+    def broken(context: SessionContext) -> Steps[None]:
+        yield from counters(context)
+        if context.facts.first_tick is None:
+            yield from context.station.write(context.command(name), value, port, tool)  # type: ignore[arg-type]
 
     monkeypatch.setattr(chapters, "read_counters", broken)
 

@@ -66,12 +66,12 @@ def test_a_whole_run_of_two_stations_of_which_one_drops_out(served: Callable[...
     line = served("", DROPOUT)
     memory, clock, reactor = Memory(), SystemClock(), Reactor()
     recipe = parse_recipe(RECIPE + 'on_difference = "continue"\n')
-    desks = [SessionContext(order_for(spec, recipe, clock, 4.5, None), memory, UtcOffset(clock)) for spec in line.stations]
-    for desk, spec in zip(desks, line.stations, strict=True):
-        reactor.add(run_station(desk), opener(spec))
+    contexts = [SessionContext(order_for(spec, recipe, clock, 4.5, None), memory, UtcOffset(clock)) for spec in line.stations]
+    for context, spec in zip(contexts, line.stations, strict=True):
+        reactor.add(run_station(context), opener(spec))
     reactor.run()
-    assert [desk.facts.outcome for desk in desks] == ["completed", "completed"]
-    assert [desk.facts.outages for desk in desks] == [0, 1]
-    assert [desk.facts.safe_state for desk in desks] == [{1: "verified"}, {1: "verified"}]
+    assert [context.facts.outcome for context in contexts] == ["completed", "completed"]
+    assert [context.facts.outages for context in contexts] == [0, 1]
+    assert [context.facts.safe_state for context in contexts] == [{1: "verified"}, {1: "verified"}]
     kinds = [event.kind for event in memory.events if event.station == "s2"]
     assert kinds.index("link.lost") < kinds.index("link.back")

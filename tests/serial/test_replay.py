@@ -259,9 +259,11 @@ def test_a_row_too_many_is_a_difference(copied: Path, tmp_path: Path, monkeypatc
 
     close = RunRecord.close
 
-    def with_another(dossier: RunRecord) -> str | None:
-        dossier.journal.event(EventRow(dossier.utc.micros(dossier.clock.monotonic()), "x.more", Severity.INFO, "More.", "dde-1"))
-        return close(dossier)
+    def with_another(run_record: RunRecord) -> str | None:
+        run_record.journal.event(
+            EventRow(run_record.utc.micros(run_record.clock.monotonic()), "x.more", Severity.INFO, "More.", "dde-1")
+        )
+        return close(run_record)
 
     monkeypatch.setattr(RunRecord, "close", with_another)
     code, told = held(copied, tmp_path / "again")

@@ -192,15 +192,15 @@ def unplugged(line: ServedLine, name: str) -> Callable[[], object]:
 @pytest.mark.usefixtures("quick")
 def test_a_cable_that_is_put_back_is_enough(line: ServedLine, run: Path) -> None:
     plug_in = unplugged(line, "dde-1")
-    diary = ActionLog(run)
-    shelf = LeaseWriter(run, diary)
-    left = TakeOver(all_leases(line), diary).run()
+    action_log = ActionLog(run)
+    lease_writer = LeaseWriter(run, action_log)
+    left = TakeOver(all_leases(line), action_log).run()
     assert [station.name for station in left] == ["dde-1"]
     before = told(run)
-    shelf.put(left)
-    shelf.settle(5.0)
+    lease_writer.put(left)
+    lease_writer.settle(5.0)
     threading.Timer(0.7, plug_in).start()
-    guard_itself._go_on(run, left, (), shelf, diary)
+    guard_itself._go_on(run, left, (), lease_writer, action_log)
     assert (line.at_work(), (run / LEASE).exists()) == (0, False)
     assert told(run)[len(before) :] == [("safety.safe_state", "dde-1", 1), ("safety.safe_state", "dde-1", 2)]  # no word of failures
 
@@ -257,13 +257,13 @@ def test_it_ends_when_somebody_else_has_seen_to_it(line: ServedLine, run: Path) 
 
     plug_in = unplugged(line, "dde-1")
     try:
-        shelf = LeaseWriter(run, ActionLog(run))
+        lease_writer = LeaseWriter(run, ActionLog(run))
         left = [lease(line, "dde-1")]
-        shelf.put(left)
-        shelf.settle(5.0)
+        lease_writer.put(left)
+        lease_writer.settle(5.0)
         threading.Timer(0.5, see_to_it).start()
         began = time.monotonic()
-        guard_itself._go_on(run, left, (), shelf, ActionLog(run))
+        guard_itself._go_on(run, left, (), lease_writer, ActionLog(run))
         assert time.monotonic() - began < 30
     finally:
         plug_in()

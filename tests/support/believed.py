@@ -89,7 +89,7 @@ class _Judge:
     def __init__(self, run: VirtualRun, wire: NoisyWire) -> None:
         self.run, self.verdict = run, Verdict()
         self.is_omega = run.facts.family == "omega"
-        self.addressed = next(iter(run.desks.values())).order.address is not None
+        self.addressed = next(iter(run.contexts.values())).order.address is not None
         self.meanings = meanings(run.facts.family)
         self.books = [one for one in wire.books if one.at]
         self.moments = [one.at for one in self.books]

@@ -19,13 +19,13 @@ WISHES = 40  # of sampling, by when it breaks
 
 
 def break_session_of(station: str) -> None:
-    def breaking(desk: SessionContext) -> Steps[StationFacts]:
-        steps = run_station(desk)
+    def breaking(context: SessionContext) -> Steps[StationFacts]:
+        steps = run_station(context)
         wish, left = next(steps), WISHES
-        while left or desk.name != station:
+        while left or context.name != station:
             heard = yield wish
             wish = steps.send(heard)
-            left -= desk.facts.first_tick is not None and left > 0
+            left -= context.facts.first_tick is not None and left > 0
         raise RuntimeError("a fault of the program")
 
     runner.run_station = breaking

@@ -109,15 +109,15 @@ class Trial:
         clock, failures = VirtualClock(), []
         papers = RunRecord(self.plan, self.out, Nobody(), clock, failures.append, seal_every_s=None)
         self.folder = papers.folder
-        for desk in papers.desks:
-            desk.journal = Both(papers._store, self.memory)
+        for context in papers.contexts:
+            context.journal = Both(papers._store, self.memory)
         driver = VirtualDriver(clock)
         papers.begin()
         stations = [virtual_station(station.spec, now=clock.monotonic()) for station in self.plan.stations]
         taps = {station.name: Tap(station) for station in stations}
         self.heard = {name: tap.heard for name, tap in taps.items()}
-        for station, desk in zip(stations, papers.desks, strict=True):
-            driver.add(run_station(desk), taps[station.name])
+        for station, context in zip(stations, papers.contexts, strict=True):
+            driver.add(run_station(context), taps[station.name])
 
         def commit() -> None:
             handed = len(self.memory.samples)

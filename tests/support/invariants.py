@@ -84,12 +84,12 @@ def violations(
 
 def violations_of(run: VirtualRun, *, as_sent: bool = False) -> list[str]:
     """The same of a run in memory, as far as there is no folder to look at."""
-    facts = [desk.facts for desk in run.desks.values()]
+    facts = [context.facts for context in run.contexts.values()]
     counters = [(one.station, str(one.port), one.counter, _reason(one.value, one.raw)) for one in run.memory.counters]
     events = [(event.time, event.kind, event.text) for event in run.memory.events]
     kept = Kept(run.memory.samples, counters, events, facts, run.t0, run.utc_s(run.t0))
     wires = {name: tap.heard for name, tap in run.taps.items()}
-    recipes = {desk.name: desk.recipe.text for desk in run.desks.values()}
+    recipes = {context.name: context.recipe.text for context in run.contexts.values()}
     return [*_common(kept, wires, as_sent), *_unlisted(facts, wires, recipes), *_due(kept)]
 
 

@@ -66,13 +66,13 @@ status = "on"
 class Outcome:
     memory: Memory
     cables: dict[str, Cable]
-    desks: dict[str, SessionContext]
+    contexts: dict[str, SessionContext]
     driver: VirtualDriver
 
     @property
     def not_started(self) -> dict[str, str]:
         """The stations that did not come to sample, with the reason."""
-        return {name: desk.facts.reason for name, desk in self.desks.items() if desk.facts.first_tick is None}
+        return {name: context.facts.reason for name, context in self.contexts.items() if context.facts.first_tick is None}
 
     def asked(self, name: str) -> list[str]:
         """What the station took in, in order: letter, code, data."""
@@ -90,13 +90,13 @@ def virtual(
     recipes = {False: parse_recipe(recipe), True: parse_recipe(AIR)}
     families = {name: one.station.family for name, one in cables.items()}
     text = bench.line_file({name: name for name in cables}, families, more=dict.fromkeys(cables, keys))
-    desks = {}
+    contexts = {}
     for spec in parse_line(text, Path("line.toml")).stations:
         order = order_for(spec, recipes[spec.family == "jtse"], clock, duration_s, None)
-        desks[spec.name] = SessionContext(replace(order, may_be_missing=goes_on), memory, UtcOffset(clock))
-        driver.add(run_station(desks[spec.name]), cables[spec.name], spec.name)
+        contexts[spec.name] = SessionContext(replace(order, may_be_missing=goes_on), memory, UtcOffset(clock))
+        driver.add(run_station(contexts[spec.name]), cables[spec.name], spec.name)
     driver.run()
-    return Outcome(memory, cables, desks, driver)
+    return Outcome(memory, cables, contexts, driver)
 
 
 # -- is the record true? --------------------------------------------------------------------------------------------------------

@@ -28,7 +28,7 @@ class Nobody:
 
     def happened(self, event: EventRow) -> None: ...
 
-    def second(self, desks: list[SessionContext]) -> None: ...
+    def second(self, contexts: list[SessionContext]) -> None: ...
 
     def sealing(self) -> None: ...
 
@@ -41,10 +41,10 @@ class RecordedRun:
         papers, driver = RunRecord(plan, out, Nobody(), clock, seal_every_s=None), VirtualDriver(clock)
         self.stations: dict[str, VirtualStation | VirtualOmega] = {}
         papers.begin()
-        for station, desk in zip(plan.stations, papers.desks, strict=True):
+        for station, context in zip(plan.stations, papers.contexts, strict=True):
             virtual = virtual_station(station.spec, now=clock.monotonic())
             self.stations[station.spec.name] = virtual
-            driver.add(run_station(desk), virtual)
+            driver.add(run_station(context), virtual)
         driver.run()
         self.result: Result = papers.conclude(_sealed_here(papers))
 

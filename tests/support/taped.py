@@ -100,7 +100,7 @@ def recorded(
 def kept(folder: Path, line: str, **keys: object) -> Memory:
     """A run with its wires and its manifest in `folder`; what it told."""
     run = recorded(folder, line, **keys)  # type: ignore[arg-type]
-    write_manifest(folder, Manifest(folder.name, state="sealed", stations=[desk.facts for desk in run.desks.values()]))
+    write_manifest(folder, Manifest(folder.name, state="sealed", stations=[context.facts for context in run.contexts.values()]))
     return run.memory
 
 
@@ -156,8 +156,8 @@ def recorded_again(
         rate, name = replay.rate_hz.get(order.name, order.rate), order.name
         longer = None if order.duration_s is None else order.duration_s + longer_s
         order = replace(order, rate=rate, duration_s=longer, is_replay=True, begin=replay.begin(name))
-        desk = SessionContext(order, memory, UtcOffset(clock))
+        context = SessionContext(order, memory, UtcOffset(clock))
         stations[name] = station_of(recording, name)
-        driver.add(run_station(desk), Handing(stations[name], most_s, stalls))
+        driver.add(run_station(context), Handing(stations[name], most_s, stalls))
     driver.run()
     return memory, stations

@@ -154,7 +154,7 @@ class VirtualRun:
     memory: Memory
     stations: dict[str, VirtualStation | VirtualOmega]
     driver: VirtualDriver
-    desks: dict[str, SessionContext]
+    contexts: dict[str, SessionContext]
     taps: dict[str, Tap] = field(default_factory=dict)
     t0: float = 0.0  # the run's zero on the monotonic clock
 
@@ -189,7 +189,7 @@ class VirtualRun:
 
     @property
     def facts(self) -> StationFacts:
-        return next(iter(self.desks.values())).facts
+        return next(iter(self.contexts.values())).facts
 
     def go(self) -> VirtualRun:
         self.driver.run()
@@ -216,17 +216,17 @@ def prepare(
     """A run that is ready to go: `prepare(line_text(sim=...)).go()`. `pulled` may put itself around session and cable."""
     clock = VirtualClock()
     memory, driver = Memory(), VirtualDriver(clock, goes_on=allow_missing)
-    stations, desks, taps, t0 = {}, {}, {}, clock.monotonic()
+    stations, contexts, taps, t0 = {}, {}, {}, clock.monotonic()
     loaded = parse_recipe(recipe)
     for spec in parse_line(line or line_text(), Path("line.toml")).stations:
         station = virtual_station(spec, now=clock.monotonic())
         order = order_for(spec, loaded, clock, duration_s, rate, allow_omega_write=allow_omega_write)
         order = replace(order, may_be_missing=allow_missing)
-        desk = SessionContext(order, memory, UtcOffset(clock))
+        context = SessionContext(order, memory, UtcOffset(clock))
         taps[spec.name] = Tap(station)
-        driver.add(*pulled(order, run_station(desk), taps[spec.name]), spec.name)
-        stations[spec.name], desks[spec.name] = station, desk
-    return VirtualRun(memory, stations, driver, desks, taps, t0)
+        driver.add(*pulled(order, run_station(context), taps[spec.name]), spec.name)
+        stations[spec.name], contexts[spec.name] = station, context
+    return VirtualRun(memory, stations, driver, contexts, taps, t0)
 
 
 def order_for(

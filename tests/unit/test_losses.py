@@ -41,11 +41,11 @@ class Desk(SimpleNamespace):
         self.noted.append((kind, severity, text, more))
 
 
-def pauses(desk: Any, count: int) -> list[float]:
+def pauses(context: Any, count: int) -> list[float]:
     """How long is waited before each try."""
-    found = [first_pause_s(desk)]
+    found = [first_pause_s(context)]
     while len(found) < count:
-        found.append(next_pause_s(desk, found[-1]))
+        found.append(next_pause_s(context, found[-1]))
     return found
 
 
@@ -57,42 +57,42 @@ def test_a_lost_link_is_sought_a_little_more_rarely_each_time() -> None:
 
 
 def test_a_flooded_one_is_left_alone_for_twice_as_long_each_time() -> None:
-    desk: Any = Desk()
-    tell_flood(desk, FLOOD)
-    assert pauses(desk, 6) == [1.0, 2.0, 4.0, 8.0, LONGEST_AFTER_FLOOD_S, LONGEST_AFTER_FLOOD_S]
+    context: Any = Desk()
+    tell_flood(context, FLOOD)
+    assert pauses(context, 6) == [1.0, 2.0, 4.0, 8.0, LONGEST_AFTER_FLOOD_S, LONGEST_AFTER_FLOOD_S]
 
 
 @pytest.mark.parametrize(("later_s", "first"), [(FORGOTTEN_S - 0.1, 2.0), (FORGOTTEN_S + 0.1, 1.0)])
 def test_one_that_is_flooded_again_goes_on_from_there_until_it_is_forgotten(later_s: float, first: float) -> None:
-    desk: Any = Desk()
-    tell_flood(desk, FLOOD)
-    tell_flood(desk, FLOOD)  # it goes on
-    assert [kind for kind, *_ in desk.noted] == ["link.flooded"]
-    tell_flood_over(desk)
-    desk.now += later_s
-    tell_flood(desk, FLOOD)
-    assert first_pause_s(desk) == first
-    assert len(desk.noted) == 2
+    context: Any = Desk()
+    tell_flood(context, FLOOD)
+    tell_flood(context, FLOOD)  # it goes on
+    assert [kind for kind, *_ in context.noted] == ["link.flooded"]
+    tell_flood_over(context)
+    context.now += later_s
+    tell_flood(context, FLOOD)
+    assert first_pause_s(context) == first
+    assert len(context.noted) == 2
 
 
 def test_a_link_that_comes_back_from_silence_was_not_flooded() -> None:
-    desk: Any = Desk()
-    tell_flood_over(desk)
-    tell_flood(desk, FLOOD)
-    assert first_pause_s(desk) == FIRST_AFTER_FLOOD_S
+    context: Any = Desk()
+    tell_flood_over(context)
+    tell_flood(context, FLOOD)
+    assert first_pause_s(context) == FIRST_AFTER_FLOOD_S
 
 
 @pytest.mark.parametrize(("last_c", "is_hot"), [(HOT_C, False), (HOT_C + 1, True), (None, False)])
 @pytest.mark.parametrize("cause", [FLOOD, LinkError("gone")], ids=["flood", "gone"])
 def test_a_tip_that_was_last_seen_hot_makes_the_loss_critical(cause: LinkError, last_c: int | None, is_hot: bool) -> None:
     assert HOT_C == 60
-    desk: Any = Desk()
-    desk.ports[1].temperature_c = last_c
-    tell_loss(desk, cause)
-    ((_, severity, text, _),) = desk.noted
+    context: Any = Desk()
+    context.ports[1].temperature_c = last_c
+    tell_loss(context, cause)
+    ((_, severity, text, _),) = context.noted
     assert severity is (Severity.CRITICAL if is_hot else Severity.ERROR)
     assert (f"port 1 at {last_c} °C" in text) == is_hot
-    assert (desk.facts.outages, desk.connected) == (1, False)
-    desk.ports[1].touched = False  # it is as somebody else set it
-    tell_loss(desk, LinkError("gone"))
-    assert desk.noted[-1][1] is Severity.ERROR
+    assert (context.facts.outages, context.connected) == (1, False)
+    context.ports[1].touched = False  # it is as somebody else set it
+    tell_loss(context, LinkError("gone"))
+    assert context.noted[-1][1] is Severity.ERROR

@@ -62,9 +62,9 @@ class Told:
         self._units += event.kind == UNIT_ENDS
         self._tell(lambda: self._papers.happened(event))
 
-    def second(self, desks: list[SessionContext]) -> None:
+    def second(self, contexts: list[SessionContext]) -> None:
         if self._waiting.empty():
-            self._tell(lambda: self._papers.tell(self._now(desks)))
+            self._tell(lambda: self._papers.tell(self._now(contexts)))
 
     def sealing(self) -> None:
         passed = time.monotonic() - self._began
@@ -79,13 +79,15 @@ class Told:
             self._waiting.put(None, timeout=CLOSE_S)
         self._thread.join(CLOSE_S)
 
-    def _now(self, desks: list[SessionContext]) -> Now:
+    def _now(self, contexts: list[SessionContext]) -> Now:
         return Now(
             passed_s=time.monotonic() - self._began,
-            doing="recording" if any(desk.ports for desk in desks) else "starting",
-            alarms=sum(desk.facts.alarms or 0 for desk in desks),
-            ports=[port for desk in desks if desk.connected for port in _ports(desk)],
-            away=[desk.name for desk in desks if desk.ports and desk.facts.outcome == RUNNING and not desk.connected],
+            doing="recording" if any(context.ports for context in contexts) else "starting",
+            alarms=sum(context.facts.alarms or 0 for context in contexts),
+            ports=[port for context in contexts if context.connected for port in _ports(context)],
+            away=[
+                context.name for context in contexts if context.ports and context.facts.outcome == RUNNING and not context.connected
+            ],
             units=self._units,
         )
 
@@ -103,16 +105,16 @@ class Told:
                 self._dropped += 1
 
 
-def _ports(desk: SessionContext) -> list[PortNow]:
-    if desk.facts.outcome != RUNNING:
+def _ports(context: SessionContext) -> list[PortNow]:
+    if context.facts.outcome != RUNNING:
         return []
-    return [_port(desk, number) for number in desk.ports]
+    return [_port(context, number) for number in context.ports]
 
 
-def _port(desk: SessionContext, number: int) -> PortNow:
-    port = desk.ports[number]
-    status = None if port.status is None or port.states else desk.family.status.state(port.status)
-    return PortNow(desk.name, number, port.temperature_c, desk.set_c(port), status)
+def _port(context: SessionContext, number: int) -> PortNow:
+    port = context.ports[number]
+    status = None if port.status is None or port.states else context.family.status.state(port.status)
+    return PortNow(context.name, number, port.temperature_c, context.set_c(port), status)
 
 
 def main(arguments: list[str]) -> int:

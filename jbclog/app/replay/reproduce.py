@@ -48,13 +48,13 @@ class Again:
 def record_again(recording: Recording, out: Path, observer: Observer) -> Again:
     """Live through the run and record that below `out`. Raises `RecordError` where it cannot be kept, or the tape be read."""
     clock = VirtualClock(recording.first.t0_mono, recording.first.t0_utc)
-    dossier = RunRecord(plan_of(recording), out, observer, clock)
-    dossier.begin()
-    left = relive(recording, dossier.desks, clock)
+    run_record = RunRecord(plan_of(recording), out, observer, clock)
+    run_record.begin()
+    left = relive(recording, run_record.contexts, clock)
     cut_off = [name for name, astray in left.items() if astray.is_cut_off]
     lost = f"The recording of {', '.join(cut_off)} ends before its run did." if cut_off else None
-    dossier.manifest.lost = Lost(None, lost) if lost else None
-    return Again(dossier.conclude(dossier.close() or lost), left)
+    run_record.manifest.lost = Lost(None, lost) if lost else None
+    return Again(run_record.conclude(run_record.close() or lost), left)
 
 
 # -- held against the first time ---------------------------------------------------------------------------------------------
@@ -117,10 +117,10 @@ def compare(recording: Recording, again: Again) -> Held | None:
 # -- the second life -----------------------------------------------------------------------------------------------------------
 
 
-def relive(recording: Recording, desks: Iterable[SessionContext], clock: VirtualClock) -> dict[str, Astray]:
-    """Run the sessions of `desks` on what was recorded; give where they left it, by station, if they did."""
+def relive(recording: Recording, contexts: Iterable[SessionContext], clock: VirtualClock) -> dict[str, Astray]:
+    """Run the sessions of `contexts` on what was recorded; give where they left it, by station, if they did."""
     driver = VirtualDriver(clock)
-    lives = [_Life(recording, desk) for desk in desks]
+    lives = [_Life(recording, context) for context in contexts]
     for life in lives:
         driver.add(life.steps(), life)
     driver.run()
@@ -130,16 +130,16 @@ def relive(recording: Recording, desks: Iterable[SessionContext], clock: Virtual
 class _Life:
     """The second life of one session, and the station that it needs only where it leaves its tape."""
 
-    def __init__(self, recording: Recording, desk: SessionContext) -> None:
-        self.name = desk.name
+    def __init__(self, recording: Recording, context: SessionContext) -> None:
+        self.name = context.name
         self.astray: Astray | None = None
-        self._desk = desk
-        self._tape = partial(recording.tape, desk.name)
-        self._ticks = recording.ticks(desk.name)
+        self._context = context
+        self._tape = partial(recording.tape, context.name)
+        self._ticks = recording.ticks(context.name)
         self._station: TapeStation | None = None
 
     def steps(self) -> Steps[object]:
-        return reliving(run_station(self._desk), steps_of(self._tape()), self._left)
+        return reliving(run_station(self._context), steps_of(self._tape()), self._left)
 
     def receive(self, data: bytes, now: float) -> list[Reply]:
         return self._station.receive(data, now) if self._station else []
@@ -150,7 +150,7 @@ class _Life:
     def _left(self, astray: Astray) -> tuple[float, str]:
         self.astray = astray
         if astray.step is None:
-            self._desk.journal = NoJournal()  # what a session does that is given up was not recorded
+            self._context.journal = NoJournal()  # what a session does that is given up was not recorded
             return inf, ""
         rest = partial(self._tape, astray.step.place)
         self._station = TapeStation(self.name, rest, ticks=self._ticks)

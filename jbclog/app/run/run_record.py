@@ -52,7 +52,7 @@ class Observer(Protocol):
 
     def happened(self, event: EventRow) -> None: ...
 
-    def second(self, desks: list[SessionContext]) -> None: ...
+    def second(self, contexts: list[SessionContext]) -> None: ...
 
     def sealing(self) -> None: ...
 
@@ -95,7 +95,7 @@ class RunRecord:
         self.journal = _Tap(self._store, on_facts)
         self.manifest = replace(self._draft(), previous=previous)
         self.manifest.verifications = self._cited(out)
-        self.desks = [SessionContext(order, self.journal, self.utc) for order in orders(plan, self.t0)]
+        self.contexts = [SessionContext(order, self.journal, self.utc) for order in orders(plan, self.t0)]
 
     def begin(self) -> None:
         """Keep what runs and begin to take rows. Raises `RecordError`; no station has been touched then."""
@@ -105,7 +105,7 @@ class RunRecord:
         write_manifest(self.folder, self.manifest)
         self._store.start()
         self.show(lambda: self.observer.begun(self.folder))
-        count = len(self.desks)
+        count = len(self.contexts)
         stations = f"{count} station{'' if count == 1 else 's'}"
         self.note("run.start", f"Run of {stations} on line {self._plan.line.name}, jbclog {__version__}.")
 
@@ -148,16 +148,16 @@ class RunRecord:
 
     def refuse(self, why: Mapping[str, str]) -> Result:
         """A run that is not started, with what was to run and why it does not, by station; the others were not asked."""
-        for desk in self.desks:
-            desk.facts.outcome = "refused"
-            desk.facts.reason = why.get(desk.name, f"{desk.name}: not asked, for the run was not started")
-        self.manifest.stations = [desk.facts for desk in self.desks]
+        for context in self.contexts:
+            context.facts.outcome = "refused"
+            context.facts.reason = why.get(context.name, f"{context.name}: not asked, for the run was not started")
+        self.manifest.stations = [context.facts for context in self.contexts]
         self.manifest.goals = [replace(goal, reached=0, text=NOT_STARTED) for goal in self.manifest.goals]
         self.begin()
-        for desk in self.desks:
-            desk.station.now = self.clock.monotonic()  # no session has told it the time
-            desk.note("station.refused", Severity.ERROR, desk.facts.reason.removeprefix(f"{desk.name}: "))
-            desk.publish()
+        for context in self.contexts:
+            context.station.now = self.clock.monotonic()  # no session has told it the time
+            context.note("station.refused", Severity.ERROR, context.facts.reason.removeprefix(f"{context.name}: "))
+            context.publish()
         return self.conclude(self.close())
 
     # -- after the last session has ended -------------------------------------------------------------------------------------
@@ -176,7 +176,7 @@ class RunRecord:
 
     def conclude(self, record: str | None, cut_short: Exit | None = None) -> Result:
         """Judge what is sealed, and write the manifest that is never changed again. `record` is what the record lacks."""
-        stations, manifest = [desk.facts for desk in self.desks], self.manifest
+        stations, manifest = [context.facts for context in self.contexts], self.manifest
         manifest.stations = stations  # in the line file's order
         there = {facts.name: facts.ports for facts in stations}
         manifest.verifications = [one for one in manifest.verifications if one.port in (there[one.station] or [one.port])]

@@ -34,7 +34,7 @@ from jbclog.guard.watch import RENEW_S
 from jbclog.record.capture import WHOLE, Head
 from jbclog.record.capture_recorder import WireRecorder
 from jbclog.record.guard_actions import LOCK as GUARD_LOCK
-from jbclog.record.guard_actions import diary
+from jbclog.record.guard_actions import action_log
 from jbclog.record.live import SEAL_S
 from jbclog.record.manifest import iso
 from jbclog.record.port_owner import why_held
@@ -133,14 +133,14 @@ class _Run:
         allow_ports(len(plan.stations))
         self._guarding = Guarding()
         self._left_over = settle(out, {station.spec.url for station in plan.stations}, is_held)
-        self._dossier = RunRecord(
+        self._run_record = RunRecord(
             plan, out, observer, self._clock, self._on_record_failure, seal_every_s, on_facts=self._guarding.know
         )
-        self._note = self._dossier.note
-        self._desks = self._dossier.desks
+        self._note = self._run_record.note
+        self._contexts = self._run_record.contexts
         self._reactor = Reactor(fast, goes_on=plan.goes_on_without)
-        self._sharers = Sharers(desk.order.url for desk in self._desks)
-        self._wires = WireRecorder(self._dossier.folder) if plan.wanted.wire else None
+        self._sharers = Sharers(context.order.url for context in self._contexts)
+        self._wires = WireRecorder(self._run_record.folder) if plan.wanted.wire else None
         wanted = plan.wanted
         refuses = any(one.recipe.units.repeat == "refuse" for one in plan.stations)
         self._units = (
@@ -163,17 +163,17 @@ class _Run:
         self._end_units()
         self._close_wires()
         self._tell_of_missed()
-        record = self._dossier.close() or broken
-        self._dossier.manifest.goals = self._goals.reached()
-        return self._dossier.conclude(record, self._cut_short)
+        record = self._run_record.close() or broken
+        self._run_record.manifest.goals = self._goals.reached()
+        return self._run_record.conclude(record, self._cut_short)
 
     def _begin(self) -> None:
-        manifest = self._dossier.manifest
-        manifest.stations = [desk.facts for desk in self._desks]  # from here on others can see whose ports this run holds
+        manifest = self._run_record.manifest
+        manifest.stations = [context.facts for context in self._contexts]  # from here on others can see whose ports this run holds
         manifest.wire = None if self._wires is None else "open"
         manifest.guard = GUARDED if self._plan.wanted.guard else NO_GUARD
-        self._dossier.begin()
-        self._goals.begin(self._dossier.folder)
+        self._run_record.begin()
+        self._goals.begin(self._run_record.folder)
         for left in self._left_over:
             # of an older run, and made good: an event here, and no deviation of what is made now
             self._note("guard.left_over", left.text, Severity.WARNING if left.is_safe else Severity.CRITICAL)
@@ -185,24 +185,24 @@ class _Run:
     def _start_guard(self) -> None:
         """Before the record is begun, and long before anything is heated. Raises `StartRefused`."""
         if self._plan.wanted.guard:
-            self._guarding.start(self._dossier.folder, self._tell_of_guard)
+            self._guarding.start(self._run_record.folder, self._tell_of_guard)
 
     def _refuse(self, why: str) -> Result:
         self._reactor.run()  # of nothing, which gives back what it has
         with suppress(OSError):
-            (self._dossier.folder / GUARD_LOCK).unlink(missing_ok=True)
-        return self._dossier.refuse({desk.name: f"{desk.name}: {why}" for desk in self._desks})
+            (self._run_record.folder / GUARD_LOCK).unlink(missing_ok=True)
+        return self._run_record.refuse({context.name: f"{context.name}: {why}" for context in self._contexts})
 
     def _tell_of_guard(self, kind: str, text: str) -> None:
-        self._dossier.manifest.guard = GUARD_LOST
+        self._run_record.manifest.guard = GUARD_LOST
         self._note(kind, text, Severity.CRITICAL)
 
     # -- during -------------------------------------------------------------------------------------------------------------
 
     def _pull(self) -> str | None:
         """Run all sessions to their ends; what broke in this program meanwhile, or None."""
-        for desk in self._desks:
-            self._add(desk)
+        for context in self._contexts:
+            self._add(context)
         if self._wires is not None:
             self._wires.start()
         self._reactor.every(LOOK_EVERY_S, self._look)
@@ -224,24 +224,24 @@ class _Run:
     def _have_guard_take_over(self) -> None:
         """Sessions may not have come to their ends: the guard has the last word, and what it did is in this record."""
         self._guarding.take_over()
-        for event in diary(self._dossier.folder):
-            self._dossier.journal.event(event)
+        for event in action_log(self._run_record.folder):
+            self._run_record.journal.event(event)
 
-    def _add(self, desk: SessionContext) -> None:
+    def _add(self, context: SessionContext) -> None:
         """Have a station's session pulled; where wires are kept, with all that passes and all that it is told noted."""
-        order = desk.order
+        order = context.order
 
         def opened() -> Port:
             return open_port(order.url, order.line)
 
         if self._wires is None:
-            self._reactor.add(run_station(desk), opened, order.name)
+            self._reactor.add(run_station(context), opened, order.name)
             return
-        keep, now = self._wires.begin(self._head(desk)), self._clock.monotonic
-        self._reactor.add(keeping(run_station(desk), keep, now), lambda: Tee.opened(opened, keep, now), order.name)
+        keep, now = self._wires.begin(self._head(context)), self._clock.monotonic
+        self._reactor.add(keeping(run_station(context), keep, now), lambda: Tee.opened(opened, keep, now), order.name)
 
-    def _head(self, desk: SessionContext) -> Head:
-        order, manifest = desk.order, self._dossier.manifest
+    def _head(self, context: SessionContext) -> Head:
+        order, manifest = context.order, self._run_record.manifest
         return Head(
             station=order.name,
             url=order.url,
@@ -261,19 +261,19 @@ class _Run:
         self._look_at_clock()
         self._tell_of_wires()
         self._tell_of_sharers()
-        self._dossier.look()
+        self._run_record.look()
         self._goals.look()
-        self._dossier.show(lambda: self._dossier.observer.second(self._desks))
+        self._run_record.show(lambda: self._run_record.observer.second(self._contexts))
 
     def _tell_of_sharers(self) -> None:
         for url, who in self._sharers.news():
-            for desk in self._desks:
-                if desk.order.url == url and desk.facts.outcome == RUNNING:
+            for context in self._contexts:
+                if context.order.url == url and context.facts.outcome == RUNNING:
                     text = f"{url} is open in {who}, too, which may take answers that were meant for this run; end that program."
-                    desk.note("link.contention", Severity.ERROR, text)
+                    context.note("link.contention", Severity.ERROR, text)
 
     def _look_at_clock(self) -> None:
-        utc, now = self._dossier.utc, self._clock.monotonic()
+        utc, now = self._run_record.utc, self._clock.monotonic()
         before = iso(utc.micros(now))
         step = utc.check()
         if step:
@@ -284,7 +284,9 @@ class _Run:
     def _keep_from_collector(self) -> None:
         """What the sessions have built stays to the end; to walk through it for garbage takes 40 ms of 250 stations' ticks."""
         gc.freeze()
-        self._have_all_begun = all(desk.facts.first_tick is not None or desk.facts.outcome != RUNNING for desk in self._desks)
+        self._have_all_begun = all(
+            context.facts.first_tick is not None or context.facts.outcome != RUNNING for context in self._contexts
+        )
 
     def _tell_of_wires(self) -> None:
         for text in self._wires.news() if self._wires is not None else ():
@@ -294,7 +296,7 @@ class _Run:
         if self._wires is not None:
             self._wires.close()
             self._tell_of_wires()
-            self._dossier.manifest.wire = " ".join(self._wires.troubles()) or WHOLE
+            self._run_record.manifest.wire = " ".join(self._wires.troubles()) or WHOLE
 
     def _look_for_units(self) -> None:
         if self._units is not None:
@@ -302,10 +304,10 @@ class _Run:
             self._goals.look()
 
     def _keep_at_once(self, event: EventRow) -> None:
-        self._dossier.journal.event(event, at_once=True)
+        self._run_record.journal.event(event, at_once=True)
 
     def _micros(self) -> int:
-        return self._dossier.utc.micros(self._clock.monotonic())
+        return self._run_record.utc.micros(self._clock.monotonic())
 
     def _end_units(self) -> None:
         """A recipe may ask for units, and then none comes."""

@@ -54,8 +54,8 @@ def scan(plan: ScanPlan, dial: Dial, report: PortReport) -> Steps[None]:
         yield from this.try_all()
     except LinkError as error:
         report.broken = error
-    report.flood = this.ear.flood
-    report.seconds = this.ear.now - began
+    report.flood = this.probe.flood
+    report.seconds = this.probe.now - began
     report.stopped = dial.stop
 
 
@@ -63,8 +63,8 @@ class _Scan:
     """One scan while it goes on."""
 
     def __init__(self, plan: ScanPlan, dial: Dial, report: PortReport, began: float) -> None:
-        self.ear = Probe()
-        self.ear.now = began
+        self.probe = Probe()
+        self.probe.now = began
         self._plan = plan
         self._dial = dial
         self._report = report
@@ -79,12 +79,12 @@ class _Scan:
                 return
 
     def _is_over(self) -> bool:
-        return self._dial.stop or self.ear.now >= self._until
+        return self._dial.stop or self.probe.now >= self._until
 
     def _try(self, trial: Trial) -> Steps[bool]:
         """Whether this line format settled it."""
         self._dial.line = trial.line
-        self.ear.now = (yield Reopen()).now
+        self.probe.now = (yield Reopen()).now
         self._report.tried.append(trial.line)
         if trial.listens_s and (yield from self._hears_binary(trial)):
             return True
@@ -93,7 +93,7 @@ class _Scan:
         return trial.asks_omega and (yield from self._finds_omega(trial))
 
     def _hears_binary(self, trial: Trial) -> Steps[bool]:
-        came = yield from self.ear.listen(trial.listens_s)
+        came = yield from self.probe.listen(trial.listens_s)
         self._keep(trial.line, came)
         if is_binary(came.rest):
             self._report.binary = trial.line
@@ -105,7 +105,7 @@ class _Scan:
         for address in self._plan.addresses:
             if self._is_over():
                 break
-            came = yield from self.ear.ask(model_question(address), patience_s, robot_answer)
+            came = yield from self.probe.ask(model_question(address), patience_s, robot_answer)
             answer = robot_answer(came.rest)
             if answer is None:
                 self._keep(trial.line, came)
@@ -127,7 +127,7 @@ class _Scan:
         for target in islice(cycle((found.address, address)), AGAIN):
             if self._dial.stop:
                 break
-            came = yield from self.ear.ask(model_question(target), patience_s, robot_answer)
+            came = yield from self.probe.ask(model_question(target), patience_s, robot_answer)
             answer = robot_answer(came.rest)
             if answer is not None and answer in given:
                 yield from self._learn(of_answer(answer, found.line)[0])
@@ -140,7 +140,7 @@ class _Scan:
         for _ in range(OMEGA_ASKED):
             if self._is_over():
                 break
-            came = yield from self.ear.ask(OMEGA_QUESTION, OMEGA_ANSWER_S + trial.line.seconds(EXCHANGE), omega_answer)
+            came = yield from self.probe.ask(OMEGA_QUESTION, OMEGA_ANSWER_S + trial.line.seconds(EXCHANGE), omega_answer)
             if omega_answer(came.rest) is not None:
                 yield from self._learn(StationFound(trial.line, None, FAMILIES[OMEGA]))
                 return True
@@ -150,7 +150,7 @@ class _Scan:
     def _learn(self, found: StationFound) -> Steps[None]:
         self._report.station = found
         try:
-            self.ear.now = yield from learn(found, self.ear.now)
+            self.probe.now = yield from learn(found, self.probe.now)
         except LinkError:
             found.trouble = "the link broke while it was asked"
             raise

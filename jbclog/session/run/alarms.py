@@ -36,9 +36,9 @@ SIDES = (
 )
 
 
-def bears_out(desk: SessionContext, port: PortState, value: int) -> bool:
+def bears_out(context: SessionContext, port: PortState, value: int) -> bool:
     """Whether `value` is the first beyond a limit while alarms count: a flag that is set becomes an alarm by it."""
-    return counts(desk, port) and any(
+    return counts(context, port) and any(
         _is_beyond(side, port, value) and not _is_beyond(side, port, port.temperature_c) for side in SIDES
     )
 
@@ -60,8 +60,8 @@ class Known(IntEnum):
 class AlarmWatch:
     """The flags of one port over a run."""
 
-    def __init__(self, desk: SessionContext, port: PortState) -> None:
-        self._desk = desk
+    def __init__(self, context: SessionContext, port: PortState) -> None:
+        self._context = context
         self._port = port
         self._last_read: float | None = None
         self._told: dict[str, Known] = {}  # of the flags that are set
@@ -86,13 +86,13 @@ class AlarmWatch:
         text = (
             f"Port {self._port.number}: the answer to the alarm flags was lost ({why}); whether an alarm was raised is not known."
         )
-        self._desk.note("alarm.unknown", Severity.WARNING, text, port=self._port.number, since=self._last_read)
+        self._context.note("alarm.unknown", Severity.WARNING, text, port=self._port.number, since=self._last_read)
         self._start_period(now)
 
     def _start_period(self, now: float) -> None:
         self._last_read = now
         self._port.hottest_c = self._port.coolest_c = None
-        self._port.has_counted = counts(self._desk, self._port)
+        self._port.has_counted = counts(self._context, self._port)
 
     def _known_of(self, side: _Side) -> Known:
         """What the temperatures since the last reading say of a flag that is set; only those that count were kept."""
@@ -110,11 +110,11 @@ class AlarmWatch:
         elif known is Known.NOT_COUNTING:
             self._note(side, f"alarm.{side.word}.not_working", Severity.INFO, "was raised while heating up or not working")
         elif known is Known.UNCONFIRMED:
-            self._desk.facts.unconfirmed_alarms += 1
+            self._context.facts.unconfirmed_alarms += 1
             self._note(side, "alarm.unconfirmed", Severity.WARNING, self._not_borne_out(seen, limit), seen, limit)
         else:
-            self._desk.facts.alarms += 1
-            self._desk.facts.unconfirmed_alarms -= told is Known.UNCONFIRMED
+            self._context.facts.alarms += 1
+            self._context.facts.unconfirmed_alarms -= told is Known.UNCONFIRMED
             text = f"alarm: {seen} °C was seen, the limit is {limit:g} °C"
             self._note(side, f"alarm.{side.word}", Severity.ERROR, text, seen, limit)
 
@@ -128,7 +128,7 @@ class AlarmWatch:
         self, side: _Side, kind: str, severity: Severity, text: str, value: float | None = None, limit: float | None = None
     ) -> None:
         sentence = f"Port {self._port.number}: {side.word}-temperature {text}."
-        self._desk.note(
+        self._context.note(
             kind,
             severity,
             sentence,

@@ -1,6 +1,6 @@
 """What a station does otherwise than the manuals recommend: told once each, and what only a session can notice of it.
 
-A client takes other forms and counts them (`protocol/client/anomalies.py`); whoever holds the desk tells
+A client takes other forms and counts them (`protocol/client/anomalies.py`); whoever holds the context tells
 (`SessionContext.tell_anomalies`).
 """
 
@@ -17,33 +17,33 @@ DELAY_UNIT, NO_COUNTDOWN = 20, 25  # rows of section B
 LATE_S, EARLY_S = 30, 5  # how far a countdown may be from a whole delay shortly after it began
 
 
-def note_zero_countdown(desk: SessionContext, port: PortState, value: Value) -> None:
+def note_zero_countdown(context: SessionContext, port: PortState, value: Value) -> None:
     """A time to sleep of 0 s where nothing counts down (digest B-25)."""
     if value == 0:
-        _meet(desk, NO_COUNTDOWN, "time to sleep", port)
+        _meet(context, NO_COUNTDOWN, "time to sleep", port)
 
 
-def compare_countdowns(desk: SessionContext, ports: Iterable[PortState]) -> Steps[None]:
+def compare_countdowns(context: SessionContext, ports: Iterable[PortState]) -> Steps[None]:
     """Hold the time to sleep against the sleep delay on `ports`, which were at work and have just been told to stand.
 
     Manuals give the delay in minutes, in seconds or without a unit; only this can tell (digest B-20).
     """
-    if "time_to_sleep" not in desk.family.commands or "delay_s" in desk.not_supported:
+    if "time_to_sleep" not in context.family.commands or "delay_s" in context.not_supported:
         return
     for port in ports:
         delay = port.held.get("sleep_delay")
         if isinstance(delay, int) and delay > 0 and port.status is not None and port.status[4] == 1:
-            yield from _compare_countdown(desk, port, delay)
+            yield from _compare_countdown(context, port, delay)
 
 
-def _compare_countdown(desk: SessionContext, port: PortState, delay: int) -> Steps[None]:
+def _compare_countdown(context: SessionContext, port: PortState, delay: int) -> Steps[None]:
     try:
-        left = yield from desk.station.read(desk.command("time_to_sleep"), port.number)
+        left = yield from context.station.read(context.command("time_to_sleep"), port.number)
     except StationError:
         return
     if isinstance(left, int) and 0 < left < 65535 and not 60 * delay - LATE_S <= left <= 60 * delay + EARLY_S:
-        _meet(desk, DELAY_UNIT, f"time to sleep with a sleep delay of {delay}", port)
+        _meet(context, DELAY_UNIT, f"time to sleep with a sleep delay of {delay}", port)
 
 
-def _meet(desk: SessionContext, number: int, what: str, port: PortState) -> None:
-    desk.station.anomalies.meet(number, f"{what}, port {port.number}", desk.station.data, port.number)
+def _meet(context: SessionContext, number: int, what: str, port: PortState) -> None:
+    context.station.anomalies.meet(number, f"{what}, port {port.number}", context.station.data, port.number)

@@ -72,12 +72,12 @@ def _plain(column: str) -> Fill:
     return fill
 
 
-def _share(column: str, command: Command, desk: SessionContext) -> Fill:
+def _share(column: str, command: Command, context: SessionContext) -> Fill:
     """Per mille of what the station tells as its greatest; the raw number is a row of `settings` (digest B-33)."""
     place = COLUMN[column]
 
     def fill(row: SampleRow, value: Value) -> None:
-        whole = whole_of(command, desk)
+        whole = whole_of(command, context)
         row[place] = permille_of(value, whole) if isinstance(value, int) and whole is not None else None
 
     return fill
@@ -90,23 +90,23 @@ SPECIAL: dict[str, Fill] = {
 }
 
 
-def fill_of(reading: Reading, desk: SessionContext) -> Fill:
+def fill_of(reading: Reading, context: SessionContext) -> Fill:
     """How the answer to a reading fills its columns."""
     signal = reading.name
     if signal == "status":
-        return _status(desk.family)
+        return _status(context.family)
     if reading.command.share_of is not None:
-        return _share(signal, reading.command, desk)
+        return _share(signal, reading.command, context)
     return SPECIAL.get(signal) or _plain(signal)
 
 
-def whole_of(command: Command, desk: SessionContext) -> int | None:
+def whole_of(command: Command, context: SessionContext) -> int | None:
     """What the number that `command` tells is a share of, as the station told it; None where it did not."""
-    whole = desk.held.get(str(command.share_of))
+    whole = context.held.get(str(command.share_of))
     return whole if isinstance(whole, int) and whole > 0 else None
 
 
-def unusable(reading: Reading, value: Value, port: PortState, desk: SessionContext) -> str | None:
+def unusable(reading: Reading, value: Value, port: PortState, context: SessionContext) -> str | None:
     """Why a well-formed value is not taken, or None.
 
     A countdown that does not run has no remaining time, a share of something unknown is none, and an answer without its digit
@@ -116,14 +116,14 @@ def unusable(reading: Reading, value: Value, port: PortState, desk: SessionConte
         return NOT_COUNTING
     if value == UNTOLD:
         return NO_DIGIT
-    if reading.command.share_of is not None and whole_of(reading.command, desk) is None:
+    if reading.command.share_of is not None and whole_of(reading.command, context) is None:
         return NO_MAXIMUM
-    return void(reading.name, port, desk)
+    return void(reading.name, port, context)
 
 
-def void(signal: str, port: PortState, desk: SessionContext) -> str | None:
+def void(signal: str, port: PortState, context: SessionContext) -> str | None:
     """Why nothing that is answered means anything while the port's error lasts, or None (digest B-44)."""
-    return desk.family.port_errors.void(port.error, signal)
+    return context.family.port_errors.void(port.error, signal)
 
 
 def _is_counting(port: PortState) -> bool:

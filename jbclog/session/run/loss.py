@@ -22,60 +22,60 @@ FORGOTTEN_S: Final = 60.0  # after so long without one, a flood is the first aga
 HOT_C: Final = 60  # a tip that was last seen above this is called hot
 
 
-def tell_loss(desk: SessionContext, cause: LinkError | StationError) -> None:
+def tell_loss(context: SessionContext, cause: LinkError | StationError) -> None:
     """Put the loss into the record and note it in the facts."""
-    desk.facts.outages += 1
-    desk.connected = False
+    context.facts.outages += 1
+    context.connected = False
     if isinstance(cause, RobotModeOff):
         text = "Robot mode was switched off at the station. It is asked again from time to time; nothing is written to it."
-        desk.note("robot.off", Severity.ERROR, text)
+        context.note("robot.off", Severity.ERROR, text)
         return
     if isinstance(cause, LinkFlooded):
-        tell_flood(desk, cause)
+        tell_flood(context, cause)
         return
-    severity, warning = _heat(desk)
+    severity, warning = _heat(context)
     if isinstance(cause, OtherStation):
         text = f"The station may be another now: {cause}.{warning}"
-        desk.note("link.lost", severity, text, since=cause.since)
+        context.note("link.lost", severity, text, since=cause.since)
     else:
-        desk.note("link.lost", severity, f"The station cannot be reached: {cause}.{warning}")
+        context.note("link.lost", severity, f"The station cannot be reached: {cause}.{warning}")
 
 
-def tell_flood(desk: SessionContext, flood: LinkFlooded) -> None:
+def tell_flood(context: SessionContext, flood: LinkFlooded) -> None:
     """Put a flood into the record, unless one was told since the station was last heard of."""
-    if desk.is_flooded:
+    if context.is_flooded:
         return
-    again = desk.flood_ended is not None and desk.now - desk.flood_ended < FORGOTTEN_S
-    desk.flood_pause_s = min(FLOOD_GROWTH * desk.flood_pause_s, LONGEST_AFTER_FLOOD_S) if again else FIRST_AFTER_FLOOD_S
-    desk.is_flooded = True
-    severity, warning = _heat(desk)
+    again = context.flood_ended is not None and context.now - context.flood_ended < FORGOTTEN_S
+    context.flood_pause_s = min(FLOOD_GROWTH * context.flood_pause_s, LONGEST_AFTER_FLOOD_S) if again else FIRST_AFTER_FLOOD_S
+    context.is_flooded = True
+    severity, warning = _heat(context)
     what = str(flood)
     text = f"{what[0].upper()}{what[1:]}. It counts as lost and is opened again from time to time.{warning}"
-    desk.note("link.flooded", severity, text, since=desk.now - flood.seconds, value=flood.came, limit=flood.limit)
+    context.note("link.flooded", severity, text, since=context.now - flood.seconds, value=flood.came, limit=flood.limit)
 
 
-def tell_flood_over(desk: SessionContext) -> None:
+def tell_flood_over(context: SessionContext) -> None:
     """The station has been reached again."""
-    if desk.is_flooded:
-        desk.is_flooded, desk.flood_ended = False, desk.now
+    if context.is_flooded:
+        context.is_flooded, context.flood_ended = False, context.now
 
 
-def first_pause_s(desk: SessionContext) -> float:
+def first_pause_s(context: SessionContext) -> float:
     """How long to wait before a lost link is tried again."""
-    return desk.flood_pause_s if desk.is_flooded else FIRST_SEEK_S
+    return context.flood_pause_s if context.is_flooded else FIRST_SEEK_S
 
 
-def next_pause_s(desk: SessionContext, pause_s: float) -> float:
+def next_pause_s(context: SessionContext, pause_s: float) -> float:
     """The same after a try that failed, behind a pause of `pause_s`."""
-    if not desk.is_flooded:
+    if not context.is_flooded:
         return min(SEEK_GROWTH * pause_s, LONGEST_SEEK_S)
-    desk.flood_pause_s = min(FLOOD_GROWTH * desk.flood_pause_s, LONGEST_AFTER_FLOOD_S)
-    return desk.flood_pause_s
+    context.flood_pause_s = min(FLOOD_GROWTH * context.flood_pause_s, LONGEST_AFTER_FLOOD_S)
+    return context.flood_pause_s
 
 
-def _heat(desk: SessionContext) -> tuple[Severity, str]:
+def _heat(context: SessionContext) -> tuple[Severity, str]:
     """How severe it is that the station cannot be reached, and what may be hot there."""
-    hot = [port for port in desk.ports.values() if port.touched and (port.temperature_c or 0) > HOT_C]
+    hot = [port for port in context.ports.values() if port.touched and (port.temperature_c or 0) > HOT_C]
     tips = ", ".join(f"port {port.number} at {port.temperature_c} °C" for port in hot)
-    warning = f" Its {desk.family.hot_part} stays as it was last set: {tips}." if hot else ""
+    warning = f" Its {context.family.hot_part} stays as it was last set: {tips}." if hot else ""
     return Severity.CRITICAL if hot else Severity.ERROR, warning

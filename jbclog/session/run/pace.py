@@ -78,28 +78,28 @@ def taken_rate_hz(asked: float | str, recipe: Recipe, family: Family, demand: De
     return float(asked)
 
 
-def choose_pace(desk: SessionContext) -> Pace:
+def choose_pace(context: SessionContext) -> Pace:
     """Decide the rate. Raises `StartRefused` naming the best rate and the greatest turnaround where it does not fit."""
-    order, facts = desk.order, desk.facts
-    readings = readings_for(desk.family, list(desk.ports), desk.recipe, order.line, order.address is not None)
+    order, facts = context.order, context.facts
+    readings = readings_for(context.family, list(context.ports), context.recipe, order.line, order.address is not None)
     unread = {"software_version"} if facts.software is None else set()  # there is nothing to compare it with
-    readings = [one for one in readings if one.name not in desk.not_supported | unread]
+    readings = [one for one in readings if one.name not in context.not_supported | unread]
     demand, seen = Demand.of(readings), facts.turnaround_us
-    usual = response(desk.family, seen["median"] / 1e6, seen["p99"] / 1e6)
-    asked = facts.asked_rate = asked_rate(order.rate, desk.recipe, desk.family)
+    usual = response(context.family, seen["median"] / 1e6, seen["p99"] / 1e6)
+    asked = facts.asked_rate = asked_rate(order.rate, context.recipe, context.family)
     if asked == AS_FAST_AS_POSSIBLE:
         return Pace(readings, demand.tick_s(usual.longest_s), False)
-    facts.rate_hz = _rate_hz(desk, asked, demand, usual)
+    facts.rate_hz = _rate_hz(context, asked, demand, usual)
     facts.period_s = 1 / facts.rate_hz
     return Pace(readings, facts.period_s, True)
 
 
-def _rate_hz(desk: SessionContext, asked: float | str, demand: Demand, response: Response) -> float:
+def _rate_hz(context: SessionContext, asked: float | str, demand: Demand, response: Response) -> float:
     if demand.best_rate_hz(response.longest_s) <= 0:
-        raise StartRefused(f"{desk.name}: with {response.longest_s * 1000:.1f} ms of turnaround no rate at all fits its wire")
-    taken = taken_rate_hz(asked, desk.recipe, desk.family, demand, response)
-    problem = None if asked == AS_FIT else rate_problem(desk.name, taken, demand, response.longest_s)
-    if problem and not (desk.order.is_replay and taken):
+        raise StartRefused(f"{context.name}: with {response.longest_s * 1000:.1f} ms of turnaround no rate at all fits its wire")
+    taken = taken_rate_hz(asked, context.recipe, context.family, demand, response)
+    problem = None if asked == AS_FIT else rate_problem(context.name, taken, demand, response.longest_s)
+    if problem and not (context.order.is_replay and taken):
         raise StartRefused(problem)
     return taken
 

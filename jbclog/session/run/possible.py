@@ -13,19 +13,19 @@ from jbclog.session.run.context import SessionContext
 from jbclog.session.scheduler import Reading
 
 
-def possible_of(desk: SessionContext, reading: Reading) -> Possible | None:
+def possible_of(context: SessionContext, reading: Reading) -> Possible | None:
     """What tells whether an answer to `reading` can be true; None where nothing is known to be impossible."""
-    possible = possible_as(reading.name, desk.family)
+    possible = possible_as(reading.name, context.family)
     if possible is None and reading.command.share_of is not None:
-        return _share_of(reading.command, desk)
+        return _share_of(reading.command, context)
     return possible
 
 
-def _share_of(command: Command, desk: SessionContext) -> Possible:
+def _share_of(command: Command, context: SessionContext) -> Possible:
     """Not much more than the whole, as soon as that is known."""
 
     def possible(value: Value) -> bool:
-        whole = whole_of(command, desk)
+        whole = whole_of(command, context)
         return whole is None or is_share(value, whole)
 
     return possible

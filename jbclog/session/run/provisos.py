@@ -7,13 +7,13 @@ from jbclog.session.run.context import SessionContext
 from jbclog.session.run.watch import OBSERVERS
 
 
-def learn_provisos(desk: SessionContext) -> Steps[None]:
+def learn_provisos(context: SessionContext) -> Steps[None]:
     """Read the port errors, and tell them, where one of them voids a signal (digest B-44).
 
     Raises `LinkError` or `StationError` where the station does not answer.
     """
-    if not desk.family.port_errors.voids:
+    if not context.family.port_errors.voids:
         return
-    for port in desk.ports.values():
-        error = yield from desk.agreed(desk.command("port_error"), port.number, known=port.error or 0)
-        OBSERVERS["port_error"](desk, port, error)
+    for port in context.ports.values():
+        error = yield from context.agreed(context.command("port_error"), port.number, known=port.error or 0)
+        OBSERVERS["port_error"](context, port, error)

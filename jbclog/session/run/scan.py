@@ -36,23 +36,23 @@ _LATE, _SCAN, _QUALITY, _REASONS = (COLUMN[name] for name in ("late_us", "scan_u
 
 
 def _differs_from_held(name: str) -> Doubt:
-    return lambda desk, port, value: port.held.get(name, value) != value
+    return lambda context, port, value: port.held.get(name, value) != value
 
 
 def _differs_from_said(name: str) -> Doubt:
-    return lambda desk, port, value: not is_said(desk, name, value)
+    return lambda context, port, value: not is_said(context, name, value)
 
 
 def _differs_from_counted(name: str) -> Doubt:
-    return lambda desk, port, value: port.counted.get(name) != value
+    return lambda context, port, value: port.counted.get(name) != value
 
 
 def _leaps(name: str) -> Doubt:
     """A temperature that no tool gets to from where it was when last read. The first has nothing to be held against."""
 
-    def doubt(desk: SessionContext, port: PortState, value: Value) -> bool:
+    def doubt(context: SessionContext, port: PortState, value: Value) -> bool:
         before = port.temperatures_c.get(name)
-        return before is None or not isinstance(value, int) or abs(value - before) > desk.family.jump_c
+        return before is None or not isinstance(value, int) or abs(value - before) > context.family.jump_c
 
     return doubt
 
@@ -60,21 +60,21 @@ def _leaps(name: str) -> Doubt:
 _jumps = _leaps("temperature_c")
 
 
-def _decides(desk: SessionContext, port: PortState, value: Value) -> bool:
+def _decides(context: SessionContext, port: PortState, value: Value) -> bool:
     """A tip temperature that leaps, with which alarms begin to count, or that would bear one out."""
-    if _jumps(desk, port, value) or not isinstance(value, int):
+    if _jumps(context, port, value) or not isinstance(value, int):
         return True
-    return arrives(desk, port, value) or bears_out(desk, port, value)
+    return arrives(context, port, value) or bears_out(context, port, value)
 
 
 DOUBTS: dict[str, Doubt] = {
     "temperature_c": _decides,
     **{name: _leaps(name) for name in ("external_c", "transistor_c", "transformer_c")},
-    "status": lambda desk, port, value: port.status != value,
-    "tool": lambda desk, port, value: port.tool != value,
-    "port_error": lambda desk, port, value: (port.error or 0) != value,
-    "station_error": lambda desk, port, value: desk.held.get("station_error", 0) != value,
-    "set_c": lambda desk, port, value: port.held.get(desk.set_name, value) != value,
+    "status": lambda context, port, value: port.status != value,
+    "tool": lambda context, port, value: port.tool != value,
+    "port_error": lambda context, port, value: (port.error or 0) != value,
+    "station_error": lambda context, port, value: context.held.get("station_error", 0) != value,
+    "set_c": lambda context, port, value: port.held.get(context.set_name, value) != value,
     "solder_shortage": differs_from_last("solder_shortage"),
     "preparing": differs_from_last("preparing"),
     "set_flow_permille": _differs_from_held("selected_air_flow"),
@@ -101,13 +101,13 @@ class Probe:
     is_lacking: bool = False  # the station does not have it
 
     @classmethod
-    def of(cls, desk: SessionContext, reading: Reading) -> Probe:
-        question = desk.station.question(reading.command, reading.asks_port)
-        fill = fill_of(reading, desk) if reading.columns else None
+    def of(cls, context: SessionContext, reading: Reading) -> Probe:
+        question = context.station.question(reading.command, reading.asks_port)
+        fill = fill_of(reading, context) if reading.columns else None
         place = COLUMN[reading.columns[0]] if reading.columns else None
-        name, port = reading.name, desk.ports[reading.port]
+        name, port = reading.name, context.ports[reading.port]
         doubt = DOUBTS.get(name) if reading.counter is None else _differs_from_counted(reading.counter.name)
-        look = SecondLook(reading, port, question, doubt, possible_of(desk, reading))
+        look = SecondLook(reading, port, question, doubt, possible_of(context, reading))
         return cls(reading, question, port, fill, OBSERVERS.get(name), look, place)
 
 
@@ -129,16 +129,16 @@ class Scan:
 class Scanner:
     """Reads into rows. `due` is the moment at which the tick was due; None where there is no grid."""
 
-    def __init__(self, desk: SessionContext) -> None:
-        self._desk = desk
-        self._station = desk.station
+    def __init__(self, context: SessionContext) -> None:
+        self._context = context
+        self._station = context.station
 
     def begin(self, scan: Scan, tick: int) -> None:
         row: SampleRow = [None] * WIDTH
-        row[_TICK], row[_STATION], row[_PORT] = tick, self._desk.name, scan.port.number
+        row[_TICK], row[_STATION], row[_PORT] = tick, self._context.name, scan.port.number
         scan.row, scan.reasons = row, {}
         scan.first_sent = scan.last_heard = scan.temperature_at = None
-        scan.no_tool = is_no_tool(self._desk, scan.port)
+        scan.no_tool = is_no_tool(self._context, scan.port)
 
     def take(self, probe: Probe, scan: Scan) -> Steps[None]:
         """Ask one reading; put it where it belongs, or the reason why there is none.
@@ -150,12 +150,12 @@ class Scanner:
             self._station.first_sent = None
         try:
             value = yield from self._station.ask(probe.question)
-            if probe.look.is_due(self._desk, value):
-                value = yield from probe.look.settle(self._desk, value)
-            if probe.reading.command.name == self._desk.family.hours:
-                expect_same(self._desk, probe.port.number, value)
+            if probe.look.is_due(self._context, value):
+                value = yield from probe.look.settle(self._context, value)
+            if probe.reading.command.name == self._context.family.hours:
+                expect_same(self._context, probe.port.number, value)
             if probe.reading.is_identity:
-                expect_said(self._desk, probe.reading.name, value)
+                expect_said(self._context, probe.reading.name, value)
         except NotSupported as error:
             self._lacks(probe, scan, error)
         except (StationError, LinkError) as error:
@@ -189,28 +189,28 @@ class Scanner:
         probe.due -= 1
         probe.is_lacking = True
         scan.fast = [one for one in scan.fast if one is not probe]
-        self._desk.not_supported.add(probe.reading.name)
+        self._context.not_supported.add(probe.reading.name)
 
     def _why_unread(self, probe: Probe, scan: Scan, error: StationError | LinkError) -> str:
         """The reason; a station that refuses or garbles what means nothing at the moment is not at fault for that."""
-        meaningless = isinstance(error, Refusal | ImplausibleAnswer) and void(probe.reading.name, scan.port, self._desk)
+        meaningless = isinstance(error, Refusal | ImplausibleAnswer) and void(probe.reading.name, scan.port, self._context)
         return meaningless or error.reason
 
     def _keep(self, probe: Probe, scan: Scan, value: Value) -> None:
         name = probe.reading.name
         if name == "temperature_c":
             scan.temperature_at = scan.last_heard
-        why = "no_tool" if scan.no_tool and name in NEEDS_A_TOOL else unusable(probe.reading, value, scan.port, self._desk)
+        why = "no_tool" if scan.no_tool and name in NEEDS_A_TOOL else unusable(probe.reading, value, scan.port, self._context)
         if why:
             self.unread(probe, scan, why)
             if name == "delay_s":
-                note_zero_countdown(self._desk, probe.port, value)
+                note_zero_countdown(self._context, probe.port, value)
             return
         probe.failing, probe.is_known = False, True
         if probe.fill is not None:
             probe.fill(scan.row, value)
         if probe.observe is not None:
-            probe.observe(self._desk, probe.port, value)
+            probe.observe(self._context, probe.port, value)
         if name == "alarm_high" and isinstance(value, tuple):
             scan.alarms.read(value, self._station.heard)
         elif probe.reading.counter is not None:
@@ -227,21 +227,21 @@ class Scanner:
         if probe.reading.counter is not None:
             self._counter_row(probe, None, f"<{why}>")
         if probe.reading.name == "alarm_high" and sent:
-            scan.alarms.lost(self._desk.now, why)
+            scan.alarms.lost(self._context.now, why)
         if why not in EXPECTED and not probe.failing:
             probe.failing = True  # one event for a series of failures; each is in the rows
-            self._desk.note(f"read.{why}", Severity.WARNING, _sentence(probe, why), port=probe.port.number, raw=told or None)
+            self._context.note(f"read.{why}", Severity.WARNING, _sentence(probe, why), port=probe.port.number, raw=told or None)
 
     def _count(self, probe: Probe, value: Value) -> None:
         if isinstance(value, int | float) and probe.reading.counter is not None:
             probe.port.counted[probe.reading.counter.name] = value
-            self._counter_row(probe, float(value), probe.reading.command.as_it_came(self._desk.station.data, value))
+            self._counter_row(probe, float(value), probe.reading.command.as_it_came(self._context.station.data, value))
 
     def _counter_row(self, probe: Probe, value: float | None, raw: str) -> None:
-        counter, desk = probe.reading.counter, self._desk
+        counter, context = probe.reading.counter, self._context
         if counter is not None:
-            time = desk.utc.micros(desk.now)
-            desk.journal.counter(CounterRow(time, desk.name, probe.port.number, counter.name, value, counter.unit, raw))
+            time = context.utc.micros(context.now)
+            context.journal.counter(CounterRow(time, context.name, probe.port.number, counter.name, value, counter.unit, raw))
 
     def finish(self, scan: Scan, unasked: str, due: float | None) -> None:
         """Write the row: what was not even asked, the times, the quality."""
@@ -255,14 +255,14 @@ class Scanner:
             row[_QUALITY], row[_REASONS] = quality_of(reasons), reasons_text(reasons)
         else:
             row[_QUALITY] = "ok"
-        self._desk.journal.sample(row)
+        self._context.journal.sample(row)
         if self._station.anomalies.untold:
-            self._desk.tell_anomalies()
+            self._context.tell_anomalies()
 
     def _stamp(self, scan: Scan, due: float | None) -> None:
         row, first, last = scan.row, scan.first_sent, scan.last_heard
         moment = scan.temperature_at if scan.temperature_at is not None else due
-        row[_TIME] = self._desk.utc.micros(self._desk.now if moment is None else moment)
+        row[_TIME] = self._context.utc.micros(self._context.now if moment is None else moment)
         if first is not None and due is not None:
             row[_LATE] = round((first - due) * 1e6)
         if first is not None and last is not None:

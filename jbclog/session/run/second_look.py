@@ -39,41 +39,41 @@ class SecondLook:
     heard_at: float | None = None  # of the last answer that was believed
     told_at: float | None = None  # of the last one that was doubted
 
-    def is_due(self, desk: SessionContext, value: Value) -> bool:
+    def is_due(self, context: SessionContext, value: Value) -> bool:
         """Whether `value` is hard to believe."""
-        doubtful = self.doubt is not None and self.doubt(desk, self.port, value)
+        doubtful = self.doubt is not None and self.doubt(context, self.port, value)
         if not (doubtful or self._is_impossible(value)):
             return False
-        return desk.family.void(self.reading.name, self.port.tool, self.port.error) is None  # it means nothing anyhow
+        return context.family.void(self.reading.name, self.port.tool, self.port.error) is None  # it means nothing anyhow
 
     def _is_impossible(self, value: Value) -> bool:
         return self.possible is not None and not self.possible(value)
 
-    def settle(self, desk: SessionContext, first: Value) -> Steps[Value]:
+    def settle(self, context: SessionContext, first: Value) -> Steps[Value]:
         """Ask again until an answer leaves no doubt or is borne out by another.
 
         Raises `ImplausibleAnswer` where none does, and what asking raises.
         """
         given = [first]
         while len(given) < LOOKS:
-            given.append((yield from desk.station.ask(self.question)))
-            value = self._settled(desk, given)
+            given.append((yield from context.station.ask(self.question)))
+            value = self._settled(context, given)
             if value is not None:
                 return value
             if given[-1] == given[-2]:
                 break  # said twice, and it cannot be true
-        desk.doubted[self.reading.command.name] += 1
+        context.doubted[self.reading.command.name] += 1
         raise ImplausibleAnswer(f"{self.question.title()}: {self._shown(given)} when asked {len(given)} times")
 
-    def _settled(self, desk: SessionContext, given: Sequence[Value]) -> Value | None:
+    def _settled(self, context: SessionContext, given: Sequence[Value]) -> Value | None:
         """What the last answer settles. Marked where it contradicts another, or is a jump that no tool makes."""
         value: Value | None = given[-1]
-        if not self.is_due(desk, given[-1]):
+        if not self.is_due(context, given[-1]):
             contradicts = not self._is_near(given)
         else:
-            value, contradicts = self._borne_out(desk, given), len(given) > 2 and not self._grows
-        if value is not None and (contradicts or self._is_jump(desk, value)):
-            self._mark(desk, given, value, is_jump=not contradicts)
+            value, contradicts = self._borne_out(context, given), len(given) > 2 and not self._grows
+        if value is not None and (contradicts or self._is_jump(context, value)):
+            self._mark(context, given, value, is_jump=not contradicts)
         return value
 
     @property
@@ -89,7 +89,7 @@ class SecondLook:
     def _grows(self) -> bool:
         return self.reading.counter is not None
 
-    def _borne_out(self, desk: SessionContext, given: Sequence[Value]) -> Value | None:
+    def _borne_out(self, context: SessionContext, given: Sequence[Value]) -> Value | None:
         """What two of the answers say, if it can be. A temperature may have moved a little between them."""
         if self._is_impossible(given[-1]):
             return None
@@ -104,18 +104,18 @@ class SecondLook:
             return False
         return any(isinstance(one, int) and abs(last - one) <= STILL_C for one in before)
 
-    def _is_jump(self, desk: SessionContext, value: Value) -> bool:
+    def _is_jump(self, context: SessionContext, value: Value) -> bool:
         """Whether no tool gets from the last temperature to this one in the time that was between them."""
         known = self._last_c
         if not isinstance(value, int) or known is None or self.heard_at is None:
             return False
-        spans = max((desk.station.heard - self.heard_at) / JUMP_EVERY_S, 1.0)
-        return abs(value - known) > desk.family.jump_c * spans
+        spans = max((context.station.heard - self.heard_at) / JUMP_EVERY_S, 1.0)
+        return abs(value - known) > context.family.jump_c * spans
 
-    def _mark(self, desk: SessionContext, given: Sequence[Value], value: Value, *, is_jump: bool) -> None:
-        desk.doubted[self.reading.command.name] += 1
-        is_new = self.told_at is None or desk.now - self.told_at > SERIES_S
-        self.told_at = desk.now
+    def _mark(self, context: SessionContext, given: Sequence[Value], value: Value, *, is_jump: bool) -> None:
+        context.doubted[self.reading.command.name] += 1
+        is_new = self.told_at is None or context.now - self.told_at > SERIES_S
+        self.told_at = context.now
         if not is_new:
             return
         if is_jump:
@@ -124,7 +124,7 @@ class SecondLook:
             text = f"The {self.question.title()} was {self._shown(given)} when asked {len(given)} times; the last is believed."
         number = float(value) if isinstance(value, int | float) else None
         raw = self.reading.command.shown(given[0])
-        desk.note("read.doubted", Severity.INFO, text, port=self.port.number, since=self.heard_at, value=number, raw=raw)
+        context.note("read.doubted", Severity.INFO, text, port=self.port.number, since=self.heard_at, value=number, raw=raw)
 
     def _shown(self, given: Sequence[Value]) -> str:
         return " and ".join(map(self.reading.command.shown, given))

@@ -52,8 +52,8 @@ def _is_meant(error: StationError | None) -> bool:
     return isinstance(error, Refusal) and not isinstance(error, NotReceived)
 
 
-def read_setting(desk: SessionContext, command: Command, port: PortState | None, known: Value | None = None) -> Steps[Value]:
-    return desk.agreed(command, *_place(command, port), known=known)
+def read_setting(context: SessionContext, command: Command, port: PortState | None, known: Value | None = None) -> Steps[Value]:
+    return context.agreed(command, *_place(command, port), known=known)
 
 
 def _place(command: Command, port: PortState | None) -> tuple[int | None, int | None]:
@@ -69,7 +69,7 @@ def title_of(command: Command, port: PortState | None) -> str:
 
 
 def keep_row(
-    desk: SessionContext,
+    context: SessionContext,
     command: Command,
     port: PortState | None,
     outcome: str,
@@ -80,107 +80,107 @@ def keep_row(
     nak: int | None = None,
 ) -> None:
     """Put a row of `settings` into the record."""
-    tool = desk.tool_text(port.tool) if port and command.scope is Scope.TOOL else None
-    time, number = desk.utc.micros(desk.now), port.number if port else None
-    row = SettingRow(time, desk.name, number, tool, command.name, command.unit, requested, written, readback, nak, outcome)
-    desk.journal.setting(row)
+    tool = context.tool_text(port.tool) if port and command.scope is Scope.TOOL else None
+    time, number = context.utc.micros(context.now), port.number if port else None
+    row = SettingRow(time, context.name, number, tool, command.name, command.unit, requested, written, readback, nak, outcome)
+    context.journal.setting(row)
 
 
-def touch(desk: SessionContext, port: PortState | None) -> None:
+def touch(context: SessionContext, port: PortState | None) -> None:
     """Say that this run may have changed the port, or the feeder: it is made safe at the end."""
     if port is None:
-        news, desk.feeder_touched = not desk.feeder_touched, True
+        news, context.feeder_touched = not context.feeder_touched, True
     else:
-        news, port.touched = port.number not in desk.facts.touched, True
+        news, port.touched = port.number not in context.facts.touched, True
     if news:
-        desk.publish()  # a guard and a recovery must know which tools may be hot, before they are
+        context.publish()  # a guard and a recovery must know which tools may be hot, before they are
 
 
-def write_setting(desk: SessionContext, command: Command, value: Value, port: PortState | None) -> Steps[None]:
+def write_setting(context: SessionContext, command: Command, value: Value, port: PortState | None) -> Steps[None]:
     """Write until it is read back as asked. Raises `StartRefused` where it is not, `Absent` where the link breaks.
 
     What is broken off in between may or may not have been done.
     """
-    before, requested = (desk.held if port is None else port.held).get(command.name), text_of(value)
+    before, requested = (context.held if port is None else port.held).get(command.name), text_of(value)
     if before is not None:
-        keep_row(desk, command, port, "read", readback=text_of(before))  # what it was is nowhere else, once it is overwritten
-    touch(desk, port)
+        keep_row(context, command, port, "read", readback=text_of(before))  # what it was is nowhere else, once it is overwritten
+    touch(context, port)
     try:
-        yield from _write(desk, command, value, port, before)
+        yield from _write(context, command, value, port, before)
     except (LinkError, RunEnded) as error:
-        keep_row(desk, command, port, "unconfirmed", requested=requested, written=requested)
+        keep_row(context, command, port, "unconfirmed", requested=requested, written=requested)
         if isinstance(error, RunEnded):
             raise
-        raise Absent(_failed(desk, command, port, value, before, f"it could not be read back ({error})")) from error
+        raise Absent(_failed(context, command, port, value, before, f"it could not be read back ({error})")) from error
 
 
-def _write(desk: SessionContext, command: Command, value: Value, port: PortState | None, before: Value | None) -> Steps[None]:
+def _write(context: SessionContext, command: Command, value: Value, port: PortState | None, before: Value | None) -> Steps[None]:
     for number in range(1, 2 + REPEATS):
-        one = yield from _try(desk, command, value, port)
+        one = yield from _try(context, command, value, port)
         if one.is_meant:
-            _refuse(desk, command, value, port, before, one, number)
-        if one.found is not None and _is_same(desk, command, one.found, value):
-            desk.written.append(f"{title_of(command, port)} {command.shown(value)} (was {_shown(command, before)})")
-            _end(desk, command, value, port, "confirmed", one)
+            _refuse(context, command, value, port, before, one, number)
+        if one.found is not None and _is_same(context, command, one.found, value):
+            context.written.append(f"{title_of(command, port)} {command.shown(value)} (was {_shown(command, before)})")
+            _end(context, command, value, port, "confirmed", one)
             return
-        if number > REPEATS or not (yield from _may_repeat(desk, command, one, before)):
-            _refuse(desk, command, value, port, before, one, number)
-        _tell_repeated(desk, command, value, port, one, number)
+        if number > REPEATS or not (yield from _may_repeat(context, command, one, before)):
+            _refuse(context, command, value, port, before, one, number)
+        _tell_repeated(context, command, value, port, one, number)
 
 
-def _try(desk: SessionContext, command: Command, value: Value, port: PortState | None) -> Steps[_Try]:
+def _try(context: SessionContext, command: Command, value: Value, port: PortState | None) -> Steps[_Try]:
     """Write once and read back: a lost acknowledgement is settled by the reading. A refusal that was meant needs none."""
     one = _Try()
     try:
-        yield from desk.station.write(command, value, *_place(command, port), once=True)
+        yield from context.station.write(command, value, *_place(command, port), once=True)
     except StationError as error:
         one.lost = error
         if one.is_meant:
             return one
     try:
-        one.found = yield from read_setting(desk, command, port)
+        one.found = yield from read_setting(context, command, port)
     except StationError as error:
         one.unread = error
     return one
 
 
-def _may_repeat(desk: SessionContext, command: Command, one: _Try, before: Value | None) -> Steps[bool]:
+def _may_repeat(context: SessionContext, command: Command, one: _Try, before: Value | None) -> Steps[bool]:
     """Whether the line has settled, and what stands there is what stood before; of what cannot heat, whether it may stand."""
     if one.found is not None:
         if one.found != before:
             return False
-        desk.station.unasked((yield Wait(desk.now + SETTLE_S)))
+        context.station.unasked((yield Wait(context.now + SETTLE_S)))
         return True
     if command.name in CAN_HEAT or _is_meant(one.unread):
         return False
     try:
-        yield from desk.agreed(desk.command("model"), known=desk.facts.model)
+        yield from context.agreed(context.command("model"), known=context.facts.model)
     except StationError:
         return False
     return True
 
 
-def _is_same(desk: SessionContext, command: Command, found: Value, value: Value) -> bool:
+def _is_same(context: SessionContext, command: Command, found: Value, value: Value) -> bool:
     if found == value:
         return True
     if command.name != "status" or not isinstance(found, tuple) or not isinstance(value, tuple):
         return False
-    status = desk.family.status
-    is_suction_free = desk.recipe.suction == "keep"  # it was not asked for: whoever switches it meanwhile may
+    status = context.family.status
+    is_suction_free = context.recipe.suction == "keep"  # it was not asked for: whoever switches it meanwhile may
     return status.confirms(found, value) and (is_suction_free or status.sucks(found) == status.sucks(value))
 
 
-def _end(desk: SessionContext, command: Command, value: Value, port: PortState | None, outcome: str, one: _Try) -> None:
+def _end(context: SessionContext, command: Command, value: Value, port: PortState | None, outcome: str, one: _Try) -> None:
     """The row of the last write, and what is held now as far as it is known."""
     readback = None if one.found is None else text_of(one.found)
     nak = one.nak if outcome == "refused" else None
-    keep_row(desk, command, port, outcome, requested=text_of(value), written=text_of(value), readback=readback, nak=nak)
+    keep_row(context, command, port, outcome, requested=text_of(value), written=text_of(value), readback=readback, nak=nak)
     if one.found is not None:
-        (desk.held if port is None else port.held)[command.name] = one.found
+        (context.held if port is None else port.held)[command.name] = one.found
 
 
 def _refuse(
-    desk: SessionContext, command: Command, value: Value, port: PortState | None, before: Value | None, one: _Try, number: int
+    context: SessionContext, command: Command, value: Value, port: PortState | None, before: Value | None, one: _Try, number: int
 ) -> NoReturn:
     """Raise `StartRefused`: it is not what was asked, for a reason, after so many writes."""
     if one.nak is not None and one.found in (None, before):
@@ -190,15 +190,16 @@ def _refuse(
         outcome, why = "unconfirmed", f"it could not be read back ({one.unread})"
     else:
         outcome, why = "mismatch", f"{command.shown(one.found)} was read back"
-    _end(desk, command, value, port, outcome, one)
+    _end(context, command, value, port, outcome, one)
     why += "" if one.is_meant else f", in {number} write{'' if number == 1 else 's'}"
-    error = _failed(desk, command, port, value, before, why)
+    error = _failed(context, command, port, value, before, why)
     raise StartRefused(error) from (one.unread or one.lost)
 
 
-def _failed(desk: SessionContext, command: Command, port: PortState | None, value: Value, before: Value | None, why: str) -> str:
+def _failed(context: SessionContext, command: Command, port: PortState | None, value: Value, before: Value | None, why: str) -> str:
     return (
-        f"{desk.name}: {title_of(command, port)}: {command.shown(value)} was asked, {why}; before it was {_shown(command, before)}"
+        f"{context.name}: {title_of(command, port)}: {command.shown(value)} was asked, {why}; before it was "
+        f"{_shown(command, before)}"
     )
 
 
@@ -206,13 +207,13 @@ def _shown(command: Command, before: Value | None) -> str:
     return "unknown" if before is None else command.shown(before)
 
 
-def _tell_repeated(desk: SessionContext, command: Command, value: Value, port: PortState | None, one: _Try, number: int) -> None:
+def _tell_repeated(context: SessionContext, command: Command, value: Value, port: PortState | None, one: _Try, number: int) -> None:
     readback = None if one.found is None else text_of(one.found)
-    keep_row(desk, command, port, "repeated", requested=text_of(value), written=text_of(value), readback=readback, nak=one.nak)
-    desk.facts.settings_repeated += 1
+    keep_row(context, command, port, "repeated", requested=text_of(value), written=text_of(value), readback=readback, nak=one.nak)
+    context.facts.settings_repeated += 1
     stands = "it could not be read back" if one.found is None else f"{command.shown(one.found)} still stands"
     lost = "acknowledged" if one.lost is None else str(one.lost)
     what = title_of(command, port)
     text = f"{what[:1].upper()}{what[1:]}: {command.shown(value)} was not taken ({lost}; {stands}). "
     text += f"Write {number + 1} of at most {1 + REPEATS} follows."
-    desk.note("setting.repeated", Severity.WARNING, text, port=port.number if port else None, value=number + 1)
+    context.note("setting.repeated", Severity.WARNING, text, port=port.number if port else None, value=number + 1)

@@ -25,50 +25,50 @@ from jbclog.session.run.pace import Pace, choose_pace, chosen_text
 from jbclog.session.run.provisos import learn_provisos
 
 
-def start(desk: SessionContext) -> Steps[Pace]:
+def start(context: SessionContext) -> Steps[Pace]:
     """Bring the station to its recipe, together with all others of the run; give the rate at which it is sampled.
 
     Raises `StartRefused` where this station fails, `NotStarted` where another does, `LeftOut` where it was waited for in vain.
     """
-    yield from identify(desk)
-    pace = choose_pace(desk)
-    desk.note("station.ready", Severity.INFO, f"{_ready_text(desk)}{chosen_text(desk.facts)}.{told_text(desk)}")
-    if not desk.family.safe_states:
-        text = f"An {desk.family.title} has no safe state that could be ordered: at the end of the run it is left as it is."
-        desk.note("safety.not_available", Severity.WARNING, text)
-    wanted = yield from examine(desk)
-    condition = yield from look_at_condition(desk)
-    yield from _wait_for_others(desk, EXAMINED)
-    yield from apply(desk, wanted, heats=False)
-    yield from _wait_for_others(desk, PREPARED)
-    yield from apply(desk, wanted, heats=True)
-    yield from bring_condition(desk, condition)
-    yield from apply_status(desk)
-    yield from _wait_for_others(desk, HEATED)
-    desk.has_started = True
-    yield from learn_provisos(desk)
-    yield from read_counters(desk)
+    yield from identify(context)
+    pace = choose_pace(context)
+    context.note("station.ready", Severity.INFO, f"{_ready_text(context)}{chosen_text(context.facts)}.{told_text(context)}")
+    if not context.family.safe_states:
+        text = f"An {context.family.title} has no safe state that could be ordered: at the end of the run it is left as it is."
+        context.note("safety.not_available", Severity.WARNING, text)
+    wanted = yield from examine(context)
+    condition = yield from look_at_condition(context)
+    yield from _wait_for_others(context, EXAMINED)
+    yield from apply(context, wanted, heats=False)
+    yield from _wait_for_others(context, PREPARED)
+    yield from apply(context, wanted, heats=True)
+    yield from bring_condition(context, condition)
+    yield from apply_status(context)
+    yield from _wait_for_others(context, HEATED)
+    context.has_started = True
+    yield from learn_provisos(context)
+    yield from read_counters(context)
     return pace
 
 
-def _wait_for_others(desk: SessionContext, step: int) -> Steps[None]:
-    desk.station.unasked((yield Gather(step)))
-    desk.step = step + 1
+def _wait_for_others(context: SessionContext, step: int) -> Steps[None]:
+    context.station.unasked((yield Gather(step)))
+    context.step = step + 1
 
 
-def tell_failure(desk: SessionContext) -> Steps[None]:
+def tell_failure(context: SessionContext) -> Steps[None]:
     """Let the others know that this station does not start; it does not wait for them."""
     try:
-        desk.station.unasked((yield Gather(desk.step, desk.facts.reason)))
+        context.station.unasked((yield Gather(context.step, context.facts.reason)))
     except RunEnded:
         return
 
 
-def _ready_text(desk: SessionContext) -> str:
-    facts, answers = desk.facts, f"answers in {desk.facts.turnaround_us['median'] / 1000:.2f} ms (median)"
-    if desk.link_is_faster is not None:
-        answers += f" ({desk.link_is_faster})"
-    if not desk.family.models:
-        return f"{desk.family.title}, as the line file says, {answers}"
-    tools = ", ".join(f"port {port.number} {desk.tool_text(port.tool)}" for port in desk.ports.values())
+def _ready_text(context: SessionContext) -> str:
+    facts, answers = context.facts, f"answers in {context.facts.turnaround_us['median'] / 1000:.2f} ms (median)"
+    if context.link_is_faster is not None:
+        answers += f" ({context.link_is_faster})"
+    if not context.family.models:
+        return f"{context.family.title}, as the line file says, {answers}"
+    tools = ", ".join(f"port {port.number} {context.tool_text(port.tool)}" for port in context.ports.values())
     return f"{facts.model} {answers}, tools: {tools}"

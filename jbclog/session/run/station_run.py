@@ -28,23 +28,23 @@ from jbclog.session.scheduler import Grid
 SEVERITY = {"not_started": Severity.WARNING, "left_out": Severity.WARNING}  # of how a station ended, but for errors
 
 
-def run_station(desk: SessionContext) -> Steps[StationFacts]:
+def run_station(context: SessionContext) -> Steps[StationFacts]:
     """Run one station to its end and give what is known of it. Its tools are safe on every way out, or the facts say not.
 
     Never raises for what a station or a link does; `facts.outcome` and `facts.reason` tell it.
     """
-    facts = desk.facts
-    desk.station.permit = listed(desk)
-    desk.station.now = desk.order.t0  # until it is told a later one: an end can come before anything else
+    facts = context.facts
+    context.station.permit = listed(context)
+    context.station.now = context.order.t0  # until it is told a later one: an end can come before anything else
     try:
-        yield from _record(desk)
+        yield from _record(context)
         facts.outcome = "completed"
     except NotStarted as others:
-        facts.outcome, facts.reason = "not_started", f"{desk.name}: it was ready; the run did not start because of {others}"
+        facts.outcome, facts.reason = "not_started", f"{context.name}: it was ready; the run did not start because of {others}"
     except LeftOut as why:
-        facts.outcome, facts.reason = "gone", f"{desk.name}: {why}"
+        facts.outcome, facts.reason = "gone", f"{context.name}: {why}"
     except RunEnded as end:
-        facts.outcome, facts.reason = _ended(desk, str(end))
+        facts.outcome, facts.reason = _ended(context, str(end))
     except (Absent, Gone) as error:
         facts.outcome, facts.reason = "gone", str(error)
     except StartRefused as error:
@@ -53,113 +53,113 @@ def run_station(desk: SessionContext) -> Steps[StationFacts]:
         facts.outcome, facts.reason = "stopped", str(error)
     except (LinkError, StationError) as error:
         if isinstance(error, LinkFlooded):
-            tell_flood(desk, error)
-        facts.outcome, facts.reason = "gone", f"{desk.name}: {error}"
+            tell_flood(context, error)
+        facts.outcome, facts.reason = "gone", f"{context.name}: {error}"
     except Exception as error:
-        _fail(desk, error)
-    desk.tries = 1
-    if not desk.has_started and facts.outcome != "completed":
-        yield from _give_up(desk)
+        _fail(context, error)
+    context.tries = 1
+    if not context.has_started and facts.outcome != "completed":
+        yield from _give_up(context)
     try:
-        yield from _close(desk)
+        yield from _close(context)
     except Exception as error:
-        _fail(desk, error)
+        _fail(context, error)
     return facts
 
 
-def _give_up(desk: SessionContext) -> Steps[None]:
+def _give_up(context: SessionContext) -> Steps[None]:
     """This station does not start: say what was written, and let the others know. One that may be missing is left out."""
-    facts = desk.facts
-    if desk.written:
-        facts.reason += f"; written before that and left as it is: {', '.join(desk.written)}"
+    facts = context.facts
+    if context.written:
+        facts.reason += f"; written before that and left as it is: {', '.join(context.written)}"
     if facts.outcome in ("gone", "refused"):
-        facts.reason += f" (step {desk.step} of {START_STEPS} of the start)" if desk.step > 1 else ""
-        facts.outcome = "left_out" if desk.order.may_be_missing else facts.outcome
-    yield from tell_failure(desk)
+        facts.reason += f" (step {context.step} of {START_STEPS} of the start)" if context.step > 1 else ""
+        facts.outcome = "left_out" if context.order.may_be_missing else facts.outcome
+    yield from tell_failure(context)
 
 
-def _ended(desk: SessionContext, why: str) -> tuple[str, str]:
+def _ended(context: SessionContext, why: str) -> tuple[str, str]:
     """Outcome and reason of a station whose run was ended. One that had no time to answer is not away."""
-    if desk.connected:
+    if context.connected:
         return "completed", why
-    if desk.facts.first_tick is None:
-        return "completed", f"{desk.name}: {why} before it had answered"
-    return "gone", f"{desk.name}: away when the run was ended"
+    if context.facts.first_tick is None:
+        return "completed", f"{context.name}: {why} before it had answered"
+    return "gone", f"{context.name}: away when the run was ended"
 
 
-def _record(desk: SessionContext) -> Steps[None]:
-    pace = yield from start(desk)
-    desk.tries = 1
-    sampler = Sampler(desk, pace.readings, _grid(desk, pace), paced=pace.paced)
+def _record(context: SessionContext) -> Steps[None]:
+    pace = yield from start(context)
+    context.tries = 1
+    sampler = Sampler(context, pace.readings, _grid(context, pace), paced=pace.paced)
     try:
-        yield from _sample(desk, sampler)
+        yield from _sample(context, sampler)
     finally:
         sampler.account()
-        desk.after_safe = sampler.read_flags_once_more
+        context.after_safe = sampler.read_flags_once_more
 
 
-def _grid(desk: SessionContext, pace: Pace) -> Grid:
+def _grid(context: SessionContext, pace: Pace) -> Grid:
     """The grid of due times, from the run's zero on. That of a recorded run lies as it did to what came before it."""
     if not pace.paced:
-        return Grid(desk.now, pace.period_s)
-    if desk.order.begin is None:
-        return Grid(desk.order.t0, pace.period_s)
-    tick, in_s = desk.order.begin
-    return Grid(desk.now + in_s - tick * pace.period_s, pace.period_s)
+        return Grid(context.now, pace.period_s)
+    if context.order.begin is None:
+        return Grid(context.order.t0, pace.period_s)
+    tick, in_s = context.order.begin
+    return Grid(context.now + in_s - tick * pace.period_s, pace.period_s)
 
 
-def _sample(desk: SessionContext, sampler: Sampler) -> Steps[None]:
-    tick = sampler.grid.first_from(desk.now) if sampler.paced else 0
-    desk.facts.first_tick = tick
+def _sample(context: SessionContext, sampler: Sampler) -> Steps[None]:
+    tick = sampler.grid.first_from(context.now) if sampler.paced else 0
+    context.facts.first_tick = tick
     while not sampler.is_over(tick):
         try:
             tick = yield from sampler.run(tick)
         except Lost as lost:
-            tick = yield from outage(desk, sampler, desk.facts.last_tick or tick, lost)
+            tick = yield from outage(context, sampler, context.facts.last_tick or tick, lost)
 
 
-def _close(desk: SessionContext) -> Steps[None]:
-    at_work = [port for port in desk.ports.values() if is_at_work(desk, port)]
-    yield from _surely_make_safe(desk)
+def _close(context: SessionContext) -> Steps[None]:
+    at_work = [port for port in context.ports.values() if is_at_work(context, port)]
+    yield from _surely_make_safe(context)
     try:
-        if desk.connected and desk.after_safe is not None and not isinstance(desk.journal, NoJournal):
-            yield from compare_countdowns(desk, at_work)
-            yield from desk.after_safe()
-            yield from read_counters(desk)
-            yield from check_condition(desk)
+        if context.connected and context.after_safe is not None and not isinstance(context.journal, NoJournal):
+            yield from compare_countdowns(context, at_work)
+            yield from context.after_safe()
+            yield from read_counters(context)
+            yield from check_condition(context)
     except (LinkError, StationError, RunEnded) as error:
-        desk.note("counters.missed", Severity.WARNING, f"The counters could not be read at the end: {error}.")
-    _tell_end(desk)
-    desk.publish()
+        context.note("counters.missed", Severity.WARNING, f"The counters could not be read at the end: {error}.")
+    _tell_end(context)
+    context.publish()
 
 
-def _surely_make_safe(desk: SessionContext) -> Steps[None]:
+def _surely_make_safe(context: SessionContext) -> Steps[None]:
     """Nothing ends this early: not the run's end, not a fault of the program, not a record that cannot be kept."""
-    journals: list[Journal] = [desk.journal, NoJournal()]  # with which it is tried again
+    journals: list[Journal] = [context.journal, NoJournal()]  # with which it is tried again
     while True:
         try:
-            yield from make_safe(desk)
+            yield from make_safe(context)
         except RunEnded:
             continue
         except Exception as error:
-            _fail(desk, error)
+            _fail(context, error)
             if journals:
-                desk.journal = journals.pop(0)
+                context.journal = journals.pop(0)
                 continue
-            desk.facts.unsafe.append(f"{desk.name}: its tools could not be made safe, {error}")
+            context.facts.unsafe.append(f"{context.name}: its tools could not be made safe, {error}")
         return
 
 
-def _fail(desk: SessionContext, error: Exception) -> None:
+def _fail(context: SessionContext, error: Exception) -> None:
     """A fault of this program, or of its record; it must not leave a tip hot."""
     known = isinstance(error, JbclogError)
-    desk.facts.outcome = "failed"
-    desk.facts.reason = str(error) if known else f"{desk.name}: internal error, {type(error).__name__}: {error}"
+    context.facts.outcome = "failed"
+    context.facts.reason = str(error) if known else f"{context.name}: internal error, {type(error).__name__}: {error}"
 
 
-def _tell_end(desk: SessionContext) -> None:
-    facts = desk.facts
+def _tell_end(context: SessionContext) -> None:
+    facts = context.facts
     good = facts.outcome == "completed"
     if facts.reason or not good:
         severity = Severity.INFO if good else SEVERITY.get(facts.outcome, Severity.ERROR)
-        desk.note(f"station.{facts.outcome}", severity, f"{(facts.reason or facts.outcome).removeprefix(f'{desk.name}: ')}.")
+        context.note(f"station.{facts.outcome}", severity, f"{(facts.reason or facts.outcome).removeprefix(f'{context.name}: ')}.")

@@ -35,61 +35,61 @@ WRITES: Final[Mapping[str, str]] = MappingProxyType(
 """Command -> when a run writes it, and whose value. A command that is not here is never written by a run."""
 
 
-def listed(desk: SessionContext) -> Permit:
-    """What `desk`'s client asks before each write: raises `WriteForbidden` for what the run may not send."""
+def listed(context: SessionContext) -> Permit:
+    """What `context`'s client asks before each write: raises `WriteForbidden` for what the run may not send."""
 
     def permit(command: Command, value: Value, port: int | None, tool: int | None) -> None:
         if command.name not in WRITES:
-            raise WriteForbidden(f"{_title(desk, command, port)} is nothing that a run may write; it was not sent")
-        if value not in _values(desk, command, port) or not _is_its_tool(desk, port, tool):
-            asked = f"{_title(desk, command, port)}: nobody asked for {text_of(value)}"
+            raise WriteForbidden(f"{_title(context, command, port)} is nothing that a run may write; it was not sent")
+        if value not in _values(context, command, port) or not _is_its_tool(context, port, tool):
+            asked = f"{_title(context, command, port)}: nobody asked for {text_of(value)}"
             raise WriteForbidden(f"{asked}; it was not sent")
 
     return permit
 
 
-def _values(desk: SessionContext, command: Command, port: int | None) -> Iterator[Value]:
+def _values(context: SessionContext, command: Command, port: int | None) -> Iterator[Value]:
     """The values that may be written there."""
     if command.name == "status":
-        yield from _states(desk, port)
+        yield from _states(context, port)
     elif command.name == "stop_feeding":
         yield 0
     elif command.name == "store_condition":
-        condition = condition_of(desk.recipe, desk.family)
-        if condition is not None and desk.order.allow_omega_write:
+        condition = condition_of(context.recipe, context.family)
+        if condition is not None and context.order.allow_omega_write:
             yield condition
     else:
-        yield from _settings(desk, command, port)
+        yield from _settings(context, command, port)
 
 
-def _states(desk: SessionContext, number: int | None) -> Iterator[Value]:
+def _states(context: SessionContext, number: int | None) -> Iterator[Value]:
     """The word of the start, and those that make the tool safe."""
-    status, port = desk.family.status, desk.ports.get(number or 0)
+    status, port = context.family.status, context.ports.get(number or 0)
     if port is None:
         return
-    word = desk.start_word(port)
+    word = context.start_word(port)
     if word is not None:
         yield word
-    if desk.safe_state in status.orders:
-        yield from status.safe_words(desk.safe_state, suction=desk.keeps_suction(port))
+    if context.safe_state in status.orders:
+        yield from status.safe_words(context.safe_state, suction=context.keeps_suction(port))
 
 
-def _settings(desk: SessionContext, command: Command, port: int | None) -> Iterator[Value]:
-    recipe, family = desk.recipe, desk.family
+def _settings(context: SessionContext, command: Command, port: int | None) -> Iterator[Value]:
+    recipe, family = context.recipe, context.family
     for setting in station_settings_for(recipe, family) if port is None else settings_for(recipe, family, port):
-        counted = setting.as_counted(desk.held)
+        counted = setting.as_counted(context.held)
         if setting.command.name == command.name and counted is not None:
             yield counted.value
 
 
-def _is_its_tool(desk: SessionContext, port: int | None, tool: int | None) -> bool:
+def _is_its_tool(context: SessionContext, port: int | None, tool: int | None) -> bool:
     """Whether the port is one of this run's, and the tool the one that is connected there."""
     if port is None:
         return tool is None
-    state = desk.ports.get(port)
+    state = context.ports.get(port)
     return state is not None and tool in (None, state.tool)
 
 
-def _title(desk: SessionContext, command: Command, port: int | None) -> str:
+def _title(context: SessionContext, command: Command, port: int | None) -> str:
     name = command.name.replace("_", " ")
-    return f"{desk.name}: {name if port is None else f'{name} of port {port}'}"
+    return f"{context.name}: {name if port is None else f'{name} of port {port}'}"

@@ -19,7 +19,7 @@ from jbclog.session.run.context import PortState, SessionContext, StationTask
 RECIPE = parse_recipe('[recipe]\nname = "job"\nrevision = 1\nfamilies = ["dde"]\n')
 
 
-def desk(name: str = "dde-1", outcome: str = "running") -> SessionContext:
+def context(name: str = "dde-1", outcome: str = "running") -> SessionContext:
     """A station with two ports; the first is known, the second not."""
     order = StationTask(name, "nowhere", FAMILIES["dde"], LineFormat(), 1, None, RECIPE, "job.toml", FAMILIES, 0.0)
     found = SessionContext(order, NoJournal(), UtcOffset(SystemClock()))
@@ -30,26 +30,26 @@ def desk(name: str = "dde-1", outcome: str = "running") -> SessionContext:
     return found
 
 
-def rows(monkeypatch: pytest.MonkeyPatch, *desks: SessionContext) -> list[list[str]]:
+def rows(monkeypatch: pytest.MonkeyPatch, *contexts: SessionContext) -> list[list[str]]:
     """The table's cells, as a terminal shows them."""
     monkeypatch.setattr(progress, "is_terminal", lambda: True)
     screen = progress.observer(60.0, quiet=False)
     assert isinstance(screen, progress.Screen)
     console = Console(file=io.StringIO(), width=100)
-    console.print(screen._table(list(desks)))
+    console.print(screen._table(list(contexts)))
     lines = console.file.getvalue().splitlines()  # type: ignore[attr-defined]
     return [[cell.strip() for cell in line.split("│")[1:-1]] for line in lines if "dde-" in line]
 
 
 def test_what_is_known_and_what_is_not(monkeypatch: pytest.MonkeyPatch) -> None:
-    assert rows(monkeypatch, desk()) == [
+    assert rows(monkeypatch, context()) == [
         ["dde-1", "1", "349 °C", "350 °C", "working", "2", "connected"],
         ["dde-1", "2", "unknown", "", "unknown", "", "connected"],  # alarms are the station's, told once
     ]
 
 
 def test_an_omega_shows_its_states_in_its_own_words(monkeypatch: pytest.MonkeyPatch) -> None:
-    omega, family = desk(), FAMILIES["omega"]
+    omega, family = context(), FAMILIES["omega"]
     omega.family, omega.facts.alarms = family, 0
     omega.ports = {1: PortState(1, states={"solder_shortage": ("normal", 1.0), "preparing": ("ready", 1.0)})}
     assert rows(monkeypatch, omega) == [["dde-1", "1", "", "", "normal, ready", "", "connected"]]
@@ -57,11 +57,11 @@ def test_an_omega_shows_its_states_in_its_own_words(monkeypatch: pytest.MonkeyPa
 
 @pytest.mark.parametrize("outcome", ["refused", "gone", "stopped", "failed", "completed"])
 def test_a_station_that_has_ended_shows_how(monkeypatch: pytest.MonkeyPatch, outcome: str) -> None:
-    assert rows(monkeypatch, desk(outcome=outcome)) == [["dde-1", "1, 2", "", "", "", "2", outcome]]
+    assert rows(monkeypatch, context(outcome=outcome)) == [["dde-1", "1, 2", "", "", "", "2", outcome]]
 
 
 def test_a_station_that_is_away(monkeypatch: pytest.MonkeyPatch) -> None:
-    away = desk()
+    away = context()
     away.connected = False
     assert [row[2:5:2] + row[6:] for row in rows(monkeypatch, away)] == [["unknown", "unknown", "away"]] * 2
 

@@ -57,7 +57,7 @@ def guarded(
     """What `_guard` gives, and how often it watched, where its first `faults` watches break."""
     watched: list[Watch] = []
 
-    def watch(one: Watch, shelf: LeaseWriter) -> Verdict:
+    def watch(one: Watch, lease_writer: LeaseWriter) -> Verdict:
         one.stations = {LEASE.name: LEASE, NOTHING.name: NOTHING}
         one.has_failed, one.heard_at = failed, one.heard_at - (silent_s if not watched else 0.0)
         watched.append(one)
@@ -65,10 +65,10 @@ def guarded(
             raise MemoryError("none is left")
         return Verdict.DEAD
 
-    diary = ActionLog(folder)
+    action_log = ActionLog(folder)
     monkeypatch.setattr(guard_itself, "_watch", watch)
     monkeypatch.setattr(guard_itself, "_take_over", lambda *_: ("taken over", ()))
-    return guard_itself._guard(recorder, LeaseWriter(folder, diary), diary), len(watched)
+    return guard_itself._guard(recorder, LeaseWriter(folder, action_log), action_log), len(watched)
 
 
 @pytest.mark.usefixtures("answers")
@@ -106,11 +106,11 @@ def test_one_that_fails_every_time_hands_on_what_may_be_hot(
 def test_nothing_is_taken_over_where_all_is_done(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, answers: int, verdict: Verdict
 ) -> None:
-    diary = ActionLog(tmp_path)
+    action_log = ActionLog(tmp_path)
     monkeypatch.setattr(guard_itself, "_watch", lambda *_: verdict)
     monkeypatch.setattr(guard_itself, "_take_over", lambda *_: ("taken over", ()))
     expected = ((), ()) if verdict is Verdict.DONE else ("taken over", ())
-    assert guard_itself._guard(Other(is_gone=False), LeaseWriter(tmp_path, diary), diary) == expected
+    assert guard_itself._guard(Other(is_gone=False), LeaseWriter(tmp_path, action_log), action_log) == expected
     assert os.read(answers, 99) == guard_itself.READY  # the recorder sees that it is there
 
 
@@ -144,7 +144,7 @@ def test_the_recorder_is_ended_as_it_needs_and_the_diary_says_why(
     class TakesOver:
         flooded = frozenset({"dde-1"})
 
-        def __init__(self, stations: list[StationLease], diary: ActionLog) -> None:
+        def __init__(self, stations: list[StationLease], action_log: ActionLog) -> None:
             assert ends == ended  # before anybody opens a port that it may hold
             assert stations == [LEASE]
 
@@ -165,9 +165,9 @@ def test_the_recorder_is_ended_as_it_needs_and_the_diary_says_why(
 @pytest.mark.parametrize("left", [[], [LEASE]])
 def test_a_lease_is_closed_as_far_as_it_could_be_written_down_why(tmp_path: Path, left: list[StationLease], is_torn: bool) -> None:
     keep(tmp_path, [LEASE, NOTHING])
-    diary = ActionLog(tmp_path)
-    diary.reserve(3)
-    diary.is_torn = is_torn
-    guard_itself._keep(left, LeaseWriter(tmp_path, diary), diary)
+    action_log = ActionLog(tmp_path)
+    action_log.reserve(3)
+    action_log.is_torn = is_torn
+    guard_itself._keep(left, LeaseWriter(tmp_path, action_log), action_log)
     assert kept(tmp_path) == ([LEASE] if is_torn else left)
     assert (tmp_path / DIARY).exists() == bool(left)  # what has nothing in it is taken away when all is done

@@ -112,7 +112,7 @@ def test_nothing_is_read_or_cut_through_a_link_and_no_pipe_is_waited_for(tmp_pat
     folder.mkdir()
     foreign.write_text(f"{lease('a').to_json()}\n\n\n")
     (folder / name).symlink_to(foreign)
-    for look in (kept, left_hot.leases, guard_actions.diary, guard_actions.tidy):
+    for look in (kept, left_hot.leases, guard_actions.action_log, guard_actions.tidy):
         with suppress(OSError):
             assert not look(folder)
     with pytest.raises(OSError, match="symbolic links"):
@@ -165,54 +165,54 @@ def test_a_disk_that_hangs_keeps_nobody(tmp_path: Path, monkeypatch: pytest.Monk
         written.append([station.name for station in stations])
 
     monkeypatch.setattr(leases, "keep", hanging)
-    shelf, began = LeaseWriter(tmp_path, ActionLog(tmp_path)), time.monotonic()
+    lease_writer, began = LeaseWriter(tmp_path, ActionLog(tmp_path)), time.monotonic()
     for name in "abcde":
-        shelf.put([lease(name)])
-    shelf.settle(0.05)
+        lease_writer.put([lease(name)])
+    lease_writer.settle(0.05)
     assert time.monotonic() - began < 30
     goes_on.set()
-    shelf.settle(5.0)
+    lease_writer.settle(5.0)
     assert written[-1] == ["e"]  # the newest, whatever came between
     assert len(written) <= 2
 
 
 def test_a_disk_that_is_full_is_no_reason_to_stop(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    shelf, really = LeaseWriter(tmp_path, ActionLog(tmp_path)), leases.keep
+    lease_writer, really = LeaseWriter(tmp_path, ActionLog(tmp_path)), leases.keep
 
     def full(folder: Path, stations: list[StationLease]) -> None:
         raise OSError(errno.ENOSPC, "no room")
 
     monkeypatch.setattr(leases, "keep", full)
-    shelf.put([lease("a")])
-    shelf.settle(5.0)
-    assert not shelf.was_cleared  # it never was there: nobody else has seen to it
+    lease_writer.put([lease("a")])
+    lease_writer.settle(5.0)
+    assert not lease_writer.was_cleared  # it never was there: nobody else has seen to it
     monkeypatch.setattr(leases, "keep", really)
-    shelf.put([lease("a")])
-    shelf.settle(5.0)
+    lease_writer.put([lease("a")])
+    lease_writer.settle(5.0)
     assert [one.name for one in kept(tmp_path)] == ["a"]
     (tmp_path / NAME).unlink()
-    assert shelf.was_cleared
+    assert lease_writer.was_cleared
 
 
 def test_a_diary_that_cannot_be_written_is_not_waited_for_and_says_so(tmp_path: Path) -> None:
     (tmp_path / guard_actions.DIARY).mkdir()
-    diary = ActionLog(tmp_path)
-    diary.write("guard.took_over", "error", "text")
-    diary.tidy()
-    assert diary.is_torn
+    action_log = ActionLog(tmp_path)
+    action_log.write("guard.took_over", "error", "text")
+    action_log.tidy()
+    assert action_log.is_torn
 
 
 def test_a_sealed_run_is_never_written_to_again_and_told_beside_its_record(tmp_path: Path) -> None:
     folder = few_rows.abandoned(tmp_path)
-    diary = ActionLog(folder, "jbclog run")
-    diary.write("guard.took_over", "error", "before")
+    action_log = ActionLog(folder, "jbclog run")
+    action_log.write("guard.took_over", "error", "before")
     recover(folder)
     sealed = (folder / guard_actions.DIARY).read_bytes()
-    diary.reserve()
-    diary.write("safety.safe_state", "info", "The tool is safe.", "a", 2)
-    diary.tidy()
+    action_log.reserve()
+    action_log.write("safety.safe_state", "info", "The tool is safe.", "a", 2)
+    action_log.tidy()
     assert (check(folder), (folder / guard_actions.DIARY).read_bytes()) == ([], sealed)
-    assert [event.text for event in guard_actions.diary(folder)] == ["before"]
+    assert [event.text for event in guard_actions.action_log(folder)] == ["before"]
     (said,) = annotations.read(folder).said
     assert (said.who, said.what, said.kind) == ("jbclog run", "a port 2: The tool is safe.", "safety.safe_state")
 
@@ -225,17 +225,17 @@ def blocks(folder: Path) -> int:
 
 
 def test_the_diary_has_its_room_before_it_is_needed_and_gives_it_back(tmp_path: Path) -> None:
-    diary = ActionLog(tmp_path)
-    diary.reserve()
+    action_log = ActionLog(tmp_path)
+    action_log.reserve()
     assert blocks(tmp_path) >= LEAST_BYTES  # written, and not a hole
-    diary.reserve(1000)
+    action_log.reserve(1000)
     room = blocks(tmp_path)
     assert room >= 1000 * LINE_BYTES
     for number in range(1000):
-        diary.write("safety.safe_state", "info", "x" * 300, "a", number)
+        action_log.write("safety.safe_state", "info", "x" * 300, "a", number)
     assert blocks(tmp_path) == room
-    assert [event.port for event in guard_actions.diary(tmp_path)] == list(range(1000))
-    diary.tidy()
+    assert [event.port for event in guard_actions.action_log(tmp_path)] == list(range(1000))
+    action_log.tidy()
     assert (tmp_path / guard_actions.DIARY).read_bytes().splitlines()[-1].startswith(b"{")
     assert blocks(tmp_path) < room
 
@@ -243,8 +243,8 @@ def test_the_diary_has_its_room_before_it_is_needed_and_gives_it_back(tmp_path: 
 def test_a_disk_that_is_full_takes_what_there_is_room_for_and_it_is_seen_where_there_is_none(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    diary, really = ActionLog(tmp_path), os.pwrite
-    diary.reserve()
+    action_log, really = ActionLog(tmp_path), os.pwrite
+    action_log.reserve()
 
     def full(descriptor: int, data: bytes, at: int) -> int:
         room = os.fstat(descriptor).st_size - at
@@ -254,32 +254,32 @@ def test_a_disk_that_is_full_takes_what_there_is_room_for_and_it_is_seen_where_t
 
     monkeypatch.setattr(os, "pwrite", full)
     lines = 0
-    while not diary.is_torn:
-        diary.write("safety.safe_state", "info", "x" * 300, "a", lines)
+    while not action_log.is_torn:
+        action_log.write("safety.safe_state", "info", "x" * 300, "a", lines)
         lines += 1
     assert lines > LEAST_BYTES / LINE_BYTES
-    assert [event.port for event in guard_actions.diary(tmp_path)] == list(range(lines - 1))
+    assert [event.port for event in guard_actions.action_log(tmp_path)] == list(range(lines - 1))
 
 
 def test_a_diary_that_nothing_was_written_into_is_none(tmp_path: Path) -> None:
-    diary = ActionLog(tmp_path)
-    diary.reserve()
-    assert guard_actions.diary(tmp_path) == []
-    diary.tidy()
-    diary.tidy()
+    action_log = ActionLog(tmp_path)
+    action_log.reserve()
+    assert guard_actions.action_log(tmp_path) == []
+    action_log.tidy()
+    action_log.tidy()
     assert list(tmp_path.iterdir()) == []
 
 
 def test_a_line_behind_one_that_was_torn_off_is_whole(tmp_path: Path) -> None:
-    diary = ActionLog(tmp_path)
-    diary.reserve()
-    diary.write("guard.took_over", "error", "first")
+    action_log = ActionLog(tmp_path)
+    action_log.reserve()
+    action_log.write("guard.took_over", "error", "first")
     with (tmp_path / guard_actions.DIARY).open("r+b") as file:
         data = file.read().rstrip(b"\n")
         file.seek(len(data) - 10)
         file.write(b"\n" * 10)
     ActionLog(tmp_path).write("guard.took_over", "error", "second")
-    assert [event.text for event in guard_actions.diary(tmp_path)] == ["second"]
+    assert [event.text for event in guard_actions.action_log(tmp_path)] == ["second"]
 
 
 def test_a_reserve_does_not_cover_what_stands_there(tmp_path: Path) -> None:
@@ -287,7 +287,7 @@ def test_a_reserve_does_not_cover_what_stands_there(tmp_path: Path) -> None:
     second = ActionLog(tmp_path)
     second.reserve()
     second.write("guard.took_over", "error", "second")
-    assert [event.text for event in guard_actions.diary(tmp_path)] == ["first", "second"]
+    assert [event.text for event in guard_actions.action_log(tmp_path)] == ["first", "second"]
 
 
 # -- one guard ----------------------------------------------------------------------------------------------------------------

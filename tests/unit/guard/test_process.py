@@ -223,33 +223,38 @@ def test_leases_told_to_one_that_had_not_begun_to_watch_are_kept(tmp_path: Path)
 
 def test_the_next_one_is_told_all_leases(tmp_path: Path) -> None:
     told: list[tuple[str, str]] = []
-    keeper = GuardSupervisor(tmp_path, lambda kind, text: told.append((kind, text)))
+    supervisor = GuardSupervisor(tmp_path, lambda kind, text: told.append((kind, text)))
     for number in range(3):
-        keeper.lease(lease(number))
-    first = keeper.pid
+        supervisor.lease(lease(number))
+    first = supervisor.pid
     assert first is not None
     os.kill(first, signal.SIGKILL)
-    assert until(lambda: keeper.renew() or keeper.pid != first)
+    assert until(lambda: supervisor.renew() or supervisor.pid != first)
     (tmp_path / LEASE).unlink(missing_ok=True)
     assert until(lambda: {one.name for one in kept(tmp_path)} == {"dde-0", "dde-1", "dde-2"})
     assert [kind for kind, _ in told] == ["guard.lost"]
-    keeper.end()
+    supervisor.end()
     assert list(tmp_path.iterdir()) == []
-    assert (keeper.is_watching, keeper.pid) == (False, None)
-    for what in (keeper.end, keeper.take_over, keeper.renew, lambda: keeper.lease(lease(1))):  # there is nobody any more
+    assert (supervisor.is_watching, supervisor.pid) == (False, None)
+    for what in (
+        supervisor.end,
+        supervisor.take_over,
+        supervisor.renew,
+        lambda: supervisor.lease(lease(1)),
+    ):  # there is nobody any more
         what()
     assert [kind for kind, _ in told] == ["guard.lost"]
 
 
 def test_whatever_kills_guards_is_not_fed_for_ever(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     told: list[str] = []
-    keeper = GuardSupervisor(tmp_path, lambda kind, text: told.append(text))
-    keeper.end()
+    supervisor = GuardSupervisor(tmp_path, lambda kind, text: told.append(text))
+    supervisor.end()
     monkeypatch.setattr("jbclog.guard.supervisor.GuardProcess", _Lost)
-    keeper._guard = _Lost(tmp_path)  # type: ignore[assignment]
+    supervisor._guard = _Lost(tmp_path)  # type: ignore[assignment]
     for _ in range(2 * REPLACED_AT_MOST):
-        keeper.renew()
-    assert not keeper.is_watching
+        supervisor.renew()
+    assert not supervisor.is_watching
     assert len(told) == REPLACED_AT_MOST + 1
     assert "was lost for good" in told[-1]
 
@@ -288,22 +293,22 @@ def test_nothing_in_the_package_forks_or_hands_all_descriptors_over() -> None:
 
 def test_the_lease_is_closed_at_the_end_whatever_became_of_the_guard(tmp_path: Path) -> None:
     """Else the next start finds tools hot that are safe. A guard that was refused memory at its last step left it open."""
-    keeper = GuardSupervisor(tmp_path, lambda kind, text: None)
-    keeper.lease(UNKNOWN)
+    supervisor = GuardSupervisor(tmp_path, lambda kind, text: None)
+    supervisor.lease(UNKNOWN)
     until(lambda: (tmp_path / LEASE).exists())
-    assert keeper.pid is not None
-    os.kill(keeper.pid, signal.SIGKILL)
-    keeper.end()
+    assert supervisor.pid is not None
+    os.kill(supervisor.pid, signal.SIGKILL)
+    supervisor.end()
     assert not (tmp_path / LEASE).exists()
 
 
 def test_a_lease_that_was_handed_over_is_the_guard_s(tmp_path: Path) -> None:
-    keeper = GuardSupervisor(tmp_path, lambda kind, text: None)
-    keeper.lease(UNKNOWN)
+    supervisor = GuardSupervisor(tmp_path, lambda kind, text: None)
+    supervisor.lease(UNKNOWN)
     until(lambda: (tmp_path / LEASE).exists())
-    assert keeper._guard is not None
-    keeper._guard._process.kill()  # before it has made anything safe
-    keeper._guard._process.wait()
-    keeper.take_over()
-    keeper.end()
+    assert supervisor._guard is not None
+    supervisor._guard._process.kill()  # before it has made anything safe
+    supervisor._guard._process.wait()
+    supervisor.take_over()
+    supervisor.end()
     assert [one.name for one in kept(tmp_path)] == [UNKNOWN.name]

@@ -21,10 +21,10 @@ from jbclog.record.recover import recover
 def guarded(tmp_path: Path) -> Path:
     """A run whose recorder died, and whose guard could save one of two tools."""
     folder = few_rows.abandoned(tmp_path)
-    diary = ActionLog(folder)
-    diary.write("safety.safe_state", "info", "The guard put the tool in its safe state, as read back: stand.", "a", 1)
-    diary.write("safety.not_safe", "critical", "The tool could not be made safe; it may be hot.", "a", 2)
-    diary.write("guard.took_over", "critical", "The guard took over, because the recorder died.")
+    action_log = ActionLog(folder)
+    action_log.write("safety.safe_state", "info", "The guard put the tool in its safe state, as read back: stand.", "a", 1)
+    action_log.write("safety.not_safe", "critical", "The tool could not be made safe; it may be hot.", "a", 2)
+    action_log.write("guard.took_over", "critical", "The guard took over, because the recorder died.")
     return folder
 
 

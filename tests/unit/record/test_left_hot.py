@@ -135,10 +135,10 @@ def test_what_is_known_is_not_told_again(
 
 def test_a_take_over_that_did_all_is_a_lost_run_and_no_unsafe_one(left: Left) -> None:
     folder = left(FEEDS)
-    diary = ActionLog(folder)
-    diary.reserve()
-    diary.write("safety.safe_state", "info", "The tool was put in its safe state.", "a", 1)
-    diary.write("guard.took_over", "error", "The guard took over.")
+    action_log = ActionLog(folder)
+    action_log.reserve()
+    action_log.write("safety.safe_state", "info", "The tool was put in its safe state.", "a", 1)
+    action_log.write("guard.took_over", "error", "The guard took over.")
     done = recover(folder)
     assert (done.is_safe, told(folder), read_manifest(folder).exit_code) == (True, [], 4)
     assert len((folder / DIARY).read_bytes().splitlines()) == 2  # its room is given back
@@ -185,8 +185,8 @@ def test_recover_ends_with_5_until_the_lease_is_closed(left: Left) -> None:
 
 def test_recover_ends_with_5_where_the_guard_could_not_make_a_tool_safe(left: Left) -> None:
     folder = left(TOUCHED, lease(2))
-    diary = ActionLog(folder)
-    diary.write("safety.safe_state", "info", "The tool was put in its safe state.", "a", 1)
-    diary.write("safety.not_safe", "critical", "The tool could not be made safe.", "a", 2)
+    action_log = ActionLog(folder)
+    action_log.write("safety.safe_state", "info", "The tool was put in its safe state.", "a", 1)
+    action_log.write("safety.not_safe", "critical", "The tool could not be made safe.", "a", 2)
     assert CliRunner().invoke(app, ["recover", str(folder)]).exit_code == 5
     assert (told(folder), read_manifest(folder).exit_code) == ([], 5)

@@ -41,7 +41,7 @@ class Typing:
     def __init__(self, duration_s: float, *, refuses_repeats: bool = False) -> None:
         self.run: VirtualRun = prepare(line_text("joints_per_minute = 20"), duration_s=duration_s)
         reading, self.writing = os.pipe()
-        clock, utc = self.run.driver.clock, next(iter(self.run.desks.values())).utc
+        clock, utc = self.run.driver.clock, next(iter(self.run.contexts.values())).utc
         source = Source(reading, "stdin")
         self.feed = UnitFeed(
             source, self.run.memory.event, lambda: utc.micros(clock.monotonic()), wanted=2, refuses_repeats=refuses_repeats
