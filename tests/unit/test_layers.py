@@ -1,18 +1,76 @@
-"""What imports really load: nothing heavier than what they need."""
+"""The contracts of import-linter notice what they forbid, and imports load nothing heavier than what they need."""
 
 from __future__ import annotations
 
 import ast
+import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+from readme import ROOT
 from syntax import parsed
 
 import jbclog
 
 PACKAGE = Path(jbclog.__file__).parent
 HEAVY = ("pandas", "matplotlib", "jinja2")
+
+FORBIDDEN = {  # module that is added to a copy of the package -> what it imports, and what import-linter says of it
+    "protocol.added": ("from jbclog.session import scheduler", "jbclog.protocol.added -> jbclog.session.scheduler"),
+    "session.added": ("def f():\n    import time", "jbclog.session.added -> time"),
+    "protocol.client.added": ("from threading import Lock", "jbclog.protocol.client.added -> threading"),
+    "record.added": ("import pandas as pd", "jbclog.record.added -> pandas"),
+    "analysis.joints.added": ("import pandas as pd", "jbclog.analysis.joints.added -> pandas"),
+    "guard.added": ("from serial import Serial", "jbclog.guard.added -> serial"),
+    "app.run.added": ("from jbclog.sim.virtual import VirtualStation", "jbclog.app.run.added -> jbclog.sim.virtual"),
+    "cli.added": ("from jbclog.sim import virtual", "jbclog.cli.added -> jbclog.sim.virtual"),
+    "app.added": ("from jbclog.report import write", "jbclog.app.added -> jbclog.report.write"),
+    "maintenance.added": ("import jinja2", "jbclog.maintenance.added -> jinja2"),
+    "guard.added_too": ("import tomllib", "jbclog.guard.added_too -> tomllib"),
+    "report.added": ("from jbclog import spc", "jbclog.report.added -> jbclog.spc"),
+}
+UNKNOWN = "cellar"  # a package that has no layer
+
+
+def lint(project: Path) -> str:
+    """What import-linter says of a project, and its exit code before that."""
+    command = [Path(sys.executable).with_name("lint-imports"), "--no-cache", "--no-logo"]
+    wide = {**os.environ, "COLUMNS": "1000", "PYTHONPATH": str(project)}
+    done = subprocess.run(command, cwd=project, env=wide, capture_output=True, text=True, check=False, timeout=200)
+    return f"{done.returncode}\n{done.stdout}{done.stderr}"
+
+
+@pytest.fixture(scope="module")
+def project(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A copy of the package and of the contracts."""
+    made = tmp_path_factory.mktemp("project")
+    shutil.copytree(PACKAGE, made / "jbclog", ignore=shutil.ignore_patterns("__pycache__"))
+    shutil.copy(ROOT / "pyproject.toml", made)
+    return made
+
+
+@pytest.fixture(scope="module")
+def said(project: Path) -> str:
+    for module, (text, _) in FORBIDDEN.items():
+        (project / "jbclog" / f"{module.replace('.', '/')}.py").write_text(text, encoding="utf-8")
+    return lint(project)
+
+
+@pytest.mark.parametrize("module", FORBIDDEN)
+def test_a_forbidden_import_is_found(module: str, said: str) -> None:
+    assert said.startswith("1\n")
+    assert FORBIDDEN[module][1] in said
+
+
+def test_a_package_without_a_layer_is_found(project: Path) -> None:
+    (project / "jbclog" / UNKNOWN).mkdir()
+    (project / "jbclog" / UNKNOWN / "__init__.py").write_text("", encoding="utf-8")
+    said = lint(project)
+    assert said.startswith("1\n")
+    assert UNKNOWN in said
 
 
 def test_every_file_begins_with_what_it_is() -> None:
