@@ -3,29 +3,16 @@
 from __future__ import annotations
 
 import re
-import subprocess
-from collections.abc import Iterator
 
 import pytest
+from kept_texts import TEXTS
 from readme import ROOT
 
-TEXT = {".py", ".md", ".toml", ".lock", ".html", ".css", ".ipynb", ""}
 FORBIDDEN = {
     "a path of somebody's machine": re.compile(r"(?<![\w.:/~$}-])/(?:home|root|Users|work|mnt|srv|workspace)/\w"),
     "the host of a package registry": re.compile(r"py" r"pi\.|python" r"hosted|--(?:extra-)?index" r"-url|--find" r"-links"),
     "something that is not finished": re.compile(r"\b(?:TO" r"DO|FIX" r"ME|XX" r"X)\b|NotImplemented" r"Error"),
 }
-
-
-def files() -> Iterator[str]:
-    """Every text that is kept under version control."""
-    listed = subprocess.run(["git", "ls-files"], cwd=ROOT, capture_output=True, text=True, check=False)
-    if listed.returncode:  # not a clone: an unpacked archive
-        yield from (str(path.relative_to(ROOT)) for path in ROOT.rglob("*") if path.is_file() and ".venv" not in path.parts)
-    yield from listed.stdout.splitlines()
-
-
-TEXTS = [name for name in files() if (ROOT / name).suffix in TEXT and (ROOT / name).is_file()]
 
 
 @pytest.mark.parametrize("what", FORBIDDEN)

@@ -12,13 +12,14 @@ from typing import NamedTuple
 import pytest
 from corrupted import flipped, taken, taken_by_omega, taken_of_two_bits
 from golden import FRAMES, Golden, seed_003
-from readme import README
+from readme import ROOT
 
 from jbclog.core.quantities import Value
 from jbclog.protocol.commands.command import Command
 from jbclog.protocol.commands.family import FAMILIES
 
 FAMILIES_OF = {"000": ("soldering",), "001": ("jtse",), "002": ("dde", "ale", "ucr"), "004": ("ucr",)}
+RECORD = " ".join((ROOT / "docs/decisions/0017-decisive-values-are-read-twice.md").read_text(encoding="utf-8").split())
 ANSWERS = [golden for golden in FRAMES if golden.text[0] == "A" and golden.value is not None]
 
 
@@ -44,7 +45,7 @@ def test_no_single_flipped_bit_is_taken(golden: Golden) -> None:
 
 
 class Kind(NamedTuple):
-    """An answer as the README names it."""
+    """An answer as the decision record names it."""
 
     name: str
     where: str
@@ -75,9 +76,9 @@ def passing(golden: Golden) -> list[tuple[bytes, Value]]:
 
 
 def published() -> dict[str, int]:
-    """The numbers in the README's sentence, by the names that it uses."""
-    sentence = re.search(r"of the 8128 that turn over two,([^.]*)", " ".join(README.split()))
-    assert sentence, "the README no longer says how many corruptions of two bits pass"
+    """The numbers in the record's sentence, by the names that it uses."""
+    sentence = re.search(r"of the 8128 that turn over two,([^.]*)", RECORD)
+    assert sentence, "the record no longer says how many corruptions of two bits pass"
     return {name: int(number) for number, name in re.findall(r"(\d+)(?: pass)? as an? ([a-z ]+?)(?=,| and \d|$)", sentence[1])}
 
 
@@ -113,7 +114,7 @@ def test_of_omega_no_single_flipped_bit_is_taken_and_at_most_one_pair(golden: se
     assert [sent for sent in flipped(golden.wire, 1) if taken_by_omega(command, sent) is not None] == []
     pairs = list(flipped(golden.wire, 2))
     passed = [sent for sent in pairs if taken_by_omega(command, sent) is not None]
-    sentence = re.search(r"Of the (\d+) in an answer of OMEGA at most (\d+) passes", " ".join(README.split()))
+    sentence = re.search(r"Of the (\d+) in an answer of OMEGA at most (\d+) passes", RECORD)
     assert sentence
     assert len(pairs) == int(sentence[1])
     assert len(passed) <= int(sentence[2])
