@@ -85,7 +85,9 @@ class StationTable(Table):
     )
     baudrate: Annotated[int, AfterValidator(_baudrate)] = Field(19200, description="bits per second, default 19200 (omega 9600)")
     format: Annotated[str, AfterValidator(_format)] = Field("8N1", description="a line format such as 8N1, 8E1 or 8O2")
-    address: Annotated[int | None, PlainValidator(_address)] = 1
+    address: Annotated[int | None, PlainValidator(_address)] = Field(
+        1, description="1 to 99, or false for frames without addresses"
+    )
     ports: Annotated[tuple[PortNumber, ...], FromList, AfterValidator(_in_order)] | None = Field(
         None, min_length=1, max_length=4, description="a list of ports from 1 to 4"
     )

@@ -33,7 +33,7 @@ class Status(StrEnum):
 
 FINE_VERDICTS = (None, "ACCEPT", "NOT JUDGED")
 NEVER_BEGUN = ("left_out", "not_started", "refused", "gone", "failed")  # of which none, if alone, makes a run
-_SEVEREST_FIRST = (Exit.UNSAFE, Exit.RECORD, Exit.STATION, Exit.INTERRUPTED, Exit.TERMINATED, Exit.NOT_FINE)
+SEVEREST_FIRST = (Exit.UNSAFE, Exit.RECORD, Exit.STATION, Exit.INTERRUPTED, Exit.TERMINATED, Exit.NOT_FINE)
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,13 +94,13 @@ def _count(number: int, noun: str) -> str:
 
 def in_order(found: Iterable[Finding]) -> list[Finding]:
     """The findings for people, the most severe first."""
-    return sorted(found, key=lambda finding: _SEVEREST_FIRST.index(finding.code))
+    return sorted(found, key=lambda finding: SEVEREST_FIRST.index(finding.code))
 
 
 def exit_code(found: Iterable[Finding]) -> Exit:
     """The most severe code among the findings; 0 where there are none."""
     codes = {one.code for one in found}
-    return next((code for code in _SEVEREST_FIRST if code in codes), Exit.FINE)
+    return next((code for code in SEVEREST_FIRST if code in codes), Exit.FINE)
 
 
 def status(found: Iterable[Finding]) -> Status:

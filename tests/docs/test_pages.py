@@ -1,16 +1,53 @@
-"""The pages beside the command tables are those that the tables make."""
+"""The pages that are made from the code are what the code makes, and miss nothing of it."""
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
-from pages import PAGES
+from configuration_page import FILES, keys
+from configuration_words import FAULTS, MEANINGS
+from exit_codes_page import MEANINGS as CODES
+from pages import PAGES, REFERENCE
+from readme import ROOT
+
+from jbclog.config.sim_spec import KEYS_OF_FAULT
+from jbclog.core.outcome import Exit
 
 MAKE = "python tests/support/pages.py"
 
 
 @pytest.mark.parametrize("path", PAGES, ids=lambda path: path.name)
-def test_a_page_is_what_the_tables_make(path: Path) -> None:
-    assert path.read_text(encoding="utf-8") == PAGES[path](), f"the tables have changed: {MAKE} writes the pages anew"
+def test_a_page_is_what_the_code_makes(path: Path) -> None:
+    assert path.read_text(encoding="utf-8") == PAGES[path](), f"the code has changed: {MAKE} writes the pages anew"
     assert MAKE in path.read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("title", FILES)
+def test_every_key_has_a_meaning(title: str) -> None:
+    assert sorted(MEANINGS[title]) == sorted(f"{table.strip('[]')}.{key}" for table, key, _ in keys(title))
+
+
+def test_every_fault_and_every_exit_code_has_a_meaning() -> None:
+    assert set(FAULTS) == set(KEYS_OF_FAULT)
+    assert set(CODES) == set(Exit)
+
+
+def test_every_environment_variable_is_listed() -> None:
+    """Those that jbclog and the notebooks read, and those of the tests."""
+    texts = [path for folder in ("jbclog", "notebooks", "tests", ".ci") for path in (ROOT / folder).rglob("*")]
+    read = re.compile(r"""environ(?:\.get\(|\[)\\?["'](\w+)|["'](\w+)\\?["'] in os\.environ""")
+    ours = {
+        name
+        for path in texts
+        if path.suffix in (".py", ".ipynb")
+        for found in read.findall(path.read_text(encoding="utf-8"))
+        for name in found
+        if name.startswith("JBCLOG_") or ("tests" not in path.parts and name)
+    }
+    page = (REFERENCE / "environment.md").read_text(encoding="utf-8")
+    listed = set(re.findall(r"^\| `(\w+)` \|", page, re.MULTILINE))
+    assert ours - {"JBCLOG_MUTANT"} <= listed
+    code = "".join(path.read_text(encoding="utf-8") for path in texts if path.is_file() and path.suffix in (".py", ".ipynb", ""))
+    assert [name for name in listed if name not in code] == []

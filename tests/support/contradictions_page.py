@@ -1,4 +1,4 @@
-"""CONTRADICTIONS.md: what the manuals contradict, misprint or leave open, and what is made of it."""
+"""docs/reference/contradictions.md: what the manuals contradict, misprint or leave open, and what is made of it."""
 
 from __future__ import annotations
 

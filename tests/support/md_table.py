@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
-MADE = "<!-- Made from the tables in this folder by `python tests/support/pages.py`; a test holds it against them. -->"
+MADE = "<!-- Made from the code by `python tests/support/pages.py`; a test compares the two. -->"
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:

@@ -1,17 +1,24 @@
-"""The pages that are made from the tables, and nothing else: ``python tests/support/pages.py`` writes them anew."""
+"""The pages that are made from the code, and nothing else: ``python tests/support/pages.py`` writes them anew."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
-import commands_page
+import command_line_page
+import configuration_page
 import contradictions_page
+import exit_codes_page
+import station_commands_page
 
-TABLES = Path(__file__).parents[2] / "jbclog" / "protocol" / "commands"
+ROOT = Path(__file__).parents[2]
+REFERENCE = ROOT / "docs" / "reference"
 PAGES: Mapping[Path, Callable[[], str]] = {
-    TABLES / "COMMANDS.md": commands_page.page,
-    TABLES / "CONTRADICTIONS.md": contradictions_page.page,
+    REFERENCE / "commands.md": command_line_page.page,
+    REFERENCE / "configuration.md": configuration_page.page,
+    REFERENCE / "exit-codes.md": exit_codes_page.page,
+    REFERENCE / "station-commands.md": station_commands_page.page,
+    REFERENCE / "contradictions.md": contradictions_page.page,
 }
 
 
@@ -21,7 +28,7 @@ def main() -> None:
         text = page()
         if not path.exists() or path.read_text(encoding="utf-8") != text:
             path.write_text(text, encoding="utf-8")
-            print(f"{path.relative_to(TABLES.parents[2])} is written")
+            print(f"{path.relative_to(ROOT)} is written")
 
 
 if __name__ == "__main__":

@@ -11,16 +11,15 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from functools import cache
 from itertools import chain
-from pathlib import Path
 
 import pytest
 from codes import PORTS, codes_of
-from commands_page import printed_code
 from converse import Pair
 from domains import as_written, every_text, meant, values_to_write
 from each_row import each_row
+from readme import ROOT
+from station_commands_page import printed_code
 
-import jbclog.protocol.commands
 from jbclog.core.errors import OutOfRange
 from jbclog.core.io_requests import Steps
 from jbclog.core.quantities import OFF, AlarmDelay, Choice, Delay, Number, Quantity, Text, Value, Word
@@ -148,14 +147,14 @@ def test_no_code_begins_with_its_own_but_that_of_a_tip(family: Family, command: 
 
 # -- the page lists it -------------------------------------------------------------------------------------------------
 
-COMMANDS_MD = (Path(jbclog.protocol.commands.__file__).parent / "COMMANDS.md").read_text(encoding="utf-8")
+STATION_COMMANDS = (ROOT / "docs" / "reference" / "station-commands.md").read_text(encoding="utf-8")
 """As it stands in the repository; that it is made from the tables is held by tests/docs/test_pages.py."""
 
 
 @every_command
 def test_the_page_of_commands_lists_it(family: Family, command: Command) -> None:
     begin = f"| `{command.name}` | `{printed_code(command)}` | "
-    (row,) = (line for line in COMMANDS_MD.splitlines() if line.startswith(begin) and f"| {command.manual} |" in line)
+    (row,) = (line for line in STATION_COMMANDS.splitlines() if line.startswith(begin) and f"| {command.manual} |" in line)
     cells = [cell.strip() for cell in row.strip("|").split(" | ")]
     assert f"`{family.name}`" in cells[2] or cells[2] in ("all", "all soldering", "all of 002")
     assert cells[3].removesuffix(" *(inferred)*") == (command.unit or "–")
