@@ -21,7 +21,8 @@ from jbclog.guard.messages import say
 from jbclog.protocol.client.interface import Client
 from jbclog.protocol.client.make import client_for
 from jbclog.protocol.commands.family import FAMILIES
-from jbclog.session.safety.secure import SENT, Task, Tool, secure
+from jbclog.session.safety.secure import secure
+from jbclog.session.safety.tools import SENT, Task, Tool
 from jbclog.transport import blocking
 from jbclog.transport.descriptors import allow_ports
 from jbclog.transport.opening import open_port

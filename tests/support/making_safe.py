@@ -12,7 +12,7 @@ from jbclog.core.io_requests import Ask, Heard, Listen, Reopen, Request, Steps, 
 from jbclog.core.line_format import LineFormat
 from jbclog.protocol.client.robot import Station
 from jbclog.protocol.commands.family import FAMILIES
-from jbclog.session.safety.secure import Task, Tool
+from jbclog.session.safety.tools import Task, Tool
 from jbclog.sim.airface import AirFace
 from jbclog.sim.state import WORKING as AT_WORK
 from jbclog.sim.virtual import VirtualStation

@@ -18,7 +18,8 @@ from jbclog.protocol.commands.command import TOOLS_WITH_A_PLACE
 from jbclog.protocol.commands.family import Family, family_of
 from jbclog.session.manual.contact import NO_TOOL, PORTS, Contact, Target, expect_borne_out, find_tool, meet
 from jbclog.session.manual.cooling import DELAYS, Cooling, cooling_of, temperature_of
-from jbclog.session.safety.secure import SENT, Task, Tool, secure
+from jbclog.session.safety.secure import secure
+from jbclog.session.safety.tools import SENT, Task, Tool
 
 SWITCH_OFF: Final = "switch the station off"
 

@@ -9,7 +9,8 @@ from jbclog.core.rows import Severity
 from jbclog.session.run.context import PortState, SessionContext
 from jbclog.session.run.identity import recognise
 from jbclog.session.run.loss import tell_flood
-from jbclog.session.safety.secure import FAILED, SENT, VERIFIED, Task, Tool, secure
+from jbclog.session.safety.secure import secure
+from jbclog.session.safety.tools import FAILED, SENT, VERIFIED, Task, Tool
 
 
 def make_safe(context: SessionContext) -> Steps[None]:

@@ -14,9 +14,10 @@ from making_safe import ASKED_AT, Cable, Silent, station, task
 from jbclog.core.errors import AnswerTimeout, LinkError
 from jbclog.core.io_requests import Ask, Heard, Listen, Steps, Wait
 from jbclog.protocol.commands.status import EXTRACTOR, STAND, StatusWord
-from jbclog.session.safety import secure as secure_module
-from jbclog.session.safety.deadline import in_time
-from jbclog.session.safety.secure import ALLOWED_S, FAILED, SENT, VERIFIED, Task, secure
+from jbclog.session.safety import cooling
+from jbclog.session.safety.orders import in_time
+from jbclog.session.safety.secure import ALLOWED_S, secure
+from jbclog.session.safety.tools import FAILED, SENT, VERIFIED, Task
 from jbclog.sim.airface import AirFace
 from jbclog.sim.port import Port
 from jbclog.sim.state import SLEEP, WORKING
@@ -210,12 +211,12 @@ def test_a_tool_is_cold_where_both_answers_of_both_readings_say_so(
     celsius: tuple[int, ...], permille: tuple[int, ...], is_cold: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def read(*_: object) -> Iterator[object]:
-        return secure_module._Heat(celsius, permille)
+        return cooling._Heat(celsius, permille)
         yield
 
-    monkeypatch.setattr(secure_module, "_heat", read)
+    monkeypatch.setattr(cooling, "_heat", read)
     with pytest.raises(StopIteration) as end:
-        next(secure_module._is_cold(None, None))  # type: ignore[arg-type]  # what they are is read by `_heat` alone
+        next(cooling.is_cold(None, None))  # type: ignore[arg-type]  # what they are is read by `_heat` alone
     assert end.value.value is is_cold
 
 
@@ -382,7 +383,7 @@ def test_where_it_is_acknowledged_and_ignored_stand_follows_at_once_and_is_told(
 def test_a_tool_cools_where_all_answers_say_so(
     before: tuple[tuple[int, ...], ...], after: tuple[tuple[int, ...], ...], cools: bool
 ) -> None:
-    assert secure_module._cools(secure_module._Heat(*before), secure_module._Heat(*after)) is cools
+    assert cooling._cools(cooling._Heat(*before), cooling._Heat(*after)) is cools
 
 
 def test_a_falling_tip_whose_heater_works_against_it_does_not_cool() -> None:
