@@ -7,6 +7,7 @@ than three readings. It is no probability.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -14,6 +15,7 @@ import numpy as np
 
 from jbclog.analysis.joints.draws import HIGH_NOISES, HIGH_PERMILLE, Flow, Span, find_spans
 from jbclog.analysis.joints.parameters import Taken
+from jbclog.analysis.joints.segments import segments
 from jbclog.analysis.joints.thermal import ThermalModel
 
 LEAST_HEAT: Final = 20.0  # ‰·s: less is within what the heat balance leaves; the smallest pad takes 100
@@ -68,20 +70,27 @@ def draws_of(part: Flow, model: ThermalModel, settings: Taken) -> list[Draw]:
             together[-1].append(span)
         else:
             together.append([span])
-    found = [_draw(part, model, some, together, number) for number, some in enumerate(together)]
-    return [draw for draw in found if (draw.heat or 0.0) >= LEAST_HEAT]
+    return [draw for draw in _draws(part, model, together) if (draw.heat or 0.0) >= LEAST_HEAT]
 
 
-def _draw(part: Flow, model: ThermalModel, some: list[Span], every: list[list[Span]], number: int) -> Draw:
-    flow, period = part.flow, part.stretch.period_s
-    beside = max(round(2 * model.noise.smooth_s / period), 1)
-    before = every[number - 1][-1].last + 1 if number else 0
-    behind = every[number + 1][0].first if number + 1 < len(every) else len(flow)
-    first, last = max(some[0].first - beside, before), min(some[-1].last + beside + 1, behind)
-    heat, peak = float(flow[first:last].sum()) * period, float(flow[some[0].first : some[-1].last + 1].max())
-    start_s, end_s = some[0].start_s, some[-1].end_s
-    sure = 1 - 0.5 * float(np.exp(1 - max(peak / max(HIGH_NOISES * model.noise.flow, HIGH_PERMILLE), 1.0)))
-    few = (end_s - start_s) / period + 1 < FEW_READINGS
-    cut = ENDS if some[-1].last >= len(flow) - 2 else BEGINS if some[0].first <= 1 else None
-    dwell = sum(span.end_s - span.start_s for span in some)
-    return Draw(start_s, end_s, dwell, heat, peak, len(some), round(sure * (0.5 if few else 1.0), 3), cut, None, model.loss)
+def _draws(part: Flow, model: ThermalModel, together: Sequence[Sequence[Span]]) -> list[Draw]:
+    """Each of these contacts as a draw."""
+    flow, period, noise = part.flow, part.stretch.period_s, model.noise
+    beside = max(round(2 * noise.smooth_s / period), 1)
+    first = np.array([some[0].first for some in together], dtype=np.int64)
+    last = np.array([some[-1].last for some in together], dtype=np.int64)
+    begin = np.maximum(first - beside, np.append(0, last[:-1] + 1))
+    until = np.minimum(last + beside + 1, np.append(first[1:], len(flow)))
+    heats = segments(begin, np.maximum(until, begin)).total(flow) * period
+    peaks = segments(first, last + 1).greatest(flow)
+    over = np.maximum(peaks / max(HIGH_NOISES * noise.flow, HIGH_PERMILLE), 1.0)
+    sure = 1 - 0.5 * np.exp(1 - over)
+    found: list[Draw] = []
+    for some, heat, peak, confidence in zip(together, heats.tolist(), peaks.tolist(), sure.tolist(), strict=True):
+        start_s, end_s = some[0].start_s, some[-1].end_s
+        few = (end_s - start_s) / period + 1 < FEW_READINGS
+        cut = ENDS if some[-1].last >= len(flow) - 2 else BEGINS if some[0].first <= 1 else None
+        dwell = sum(span.end_s - span.start_s for span in some)
+        confidence = round(confidence * (0.5 if few else 1.0), 3)
+        found.append(Draw(start_s, end_s, dwell, heat, peak, len(some), confidence, cut, None, model.loss))
+    return found

@@ -18,13 +18,12 @@ model's own error out.
 
 from __future__ import annotations
 
-from bisect import bisect_left, bisect_right
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import Final
 
 import numpy as np
 
+from jbclog.analysis.joints.segments import Places, highest_running_sum, segments
 from jbclog.analysis.joints.series import Stretch
 from jbclog.analysis.joints.thermal import COARSE_S, Noise, ThermalModel, flow_of, rate, smooth
 from jbclog.analysis.verdict.idle import Flags, Floats
@@ -80,17 +79,17 @@ def find_spans(part: Flow, noise: Noise, expected_every_s: float | None = None) 
     more = float(np.sqrt(max(COARSE_S**2 - noise.smooth_s**2, 0.0))) / period
     coarse = smooth(part.flow, more) if more > 0.1 else part.flow
     looked = _Looked(part, rises, *_edges(rises, EDGE_NOISES * noise.rate), coarse, noise, expected_every_s)
-    contacts = [one for one in _joined(looked, _parts(looked)) if looked.top(*one) >= looked.high]
-    starts = [*(first for first, _ in contacts), len(part.flow)]
-    return [_span(looked, one, starts[number + 1]) for number, one in enumerate(contacts)]
+    first, last = _joined(looked, *_parts(looked))
+    high = segments(first, last).greatest(looked.flow) >= looked.high
+    return _spans(looked, first[high], last[high])
 
 
 @dataclass(frozen=True, slots=True)
 class _Looked:
     part: Flow
     rises: Floats
-    upward: list[int]
-    downward: list[int]
+    edges: Places
+    upward: Flags
     coarse: Floats
     noise: Noise
     expected_every_s: float | None
@@ -107,65 +106,60 @@ class _Looked:
     def low(self) -> float:
         return max(LOW_NOISES * self.noise.flow, self.noise.floors * LOW_PERMILLE)
 
-    def top(self, first: int, last: int) -> float:
-        return float(self.part.flow[first:last].max())
-
     def rows(self, seconds: float) -> int:
         return max(round(seconds / self.part.stretch.period_s), 1)
 
 
-def _edges(rises: Floats, least: float) -> tuple[list[int], list[int]]:
-    """The rows of the rising and of the falling edges beyond the noise."""
+def _edges(rises: Floats, least: float) -> tuple[Places, Flags]:
+    """The rows of the edges beyond the noise, and which of them rise; the others fall."""
     inner = rises[1:-1]
     top = (inner >= least) & (inner > rises[:-2]) & (inner >= rises[2:])
     bottom = (inner <= -least) & (inner < rises[:-2]) & (inner <= rises[2:])
-    return (np.flatnonzero(top) + 1).tolist(), (np.flatnonzero(bottom) + 1).tolist()
+    rows = np.flatnonzero(top | bottom)
+    return rows + 1, top[rows]
 
 
-def _parts(looked: _Looked) -> list[Part]:
-    """The runs above the low limit, cut at their valleys."""
+def _parts(looked: _Looked) -> tuple[Places, Places]:
+    """The runs above the low limit, cut at their valleys: first rows, and those behind the last."""
     above = looked.flow > looked.low
-    sides = np.flatnonzero(np.diff(np.concatenate(([0], above.astype(np.int8), [0])))).tolist()
-    parts: list[Part] = []
-    for first, last in zip(sides[::2], sides[1::2], strict=True):
-        cuts = [first, *_valleys(looked, first, last), last]
-        parts += pairwise(cuts)
-    return parts
+    sides = np.flatnonzero(np.diff(np.concatenate(([0], above.astype(np.int8), [0]))))
+    first, last = sides[::2], sides[1::2]
+    valleys = _valleys(looked, first, last)
+    return np.sort(np.concatenate([first, valleys])), np.sort(np.concatenate([valleys, last]))
 
 
-def _valleys(looked: _Looked, first: int, last: int) -> list[int]:
+def _valleys(looked: _Looked, first: Places, last: Places) -> Places:
     """Where a run is lowest between a falling and the next rising edge."""
-    falls, rises = _within(looked.downward, first, last), _within(looked.upward, first, last)
-    if not falls or not rises:
-        return []
-    edges = sorted([*((row, -1) for row in falls), *((row, 1) for row in rises)])
-    pairs = [(fall, rise) for (fall, one), (rise, other) in pairwise(edges) if one < 0 < other]
-    return sorted({valley for fall, rise in pairs if (valley := fall + int(looked.flow[fall : rise + 1].argmin())) > first})
+    run = np.searchsorted(first, looked.edges) - 1  # an edge in the first row of a run is outside
+    within = (run >= 0) & (looked.edges < np.append(last, 0)[run])
+    pairs = within[:-1] & within[1:] & (run[:-1] == run[1:]) & ~looked.upward[:-1] & looked.upward[1:]
+    return segments(looked.edges[:-1][pairs], looked.edges[1:][pairs] + 1).where_least(looked.flow)
 
 
-def _within(rows: list[int], first: int, last: int) -> list[int]:
-    return rows[bisect_right(rows, first) : bisect_left(rows, last)]
+def _joined(looked: _Looked, first: Places, last: Places) -> tuple[Places, Places]:
+    """Parts that are not apart as one. Most are seen to be apart at once; the others are looked at one after the other."""
+    if len(first) < 2:
+        return first, last
+    apart = first[1:] - last[:-1] > looked.rows(FAR_S)
+    near = np.flatnonzero(~apart)
+    between = segments(last[near] - 1, first[near + 1] + 1)
+    lowest, lowest_coarse = between.least(looked.flow), between.least(looked.coarse)
+    zero = (lowest < VALLEY_NOISES * looked.noise.flow) & (lowest_coarse <= COARSE_NOISES * looked.noise.coarse)
+    begin, until = first.tolist(), last.tolist()
+    for place in np.flatnonzero(~zero).tolist():
+        one, valley = int(near[place]), (float(lowest[place]), float(lowest_coarse[place]))
+        zero[place] = _apart(looked, (begin[one], until[one]), (begin[one + 1], until[one + 1]), valley)
+        if not zero[place]:
+            begin[one + 1] = begin[one]
+    apart[near] = zero
+    return first[np.append(True, apart)], last[np.append(apart, True)]
 
 
-def _joined(looked: _Looked, parts: list[Part]) -> list[Part]:
-    """Parts that are not apart as one."""
-    together: list[Part] = []
-    for first, last in parts:
-        if together and not _apart(looked, together[-1], (first, last)):
-            together[-1] = (together[-1][0], last)
-        else:
-            together.append((first, last))
-    return together
-
-
-def _apart(looked: _Looked, one: Part, other: Part) -> bool:
-    """Whether the flow was zero between the two."""
+def _apart(looked: _Looked, one: Part, other: Part, valley: tuple[float, float]) -> bool:
+    """Whether the flow was zero between two parts whose valley is not near zero; `valley` is its lowest, and so when smoothed."""
     flow, coarse, noise = looked.flow, looked.coarse, looked.noise
-    between = slice(one[1] - 1, other[0] + 1)
-    lowest, lowest_coarse = float(flow[between].min()), float(coarse[between].min())
+    lowest, lowest_coarse = valley
     near_zero = VALLEY_NOISES * noise.flow
-    if other[0] - one[1] > looked.rows(FAR_S) or (lowest < near_zero and lowest_coarse <= COARSE_NOISES * noise.coarse):
-        return True
     beside = looked.rows(BESIDE_S)
     left, right = slice(max(one[0], one[1] - beside), one[1]), slice(other[0], min(other[1], other[0] + beside))
     before, after = float(flow[left].max()), float(flow[right].max())
@@ -180,49 +174,51 @@ def _apart(looked: _Looked, one: Part, other: Part) -> bool:
     return is_fresh and lowest < max(near_zero, VALLEY_SHARE * after)
 
 
-def _span(looked: _Looked, one: Part, next_first: int) -> Span:
-    """Its edges: the steepest rise before the peak, and the likeliest end."""
-    first, last = one
-    peak = first + int(looked.flow[first:last].argmax())
-    begin = max(first - looked.rows(LOOK_S), 0)
-    start = begin + int(looked.rises[begin : peak + 1].argmax())
-    end, end_s = _end(looked, start, last, next_first)
-    return Span(_moment(looked.part, looked.rises, start), end_s, start, end)
+def _spans(looked: _Looked, first: Places, last: Places) -> list[Span]:
+    """The edges of these contacts: the steepest rise before the peak, and the likeliest end."""
+    peak = segments(first, last).where_greatest(looked.flow)
+    start = segments(np.maximum(first - looked.rows(LOOK_S), 0), peak + 1).where_greatest(looked.rises)
+    end, end_s = _ends(looked, start, last, np.append(first[1:], len(looked.flow)))
+    starts_s = _moments(looked.part, looked.rises, start)
+    return [Span(*one) for one in zip(starts_s.tolist(), end_s.tolist(), start.tolist(), end.tolist(), strict=True)]
 
 
-def _end(looked: _Looked, start: int, last: int, next_first: int) -> tuple[int, float]:
-    """The row of its end, and the moment: where a fall from its last flow to nothing is most likely, or the record's last row."""
+def _ends(looked: _Looked, start: Places, last: Places, next_first: Places) -> tuple[Places, Floats]:
+    """The rows and moments of their ends: where a fall from the last flow to nothing is likeliest, or the record's last row."""
     flow, seconds, period = looked.flow, looked.part.stretch.seconds, looked.part.stretch.period_s
-    if last >= len(flow):
-        return len(flow) - 1, float(seconds[-1])
-    fall = _fall(looked, start, last, next_first)
-    until = min(max(last + looked.rows(LOOK_S), fall + looked.rows(TAIL_S)), next_first, len(flow))
-    begin = max(fall - looked.rows(TAIL_S), start + 1)
-    if until - begin < 2:
-        return fall, float(seconds[fall])
-    before = max(fall - looked.rows(LEVEL_S), start)
-    level = flow[before : max(fall - looked.rows(EDGE_S), before + 1)].mean()
-    half = 0.5 * max(float(level), looked.noise.flow)
-    end = begin + int(np.cumsum(flow[begin:until] - half).argmax())
-    beyond = 0.5
-    if end + 1 < len(flow) and flow[end] > flow[end + 1]:
-        beyond = min(max(float((flow[end] - half) / (flow[end] - flow[end + 1])), 0.0), 1.0)
-    return end, min(float(seconds[end]) + beyond * period, float(seconds[-1]))
+    fall = _falls(looked, start, last, next_first)
+    until = np.minimum(np.maximum(last + looked.rows(LOOK_S), fall + looked.rows(TAIL_S)), np.minimum(next_first, len(flow)))
+    begin = np.maximum(fall - looked.rows(TAIL_S), start + 1)
+    before = np.maximum(fall - looked.rows(LEVEL_S), start)
+    levels = segments(before, np.maximum(fall - looked.rows(EDGE_S), before + 1))
+    half = 0.5 * np.maximum(levels.total(flow) / levels.lengths, looked.noise.flow)
+    end, beyond = fall.copy(), np.zeros(len(fall))
+    seen = until - begin >= 2
+    end[seen] = highest_running_sum(flow, begin[seen], until[seen], half[seen])
+    here, after = flow[end], flow[np.minimum(end + 1, len(flow) - 1)]
+    falls = here > after
+    share = np.clip((here - half) / np.where(falls, here - after, 1.0), 0.0, 1.0)
+    beyond[seen] = np.where(falls, share, 0.5)[seen]
+    cut = last >= len(flow)
+    end[cut], beyond[cut] = len(flow) - 1, 0.0
+    return end, np.minimum(seconds[end] + beyond * period, seconds[-1])
 
 
-def _fall(looked: _Looked, start: int, last: int, next_first: int) -> int:
-    """The row of the steepest fall at its end."""
-    until = min(last + looked.rows(LOOK_S), next_first, len(looked.flow))
-    begin = max(last - 1 - looked.rows(TAIL_S), start + 1)
-    return begin + int(looked.rises[begin:until].argmin()) if until > begin else last - 1
+def _falls(looked: _Looked, start: Places, last: Places, next_first: Places) -> Places:
+    """The rows of the steepest falls at their ends."""
+    until = np.minimum(np.minimum(last + looked.rows(LOOK_S), next_first), len(looked.flow))
+    begin = np.maximum(last - 1 - looked.rows(TAIL_S), start + 1)
+    fall, seen = last - 1, until > begin
+    fall[seen] = segments(begin[seen], until[seen]).where_least(looked.rises)
+    return fall
 
 
-def _moment(part: Flow, steepness: Floats, row: int) -> float:
-    """The moment of an extreme between the rows: the top of a parabola through it and its neighbours."""
-    beside = 0.0
-    if 0 < row < len(steepness) - 1:
-        before, here, after = (float(one) for one in steepness[row - 1 : row + 2])
-        bend = before - 2 * here + after
-        beside = min(max(0.5 * (before - after) / bend, -0.5), 0.5) if bend < 0 else 0.0
-    seconds = part.stretch.seconds
-    return float(min(max(seconds[row] + beside * part.stretch.period_s, seconds[0]), seconds[-1]))
+def _moments(part: Flow, steepness: Floats, rows: Places) -> Floats:
+    """The moments of extremes between the rows: the top of a parabola through each and its neighbours."""
+    seconds, inner = part.stretch.seconds, (rows > 0) & (rows < len(steepness) - 1)
+    near = np.clip(rows, 1, len(steepness) - 2)
+    before, here, after = steepness[near - 1], steepness[near], steepness[near + 1]
+    bend = before - 2 * here + after
+    bent = inner & (bend < 0)
+    beside = np.where(bent, np.clip(0.5 * (before - after) / np.where(bent, bend, -1.0), -0.5, 0.5), 0.0)
+    return np.clip(seconds[rows] + beside * part.stretch.period_s, seconds[0], seconds[-1])

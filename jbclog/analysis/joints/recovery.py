@@ -14,14 +14,14 @@ it had. A joint that the end of the record, a gap, a stand or another setpoint c
 
 from __future__ import annotations
 
-from bisect import bisect_right
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 
 from jbclog.analysis.joints.draw import Draw
+from jbclog.analysis.joints.segments import Places, Segments, segments
 from jbclog.analysis.joints.series import Series
 from jbclog.analysis.joints.thermal import AIR_C
 from jbclog.analysis.joints.track import Track, track_of
@@ -100,10 +100,7 @@ def joints_of(
         return [Joint(draw, why=NOT_READ) for draw in draws]
     tip = _Tip(track_of(series, series.rows.temperature), levels, within_c, series.rated_w)
     drawn, fed = [draw for draw in draws if draw.heat is not None], [draw for draw in draws if draw.heat is None]
-    joints: list[Joint] = []
-    if drawn:
-        seen = _seen(series, tip.track, drawn, every, fed)
-        joints = _with_energy(series, [_joint(tip, seen, number, draw) for number, draw in enumerate(drawn)])
+    joints = _joints(tip, series, _seen(series, tip.track, drawn, every, fed), drawn) if drawn else []
     return sorted([*joints, *(Joint(draw, why=FEED_ALONE) for draw in fed)], key=lambda joint: joint.start_s)
 
 
@@ -123,12 +120,13 @@ class _Seen:
     """
 
     starts: Floats
+    ends: Floats
     setpoints: Floats
     stops: Floats
     cuts: list[str | None]
-    first: list[int]
-    last: list[int]
-    touched: list[int]
+    first: Places
+    last: Places
+    touched: Places
     broken: Flags
     gaps: Flags
 
@@ -143,9 +141,7 @@ def _seen(series: Series, track: Track, draws: Sequence[Draw], every: Sequence[D
     late = starts - track.seconds[before] > series.gap_s if len(track.seconds) else np.ones(len(starts), dtype=np.bool_)
     broken = late | track.has_gap(starts, np.maximum(ends, starts + series.period_s))
     last, touched = track.last(stops), track.last(ends)
-    return _Seen(
-        starts, setpoints[rows], stops, cuts, before.tolist(), last.tolist(), touched.tolist(), broken, track.has_gap(starts, stops)
-    )
+    return _Seen(starts, ends, setpoints[rows], stops, cuts, before, last, touched, broken, track.has_gap(starts, stops))
 
 
 def _stops(series: Series, starts: Floats, ends: Floats, draws: Floats, feeds: Floats) -> tuple[Floats, list[str | None]]:
@@ -193,76 +189,100 @@ def _stands(series: Series) -> Floats:
     return np.asarray(series.seconds[1:][working[:-1] & ~working[1:]], dtype=np.float64)
 
 
-def _joint(tip: _Tip, seen: _Seen, number: int, draw: Draw) -> Joint:
-    heat_j = None if draw.heat is None or tip.rated_w is None else draw.heat * tip.rated_w / 1000
-    if seen.broken[number]:
-        return Joint(draw, heat_j, why=GAP)
-    first, touched = seen.first[number], max(seen.touched[number], seen.first[number] + 1)
-    values, setpoint = tip.track.values, float(seen.setpoints[number])
-    begin, end, lowest = float(values[first]), float(values[touched - 1]), float(values[first:touched].min())
-    if np.isnan(setpoint):
-        return Joint(draw, heat_j, depth_c=begin - lowest, lowest_c=lowest, end_c=end, why=UNKNOWN_SETPOINT)
-    level = tip.levels.get(setpoint)
-    below = None if level is None else level - begin
-    after = _after(tip, seen, number, (setpoint if level is None else level) - tip.within_c)
-    lowest = min(lowest, after.lowest)
-    known = (after.recovered, after.recovery_s, after.had_s)
-    return Joint(draw, heat_j, setpoint, setpoint - begin, below, begin - lowest, lowest, end, *known, None, after.why)
+def _joints(tip: _Tip, series: Series, seen: _Seen, draws: Sequence[Draw]) -> list[Joint]:
+    """What these draws did to the tip."""
+    joints = [Joint(draw, _joules(tip, draw), why=GAP) for draw in draws]
+    whole = np.flatnonzero(~seen.broken)
+    values, first, setpoints = tip.track.values, seen.first[whole], seen.setpoints[whole]
+    touched = np.maximum(seen.touched[whole], first + 1)
+    begin, end, least = values[first], values[touched - 1], segments(first, touched).least(values)
+    levels = np.array([tip.levels.get(one, np.nan) for one in setpoints.tolist()])
+    after = _after(tip, seen, whole, np.where(np.isnan(levels), setpoints, levels) - tip.within_c)
+    energies = _energies(series, seen, whole, after, draws)
+    lowest = np.minimum(least, after.lowest)
+    columns = (setpoints, setpoints - begin, levels - begin, begin - lowest, lowest, end, after.recovery, after.had, energies)
+    known = zip(*(_known(column) for column in columns), strict=True)
+    for place, (setpoint, deficit, below, depth, low, last, recovery, had, energy) in enumerate(known):
+        number = int(whole[place])
+        draw, heat_j, cut = draws[number], joints[number].heat_j, seen.cuts[number]
+        if setpoint is None:
+            low = float(least[place])
+            joints[number] = Joint(draw, heat_j, depth_c=float(begin[place]) - low, lowest_c=low, end_c=last, why=UNKNOWN_SETPOINT)
+            continue
+        back, why = after.outcome(place, cut)
+        joints[number] = Joint(draw, heat_j, setpoint, deficit, below, depth, low, last, back, recovery, had, energy, why)
+    return joints
+
+
+def _joules(tip: _Tip, draw: Draw) -> float | None:
+    return None if draw.heat is None or tip.rated_w is None else draw.heat * tip.rated_w / 1000
+
+
+def _known(column: Floats) -> list[float | None]:
+    """With None for what is not known."""
+    return [None if value != value else value for value in column.tolist()]
 
 
 @dataclass(frozen=True, slots=True)
 class _After:
-    """What came after a joint's start: whether the tip was back and after how long, and the lowest until then."""
+    """What came after the joints' starts: whether the tip was back, or a gap hid it; and the lowest until then.
 
-    recovered: bool | None
-    recovery_s: float | None
-    had_s: float | None
-    lowest: float
-    why: str | None
+    NaN: not back, or not known; infinite: no lowest beside that of the contact.
+    """
 
+    is_back: Flags
+    is_lost: Flags
+    recovery: Floats
+    had: Floats
+    lowest: Floats
 
-def _after(tip: _Tip, seen: _Seen, number: int, floor: float) -> _After:
-    first, last, stop = seen.first[number], seen.last[number], float(seen.stops[number])
-    values, seconds = tip.track.values[first:last], tip.track.seconds[first:last]
-    had = max(stop - float(seen.starts[number]), 0.0)
-    back = _back(seconds, values, floor, stop) if len(values) and had else None
-    if back is None:
-        lowest = float(values.min()) if len(values) else np.inf
-        if seen.gaps[number] and had:
-            return _After(None, None, None, np.inf, GAP)
-        cut = seen.cuts[number]
-        return _After(False if cut is None else None, None, had, lowest, cut or NEXT_CAME)
-    if tip.track.gaps[first + back] > tip.track.gaps[first]:
-        return _After(None, None, None, np.inf, GAP)
-    lowest = float(values[: back + 1].min())
-    recovery = 0.0 if lowest >= floor else max(float(seconds[back]) - float(seen.starts[number]), 0.0)
-    return _After(True, recovery, had, lowest, None)
+    def outcome(self, place: int, cut: str | None) -> tuple[bool | None, str | None]:
+        """Whether the tip recovered, and why not; `cut` is what cut the joint off, None where the next one did."""
+        if self.is_lost[place]:
+            return None, GAP
+        if self.is_back[place]:
+            return True, None
+        return (False, NEXT_CAME) if cut is None else (None, cut)
 
 
-def _back(seconds: Floats, values: Floats, floor: float, stop_s: float) -> int | None:
-    """The place at which the temperature is back after its lowest; None where it is not."""
-    lowest = int(values.argmin())
-    low = values < floor
-    falls = np.flatnonzero(low[lowest + 1 :] & ~low[lowest:-1]) + lowest + 1  # where it leaves the band again
-    begins = [lowest] if not low[lowest] else []
-    begins += (np.flatnonzero(~low[lowest + 1 :] & low[lowest:-1]) + lowest + 1).tolist()
-    for begin in begins:
-        place = bisect_right(falls, begin)
-        until = float(seconds[falls[place]]) if place < len(falls) else stop_s
-        if until - float(seconds[begin]) >= BACK_FOR_S - 1e-6:
-            return int(begin)
-    return None
+def _after(tip: _Tip, seen: _Seen, whole: Places, floors: Floats) -> _After:
+    track, first, last = tip.track, seen.first[whole], seen.last[whole]
+    had = np.maximum(seen.stops[whole] - seen.starts[whole], 0.0)
+    back, lowest = np.full(len(whole), -1, dtype=np.int64), np.full(len(whole), np.inf)
+    some = np.flatnonzero(last > first)
+    watched = segments(first[some], last[some])
+    lowest[some] = watched.least(track.values)
+    back[some] = _back(track, watched, floors[some], seen.stops[whole][some])
+    back[had == 0] = -1
+    is_back, lost = back >= 0, seen.gaps[whole] & (had > 0)
+    lost[is_back] = track.gaps[back[is_back]] > track.gaps[first[is_back]]
+    recovery = np.maximum(track.seconds[back] - seen.starts[whole], 0.0)
+    recovery[lowest >= floors] = 0.0
+    recovery[~is_back | lost], had[lost], lowest[lost] = np.nan, np.nan, np.inf
+    return _After(is_back, lost, recovery, had, lowest)
 
 
-def _with_energy(series: Series, joints: list[Joint]) -> list[Joint]:
-    """The joints that recovered with the power above holding power until then."""
+def _back(track: Track, watched: Segments, floors: Floats, stops: Floats) -> Places:
+    """The place at which the temperature is back after its lowest, of each of the pieces that are watched; -1 where it is not."""
+    rows, piece = watched.rows, np.repeat(np.arange(len(watched.first)), watched.lengths)
+    low, lowest = track.values[rows] < floors[piece], watched.where_least(track.values)[piece]
+    behind, before = rows > lowest, np.append(False, low[:-1])
+    falls = np.flatnonzero(behind & low & ~before)  # where it leaves the band again
+    begins = np.flatnonzero(~low & ((behind & before) | (rows == lowest)))
+    ends = np.append(falls, len(rows))[np.searchsorted(falls, begins, side="right")]
+    falls_again = ends < (watched.begins + watched.lengths)[piece[begins]]
+    until = np.where(falls_again, track.seconds[rows[np.where(falls_again, ends, 0)]], stops[piece[begins]])
+    stays = np.zeros(len(rows), dtype=np.bool_)
+    stays[begins] = until - track.seconds[rows[begins]] >= BACK_FOR_S - 1e-6
+    return watched.first_row(stays)
+
+
+def _energies(series: Series, seen: _Seen, whole: Places, after: _After, draws: Sequence[Draw]) -> Floats:
+    """The power above holding power of those that recovered; NaN of the others."""
     power, above_air = track_of(series, series.rows.power), track_of(series, series.rows.temperature - AIR_C)
-    starts = np.array([joint.start_s for joint in joints])
-    ends = np.array([max(joint.start_s + (joint.recovery_s or 0.0), joint.end_s) for joint in joints])
-    loss = np.array([np.nan if joint.draw.loss is None else joint.draw.loss for joint in joints])
+    starts = seen.starts[whole]
+    ends = np.maximum(starts + np.nan_to_num(after.recovery), seen.ends[whole])
+    loss = np.array([np.nan if (one := draws[number].loss) is None else one for number in whole.tolist()])
     energies = power.area_between(starts, ends) - loss * above_air.area_between(starts, ends)
-    known = ~np.isnan(energies) & ~power.has_gap(starts, ends) & ~above_air.has_gap(starts, ends)
-    return [
-        replace(joint, energy=float(energy)) if is_known and joint.recovered else joint
-        for joint, energy, is_known in zip(joints, energies, known.tolist(), strict=True)
-    ]
+    is_known = ~np.isnan(after.recovery) & ~power.has_gap(starts, ends) & ~above_air.has_gap(starts, ends)
+    return np.where(is_known, energies, np.nan)
