@@ -1,0 +1,90 @@
+"""The written pages of the reference: what they name exists, rows are numbered once, frames have their check bytes."""
+
+from __future__ import annotations
+
+import re
+from functools import reduce
+from operator import xor
+from pathlib import Path
+
+import pytest
+from kept_texts import TEXTS
+from readme import ROOT
+
+from jbclog.protocol.commands.decisions import DECISIONS
+from jbclog.protocol.commands.family import FAMILIES
+
+REFERENCE = ROOT / "docs" / "reference"
+PAGES = sorted(REFERENCE.glob("*.md"))
+every_page = pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+
+
+def text_of(name: str) -> str:
+    return (REFERENCE / name).read_text(encoding="utf-8")
+
+
+@every_page
+def test_links_and_paths_lead_somewhere(page: Path) -> None:
+    text = page.read_text(encoding="utf-8")
+    links = [link for link in re.findall(r"\]\(([^)\"\s]+)", text) if "://" not in link]
+    assert [link for link in links if not (page.parent / link.partition("#")[0]).exists() and link[0] != "#"] == []
+    named = re.findall(r"`((?:tests|jbclog|docs|profiles)/[\w./-]+\.\w+)`", text)
+    assert [name for name in named if not (ROOT / name).exists()] == []
+
+
+# -- faults ---------------------------------------------------------------------------------------------------------------------
+
+ROWS = re.findall(r"^\| ([FIS]-?\d+) \| (.+) \|$", text_of("faults.md"), re.MULTILINE)
+
+
+def test_each_row_of_the_catalogue_stands_once() -> None:
+    names = [name for name, _ in ROWS]
+    assert sorted(names) == sorted(
+        [*(f"F-{n}" for n in range(1, 49)), *(f"I{n}" for n in range(1, 10)), *(f"S-{n}" for n in range(1, 6))]
+    )
+
+
+def test_each_fault_and_each_rule_names_a_test() -> None:
+    assert [name for name, cells in ROWS if name[0] != "I" and "`tests/" not in cells] == []
+
+
+def test_each_citation_of_a_row_finds_it() -> None:
+    known = {name for name, _ in ROWS} | {f"B-{number}" for number in DECISIONS}
+    cited = re.compile(r"docs/reference/(?:faults|contradictions)\.md,((?:(?: and|,| to)? (?:[FBS]-|I)\d+)+)")
+    for name in TEXTS:
+        for rows in cited.findall((ROOT / name).read_text(encoding="utf-8")):
+            assert set(re.findall(r"[FBSI]-?\d+", rows)) <= known, f"{name} cites{rows}"
+
+
+# -- protocol -------------------------------------------------------------------------------------------------------------------
+
+
+def _check_byte(text: str, addresses: str) -> int:
+    return reduce(xor, f"\x02{addresses}{text}\x03".encode())
+
+
+def test_the_check_bytes_are_right() -> None:
+    rows = re.findall(r"`([RWA][^`]*)` \| ([0-9A-F]{2}) \| ([0-9A-F]{2}) ", text_of("protocol.md"))
+    assert len(rows) == 22
+    for text, bare, addressed in rows:
+        assert (_check_byte(text, ""), _check_byte(text, "0001")) == (int(bare, 16), int(addressed, 16)), text
+    control = re.findall(
+        r"^\| ([0-9A-F]{2})(?: \(\w+\))? \| ((?:R\w+ ?)+) \| ((?:R\w+ ?)+) \|$", text_of("protocol.md"), re.MULTILINE
+    )
+    assert len(control) == 5
+    for byte, bare, addressed in control:
+        assert {_check_byte(text, "") for text in bare.split()} == {int(byte, 16)}
+        assert {_check_byte(text, "0001") for text in addressed.split()} == {int(byte, 16)}
+
+
+# -- safe states ----------------------------------------------------------------------------------------------------------------
+
+
+def test_the_safe_states_are_those_of_the_families() -> None:
+    rows = re.findall(r"^\| (`.+?`) \| (.+?) \| (.+?) \| .+ \|$", text_of("safe-states.md"), re.MULTILINE)
+    said = {
+        family: tuple(re.findall(r"`(\w+)`", " ".join(states)))
+        for names, *states in rows
+        for family in re.findall(r"`(\w+)`", names)
+    }
+    assert said == {name: family.safe_states for name, family in FAMILIES.items()}
