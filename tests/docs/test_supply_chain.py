@@ -1,4 +1,4 @@
-"""What a release is made of and how it is made: the audit of the lock, its bill of materials, the commands of docs/releasing.md."""
+"""What a release is made of and how it is made: the audit of the lock, its bill of materials, the commands of the releasing page."""
 
 from __future__ import annotations
 
@@ -132,7 +132,7 @@ def signer() -> Iterator[dict[str, str]]:
 def test_the_page_s_commands_make_a_release_that_its_user_can_verify_and_build_again(
     tools: str, signer: dict[str, str], tmp_path: Path
 ) -> None:
-    page = (ROOT / "docs" / "releasing.md").read_text(encoding="utf-8")
+    page = (ROOT / "docs" / "how-to" / "releasing.md").read_text(encoding="utf-8")
     blocks = dict(re.findall(r"^```sh (\w+)\n(.*?)^```$", page, re.DOTALL | re.MULTILINE))
     assert [*blocks] == ["tag", "build", "verify", "rebuild"]
     clone = tmp_path / "clone"

@@ -7,7 +7,7 @@ import re
 import pytest
 from readme import ROOT
 
-PAGE = (ROOT / "docs" / "threat-model.md").read_text(encoding="utf-8")
+PAGE = (ROOT / "docs" / "explanation" / "threat-model.md").read_text(encoding="utf-8")
 NAMED = sorted(set(re.findall(r"`([\w/]+/test_\w+\.py)`", PAGE)))
 
 
@@ -23,7 +23,7 @@ def test_each_row_says_what_stands_against_it_with_a_test_or_what_does_not() -> 
     assert [row[0] for row in threats if not (re.search(r"test_\w+\.py", row[1]) or row[2])] == []
 
 
-@pytest.mark.parametrize("page", ["SECURITY.md", "docs/threat-model.md", "docs/releasing.md"])
+@pytest.mark.parametrize("page", ["SECURITY.md", "docs/explanation/threat-model.md", "docs/how-to/releasing.md"])
 def test_its_links_lead_somewhere(page: str) -> None:
     text = (ROOT / page).read_text(encoding="utf-8")
     for link in re.findall(r"\]\(([^)#\s]+)", text):
