@@ -1,4 +1,4 @@
-"""What a release is made of and how it is made: the audit of the lock, its bill of materials, the commands of the releasing page."""
+"""What a release is made of and how it is made: the audit of the lock, its bill of materials, the commands of its page."""
 
 from __future__ import annotations
 

@@ -8,9 +8,9 @@ joints come or go, as a share of all, as a mean over the assumptions. What a low
 noise, since no heat comes back from work, and is not counted as having come.
 
 Where doubt is more than `most_doubt`, the number is not known, and the least and the most joints found are given instead. Doubt
-and error were compared on plants for tuning; docs/explanation/joints.md has the figures. What no assumption shows stays hidden: a joint that
-lies between two readings, or two without a reading between them. So at rates slower than `SLOW_S` a contact longer than `LONG_S` is
-in doubt, and no joints found is never known to be none.
+and error were compared on plants for tuning; docs/explanation/joints.md has the figures. What no assumption shows stays
+hidden: a joint that lies between two readings, or two without a reading between them. So at rates slower than `SLOW_S` a contact
+longer than `LONG_S` is in doubt, and no joints found is never known to be none.
 
 Of a long record the windows are looked at that its model came from (`identify`).
 """
