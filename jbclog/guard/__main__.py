@@ -21,7 +21,7 @@ from jbclog.guard.action_log import ActionLog
 from jbclog.guard.lease import StationLease
 from jbclog.guard.lease_writer import LeaseWriter
 from jbclog.guard.messages import STDERR, let_go, say
-from jbclog.guard.process import ANSWER, READY
+from jbclog.guard.process import ANSWER, READY, GuardLost
 from jbclog.guard.recorder import Recorder
 from jbclog.guard.single_guard import only_one
 from jbclog.guard.takeover import CRITICAL, ERROR, TakeOver
@@ -80,18 +80,23 @@ def _keep(left: Sequence[StationLease], lease_writer: LeaseWriter, action_log: A
 
 
 def _guard(recorder: Recorder, lease_writer: LeaseWriter, action_log: ActionLog) -> tuple[Sequence[StationLease], Collection[str]]:
-    """Watch, and take over where it comes to that; give what is left that may be hot, and what was told over a flooded link."""
+    """Watch, and take over where it comes to that; give what is left that may be hot, and what was told over a flooded link.
+
+    A guard that failed may have lost a lease. It answers no more, so that the recorder replaces it within 1.25 s, and watches
+    until then: a recorder that dies first has nobody else.
+    """
     os.set_blocking(STDOUT, False)
     _answer(READY)
-    watch = Watch(time.monotonic())
+    watch, answers = Watch(time.monotonic()), True
     for _ in range(TRIES):
         try:
-            verdict = _watch(watch, lease_writer)
+            verdict = _watch(watch, lease_writer, answers=answers)
             return ((), ()) if verdict is Verdict.DONE else _take_over(watch, verdict, recorder, action_log)
         except Exception as error:  # of this program: memory was refused, say
-            if _is_followed(watch, recorder):
-                raise
+            answers = False
             _say_failed(error)
+    if _is_followed(watch, recorder):
+        raise GuardLost(f"it failed {TRIES} times")
     return [station for station in watch.stations.values() if station.holds], ()
 
 
@@ -106,7 +111,7 @@ def _say_failed(error: Exception) -> None:
         say(f"the guard failed, {type(error).__name__}: {error}")
 
 
-def _watch(watch: Watch, lease_writer: LeaseWriter) -> Verdict:
+def _watch(watch: Watch, lease_writer: LeaseWriter, *, answers: bool) -> Verdict:
     poll = select.poll()
     poll.register(STDIN, select.POLLIN)
     while True:
@@ -118,7 +123,8 @@ def _watch(watch: Watch, lease_writer: LeaseWriter) -> Verdict:
         data = os.read(STDIN, READ_MOST) if ready else b""
         now = time.monotonic()
         if data:
-            _answer(ANSWER)
+            if answers:
+                _answer(ANSWER)
             if watch.hear(data, now):
                 lease_writer.put(watch.stations.values())
         verdict = watch.verdict(now, closed=bool(ready) and not data)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import select
 from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
@@ -15,6 +16,7 @@ from jbclog.guard.action_log import NAME as DIARY
 from jbclog.guard.action_log import ActionLog
 from jbclog.guard.lease import StationLease, keep, kept
 from jbclog.guard.lease_writer import LeaseWriter
+from jbclog.guard.process import GuardLost
 from jbclog.guard.recorder import Recorder
 from jbclog.guard.watch import HUNG_S, Verdict, Watch
 
@@ -57,7 +59,8 @@ def guarded(
     """What `_guard` gives, and how often it watched, where its first `faults` watches break."""
     watched: list[Watch] = []
 
-    def watch(one: Watch, lease_writer: LeaseWriter) -> Verdict:
+    def watch(one: Watch, lease_writer: LeaseWriter, *, answers: bool) -> Verdict:
+        assert answers is (not watched), "one that failed answers no more: the recorder replaces it"
         one.stations = {LEASE.name: LEASE, NOTHING.name: NOTHING}
         one.has_failed, one.heard_at = failed, one.heard_at - (silent_s if not watched else 0.0)
         watched.append(one)
@@ -72,10 +75,19 @@ def guarded(
 
 
 @pytest.mark.usefixtures("answers")
-def test_one_whose_recorder_lives_leaves_it_to_the_next(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, said: list[str]) -> None:
-    with pytest.raises(MemoryError):
-        guarded(monkeypatch, tmp_path, Other(is_gone=False), 1)
-    assert said == []  # `main` says it, once
+def test_one_whose_recorder_lives_watches_until_it_is_replaced(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, said: list[str]
+) -> None:
+    """A recorder that dies before it has replaced it has nobody else."""
+    assert guarded(monkeypatch, tmp_path, Other(is_gone=False), 1) == (("taken over", ()), 2)
+    assert said == ["the guard failed, MemoryError: none is left"]
+
+
+@pytest.mark.usefixtures("answers")
+def test_one_that_fails_every_time_leaves_it_to_the_next(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, said: list[str]) -> None:
+    with pytest.raises(GuardLost, match="failed 3 times"):
+        guarded(monkeypatch, tmp_path, Other(is_gone=False), 99)
+    assert said == ["the guard failed, MemoryError: none is left"] * guard_itself.TRIES
 
 
 @pytest.mark.parametrize(
@@ -102,12 +114,26 @@ def test_one_that_fails_every_time_hands_on_what_may_be_hot(
     assert (left, flooded, watched) == ([LEASE], (), guard_itself.TRIES)
 
 
+@pytest.mark.parametrize("does", [True, False])
+def test_one_that_answers_no_more_still_hears(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, answers: int, does: bool) -> None:
+    read, write = os.pipe()
+    os.write(write, f"{LEASE.to_json()}\n".encode())
+    os.close(write)
+    monkeypatch.setattr(guard_itself, "STDIN", read)
+    os.set_blocking(answers, False)
+    watch = Watch(0.0)
+    assert guard_itself._watch(watch, LeaseWriter(tmp_path, ActionLog(tmp_path)), answers=does) is Verdict.DEAD
+    os.close(read)
+    assert watch.stations == {LEASE.name: LEASE}
+    assert select.select([answers], [], [], 0)[0] == ([answers] if does else [])
+
+
 @pytest.mark.parametrize("verdict", [Verdict.DONE, Verdict.DEAD])
 def test_nothing_is_taken_over_where_all_is_done(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, answers: int, verdict: Verdict
 ) -> None:
     action_log = ActionLog(tmp_path)
-    monkeypatch.setattr(guard_itself, "_watch", lambda *_: verdict)
+    monkeypatch.setattr(guard_itself, "_watch", lambda *_, answers: verdict)
     monkeypatch.setattr(guard_itself, "_take_over", lambda *_: ("taken over", ()))
     expected = ((), ()) if verdict is Verdict.DONE else ("taken over", ())
     assert guard_itself._guard(Other(is_gone=False), LeaseWriter(tmp_path, action_log), action_log) == expected
