@@ -11,9 +11,12 @@ from configuration_words import FAULTS, MEANINGS
 from exit_codes_page import MEANINGS as CODES
 from pages import PAGES, REFERENCE
 from readme import ROOT
+from tables_page import MEANINGS as COLUMNS
+from tables_page import OUTCOME, QUALITY, meaning, tables
 
 from jbclog.config.sim_spec import KEYS_OF_FAULT
 from jbclog.core.outcome import Exit
+from jbclog.core.rows import OUTCOMES, QUALITIES
 
 MAKE = "python tests/support/pages.py"
 
@@ -32,6 +35,13 @@ def test_every_key_has_a_meaning(title: str) -> None:
 def test_every_fault_and_every_exit_code_has_a_meaning() -> None:
     assert set(FAULTS) == set(KEYS_OF_FAULT)
     assert set(CODES) == set(Exit)
+
+
+def test_every_column_has_a_meaning_and_nothing_else_has() -> None:
+    described = {f"{name}.{field.name}" for name, schema in tables().items() for field in schema}
+    assert set(COLUMNS) <= described
+    assert all(meaning(name, field) for name, schema in tables().items() for field in schema)
+    assert (list(QUALITY), set(OUTCOME)) == (list(QUALITIES), set(OUTCOMES))
 
 
 def test_every_environment_variable_is_listed() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import re
 from functools import reduce
 from operator import xor
@@ -11,6 +12,8 @@ import pytest
 from kept_texts import TEXTS
 from readme import ROOT
 
+from jbclog.analysis.alarms.state_machine import News
+from jbclog.config.write_order import COMMAND_OF
 from jbclog.protocol.commands.decisions import DECISIONS
 from jbclog.protocol.commands.family import FAMILIES
 
@@ -75,6 +78,45 @@ def test_the_check_bytes_are_right() -> None:
     for byte, bare, addressed in control:
         assert {_check_byte(text, "") for text in bare.split()} == {int(byte, 16)}
         assert {_check_byte(text, "0001") for text in addressed.split()} == {int(byte, 16)}
+
+
+# -- events ---------------------------------------------------------------------------------------------------------------------
+
+KIND = re.compile(r"[a-z_]+(?:\.[a-z_]+)+")
+SETTINGS = set(COMMAND_OF)
+NO_KINDS = {"guard.lock"}
+ENDS_OF_FILES = {"html", "json", "jsonl", "parquet", "pdf", "toml", "txt"}
+PATTERNS = {
+    "read": ("timeout", "bcc", "format", "implausible"),
+    "alarm": ("high", "low"),
+    "station": ("completed", "stopped", "refused", "gone", "not_started", "left_out", "failed"),
+    "alarm.episode": tuple(one.value for one in News),
+}
+"""Kinds that are put together when they are told."""
+
+
+def kinds_in_code() -> set[str]:
+    """Texts in the code that look like kinds and begin like one that the page has."""
+    listed = {kind.partition(".")[0] for kind in kinds_on_page()}
+    trees = [ast.parse(path.read_text(encoding="utf-8")) for path in (ROOT / "jbclog").rglob("*.py")]
+    texts = {
+        node.value for tree in trees for node in ast.walk(tree) if isinstance(node, ast.Constant) and isinstance(node.value, str)
+    }
+    found = {text for text in texts if KIND.fullmatch(text) and text.partition(".")[0] in listed}
+    return {text for text in found - SETTINGS - NO_KINDS if text.rpartition(".")[2] not in ENDS_OF_FILES}
+
+
+def kinds_on_page() -> set[str]:
+    cells = re.findall(r"^\| (`.+?`) \| ", text_of("events.md"), re.MULTILINE)
+    return {kind for cell in cells for kind in re.findall(r"`([a-z_.]+?)…?`", cell) if "." in kind}
+
+
+def test_every_kind_of_event_is_listed_and_every_listed_one_exists() -> None:
+    code, page = kinds_in_code(), kinds_on_page()
+    made = {f"{begin}.{end}" for begin, ends in PATTERNS.items() for end in ends} | {"read.nak"}
+    made |= {f"alarm.{side}.{end}" for side in PATTERNS["alarm"] for end in ("ended", "not_working")}
+    assert sorted(code - page - {"alarm.episode"}) == []
+    assert sorted(page - code - made) == []
 
 
 # -- safe states ----------------------------------------------------------------------------------------------------------------

@@ -10,6 +10,7 @@ import configuration_page
 import contradictions_page
 import exit_codes_page
 import station_commands_page
+import tables_page
 
 ROOT = Path(__file__).parents[2]
 REFERENCE = ROOT / "docs" / "reference"
@@ -17,6 +18,7 @@ PAGES: Mapping[Path, Callable[[], str]] = {
     REFERENCE / "commands.md": command_line_page.page,
     REFERENCE / "configuration.md": configuration_page.page,
     REFERENCE / "exit-codes.md": exit_codes_page.page,
+    REFERENCE / "tables.md": tables_page.page,
     REFERENCE / "station-commands.md": station_commands_page.page,
     REFERENCE / "contradictions.md": contradictions_page.page,
 }
