@@ -40,6 +40,8 @@ FAMILIES = ("dde", "nae", "dme", "hde", "ucr", "ale", "jtse", "omega", "solderin
 QUIET_S = 6.0  # at the start and at the end nothing is done to anybody
 EDGE_S = 0.1  # of the two processes' clocks, and of what a file of faults is written to
 SETTLES_S = 12.0  # in which something may still come of a fault that is over: a station that was slow may be gone for 5 s at most
+STARVED_S = 0.1  # that the stations' process waited for a processor within `LOOK_BACK_S`: by as much their answers were late
+LOOK_BACK_S = 3.0
 STEPS_S = (3600.0, -3600.0, 2.5, -1.5, 7200.0, -7200.0)
 STEP_EVERY_S, GUARD_EVERY_S, LOOK_S = 60.0, 150.0, 2.0
 GUARD_AGAIN_S = 6.0
@@ -121,6 +123,11 @@ while sys.stdin.readline():
     len(run.events())
 print(looks, sum(map(len, seen.values())))
 """
+
+
+def waited_s(pid: int) -> float:
+    """For how long a process has wanted to run while others did."""
+    return int(Path(f"/proc/{pid}/schedstat").read_text().split()[1]) / 1e9
 
 
 # -- what is done ----------------------------------------------------------------------------------------------------------------
@@ -230,6 +237,9 @@ class Soak:
     calm_s: float = 20.0
     looks: list[Look] = field(default_factory=list)
     steps: list[float] = field(default_factory=list)  # of the clock, as they were done
+    waits: list[tuple[float, float]] = field(
+        default_factory=list
+    )  # monotonic seconds, that the stations' process has waited until then
     guards: list[tuple[float, str]] = field(default_factory=list)  # UTC (of a clock that nobody steps) and signal
     new_terminals: int = 0
     replugged: int = 0
@@ -287,7 +297,8 @@ class Soak:
                 own = {**os.environ, "XDG_STATE_HOME": str(self.home / "state")}  # what others left hot is none of its business
                 recorder = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, env=own)
                 try:
-                    self._accompany(recorder, line.parent)
+                    assert sim.pid is not None
+                    self._accompany(recorder, line.parent, sim.pid)
                     self.said = recorder.communicate(timeout=120)[1]
                 finally:
                     recorder.kill()
@@ -316,7 +327,7 @@ class Soak:
             line.write_text(text)
             yield
 
-    def _accompany(self, recorder: subprocess.Popen[str], links: Path) -> None:
+    def _accompany(self, recorder: subprocess.Popen[str], links: Path, stations: int) -> None:
         """Do to the recorder what is to be done, until it has ended, and look at it."""
         while recorder.poll() is None and not self._has_begun():
             time.sleep(0.05)
@@ -328,6 +339,7 @@ class Soak:
         end = began + self.seconds
         while recorder.poll() is None and time.monotonic() < end - QUIET_S:
             now = time.monotonic()
+            self.waits.append((now, waited_s(stations)))
             self._look_at_links(links)
             if now >= step_at:
                 step_at = now + min(STEP_EVERY_S, self.seconds / 5)
@@ -394,8 +406,7 @@ class Soak:
         with suppress(OSError):
             place = Path(f"/proc/{pid}")
             memory = int((place / "statm").read_text().split()[1]) * os.sysconf("SC_PAGESIZE") / 2**20
-            waited = int((place / "schedstat").read_text().split()[1]) / 1e9
-            self.looks.append(Look(time.monotonic(), memory, sum(1 for _ in (place / "fd").iterdir()), waited))
+            self.looks.append(Look(time.monotonic(), memory, sum(1 for _ in (place / "fd").iterdir()), waited_s(pid)))
 
     # -- what came of it -----------------------------------------------------------------------------------------------------
 
@@ -443,11 +454,16 @@ class Soak:
             name = row["station"]
             if isinstance(name, str) and row["severity"] in WARNED and row["kind"] not in OF_THEMSELVES:
                 after = row["time"].timestamp() - offset - zero[name]
-                if not self._was_odd(name, after):
+                if not self._was_odd(name, after) and not self._were_starved(zero[name] + after):
                     yield f"nothing was done to {name} at {after:.1f} s: {row['kind']}: {row['text']}"
 
     def _was_odd(self, name: str, second: float) -> bool:
         return any(odd.begin - EDGE_S <= second <= odd.end + SETTLES_S for odd in self.histories[name])
+
+    def _were_starved(self, at: float) -> bool:
+        """Whether the stations' process wanted to run and others did: then what was said of a station may be true."""
+        waits = [waited for when, waited in self.waits if at - LOOK_BACK_S <= when <= at + EDGE_S]
+        return bool(waits) and waits[-1] - waits[0] > STARVED_S
 
     def _not_flat(self) -> Iterator[str]:
         """Against the second quarter: in the first one everything is met for the first time."""
