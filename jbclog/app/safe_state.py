@@ -35,7 +35,7 @@ from jbclog.session.manual.cooling import temperatures
 from jbclog.session.manual.safe import MadeSafe, StationMadeSafe, make_safe
 from jbclog.transport import blocking
 
-ASKED_S: Final = 3.0  # that a run has to let go of the line (contract, "safe")
+ASKED_S: Final = 3.0  # that a run has to let go of the line (docs/reference/commands.md, jbclog safe)
 KILLED_S: Final = 2.0
 GUARD_S: Final = 6.0  # a guard that takes over has done what it can by then
 LOOK_S: Final = 0.1

@@ -36,7 +36,7 @@ class End:
 
     @property
     def code(self) -> int:
-        """The most severe (contract, "Exit codes"): 4, then 3, then a signal, then 1."""
+        """The most severe (docs/reference/exit-codes.md): 4, then 3, then a signal, then 1."""
         asked = tuple(one for one in self.audit.stations if one.why != STOPPED)
         found = exit_code(replace(self.audit, stations=asked), self.fail_on)
         if self.trouble:

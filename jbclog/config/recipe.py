@@ -102,7 +102,7 @@ class Recipe(RecipeTables):
         return frozenset(port for port in PORTS if "temperature.select_c" in self.asked(port))
 
     def safe_state(self, family: str) -> str:
-        """What every touched tool is put in at the end on a station of this family (contract, "Safe state")."""
+        """What every touched tool is put in at the end on a station of this family (docs/reference/safe-states.md)."""
         known = FAMILIES.get(family)
         if "safe_state" in self.run.model_fields_set or known is None:
             return self.run.safe_state

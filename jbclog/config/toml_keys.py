@@ -1,6 +1,6 @@
 """Where each key of a TOML text stands, found before it is parsed, within limits.
 
-tomllib tells no line numbers, and takes 5.8 s for 40 kB of dotted keys (faults.md, row 33). This scan looks at
+tomllib tells no line numbers, and takes 5.8 s for 40 kB of dotted keys (docs/reference/faults.md, F-33). This scan looks at
 each character once. It gives the line of every key, every key that is given twice, and stops at the first thing
 that is larger than any line file or recipe. It does not judge syntax: where it loses the thread it says so, and
 tomllib is then asked about the text up to there only.

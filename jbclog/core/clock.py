@@ -95,7 +95,7 @@ class UtcOffset:
     Between checks every row of a run has the same offset, so rows cannot overtake each other.
     """
 
-    STEP_S = 0.5  # a larger change is a step (faults.md, row 20); a smaller one is drift and is followed
+    STEP_S = 0.5  # a larger change is a step (docs/reference/faults.md, F-20); a smaller one is drift and is followed
 
     def __init__(self, clock: Clock) -> None:
         self._clock = clock

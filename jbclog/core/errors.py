@@ -39,7 +39,7 @@ from dataclasses import dataclass
 
 
 class JbclogError(Exception):
-    """The root. `exit_code` is what a command ends with when nothing catches it (contract, "Exit codes")."""
+    """The root. `exit_code` is what a command ends with when nothing catches it (docs/reference/exit-codes.md)."""
 
     exit_code = 1
 
@@ -150,7 +150,7 @@ class ImplausibleAnswer(StationError):
 
 
 class Refusal(StationError):
-    """The station answered N. `code` is its communication error (seed 002, "Communication Errors")."""
+    """The station answered N. `code` is its communication error (manual 002, "Communication Errors")."""
 
     def __init__(self, code: int, text: str) -> None:
         super().__init__(text)
@@ -174,7 +174,7 @@ class NotSupported(Refusal):
 
 
 class Ignored(NotSupported):
-    """OMEGA's way to refuse: no answer, while the next question was answered. Nothing tells why (seed 003, 11.2)."""
+    """OMEGA's way to refuse: no answer, while the next question was answered. Nothing tells why (manual 003, 11.2)."""
 
     reason = "timeout"  # in the record it is what it looks like
 

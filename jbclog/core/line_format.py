@@ -7,12 +7,12 @@ from dataclasses import dataclass
 from typing import Final
 
 BAUDRATES = (1200, 2400, 4800, 9600, 19200, 38400, 57600, 115200, 230400, 250000, 460800, 500000)
-"""The rates that seed 000 prints (2.1); the newer units have 19200 only."""
+"""The rates that manual 000 prints (2.1); the newer units have 19200 only."""
 
 _FORMAT = re.compile(r"8([NEO])([12])")
 
 AROUND = 4  # characters of a frame beside code and data: STX, header, ETX and check byte; of OMEGA's STX, ETX and two of the sum
-ADDRESSES = 4  # more of them where the line has addresses (seed 002, "Data Link Layer")
+ADDRESSES = 4  # more of them where the line has addresses (manual 002, "Data Link Layer")
 CODE, DIGITS = 3, 5  # of the usual question and its answer
 
 

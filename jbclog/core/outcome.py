@@ -1,4 +1,4 @@
-"""What a run came to: one exit code and the sentences behind it (contract, "Exit codes")."""
+"""What a run came to: one exit code and the sentences behind it (docs/reference/exit-codes.md)."""
 
 from __future__ import annotations
 

@@ -75,7 +75,7 @@ def _whole(value: Value) -> int:
 
 @dataclass(frozen=True, slots=True)
 class Whole:
-    """A whole number in `unit`, zero-filled, minus in the first place: ``-0050`` (seed 002, "Frame Fields").
+    """A whole number in `unit`, zero-filled, minus in the first place: ``-0050`` (manual 002, "Frame Fields").
 
     `minus` are the characters that are read as one; ``-`` is written.
     """
@@ -110,7 +110,7 @@ class Unsigned:
 
 @dataclass(frozen=True, slots=True)
 class Delay:
-    """A delay in whole `unit`; 99999 means that the feature is off (seed 002, W-Dxy and W-Hxy)."""
+    """A delay in whole `unit`; 99999 means that the feature is off (manual 002, W-Dxy and W-Hxy)."""
 
     unit: str
 
@@ -128,9 +128,9 @@ class Delay:
 
 @dataclass(frozen=True, slots=True)
 class AlarmDelay:
-    """Seconds as ``ss.cc``: ``01.60`` is 1.6 s, 99999 means that the alarm is off (seed 002, W-HDx).
+    """Seconds as ``ss.cc``: ``01.60`` is 1.6 s, 99999 means that the alarm is off (manual 002, W-HDx).
 
-    Up to 99.99 s, digits without a dot are read as hundredths (digest B-22).
+    Up to 99.99 s, digits without a dot are read as hundredths (docs/reference/contradictions.md, B-22).
     """
 
     unit: str = "s"
@@ -155,7 +155,9 @@ class AlarmDelay:
 
 @dataclass(frozen=True, slots=True)
 class AlarmLimit:
-    """A limit in °C. "Not set" has no printed wire value: 00000 and what no station can reach are read as OFF (digest B-23).
+    """A limit in °C. "Not set" has no printed wire value: 00000 and what no station can reach are read as OFF.
+
+    docs/reference/contradictions.md, B-23.
 
     What lies outside the station's own limits is kept as it is; only the station knows those.
     """
@@ -176,7 +178,7 @@ class AlarmLimit:
 
 @dataclass(frozen=True, slots=True)
 class Scaled:
-    """A length or speed sent as a whole number of `1/per_unit` (seed 002, R-LEN: 01000 dmm = 100 mm)."""
+    """A length or speed sent as a whole number of `1/per_unit` (manual 002, R-LEN: 01000 dmm = 100 mm)."""
 
     unit: str
     per_unit: int
@@ -196,7 +198,7 @@ class Scaled:
 
 @dataclass(frozen=True, slots=True)
 class HexLength:
-    """Dispensed length in 0.1 mm, hexadecimal, with or without ``0x``, of any width (seed 002, R-DLx).
+    """Dispensed length in 0.1 mm, hexadecimal, with or without ``0x``, of any width (manual 002, R-DLx).
 
     A field of decimal digits is still hexadecimal: ``01000`` is 4096 dmm.
     """
@@ -218,7 +220,7 @@ class HexLength:
 
 @dataclass(frozen=True, slots=True)
 class Text:
-    """Printable characters, filled with blanks on the left to five (seed 000, 4.8.28)."""
+    """Printable characters, filled with blanks on the left to five (manual 000, 4.8.28)."""
 
     unit: str = ""
 
@@ -276,7 +278,7 @@ class Number:
 
 @dataclass(frozen=True, slots=True)
 class Word:
-    """Five decimal digits that are read one by one; `highest` bounds each, from the left (digest A.7).
+    """Five decimal digits that are read one by one; `highest` bounds each, from the left (docs/reference/protocol.md, Status word).
 
     The value is the tuple of digits, most significant first.
     """
@@ -301,7 +303,7 @@ class Word:
 
 
 class Flags(Word):
-    """Digits of which any but 0 means that a flag is set, where `highest` says that there is one (digest B-24)."""
+    """Digits of which any but 0 sets a flag, where `highest` says that there is one (docs/reference/contradictions.md, B-24)."""
 
     __slots__ = ()
 
@@ -312,7 +314,7 @@ class Flags(Word):
 
 
 def raw_share(permille: int, whole: int) -> int:
-    """What goes on the wire for `permille` of `whole` (contract, `[air]`)."""
+    """What goes on the wire for `permille` of `whole` (docs/reference/configuration.md)."""
     return round(permille * whole / 1000)
 
 

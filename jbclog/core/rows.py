@@ -1,8 +1,8 @@
 """The rows of a record, as the session makes them: plain tuples, no Arrow, no I/O.
 
 A row of `samples` is a list in the order of `SAMPLE_COLUMNS`, because a run makes thousands a second of
-them; the other three are rare and are named tuples. What every column means is in the contract ("Run
-folder"); types and units for Parquet are in `record/schema.py`.
+them; the other three are rare and are named tuples. What every column means is in docs/reference/tables.md;
+types and units for Parquet are in `record/schema.py`.
 """
 
 from __future__ import annotations
@@ -66,7 +66,7 @@ SIGNAL_OF_COLUMN: Final = {column: _SHARED.get(column, column) for column in SIG
 """The signal that fills a column: named by the first of the columns that one answer fills."""
 
 QUALITIES: Final = ("disconnected", "robot_off", "timeout", "bcc", "format", "nak", "implausible", "no_tool", "skipped", "ok")
-"""In the order in which the first that applies is taken (contract, "quality")."""
+"""In the order in which the first that applies is taken (docs/reference/tables.md)."""
 
 
 class Severity(StrEnum):
@@ -203,7 +203,7 @@ class StationFacts:
     anomalies: dict[int, int] = field(default_factory=dict)  # forms not as recommended, by row of section B
     doubted: dict[str, int] = field(default_factory=dict)  # answers that were not believed at once, by command
     alarm_rules: dict[str, float] = field(default_factory=dict)  # by which samples are evaluated; empty in records without
-    alarms: int = 0  # that count (contract, "Exit codes")
+    alarms: int = 0  # that count (docs/reference/exit-codes.md)
     unconfirmed_alarms: int = 0
     settings_changed: int = 0
     settings_repeated: int = 0  # writes at the start that were lost and followed by another

@@ -52,7 +52,7 @@ class ActionLog:
                 _put(descriptor, BLANK * missing, size)
 
     def write(self, kind: str, severity: str, text: str, station: str | None = None, port: int | None = None) -> None:
-        """One line: an event of the record (contract, "events"), with the time of now."""
+        """One line: an event of the record (docs/reference/events.md), with the time of now."""
         row = {"time": time.time_ns() // 1000, "kind": kind, "severity": severity, "text": text, "station": station, "port": port}
         try:
             self._write(row)

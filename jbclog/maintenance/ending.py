@@ -1,4 +1,4 @@
-"""What an audit comes to: the findings that it may end with, and the exit code (contract, "Exit codes")."""
+"""What an audit comes to: the findings that it may end with, and the exit code (docs/reference/exit-codes.md)."""
 
 from __future__ import annotations
 

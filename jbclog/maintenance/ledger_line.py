@@ -1,7 +1,7 @@
 """What a line of the ledger looks like: an observation or a fact, as JSON that people can read too.
 
 Counts stand as ``"counts": {"1": {"work_h": 412, ...}}``; what was moving or not read stands beside it, by port and name. Units are
-in the names (contract, "counters").
+in the names (docs/reference/tables.md).
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""One frame of JBC's robot protocol (seed 002, "Data Link Layer"; seeds 000 and 001 agree).
+"""One frame of JBC's robot protocol (manual 002, "Data Link Layer"; manuals 000 and 001 agree).
 
 ::
 
@@ -60,7 +60,7 @@ class Frame:
 def parse(content: bytes) -> Frame | None:
     """The frame whose bytes between STX and ETX are `content`; None where they cannot be one.
 
-    A digit after STX means a frame with addresses, a header one without (digest B-7).
+    A digit after STX means a frame with addresses, a header one without (docs/reference/contradictions.md, B-7).
     """
     if not content.isascii():
         return None

@@ -1,4 +1,4 @@
-"""One frame of Apollo Seiko's OMEGA and the reader that finds them in a stream (seed 003, 11.2).
+"""One frame of Apollo Seiko's OMEGA and the reader that finds them in a stream (manual 003, 11.2).
 
 ::
 
@@ -21,9 +21,9 @@ import re
 
 from jbclog.protocol.reader import Corrupt
 
-LONGEST = 64  # the longest that is known has 51: D or c and a condition record (digest A.13)
+LONGEST = 64  # the longest that is known has 51: D or c and a condition record (docs/reference/protocol.md)
 MOST_HELD = 1 + LONGEST + 2
-ASKING = "ABCFG"  # the first letters of texts that ask and change nothing; D writes a condition, H runs one (digest A.13)
+ASKING = "ABCFG"  # the first letters of texts that ask and change nothing; D writes a condition, H runs one
 
 _FRAME = re.compile(rb"\x02([ -~]{1,%d})\x03([^\x02][^\x02]|[^\x02]?(?=\x02))" % LONGEST, re.DOTALL)
 _BEGUN = re.compile(rb"\x02(?:[ -~]{0,%d}|[ -~]{1,%d}\x03[^\x02]?)\Z" % (LONGEST, LONGEST), re.DOTALL)

@@ -20,8 +20,8 @@ from dataclasses import dataclass
 
 from jbclog.protocol.frame import STX, Frame, check_byte, parse
 
-SHORTEST = 3  # characters between STX and ETX: the read of the transformer's temperature, RTT (seed 000, 4.8.34)
-LONGEST = 64  # the longest that is printed has 21: addresses, A, DL1 and 0x000000003E8 (seed 002, R-DLx)
+SHORTEST = 3  # characters between STX and ETX: the read of the transformer's temperature, RTT (manual 000, 4.8.34)
+LONGEST = 64  # the longest that is printed has 21: addresses, A, DL1 and 0x000000003E8 (manual 002, R-DLx)
 MOST_HELD = 1 + LONGEST + 1
 
 _FRAME = re.compile(rb"\x02([ -~]{%d,%d})\x03([\x00-\xff])" % (SHORTEST, LONGEST))

@@ -10,7 +10,7 @@ from jbclog.core.rows import StationFacts
 from jbclog.report.facts import StationReport
 from jbclog.report.ports import Context, port_facts
 
-NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9._-]{0,63}")  # contract, "Line file"
+NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9._-]{0,63}")  # docs/reference/configuration.md
 CUT_OFF = "cut off"
 BROKE_OFF = "The record breaks off while this station was still being driven."
 

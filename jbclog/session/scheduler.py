@@ -3,8 +3,8 @@
 Fast signals are due on every tick of an absolute grid. Slow ones have a period, at which they are read when the wire
 has room (once a tick at most), and a ceiling of three times that, which the plan guarantees even while repeats take
 their share: they go into what the fast ones leave, the most urgent first, one at a time, and where there is no other way
-they run into the next tick by no more than their own length. Five percent of the wire are kept for repeats (contract,
-"Rates"), a fifth where the rate is chosen here (`auto_rate_hz`).
+they run into the next tick by no more than their own length. Five percent of the wire are kept for repeats
+(docs/decisions/0006-cyclic-executive.md), a fifth where the rate is chosen here (`auto_rate_hz`).
 
 The same arithmetic decides before a run whether a rate fits (`Demand`) and during it what to ask next (`SlowReadings`).
 Why the ceilings hold: what is read once in each of its periods, wherever in it, is never older than two. Earliest

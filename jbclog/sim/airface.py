@@ -1,6 +1,6 @@
 """The face of hot air: what the station tells when it is asked, what a write does to it, and which writes it refuses.
 
-It takes the words of status that seed 001 prints, with and without suction, and refuses on and cooling at once.
+It takes the words of status that manual 001 prints, with and without suction, and refuses on and cooling at once.
 """
 
 from __future__ import annotations

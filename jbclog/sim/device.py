@@ -101,5 +101,5 @@ class Device:
         if asked.command.name == "restart":
             self.restart(now)
         if asked.command.name == "address" and isinstance(value, int):
-            self.identity.address = value or None  # 00000 switches addresses off (seed 002, W-SAD)
+            self.identity.address = value or None  # 00000 switches addresses off (manual 002, W-SAD)
         return "A", asked.code

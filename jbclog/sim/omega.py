@@ -1,7 +1,8 @@
 """A whole virtual OMEGA without any I/O: bytes in, bytes with their due times out, as `virtual.py` has it for JBC's stations.
 
 It answers after 0 to 250 ms, as it likes, or after `turnaround_ms` where the line file says so. A wrong sum, an unknown
-command, an unknown number and a value out of range are met with silence (003, 11.2; digest A.13). H is answered when the joint
+command, an unknown number and a value out of range are met with silence (003, 11.2; docs/reference/protocol.md). H is
+answered when the joint
 is made, however late that is.
 """
 
@@ -28,7 +29,7 @@ from jbclog.sim.wire_log import Refused, Struck, WireLog, Written
 SLOWEST_S = 0.25  # 003 11.1
 IN_DEGREES: Final = "temperature_in_degrees"
 OMEGA_QUIRKS: Final = {IN_DEGREES: 51}
-"""Ways to differ, with their rows of section B of the digest."""
+"""Ways to differ, with their rows of docs/reference/contradictions.md."""
 
 PHYSICS: Final = OF_OMEGA | {"restart"}
 KINDS: Final = PHYSICS | {"silence", "noise", "flip", "late", "nak", "dropout"}

@@ -1,7 +1,7 @@
 """Quirks by name: how a station may differ from what is recommended where the manuals contradict themselves.
 
 ``[station.sim] quirks = ["addresses_swapped", "hex_with_0x"]`` in a line file. Each plays the alternative of one row of
-section B of the digest (`protocol/commands/decisions.py`): it hears a question otherwise, says an answer otherwise, puts other
+docs/reference/contradictions.md: it hears a question otherwise, says an answer otherwise, puts other
 addresses on it, or begins with other physics. Nothing of the station's values changes by that.
 """
 

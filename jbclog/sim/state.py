@@ -7,7 +7,7 @@
        └─────working─────┴──────────────────────┴─────────────────────────────┘
 
 A stand order starts the sleep delay anew, except for a tool that already sleeps or hibernates. A delay that
-is off never ends, and hibernation is counted from the sleep (seed 002, W-Dxy and W-Hxy).
+is off never ends, and hibernation is counted from the sleep (manual 002, W-Dxy and W-Hxy).
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ def _no_seconds() -> dict[int, float]:
 
 @dataclass(slots=True)
 class ToolState:
-    """The state since `began`. Factory setting is "Extract (stand by)" (seeds 002, 004)."""
+    """The state since `began`. Factory setting is "Extract (stand by)" (manuals 002, 004)."""
 
     began: float
     state: int = WORKING

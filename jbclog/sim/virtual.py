@@ -146,7 +146,7 @@ class VirtualStation:
         return None if answer is None else self._send(self._addressed(answer, frame), struck, heard)
 
     def _addressed(self, answer: Answer, question: Frame) -> bytes:
-        """The bytes of an answer: the station that was asked is its source, who asked its target (digest B-6)."""
+        """The bytes of an answer; the station that was asked is its source (docs/reference/contradictions.md, B-6)."""
         usual, own = (question.target, question.source), self.device.identity.address
         return _encoded(*answer, *self.device.quirks.addresses(usual, own, moves=answer == MOVED))
 

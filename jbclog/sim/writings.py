@@ -16,7 +16,7 @@ WITHOUT_DATA = ("start_feeding", "stop_feeding", "restart", "factory_reset", "ig
 """Orders whose data no manual prints: taken with 00000 and without any (B-37)."""
 
 ORDERS: dict[tuple[int, ...], tuple[int, bool]] = {WORKING: (0, False), STAND: (1, False), EXTRACTOR: (0, True)}
-"""State and extractor of the status words that can be written (seed 002, W-PSx)."""
+"""State and extractor of the status words that can be written (manual 002, W-PSx)."""
 
 _NUMBER = re.compile(r"-?\d+", re.ASCII)
 _DELAY = re.compile(r"\d\d\.\d\d|99999", re.ASCII)

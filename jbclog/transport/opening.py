@@ -76,7 +76,7 @@ def _expect_port(url: str) -> None:
 def _set_up(opened: serial.SerialBase, url: str, line: LineFormat, exclusive: bool) -> None:
     opened.baudrate = line.baudrate
     opened.stopbits = line.stop_bits
-    opened.xonxoff = opened.rtscts = False  # check bytes can be XON and XOFF (digest A.2)
+    opened.xonxoff = opened.rtscts = False  # check bytes can be XON and XOFF (docs/reference/protocol.md, Check byte)
     opened.timeout = SLICE_S
     if not url.startswith("rfc2217:"):  # which knows no time-out of writing
         opened.write_timeout = WRITE_S

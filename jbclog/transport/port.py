@@ -2,7 +2,7 @@
 
 pyserial opens and sets up a port; after that its descriptor is used directly. pyserial's own `read` waits in
 `select()`, which cannot watch a descriptor above 1023, and what it throws at a pulled cable is SerialException, OSError,
-termios.error, TypeError, ValueError or AttributeError, depending on where it was (faults.md, row 15).
+termios.error, TypeError, ValueError or AttributeError, depending on where it was (docs/reference/faults.md, F-15).
 
 One thread reads and writes a port; any thread may close it.
 """

@@ -1,4 +1,4 @@
-"""A port that lets questions through and nothing else, whoever asks for it (faults.md, section 9).
+"""A port that lets questions through and nothing else, whoever asks for it (docs/reference/faults.md, S-5).
 
 What a question is the caller says, because that is a matter of the protocol: `protocol.frame.only_reads` for JBC's. All that
 is not known to be one is refused, so that a command that nobody thought of is refused too.

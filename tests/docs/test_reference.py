@@ -35,6 +35,37 @@ def test_links_and_paths_lead_somewhere(page: Path) -> None:
     assert [name for name in named if not (ROOT / name).exists()] == []
 
 
+# -- what code cites ------------------------------------------------------------------------------------------------------------
+
+CODE = [name for name in TEXTS if name.startswith(("jbclog/", "tests/")) and name.endswith(".py") and ROOT / name != Path(__file__)]
+CITED_PAGE = re.compile(r"\bdocs/[\w./-]+\.md(?:, ([A-Z][a-z]+(?: [a-z]+)*|jbclog \w+))?")
+NOT_HERE = re.compile(
+    r"\b(?:contract|house|quality|language)\.md|(?<![\w/-])(?:protocol|faults)\.md|\b[Dd]igest [AB][-.]\d|\(contract(?:\)|, [\"`])"
+    r"|\b[Ss]eeds? 00[0-4]"
+)
+"""Texts that a reader does not have, and the manuals by a name that they do not bear."""
+
+
+def test_the_pages_that_code_cites_exist_with_their_sections() -> None:
+    for name in CODE:
+        text = " ".join((ROOT / name).read_text(encoding="utf-8").split())
+        for cited in CITED_PAGE.finditer(text):
+            page = ROOT / cited[0].partition(",")[0]
+            assert page.exists(), f"{name} cites {cited[0]}"
+            headings = tuple(re.findall(r"^#+ (.+)$", page.read_text(encoding="utf-8"), re.MULTILINE))
+            assert not cited[1] or cited[1].startswith(headings), f"{name} cites {cited[0]}"
+
+
+def test_code_cites_nothing_that_a_reader_does_not_have() -> None:
+    found = [
+        f"{name}:{number}: {line.strip()}"
+        for name in CODE
+        for number, line in enumerate((ROOT / name).read_text(encoding="utf-8").splitlines(), 1)
+        if NOT_HERE.search(line)
+    ]
+    assert found == []
+
+
 # -- faults ---------------------------------------------------------------------------------------------------------------------
 
 ROWS = re.findall(r"^\| ([FIS]-?\d+) \| (.+) \|$", text_of("faults.md"), re.MULTILINE)
@@ -53,10 +84,13 @@ def test_each_fault_and_each_rule_names_a_test() -> None:
 
 def test_each_citation_of_a_row_finds_it() -> None:
     known = {name for name, _ in ROWS} | {f"B-{number}" for number in DECISIONS}
-    cited = re.compile(r"docs/reference/(?:faults|contradictions)\.md,((?:(?: and|,| to)? (?:[FBS]-|I)\d+)+)")
+    cited = re.compile(r"docs/reference/(?:faults|contradictions)\.md,((?:(?: and|,| to)?\s+(?:[FBS]-|I)\d+)+)")
     for name in TEXTS:
         for rows in cited.findall((ROOT / name).read_text(encoding="utf-8")):
             assert set(re.findall(r"[FBSI]-?\d+", rows)) <= known, f"{name} cites{rows}"
+    for name in CODE:  # by the number alone
+        numbers = set(re.findall(r"\bB-\d+\b", (ROOT / name).read_text(encoding="utf-8")))
+        assert numbers <= known, f"{name} cites {numbers - known}"
 
 
 # -- protocol -------------------------------------------------------------------------------------------------------------------

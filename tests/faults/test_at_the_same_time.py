@@ -1,4 +1,7 @@
-"""Many at once: a hundred processes that want the same run's name, readers while a run is written (catalogue, rows 32 and 43)."""
+"""Many at once: a hundred processes that want the same run's name, readers while a run is written.
+
+docs/reference/faults.md, F-32 and F-43.
+"""
 
 from __future__ import annotations
 

@@ -1,6 +1,7 @@
 """Any file of a run altered: `check` names it, nothing shows a wrong value, and the next run in the same place begins.
 
-faults.md, rows 29, 30 and 44. Sealed runs and runs that a crash left open, file by file; what is printed is the table's line.
+docs/reference/faults.md, F-29, F-30 and F-44. Sealed runs and runs that a crash left open, file by file; what is printed is
+the table's line.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """A live store with bytes altered, anywhere: never a crash, never a wrong row, never a loss without a word.
 
-faults.md, row 29: torn tail, bit rot in the middle, a block of zeros.
+docs/reference/faults.md, F-29: torn tail, bit rot in the middle, a block of zeros.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """A wire's file with anything in it altered: damage costs the blocks it touches, is named, and no byte of it is taken for right.
 
-faults.md, row 29, for the wires: torn tail, bit rot in the middle, zeros, foreign and newer files.
+docs/reference/faults.md, F-29, for the wires: torn tail, bit rot in the middle, zeros, foreign and newer files.
 """
 
 from __future__ import annotations

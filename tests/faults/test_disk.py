@@ -1,6 +1,6 @@
 """A disk that does not take any more: acknowledged rows stay, the recorder is told, the run can still be sealed.
 
-faults.md, rows 23 to 25. The limit is the system's own (RLIMIT_FSIZE), in a process of its own.
+docs/reference/faults.md, F-23 to F-25. The limit is the system's own (RLIMIT_FSIZE), in a process of its own.
 """
 
 from __future__ import annotations

@@ -1,6 +1,7 @@
 """A disk that fails at any one thing that the record asks of it, once or for good: nothing wrong, nothing lost without a word.
 
-faults.md, rows 23 to 25. The failing is done below the program, where SQLite and Arrow ask the system (`failing_disk.c`), under
+docs/reference/faults.md, F-23 to F-25. The failing is done below the program, where SQLite and Arrow ask the system
+(`failing_disk.c`), under
 runs on a virtual clock and under recoveries (`failing_run.py`). After each: the tools were told to stand, rows are as they were
 handed over, acknowledged ones are all there, missing ones are admitted, the folder recovers once and for all, I1 to I9 hold, and
 the next run beside it starts. Real disks that are full, read-only or gone are in `test_disk_run.py`.

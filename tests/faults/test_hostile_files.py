@@ -1,4 +1,7 @@
-"""Files made to hang, crash or deceive (catalogue, rows 33 and 34): refused within 200 ms, in little memory, with a sentence."""
+"""Files made to hang, crash or deceive: refused within 200 ms, in little memory, with a sentence.
+
+docs/reference/faults.md, F-33 and F-34.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Names and texts from files, people, stations and other people's runs (catalogue, row 34): shown as text, or refused.
+"""Names and texts from files, people, stations and other people's runs (docs/reference/faults.md, F-34): shown as text, or refused.
 
 Nothing is written outside of the run's folder, nothing on a page can act, nothing that is printed steers a terminal.
 """

@@ -1,6 +1,6 @@
 """Kills, for real, at every step that reaches the disk and at random moments: nothing acknowledged is ever lost.
 
-`crash.py` in tests/support does the killing; here stands what must hold afterwards (faults.md, rows 26, 27, 30).
+`crash.py` in tests/support does the killing; here stands what must hold afterwards (docs/reference/faults.md, F-26, F-27, F-30).
 """
 
 from __future__ import annotations

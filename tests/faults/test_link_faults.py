@@ -1,4 +1,4 @@
-"""Runs under random faults of line and station, held against the invariants of faults.md: I1, I2, I4, I7 and section 9.
+"""Runs under random faults of line and station, held against docs/reference/faults.md, I1, I2, I4, I7 and S-2.
 
 Each run has a number, which decides all of its faults. A default run tries the first of them; `-m campaign` the rest.
 """

@@ -17,7 +17,7 @@ from spoilt import BENCHES, asked, clean, corruptions, decided, places, spoilt
 from virtual_run import VirtualRun
 
 TELLING_OF_DOUBT = {"read.doubted", "read.implausible", "protocol.anomaly"}
-"""An answer with two bits of its addresses turned over is one in the other order of addresses (digest B-6)."""
+"""An answer with two bits of its addresses turned over is one in their other order (docs/reference/contradictions.md, B-6)."""
 TELLING_OF_FLAGS = {"alarm.unconfirmed", "alarm.before_run"} | {
     f"alarm.{side}.{what}" for side in ("high", "low") for what in ("not_working", "ended")
 }

@@ -1,4 +1,7 @@
-"""Campaign 4, the stations: what stations, and the people around them, do to a run. A row a phrase, with its number in faults.md.
+"""Campaign 4, the stations: what stations, and the people around them, do to a run. A row a phrase, with its F-number.
+
+The numbers are those of docs/reference/faults.md.
+
 
 ``pytest -n0 -m campaign tests/faults/test_station_campaign.py`` mixes all of it at random on lines of stations (STATIONS_RUNS runs
 from number STATIONS_FIRST on). Held against the stations' own memory: the invariants of `invariants.py`, the recipe's list of
@@ -339,7 +342,7 @@ def test_what_happens_to_a_station(row: Row) -> None:
 
 @pytest.mark.parametrize("row", [row for row in TABLE if row.number in (12, 13, 15, 16, 17)], ids=str)
 def test_nothing_is_written_to_what_comes_back_until_it_is_made_safe(row: Row) -> None:
-    """Nothing heats by itself (faults.md, section 9): behind the start there are only orders to stand."""
+    """Nothing heats by itself (docs/reference/faults.md, S-4): behind the start there are only orders to stand."""
     run = prepared(row).go()
     after = [one.text for tap in run.taps.values() for one in tap.heard if one.is_write and one.at > run.t0 + 9]
     assert [text for text in after if text not in ("WPS100001", "WPS200001")] == []

@@ -61,7 +61,7 @@ def test_an_alarm_that_temperatures_bear_out() -> None:
 
 
 def test_its_time_is_the_interval_between_two_readings() -> None:
-    """The flag says that it was, not when (faults.md, row 40)."""
+    """The flag says that it was, not when (docs/reference/faults.md, F-40)."""
     run = one_port(fault("overheat", at_s=12, for_s=6, by_c=20)).go()
     event = only(run, "alarm.high")
     flags = [int(str(row[COLUMN["time"]])) for row in run.memory.samples if row[COLUMN["alarm_high"]] is not None]

@@ -68,7 +68,7 @@ def test_a_tool_that_is_not_switched_on_stops_the_run() -> None:
 
 @pytest.mark.parametrize(("greatest", "raw"), [(1000, 600), (100, 60), (45, 27), (999, 599)])
 def test_the_flow_is_a_share_of_what_the_station_says_is_its_greatest(greatest: int, raw: int) -> None:
-    """Digest B-33: per mille, per cent or litres, the share is the same."""
+    """docs/reference/contradictions.md, B-33: per mille, per cent or litres, the share is the same."""
     settings = f"minimum_air_flow = 1, selected_air_flow = 20, maximum_air_flow = {greatest}"
     run = hot_air(f"settings = {{ {settings} }}", duration_s=15).go()
     assert f"WSF1{raw:05d}" in written(run)
@@ -183,7 +183,7 @@ def test_its_counters_are_its_own() -> None:
 
 
 def test_without_a_thermocouple_its_temperature_is_null_and_the_row_is_well() -> None:
-    """Digest B-44, from the very first row on."""
+    """docs/reference/contradictions.md, B-44, from the very first row on."""
     run = hot_air("thermocouple = false", duration_s=15).go()
     assert cells(run, "external_c") == []
     assert {row[COLUMN["reasons"]] for row in run.memory.samples} == {"external_c=no_thermocouple"}
@@ -373,7 +373,7 @@ def test_port_errors_are_those_of_hot_air(code: int, severity: str) -> None:
 
 
 def test_no_write_of_a_run_is_dangerous() -> None:
-    """What `run` can send to hot air: settings of the recipe and the status (faults.md, section 9)."""
+    """What `run` can send to hot air: settings of the recipe and the status (docs/reference/faults.md, I7)."""
     run = hot_air("joints_per_minute = 6", duration_s=30).go()
     assert {text[1:4] for text in written(run)} <= {"WM1", "SF1", "SE1", "ST1", "PS1"}
 

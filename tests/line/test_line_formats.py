@@ -1,4 +1,4 @@
-"""Every line format of the older stations (seed 000, 2.1): 12 rates, three parities, one or two stop bits.
+"""Every line format of the older stations (manual 000, 2.1): 12 rates, three parities, one or two stop bits.
 
 The arithmetic of the wire decides what a plan promises, so it is done here a second time, from the bits up; then each format
 is run on a clock that jumps, at the rate that the plan says is the best.
@@ -22,7 +22,7 @@ FORMATS = tuple(f"8{parity}{stop}" for parity, stop in product("NEO", (1, 2)))
 BITS = {"8N1": 10, "8N2": 11, "8E1": 11, "8O1": 11, "8E2": 12, "8O2": 12}
 """Start bit, eight data bits, parity if any, stop bits."""
 READ, ANSWER = 11, 16
-"""Characters of an addressed read, and of its answer with five digits (seed 000, 3)."""
+"""Characters of an addressed read, and of its answer with five digits (manual 000, 3)."""
 
 RECIPE = """
 [recipe]

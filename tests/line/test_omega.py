@@ -61,7 +61,7 @@ def outcomes(memory: Memory) -> dict[str, str]:
 
 
 LETTERS = {"solder_shortage": "A", "clogged": "A", "preparing": "B", "in_range": "F"}
-YES = {"solder_shortage": "13", "clogged": "23", "preparing": "1", "in_range": "0"}  # digits that say so (digest A.13)
+YES = {"solder_shortage": "13", "clogged": "23", "preparing": "1", "in_range": "0"}  # digits that say so
 
 
 def wrong_states(run: VirtualRun) -> list[str]:
@@ -354,7 +354,7 @@ WANTED_OTHERWISE = ConditionRecord(101, 1, 0.5, 2.0, 10.0, 0.5, 10.0, 0.8, 3.0, 
 
 @pytest.mark.parametrize(("sim", "raw"), [("", 3500), ('quirks = ["temperature_in_degrees"]', 350)])
 def test_a_set_temperature_is_kept_raw_and_marked(sim: str, raw: int) -> None:
-    """Digest B-51: nothing here decides whether it is in tenths."""
+    """docs/reference/contradictions.md, B-51: nothing here decides whether it is in tenths."""
     wanted = ConditionRecord(399, *[getattr(WANTED, name) for name in WANTED.__slots__[1:]])
     run = prepared(sim, asks_for(wanted), duration_s=3).go()
     assert run.facts.outcome == "refused"

@@ -37,7 +37,7 @@ SETTINGS = {
 FEEDER = {"clog_detection", "feeder_diameter", "feeder_length", "feeder_backward", "feeder_speed", "feeder_mode"}
 AIR = {"selected_air_temperature", "selected_air_flow", "selected_external_temperature", "work_mode"}
 A_RUN_WRITES = SETTINGS | FEEDER | AIR | {"status", "stop_feeding"}
-"""All that `run` can write (faults.md, 9.5), but for OMEGA's condition with --allow-omega-write."""
+"""All that `run` can write (docs/reference/faults.md, S-5), but for OMEGA's condition with --allow-omega-write."""
 
 every_line = pytest.mark.parametrize("path", LINES, ids=lambda path: path.stem)
 Recorded = Callable[[Path], RecordedRun]
@@ -138,7 +138,7 @@ def test_every_family_has_a_line_with_a_recipe_of_its_own(family: str) -> None:
 
 
 def test_the_systems_that_one_family_covers_have_a_line_each() -> None:
-    """UCR245 and UCR470 (seed 004), ALE without and with perforation of the wire, two line formats of seed 000."""
+    """UCR245 and UCR470 (manual 004), ALE without and with perforation of the wire, two line formats of manual 000."""
     models = {station.sim.model for path in LINES for station in load_line(path).stations if station.sim is not None}
     assert {"UCR245", "UCR470", "DDR"} <= models
     assert {"ale", "ale-perforated", "soldering", "soldering-slow"} <= {path.stem for path in LINES}

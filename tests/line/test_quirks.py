@@ -188,7 +188,7 @@ def test_all_quirks_at_once_change_nothing_either() -> None:
 
 
 def test_an_extractor_state_that_a_recipe_wants_and_the_station_refuses_stops_the_start() -> None:
-    """As the refusal of any setting does (contract); as the safe state it is followed by stand."""
+    """As the refusal of any setting does; as the safe state it is followed by stand."""
     line = line_text('quirks = ["extractor_refused"]').replace('"dde"', '"ucr"')
     recipe = FAMILIES_IN_RECIPE.sub('families = ["ucr"]', RECIPE).replace('status = "working"', 'status = "extractor"')
     run = prepare(line.replace("quirks", 'settings = {status = "working"}\nquirks'), recipe, 3).go()

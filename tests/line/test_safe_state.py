@@ -333,7 +333,7 @@ def test_an_unreachable_tool_is_named_with_its_last_temperature(sim: str) -> Non
 
 @pytest.mark.parametrize("by_s", [0.3, 0.5, 0.9])
 def test_a_station_that_takes_its_time_to_store_is_not_given_up(by_s: float) -> None:
-    """Its reads are quick; nothing prints how long an acknowledgement takes (digest B-13)."""
+    """Its reads are quick; nothing prints how long an acknowledgement takes (docs/reference/contradictions.md, B-13)."""
     run = prepare(line_text(fault("late", only="write", by_s=by_s)), duration_s=3).go()
     assert run.facts.outcome == "completed"
     assert run.facts.safe_state == {1: "verified", 2: "verified"}

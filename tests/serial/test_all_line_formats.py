@@ -1,4 +1,4 @@
-"""Every line format of the older stations (seed 000, 2.1), opened on a real terminal, and a run on all twelve rates at once.
+"""Every line format of the older stations (manual 000, 2.1), opened on a real terminal, and a run on all twelve rates at once.
 
 250000, 460800 and 500000 are no rates of the old terminal interface; Linux takes any number by the newer one.
 """

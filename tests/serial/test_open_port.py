@@ -92,7 +92,7 @@ def test_rate_and_format_are_set() -> None:
         port.close()
 
 
-@pytest.mark.parametrize("baudrate", [1200, 250000])  # the ends of seed 000's list that are no termios constant or slow
+@pytest.mark.parametrize("baudrate", [1200, 250000])  # the ends of manual 000's list that are no termios constant or slow
 def test_the_printed_rates_open(baudrate: int) -> None:
     with terminal() as far:
         open_port(far.url, LineFormat(baudrate)).close()

@@ -29,7 +29,7 @@ def only_run(out: Path) -> Path:
     return folder
 
 
-def test_a_run_leaves_the_folder_that_the_contract_describes(bench: Bench, tmp_path: Path) -> None:
+def test_a_run_leaves_the_folder_that_the_reference_describes(bench: Bench, tmp_path: Path) -> None:
     line, wire = bench
     ended = jbclog("run", RECIPE, "--line", line, "--out", tmp_path / "runs", "-d", "4s", "-s", "ale-1", "--rate", "5")
     folder = Path(ended.stdout.splitlines()[-1])

@@ -40,7 +40,7 @@ SOLDERING: dict[str, tuple[str, Meaning]] = {
     "tool": ("CT{port}", int),
     "port_error": ("PE{port}", int),
     "station_error": ("SER", int),
-    "alarm_high": ("TA{port}", lambda data: data[4] != "0"),  # any other digit is set (digest B-24)
+    "alarm_high": ("TA{port}", lambda data: data[4] != "0"),  # any other digit is set (docs/reference/contradictions.md, B-24)
     "alarm_low": ("TA{port}", lambda data: data[3] != "0"),
     "transformer_c": ("TT", int),
     "transistor_c": ("QT{port}", int),

@@ -1,7 +1,7 @@
 """What a bad wire does to the bytes of one frame, and whether the check byte shows it: an independent few lines of each protocol.
 
 An XOR does not see an even number of flips in one bit column, nor characters that changed places; a sum does not see the
-latter either (faults.md, section 0). Nothing here is the product's.
+latter either. Nothing here is the product's.
 """
 
 from __future__ import annotations

@@ -49,13 +49,14 @@ def as_written(quantity: Quantity, text: str) -> str | None:
     """How what `text` means is written: the same, but for the few that are read for tolerance' sake. None: no manual says."""
     match quantity:
         case AlarmLimit() if quantity.decode(text) is OFF or text.startswith("-"):
-            return None  # "not set" has no printed form (digest B-23)
+            return None  # "not set" has no printed form (docs/reference/contradictions.md, B-23)
         case AlarmDelay() if "." not in text and text != OFF_ON_WIRE:
-            return f"{text[1:3]}.{text[3:]}"  # digits without a dot (digest B-22)
+            return f"{text[1:3]}.{text[3:]}"  # digits without a dot (docs/reference/contradictions.md, B-22)
         case Flags():
-            return "".join("0" if digit == "0" else "1" for digit in text)  # any digit but 0 is a flag (digest B-24)
+            # any digit but 0 is a flag (docs/reference/contradictions.md, B-24)
+            return "".join("0" if digit == "0" else "1" for digit in text)
         case Number(printed_for=misprints) if text.isdigit():
-            return f"{dict(misprints).get(int(text), int(text)):05d}"  # digest B-28
+            return f"{dict(misprints).get(int(text), int(text)):05d}"  # docs/reference/contradictions.md, B-28
         case Text():
             return text.rjust(5)
         case HexLength():

@@ -17,7 +17,7 @@ from command import started, until
 from served_line import ServedLine
 
 TOOLS = 6  # of a served line
-TOLD_S = 5.0  # by then every tool has been told (faults.md, section 9)
+TOLD_S = 5.0  # by then every tool has been made safe (docs/reference/faults.md, S-3)
 ON_THE_WIRE_S = 0.5  # what was written just before may still be under way to a station on a busy machine
 GUARD = b"jbclog.guard"
 

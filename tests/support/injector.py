@@ -2,7 +2,8 @@
 
 `Injector` stands in front of a far end. What it does to the answer of the n-th question is in its plan; what it did is in
 `did`. `forged` are the whole answers of this station that it let come at another moment than their own: nothing in one tells
-it from an answer to the same question asked again, so where it comes right then it is believed (faults.md, I4). They are
+it from an answer to the same question asked again, so where it comes right then it is believed (docs/reference/faults.md, I4). They
+are
 kept so that a test can count them: recorded is what was injected, and nothing else.
 """
 

@@ -1,4 +1,4 @@
-"""What holds of every run whatever happened to it: I1 to I9 of faults.md, section 5, as sentences about what does not hold.
+"""What holds of every run whatever happened to it: I1 to I9 of docs/reference/faults.md, as sentences about what fails.
 
 `violations` looks at a run's folder and at what the stations themselves noted of their wires (`station_log.heard_in`, or the
 `heard` of a `Tap`); `violations_of` at a run on a virtual clock that was kept in memory. Nothing here is counted or read with the

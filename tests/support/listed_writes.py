@@ -124,7 +124,7 @@ def _at(recipe: Table, path: str) -> object:
 
 
 def _condition(recipe: Table) -> str:
-    """OMEGA's D as the digest prints its record: the number, the mode, fifteen fields in tenths, all hexadecimal."""
+    """OMEGA's D with its record (docs/reference/protocol.md): the number, the mode, fifteen fields in tenths, all hexadecimal."""
     told = cast(Mapping[str, float], recipe["omega"])
     tenths = "".join(f"{round(told[name] * 10):03X}" for name in OMEGA_FIELDS)
     return f"D{int(told['condition']):04X}{int(told['mode'])}{tenths}"

@@ -3,7 +3,7 @@
 It lies between a session and the tap of a virtual station. `books` has every question as it left the session, what the station
 had to say to it, and the bytes that the session was given for it. `forged` are the whole answers that the wire let come although
 the station did not say them then, or not so, and that no check byte shows: no receiver can tell them, so they may be recorded,
-and nothing else that is wrong may (faults.md, I4). `misled` are questions that it turned into other whole ones.
+and nothing else that is wrong may (docs/reference/faults.md, I4). `misled` are questions that it turned into other whole ones.
 """
 
 from __future__ import annotations

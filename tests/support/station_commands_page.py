@@ -17,7 +17,7 @@ from jbclog.session.run.writes import WRITES
 INTRODUCTION = """
 What jbclog can ask of each family of stations and tell it, with the manual and section that each row rests on (000 older
 soldering stations, 001 hot air, 002 and 004 the newer control units, 003 OMEGA, of which one page was at hand and a public
-digest of the next five; what a note calls B-nn is a row of [contradictions](contradictions.md)).
+description of the next five; what a note calls B-nn is a row of [contradictions](contradictions.md)).
 
 A code is what stands on the wire behind R, W or A: `x` is the port, `y` the number of the tool, `nnnn` that of a solder
 condition. *Recorded as* names the columns of `samples` or the counter. *Once* marks what is never sent twice for one intent,

@@ -45,7 +45,7 @@ CWx r   h    -
 CCx r   count -
 CDx r   count -
 """
-"""The commands of seed 000, 4.7 "List of commands", as seeds 002 and 004 print them."""
+"""The commands of manual 000, 4.7 "List of commands", as manuals 002 and 004 print them."""
 
 LESS_IN_000 = {
     "STx": "unprinted",  # 4.8.2
@@ -56,7 +56,7 @@ LESS_IN_000 = {
     "HAx": "unprinted",
     "LAx": "unprinted",
 }
-"""Where seed 000 prints no range and no step, and 002 does."""
+"""Where manual 000 prints no range and no step, and 002 does."""
 COMMON_000 = "\n".join(
     " ".join([*line.split()[:3], LESS_IN_000.get(line.split()[0], line.split()[3])]) for line in COMMON_002.splitlines() if line
 )
@@ -111,11 +111,11 @@ WHx r   h    -
 TCx r   count -
 SCx r   count -
 """
-"""Seed 001, 4.8 "List of commands", whole."""
+"""Manual 001, 4.8 "List of commands", whole."""
 
 OMEGA = """
 A   r   -    -                          003 11.3.1 "Soldering controller information request"
-B   r   -    -                          these and all below: digest A.13, from pages that are not here
+B   r   -    -                          these and all below: from pages that are not here
 Cn  r   -    -
 D   w   -    -
 F   r   -    -
@@ -126,7 +126,7 @@ H   w   -    101..399,step=1
 
 BENCH = COMMON_002 + STORE + VERSION + FUSE
 EXPECTED = {
-    "soldering": COMMON_000,  # seed 000 knows neither W-NVS nor R-SVR
+    "soldering": COMMON_000,  # manual 000 knows neither W-NVS nor R-SVR
     "dde": BENCH,
     "nae": BENCH,
     "dme": BENCH,
@@ -173,12 +173,12 @@ def test_the_commands_of_a_family(name: str) -> None:
         ("hde", None),
         ("ucr", (1,)),
         ("ale", (1,)),
-        ("jtse", (1,)),  # seed 001, 4.2
-        ("omega", (1,)),  # seed 003, 11.1: "Connecting number 1 on 1"
+        ("jtse", (1,)),  # manual 001, 4.2
+        ("omega", (1,)),  # manual 003, 11.1: "Connecting number 1 on 1"
     ],
 )
 def test_the_ports(name: str, ports: tuple[int, ...] | None) -> None:
-    """ "2-Tool", "4-Tool Control Unit" (seed 002); "1 Port 1" (seed 004, Ports); the line file's defaults else (contract)."""
+    """ "2-Tool", "4-Tool Control Unit" (manual 002); "1 Port 1" (manual 004, Ports); the line file's defaults else."""
     assert FAMILIES[name].ports == ports
 
 
@@ -200,12 +200,12 @@ TOOLS_OF_THE_BENCH = {
     ("names", "tools"),
     [
         (
-            ["soldering"],  # seed 000, 4.1
+            ["soldering"],  # manual 000, 4.1
             {0: "none", 1: "T210", 2: "T245/T470", 3: "PA", 4: "HT", 5: "DS", 6: "DR", 7: "NT105", 8: "NP105"},
         ),
-        (["dde", "nae", "dme", "hde", "ale"], TOOLS_OF_THE_BENCH),  # seed 002, "Tools"
-        (["ucr"], {0: "none", 2: "TR245/TR470", 9: "TRA245/TRA470"}),  # seed 004, "Tools"
-        (["jtse"], {0: "none", 1: "JT", 2: "TE"}),  # seed 001, 4.1
+        (["dde", "nae", "dme", "hde", "ale"], TOOLS_OF_THE_BENCH),  # manual 002, "Tools"
+        (["ucr"], {0: "none", 2: "TR245/TR470", 9: "TRA245/TRA470"}),  # manual 004, "Tools"
+        (["jtse"], {0: "none", 1: "JT", 2: "TE"}),  # manual 001, 4.1
         (["omega"], {}),
     ],
 )
@@ -219,7 +219,7 @@ SOLDERING = [name for name in FAMILIES if name not in ("jtse", "omega")]
 
 @pytest.mark.parametrize("name", SOLDERING)
 def test_the_errors(name: str) -> None:
-    """Seed 000, 4.3 and 4.4; "Port Errors", "Station Errors" (seed 002), "Device errors" (seed 004)."""
+    """Manual 000, 4.3 and 4.4; "Port Errors", "Station Errors" (manual 002), "Device errors" (manual 004)."""
     words = {
         0: "ok",
         1: "short circuit",
@@ -247,7 +247,10 @@ def test_the_errors(name: str) -> None:
 
 
 def test_the_errors_of_hot_air() -> None:
-    """Seed 001, 4.3 and 4.4: the same numbers say other things (digest B-30), and station error 7 is not printed (B-45)."""
+    """Manual 001, 4.3 and 4.4: the same numbers say other things, and station error 7 is not printed.
+
+    docs/reference/contradictions.md, B-30 and B-45.
+    """
     words = {
         0: "ok",
         1: "air pump",
@@ -283,12 +286,12 @@ def _agree(table: Mapping[int, str], words: dict[int, str]) -> None:
 
 @pytest.mark.parametrize("name", FAMILIES)
 def test_reading_clears_nothing_but_the_alarm_flags(name: str) -> None:
-    """ "Once you have read the flag this is deleted" (seed 000, 4.8.27)."""
+    """ "Once you have read the flag this is deleted" (manual 000, 4.8.27)."""
     cleared = [command.name for command in FAMILIES[name].commands.values() if command.readable and command.asked_once]
     assert cleared == (["alarm_flags"] if name in SOLDERING else [])
 
 
 def test_what_is_never_sent_without_being_asked_for() -> None:
-    """faults.md, section 9, rule 5: RST, RSP, SAD, NVS, IFE, MAT, MIT, STR; hot air's own of that kind, and OMEGA's D and H."""
+    """docs/reference/faults.md, S-5: RST, RSP, SAD, NVS, IFE, MAT, MIT, STR; hot air's own of that kind, and OMEGA's D and H."""
     dangerous = {command.letters for family in FAMILIES.values() for command in family.commands.values() if command.dangerous}
     assert dangerous == {"RST", "RSP", "SAD", "NVS", "IFE", "MAT", "MIT", "STR", "MAF", "MIF", "MAE", "MIE", "D", "H"}

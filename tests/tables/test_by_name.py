@@ -144,7 +144,8 @@ def test_what_is_dangerous_says_what_it_does(family: Family, command: Command) -
 
 
 def test_what_cannot_be_taken_back_is_dangerous_everywhere() -> None:
-    letters = {"RST", "RSP", "SAD", "NVS", "IFE", "MAT", "MIT", "STR", "MAF", "MIF", "MAE", "MIE"}  # faults.md, 9.5; 001 limits
+    # docs/reference/faults.md, S-5, and the limits of manual 001
+    letters = {"RST", "RSP", "SAD", "NVS", "IFE", "MAT", "MIT", "STR", "MAF", "MIF", "MAE", "MIE"}
     found = {(family.name, command.letters) for family, command in EVERY if command.writable and command.letters in letters}
     assert found == {(family.name, command.letters) for family, command in EVERY if command.dangerous and len(command.letters) == 3}
     assert {command.letters for command in FAMILIES["omega"].commands.values() if command.dangerous} == {"D", "H"}
@@ -158,6 +159,6 @@ def test_nothing_dangerous_is_reached_from_a_recipe(family: Family) -> None:
 
 
 def test_what_is_called_a_restart_resets_the_settings_of_hot_air() -> None:
-    """Seed 001, 4.8: "Write reset station settings" (digest B-40)."""
+    """Manual 001, 4.8: "Write reset station settings" (docs/reference/contradictions.md, B-40)."""
     assert "reset station settings" in what_it_does(FAMILIES["jtse"].commands["restart"])
     assert "reset station settings" not in what_it_does(FAMILIES["dde"].commands["restart"])

@@ -1,4 +1,4 @@
-"""Every row of section B of the digest is decided, and what shows on the wire can be played and is told."""
+"""Every contradiction of the manuals is decided, and what shows on the wire can be played and is reported."""
 
 from __future__ import annotations
 

@@ -40,7 +40,7 @@ def test_the_older_manual_and_that_of_hot_air_print_none() -> None:
     [("ucr", "UCR245", 450), ("ucr", "UCR470", 500), ("dde", "DDE", 500), ("ale", "ALE", 500), ("soldering", "DDR", 500)],
 )
 def test_the_highest_temperature_goes_by_the_model(name: str, model: str, celsius: int) -> None:
-    """004: "UCR245 - 450°C, UCR470 - 500°C"; 002 prints 500 for all of its stations (digest B-31)."""
+    """004: "UCR245 - 450°C, UCR470 - 500°C"; 002 prints 500 for all of its stations (docs/reference/contradictions.md, B-31)."""
     assert values_of(FAMILIES[name].defaults, model)["maximum_temperature"] == celsius
     pair = Pair(name, sim=f'model = "{model}"')
     assert pair.read(pair.family.commands["maximum_temperature"]) == celsius

@@ -46,12 +46,12 @@ every_order = _walk(*((family, command) for family, command in EVERY if command.
 # -- what its row says -------------------------------------------------------------------------------------------------
 
 UNITS = {"°C", "‰", "h", "count", "s", "min", "mm", "mm/s", "raw"}
-"""``raw`` says that no manual prints the unit (digest B-33)."""
+"""``raw`` says that no manual prints the unit (docs/reference/contradictions.md, B-33)."""
 WITHOUT_UNIT = (Choice, ConditionNumber, Digit, Number, StoredCondition, Text, Word)
 """Names, words and numbers that stand for something else: what they can be is their range."""
 
-CITATION = re.compile(r"(00[0-4]) \S.*|digest A\.13, [A-H]")
-"""A manual's number, and its section or the name of its row; of OMEGA's pages that are not here the digest."""
+CITATION = re.compile(r"(00[0-4]) \S.*")
+"""A manual's number, and its section or the name of its row."""
 
 
 @every_command
@@ -111,7 +111,10 @@ def _meanings(name: str) -> dict[str, set[str]]:
 
 @every_command
 def test_its_letters_leave_room_for_port_and_tool(family: Family, command: Command) -> None:
-    """A code of JBC has three characters (seed 002, "Data Link Layer"), but for RTT (digest B-10); OMEGA's has one letter."""
+    """A code of JBC has three characters (manual 002, "Data Link Layer"), but for RTT; OMEGA's has one letter.
+
+    docs/reference/contradictions.md, B-10.
+    """
     for code in codes_of(command):
         assert code.isascii()
         assert code.isalnum()
@@ -139,7 +142,7 @@ def test_no_other_command_of_the_family_has_its_code(family: Family, command: Co
 
 @every_command
 def test_no_code_begins_with_its_own_but_that_of_a_tip(family: Family, command: Command) -> None:
-    """``TT`` is a beginning of ``TT1``: the two are told apart by the length of the answer (digest B-10)."""
+    """``TT`` is a beginning of ``TT1``: the answers differ in length (docs/reference/contradictions.md, B-10)."""
     for code in codes_of(command, family.ports or PORTS):
         longer = {other[1:] for other in _meanings(family.name) if other[1:].startswith(code) and other[1:] != code}
         assert longer == ({f"TT{port}" for port in family.ports or PORTS} if code == "TT" else set())

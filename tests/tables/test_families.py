@@ -45,7 +45,8 @@ def test_counters_are_readable_commands_in_their_unit(family: Family) -> None:
 
 @families
 def test_safe_states_and_run_statuses_are_orders_that_the_station_takes(family: Family) -> None:
-    assert family.safe_states[:1] == {"jtse": ("cooling",), "omega": ()}.get(family.name, ("stand",))  # contract, "Safe state"
+    """docs/reference/safe-states.md."""
+    assert family.safe_states[:1] == {"jtse": ("cooling",), "omega": ()}.get(family.name, ("stand",))
     for name in (*family.safe_states, *family.run_statuses):
         word = family.status.orders[name]
         assert family.commands["status"].quantity.decode(family.commands["status"].quantity.encode(word)) == word
@@ -73,7 +74,7 @@ def test_a_model_name_proves_its_own_family_and_no_other(family: Family) -> None
     [
         ("UCR245", "ucr"),
         ("UCR470", "ucr"),
-        ("UCR24", "ucr"),  # what five characters leave of it (digest B-34)
+        ("UCR24", "ucr"),  # what five characters leave of it (docs/reference/contradictions.md, B-34)
         ("ALE", "ale"),
         ("NAE", "nae"),
         ("DDE", "dde"),
@@ -101,7 +102,7 @@ def test_numbers_that_no_table_has_are_kept(family: Family) -> None:
 def test_words_of_status_and_errors() -> None:
     assert SOLDERING_STATUS.names == ("working", "stand", "sleep", "hibernation")
     assert SOLDERING_STATUS.orders == {"working": (0, 0, 0, 0, 0), "stand": (0, 0, 0, 0, 1), "extractor": (0, 0, 0, 1, 0)}
-    assert AIR_STATUS.orders == {"on": (0, 0, 0, 0, 1), "off": (0, 0, 0, 0, 0), "cooling": (0, 0, 0, 1, 0)}  # seed 001, 4.6
+    assert AIR_STATUS.orders == {"on": (0, 0, 0, 0, 1), "off": (0, 0, 0, 0, 0), "cooling": (0, 0, 0, 1, 0)}  # manual 001, 4.6
     assert sorted(COMMUNICATION_ERRORS) == [1, 2, 3, 4, 5, 6, 99999]
 
 

@@ -17,7 +17,7 @@ MANUAL_000 = """
 4.8.32 WMIT 4.8.33 RSER 4.8.34 RTT 4.9.35 WRSP 4.8.36 RCPx 4.8.37 RCNx 4.8.38 RCSx 4.8.39 RCHx 4.8.40 RCWx 4.8.41 RCCx
 4.8.42 RCDx
 """
-"""Seed 000, index and 4.8. Its index prints 4.8.25 and 4.8.26 as RHDx and 4.8.30 as VMAT; the text says which are meant."""
+"""Manual 000, index and 4.8. Its index prints 4.8.25 and 4.8.26 as RHDx and 4.8.30 as VMAT; the text says which are meant."""
 
 MANUAL_001 = """
 4.9.1 RSTx 4.9.2 WSTx 4.9.3 RSFx 4.9.4 WSFx 4.9.5 RSEx 4.9.6 WSEx 4.9.7 RATx 4.9.8 RETx 4.9.9 RWMx 4.9.10 WWMx 4.9.11 RPPx
@@ -25,7 +25,7 @@ MANUAL_001 = """
 4.9.22 WMIT 4.9.23 RMAF 4.9.24 WMAF 4.9.25 RMIF 4.9.26 WMIF 4.9.27 RMAE 4.9.28 WMAE 4.9.29 RMIE 4.9.30 WMIE 4.9.31 RSER
 4.9.32 WRSP 4.9.33 ROHx 4.9.34 RWHx 4.9.35 RTCx 4.9.36 RSCx
 """
-"""Seed 001, 4.9."""
+"""Manual 001, 4.9."""
 
 
 def _contents(text: str) -> dict[str, str]:

@@ -1,4 +1,6 @@
-"""What the check byte proves and what it does not (digest A.2), and that it may look like any control character.
+"""What the check byte proves and what it does not, and that it may look like any control character.
+
+docs/reference/protocol.md, Check byte.
 
 The codes are those that `golden.letters` holds, typed by hand; the check bytes are worked out by `golden.with_check_byte`.
 """

@@ -50,7 +50,7 @@ def test_printed_addresses_are_read(where: str, page: int, printed: str, address
 
 
 def test_a_refusal_is_read_with_any_code_or_none() -> None:
-    """No N frame is printed, only the numbers that stand in its data (digest B-11)."""
+    """No N frame is printed, only the numbers that stand in its data (docs/reference/contradictions.md, B-11)."""
     for where, _page, printed, data in (one for seed in JBC for one in seed.REFUSALS):
         assert printed.startswith(data.decode("ascii")), where
         for code in ("TT1", "A12", "SMN", "TT", ""):
@@ -62,7 +62,7 @@ def test_a_refusal_is_read_with_any_code_or_none() -> None:
 @pytest.mark.parametrize(
     ("wire", "meaning"),
     [
-        # digest A.14; the identification is the first command of every run, and its check byte is ETX or STX
+        # the identification is the first command of every run, and its check byte is ETX or STX (docs/reference/protocol.md)
         (b"\x02RSMN\x03\x03", Frame("R", "SMN")),
         (b"\x020001RSMN\x03\x02", Frame("R", "SMN", 0, 1)),
         (b"\x020100ASMN JTSE\x03\x39", Frame("A", "SMN JTSE", 1, 0)),

@@ -159,7 +159,7 @@ def test_after_a_reset_nothing_old_is_left(system: System, data: st.DataObject) 
 @both
 @pytest.mark.parametrize("count", [200_000, pytest.param(10_000_000, marks=pytest.mark.campaign)])
 def test_random_bytes_take_no_memory(system: System, count: int, counted: Callable[..., None]) -> None:
-    """Noise between frames (faults.md, row 1): the memory stays flat, and every byte is garbage or in a frame."""
+    """Noise between frames (docs/reference/faults.md, F-1): the memory stays flat, and every byte is garbage or in a frame."""
     source, one = random.Random(count), system.reader()
     believed = sum(len(_good(one.feed(source.randbytes(500)))) for _ in range(20))
     tracemalloc.start()

@@ -1,6 +1,7 @@
 """From when on alarms count: from a tool's first arrival at its setting on, seen in the rows as the session sees it.
 
-The same rule as `session/run/watch.py` (contract, "Exit codes"): at work, and within ±10 °C of the setting, or passed through it
+The same rule as `session/run/watch.py` (docs/reference/exit-codes.md): at work, and
+within ±10 °C of the setting, or passed through it
 from one reading to the next, or found hotter than it and not cooling for ten seconds.
 """
 

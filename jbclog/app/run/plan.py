@@ -110,7 +110,7 @@ class StationPlan:
 
     @property
     def turnaround_s(self) -> float:
-        """What the line file says, or none (contract, "Line file")."""
+        """What the line file says, or none (docs/reference/configuration.md)."""
         return (self.spec.turnaround_ms or 0.0) / 1000
 
     @property

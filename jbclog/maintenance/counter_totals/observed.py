@@ -19,7 +19,7 @@ class Standing(StrEnum):
 
 @dataclass(slots=True)  # never changed; a frozen one takes three times as long to make, and a ledger has hundreds of thousands
 class Count:
-    """A counter of a port as it was read. Names and units are those of the table `counters` (contract).
+    """A counter of a port as it was read. Names and units are those of the table `counters`.
 
     `value` is null unless `standing` is ``ok``; `values` are all that were read, the first of them first; `why` says, where it
     is ``unread``, what came instead (`timeout`, `nak4`, ...).

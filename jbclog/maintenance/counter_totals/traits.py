@@ -1,6 +1,7 @@
 """What is known of each kind of counter: how finely it counts, where it rolls over, and how fast it can plausibly go.
 
-Counters are five digits wide, decimal, and hexadecimal for the dispensed length (digest B-35). No manual prints what comes
+Counters are five digits wide, decimal, and hexadecimal for the dispensed length (docs/reference/contradictions.md, B-35).
+No manual prints what comes
 after the last number; that it is zero is supposed, and said of every difference that rests on it. The fastest plausible pace
 is this program's own supposition, too: it only decides how many roll-overs are thinkable while nobody looked.
 """

@@ -1,6 +1,7 @@
 """After a write that takes the station away from its line: a restart, another address. Generators, no I/O.
 
-Both writes go out once, whatever comes of them. Nothing prints what the station answers (digest B-9, B-40), so an
+Both writes go out once, whatever comes of them. Nothing prints what the station answers
+(docs/reference/contradictions.md, B-9, B-40), so an
 acknowledgement and silence are taken alike, and what counts is who answers R-SMN afterwards.
 """
 

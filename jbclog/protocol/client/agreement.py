@@ -1,7 +1,8 @@
 """Values that something is decided by: believed when two answers say the same.
 
 A check byte that is an XOR does not see two bits that are turned over in the same place of two characters, so one answer
-proves little (faults.md, row 3). A setting, a counter, a tool and a name are asked until an answer comes a second time.
+proves little (docs/reference/faults.md, F-3). A setting, a counter, a tool and a name are asked until an answer comes a
+second time.
 """
 
 from __future__ import annotations

@@ -1,4 +1,7 @@
-"""What a station does otherwise than recommended, and is taken all the same: counted, and told once (digest, section B)."""
+"""What a station does otherwise than recommended, and is taken all the same: counted, and reported once.
+
+docs/reference/contradictions.md has every form.
+"""
 
 from __future__ import annotations
 

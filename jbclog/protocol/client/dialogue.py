@@ -13,7 +13,7 @@ The rules:
    would answer properly.
 5. How long an answer may take follows from the bytes, the line format and the turnaround of the reads seen on this station,
    which is never stretched beyond `MOST_S`. A write is given longer, however quick reads are: what it is stored in may be
-   slow, and no manual prints how slow (digest B-13).
+   slow, and no manual prints how slow (docs/reference/contradictions.md, B-13).
 
 Everything here is a generator that does no I/O (`core.io_requests`).
 """
@@ -46,7 +46,7 @@ from jbclog.protocol.frame import Frame
 from jbclog.protocol.reader import Corrupt, FrameReader
 
 REPEATS = 2  # a read goes out three times at most
-UNMEASURED_S = 0.3  # turnaround allowed before any was seen (digest B-13)
+UNMEASURED_S = 0.3  # turnaround allowed before any was seen (docs/reference/contradictions.md, B-13)
 LEAST_S = 0.1  # turnaround allowed at the least: a busy host may well need that long to hand bytes over
 SETTING_S = 1.0  # and for the acknowledgement of a write, whatever reads took: a setting, a tool's state
 STORING_S = 2.0  # one that erases, stores, restarts, moves or changes the address
@@ -103,7 +103,7 @@ class Dialogue:
         self._is_clear = True  # nothing was in doubt when the pending question left
         self._pending = self._last = ""  # the codes of the question that is out, and of the one before it
         self._is_overdue = False  # the time of the last question was over before its answer came
-        self._answer_from_station = True  # the order of addresses in answers is learnt (digest B-6)
+        self._answer_from_station = True  # the order of addresses in answers is learnt (docs/reference/contradictions.md, B-6)
         self._moving: tuple[Pair, ...] = ()  # addresses that the pending change of address may be acknowledged under
         self._questions: dict[tuple[str, int | None, int | None], Question] = {}
 
@@ -262,21 +262,27 @@ class Dialogue:
         return None
 
     def _acknowledgement(self, question: Question, data: str) -> str | None:
-        """Nothing is the data of an acknowledgement; the value that was written may be (digest B-43)."""
+        """Nothing is the data of an acknowledgement; the value that was written may be (docs/reference/contradictions.md, B-43)."""
         if data and data == question.repeated and self._is_clear:
             self._meet(ACKNOWLEDGED_WITH_VALUE[question.command.name], question, data)
             return ""
         return None if data else ""
 
     def _value(self, question: Question, data: str) -> str | None:
-        """No data is an acknowledgement; six characters are ATT1ddddd for RTT, or ATT0ddddd (digest A.12, B-10)."""
+        """No data is an acknowledgement; six characters are ATT1ddddd for RTT, or ATT0ddddd.
+
+        docs/reference/protocol.md, Similar codes; docs/reference/contradictions.md, B-10.
+        """
         if question.is_short and len(data) == 6 and data[0] in " 0":
             self._meet(10, question, data)
             return data[1:]
         return None if not data or (question.digits == 5 and len(data) == 6) else data
 
     def _answered_otherwise(self, question: Question, text: str) -> None:
-        """The letters of another command's answer: enough for an acknowledgement (B.4), not for a value (digest B-36)."""
+        """The letters of another command's answer: enough for an acknowledgement, not for a value.
+
+        docs/reference/contradictions.md, B-36 and B-53.
+        """
         data = text[len(question.also) :]
         if question.digits:
             raise AnsweredOtherwise(f"{question.title()}: answered by A{text}", data)
@@ -288,7 +294,7 @@ class Dialogue:
         self.anomalies.meet(number, question.title(), raw, question.port)
 
     def _addresses_fit(self, question: Question, frame: Frame) -> bool:
-        """Either order names this station (digest B-6); the check byte cannot tell them apart."""
+        """Either order names this station (docs/reference/contradictions.md, B-6); the check byte cannot tell them apart."""
         pair, ordered = (frame.source, frame.target), (self.address, None if self.address is None else self.host_address)
         if pair == ordered:
             return True

@@ -39,14 +39,14 @@ from jbclog.protocol.omega import OmegaReader, encode
 from jbclog.protocol.reader import Corrupt
 
 REPEATS = 2  # a read goes out three times at most
-ALLOWED_S = 0.4  # of turnaround, whatever was seen: the 250 ms that are printed, and a busy host (digest B-47)
+ALLOWED_S = 0.4  # of turnaround, whatever was seen: the printed 250 ms, and a busy host (docs/reference/contradictions.md, B-47)
 MOST_S = 1.0  # of turnaround, however slow answers were
 GONE_S = 2.0  # an answer that has not come by then never will
 QUIET_S = 0.03
 PROBES = 2  # questions that a silent controller gets before it counts as silent
 COMPLETION_S = 120.0  # for a joint, from H to h or i
 LOOK_S = 1.0  # how often it is looked whether the controller is still there, meanwhile
-RECORD = 50  # characters of the longest answer that has no length of its own (digest A.13)
+RECORD = 50  # characters of the longest answer that has no length of its own (docs/reference/protocol.md, Condition record)
 
 PROBE_COMMANDS = [command for command in OMEGA if command.name in ("information", "temperature_control", "set_temperature_state")]
 UNCERTAIN = (AnswerTimeout, AnswerCorrupt, AnswerFormat)

@@ -2,15 +2,18 @@
 
 The rules:
 
-1. A read is asked again at most `REPEATS` times. What clears, moves or erases something is sent once (faults.md,
-   rows 2 and 39), and so is every write: whether it took is a matter of reading back. Only N 1 and N 2 prove that a write
-   was not done, so a setting that they refuse is sent again, unless its sender does that himself; N 99999 is asked again once.
+1. A read is asked again at most `REPEATS` times. What clears, moves or erases something is sent once
+   (docs/reference/faults.md, F-2 and F-39), and so is every write: whether it took is a matter of
+   reading back. Only N 1 and N 2 prove that a write was not done, so a setting that they refuse is sent again, unless its sender
+   does that himself; N 99999 is asked again once.
 2. After a question without its answer the line is drained and a probe with another code must be answered before the same
-   code is asked again (faults.md, row 5).
-3. R-DC may be answered as ACD, and ACD is R-CD's answer (digest B-36). A late or repeated ACD must never become a count of
+   code is asked again (docs/reference/faults.md, F-5).
+3. R-DC may be answered as ACD, and ACD is R-CD's answer (docs/reference/contradictions.md, B-36). A late or
+   repeated ACD must never become a count of
    dispensed cycles. So ACD is taken only while no answer at all may be under way, not right behind R-CD, only from a
    station that never said ADC, and only when it says the same again after a drained line and a probe.
-4. W-HD may be acknowledged as ALD (digest B.4) under the first two of these conditions; its proof is the reading back.
+4. W-HD may be acknowledged as ALD (docs/reference/contradictions.md, B-53) under the first two of these
+   conditions; its proof is the reading back.
 
 How one answer is told from all else on the line is in `dialogue.py`. Everything here is a generator that does no I/O.
 """
@@ -44,7 +47,7 @@ PROBES = 2  # questions a silent station gets before it counts as silent
 MOST_ROUNDS = 3  # of these, beside one for each earlier question, where it does answer and may be answering what was asked before
 PROBE_COMMANDS = [command for command in COMMON if command.name in ("model", "station_error", "maximum_temperature")]
 BADLY_FORMED, UNDEFINED = 2, 99999  # communication errors
-EXTRACTOR_ORDER = ("status", "00010")  # which some stations may refuse (digest B-19)
+EXTRACTOR_ORDER = ("status", "00010")  # which some stations may refuse (docs/reference/contradictions.md, B-19)
 
 UNCERTAIN = (AnswerTimeout, AnswerCorrupt, AnswerFormat)
 """After these an answer may still be under way: what came may have been noise, an echo or an answer to something else."""
@@ -185,7 +188,10 @@ class Station(Dialogue):
         self._meet(WITHOUT_DATA[command.name], question, f"W{question.code}")
 
     def _pairs(self, address: Value) -> tuple[Pair, ...]:
-        """The addresses beside the present ones that a change to `address` may be acknowledged under (digest B-9)."""
+        """The addresses beside the present ones that a change to `address` may be acknowledged under.
+
+        docs/reference/contradictions.md, B-9.
+        """
         new = address if isinstance(address, int) and address else None
         return ((None, None),) if new is None else ((None, None), (new, self.host_address), (self.host_address, new))
 
@@ -206,7 +212,7 @@ class Station(Dialogue):
             self.strays["unasked"] += 1
             self._reader.feed(heard.data)  # and forgotten with the next question
 
-    # -- R-TT, which has two letters where there should be three (digest B-10) ---------------------------------------
+    # -- R-TT, which has two letters where there should be three (docs/reference/contradictions.md, B-10) --------------
 
     def _ask_short(self, question: Question) -> Steps[Value]:
         """Bare; where that is refused or not answered, and never was, once with a blank."""

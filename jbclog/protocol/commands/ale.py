@@ -1,4 +1,4 @@
-"""The solder feeder of ALE, and the dispensing counters (seed 002). No manual prints their ranges."""
+"""The solder feeder of ALE, and the dispensing counters (manual 002). No manual prints their ranges."""
 
 from __future__ import annotations
 

@@ -1,8 +1,10 @@
 """One row of a command table.
 
 A control command is two letters and the port, one letter with port and tool, or three letters for the
-whole station (seed 002, "Commands"); RTT, the transformer, has two letters and nothing behind (digest B-10).
-OMEGA's commands are one letter, for some with the number of a solder condition behind it (digest A.13).
+whole station (manual 002, "Commands"); RTT, the transformer, has two letters and nothing behind
+(docs/reference/contradictions.md, B-10).
+OMEGA's commands are one letter, for some with the number of a solder condition behind it
+(docs/reference/protocol.md, OMEGA).
 """
 
 from __future__ import annotations

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class Decision:
-    """A row of section B of the digest.
+    """A row of docs/reference/contradictions.md.
 
     `reading` is what is sent and how what comes is read, `reason` why, and where nothing of it shows on the wire, why not.
     `quirks` are the ways in which virtual stations play the alternative; the driver takes those, and `met` is what the event

@@ -1,4 +1,4 @@
-"""Every contradiction of the manuals with its decision: the 52 rows of section B of the digest, and its B.4 as the 53rd.
+"""Every contradiction of the manuals with its decision; docs/reference/contradictions.md is made from this table.
 
 Read a row as: what is contradicted, what jbclog does, why; then how a virtual station plays the alternative, and what the
 event says when a station is met that does.
@@ -142,7 +142,7 @@ STATUS = (
         "Status words that may be written: 0 and 1, or 10 as well",
         "00000, 00001, and 00010 on every family of 002; where 00010 is refused as the safe state, 00001 follows",
         "002 prints 00010 for W-PSx without a limit of family, 000 prints 00000 and 00001 only. Asked for by a recipe at the "
-        "start, a refusal stops the station as that of any setting does (contract).",
+        "start, a refusal stops the station as that of any setting does.",
         ("extractor_refused",),
         "The extractor state 00010 is refused; where it was to be the safe state, the tool is told to stand.",
         families=("dde", "nae", "dme", "hde", "ucr", "ale"),

@@ -1,4 +1,4 @@
-"""Contradictions that concern hot air and OMEGA only, each with its decision (digest, rows 33 and 41 to 52)."""
+"""Contradictions that concern hot air and OMEGA only, each with its decision."""
 
 from __future__ import annotations
 

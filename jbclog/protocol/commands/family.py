@@ -69,7 +69,7 @@ class Family:
     answered_by_kind: tuple[str, ...] = ("tip_temperature", "transistor_temperature")
     port_errors: ErrorTable = robot.PORT_ERRORS
     station_errors: ErrorTable = robot.STATION_ERRORS
-    plausible_c: range = range(601)  # no unit is made for more than 500 °C (seed 002, factory settings)
+    plausible_c: range = range(601)  # no unit is made for more than 500 °C (manual 002, factory settings)
     jump_c: int = 50  # the quickest cartridges make little more in half a second
     hot_part: str = "tip"
     has_feeder: bool = False
@@ -98,7 +98,10 @@ class Family:
         return bool(self.tools) and (tool == 0 or (error is not None and error == self.port_errors.no_tool))
 
     def void(self, signal: str, tool: int | None, error: int | None) -> str | None:
-        """Why what a port says as `signal` means nothing, as the word in the record; None where it counts (digest B-44)."""
+        """Why what a port says as `signal` means nothing, as the word in the record; None where it counts.
+
+        docs/reference/contradictions.md, B-44.
+        """
         if signal in NEEDS_A_TOOL and self.is_empty(tool, error):
             return NO_TOOL
         return self.port_errors.void(error, signal)

@@ -1,7 +1,8 @@
-"""The hot air stations (JTSE): their whole table, seed 001, which shares little with the soldering stations' but the frame.
+"""The hot air stations (JTSE): their whole table, manual 001, which shares little with the soldering stations' but the frame.
 
-Seed 001 prints no range, no step and no factory setting: what a station allows it tells in R-MAT, R-MIT, R-MAF, R-MIF, R-MAE
-and R-MIE. It prints no unit of the flow either (digest B-33), so the tables carry the number as it is on the wire.
+Manual 001 prints no range, no step and no factory setting: what a station allows it tells in R-MAT, R-MIT, R-MAF, R-MIF, R-MAE
+and R-MIE. It prints no unit of the flow either (docs/reference/contradictions.md, B-33), so the tables carry the number as it is
+on the wire.
 There are no sleep, hibernation, alarm, store, address, transistor and transformer commands.
 """
 
@@ -118,7 +119,7 @@ PORT_ERRORS = ErrorTable(  # 001 4.3
     states=frozenset({9, 10}),
     warnings=frozenset({4}),  # nothing is broken: a sensor is not plugged in
     no_tool=9,
-    voids=((4, "external_c", "no_thermocouple"),),  # digest B-44
+    voids=((4, "external_c", "no_thermocouple"),),  # docs/reference/contradictions.md, B-44
 )
 
 STATION_ERRORS = ErrorTable(  # 001 4.4
@@ -132,7 +133,7 @@ STATION_ERRORS = ErrorTable(  # 001 4.4
             4: "mains frequency",
             5: "station model",
             6: "tool controller not connected",
-            7: "warning: transformer overload",  # not printed here; as on every other station (digest B-45)
+            7: "warning: transformer overload",  # not printed here (docs/reference/contradictions.md, B-45)
         }
     ),
     warnings=frozenset({7}),

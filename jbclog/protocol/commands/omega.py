@@ -1,7 +1,8 @@
 """Apollo Seiko OMEGA: what its controller can be asked and told.
 
 Manual 003, one page of it, has the frame, the sum and A, which is answered by a; it prints no digit behind that. The other
-commands stand on its pages 6 to 10, which are not here; they are taken from a digest of them (A.13), and are marked so. No row
+commands stand on its pages 6 to 10, which are not here; they are taken from a public description of them
+(docs/reference/manuals.md), and are marked so. No row
 of its table is more certain than that. So a controller that answers A with a, and nothing else, is driven all the same.
 
 It tells no temperature, no model and no error number, and refuses by saying nothing.
@@ -33,7 +34,7 @@ SAYS_YES = MappingProxyType(
 
 
 def _unseen(section: str) -> str:
-    return f"003 p. 6-10, not seen here; digest A.13, {section}"
+    return f"003 p. 6-10, not seen here: {section}"
 
 
 def _told(name: str, letters: str, quantity: Quantity, manual: str, note: str = "") -> Command:

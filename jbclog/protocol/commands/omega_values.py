@@ -1,7 +1,7 @@
 """What OMEGA's answers carry: a digit that stands for a word, the number of a solder condition, and the condition itself.
 
 A condition is stored in the controller under its number and says how one joint is made: rise, three feeds of wire, each with
-a way back, and the times between them. On the wire (digest A.13, "OMEGA condition record"; not in manual 003 as seen here)::
+a way back, and the times between them. On the wire (docs/reference/protocol.md, Condition record; not in manual 003)::
 
     0065  0  023  01E 032 005 032  00A  014 ...
     │     │  │    └─ fourteen more fields of three hexadecimal digits, each ten times the value
@@ -123,7 +123,10 @@ class ConditionRecord(Stored):
 
 @dataclass(frozen=True, slots=True)
 class SetTemperature(Stored):
-    """Mode 5. Whether its two numbers are tenths, as all others are, no document here says (digest B-51): they are kept raw."""
+    """Mode 5. Whether its two numbers are tenths, as all others are, no document here says: they are kept raw.
+
+    docs/reference/contradictions.md, B-51.
+    """
 
     condition: int
     set_temperature_raw: int
@@ -133,7 +136,7 @@ class SetTemperature(Stored):
 
 @dataclass(frozen=True, slots=True)
 class Cleaning(Stored):
-    """Condition 0: how long air is blown. It has no mode; the digest leaves open whether a digit for one stands there."""
+    """Condition 0: how long air is blown. It has no mode; whether a digit for one stands there is not known."""
 
     air_blow_s: float
     condition: int = CLEANING

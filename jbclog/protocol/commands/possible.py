@@ -15,9 +15,10 @@ from jbclog.protocol.commands.family import Family
 TEMPERATURES = frozenset({"temperature_c", "external_c", "transistor_c", "transformer_c"})
 """Signals that are temperatures of something that takes its time to change."""
 STILL_C = 25  # between two answers to the same question, one right after the other
-NO_COUNTDOWN = frozenset({99999, 65535})  # what a station says when no countdown runs (digest B-25)
+NO_COUNTDOWN = frozenset({99999, 65535})  # what a station says when no countdown runs (docs/reference/contradictions.md, B-25)
 COUNTED_DOWN = ("sleep_delay", "hibernation_delay")
-MOST_OF_FULL = 1.5  # what is above full is kept and flagged (digest B-32, B-33); so far above it is nothing at all
+# What is above full is kept and flagged (docs/reference/contradictions.md, B-32, B-33); so far above it is nothing at all.
+MOST_OF_FULL = 1.5
 
 Possible = Callable[[Value], bool]
 

@@ -1,6 +1,6 @@
-"""The tables of JBC soldering stations in Robot mode: what seeds 000, 002 and 004 share, and where 000 prints less.
+"""The tables of JBC soldering stations in Robot mode: what manuals 000, 002 and 004 share, and where 000 prints less.
 
-Notes cite the digest of contradictions ("B-nn") where the manuals doubt or contradict themselves.
+Notes cite docs/reference/contradictions.md ("B-nn") where the manuals doubt or contradict themselves.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from jbclog.core.quantities import AlarmDelay, AlarmLimit, Delay, Flags, Number,
 from jbclog.protocol.commands.command import Command, Effect, Inferred, Limits, Scope
 
 CELSIUS = Whole("°C")
-OFFSET = Whole("°C", minus="-.")  # seed 000, 3.1 prints "." for the sign, and -0050 as the only negative number; digest B-3
+OFFSET = Whole("°C", minus="-.")  # manual 000, 3.1 prints "." for the sign (docs/reference/contradictions.md, B-3)
 HOURS = Unsigned("h")
 COUNT = Unsigned("count")
 NOTHING = Number()
@@ -236,7 +236,7 @@ TOOLS_000 = {0: "none", 1: "T210", 2: "T245/T470", 3: "PA", 4: "HT", 5: "DS", 6:
 TOOLS_002 = {
     0: "none",
     1: "T210",
-    2: "T245/T470/TR245/TR470",  # printed in two rows; the number cannot tell them apart (digest B-29)
+    2: "T245/T470/TR245/TR470",  # printed in two rows; the number cannot tell them apart (docs/reference/contradictions.md, B-29)
     3: "PA120/AM120",
     4: "HT420/AT420",
     5: "DS360",
@@ -287,7 +287,7 @@ PORT_ERRORS = ErrorTable(
             9: "warning: overload (MOS)",
         }
     ),
-    states=frozenset({4, 6}),  # digest A.5
+    states=frozenset({4, 6}),  # docs/reference/station-commands.md, Port errors
     warnings=frozenset({9}),
     no_tool=4,
 )

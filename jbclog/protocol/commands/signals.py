@@ -1,4 +1,4 @@
-"""Which readings become columns of `samples` and rows of `counters`, and how often (contract, `[sampling]`)."""
+"""Which readings become columns of `samples` and rows of `counters`, and how often (docs/reference/configuration.md)."""
 
 from __future__ import annotations
 

@@ -1,7 +1,8 @@
 """The status word `0MDES` of R-PSx and W-PSx: what it says in each kind of station, and which words are ordered.
 
 The units digit names the state of the tool; the tens digit is the extractor state of soldering stations and the cooling
-of hot air (seed 002, "Tool Operating Status"; seed 001, 4.6; digest A.7, B-17 to B-19).
+of hot air (manual 002, "Tool Operating Status"; manual 001, 4.6; docs/reference/protocol.md, Status word;
+docs/reference/contradictions.md, B-17 to B-19).
 """
 
 from __future__ import annotations

@@ -1,4 +1,5 @@
-"""What is taken from a station beside the recommended form, by command name; each with its row of section B of the digest.
+"""What is taken from a station beside the recommended form, by command name; each with its row of
+docs/reference/contradictions.md.
 
 Nothing of this is ever sent by itself, but for R-TT with a blank and orders without data, once the station has refused the
 recommended form.

@@ -1,4 +1,4 @@
-"""What is printed for UCR alone (seeds 002 and 004)."""
+"""What is printed for UCR alone (manuals 002 and 004)."""
 
 from __future__ import annotations
 

@@ -20,7 +20,7 @@ SHOWN_BYTES = 12
 
 SWITCH_ON = "switch Robot mode on in the station's menu"
 IS_IT_ON = "see that the station is on and that Robot mode is on in its menu; if so, "
-EXCHANGE = f"{IS_IT_ON}exchange transmit and receive in the cable (RJ12: pins 3 and 4)"  # digest B-2
+EXCHANGE = f"{IS_IT_ON}exchange transmit and receive in the cable (RJ12: pins 3 and 4)"  # docs/reference/contradictions.md, B-2
 ALL = tuple(range(1, 100))
 BREAKS: tuple[tuple[type[LinkError], str], ...] = (
     (PortBusy, "port.busy"),

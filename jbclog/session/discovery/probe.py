@@ -22,7 +22,7 @@ USUAL_ANSWERS = 200  # bytes a second; ten times that is more than a line at 192
 HOST = 0
 MODEL = next(command for command in COMMON if command.name == "model")
 OMEGA_QUESTION = encode("A")  # 003, 11.3.1
-OMEGA_ANSWERS = frozenset(("a", *(f"a{state}" for state in "0123")))  # 003, 11.3.1 prints a; its digit is of digest A.13
+OMEGA_ANSWERS = frozenset(("a", *(f"a{state}" for state in "0123")))  # 003, 11.3.1 prints a without its digit
 
 DLE, NAK, STX = b"\x10", b"\x15", b"\x02"  # of JBC's binary protocol: a frame begins with DLE STX, a refusal is NAK
 

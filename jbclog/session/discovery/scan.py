@@ -114,7 +114,7 @@ class _Scan:
             if is_meant:
                 yield from self._settle(answer, found, address, patience_s)
                 return True
-            refused = refused or found  # it found fault with the frame: perhaps it wants the other addressing (digest B-14)
+            refused = refused or found  # perhaps it wants the other addressing (docs/reference/contradictions.md, B-14)
         self._report.station = refused
         return refused is not None
 

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 from jbclog.core.line_format import BAUDRATES, LineFormat
 
 ADDRESSES: tuple[int | None, ...] = (1, None, 10)
-"""Which station is asked: 01, the usual one, then without addresses, then 10, a feeder's (digest B-7, B-8)."""
+"""Which station is asked: 01, the usual one, then without addresses, then 10 (docs/reference/contradictions.md, B-7, B-8)."""
 
-ANSWER_S = 0.3  # for an answer beside its bytes (digest B-13)
-OMEGA_ANSWER_S = 0.4  # it may take 0.25 s (003, 11.1; digest B-47)
+ANSWER_S = 0.3  # for an answer beside its bytes (docs/reference/contradictions.md, B-13)
+OMEGA_ANSWER_S = 0.4  # it may take 0.25 s (003, 11.1; docs/reference/contradictions.md, B-47)
 OMEGA_ASKED = 2  # times, the first right behind JBC's questions
 BINARY_LISTEN_S = 1.3  # a station in its binary protocol speaks by itself; how often, no manual says
 OPENING_S = 0.3  # for closing and opening a port, and what else a host does
@@ -36,7 +36,7 @@ class Trial:
 USUAL: tuple[Trial, ...] = (
     Trial(LineFormat(19200, "8N1")),  # the newer units, whose format is fixed (002 and 004, "Physical Layer")
     Trial(LineFormat(19200, "8E1")),  # the example of the older ones (000, 2)
-    Trial(LineFormat(9600, "8N1"), asks_omega=True),  # OMEGA's only one (003, 11.1; digest B-46)
+    Trial(LineFormat(9600, "8N1"), asks_omega=True),  # OMEGA's only one (003, 11.1; docs/reference/contradictions.md, B-46)
     Trial(LineFormat(250000, "8E1"), listens_s=BINARY_LISTEN_S),
     Trial(LineFormat(500000, "8N1"), listens_s=BINARY_LISTEN_S),
     *(Trial(LineFormat(rate, "8N1")) for rate in (38400, 57600, 115200)),

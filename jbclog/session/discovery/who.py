@@ -42,7 +42,7 @@ def of_answer(answer: Frame, line: LineFormat) -> tuple[StationFound, bool]:
 
 
 def address_of(answer: Frame) -> int | None:
-    """The address that is not the host's, whichever of the two stands first (digest B-6)."""
+    """The address that is not the host's, whichever of the two stands first (docs/reference/contradictions.md, B-6)."""
     if answer.source is None or answer.target is None:
         return None
     return answer.source if answer.source != HOST else answer.target

@@ -1,4 +1,4 @@
-"""What a dangerous command does, in words, and what must hold before it is sent (faults.md, section 9.5)."""
+"""What a dangerous command does, in words, and what must hold before it is sent (docs/reference/faults.md, S-5)."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def what_it_does(command: Command) -> str:
             what = command.name.removeprefix(beginning).replace("_", " ")
             return f"moves the {which} {what} that can be selected on the whole station"
     if command.name == "restart" and command.manual.startswith(HOT_AIR_MANUAL):
-        return RESETS_SETTINGS  # digest B-40
+        return RESETS_SETTINGS  # docs/reference/contradictions.md, B-40
     return WHAT.get(command.name, command.effect.value)
 
 

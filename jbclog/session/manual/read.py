@@ -109,7 +109,10 @@ def _reading(contact: Contact, command: Command, place: Place) -> Steps[Reading]
 
 
 def _unless_void(contact: Contact, reading: Reading) -> Steps[Reading]:
-    """The same, without its value where that means nothing without a tool, or because of the port's error (digest B-44)."""
+    """The same, without its value where that means nothing without a tool, or because of the port's error.
+
+    docs/reference/contradictions.md, B-44.
+    """
     family, port = contact.family, reading.place.port
     signal = family.signal_of(reading.command.name)
     if port is None or signal is None or not family.may_be_void(signal):

@@ -85,7 +85,7 @@ def shown(value: Value, command: Command, family: Family) -> str:
     if isinstance(value, int) and (meaning := _meaning(value, command, family)) is not None:
         return f"{value}: {meaning}"
     if value is OFF and isinstance(command.quantity, AlarmLimit):
-        return "not set"  # digest B-23
+        return "not set"  # docs/reference/contradictions.md, B-23
     if command is family.command_of("delay_s") and value in NO_COUNTDOWN:
         return f"not counting ({value})"
     if value is OFF or command.unit in NOT_COUNTED:

@@ -217,7 +217,7 @@ def _write(contact: Contact, command: Command, value: Value, written: Written) -
 
 
 def _without_a_way(command: Command, error: Refusal) -> str:
-    """Why an order that was refused for its form is not tried in another (digest B-37)."""
+    """Why an order that was refused for its form is not tried in another (docs/reference/contradictions.md, B-37)."""
     if error.code != BADLY_FORMED or not (is_order(command) and command.asked_once):
         return ""
     return (

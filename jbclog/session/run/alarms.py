@@ -1,6 +1,7 @@
 """Alarm flags: latched in the station, cleared by reading, one bit each without any proof.
 
-The flags are asked once and never again for the same answer (seed 000, 4.8.27; faults.md, row 39). A flag that is set
+The flags are asked once and never again for the same answer (manual 000, 4.8.27; docs/reference/faults.md, F-39). A flag that is
+set
 counts as an alarm only when a temperature beyond the limit, read since the flags were last read, bears it out; until
 then it is `alarm.unconfirmed`. An answer that was lost makes the flag unknown, not off. Flags count while the tool is
 working and from its first entry into set ±10 °C on; those of the first reading were raised before the run.

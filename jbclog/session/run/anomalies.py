@@ -18,7 +18,7 @@ LATE_S, EARLY_S = 30, 5  # how far a countdown may be from a whole delay shortly
 
 
 def note_zero_countdown(context: SessionContext, port: PortState, value: Value) -> None:
-    """A time to sleep of 0 s where nothing counts down (digest B-25)."""
+    """A time to sleep of 0 s where nothing counts down (docs/reference/contradictions.md, B-25)."""
     if value == 0:
         _meet(context, NO_COUNTDOWN, "time to sleep", port)
 
@@ -26,7 +26,7 @@ def note_zero_countdown(context: SessionContext, port: PortState, value: Value) 
 def compare_countdowns(context: SessionContext, ports: Iterable[PortState]) -> Steps[None]:
     """Hold the time to sleep against the sleep delay on `ports`, which were at work and have just been told to stand.
 
-    Manuals give the delay in minutes, in seconds or without a unit; only this can tell (digest B-20).
+    Manuals give the delay in minutes, in seconds or without a unit; only this can tell (docs/reference/contradictions.md, B-20).
     """
     if "time_to_sleep" not in context.family.commands or "delay_s" in context.not_supported:
         return

@@ -1,7 +1,7 @@
 """Chapter 2: the recipe, setting by setting: read, checked, written where it differs, read back.
 
 Every setting of the station is read first; nothing is written before all of that has been checked. The outcome of each
-is a row of `settings`. The first that is not confirmed stops this station's run (contract, "settings"). When what is written:
+is a row of `settings`. The first that is not confirmed stops this station's run (docs/reference/tables.md). When what is written:
 `start.py`.
 """
 
@@ -153,7 +153,7 @@ def _check(context: SessionContext, wanted: list[Wanted]) -> None:
 
 
 def _cooling_problems(context: SessionContext, port: PortState, wanted: list[Wanted]) -> list[str]:
-    """Delays that are off or not told, so that a tool in stand stays hot or may (contract, "Safe state")."""
+    """Delays that are off or not told, so that a tool in stand stays hot or may (docs/reference/safe-states.md)."""
     if not context.family.may_stand_at_last(context.safe_state) or not port.has_tool:
         return []
     asked = {one.command.name: one.value for one, place in wanted if place is port}

@@ -27,7 +27,7 @@ _HIGH, _LOW, _FEEDING = COLUMN["alarm_high"], COLUMN["alarm_low"], COLUMN["feedi
 
 
 def _status(family: Family) -> Fill:
-    """``0MDES``: motor, desoldering, extractor or cooling, status (digest A.7)."""
+    """``0MDES``: motor, desoldering, extractor or cooling, status (docs/reference/protocol.md, Status word)."""
     names, has_motor = family.status.names, family.has_feeder
 
     def fill(row: SampleRow, word: Value) -> None:
@@ -42,7 +42,7 @@ def _status(family: Family) -> Fill:
 
 
 def _alarm_flags(row: SampleRow, word: Value) -> None:
-    """Units high, tens low (seed 002, R-TAx)."""
+    """Units high, tens low (manual 002, R-TAx)."""
     assert isinstance(word, tuple)
     row[_HIGH] = word[4] == 1
     row[_LOW] = word[3] == 1
@@ -73,7 +73,7 @@ def _plain(column: str) -> Fill:
 
 
 def _share(column: str, command: Command, context: SessionContext) -> Fill:
-    """Per mille of what the station tells as its greatest; the raw number is a row of `settings` (digest B-33)."""
+    """Per mille of the station's greatest; the raw number is a row of `settings` (docs/reference/contradictions.md, B-33)."""
     place = COLUMN[column]
 
     def fill(row: SampleRow, value: Value) -> None:
@@ -122,7 +122,7 @@ def unusable(reading: Reading, value: Value, port: PortState, context: SessionCo
 
 
 def void(signal: str, port: PortState, context: SessionContext) -> str | None:
-    """Why nothing that is answered means anything while the port's error lasts, or None (digest B-44)."""
+    """Why no answer means anything while the port's error lasts, or None (docs/reference/contradictions.md, B-44)."""
     return context.family.port_errors.void(port.error, signal)
 
 

@@ -81,7 +81,7 @@ def _held(context: SessionContext, wanted: ConditionRecord) -> Steps[Stored]:
 
 
 def _tell_unresolved(context: SessionContext, held: SetTemperature) -> None:
-    """A temperature whose scale nothing here decides (digest B-51)."""
+    """A temperature whose scale nothing here decides (docs/reference/contradictions.md, B-51)."""
     raw = held.set_temperature_raw
     place = f"condition {held.condition}: {raw} on the wire, {raw / 10:.1f} °C if it is in tenths and {raw} °C if it is not"
     context.station.anomalies.meet(51, place, context.station.data)

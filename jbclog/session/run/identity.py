@@ -1,7 +1,8 @@
 """Is it still the same station? Asked whenever a cable was out: adapters swap names, and people swap cables.
 
 The model alone proves little on a line of equal units, so the software version and the plugged hours are compared too:
-hours never fall, and grow no faster than time (faults.md, rows 16 and 17). They are so whenever they are read, because
+hours never fall, and grow no faster than time (docs/reference/faults.md, F-16 and F-17). They are so whenever
+they are read, because
 who is quick swaps two cables between two questions; model and software are read again as often as the counters. Two units of
 one model and software whose hours agree cannot be told apart by anything that the manuals print. OMEGA tells none of these:
 that one answers is all that is known of it.

@@ -1,7 +1,7 @@
 """A tool that was connected or changed during the run: its settings are read, never written.
 
-If it would not cool down by itself (its sleep delay is off), its port goes to the safe state at once (contract,
-"Recipe file").
+If it would not cool down by itself (its sleep delay is off), its port goes to the safe state at once
+(docs/reference/safe-states.md).
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """When the station cannot be asked: its missed ticks are written, it is sought with back-off, and looked at before it counts.
 
 Nothing is written to a station that has come back, and nothing heats by itself: its identity and settings are read, and
-what differs is an event (faults.md, rows 12, 13, 16 and 17).
+what differs is an event (docs/reference/faults.md, F-12, F-13, F-16 and F-17).
 """
 
 from __future__ import annotations

@@ -8,7 +8,7 @@ from jbclog.session.run.watch import OBSERVERS
 
 
 def learn_provisos(context: SessionContext) -> Steps[None]:
-    """Read the port errors, and tell them, where one of them voids a signal (digest B-44).
+    """Read the port errors, and tell them, where one of them voids a signal (docs/reference/contradictions.md, B-44).
 
     Raises `LinkError` or `StationError` where the station does not answer.
     """

@@ -1,6 +1,6 @@
 """A second look at what is hard to believe: asked again before it is taken, and marked.
 
-One flipped pair of bits in sixteen passes the check byte (faults.md, row 3). So what would stop a run, what is a
+One flipped pair of bits in sixteen passes the check byte (docs/reference/faults.md, F-3). So what would stop a run, what is a
 counter, and what no tool can do is believed when another answer says the same. A jump of temperature that was believed
 so, and every answer that the next one did not bear out, is counted in the facts (`doubted`) and told once a series.
 """

@@ -1,7 +1,7 @@
 """Whether the host stood still: time that passed although nothing was asked and nothing waited for.
 
 A station that babbles or hangs makes a tick late, and so does a host that was suspended; only the second is an event of
-its own (contract, "samples"). What tells them apart is the wish: it says until when it may last.
+its own (docs/reference/tables.md). What tells them apart is the wish: it says until when it may last.
 """
 
 from __future__ import annotations

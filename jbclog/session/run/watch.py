@@ -12,7 +12,7 @@ from jbclog.session.run.context import PortState, SessionContext
 from jbclog.session.run.omega_states import OMEGA_OBSERVERS
 
 COOLS_WITHIN_S = 10.0  # a tip without heating is colder after this long, whatever it is
-BAND_C = 10  # ±10 °C around the setting counts as at temperature (contract, "Exit codes")
+BAND_C = 10  # ±10 °C around the setting counts as at temperature (docs/reference/exit-codes.md)
 
 
 class SettingChanged(JbclogError):
@@ -82,7 +82,7 @@ def is_at_work(context: SessionContext, port: PortState) -> bool:
 
 
 def counts(context: SessionContext, port: PortState) -> bool:
-    """Whether alarms count: while the tool is working, from its first entry into set ±10 °C on (contract, "Exit codes")."""
+    """Whether alarms count: while the tool is working, from its first entry into set ±10 °C on (docs/reference/exit-codes.md)."""
     return port.at_temperature and is_at_work(context, port)
 
 

@@ -18,7 +18,7 @@ from jbclog.session.safety.cooling import is_cold, watch
 from jbclog.session.safety.orders import in_time, look_at_feeder, order, order_blindly, status_now, stop_feeder
 from jbclog.session.safety.tools import VERIFIED, Task, Tool
 
-ALLOWED_S = 3.0  # for one station (faults.md, section 9)
+ALLOWED_S = 3.0  # for one station (docs/reference/faults.md, S-2)
 TRIES = 3
 
 

@@ -33,7 +33,7 @@ def run(folder: Path) -> jbclog.Run:
     return jbclog.open_run(folder)
 
 
-def test_all_tables_have_the_contracts_columns(run: jbclog.Run) -> None:
+def test_all_tables_have_their_columns(run: jbclog.Run) -> None:
     frames = {"samples": run.samples(), "events": run.events(), "settings": run.settings(), "counters": run.counters()}
     for table, frame in frames.items():
         assert list(frame.columns) == SCHEMAS[table].names

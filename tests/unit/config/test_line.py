@@ -27,7 +27,7 @@ def problems(text: str) -> list[str]:
     return [str(problem).removeprefix("/lines/bench.toml") for problem in found.value.problems]
 
 
-def test_a_station_has_the_contracts_defaults() -> None:
+def test_a_station_has_the_documented_defaults() -> None:
     (station,) = line(HEAD + STATION).stations
     assert (station.name, station.url, station.family) == ("dde-1", "/dev/ttyUSB0", "dde")
     assert station.line_format == LineFormat(19200, "8N1")

@@ -195,7 +195,7 @@ def test_on_hot_air_mode_and_flow_come_before_heat() -> None:
     ("permille", "greatest", "raw"), [(600, 1000, 600), (600, 100, 60), (333, 100, 33), (0, 50, 0), (1000, 45, 45)]
 )
 def test_a_share_is_counted_in_what_the_station_counts(permille: int, greatest: int, raw: int) -> None:
-    """raw = round(x * MAF / 1000) (contract, `[air]`)."""
+    """raw = round(x * MAF / 1000) (docs/reference/configuration.md)."""
     recipe = parse_recipe(AIR.replace("600", str(permille)))
     flow = settings_for(recipe, FAMILIES["jtse"], 1)[1]
     counted = flow.as_counted({"maximum_air_flow": greatest})

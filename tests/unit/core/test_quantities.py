@@ -91,15 +91,15 @@ def test_what_is_never_a_value(quantity: Quantity, field: str) -> None:
     [
         (CELSIUS, "00350", 350),
         (CELSIUS, "-0050", -50),
-        (CELSIUS, "-9999", -9999),  # "-9999" to "99999" (seed 002, "Data Link Layer")
+        (CELSIUS, "-9999", -9999),  # "-9999" to "99999" (manual 002, "Data Link Layer")
         (CELSIUS, "99999", 99999),  # means "off" only where the manual says so
         (CELSIUS, "00000", 0),
         (OFFSET, "-0050", -50),
-        (OFFSET, ".0050", -50),  # the sign as seed 000, 3.1 prints it
+        (OFFSET, ".0050", -50),  # the sign as manual 000, 3.1 prints it
         (HOURS, "99999", 99999),
         (CODE, "99999", 99999),
         (CODE, "00042", 42),
-        (Number(printed_for=((80000, 8),)), "80000", 8),  # seed 002, "Port Errors"
+        (Number(printed_for=((80000, 8),)), "80000", 8),  # manual 002, "Port Errors"
         (Number(printed_for=((80000, 8),)), "00008", 8),
         (MINUTES, "00000", 0),
         (MINUTES, "00060", 60),
@@ -110,12 +110,12 @@ def test_what_is_never_a_value(quantity: Quantity, field: str) -> None:
         (SECONDS, "00.10", 0.1),
         (SECONDS, "99.99", 99.99),
         (SECONDS, "99999", OFF),
-        (SECONDS, "00160", 1.6),  # without a dot (digest B-22)
+        (SECONDS, "00160", 1.6),  # without a dot (docs/reference/contradictions.md, B-22)
         (SECONDS, "09999", 99.99),
         (LIMIT, "00380", 380),
         (LIMIT, "00600", 600),
         (LIMIT, "00601", OFF),  # no station gets there
-        (LIMIT, "99999", OFF),  # "not set" has no printed form (digest B-23)
+        (LIMIT, "99999", OFF),  # "not set" has no printed form (docs/reference/contradictions.md, B-23)
         (LIMIT, "00000", OFF),
         (LENGTH, "01000", 100.0),
         (LENGTH, "00001", 0.1),
@@ -134,7 +134,7 @@ def test_what_is_never_a_value(quantity: Quantity, field: str) -> None:
         (MODE, "00000", "continuous"),
         (MODE, "00003", "reload"),
         (FLAGS, "00011", (0, 0, 0, 1, 1)),
-        (FLAGS, "00090", (0, 0, 0, 1, 0)),  # any digit but 0 is set (digest B-24)
+        (FLAGS, "00090", (0, 0, 0, 1, 0)),  # any digit but 0 is set (docs/reference/contradictions.md, B-24)
         (STATUS, "02113", (0, 2, 1, 1, 3)),
     ],
 )

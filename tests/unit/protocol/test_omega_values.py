@@ -1,6 +1,6 @@
 """OMEGA's values: digits that stand for words, numbers of conditions, and the condition record.
 
-No frame of these stands in a manual here: what is on the wire is put together by hand from the digest (A.13, "OMEGA condition
+No frame of these stands in a manual here: what is on the wire is put together by hand (docs/reference/protocol.md, "Condition
 record"), and its sums are computed by the few lines below.
 """
 
@@ -38,10 +38,10 @@ STORED = st.one_of(CONDITIONS, TEMPERATURES, TENTHS.map(Cleaning))
 
 COUNTED = ConditionRecord(124, 1, *[float(number) for number in range(1, 16)])
 COUNTED_ON_WIRE = "007C100A01401E02803203C04605005A06406E07808208C096"
-"""1.0 to 15.0 in the order of the digest: ten is 00A, 150 is 096."""
+"""1.0 to 15.0 in the order of the record: ten is 00A, 150 is 096."""
 
 
-def test_the_record_of_the_digest() -> None:
+def test_the_record_of_the_reference() -> None:
     """Four digits of number, one of mode, fifteen fields of three: 50 characters, and a frame of 55."""
     assert RECORD.encode(COUNTED) == COUNTED_ON_WIRE
     assert RECORD.decode(COUNTED_ON_WIRE) == COUNTED
@@ -123,7 +123,7 @@ def test_numbers_that_no_condition_has(number: int) -> None:
         NUMBER.encode(number)
 
 
-def test_a_number_of_the_digest() -> None:
+def test_a_number_of_the_reference() -> None:
     """ "124 = 007C" """
     assert NUMBER.encode(124) == "007C"
 
@@ -157,7 +157,7 @@ def test_a_digit_is_one_word_of_its_command(command: object) -> None:
 
 
 def test_what_the_digits_of_a_say() -> None:
-    """0 normal, 1 solder shortage, 2 clogged, 3 both (003, 11.3.1; digest A.13)."""
+    """0 normal, 1 solder shortage, 2 clogged, 3 both (003, 11.3.1; docs/reference/protocol.md)."""
     names = OMEGA[0].quantity.names  # type: ignore[attr-defined]  # digits
     assert [[name in SAYS_YES[column] for column in ("solder_shortage", "clogged")] for name in names] == [
         [False, False],

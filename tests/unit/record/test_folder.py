@@ -1,4 +1,4 @@
-"""A run's folder is new, is named as the contract says, and is known to take writes."""
+"""A run's folder is new, is named as docs/reference/run-folder.md says, and is known to take writes."""
 
 from __future__ import annotations
 

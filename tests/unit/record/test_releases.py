@@ -1,4 +1,7 @@
-"""Records of earlier releases stay readable for ever (faults.md, row 44): one sealed and one cut off, as each release left them."""
+"""Records of earlier releases stay readable for ever: one sealed and one cut off, as each release left them.
+
+docs/reference/faults.md, F-44.
+"""
 
 from __future__ import annotations
 

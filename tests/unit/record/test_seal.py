@@ -43,7 +43,7 @@ def test_parts_are_encoded_as_measured(tmp_path: Path) -> None:
     assert {column.compression for column in by_name.values()} == {"ZSTD"}
 
 
-def test_a_sealed_run_has_the_contracts_files_and_nothing_else(tmp_path: Path) -> None:
+def test_a_sealed_run_has_the_listed_files_and_nothing_else(tmp_path: Path) -> None:
     folder = few_rows.abandoned(tmp_path)
     manifest = concluded(folder)
     assert sorted(path.name for path in folder.iterdir()) == ["counters", "events", "manifest.json", "samples", "settings"]

@@ -58,7 +58,7 @@ def test_the_wire_time_of_an_omega() -> None:
 
 @pytest.mark.parametrize(("turnaround_ms", "slow_reads_per_s"), [(0, 11.1), (2, 2.26), (2.6, 0.06)])
 def test_what_two_ports_at_10_hz_leave_for_slow_reads(turnaround_ms: float, slow_reads_per_s: float) -> None:
-    """house.md: 11 at no turnaround, 2 at 2 ms, none from 2.6 ms on."""
+    """11 at no turnaround, 2 at 2 ms, none from 2.6 ms on."""
     turnaround_s = turnaround_ms / 1000
     free = 1 - fast_only(2).load(10, turnaround_s)
     assert free / (LINE.read_s() + turnaround_s) == pytest.approx(slow_reads_per_s, abs=0.05)
@@ -66,7 +66,7 @@ def test_what_two_ports_at_10_hz_leave_for_slow_reads(turnaround_ms: float, slow
 
 @pytest.mark.parametrize(("ports", "turnaround_ms", "rate_hz"), [(4, 0, 5.926), (2, 16, 5.544), (2, 0, 11.85), (1, 0, 23.7)])
 def test_the_rate_at_which_fast_reads_fill_the_whole_wire(ports: int, turnaround_ms: float, rate_hz: float) -> None:
-    """house.md: four ports reach 5.9 Hz; a USB adapter's 16 ms bring two ports down to 5.5 Hz."""
+    """Four ports reach 5.9 Hz; a USB adapter's 16 ms bring two ports down to 5.5 Hz."""
     assert fast_only(ports).load(rate_hz, turnaround_ms / 1000) == pytest.approx(1, abs=1e-3)
 
 

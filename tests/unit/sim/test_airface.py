@@ -45,7 +45,7 @@ def _frame(addresses: str, text: str) -> bytes:
 
 
 def test_its_name_is_filled_with_a_blank() -> None:
-    """Seed 001, 4.9.18: `" JTSE"`."""
+    """Manual 001, 4.9.18: `" JTSE"`."""
     assert told(station(), "RSMN") == "ASMN JTSE"
 
 
@@ -78,7 +78,7 @@ def test_its_name_is_filled_with_a_blank() -> None:
     ],
 )
 def test_every_read_of_the_list_is_answered(question: str, answer: str) -> None:
-    """Seed 001, 4.8."""
+    """Manual 001, 4.8."""
     assert told(station(), question) == answer
 
 
@@ -123,7 +123,7 @@ def test_a_write_is_taken_within_what_the_station_allows(write: str, answer: str
 
 
 def test_a_restart_resets_the_settings_and_a_factory_reset_the_limits() -> None:
-    """The list calls W-RST "reset station settings" (digest B-40)."""
+    """The list calls W-RST "reset station settings" (docs/reference/contradictions.md, B-40)."""
     asked = station()
     for text in ("WST100400", "WMAT00420", "WPS100001"):
         assert told(asked, text)

@@ -1,4 +1,4 @@
-"""The protocol face, held to frames that are written out by hand from the manuals and the digest (A.14)."""
+"""The protocol face, held to frames that are written out by hand from the manuals (docs/reference/protocol.md)."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def told(asked: VirtualStation, text: str, now: float = T0) -> str | None:
     return reply.data[5:-2].decode()
 
 
-# Printed in the manuals, or text printed there with the check byte computed in the digest: (question, answer)
+# Printed in the manuals, or text printed there with the check byte computed: (question, answer)
 GOLDEN = [
     ("02 3030 3031 52 535431 03 64", "02 3031 3030 41 535431 3030333530 03 41"),  # RST1 -> AST100350
     ("02 3030 3031 52 545431 03 63", "02 3031 3030 41 545431 3030313833 03 4a"),  # RTT1 -> ATT100183
@@ -106,7 +106,7 @@ FACTORY = {
 def test_factory_settings() -> None:
     asked = station()
     assert {text: told(asked, text) for text in FACTORY} == FACTORY
-    assert told(station("ucr"), "RMAT") == "AMAT00450"  # seed 004
+    assert told(station("ucr"), "RMAT") == "AMAT00450"  # manual 004
 
 
 REFUSED = [

@@ -7,7 +7,7 @@ import pytest
 from jbclog.core.line_format import BAUDRATES, LineFormat
 from jbclog.sim.uart import heard
 
-QUESTION = b"\x020001RSMN\x03\x02"  # seed 002, R-SMN; addressed 00 to 01
+QUESTION = b"\x020001RSMN\x03\x02"  # manual 002, R-SMN; addressed 00 to 01
 FORMATS = [LineFormat(19200, f"8{parity}{stops}") for parity in "NEO" for stops in "12"]
 
 

@@ -42,7 +42,7 @@ class Golden(NamedTuple):
 
     @property
     def addressed(self) -> bytes:
-        """The same between the factory addresses; the answer's source is the station (digest B-6)."""
+        """The same between the factory addresses; the answer's source is the station (docs/reference/contradictions.md, B-6)."""
         pair = ROBOT + STATION if self.text[0] in "RW" else STATION + ROBOT
         return with_check_byte(self.bare[:1] + pair + self.bare[1:-1])
 

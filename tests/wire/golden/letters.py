@@ -1,7 +1,8 @@
 """The letters of every command of every family, typed from the manuals' lists; x and y are left out.
 
 ``R`` and ``W`` say whether it is read, written or both; ``W0`` is an order for whose data nothing is printed, or only
-zeros, so that it may also be sent bare (digest B-37). Manual 000: 4.7; 001: 4.8; 002 and 004: "Commands".
+zeros, so that it may also be sent bare (docs/reference/contradictions.md, B-37).
+Manual 000: 4.7; 001: 4.8; 002 and 004: "Commands".
 """
 
 PORTS = "1234"

@@ -231,4 +231,4 @@ REFUSALS = [
     ("000 4.5", 8, "00006 Station model error (station unknown)", b"00006"),
     ("000 4.5", 8, "99999 Undefined (error not defined)", b"99999"),
 ]
-"""The data of N frames. No frame of the kind is printed (digest B-11)."""
+"""The data of N frames. No frame of the kind is printed (docs/reference/contradictions.md, B-11)."""

@@ -218,7 +218,7 @@ FIELDS = [
     Field("002 R-CDx", 24, 'for example "RCC1"', b"RCC1"),  # misprinted for RCD1
     Field("002 R-FST", 25, 'responds with an "A-FST"', b"AFST"),
     Field("002 R-SVR", 25, 'responds with an "A-SVR"', b"ASVR"),
-    Field("002 R-DCx", 25, 'for example "RCD3"', b"RCD3"),  # copied from the desoldering cycles (digest B-36)
+    Field("002 R-DCx", 25, 'for example "RCD3"', b"RCD3"),  # docs/reference/contradictions.md, B-36
     Field("002 R-DCx", 25, 'in the example "ACD3"', b"ACD3"),
     Field("002 R-DLx", 25, 'in the example "ADL1"', b"ADL1"),
     Field("002 W-IFE", 26, "W-IFE", b"WIFE"),
@@ -258,7 +258,7 @@ LISTED = [
     Listed("002 Port Errors", 9, "00005 No tool accepted", b"00005", "port_error", 5),
     Listed("002 Port Errors", 9, "00006 Tool detection", b"00006", "port_error", 6),
     Listed("002 Port Errors", 9, "00007 Stop due by maximum powers", b"00007", "port_error", 7),
-    Listed("002 Port Errors", 9, "80000 Stop due by overload (MOS)", b"80000", "port_error", 8, True),  # misprinted (digest B-28)
+    Listed("002 Port Errors", 9, "80000 Stop due by overload (MOS)", b"80000", "port_error", 8, True),  # a misprint, B-28
     Listed("002 Port Errors", 9, "00009 Warning overload (MOS)", b"00009", "port_error", 9),
     Listed("002 Station Errors", 8, "00000 OK", b"00000", "station_error", 0),
     Listed("002 Station Errors", 8, "00001 Stop due by overload (TRAFO)", b"00001", "station_error", 1),

@@ -1,7 +1,7 @@
 """Manual 003, Apollo Seiko OMEGA, page 5 of 60, chapter 11: every example. One page is all that there is of it here.
 
 A frame is STX, text, ETX, and the sum of the text's characters as two capital hexadecimal digits. The frames of `BY_HAND`
-are printed nowhere here: their texts come from the digest (A.13), which names the manual's pages 6 to 10, and their sums
+are printed nowhere here: their texts come from docs/reference/protocol.md, OMEGA (the manual's pages 6 to 10), and their sums
 were added up by hand.
 """
 
@@ -32,16 +32,16 @@ SUMS = [
 """A sum and the two characters that stand for it."""
 
 BY_HAND = [
-    OmegaGolden("digest A.14", None, "`a0`→SUM 91", b"\x02a0\x0391", "a0"),
-    OmegaGolden("digest A.13", None, "3 both", b"\x02a3\x0394", "a3"),
-    OmegaGolden("digest A.14", None, "`B` 42", b"\x02B\x0342", "B"),
-    OmegaGolden("digest A.13", None, "`b`+1", b"\x02b1\x0393", "b1"),
-    OmegaGolden("digest A.14", None, "`C007C`→1D", b"\x02C007C\x031D", "C007C"),
-    OmegaGolden("digest A.13", None, "`d` only on success", b"\x02d\x0364", "d"),
-    OmegaGolden("digest A.13", None, "F → f", b"\x02F\x0346", "F"),
-    OmegaGolden("digest A.13", None, "`f`+1", b"\x02f0\x0396", "f0"),
-    OmegaGolden("digest A.13", None, "G → g", b"\x02G\x0347", "G"),
-    OmegaGolden("digest A.14", None, "`H0065`→13", b"\x02H0065\x0313", "H0065"),
-    OmegaGolden("digest A.13", None, "`h` when point soldering", b"\x02h\x0368", "h"),
-    OmegaGolden("digest A.13", None, "`i` after the first stage", b"\x02i\x0369", "i"),
+    OmegaGolden("docs/reference/protocol.md, Example frames", None, "`a0`→SUM 91", b"\x02a0\x0391", "a0"),
+    OmegaGolden("docs/reference/protocol.md, OMEGA", None, "3 both", b"\x02a3\x0394", "a3"),
+    OmegaGolden("docs/reference/protocol.md, Example frames", None, "`B` 42", b"\x02B\x0342", "B"),
+    OmegaGolden("docs/reference/protocol.md, OMEGA", None, "`b`+1", b"\x02b1\x0393", "b1"),
+    OmegaGolden("docs/reference/protocol.md, Example frames", None, "`C007C`→1D", b"\x02C007C\x031D", "C007C"),
+    OmegaGolden("docs/reference/protocol.md, OMEGA", None, "`d` only on success", b"\x02d\x0364", "d"),
+    OmegaGolden("docs/reference/protocol.md, OMEGA", None, "F → f", b"\x02F\x0346", "F"),
+    OmegaGolden("docs/reference/protocol.md, OMEGA", None, "`f`+1", b"\x02f0\x0396", "f0"),
+    OmegaGolden("docs/reference/protocol.md, OMEGA", None, "G → g", b"\x02G\x0347", "G"),
+    OmegaGolden("docs/reference/protocol.md, Example frames", None, "`H0065`→13", b"\x02H0065\x0313", "H0065"),
+    OmegaGolden("docs/reference/protocol.md, OMEGA", None, "`h` when point soldering", b"\x02h\x0368", "h"),
+    OmegaGolden("docs/reference/protocol.md, OMEGA", None, "`i` after the first stage", b"\x02i\x0369", "i"),
 ]

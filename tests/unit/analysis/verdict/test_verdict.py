@@ -1,4 +1,4 @@
-"""The verdict as the contract has it: what makes a run accepted, and that missing evidence never does."""
+"""The verdict: what makes a run accepted, and that missing evidence never does."""
 
 from __future__ import annotations
 

@@ -27,5 +27,5 @@ def test_nothing_else_does(text: str, family: object) -> None:
 
 
 def test_omega_is_asked_what_it_tells_and_told_nothing() -> None:
-    assert harmless_for(OMEGA)(b"\x02A\x0341")  # seed 003, 11.3.1: the sum of one character is its code
+    assert harmless_for(OMEGA)(b"\x02A\x0341")  # manual 003, 11.3.1: the sum of one character is its code
     assert not harmless_for(OMEGA)(b"\x02H0065\x0313")

@@ -89,7 +89,7 @@ def test_an_answer_in_pieces_among_garbage_is_found() -> None:
 def test_an_answer_after_the_longest_that_is_printed_is_in_time() -> None:
     """003, 11.1: 0 to 250 ms."""
     assert OmegaTalk(("A", (0.25 + 0.0115, "a0"))).do(ask_a) == "normal"
-    assert ALLOWED_S >= 0.4  # digest B-47
+    assert ALLOWED_S >= 0.4  # docs/reference/contradictions.md, B-47
 
 
 def test_an_answer_of_another_condition_is_none() -> None:
@@ -130,7 +130,7 @@ def test_an_answer_that_is_torn_by_the_time_out_is_none() -> None:
 
 
 def test_what_is_ignored_while_the_next_question_is_answered_was_refused() -> None:
-    """Digest A.13: an unknown number is ignored; A tells that from a line that is dead."""
+    """docs/reference/protocol.md, OMEGA: an unknown number is ignored; A tells that from a line that is dead."""
     turn = [("C0065",), ("A", "a0")]
     talk = OmegaTalk(*turn * 3)
     error = failure(talk, lambda station: station.read(C101))
@@ -235,7 +235,7 @@ def test_an_acknowledgement_that_is_no_plain_d_is_none() -> None:
 
 @pytest.mark.parametrize("letter", ["h", "i"])
 def test_an_execution_is_over_when_the_controller_says_so(letter: str) -> None:
-    """Digest A.13: h when a point is done, i after the first stage of a slide; long after the 250 ms of other answers."""
+    """h when a point is done, i after the first stage of a slide; long after the 250 ms of other answers."""
     talk = OmegaTalk(("H0065", (3.3, letter)), ("A", "a0"), ("A", "a0"), ("A", "a0"))
     talk.do(run)
     assert [said.letter for said in talk.station.by_itself] == [letter]

@@ -49,7 +49,10 @@ def test_an_answer_names_the_station_as_its_source() -> None:
 
 
 def test_the_other_order_of_addresses_is_believed_and_learnt() -> None:
-    """The check byte is the same in both orders (digest A.2); no manual says which one answers have (B-6)."""
+    """The check byte is the same in both orders; no manual says which one answers have.
+
+    docs/reference/protocol.md, Check byte; docs/reference/contradictions.md, B-6.
+    """
     talk = Talk(("RTT1", framed("ATT100183", 0, 1)))
     assert talk.do(read_tip) == 183
     assert talk.station.question(TIP, 1).answer_start == b"\x020001ATT1"
@@ -105,7 +108,7 @@ def test_what_answers_nothing_is_counted_and_the_answer_still_waited_for(stray: 
 
 
 def test_a_port_s_temperature_is_not_the_transformer_s() -> None:
-    """RTT has two letters: ATT1ddddd begins as its answer does (digest B-10)."""
+    """RTT has two letters: ATT1ddddd begins as its answer does (docs/reference/contradictions.md, B-10)."""
     talk = Talk(("RTT", "ATT100183", (0.03, "ATT00045")))
     assert talk.do(lambda station: station.read(ALE["transformer_temperature"])) == 45
 
@@ -160,7 +163,10 @@ def test_the_dispensed_length_has_any_width_and_is_hexadecimal(text: str, value:
 
 
 def test_the_identification_s_check_byte_is_stx() -> None:
-    """R-SMN ends in 03 02 on a line with addresses (digest A.2); an acknowledgement of W-A12 in 03 03."""
+    """R-SMN ends in 03 02 on a line with addresses, an acknowledgement of W-A12 in 03 03.
+
+    docs/reference/protocol.md, Check byte.
+    """
     assert framed("RSMN", 0, 1)[-2:] == b"\x03\x02"
     assert framed("AA12")[-2:] == b"\x03\x03"
     assert Talk(PROBE).do(lambda station: station.read(ALE["model"])) == "ALE"
@@ -224,7 +230,7 @@ def test_a_duplicate_is_dropped() -> None:
         (7, Refusal, "nak7"),
     ],
 )
-@pytest.mark.parametrize("code", ["TT1", ""])  # no manual says whether N repeats the code (digest B-11)
+@pytest.mark.parametrize("code", ["TT1", ""])  # no manual says whether N repeats the code (docs/reference/contradictions.md, B-11)
 def test_a_refusal_is_a_named_error_and_not_asked_again(code: str, number: int, error: type[Refusal], reason: str) -> None:
     talk = Talk(("RTT1", f"N{code}{number:05d}"))
     with pytest.raises(error, match="tip temperature of port 1") as caught:

@@ -1,4 +1,4 @@
-"""What the client takes beside the recommended forms, how it counts that, and what it does not take (digest, section B)."""
+"""What the client takes beside the recommended forms, how it counts that, and what it does not take."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Late answers: they look like fresh ones, so after any doubt another code is answered first (faults.md, row 5).
+"""Late answers: they look like fresh ones, so after any doubt another code is answered first (docs/reference/faults.md, F-5).
 
 The plant of these tests changes with each question: its n-th temperature is n. So a value is fresh only where it is the
 number of times that the temperature has been asked.
@@ -177,7 +177,7 @@ def test_the_time_allowed_follows_from_bytes_line_and_turnaround(baudrate: int) 
 
 
 def test_a_write_is_allowed_longer_and_teaches_nothing_of_reads() -> None:
-    """What it is stored in may be slow (digest B-13)."""
+    """What it is stored in may be slow (docs/reference/contradictions.md, B-13)."""
     talk = Talk(("RTT1", "ATT100183"), ("WST100360", (0.9, "AST1")), ("RTT1", "ATT100184"))
 
     def steps(station: Station) -> Steps[float | None]:

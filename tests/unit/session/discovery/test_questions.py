@@ -28,7 +28,7 @@ def test_exactly_the_reads_that_change_nothing(family: object) -> None:
 
 
 def test_alarm_flags_are_not_read_because_that_clears_them() -> None:
-    assert not is_harmless(framed("RTA1", **HOST))  # seed 000, 4.8.27
+    assert not is_harmless(framed("RTA1", **HOST))  # manual 000, 4.8.27
 
 
 @pytest.mark.parametrize(

@@ -112,7 +112,8 @@ def test_a_thorough_scan_finds_every_line_format(baudrate: int, form: str) -> No
 
 
 def test_the_usual_scan_tries_the_usual_formats_in_this_order() -> None:
-    assert [str(trial.line) for trial in USUAL[:3]] == ["19200 8N1", "19200 8E1", "9600 8N1"]  # digest B-1
+    # docs/reference/contradictions.md, B-1
+    assert [str(trial.line) for trial in USUAL[:3]] == ["19200 8N1", "19200 8E1", "9600 8N1"]
     assert len({trial.line for trial in THOROUGH}) == len(THOROUGH) == 72
 
 
@@ -138,7 +139,7 @@ def test_a_slow_station_is_known_by_the_address_in_its_answer() -> None:
 
 
 class OnlyWithout:
-    """Finds fault with addressed frames (digest B-14), and answers those without addresses."""
+    """Finds fault with addressed frames (docs/reference/contradictions.md, B-14), and answers those without addresses."""
 
     def receive(self, data: bytes, now: float) -> Coming:
         if data[1:2].isdigit():
@@ -375,7 +376,7 @@ def test_a_refusal_by_an_address_that_does_not_answer_names_it_too() -> None:
 
 
 class Refuser:
-    """A station at address 99 that finds fault with frames for others, as some may (digest B-14)."""
+    """A station at address 99 that finds fault with frames for others, as some may (docs/reference/contradictions.md, B-14)."""
 
     def receive(self, data: bytes, now: float) -> Coming:
         return [(now + 0.01, framed("NSMN00002", 99))]
@@ -408,7 +409,7 @@ def test_nothing_but_harmless_questions_is_sent_and_all_of_it_is_told(family: st
 
 
 def test_latched_alarms_stay_where_they_are() -> None:
-    """R-TA clears what it reads (seed 000, 4.8.27): a scan must leave that to the run."""
+    """R-TA clears what it reads (manual 000, 4.8.27): a scan must leave that to the run."""
     cable = station_cable("dde")
     scanned(cable)
     assert not any(b"RTA" in data for _, data in cable.asked)
