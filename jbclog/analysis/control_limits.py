@@ -17,7 +17,7 @@ from jbclog.analysis import spc
 from jbclog.analysis.charts import Series, too_many_late
 from jbclog.core.errors import RecordError, UsageError
 from jbclog.core.foreign.files import Kind, read_foreign
-from jbclog.core.foreign.from_json import Misfit, build
+from jbclog.core.foreign.json_reader import Misfit, build
 
 FORMAT: Final = "jbclog control limits 1"
 

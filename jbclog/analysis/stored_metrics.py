@@ -16,7 +16,7 @@ from jbclog import __version__
 from jbclog.analysis.verdict import RULES
 from jbclog.core.errors import RecordError
 from jbclog.core.foreign.files import Kind, open_foreign, read_foreign
-from jbclog.core.foreign.numbers import json_of
+from jbclog.core.foreign.json_reader import json_of
 from jbclog.record.annotations import read
 
 FILE: Final = "report.json"

@@ -25,7 +25,7 @@ from typing import Final
 from jbclog.app import connection
 from jbclog.config.line import Line
 from jbclog.core.errors import JbclogError, RecordError
-from jbclog.core.folder_lock import is_held
+from jbclog.core.locks import is_held
 from jbclog.guard import open_leases
 from jbclog.guard.lease import StationLease
 from jbclog.record.guard_actions import await_guard

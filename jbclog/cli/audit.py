@@ -125,7 +125,7 @@ def _audited(lines: Sequence[Line], ledger: Path, tasks: Sequence[Task], fail_on
     from jbclog.app.audit.run_audit import audit_lines, fleet_audit
     from jbclog.app.audit.survey import AT_ONCE, Looking
     from jbclog.cli.audit_end import End
-    from jbclog.transport.signals import Signals
+    from jbclog.transport.event_loop import Signals
 
     looking, heard = Looking(), []
 

@@ -56,7 +56,7 @@ def batch(
     from jbclog.app.batch.single_batch import hold
     from jbclog.cli.batch_progress import shown_by
     from jbclog.cli.batch_wording import beginning, facts, intentions, local, table
-    from jbclog.config.job_time import SystemZone
+    from jbclog.config.job_order import SystemZone
     from jbclog.config.jobs_file import load_jobs
 
     if resume and anew:
@@ -86,7 +86,7 @@ def batch(
 def _carry_out(foreman: BatchExecutor, shown: Lines | Screen) -> int:
     """As far as it goes; give the exit code. What follows are last words, which no signal ends."""
     from jbclog.app.run.runner import heard
-    from jbclog.transport.signals import Signals
+    from jbclog.transport.event_loop import Signals
 
     with Signals(heard(), for_good=True) as signals:
         signals.tell(foreman.interrupt)

@@ -94,7 +94,7 @@ def replay(
 
 def _serve(recording: Recording, folder: Path, tcp: str | None, speed: float) -> None:
     from jbclog.app.replay.serving import serve
-    from jbclog.config.port_url import is_this_host
+    from jbclog.config.line import is_this_host
     from jbclog.sim.setup import SERVED_LINE, tcp_of
 
     served_on = tcp_of(tcp) if tcp else None

@@ -10,7 +10,7 @@ from jbclog.core.errors import RecordError, UsageError
 
 def is_folder(path: Path) -> bool:
     """Whether there is a folder; a name that no file can have is none. Raises `RecordError` where its network mount hangs."""
-    from jbclog.core.foreign.mounts import expect_answer  # here, so that help does not load it
+    from jbclog.core.foreign.files import expect_answer  # here, so that help does not load it
 
     expect_answer(path)
     try:

@@ -71,8 +71,8 @@ def scan(
 
 def _ports(urls: list[str] | None) -> list[str]:
     """The ports that are named, each once; every USB serial port where none is. Raises `UsageError`."""
-    from jbclog.config.port_url import is_path, url_problem
-    from jbclog.transport.usb import usb_ports
+    from jbclog.config.line import is_path, url_problem
+    from jbclog.transport.system_ports import usb_ports
 
     if not urls:
         return [port.name for port in usb_ports()]

@@ -12,7 +12,7 @@ from jbclog.cli.run_folder import expect_file_place
 from jbclog.core.errors import UsageError
 
 if TYPE_CHECKING:
-    from jbclog.sim.wire_file import WireFile
+    from jbclog.sim.serve import WireFile
 
 
 @ends_with_errors_told
@@ -48,7 +48,7 @@ def sim(
 
 
 def _wire_file(log: Path | None) -> WireFile:
-    from jbclog.sim.wire_file import NoWireFile, WireFile
+    from jbclog.sim.serve import NoWireFile, WireFile
 
     expect_file_place("--log", log)
     if log is None:

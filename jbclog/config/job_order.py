@@ -1,12 +1,106 @@
-"""Jobs as the queue sees them, the order of their turns, and when those that wait for a time are due."""
+"""When and in which order the jobs of a batch may start."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from datetime import date, datetime, time, timedelta
 from enum import StrEnum
+from typing import Final, Protocol
 
-from jbclog.config.job_time import JUST_PASSED_S, At, Zone, due
+# -- job time -----------------------------------------------------------------------------------------------------------------
+# When a job that waits for a time of day may begin: local time, as the clock on the wall shows it.
+#
+# ``22:00`` is the next time that the clock shows 22:00; one that has just passed counts as now, because who starts a batch for
+# 22:00 may be a little late. Jobs that follow each other are a timetable: the time of a later one comes after that of those before
+# it, so that ``02:00`` behind ``22:00`` is the next morning's whenever the batch is started.
+#
+# Summer time: a time that the clock skips is the moment of the skip, as cron has it; one that it shows twice is the next of the
+# two.
+
+JUST_PASSED_S: Final = 600.0
+DAYS: Final = 3  # a day may have no such time, or have had it
+AT_ALLOWED: Final = 'a time of day such as "22:00", or a date with it such as "2026-11-22 02:30"'
+_AT: Final = re.compile(r"(?:(\d{4}-\d{2}-\d{2})[ T])?(\d{2}:\d{2}(?::\d{2})?)", re.ASCII)
+
+
+class Zone(Protocol):
+    """Local time. Its two ways are those of the system, or of a zone by name in a test."""
+
+    def utc(self, wall: datetime) -> float:
+        """Seconds since 1970 UTC of what the clock on the wall shows; `fold` says which of two."""
+
+    def wall(self, utc_s: float) -> datetime:
+        """What the clock on the wall shows then, without a zone."""
+
+
+class SystemZone:
+    """The local time of this computer."""
+
+    @staticmethod
+    def utc(wall: datetime) -> float:
+        return wall.timestamp()
+
+    @staticmethod
+    def wall(utc_s: float) -> datetime:
+        return datetime.fromtimestamp(utc_s)  # noqa: DTZ006  # what the clock on the wall shows is what is wanted
+
+
+@dataclass(frozen=True, slots=True)
+class At:
+    """A time of day, on a date or on any."""
+
+    time: time
+    date: date | None = None
+
+    def __str__(self) -> str:
+        shown = self.time.strftime("%H:%M:%S" if self.time.second else "%H:%M")
+        return shown if self.date is None else f"{self.date} {shown}"
+
+
+def read_at(text: str) -> At | None:
+    """The time that a text says, None where it says none."""
+    found = _AT.fullmatch(text.strip())
+    if found is None:
+        return None
+    try:
+        return At(time.fromisoformat(found[2]), None if found[1] is None else date.fromisoformat(found[1]))
+    except ValueError:
+        return None
+
+
+def due(at: At, after_s: float, zone: Zone) -> float | None:
+    """The first moment from `after_s` on at which it is due, seconds since 1970 UTC; None where its date is over."""
+    if at.date is not None:
+        days = [at.date]
+    else:
+        first = zone.wall(after_s).date() - timedelta(days=1)
+        days = [first + timedelta(days=number) for number in range(DAYS + 1)]
+    moments = sorted(moment for day in days for moment in _moments(datetime.combine(day, at.time), zone))
+    return next((moment for moment in moments if moment >= after_s), None)
+
+
+def _moments(wall: datetime, zone: Zone) -> list[float]:
+    """When the clock shows it: once, twice, or, where it is skipped, the moment at which it is skipped."""
+    both = sorted({zone.utc(wall.replace(fold=0)), zone.utc(wall.replace(fold=1))})
+    shown = [moment for moment in both if zone.wall(moment).replace(fold=0) == wall]
+    return shown or [_skip(wall, both[0], both[-1], zone)]
+
+
+def _skip(wall: datetime, before: float, behind: float, zone: Zone) -> float:
+    """The first whole second between the two at which the clock shows a later time."""
+    low, high = int(before) - 1, int(behind) + 1
+    while high - low > 1:
+        middle = (low + high) // 2
+        if zone.wall(middle).replace(fold=0) >= wall:
+            high = middle
+        else:
+            low = middle
+    return float(high)
+
+
+# -- job order ----------------------------------------------------------------------------------------------------------------
 
 
 class OnFailure(StrEnum):

@@ -11,8 +11,7 @@ from typing import Annotated, Final, Literal
 from pydantic import AfterValidator, Field
 
 from jbclog.config.durations import EXAMPLES, span_s
-from jbclog.config.job_order import OnFailure, circle
-from jbclog.config.job_time import AT_ALLOWED, read_at
+from jbclog.config.job_order import AT_ALLOWED, OnFailure, circle, read_at
 from jbclog.config.schema import NAME_ALLOWED, FromList, Name, Table, read_table, said, shown, unknown
 from jbclog.config.toml_keys import KeyPath
 from jbclog.config.toml_reader import TomlText, hidden, parse, read_text, shortened

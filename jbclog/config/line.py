@@ -1,24 +1,97 @@
-"""A line file: which stations there are, on which ports of this computer, and how they are spoken to."""
+"""Line files: which stations there are, on which ports; read and written."""
 
 from __future__ import annotations
 
 import hashlib
+import json
 import os
-from collections.abc import Iterable, Iterator
-from pathlib import Path
+import re
+from collections.abc import Iterable, Iterator, Mapping
+from ipaddress import ip_address
+from pathlib import Path, PurePosixPath
 from typing import Annotated, Final
+from urllib.parse import urlsplit
 
 from pydantic import AfterValidator, Field, PlainValidator
 
-from jbclog.config.port_url import checked_url, is_path, tcp_port
 from jbclog.config.schema import NAME_ALLOWED, FromList, Name, Table, read_table, said, shown, unknown
 from jbclog.config.sim_spec import SimSpec
 from jbclog.config.toml_keys import KeyPath
 from jbclog.config.toml_reader import TomlText, hidden, parse, read_text, shortened
 from jbclog.core.errors import Problem, Problems
-from jbclog.core.line_format import BAUDRATES, LineFormat
+from jbclog.core.line_format import BAUDRATES, SCHEMES, LineFormat, scheme_of
 from jbclog.protocol.commands.family import FAMILIES, OMEGA, Family
 from jbclog.protocol.commands.models import model_problem
+
+# -- port url -----------------------------------------------------------------------------------------------------------------
+# Urls of ports: device paths, COM ports, and what pyserial opens by a scheme.
+
+_WINDOWS_PORT = re.compile(r"COM\d{1,3}|\\\\\.\\.+", re.IGNORECASE)
+
+
+def is_path(url: str) -> bool:
+    """Whether the url is a path of a device, not a scheme or a COM port."""
+    return "://" not in url and not _WINDOWS_PORT.fullmatch(url)
+
+
+def checked_url(value: str) -> str:
+    """A device path, absolute or below the line file's folder, or one of pyserial's URLs with what it needs."""
+    if "://" not in value:
+        path = PurePosixPath(value)
+        if ".." in path.parts and not path.is_absolute():
+            raise said(f"{shown(value)} is not allowed; a relative path stays below the line file's folder")
+        return value
+    problem = url_problem(value)
+    if problem:
+        raise said(problem)
+    return value
+
+
+def url_problem(value: str) -> str | None:
+    """What is wrong with a url that has a scheme; None where it may be opened, or is a path."""
+    scheme = scheme_of(value)
+    if "://" not in value:
+        return None
+    if scheme not in SCHEMES:
+        return f"the kind of port {shown(scheme)} is {unknown(scheme, list(SCHEMES))}"
+    if scheme in ("socket", "rfc2217") and not _has_host_and_port(value):
+        return f"{shown(value)} is not allowed; {scheme}://HOST:PORT"
+    return None
+
+
+def is_served_here(url: str) -> bool:
+    """Whether it is where stations are served on this machine: a relative path, or a TCP port of its own."""
+    if is_path(url):
+        return not PurePosixPath(url).is_absolute()
+    return scheme_of(url) == "socket" and is_this_host(urlsplit(url).hostname or "")
+
+
+def tcp_port(url: str) -> str | None:
+    """``host:port`` of socket:// and rfc2217://, this machine always by one name; None for any other url. No name is looked up."""
+    if scheme_of(url) not in ("socket", "rfc2217") or not _has_host_and_port(url):
+        return None
+    parts = urlsplit(url)
+    host = parts.hostname or ""
+    return f"{'localhost' if is_this_host(host) else host}:{parts.port}"
+
+
+def is_this_host(host: str) -> bool:
+    """Whether that is what this machine calls itself, and nobody else can be meant."""
+    try:
+        return host == "localhost" or ip_address(host).is_loopback
+    except ValueError:
+        return False
+
+
+def _has_host_and_port(url: str) -> bool:
+    try:
+        parts = urlsplit(url)
+        return bool(parts.hostname) and bool(parts.port)
+    except ValueError:
+        return False
+
+
+# -- line ---------------------------------------------------------------------------------------------------------------------
 
 AUTO: Final = "auto"
 LONGEST_MODEL: Final = 16
@@ -294,3 +367,77 @@ def _placed(table: StationTable, path: Path) -> StationSpec:
     if family is not None and family.protocol == OMEGA:
         values["address"] = None
     return StationSpec.model_construct(**values, written_url=table.url)
+
+
+# -- line text ----------------------------------------------------------------------------------------------------------------
+# The text of a line file, written: what `parse_line` reads again as the same stations.
+
+Described = tuple[StationTable, str]
+"""A station and what is said of it in a comment above it, or nothing."""
+
+
+def line_text(name: str, stations: Iterable[Described], heading: str, replay: Replay | None = None) -> str:
+    """The text of a line file. `heading` and what is said of stations become comments."""
+    parts = ["\n".join(_station(station, said)) for station, said in stations]
+    return f"{line_comment(heading)}[line]\nname = {quoted(name)}\n{_replay(replay)}" + "".join(parts)
+
+
+def _replay(replay: Replay | None) -> str:
+    if replay is None:
+        return ""
+    tables: dict[str, Mapping[str, float]] = {
+        "rate_hz": replay.rate_hz,
+        "first_tick": replay.first_tick,
+        "first_in_s": replay.first_in_s,
+    }
+    lines = (f"{key} = {{ {_by_name(values)} }}\n" for key, values in tables.items())
+    return f"\n[replay]\nspeed = {replay.speed!r}\n{''.join(lines)}"
+
+
+def _by_name(values: Mapping[str, float]) -> str:
+    return ", ".join(f"{quoted(name)} = {value!r}" for name, value in values.items())
+
+
+def line_comment(text: str) -> str:
+    """The text as comments, line by line."""
+    return "".join(f"# {line}\n" for line in _plain(text).splitlines())
+
+
+def _plain(text: str) -> str:
+    """Text that a comment can hold: a control character is no TOML, and a hidden one is refused."""
+    return "".join(sign if sign == "\n" or sign.isprintable() else "?" for sign in text)
+
+
+def _station(station: StationTable, said: str) -> Iterator[str]:
+    yield f"\n{line_comment(said)}[[station]]"
+    yield from _keys(station)
+
+
+def station_text(station: StationTable) -> str:
+    """One station's table without anything around it."""
+    return "\n".join(("[[station]]", *_keys(station)))
+
+
+def _keys(station: StationTable) -> Iterator[str]:
+    yield f"name = {quoted(station.name)}"
+    yield f"url = {quoted(station.url)}"
+    yield f"family = {quoted(station.family)}"
+    if station.model is not None:
+        yield f"model = {quoted(station.model)}"
+    yield f"baudrate = {station.baudrate}"
+    yield f"format = {quoted(station.format)}"
+    yield f"address = {'false' if station.address is None else station.address}"
+    if station.ports is not None:
+        yield f"ports = {list(station.ports)}"
+    if station.turnaround_ms is not None:
+        yield f"turnaround_ms = {station.turnaround_ms}"
+    if station.recipe is not None:
+        yield f"recipe = {quoted(str(station.recipe.absolute()))}"
+    if station.rated_power_w is not None:
+        yield f"rated_power_w = {station.rated_power_w}"
+    yield ""
+
+
+def quoted(text: str) -> str:
+    """A TOML basic string: JSON's escapes are TOML's, but for the one character that JSON leaves alone."""
+    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")

@@ -1,6 +1,6 @@
 """A recipe: what a job asks of stations, how it is sampled, and what it is judged by. Unchangeable.
 
-Its tables are in `recipe_sections.py`; ranges and what belongs together are checked in `recipe_checks.py`, because those are the
+Its tables are in `recipe_sections.py`; ranges and what belongs together are checked in `load_recipe.py`, because those are the
 families'. `asked(port)` is what one port is to hold, the port's own tables before the common ones.
 """
 

@@ -7,9 +7,10 @@ from typing import Literal
 
 from pydantic import Field
 
-from jbclog.config.fields import (
+from jbclog.config.schema import (
     FIVE_DIGITS,
     METADATA,
+    NAME_ALLOWED,
     RATES,
     TENTHS,
     Condition,
@@ -17,13 +18,14 @@ from jbclog.config.fields import (
     Families,
     LimitC,
     Minutes,
+    Name,
     Rate,
     Required,
     Seconds,
     Switch,
+    Table,
     Tenths,
 )
-from jbclog.config.schema import NAME_ALLOWED, Name, Table
 from jbclog.protocol.commands.family import FAMILIES
 from jbclog.protocol.commands.omega_values import CONDITIONS
 

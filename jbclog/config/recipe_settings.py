@@ -6,8 +6,8 @@ from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, fields, replace
 from typing import Final
 
+from jbclog.config.load_recipe import SECTION_FAMILIES
 from jbclog.config.recipe import Asked, Recipe, asked_in
-from jbclog.config.recipe_checks import SECTION_FAMILIES
 from jbclog.config.toml_reader import dotted
 from jbclog.config.write_order import COMMAND_OF, WHEN_OFF
 from jbclog.core.quantities import OFF, Value, raw_share

@@ -24,8 +24,7 @@ from typing import Annotated, Final, Literal
 
 from pydantic import Field
 
-from jbclog.config.fields import Families
-from jbclog.config.schema import NAME_ALLOWED, FromList, Name, Table, read_table
+from jbclog.config.schema import NAME_ALLOWED, Families, FromList, Name, Table, read_table
 from jbclog.config.task_names import STATED
 from jbclog.config.toml_keys import KeyPath
 from jbclog.config.toml_reader import TomlText, hidden, parse, read_text, shortened

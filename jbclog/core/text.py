@@ -1,11 +1,16 @@
-"""Text from outside and numbers, made fit to be shown on a page, whichever page it is."""
+"""Text for people: on a page, in a table, in CSV."""
 
 from __future__ import annotations
 
+import csv
+import io
 import json
 import re
 import unicodedata
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Final
+
+# -- text ---------------------------------------------------------------------------------------------------------------------
 
 HIDDEN = ("Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp")
 """Control, formatting (bidi among them), unpaired surrogates, private, unassigned, and what ends a line or a paragraph."""
@@ -72,3 +77,27 @@ _UNITS = re.compile(r"(?<=\d) (?=(?:°C|%|‰|ms|s|min|h|Hz|mm|Wh)(?!\w))")
 def together(text: str) -> str:
     """A sentence in which no number is parted from its unit at the end of a line."""
     return _UNITS.sub("\u00a0", text)
+
+
+# -- csv ----------------------------------------------------------------------------------------------------------------------
+# CSV as spreadsheets read it: RFC 4180, UTF-8 with the mark by which they know it, and no cell that they would work out.
+
+FORMULA: Final = ("=", "+", "-", "@", "\t", "\r", "\uff1d", "\uff0b", "\uff0d", "\uff20")
+MARK: Final = "\ufeff"
+
+
+def harmless(value: object) -> object:
+    """What a cell holds: one line, and never something that a spreadsheet would work out. Numbers stay numbers."""
+    if not isinstance(value, str):
+        return value
+    text = clean(value)
+    return f"'{text}" if value.lstrip(" ").startswith(FORMULA) or text.lstrip(" ").startswith(FORMULA) else text
+
+
+def csv_text(columns: Sequence[str], rows: Iterable[Mapping[str, object]]) -> str:
+    """A table with its head; nothing stands where nothing is known."""
+    out = io.StringIO()
+    writer = csv.writer(out)
+    writer.writerow([harmless(column) for column in columns])
+    writer.writerows([harmless(row.get(column)) for column in columns] for row in rows)
+    return MARK + out.getvalue()

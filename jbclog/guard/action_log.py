@@ -17,7 +17,7 @@ from threading import Lock
 from typing import Any, Final
 
 from jbclog.core.foreign.files import Kind, expect_opened
-from jbclog.core.foreign.numbers import read_json
+from jbclog.core.foreign.json_reader import read_json
 
 NAME: Final = "guard.jsonl"
 MANIFEST: Final = "manifest.json"

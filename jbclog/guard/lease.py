@@ -11,8 +11,7 @@ from pathlib import Path
 from typing import Final, cast
 
 from jbclog.core.foreign.files import Kind, read_foreign
-from jbclog.core.foreign.from_json import Misfit, build
-from jbclog.core.foreign.numbers import json_of
+from jbclog.core.foreign.json_reader import Misfit, build, json_of
 from jbclog.core.same_port import is_one_port
 from jbclog.guard import lease_registry
 

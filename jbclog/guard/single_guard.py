@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Final
 
 from jbclog.core.errors import RecordError
-from jbclog.core.file_lock import lock_of
+from jbclog.core.locks import lock_of
 
 NAME: Final = "guard.lock"
 AGAIN_S: Final = 0.02

@@ -15,11 +15,10 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Final
 
-from jbclog.core.chained_lines import Chain, add_lines, chain_in, sha256
-from jbclog.core.durable_files import sync_folder
+from jbclog.core.durable_files import Chain, add_lines, chain_in, sha256, sync_folder
 from jbclog.core.errors import RecordError, UsageError
-from jbclog.core.file_lock import lock_of
 from jbclog.core.foreign.files import Kind, read_foreign
+from jbclog.core.locks import lock_of
 from jbclog.maintenance.counter_totals.observed import Entry, Fact, Observation
 from jbclog.maintenance.gc_pause import uncollected
 from jbclog.maintenance.ledger_line import read_line, written

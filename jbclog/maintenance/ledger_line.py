@@ -11,9 +11,8 @@ from dataclasses import asdict, fields
 from functools import cache, lru_cache
 from typing import Final, cast
 
-from jbclog.core.chained_lines import line_of, sha256
-from jbclog.core.foreign.from_json import Misfit, build
-from jbclog.core.foreign.numbers import json_of
+from jbclog.core.durable_files import line_of, sha256
+from jbclog.core.foreign.json_reader import Misfit, build, json_of
 from jbclog.maintenance.counter_totals.observed import Count, Entry, Errors, Fact, Identity, Observation, Standing
 
 Plain = dict[str, object]

@@ -24,10 +24,10 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Final
 
-from jbclog.core.chained_lines import add_line, chain_in, fields_of, line_of, lines_in, sha256
+from jbclog.core.durable_files import add_line, chain_in, fields_of, line_of, lines_in, sha256
 from jbclog.core.errors import RecordError
 from jbclog.core.foreign.files import Kind, read_foreign
-from jbclog.core.foreign.numbers import json_of
+from jbclog.core.foreign.json_reader import json_of
 
 NAME: Final = "annotations.jsonl"
 MANIFEST: Final = "manifest.json"

@@ -18,11 +18,10 @@ import pyarrow.compute as pc
 
 from jbclog.core.durable_files import sync_folder
 from jbclog.core.errors import RecordError
-from jbclog.core.folder_lock import FolderLock, witness
 from jbclog.core.foreign.files import Kind, open_foreign
-from jbclog.core.foreign.from_json import Misfit, build
-from jbclog.core.foreign.numbers import json_of
+from jbclog.core.foreign.json_reader import Misfit, build, json_of
 from jbclog.core.foreign.tables import metadata_of
+from jbclog.core.locks import FolderLock, witness
 from jbclog.core.rows import StationFacts
 from jbclog.record import capture, damage, guard_actions, left_hot
 from jbclog.record.annotations import NAME as ANNOTATIONS

@@ -13,10 +13,10 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, Final, cast
 
-from jbclog.core.chained_lines import lines_in, sha256
+from jbclog.core.durable_files import lines_in, sha256
 from jbclog.core.errors import RecordError
 from jbclog.core.foreign.files import Kind, open_foreign, read_foreign
-from jbclog.core.foreign.numbers import read_json
+from jbclog.core.foreign.json_reader import read_json
 from jbclog.record import guard_actions, left_hot
 from jbclog.record.annotations import NAME as ANNOTATIONS
 from jbclog.record.annotations import REPORT, Annotations, read

@@ -14,8 +14,7 @@ from typing import Final, cast
 
 from jbclog.core.durable_files import sync_folder, write_whole
 from jbclog.core.foreign.files import Kind, read_foreign
-from jbclog.core.foreign.from_json import Misfit, build
-from jbclog.core.foreign.numbers import json_of
+from jbclog.core.foreign.json_reader import Misfit, build, json_of
 
 NOTES: Final = "damage.jsonl"
 REMAINS: Final = "damaged"

@@ -20,11 +20,9 @@ from pathlib import Path
 from typing import Final, cast
 
 from jbclog.core.errors import RecordError
-from jbclog.core.folder_lock import is_held
-from jbclog.core.foreign.files import Kind, read_foreign
-from jbclog.core.foreign.from_json import Misfit, build
-from jbclog.core.foreign.mounts import expect_answer
-from jbclog.core.foreign.numbers import expect_year, json_of
+from jbclog.core.foreign.files import Kind, expect_answer, read_foreign
+from jbclog.core.foreign.json_reader import Misfit, build, expect_year, json_of
+from jbclog.core.locks import is_held
 from jbclog.record.annotations import NAME as ANNOTATIONS
 from jbclog.record.folder import RUN_NAME
 from jbclog.record.manifest import NAME, STATES, LineFile, Lost, Metadata, RecipeFile, Unit, why_changed

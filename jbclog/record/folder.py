@@ -11,7 +11,7 @@ from typing import Final
 
 from jbclog.core.durable_files import sync_folder, write_whole
 from jbclog.core.errors import RecordError
-from jbclog.core.foreign.mounts import expect_answer
+from jbclog.core.foreign.files import expect_answer
 
 LETTERS: Final = "abcdefghijklmnopqrstuvwxyz23456789"
 LINE_NAME: Final = re.compile(r"[A-Za-z0-9_][A-Za-z0-9._-]{0,63}")

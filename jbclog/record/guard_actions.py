@@ -18,9 +18,9 @@ from typing import Final
 import pyarrow as pa
 
 from jbclog.core.errors import RecordError
-from jbclog.core.file_lock import lock_of
 from jbclog.core.foreign.files import Kind, read_foreign
-from jbclog.core.foreign.numbers import json_of
+from jbclog.core.foreign.json_reader import json_of
+from jbclog.core.locks import lock_of
 from jbclog.core.rows import EventRow, Severity, StationFacts
 from jbclog.record.batches import decode, encode
 from jbclog.record.chain import Chain

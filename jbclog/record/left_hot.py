@@ -16,7 +16,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from jbclog.core.foreign.files import Kind, read_foreign
-from jbclog.core.foreign.numbers import json_of
+from jbclog.core.foreign.json_reader import json_of
 from jbclog.core.foreign.tables import open_table
 from jbclog.core.rows import EventRow, Severity, StationFacts
 from jbclog.record import guard_actions

@@ -26,7 +26,7 @@ from pathlib import Path
 from typing import Final
 
 from jbclog.core.errors import RecordError
-from jbclog.core.folder_lock import FolderLock, Witness
+from jbclog.core.locks import FolderLock, Witness
 from jbclog.core.rows import CounterRow, EventRow, SampleRow, SettingRow, Severity, StationFacts
 from jbclog.record.batches import keep_pandas_out
 from jbclog.record.pending_events import OnEvent, PendingEvents

@@ -13,8 +13,7 @@ from typing import Final, cast
 from jbclog.core.durable_files import write_whole
 from jbclog.core.errors import RecordError
 from jbclog.core.foreign.files import Kind, read_foreign
-from jbclog.core.foreign.from_json import Misfit, build
-from jbclog.core.foreign.numbers import expect_moment, expect_year, json_of, read_json
+from jbclog.core.foreign.json_reader import Misfit, build, expect_moment, expect_year, json_of, read_json
 from jbclog.core.rows import Goal, StationFacts, TipCheck
 from jbclog.record.schema import SCHEMA_VERSION
 

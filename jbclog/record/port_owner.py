@@ -18,8 +18,8 @@ from pathlib import Path
 from typing import Final
 
 from jbclog.core.errors import RecordError
-from jbclog.core.folder_lock import NAME as LOCK
-from jbclog.core.folder_lock import is_held, recorder
+from jbclog.core.locks import NAME as LOCK
+from jbclog.core.locks import is_held, recorder
 from jbclog.core.same_port import PortPlace, place_of
 
 RUNNING: Final = "running"

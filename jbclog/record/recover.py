@@ -18,8 +18,8 @@ from types import MappingProxyType
 from typing import Final
 
 from jbclog.core.errors import RecordError, Unsafe
-from jbclog.core.folder_lock import FolderLock, witness
-from jbclog.core.foreign.mounts import expect_answer
+from jbclog.core.foreign.files import expect_answer
+from jbclog.core.locks import FolderLock, witness
 from jbclog.core.rows import StationFacts
 from jbclog.record import bad_parts, capture, capture_check, damage, guard_actions, left_hot
 from jbclog.record.conclude import NOT_KEPT, conclude, last_micros, live_files, remove_live, stations_of, unkept_rows

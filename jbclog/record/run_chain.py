@@ -17,8 +17,7 @@ from pathlib import Path
 from typing import Final
 
 from jbclog.core.errors import RecordError
-from jbclog.core.foreign.files import Kind, read_foreign
-from jbclog.core.foreign.mounts import expect_answer
+from jbclog.core.foreign.files import Kind, expect_answer, read_foreign
 from jbclog.record.folder import LETTERS, RUN_NAME
 from jbclog.record.manifest import NAME, Manifest, Previous, manifest_sha256, read_manifest
 

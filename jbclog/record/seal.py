@@ -23,7 +23,7 @@ from typing import Final
 import pyarrow as pa
 
 from jbclog.core.errors import RecordError
-from jbclog.core.folder_lock import FolderLock
+from jbclog.core.locks import FolderLock
 from jbclog.record import damage
 from jbclog.record.parts import regroup, remove_leavings, through, write_part
 from jbclog.record.schema import TABLES

@@ -1,7 +1,7 @@
 """The report's tables as CSV, for spreadsheets: `tables/rules.csv` and its neighbours.
 
 A point in numbers, nothing where nothing is known. A text that a spreadsheet would take for a formula has an apostrophe before
-it; numbers stay numbers (`jbclog.core.csv`).
+it; numbers stay numbers (`jbclog.core.text`).
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Final
 
-from jbclog.core.csv import csv_text
+from jbclog.core.text import csv_text
 from jbclog.report.alarms import COLUMNS as ALARMS
 from jbclog.report.joints import COLUMNS as JOINTS
 from jbclog.report.text import clean

@@ -19,7 +19,7 @@ from jbclog.analysis.verdict import RULES
 from jbclog.core.durable_files import write_whole
 from jbclog.core.errors import RecordError
 from jbclog.core.foreign.files import Kind, read_foreign
-from jbclog.core.foreign.numbers import read_json
+from jbclog.core.foreign.json_reader import read_json
 from jbclog.record.annotations import NAME as ANNOTATIONS
 from jbclog.record.annotations import read as read_annotations
 from jbclog.record.annotations import vouch

@@ -12,8 +12,8 @@ from pathlib import Path
 
 from jbclog.config.line import load_line
 from jbclog.core.errors import UsageError
+from jbclog.sim.serve import NoWireFile, WireFile
 from jbclog.sim.setup import SERVED_LINE, set_up, tcp_of
-from jbclog.sim.wire_file import NoWireFile, WireFile
 
 
 def main() -> int:

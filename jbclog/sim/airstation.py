@@ -15,7 +15,7 @@ from random import Random
 from jbclog.protocol.commands.defaults import AIR_DEFAULTS
 from jbclog.sim.air import Heater, Probe
 from jbclog.sim.factory_settings import fresh
-from jbclog.sim.joints import NEVER, Joint, Joints
+from jbclog.sim.tip import NEVER, Joint, Joints
 
 STEP_S = 0.05
 COLD_C = 50.0

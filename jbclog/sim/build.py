@@ -21,15 +21,13 @@ from jbclog.sim.device import Device
 from jbclog.sim.face import Face
 from jbclog.sim.factory_settings import fresh
 from jbclog.sim.faults import OF_OMEGA
-from jbclog.sim.feeder import Feeder
-from jbclog.sim.joints import Joints
-from jbclog.sim.plant import Plant, StationSettings
+from jbclog.sim.plant import Feeder, Plant, StationSettings
 from jbclog.sim.port import Character, Port
 from jbclog.sim.questions import Asked
 from jbclog.sim.quirks import QUIRKS, Quirks
 from jbclog.sim.readings import Identity
 from jbclog.sim.soldering import SolderingFace
-from jbclog.sim.tip import Tip
+from jbclog.sim.tip import Joints, Tip
 
 MODELS = {"soldering": "DDR", "ucr": "UCR245"}  # elsewhere the family's name is the model's
 PORTS_IF_UNPRINTED = (1, 2)

@@ -20,9 +20,9 @@ from jbclog.protocol.commands.family import FAMILIES
 from jbclog.protocol.commands.omega_values import ConditionNumber, SetTemperature, Stored, StoredCondition, is_condition
 from jbclog.protocol.omega import OmegaReader, encode
 from jbclog.sim.faults import OF_OMEGA, Change, Tape
-from jbclog.sim.joints import Joints
 from jbclog.sim.omega_plant import OmegaPlant
 from jbclog.sim.questions import Asked
+from jbclog.sim.tip import Joints
 from jbclog.sim.virtual import Pace, Reply
 from jbclog.sim.wire_log import Refused, Struck, WireLog, Written
 

@@ -11,7 +11,7 @@ from collections.abc import Mapping
 
 from jbclog.protocol.commands.omega import AT_TEMPERATURE, CONTROL, INFORMATION
 from jbclog.protocol.commands.omega_values import CLEANING, MODES, Cleaning, ConditionRecord, Stored
-from jbclog.sim.joints import Joints
+from jbclog.sim.tip import Joints
 
 WARM_UP_S = 5.0
 DIPS_AFTER = 0.4  # of a joint, its temperature leaves the range

@@ -16,10 +16,8 @@ from random import Random
 from jbclog.core.quantities import Off
 from jbclog.protocol.commands.defaults import SOLDERING_DEFAULTS
 from jbclog.sim.factory_settings import fresh
-from jbclog.sim.joints import LOAD_C, NEVER, Joint, Joints
-from jbclog.sim.parts import Comparator, WarmPart
 from jbclog.sim.state import HIBERNATION, SLEEP, WORKING, ToolSettings, ToolState
-from jbclog.sim.tip import Tip
+from jbclog.sim.tip import LOAD_C, NEVER, Comparator, Joint, Joints, Tip, WarmPart
 
 STEP_S = 0.05
 READY_C = 30.0  # a robot begins no joint with a tip that is colder than this below its target

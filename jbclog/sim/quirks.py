@@ -15,10 +15,10 @@ from typing import NamedTuple
 
 from jbclog.core.quantities import OFF_ON_WIRE
 from jbclog.sim.face import Face
-from jbclog.sim.parts import Comparator
 from jbclog.sim.questions import Asked
 from jbclog.sim.soldering import SolderingFace
 from jbclog.sim.state import ToolSettings, ToolState
+from jbclog.sim.tip import Comparator
 
 WRONG_FORMAT, OUT_OF_RANGE = 2, 3
 

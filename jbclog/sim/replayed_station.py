@@ -26,8 +26,7 @@ from math import inf
 from statistics import median_low
 
 from jbclog.core.wire_capture import Row
-from jbclog.sim.exchanges import Contents, Exchange, Ticks, exchanges, is_write
-from jbclog.sim.looks import LOOK_S, Looks, has_flags, looks
+from jbclog.sim.recorded_wire import LOOK_S, Contents, Exchange, Looks, Ticks, exchanges, has_flags, is_write, looks
 from jbclog.sim.virtual import Reply
 
 LATELY = 16  # exchanges by whose times the two clocks are held against each other

@@ -1,4 +1,4 @@
-"""Serves virtual stations on their links: hears what is written, and answers at the due time, never before.
+"""Serves virtual stations on their links.
 
 One loop, one thread. What a station says goes out whole at the moment when its last byte would have arrived
 on a real wire.
@@ -8,19 +8,56 @@ from __future__ import annotations
 
 import gc
 import heapq
+import json
 import os
 import signal
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import count
+from pathlib import Path
 from time import monotonic
 from typing import Protocol
 
-from jbclog.sim.links import Link
+from jbclog.sim.links import Link, Waiter, exact_timers
 from jbclog.sim.virtual import Reply
-from jbclog.sim.waiting import Waiter, exact_timers
-from jbclog.sim.wire_file import NoWireFile, WireFile
+
+# -- wire file ----------------------------------------------------------------------------------------------------------------
+# The wire of all served stations as a file of JSON lines, for tests and for people who look for a fault.
+
+
+class WireFile:
+    """``{"t": 123.4, "station": "dde-1", "kind": "question", "text": "0001RTT1", "hex": "02..."}``.
+
+    `t` is in monotonic seconds, when the bytes were read or written; `kind` is question, answer, unplugged or
+    plugged; `text` is what is printable of the bytes.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._file = path.open("w", encoding="ascii", buffering=1)
+
+    def note(self, moment: float, station: str, kind: str, data: bytes) -> None:
+        text = "".join(chr(byte) for byte in data[:-1] if 0x20 <= byte < 0x7F)  # the last byte is the check byte
+        self._file.write(json.dumps({"t": moment, "station": station, "kind": kind, "text": text, "hex": data.hex()}) + "\n")
+
+    def close(self) -> None:
+        self._file.close()
+
+
+class NoWireFile(WireFile):
+    """Notes nothing."""
+
+    def __init__(self) -> None:
+        return
+
+    def note(self, moment: float, station: str, kind: str, data: bytes) -> None:
+        return
+
+    def close(self) -> None:
+        return
+
+
+# -- serve --------------------------------------------------------------------------------------------------------------------
 
 
 class Servable(Protocol):

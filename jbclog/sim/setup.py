@@ -1,4 +1,4 @@
-"""From a line file to served stations, and back to the line file with which a run finds them."""
+"""From a line file to served virtual stations."""
 
 from __future__ import annotations
 
@@ -7,14 +7,27 @@ from collections.abc import Sequence
 from pathlib import Path
 from time import monotonic
 
-from jbclog.config.line import Line, Replay
-from jbclog.config.line_text import line_text
+from jbclog.config.line import Line, Replay, StationSpec, line_text
 from jbclog.core.errors import UsageError
-from jbclog.sim.links import Link, PtyLink, TcpLink
-from jbclog.sim.make import virtual_station
-from jbclog.sim.serve import Servable, Served, Server
-from jbclog.sim.waiting import Waiter
-from jbclog.sim.wire_file import WireFile
+from jbclog.protocol.commands.family import FAMILIES, OMEGA
+from jbclog.sim.links import Link, PtyLink, TcpLink, Waiter
+from jbclog.sim.omega import VirtualOmega
+from jbclog.sim.serve import Servable, Served, Server, WireFile
+from jbclog.sim.virtual import VirtualStation
+
+# -- make ---------------------------------------------------------------------------------------------------------------------
+# Which virtual station plays a station of which family.
+
+
+def virtual_station(spec: StationSpec, *, now: float) -> VirtualStation | VirtualOmega:
+    """The virtual station that a line file describes, switched on at `now`. Raises `UsageError` where there is none."""
+    family = FAMILIES.get(spec.family)
+    if family is not None and family.protocol == OMEGA:
+        return VirtualOmega(spec, now=now)
+    return VirtualStation(spec, now=now)
+
+
+# -- setup --------------------------------------------------------------------------------------------------------------------
 
 SERVED_LINE = "line.toml"
 MOST_PORT = 65535

@@ -1,4 +1,4 @@
-"""The tip: a heated cartridge, its regulator, and a solder joint that cools it. Physics only.
+"""The heated tip of a virtual tool, and the joints that cool it.
 
 One heat capacity loses heat to the air and, in a joint, to the work. The regulator is proportional and
 integral with a limited output, so that in a joint the tip dips, the power rises, and the integral part
@@ -8,7 +8,111 @@ steps may be as coarse as a joint lasts.
 
 from __future__ import annotations
 
-from math import exp, log
+from dataclasses import dataclass
+from math import ceil, exp, inf, log
+from random import Random
+
+from jbclog.core.quantities import Off
+
+# -- joints -------------------------------------------------------------------------------------------------------------------
+# The schedule of solder joints: when each begins, how long it takes, how much heat it draws.
+#
+# Joints follow each other evenly, scattered a little by the seed; the n-th joint is the same whenever it is
+# asked for, so that a run can be repeated.
+
+LOAD_W_PER_K = 0.35
+LOAD_C = 150.0  # solder and pad while they are being heated
+MOST_OF_PERIOD = 0.6  # a joint never lasts longer than this share of the time between two
+
+
+@dataclass(frozen=True, slots=True)
+class Joint:
+    """One joint: its begin and end in seconds, and the heat it draws in W/K."""
+
+    start: float
+    end: float
+    load_w_per_k: float
+
+
+NEVER = Joint(inf, inf, 0.0)
+
+
+class Joints:
+    """The joints of one tool from `origin` on."""
+
+    __slots__ = ("_origin", "_period", "_seconds", "_seed")
+
+    def __init__(self, per_minute: float, seconds: float, seed: int, origin: float = 0.0) -> None:
+        self._period = 60.0 / per_minute if per_minute > 0 else inf
+        self._seconds = min(seconds, MOST_OF_PERIOD * self._period)
+        self._seed = seed
+        self._origin = origin
+
+    def after(self, moment: float) -> Joint:
+        """The first joint that begins after `moment`."""
+        if self._period == inf:
+            return NEVER
+        number = max(ceil((moment - self._origin) / self._period) - 1, 0)
+        while (joint := self._joint(number)).start <= moment:
+            number += 1
+        return joint
+
+    def _joint(self, number: int) -> Joint:
+        scatter = Random(self._seed * 1_000_003 + number)
+        start = self._origin + (number + 0.4 + 0.2 * scatter.random()) * self._period
+        return Joint(start, start + self._seconds * (0.85 + 0.15 * scatter.random()), LOAD_W_PER_K * (0.8 + 0.4 * scatter.random()))
+
+
+# -- parts --------------------------------------------------------------------------------------------------------------------
+# Small parts of a station: alarm comparators, and parts that the power warms with a lag. Physics only.
+
+
+@dataclass(slots=True)
+class Comparator:
+    """Latches when a temperature has been beyond its limit for longer than the delay, until it is taken."""
+
+    since: float | None = None
+    latched: bool = False
+
+    def see(self, before_k: float, after_k: float, seconds: float, now: float, delay_s: float | Off) -> None:
+        """See how far beyond the limit the temperature was `seconds` ago and is `now` (negative: within)."""
+        if after_k <= 0:
+            self.since = None
+            return
+        if self.since is None:
+            outside = after_k / (after_k - before_k) if before_k < 0 else 1.0
+            self.since = now - seconds * outside
+        if not isinstance(delay_s, Off) and now - self.since >= delay_s:
+            self.latched = True
+
+    def take(self) -> bool:
+        """Whether it has latched since it was last taken."""
+        was, self.latched = self.latched, False
+        return was
+
+
+@dataclass(slots=True)
+class WarmPart:
+    """A part that the heating power warms with a lag: a transistor, the transformer."""
+
+    lag_s: float
+    kelvin_per_w: float
+    idle_c: float
+    at: float
+    rise_k: float = 0.0
+    energy_j: float = 0.0
+
+    def temperature_c(self, now: float, energy_j: float) -> float:
+        """Its temperature now, given all the energy that has gone through it so far."""
+        seconds = now - self.at
+        if seconds > 0:
+            end = (energy_j - self.energy_j) / seconds * self.kelvin_per_w
+            self.rise_k = end + (self.rise_k - end) * exp(-seconds / self.lag_s)
+            self.at, self.energy_j = now, energy_j
+        return self.idle_c + self.rise_k
+
+
+# -- tip ----------------------------------------------------------------------------------------------------------------------
 
 CAPACITY_J_PER_K = 1.2  # 25 to 350 °C in about three seconds at 130 W, as a cartridge of that size does
 LOSS_W_PER_K = 0.03  # 10 W hold 350 °C

@@ -19,8 +19,8 @@ import serial
 
 from jbclog.core.errors import LinkError, PortBusy, PortForbidden, PortMissing
 from jbclog.core.line_format import SCHEMES, LineFormat, scheme_of
-from jbclog.transport.holder import holder_of, in_words
 from jbclog.transport.port import BROKEN, SLICE_S, DescriptorPort, ObjectPort, Port, give_back, lost
+from jbclog.transport.system_ports import holder_of, in_words
 
 try:
     import fcntl

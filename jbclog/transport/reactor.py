@@ -14,8 +14,7 @@ from itertools import count
 
 from jbclog.core import clock
 from jbclog.transport.blocking import OpenPort
-from jbclog.transport.event_loop import Readers, exact_selector
-from jbclog.transport.loop_lag import Beat
+from jbclog.transport.event_loop import Beat, Readers, exact_selector
 from jbclog.transport.session_runner import NEVER, Session, SessionRunner
 from jbclog.transport.start_barrier import Barrier
 

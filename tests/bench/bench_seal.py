@@ -20,7 +20,7 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
-from jbclog.core.folder_lock import FolderLock
+from jbclog.core.locks import FolderLock
 from jbclog.core.rows import COLUMN, SAMPLE_COLUMNS, SampleRow, StationFacts
 from jbclog.record.batches import encode, keep_pandas_out
 from jbclog.record.folder import create_run

@@ -18,7 +18,7 @@ from verbs import VERBS, calls, wrong
 
 import jbclog as package
 from jbclog.config.line import load_line
-from jbclog.core.folder_lock import NAME as LOCK
+from jbclog.core.locks import NAME as LOCK
 from jbclog.core.outcome import Exit
 from jbclog.core.rows import SAMPLE_COLUMNS
 from jbclog.protocol.commands.family import FAMILIES

@@ -21,7 +21,7 @@ from small_wire import HEAD, write_wire
 
 from jbclog.analysis.run import open_run
 from jbclog.core.errors import RecordError
-from jbclog.core.folder_lock import is_held
+from jbclog.core.locks import is_held
 from jbclog.guard.open_leases import settle
 from jbclog.record.capture import WHOLE
 from jbclog.record.check import check

@@ -32,7 +32,7 @@ from jbclog.record.annotations import append
 from jbclog.record.check import check
 from jbclog.record.folder import create_run
 from jbclog.record.manifest import DIGEST, END, NAME
-from jbclog.sim.make import virtual_station
+from jbclog.sim.setup import virtual_station
 from jbclog.sim.virtual import VirtualStation
 
 PACKAGE = Path(jbclog.__file__).parent

@@ -22,7 +22,7 @@ from jbclog.core.clock import VirtualClock
 from jbclog.record.check import check
 from jbclog.record.manifest import read_manifest
 from jbclog.session.run.station_run import run_station
-from jbclog.sim.make import virtual_station
+from jbclog.sim.setup import virtual_station
 from jbclog.transport.virtual import VirtualDriver
 
 DAY_S, HOUR_S = 86400.0, 3600.0

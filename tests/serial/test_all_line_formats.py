@@ -16,8 +16,8 @@ from far_ends import terminal
 
 from jbclog.config.line import load_line
 from jbclog.core.line_format import BAUDRATES, LineFormat
+from jbclog.sim.links import line_set
 from jbclog.sim.process import SimProcess
-from jbclog.sim.terminal_line import line_set
 from jbclog.transport.opening import open_port
 
 FORMATS = tuple(f"8{parity}{stop}" for parity, stop in product("NEO", (1, 2)))

@@ -25,9 +25,9 @@ from serial import rfc2217
 from jbclog.core.errors import LinkError, PortBusy, PortForbidden, PortMissing
 from jbclog.core.line_format import LineFormat
 from jbclog.transport import opening
-from jbclog.transport.holder import holder_of, in_words
 from jbclog.transport.opening import MOST_WAITING, make_ready, open_port
 from jbclog.transport.port import ObjectPort, Port
+from jbclog.transport.system_ports import holder_of, in_words
 
 LINE = LineFormat()
 EVERY_BYTE = bytes(range(256))

@@ -146,7 +146,7 @@ def test_no_usb_port_is_said_with_what_to_do(monkeypatch: pytest.MonkeyPatch) ->
 
     from jbclog.cli.app import app
 
-    monkeypatch.setattr("jbclog.transport.usb.list_ports.comports", list)
+    monkeypatch.setattr("jbclog.transport.system_ports.list_ports.comports", list)
     said = CliRunner().invoke(app, ["scan"])
     assert said.exit_code == 1
     assert said.stdout.startswith("this computer has no USB serial port: plug the adapter in")

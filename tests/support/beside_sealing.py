@@ -15,7 +15,7 @@ from pathlib import Path
 import pytest
 
 from jbclog.analysis import run as run_module
-from jbclog.core.folder_lock import FolderLock
+from jbclog.core.locks import FolderLock
 from jbclog.record import store_reader as stock_module
 from jbclog.record.conclude import conclude
 from jbclog.record.manifest import read_manifest

@@ -20,7 +20,7 @@ from jbclog.config.line import StationSpec, parse_line
 from jbclog.core.clock import VirtualClock
 from jbclog.core.line_format import LineFormat
 from jbclog.session.manual.contact import Target
-from jbclog.sim.make import virtual_station
+from jbclog.sim.setup import virtual_station
 
 LINE = '[line]\nname = "hand"\n'
 

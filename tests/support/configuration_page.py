@@ -11,10 +11,10 @@ from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
 
-from jbclog.config.fields import LimitC, Minutes, Seconds, Switch
 from jbclog.config.jobs_file import BatchTables, JobTable
 from jbclog.config.line import LineTables, StationTable
 from jbclog.config.recipe_sections import RecipeTables
+from jbclog.config.schema import LimitC, Minutes, Seconds, Switch
 from jbclog.config.sim_spec import KEYS_OF_FAULT, NEEDS_END, FaultSpec, SimSpec
 from jbclog.config.tasks_file import TasksFile, TaskTable
 

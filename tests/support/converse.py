@@ -17,7 +17,7 @@ from jbclog.protocol.client.interface import Client
 from jbclog.protocol.client.make import client_for
 from jbclog.protocol.commands.command import Command, Scope
 from jbclog.protocol.commands.family import FAMILIES
-from jbclog.sim.make import virtual_station
+from jbclog.sim.setup import virtual_station
 from jbclog.transport.virtual import VirtualDriver
 
 T = TypeVar("T")

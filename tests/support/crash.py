@@ -27,7 +27,7 @@ from pathlib import Path
 import few_rows
 import pyarrow.parquet as pq
 
-from jbclog.core.folder_lock import FolderLock
+from jbclog.core.locks import FolderLock
 from jbclog.record import store as store_module
 from jbclog.record.check import check
 from jbclog.record.conclude import conclude

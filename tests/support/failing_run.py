@@ -29,7 +29,7 @@ from jbclog.app.run.plan import Plan, RunOptions, make_plan
 from jbclog.app.run.run_record import Result, RunRecord
 from jbclog.core.clock import VirtualClock
 from jbclog.core.errors import RecordError
-from jbclog.core.folder_lock import FolderLock
+from jbclog.core.locks import FolderLock
 from jbclog.core.rows import COLUMN, CounterRow, EventRow, SampleRow, SettingRow, StationFacts
 from jbclog.protocol.commands.status import STAND
 from jbclog.record.live import COMMIT_S, LiveStore
@@ -37,7 +37,7 @@ from jbclog.record.manifest import read_manifest
 from jbclog.record.recover import recover
 from jbclog.record.seal import seal_rows
 from jbclog.session.run.station_run import run_station
-from jbclog.sim.make import virtual_station
+from jbclog.sim.setup import virtual_station
 from jbclog.sim.virtual import VirtualStation
 from jbclog.transport.virtual import VirtualDriver
 

@@ -10,13 +10,13 @@ from jbclog.app.run import run_record
 from jbclog.app.run.plan import Plan
 from jbclog.app.run.run_record import Result, RunRecord
 from jbclog.core.clock import VirtualClock
-from jbclog.core.folder_lock import FolderLock
+from jbclog.core.locks import FolderLock
 from jbclog.core.rows import EventRow
 from jbclog.record.seal import seal_rows
 from jbclog.session.run.context import SessionContext
 from jbclog.session.run.station_run import run_station
-from jbclog.sim.make import virtual_station
 from jbclog.sim.omega import VirtualOmega
+from jbclog.sim.setup import virtual_station
 from jbclog.sim.virtual import VirtualStation
 from jbclog.transport.virtual import VirtualDriver
 

@@ -16,10 +16,9 @@ from time import monotonic
 from virtual_run import Heard, Tap
 
 from jbclog.config.line import load_line
-from jbclog.sim.make import virtual_station
 from jbclog.sim.omega import VirtualOmega
 from jbclog.sim.process import SimProcess
-from jbclog.sim.setup import SERVED_LINE, set_up
+from jbclog.sim.setup import SERVED_LINE, set_up, virtual_station
 from jbclog.sim.virtual import Reply, VirtualStation
 
 

@@ -1,7 +1,7 @@
 """Ports with a line format and real bits between both ends, in memory, on a clock that jumps.
 
 ``Cable(far_end, line)`` is a far end that speaks at `line`. What passes is what a receiver makes of the sender's bits
-(`jbclog.sim.uart`), so a client at another rate or parity hears and says garbage; ``means({url: cable})`` is what
+(`jbclog.sim.links`), so a client at another rate or parity hears and says garbage; ``means({url: cable})`` is what
 `jbclog.app.discovery.scan_ports` opens ports with.
 """
 
@@ -18,8 +18,8 @@ from jbclog.config.line import parse_line
 from jbclog.core.clock import VirtualClock
 from jbclog.core.errors import LinkError, PortMissing
 from jbclog.core.line_format import LineFormat
-from jbclog.sim.make import virtual_station
-from jbclog.sim.uart import heard
+from jbclog.sim.links import heard
+from jbclog.sim.setup import virtual_station
 
 Coming = Sequence[tuple[float, bytes]]
 

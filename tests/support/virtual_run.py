@@ -15,8 +15,8 @@ from jbclog.core.rows import COLUMN, CounterRow, EventRow, SampleRow, SettingRow
 from jbclog.protocol.commands.family import FAMILIES
 from jbclog.session.run.context import SessionContext, StationTask
 from jbclog.session.run.station_run import run_station
-from jbclog.sim.make import virtual_station
 from jbclog.sim.omega import VirtualOmega
+from jbclog.sim.setup import virtual_station
 from jbclog.sim.virtual import VirtualStation
 from jbclog.transport.virtual import Peer, VirtualDriver
 

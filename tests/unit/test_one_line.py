@@ -16,8 +16,7 @@ from typer.testing import CliRunner
 
 from jbclog.cli import output
 from jbclog.cli.app import app
-from jbclog.core.csv import csv_text
-from jbclog.core.text import clean, json_line
+from jbclog.core.text import clean, csv_text, json_line
 from jbclog.record.check import check
 
 ENDS = "\n\r\v\f\x1c\x1d\x1e\x85\u2028\u2029"

@@ -24,7 +24,7 @@ from jbclog.app.audit.survey import Looking, Told
 from jbclog.app.audit.verifications import verified, with_never
 from jbclog.config.line import Line, StationSpec
 from jbclog.config.tasks_file import Task
-from jbclog.core.chained_lines import sha256
+from jbclog.core.durable_files import sha256
 from jbclog.core.errors import RecordError
 from jbclog.maintenance.counter_totals.observed import Entry, Fact, Observation
 from jbclog.maintenance.fleet import FleetAudit

@@ -30,8 +30,8 @@ from jbclog.maintenance.counter_totals.observed import Observation
 from jbclog.record.port_owner import run_of, run_that_holds
 from jbclog.transport import blocking
 from jbclog.transport.blocking import Port
-from jbclog.transport.holder import in_words_all, sharers_of
 from jbclog.transport.read_only import ReadOnly
+from jbclog.transport.system_ports import in_words_all, sharers_of
 
 AT_ONCE: Final = 8
 

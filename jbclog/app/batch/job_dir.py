@@ -15,10 +15,9 @@ from pathlib import Path
 from typing import Final, cast
 
 from jbclog.core.durable_files import write_whole
-from jbclog.core.file_lock import is_locked
 from jbclog.core.foreign.files import Kind, open_foreign, read_foreign
-from jbclog.core.foreign.from_json import Misfit, build
-from jbclog.core.foreign.numbers import json_of, read_json
+from jbclog.core.foreign.json_reader import Misfit, build, json_of, read_json
+from jbclog.core.locks import is_locked
 from jbclog.core.rows import EventRow, Severity
 
 JOB: Final = "job.json"

@@ -11,8 +11,7 @@ from typing import Final, cast
 from jbclog.app.run.job import Job
 from jbclog.app.run.plan import Metadata, Plan, RunOptions
 from jbclog.config.durations import span_s
-from jbclog.config.job_order import Turn
-from jbclog.config.job_time import read_at
+from jbclog.config.job_order import Turn, read_at
 from jbclog.config.jobs_file import JobsFile, JobTable
 from jbclog.config.line import AUTO, Line, load_line
 from jbclog.config.toml_reader import shortened

@@ -1,4 +1,4 @@
-"""The journal of one batch on disk: chained JSON lines (`core/chained_lines.py`), found again when its jobs file is started again.
+"""The journal of one batch on disk: chained JSON lines (`core/durable_files.py`), found again when its jobs file is started again.
 
 Below the folder of runs each jobs file has a folder of its own, and in it each time that the batch began a folder with its journal,
 the jobs file as it was then, and the papers of its jobs::
@@ -19,12 +19,11 @@ from typing import Final, cast
 
 from jbclog.app.batch.entry import Entry, Kind
 from jbclog.app.batch.state import BatchState, standing_of
-from jbclog.core.chained_lines import add_line, chain_in, fields_of, line_of, sha256
-from jbclog.core.durable_files import sync_folder, write_whole
+from jbclog.core.durable_files import add_line, chain_in, fields_of, line_of, sha256, sync_folder, write_whole
 from jbclog.core.errors import RecordError
 from jbclog.core.foreign.files import Kind as FileKind
 from jbclog.core.foreign.files import read_foreign
-from jbclog.core.foreign.from_json import Misfit, build
+from jbclog.core.foreign.json_reader import Misfit, build
 
 NAME: Final = "journal.jsonl"
 JOBS_FILE: Final = "jobs.toml"

@@ -16,8 +16,7 @@ from jbclog.app.batch.job_spec import Orders
 from jbclog.app.batch.journal import JOBS_FILE, Journal, begin, home_of, iso, newest
 from jbclog.app.batch.processes import SystemProcesses
 from jbclog.app.batch.state import BatchState, JobState
-from jbclog.config.job_order import Turn, due_times, in_turn
-from jbclog.config.job_time import Zone
+from jbclog.config.job_order import Turn, Zone, due_times, in_turn
 from jbclog.core.errors import Problem, Problems, UsageError
 
 ANEW: Final = "--anew"

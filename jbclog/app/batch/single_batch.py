@@ -14,7 +14,7 @@ from typing import Final
 from jbclog.core.durable_files import sync_folder
 from jbclog.core.errors import RecordError, UsageError
 from jbclog.core.foreign.files import Kind, open_foreign
-from jbclog.core.foreign.numbers import read_json
+from jbclog.core.foreign.json_reader import read_json
 
 LOCK: Final = "lock"
 WIDTH: Final = 200

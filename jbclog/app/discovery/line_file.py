@@ -9,12 +9,10 @@ from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 
-from jbclog.config.line import AUTO, StationTable
-from jbclog.config.line_text import Described, line_comment, line_text, station_text
-from jbclog.config.port_url import is_path
+from jbclog.config.line import AUTO, Described, StationTable, is_path, line_comment, line_text, station_text
 from jbclog.config.schema import NAME_PATTERN
 from jbclog.session.discovery.found import PortReport, StationFound
-from jbclog.transport.usb import lasting_name
+from jbclog.transport.system_ports import lasting_name
 
 NO_TOOL = (None, "none")
 

@@ -24,10 +24,10 @@ from jbclog.session.discovery.questions import is_harmless
 from jbclog.session.discovery.scan import Dial, scan
 from jbclog.session.discovery.trials import ScanPlan
 from jbclog.transport import blocking
-from jbclog.transport.holder import in_words_all, sharers_of
 from jbclog.transport.opening import open_port
 from jbclog.transport.port import Port
 from jbclog.transport.read_only import ReadOnly
+from jbclog.transport.system_ports import in_words_all, sharers_of
 
 MOST_AT_ONCE = 64
 

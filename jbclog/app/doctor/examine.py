@@ -12,7 +12,7 @@ from jbclog.app.doctor.ports import NONE_PLUGGED, look_at_usb_port
 from jbclog.app.doctor.result import Fine, Looked
 from jbclog.app.doctor.stations import look_at_stations
 from jbclog.config.line import Line
-from jbclog.transport.usb import usb_ports
+from jbclog.transport.system_ports import usb_ports
 
 
 def examine(line: Line | None, out: Path, told: Told = lambda _: None, means: Means | None = None) -> list[Looked]:

@@ -10,8 +10,7 @@ from pathlib import Path
 from jbclog.app.doctor.result import Fine, Looked
 from jbclog.record.port_owner import run_of, run_that_holds
 from jbclog.session.discovery.finding import Finding
-from jbclog.transport.holder import in_words, in_words_all, locker_of, sharers_of
-from jbclog.transport.usb import UsbPort, latency_timer
+from jbclog.transport.system_ports import UsbPort, in_words, in_words_all, latency_timer, locker_of, sharers_of
 
 NONE_PLUGGED = "no USB serial port is plugged in"
 GROUPS = ("dialout", "uucp", "tty", "plugdev")  # that systems give serial ports to; who is in another may do more than that

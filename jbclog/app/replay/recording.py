@@ -18,7 +18,7 @@ from jbclog.record.capture import Head, read_exchanges, read_to_hole, wire_path,
 from jbclog.record.manifest import NAME, Manifest, read_manifest
 from jbclog.record.recipe_copies import recipe_copy
 from jbclog.session.run.context import AS_FAST_AS_POSSIBLE
-from jbclog.sim.exchanges import Ticks
+from jbclog.sim.recorded_wire import Ticks
 
 REPLAY_OF = "replay_of"  # the tag that names the run which was lived through
 

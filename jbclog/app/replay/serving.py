@@ -18,7 +18,7 @@ from statistics import median
 from jbclog.app.replay.recording import Recording
 from jbclog.config.line import StationSpec
 from jbclog.core.errors import UsageError
-from jbclog.sim.exchanges import Exchange, exchanges
+from jbclog.sim.recorded_wire import Exchange, exchanges
 from jbclog.sim.replayed_station import TapeStation
 from jbclog.sim.serve import Server
 from jbclog.sim.setup import Tcp, set_up

@@ -11,11 +11,9 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from jbclog.config.line import IS_A_RECIPE, Line, Replay, StationSpec, load_line
-from jbclog.config.load_recipe import IS_A_LINE, load_recipe
-from jbclog.config.port_url import is_served_here
+from jbclog.config.line import IS_A_RECIPE, Line, Replay, StationSpec, is_served_here, load_line
+from jbclog.config.load_recipe import IS_A_LINE, load_recipe, long_feed
 from jbclog.config.recipe import Recipe
-from jbclog.config.recipe_checks import long_feed
 from jbclog.config.recipe_settings import Setting, condition_of, foreign_keys, settings_for, station_settings_for
 from jbclog.core.errors import Problem, Problems, UsageError
 from jbclog.core.rows import JOINTS, UNITS, Goal

@@ -25,7 +25,7 @@ from jbclog.app.run.unit_feed import LOOK_EVERY_S as LOOK_FOR_UNITS_S
 from jbclog.app.run.unit_feed import UnitFeed
 from jbclog.core.clock import Clock, FastClock, SystemClock
 from jbclog.core.errors import JbclogError, RecordError, StartRefused
-from jbclog.core.folder_lock import is_held
+from jbclog.core.locks import is_held
 from jbclog.core.outcome import Exit
 from jbclog.core.rows import EventRow, Severity
 from jbclog.guard.open_leases import settle
@@ -41,12 +41,12 @@ from jbclog.record.port_owner import why_held
 from jbclog.session.run.context import SessionContext
 from jbclog.session.run.station_run import run_station
 from jbclog.transport.descriptors import allow_ports
+from jbclog.transport.event_loop import Signals
 from jbclog.transport.opening import open_port
 from jbclog.transport.port import Port
 from jbclog.transport.reactor import Reactor
 from jbclog.transport.session_history import keeping
-from jbclog.transport.sharers import Sharers
-from jbclog.transport.signals import Signals
+from jbclog.transport.system_ports import Sharers
 from jbclog.transport.tee import Tee
 from jbclog.transport.typed_lines import Source
 

@@ -20,10 +20,9 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
-from jbclog.core.foreign.compact import Compact
 from jbclog.core.foreign.files import MIB, Kind, NotReadable, expect_regular, open_foreign
-from jbclog.core.foreign.footer import Chunk, Group, groups_in
-from jbclog.core.foreign.numbers import FIRST_S, LARGEST, LAST_S, WHOLE
+from jbclog.core.foreign.json_reader import FIRST_S, LARGEST, LAST_S, WHOLE
+from jbclog.core.foreign.parquet_footer import Chunk, Compact, Group, groups_in
 
 MAGIC: Final = b"PAR1"
 TAIL: Final = struct.Struct("<I4s")

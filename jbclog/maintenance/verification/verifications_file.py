@@ -1,7 +1,7 @@
 """The file of verifications: `verifications.jsonl` in the folder of runs (`--out`), a line of JSON each, only ever added to.
 
 It lies there because that is what its runs are looked for in, and what a line's recorders share. Each line holds the SHA-256 of
-the one before it, the first one that of the file's name, and its own (`core/chained_lines.py`). Each run carries the hash of the
+the one before it, the first one that of the file's name, and its own (`core/durable_files.py`). Each run carries the hash of the
 lines that it stands on in its manifest, so that a line that is taken off the end shows by the runs.
 """
 
@@ -11,11 +11,10 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Final, cast
 
-from jbclog.core.chained_lines import add_line, chain_in, fields_of, line_of, sha256
-from jbclog.core.durable_files import sync_folder
+from jbclog.core.durable_files import add_line, chain_in, fields_of, line_of, sha256, sync_folder
 from jbclog.core.errors import RecordError
 from jbclog.core.foreign.files import Kind, read_foreign
-from jbclog.core.foreign.from_json import Misfit, build
+from jbclog.core.foreign.json_reader import Misfit, build
 from jbclog.maintenance.verification.verification import Verification
 
 NAME: Final = "verifications.jsonl"

@@ -12,7 +12,7 @@ import math
 from collections.abc import Iterator
 from typing import Final
 
-from jbclog.core.csv import csv_text
+from jbclog.core.text import csv_text
 from jbclog.maintenance.counter_totals.interval import Interval
 from jbclog.maintenance.due import TaskState
 from jbclog.maintenance.fleet import FleetAudit, Meter, StationAudit

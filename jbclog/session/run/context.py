@@ -6,8 +6,8 @@ from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
-from jbclog.config.fields import AUTO
 from jbclog.config.recipe import Recipe
+from jbclog.config.schema import AUTO
 from jbclog.core.clock import UtcOffset
 from jbclog.core.io_requests import Steps
 from jbclog.core.line_format import LineFormat

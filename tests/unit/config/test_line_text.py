@@ -7,8 +7,7 @@ from pathlib import Path
 from hypothesis import given
 from hypothesis import strategies as st
 
-from jbclog.config.line import StationTable, parse_line
-from jbclog.config.line_text import line_text
+from jbclog.config.line import StationTable, line_text, parse_line
 from jbclog.core.line_format import BAUDRATES
 
 ANY_TEXT = st.text(st.characters(exclude_categories=["Cs"]), max_size=60)

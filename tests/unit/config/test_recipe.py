@@ -9,9 +9,8 @@ from pathlib import Path
 import pytest
 from pydantic import ValidationError
 
-from jbclog.config.load_recipe import load_recipe, parse_recipe
+from jbclog.config.load_recipe import load_recipe, parse_recipe, warnings
 from jbclog.config.recipe import Recipe
-from jbclog.config.recipe_checks import warnings
 from jbclog.core.errors import Problems
 from jbclog.core.quantities import OFF
 from jbclog.protocol.commands.family import FAMILIES

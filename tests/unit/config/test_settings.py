@@ -6,8 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from jbclog.config.load_recipe import parse_recipe
-from jbclog.config.recipe_checks import SOLDERING
+from jbclog.config.load_recipe import SOLDERING, parse_recipe
 from jbclog.config.recipe_settings import Setting, foreign_keys, live_problems, settings_for, station_settings_for
 from jbclog.config.write_order import COMMAND_OF
 from jbclog.core.quantities import OFF, Value

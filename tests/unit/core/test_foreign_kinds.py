@@ -16,7 +16,7 @@ import sealed_run
 
 from jbclog.core.foreign.database import NotAStore, open_database
 from jbclog.core.foreign.files import LIMITS, LINES, Kind, NotReadable, open_foreign, read_foreign
-from jbclog.core.foreign.numbers import expect_moment, json_of
+from jbclog.core.foreign.json_reader import expect_moment, json_of
 from jbclog.core.foreign.tables import GROUP_BYTES, MIB, open_table, read_small
 from jbclog.record.parts import ROWS_A_GROUP, write_part
 

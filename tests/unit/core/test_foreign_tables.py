@@ -10,9 +10,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from jbclog.core.foreign.compact import BINARY, BYTE, I16, I32, I64, LIST, STRUCT, YES, Compact
 from jbclog.core.foreign.files import NotReadable
-from jbclog.core.foreign.footer import groups_in
+from jbclog.core.foreign.parquet_footer import BINARY, BYTE, I16, I32, I64, LIST, STRUCT, YES, Compact, groups_in
 from jbclog.core.foreign.tables import TAIL, bounds_of, open_table, read_small
 
 ROWS = pa.table(

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from jbclog.core.errors import RecordError
-from jbclog.core.foreign import mounts
-from jbclog.core.foreign.mounts import expect_answer
+from jbclog.core.foreign import files
+from jbclog.core.foreign.files import expect_answer
 from jbclog.record.find_runs import find
 from jbclog.record.folder import create_run
 from jbclog.record.recover import recover_all
@@ -27,15 +27,15 @@ def remote(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     (tmp_path / "mountinfo").write_text(
         f"36 35 98:0 / / rw - ext4 /dev/sda rw\n37 36 0:45 / {place} rw shared:1 - nfs4 server:/runs rw\n"
     )
-    monkeypatch.setattr(mounts, "MOUNTS", tmp_path / "mountinfo")
+    monkeypatch.setattr(files, "MOUNTS", tmp_path / "mountinfo")
     return folder
 
 
 @pytest.fixture
 def hanging(remote: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """The same, and whoever looks there waits."""
-    monkeypatch.setattr(mounts, "LOOK", "import time; time.sleep(60)")
-    monkeypatch.setattr(mounts, "ANSWERS_S", 0.3)
+    monkeypatch.setattr(files, "LOOK", "import time; time.sleep(60)")
+    monkeypatch.setattr(files, "ANSWERS_S", 0.3)
     return remote
 
 

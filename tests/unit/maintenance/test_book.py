@@ -107,7 +107,7 @@ def test_a_line_cut_off_by_a_crash_harms_nothing(path: Path) -> None:
 
 
 def test_a_long_ledger_is_added_to_by_its_end(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("jbclog.core.chained_lines.TAIL", 3000)
+    monkeypatch.setattr("jbclog.core.durable_files.TAIL", 3000)
     for _ in range(8):
         add(path, [SEEN, DONE])
     book = read_book(path)

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from jbclog.core.chained_lines import line_of
+from jbclog.core.durable_files import line_of
 from jbclog.core.errors import RecordError
 from jbclog.record.annotations import LONGEST, NAME, Annotation, append, read
 from jbclog.record.manifest import Manifest, manifest_sha256, write_manifest

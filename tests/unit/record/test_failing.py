@@ -15,7 +15,7 @@ import pytest
 from few_rows import begun, hand_over
 
 from jbclog.core.errors import RecordError
-from jbclog.core.folder_lock import FolderLock, Witness, witness
+from jbclog.core.locks import FolderLock, Witness, witness
 from jbclog.record.batches import Batch
 from jbclog.record.check import check
 from jbclog.record.conclude import conclude

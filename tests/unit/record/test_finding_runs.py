@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from jbclog.core.folder_lock import FolderLock
+from jbclog.core.locks import FolderLock
 from jbclog.core.rows import StationFacts
 from jbclog.record.annotations import append
 from jbclog.record.find_runs import Filter, Found, Unreadable, find, summary_of

@@ -83,7 +83,7 @@ def test_a_run_whose_recorder_is_gone_holds_nothing(run: tuple[Path, LiveStore])
 def test_the_recorder_may_be_another_process(tmp_path: Path) -> None:
     folder = create_run(tmp_path, "bench", 1_790_000_000.0)
     write_manifest(folder, Manifest(folder.name, stations=[StationFacts("tcp-1", URL, "dde")]))
-    script = "import sys; from pathlib import Path; from jbclog.core.folder_lock import FolderLock\n"
+    script = "import sys; from pathlib import Path; from jbclog.core.locks import FolderLock\n"
     script += "lock = FolderLock.take(Path(sys.argv[1])); print('held', flush=True); sys.stdin.read()"
     with subprocess.Popen([sys.executable, "-c", script, str(folder)], stdin=subprocess.PIPE, stdout=subprocess.PIPE) as other:
         assert other.stdout is not None

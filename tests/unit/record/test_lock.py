@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from jbclog.core.errors import RecordError
-from jbclog.core.folder_lock import NAME, FolderLock, Witness, boot_id, is_held, witness
+from jbclog.core.locks import NAME, FolderLock, Witness, boot_id, is_held, witness
 
 
 def test_the_second_is_refused_with_the_holders_number(tmp_path: Path) -> None:
@@ -31,7 +31,7 @@ def test_the_second_is_refused_with_the_holders_number(tmp_path: Path) -> None:
 
 
 def test_a_holder_that_was_killed_holds_nothing(tmp_path: Path) -> None:
-    program = "from jbclog.core.folder_lock import FolderLock; from pathlib import Path; import os, signal\n"
+    program = "from jbclog.core.locks import FolderLock; from pathlib import Path; import os, signal\n"
     program += f"FolderLock.take(Path({str(tmp_path)!r})); os.kill(os.getpid(), signal.SIGKILL)"
     subprocess.run([sys.executable, "-c", program], check=False)
     assert (tmp_path / NAME).exists()

@@ -10,7 +10,7 @@ import pytest
 
 from jbclog.core import durable_files
 from jbclog.core.errors import RecordError
-from jbclog.core.foreign.from_json import Misfit, build
+from jbclog.core.foreign.json_reader import Misfit, build
 from jbclog.core.rows import Goal, StationFacts
 from jbclog.record.manifest import (
     LineFile,

@@ -16,7 +16,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from jbclog.core.errors import RecordError
-from jbclog.core.folder_lock import FolderLock
+from jbclog.core.locks import FolderLock
 from jbclog.record import parts
 from jbclog.record.conclude import conclude
 from jbclog.record.manifest import Manifest, read_manifest

@@ -9,8 +9,7 @@ import pytest
 from make_run import make_run
 from sealed_run import alarm, samples, seal, station, table
 
-from jbclog.core.csv import harmless
-from jbclog.core.text import clean
+from jbclog.core.text import clean, harmless
 from jbclog.report.spreadsheet import TABLES
 from jbclog.report.write import write_report
 

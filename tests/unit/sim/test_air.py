@@ -6,7 +6,7 @@ import pytest
 
 from jbclog.sim.air import STILL_W_PER_K, STREAM_W_PER_K, Heater, Probe
 from jbclog.sim.airstation import COLD_C, AirCharacter, AirStation
-from jbclog.sim.joints import Joints
+from jbclog.sim.tip import Joints
 
 ON, OFF, COOLING = (0, 0, 0, 0, 1), (0, 0, 0, 0, 0), (0, 0, 0, 1, 0)
 ON_WITH_SUCTION = (0, 0, 1, 0, 1)

@@ -10,9 +10,9 @@ from omega_talk import framed
 from jbclog.config.line import parse_line
 from jbclog.core.errors import UsageError
 from jbclog.protocol.commands.omega_values import ConditionRecord
-from jbclog.sim.make import virtual_station
 from jbclog.sim.omega import SLOWEST_S, VirtualOmega
 from jbclog.sim.omega_plant import WARM_UP_S, seconds_of, usual
+from jbclog.sim.setup import virtual_station
 from jbclog.sim.virtual import VirtualStation
 
 LINE = '[line]\nname = "t"\n[[station]]\nname = "omega-1"\nurl = "x"\nfamily = "{family}"\n[station.sim]\n{sim}\n'

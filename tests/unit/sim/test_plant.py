@@ -6,12 +6,10 @@ from itertools import pairwise
 
 import pytest
 
-from jbclog.sim.feeder import Feeder
-from jbclog.sim.joints import NEVER, Joints
-from jbclog.sim.plant import Plant, StationSettings
+from jbclog.sim.plant import Feeder, Plant, StationSettings
 from jbclog.sim.port import Port
 from jbclog.sim.state import STAND, WORKING
-from jbclog.sim.tip import Tip
+from jbclog.sim.tip import NEVER, Joints, Tip
 
 T0 = 1000.0
 

@@ -8,11 +8,9 @@ from random import Random
 import pytest
 
 from jbclog.core.quantities import OFF
-from jbclog.sim.joints import Joints
-from jbclog.sim.parts import Comparator
 from jbclog.sim.port import Character, Port
 from jbclog.sim.state import HIBERNATION, SLEEP, STAND, WORKING
-from jbclog.sim.tip import Tip
+from jbclog.sim.tip import Comparator, Joints, Tip
 
 T0 = 1000.0
 

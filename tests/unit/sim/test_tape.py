@@ -8,7 +8,7 @@ from math import inf
 import pytest
 
 from jbclog.core.wire_capture import Passed, PassedName, Row, Told
-from jbclog.sim.exchanges import Ticks, exchanges
+from jbclog.sim.recorded_wire import Ticks, exchanges
 from jbclog.sim.replayed_station import TapeStation
 
 Q1, Q2, A1, A2, A3 = b"\x02RTT1\x03a", b"\x02RPP1\x03b", b"\x02ATT100350\x03", b"\x02ATT100351\x03", b"\x02APP100100\x03"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from jbclog.core.line_format import BAUDRATES, LineFormat
-from jbclog.sim.uart import heard
+from jbclog.sim.links import heard
 
 QUESTION = b"\x020001RSMN\x03\x02"  # manual 002, R-SMN; addressed 00 to 01
 FORMATS = [LineFormat(19200, f"8{parity}{stops}") for parity in "NEO" for stops in "12"]

@@ -23,7 +23,7 @@ from jbclog.app.batch.processes import came_of
 from jbclog.app.batch.resume import Shift, take
 from jbclog.app.batch.single_batch import hold
 from jbclog.app.batch.state import standing_of
-from jbclog.config.job_time import SystemZone
+from jbclog.config.job_order import SystemZone
 from jbclog.config.jobs_file import load_jobs
 from jbclog.core.errors import JbclogError, Problems, RecordError, UsageError
 

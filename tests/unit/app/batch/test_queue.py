@@ -15,8 +15,7 @@ from jbclog.app.batch.entry import RECORDED, Kind, State
 from jbclog.app.batch.executor import BatchExecutor
 from jbclog.app.batch.queue import whats_next
 from jbclog.app.batch.state import BatchState, standing_of
-from jbclog.config.job_order import OnFailure, Turn, circle, in_turn
-from jbclog.config.job_time import At, read_at
+from jbclog.config.job_order import At, OnFailure, Turn, circle, in_turn, read_at
 from jbclog.core.outcome import Exit
 
 STOP, SKIP, CONTINUE = OnFailure.STOP, OnFailure.SKIP, OnFailure.CONTINUE

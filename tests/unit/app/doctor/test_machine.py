@@ -23,7 +23,7 @@ from jbclog.app.doctor.result import Fine, Looked
 from jbclog.core.errors import PortBusy
 from jbclog.session.discovery.finding import Finding
 from jbclog.session.discovery.trials import ScanPlan
-from jbclog.transport.usb import UsbPort
+from jbclog.transport.system_ports import UsbPort
 
 NOW = 1_795_000_000.0  # November 2026
 Usage = namedtuple("Usage", "total used free")

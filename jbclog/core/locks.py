@@ -1,10 +1,4 @@
-"""One writer to a run's folder: the recorder, the child that seals for it, or who recovers it.
-
-A lock of the system (flock) on `live.lock` in the folder: it ends with its holder, however that ends, and is handed to
-a child by handing over the open file. Who holds it stands inside, for the message that the next one gets, and what the
-recorder says of its commits (`Witness`). This is a witness apart from the store: SQLite takes a damaged end of its log for
-one that was never written, and would lose acknowledged rows without a word.
-"""
+"""Locks that end with their holder: on a file, and on a run's folder. Start with `lock_of` and `FolderLock`."""
 
 from __future__ import annotations
 
@@ -18,9 +12,55 @@ from functools import cache
 from pathlib import Path
 
 from jbclog.core.errors import RecordError
-from jbclog.core.file_lock import is_locked
-from jbclog.core.foreign.files import Kind
-from jbclog.core.foreign.numbers import read_json
+from jbclog.core.foreign.files import Kind, expect_regular
+from jbclog.core.foreign.json_reader import read_json
+
+# -- file lock ----------------------------------------------------------------------------------------------------------------
+# A lock of the system on a file that goes when its holder has done: it ends with its holder, however that ends.
+
+
+def lock_of(path: Path) -> int | None:
+    """The lock at `path`, taken; None where another holds it, or took it away with its file while it was being taken.
+
+    Whoever is given the descriptor removes the file and closes it. Raises OSError where no file can be opened there.
+    """
+    descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK, 0o644)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        if os.path.samestat(os.fstat(descriptor), path.stat()):
+            return descriptor
+    except OSError:
+        pass
+    os.close(descriptor)
+    return None
+
+
+def is_locked(path: Path) -> bool:
+    """Whether a process holds the lock at `path` now; not where there is no such file. Takes nothing, changes nothing.
+
+    Raises OSError where there is one that cannot be opened.
+    """
+    try:
+        expect_regular(path, Kind.LOCK)
+        descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK)
+    except FileNotFoundError:
+        return False
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except OSError:
+        return True
+    finally:
+        os.close(descriptor)
+    return False
+
+
+# -- folder lock --------------------------------------------------------------------------------------------------------------
+# One writer to a run's folder: the recorder, the child that seals for it, or who recovers it.
+#
+# A lock of the system (flock) on `live.lock` in the folder: it ends with its holder, however that ends, and is handed to
+# a child by handing over the open file. Who holds it stands inside, for the message that the next one gets, and what the
+# recorder says of its commits (`Witness`). This is a witness apart from the store: SQLite takes a damaged end of its log for
+# one that was never written, and would lose acknowledged rows without a word.
 
 NAME = "live.lock"
 BOOT_ID = Path("/proc/sys/kernel/random/boot_id")

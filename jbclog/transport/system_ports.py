@@ -1,13 +1,67 @@
-"""Who holds a port: read from /proc, where there is one."""
+"""The serial ports of this computer: their names, and which programs hold them."""
 
 from __future__ import annotations
 
 import contextlib
 import os
 import stat
+import threading
 from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
+
+from serial.tools import list_ports
+
+# -- usb ----------------------------------------------------------------------------------------------------------------------
+# USB serial ports of this computer: their names, the lasting ones first, and the timer that holds answers back.
+
+BY_ID: Final = Path("/dev/serial/by-id")
+TIMERS: Final = Path("/sys/bus/usb-serial/devices")
+
+
+@dataclass(frozen=True, slots=True)
+class UsbPort:
+    """One adapter. `name` is what stays the same when cables are moved, where the system has such a name; else the device."""
+
+    device: str
+    name: str
+    title: str
+
+
+def usb_ports(by_id: Path = BY_ID) -> list[UsbPort]:
+    """Every USB serial port, in the order of their devices; other ports of this computer are none."""
+    found = sorted((port for port in list_ports.comports() if port.vid is not None), key=lambda port: port.device)
+    return [UsbPort(port.device, lasting_name(port.device, by_id), port.description or "") for port in found]
+
+
+def lasting_name(device: str, by_id: Path = BY_ID) -> str:
+    """The name of `device` that goes by the adapter's own number; `device` where there is none."""
+    return next((str(link) for link in _links(by_id) if _same(link, Path(device))), device)
+
+
+def _links(folder: Path) -> Iterator[Path]:
+    with contextlib.suppress(OSError):
+        yield from sorted(folder.iterdir())
+
+
+def _same(link: Path, device: Path) -> bool:
+    try:
+        return os.path.realpath(link) == os.path.realpath(device)
+    except OSError:
+        return False
+
+
+def latency_timer(device: str, timers: Path = TIMERS) -> Path | None:
+    """The file with the milliseconds for which the adapter of `device` holds an answer back; None where it has no such timer."""
+    with contextlib.suppress(OSError):
+        timer = timers / Path(os.path.realpath(device)).name / "latency_timer"
+        return timer if timer.is_file() else None
+    return None
+
+
+# -- holder -------------------------------------------------------------------------------------------------------------------
+# Who holds a port: read from /proc, where there is one.
 
 PSEUDO_TERMINALS: Final = "/dev/pts"
 MAJORS_OF_PSEUDO_TERMINALS: Final = range(136, 144)
@@ -138,3 +192,36 @@ def _is_same(opened: os.stat_result, wanted: os.stat_result) -> bool:
         return True
     are_devices = stat.S_ISCHR(opened.st_mode) and stat.S_ISCHR(wanted.st_mode)
     return are_devices and opened.st_rdev == wanted.st_rdev and os.major(wanted.st_rdev) not in MAJORS_OF_PSEUDO_TERMINALS
+
+
+# -- sharers ------------------------------------------------------------------------------------------------------------------
+# Other programs that have a run's ports open: they read what was meant for it, and no lock keeps them out (a lock only asks).
+#
+# Looking through all that is open on a machine takes tens of milliseconds, so that it is done in a thread.
+
+
+class Sharers:
+    """Looks who shares the devices `urls` with this program; each is told once."""
+
+    def __init__(self, urls: Iterable[str]) -> None:
+        self._devices = [url for url in urls if Path(url).is_absolute()]
+        self._known: set[tuple[str, int]] = set()
+        self._found: list[tuple[str, str]] = []
+        self._thread: threading.Thread | None = None
+
+    def look(self) -> None:
+        """Begin to look, unless a look is still going on."""
+        if self._thread is None or not self._thread.is_alive():
+            self._thread = threading.Thread(target=self._look, name="sharers", daemon=True)
+            self._thread.start()
+
+    def news(self) -> Iterator[tuple[str, str]]:
+        """Devices and the programs that share them, that have not been told yet."""
+        while self._found:
+            yield self._found.pop(0)
+
+    def _look(self) -> None:
+        for device, process in sorted(openers_of(self._devices) - self._known):
+            self._known.add((device, process))
+            if not is_behind(device, process):
+                self._found.append((device, in_words(process)))

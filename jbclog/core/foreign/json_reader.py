@@ -1,0 +1,156 @@
+"""JSON that anybody may have written: within limits, and into dataclasses."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+import types
+from collections.abc import Callable
+from dataclasses import MISSING, fields, is_dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any, Final, Union, cast, get_args, get_origin, get_type_hints
+
+from jbclog.core.foreign.files import Kind, read_foreign
+
+# -- numbers ------------------------------------------------------------------------------------------------------------------
+# JSON of somebody else's: numbers that can be reckoned with, and no more objects than a record has.
+#
+# JSON as Python reads it knows NaN, infinity and numbers of any length. Here a number is finite and a whole one fits 64 bits, so
+# that what is reckoned with it later does not fail there.
+
+MOST_OBJECTS: Final = 400_000  # objects and lists; an empty one takes three bytes in the file and 64 in memory
+WHOLE: Final = 1 << 62
+LONGEST: Final = 20  # digits
+LARGEST: Final = 1e18
+FIRST_S, LAST_S = 0.0, 7_258_118_400.0  # 1970 to 2200, in seconds: pandas' times end in 2262
+YEARS: Final = range(1970, 2200)
+
+
+def json_of(data: bytes | str, *, in_utf8: bool = False) -> Any:
+    """What `data` says. Raises ValueError where it is no JSON, nested too deeply, or has a number that nobody can reckon with.
+
+    `in_utf8`: it was written without escapes. Then no text in it is one that cannot be written so again (half of a pair).
+    """
+    text = data if isinstance(data, str) else data.decode()
+    if text.count("{") + text.count("[") > MOST_OBJECTS:
+        raise ValueError(f"it has more than {MOST_OBJECTS} objects and lists")
+    try:
+        told = (_CAREFUL if _DOUBTFUL.search(text) else _PLAIN).decode(text)
+        if in_utf8 and _HALF.search(text):
+            json.dumps(told, ensure_ascii=False).encode()
+    except RecursionError:
+        raise ValueError("it is nested too deeply") from None
+    return told
+
+
+def read_json(path: Path, kind: Kind, *, links: bool = False, in_utf8: bool = False) -> Any:
+    """What the file at `path` says. Raises OSError or ValueError."""
+    return json_of(read_foreign(path, kind, links=links), in_utf8=in_utf8)
+
+
+def _whole(text: str) -> int:
+    if len(text) > LONGEST or not -WHOLE <= (number := int(text)) <= WHOLE:
+        raise ValueError(f"{text[:LONGEST]}… is too large a number")
+    return number
+
+
+def _finite(text: str) -> float:
+    number = float(text)
+    if not math.isfinite(number) or abs(number) > LARGEST:
+        raise ValueError(f"{text[:LONGEST]} is too large a number")
+    return number
+
+
+def _no_number(text: str) -> float:
+    raise ValueError(f"{text} is no number")
+
+
+_PLAIN: Final = json.JSONDecoder(parse_constant=_no_number)
+_CAREFUL: Final = json.JSONDecoder(parse_int=_whole, parse_float=_finite, parse_constant=_no_number)  # it takes thrice the time
+_DOUBTFUL: Final = re.compile(r"[0-9]{19}|[\s:,\[]-?[0-9.]+[eE]\+?[0-9]{2}|^-?[0-9.]+[eE]")
+"""What may be a large number; hashes, in which digits and letters follow each other, seldom look like one."""
+
+
+_HALF: Final = re.compile(r"\\u[dD][89a-fA-F]")
+"""One of the two escapes of a sign beyond 16 bits; without the other it is none."""
+
+
+def expect_moment(seconds: float | None) -> None:
+    """Raise ValueError unless `seconds` since 1970 are a moment that a calendar has."""
+    if seconds is not None and not FIRST_S <= seconds < LAST_S:
+        raise ValueError(f"{seconds:g} s is no time between {YEARS[0]} and {YEARS[-1]}")
+
+
+def expect_year(year: int) -> None:
+    """Raise ValueError unless it is a year of these centuries."""
+    if year not in YEARS:
+        raise ValueError(f"{year} is no year between {YEARS[0]} and {YEARS[-1]}")
+
+
+# -- from json ----------------------------------------------------------------------------------------------------------------
+# JSON into dataclasses, by their type hints; what does not fit is said with its key.
+
+
+class Misfit(Exception):
+    """Something that is not what its type hint says."""
+
+
+def build(hint: object, data: object, key: str = "") -> object:
+    """`data` as the type `hint`: dataclasses, lists, tuples, dictionaries, unions and plain values. Raises `Misfit`.
+
+    Keys that the dataclass does not have are left out: a later jbclog of the same schema may have added them.
+    """
+    if type(data) is hint:  # most are plain
+        return data
+    if is_dataclass(hint) and isinstance(hint, type):
+        return _dataclass(hint, data, key)
+    origin, inside = get_origin(hint), get_args(hint)
+    if origin in (Union, types.UnionType):
+        return _first_that_fits(inside, data, key)
+    if origin in (list, tuple) and isinstance(data, list):  # of tuples those of any length: tuple[int, ...]
+        return origin(build(inside[0], item, f"{key}[{place}]") for place, item in enumerate(data))
+    if origin is dict and isinstance(data, dict):
+        return {_key(inside[0], name, key): build(inside[1], item, f"{key}.{name}") for name, item in data.items()}
+    if hint is float and type(data) is int and abs(data) <= LARGEST:
+        return float(data)
+    if hint is object:
+        return data
+    raise Misfit(f"{key}: {data!r:.60} does not belong there")
+
+
+def _dataclass(hint: type, data: object, key: str) -> object:
+    if not isinstance(data, dict):
+        raise Misfit(f"{key or hint.__name__}: not an object")
+    hints, made = _hints(hint), {}
+    for one in fields(hint):
+        if one.name in data:
+            made[one.name] = build(hints[one.name], data[one.name], f"{key}.{one.name}".lstrip("."))
+        elif one.default is MISSING and one.default_factory is MISSING:
+            raise Misfit(f"{key or hint.__name__}: {one.name} is missing")
+    return cast(Callable[..., object], hint)(**made)
+
+
+@cache
+def _hints(hint: type) -> dict[str, object]:
+    """Which take longer to find out than all the rest."""
+    return get_type_hints(hint)
+
+
+def _first_that_fits(hints: tuple[object, ...], data: object, key: str) -> object:
+    for hint in hints:
+        try:
+            return build(hint, data, key)
+        except Misfit:
+            continue
+    raise Misfit(f"{key}: {data!r:.60} does not belong there")
+
+
+def _key(hint: object, name: str, key: str) -> str | int:
+    if hint is int:
+        try:
+            return int(name)
+        except ValueError:
+            raise Misfit(f"{key}: {name!r} is not a number") from None
+    return name

@@ -1,0 +1,237 @@
+"""What passed over a recorded wire: questions with their answers, and what was believed of them."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
+from math import floor, inf
+from typing import NamedTuple
+
+from jbclog.core.wire_capture import Passed, Row
+from jbclog.protocol import frame, omega
+from jbclog.protocol.commands.command import Effect
+from jbclog.protocol.commands.robot import READINGS
+from jbclog.protocol.frame import Frame
+from jbclog.protocol.omega import OmegaReader
+from jbclog.protocol.reader import FrameReader
+
+# -- exchanges ----------------------------------------------------------------------------------------------------------------
+# What passed over a recorded wire as questions, each with what came of it, and the stretches that they fall into.
+#
+# A write changes what the answers after it say. So a tape is divided at its writes: what lies in one *stretch* was answered
+# with the same writes behind it. The same write again, because its answer was lost, begins no new stretch. Nor is the
+# first tick of sampling a write, but a stretch begins there, too: it is where the tape's clock and the client's are set.
+
+EARLY_S = 1e-3  # that the first question of a tick may seem to lie before it
+ON_TIME = 0.05  # of a period after its due time, in which a tick's first question is asked where nothing is in its way
+
+
+class Ticks(NamedTuple):
+    """The grid on which a recorded station was sampled: when its first tick was due, on the recorder's clock, and its period."""
+
+    first_s: float
+    period_s: float
+
+    def is_on_time(self, at_s: float) -> bool:
+        """Whether a moment is that at which a tick was due, or hardly later."""
+        return at_s - self.first_s >= -EARLY_S and (at_s - self.first_s + EARLY_S) % self.period_s < ON_TIME * self.period_s
+
+    def number(self, at_s: float) -> int:
+        """How many ticks lie before the one that a moment belongs to."""
+        return floor((at_s - self.first_s + EARLY_S) / self.period_s)
+
+
+@dataclass(slots=True)
+class Exchange:
+    """One question as it was recorded, and what came of it until the next; seconds count from the question.
+
+    `at_s` is when it was asked, on the recorder's clock; `stretch` the number of the stretch that it lies in.
+    """
+
+    question: bytes
+    at_s: float
+    stretch: int = 0
+    replies: list[tuple[float, bytes]] = field(default_factory=list)
+    lost_s: float | None = None  # when the link was lost after it
+    back_s: float = inf
+
+    def lost(self, after_s: float) -> None:
+        """The link was lost, or was still away."""
+        self.lost_s, self.back_s = after_s if self.lost_s is None else self.lost_s, inf
+
+
+def is_write(question: bytes) -> bool:
+    """Whether it may change anything at the station."""
+    return not (frame.only_reads(question) or omega.only_reads(question))
+
+
+class _Stretches:
+    """Numbers exchanges by what came before them. Sampling began at `sampling_s`, where that is known."""
+
+    def __init__(self, sampling_s: float | None) -> None:
+        self._sampling_s = sampling_s
+        self._written = b""
+        self._number = 0
+
+    def of(self, question: bytes, at_s: float) -> int:
+        is_first = self._sampling_s is not None and at_s >= self._sampling_s - EARLY_S
+        if is_first:
+            self._sampling_s, self._written = None, b""
+        is_new = is_write(question) and question != self._written
+        self._written = question if is_new else self._written
+        self._number += is_first or is_new
+        return self._number
+
+
+def exchanges(rows: Iterable[Row], sampling_s: float | None = None) -> Iterator[Exchange]:
+    """The exchanges on a tape, in order. What came before the first question belongs to none."""
+    one, down_since, stretches = None, 0.0, _Stretches(sampling_s)
+    for row in rows:
+        if not isinstance(row, Passed):
+            continue
+        if row.what == "sent":
+            if one is not None:
+                yield one
+            one = Exchange(row.data, row.at_s, stretches.of(row.data, row.at_s))
+        elif one is None:
+            continue
+        elif row.what == "heard":
+            one.replies.append((row.at_s - one.at_s, row.data))
+        elif row.what in ("lost", "failed"):
+            one.lost(row.at_s - one.at_s)
+            down_since = row.at_s
+        elif row.what == "opened" and one.lost_s is not None and one.back_s == inf:
+            one.back_s = (down_since + row.at_s) / 2 - one.at_s  # it came back between the last try that failed and this one
+    if one is not None:
+        yield one
+
+
+@dataclass(slots=True)
+class Contents:
+    """What a tape holds as a whole: its questions, the first of each stretch, and when the last was asked."""
+
+    known: Counter[bytes] = field(default_factory=Counter)
+    firsts: list[bytes] = field(default_factory=list)
+    last_s: float = -inf
+    sampled: bytes = b""  # the first question of the first tick; nothing where that is not known
+
+    @classmethod
+    def of(cls, tape: Iterable[Exchange]) -> Contents:
+        found = cls()
+        for one in tape:
+            found.known[one.question] += 1
+            if one.stretch >= len(found.firsts):
+                found.firsts.append(one.question)
+                found.sampled = found.sampled or (one.question if one.stretch and not is_write(one.question) else b"")
+                if one.stretch >= len(found.firsts):  # the tape begins with a write
+                    found.firsts.append(one.question)
+            found.last_s = one.at_s
+        return found
+
+
+# -- looks --------------------------------------------------------------------------------------------------------------------
+# A question with its second and third look, and what the recording's session believed of the answers.
+#
+# What is hard to believe is asked again at once (`session.doubt`), and so is what was not understood, with one harmless
+# question in between. Those askings are one group on the tape: the answers bear each other out or contradict each other,
+# and one alone may say what nobody ever believed. A group is given in order or passed over whole, and never split.
+
+LOOK_S = 0.25  # from an answer to the next look at it, at the most: a recorder's host may have been busy
+RETRY_S = 1.0  # the same where nothing was understood: a patience, and another question's answer
+MOST = 9  # three looks, each asked three times; more of the same is no doubt
+BELIEVED_AT_ONCE = 2  # looks of which the last was believed whatever the other said: without doubt, or it was asked a third time
+
+CLEARED = tuple(command.letters for command in READINGS if command.effect is Effect.CLEARS)
+
+
+def is_understood(one: Exchange) -> bool:
+    """Whether a good frame came before the next question."""
+    heard = said(one)
+    if frame.only_reads(one.question):
+        return any(isinstance(found, Frame) for found in FrameReader().feed(heard))
+    if omega.only_reads(one.question):
+        return any(isinstance(found, str) for found in OmegaReader().feed(heard))
+    return bool(heard)
+
+
+def has_flags(one: Exchange) -> bool:
+    """Whether flags were told that the station holds until they are read, and forgets with that."""
+    heard = FrameReader().feed(said(one))
+    found = next((answer for answer in heard if isinstance(answer, Frame) and answer.header == "A"), None)
+    return found is not None and found.text.startswith(CLEARED) and found.text[3:].strip("0") != ""
+
+
+def said(one: Exchange) -> bytes:
+    """All that came."""
+    return b"".join(data for _, data in one.replies)
+
+
+@dataclass(slots=True)
+class Looks:
+    """The askings of one question that belong together, in order; never empty. `number` counts all questions up to its last."""
+
+    all: list[Exchange]
+    number: int
+    is_understood: bool
+
+    @property
+    def at_s(self) -> float:
+        return self.all[0].at_s
+
+    @property
+    def question(self) -> bytes:
+        return self.all[0].question
+
+    @property
+    def stretch(self) -> int:
+        return self.all[0].stretch
+
+    @property
+    def has_flags(self) -> bool:
+        return any(has_flags(one) for one in self.all)
+
+    def goes_on_with(self, one: Exchange, number: int) -> bool:
+        """Whether `one` is the next look."""
+        last, behind = self.all[-1], number - self.number
+        if (one.question, one.stretch) != (self.question, self.stretch) or last.lost_s is not None or len(self.all) == MOST:
+            return False
+        gap_s = one.at_s - last.at_s - (last.replies[-1][0] if last.replies else 0.0)
+        return gap_s < LOOK_S if behind == 1 else gap_s < RETRY_S and not self.is_over(number - 1)
+
+    def is_over(self, number: int) -> bool:
+        """Whether the question behind that of this number cannot belong to it any more."""
+        return number - self.number >= (1 if self.is_understood else 2)
+
+    def add(self, one: Exchange, number: int) -> None:
+        self.all.append(one)
+        self.number, self.is_understood = number, is_understood(one)
+
+    def believed(self, before: Exchange | None) -> Exchange | None:
+        """The answer that was believed in the end, which is that from `before` where none of these was."""
+        last, others = self.all[-1], [said(one) for one in self.all[:-1]]
+        if before is None:
+            return last if last.replies else None
+        if not is_understood(last):
+            return before
+        is_proven = len(self.all) <= BELIEVED_AT_ONCE or said(last) in (*others, said(before))
+        return last if is_proven else before
+
+
+def looks(tape: Iterable[Exchange], ticks: Ticks | None = None, sampled: bytes = b"") -> Iterator[Looks]:
+    """The groups of a tape, in the order in which they were begun. Ticks begin with the question `sampled`."""
+    waiting: list[Looks] = []
+    for number, one in enumerate(tape):
+        group = next((group for group in waiting if group.goes_on_with(one, number)), None)
+        if group is None or (one.question == sampled and _is_next_tick(ticks, group, one)):
+            waiting.append(Looks([one], number, is_understood(one)))
+        else:
+            group.add(one, number)
+        while waiting and waiting[0].is_over(number):
+            yield waiting.pop(0)
+    yield from waiting
+
+
+def _is_next_tick(ticks: Ticks | None, group: Looks, one: Exchange) -> bool:
+    """Whether a tick begins here, as it does where a station is asked one thing only."""
+    return ticks is not None and ticks.is_on_time(one.at_s) and ticks.number(one.at_s) != ticks.number(group.at_s)
