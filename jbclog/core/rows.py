@@ -200,7 +200,7 @@ class StationFacts:
     skipped_by_host: int | None = None  # rows of `skipped` for which the host was too late; None in records that do not say
     garbage_bytes: int = 0
     strays: dict[str, int] = field(default_factory=dict)  # frames that answered nothing: echo, address, code, late, unasked
-    anomalies: dict[int, int] = field(default_factory=dict)  # forms not as recommended, by row of section B
+    anomalies: dict[int, int] = field(default_factory=dict)  # forms not as recommended, by B-number
     doubted: dict[str, int] = field(default_factory=dict)  # answers that were not believed at once, by command
     alarm_rules: dict[str, float] = field(default_factory=dict)  # by which samples are evaluated; empty in records without
     alarms: int = 0  # that count (docs/reference/exit-codes.md)

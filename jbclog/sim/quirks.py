@@ -51,7 +51,7 @@ Say = Callable[[Turn, str], str | None]
 
 @dataclass(frozen=True, slots=True)
 class Quirk:
-    """One way to differ; what is None is as recommended. `number` is its row of section B.
+    """One way to differ; what is None is as recommended. `number` is its B-number.
 
     `addresses` gives those of an answer: it is passed the usual ones, the station's own address as it is by then, and
     whether the answer is the acknowledgement of a change of address.

@@ -5,7 +5,7 @@ files included, beside `pandas.read_parquet` of the same folder in the same proc
 them, 720 such hours in one run (``--short``: a day), gone through by `open_runs(...).samples(columns=...)` in a process that may
 use no more than 2 GB of memory.
 
-The limits (issue 5): the hour in a second, counted as CPU of all threads, which is what it takes on a machine that has nothing
+The limits: the hour in a second, counted as CPU of all threads, which is what it takes on a machine that has nothing
 else to do and more than it takes with two cores; the month without running out of 2 GB.
 """
 

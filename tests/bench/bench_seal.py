@@ -5,7 +5,7 @@ sensor noise, real-looking lateness, slow signals on their periods. It goes thro
 time, each second committed and synced, and is then sealed in the child process as `run` does it. Beside it, in the same
 run, what pandas makes of the same table with its defaults.
 
-The limits (issue 2): 1.5 ms of CPU per 1 000 rows kept, 8 bytes a row sealed, 5 s to seal the hour.
+The limits: 1.5 ms of CPU per 1 000 rows kept, 8 bytes a row sealed, 5 s to seal the hour.
 """
 
 from __future__ import annotations

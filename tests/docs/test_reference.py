@@ -164,3 +164,22 @@ def test_the_safe_states_are_those_of_the_families() -> None:
         for family in re.findall(r"`(\w+)`", names)
     }
     assert said == {name: family.safe_states for name, family in FAMILIES.items()}
+
+
+# -- families, benchmarks, glossary ---------------------------------------------------------------------------------------------
+
+
+def test_the_families_are_those_that_are_driven() -> None:
+    assert set(re.findall(r"^\| `(\w+)` \|", text_of("families.md"), re.MULTILINE)) - {"family"} == set(FAMILIES)
+
+
+def test_each_benchmark_has_one_row_and_exists() -> None:
+    listed = re.findall(r"^\| `python (tests/bench/bench_\w+\.py)` \|", text_of("benchmarks.md"), re.MULTILINE)
+    measured = {path.relative_to(ROOT).as_posix() for path in (ROOT / "tests" / "bench").glob("bench_*.py")}
+    assert set(listed) <= measured
+    assert len(listed) == len(set(listed))
+
+
+def test_the_glossary_is_in_order() -> None:
+    terms = re.findall(r"^\| (.+?) \| .+ \|$", text_of("glossary.md"), re.MULTILINE)[2:]
+    assert terms == sorted(set(terms), key=str.lower)

@@ -171,7 +171,7 @@ def start(line: ServedLine, tmp_path: Path) -> Iterator[Start]:
     starting.end_all()
 
 
-# -- clocks (rows 20, 21, 22) ---------------------------------------------------------------------------------------------------
+# -- clocks (docs/reference/faults.md, F-20, F-21, F-22) ------------------------------------------------------------------------
 
 
 @dataclass
@@ -272,7 +272,7 @@ def test_an_hour_that_comes_twice_in_madrid_comes_once_in_the_record(clocks: Clo
     assert run.wrong() == []
 
 
-# -- signals (row 28) -----------------------------------------------------------------------------------------------------------
+# -- signals (docs/reference/faults.md, F-28) -----------------------------------------------------------------------------------
 
 CODES = {signal.SIGINT: 130, signal.SIGTERM: 143, signal.SIGHUP: 143}
 KILLED = tuple(-number for number in ENDING)
@@ -388,7 +388,7 @@ def test_signals_while_recovering_a_hundred_times(tmp_path: Path, counted: Calla
     counted(recoveries_ended_by_signals=100, lost=0, wrong=0)
 
 
-# -- who does not read (row 46) -------------------------------------------------------------------------------------------------
+# -- who does not read (docs/reference/faults.md, F-46) -------------------------------------------------------------------------
 
 
 def stuck_pipe() -> tuple[int, int]:
@@ -479,7 +479,7 @@ def test_safe_does_not_wait_for_a_reader_either(start: Start) -> None:
     assert run.end(None) == 143
 
 
-# -- locales, homes (row 46) ----------------------------------------------------------------------------------------------------
+# -- locales, homes (docs/reference/faults.md, F-46) ----------------------------------------------------------------------------
 
 
 def german(folder: Path) -> dict[str, str]:
@@ -507,7 +507,7 @@ def test_neither_locale_nor_zone_nor_home_changes_a_digit(clocks: Clocks, tmp_pa
     assert "2026-10-25" in pages[0]
 
 
-# -- two recorders (row 31) -----------------------------------------------------------------------------------------------------
+# -- two recorders (docs/reference/faults.md, F-31) -----------------------------------------------------------------------------
 
 
 def race(start: Start, apart_s: float) -> str:
@@ -560,7 +560,7 @@ def test_a_program_that_has_the_port_open_without_asking_is_named_and_gets_nothi
     assert run.wrong() == []
 
 
-# -- who looks on (row 47) ------------------------------------------------------------------------------------------------------
+# -- who looks on (docs/reference/faults.md, F-47) ------------------------------------------------------------------------------
 
 HOOKS = ("begun", "happened", "second", "sealing", "close")
 

@@ -92,7 +92,7 @@ def count_from(name: str, value: float) -> Act:
 
 @dataclass(frozen=True)
 class Row:
-    """A phrase of the issue: what happens, what must be told of `dde-1` and what must not, how it ends."""
+    """What happens, what must be told of `dde-1` and what must not, how it ends."""
 
     phrase: str
     number: int
@@ -427,7 +427,7 @@ def test_all_of_it_at_random_for_long(counted: Callable[..., None]) -> None:
 
 @pytest.mark.parametrize("rate", [10, 0.2])
 def test_cables_swapped_so_quickly_that_no_answer_is_lost(rate: float) -> None:
-    """Row 17: nothing but the plugged hours can tell, and they do: from 100 to 5000 within a minute."""
+    """F-17: nothing but the plugged hours can tell, and they do: from 100 to 5000 within a minute."""
     run = prepare(line(hours(100), hours(5000)), GOING_ON, duration_s=120, rate=rate)
     run.at(22.52, lambda: swap_cables(run))
     run.go()

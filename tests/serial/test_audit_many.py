@@ -1,4 +1,4 @@
-"""Many stations: eight wires at a time, each station asked once, and 100 within a minute (issue 6)."""
+"""Many stations: eight wires at a time, each station asked once, and 100 within a minute."""
 
 from __future__ import annotations
 

@@ -504,7 +504,7 @@ def figures(several: Sequence[Outcome], hz: float) -> dict[str, float]:
 
 
 def rows_told(several: Sequence[Outcome], rates: Sequence[float] = RATES) -> str:
-    """The issue's rows, a column a rate, for each plant and for the worst of them."""
+    """Rows as required, a column a rate, for each plant and for the worst of them."""
     plants = [plant for plant in PLANTS if any(one.cell.plant == plant for one in several)]
     lines = []
     by = {(plant, hz): figures([one for one in several if one.cell.plant == plant], hz) for plant in plants for hz in rates}

@@ -15,7 +15,7 @@ from jbclog.protocol.commands.command import Command
 from jbclog.protocol.commands.robot import COMMON
 
 MODEL = next(command for command in COMMON if command.name == "model")
-NOT_ACKNOWLEDGED = 40  # row of section B
+NOT_ACKNOWLEDGED = 40  # B-number
 BACK_S = 30.0  # a station that is not back by then is gone
 SEEK_S = 0.5  # between two questions to a station that restarts
 STEADY = 4  # answers in a row: it may go on answering for a moment before it goes down

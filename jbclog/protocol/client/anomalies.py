@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class Anomaly:
-    """The first of its kind. `number` is the row of section B, `place` says where it was met, `raw` is what came."""
+    """The first of its kind. `number` is the B-number, `place` says where it was met, `raw` is what came."""
 
     number: int
     place: str
@@ -20,7 +20,7 @@ class Anomaly:
 
 
 class Anomalies:
-    """All that one station was met with: `counts` by row of section B, `untold` what nobody has been told of yet."""
+    """All that one station was met with: `counts` by B-number, `untold` what nobody has been told of yet."""
 
     def __init__(self) -> None:
         self.counts: Counter[int] = Counter()

@@ -15,7 +15,7 @@ KNOWN_QUESTIONS = 4096
 
 
 Known = tuple[dict[bytes, str], dict[str, Value], dict[str, int]]
-"""The data fields of whole answers, the values of data fields, and the rows of section B of the odd ones."""
+"""The data fields of whole answers, the values of data fields, and the rows of docs/reference/contradictions.md of odd ones."""
 
 
 @dataclass(slots=True)
@@ -23,7 +23,7 @@ class Question:
     """A frame to send and the shape that its answer must have.
 
     `digits` are the characters of data that the answer carries; None: any number but none. `is_short` is R-TT, whose code
-    has two letters. `also` is another code under which some stations answer it, with its row of section B; empty where
+    has two letters. `also` is another code under which some stations answer it, with its B-number; empty where
     there is none. `repeated` is data that an acknowledgement may carry. `least_s` is the turnaround that is allowed at the least.
     """
 
@@ -39,7 +39,7 @@ class Question:
     is_short: bool
     _texts: dict[bytes, str]
     _values: dict[str, Value]
-    odd: dict[str, int]  # the rows of section B by which data fields that mean something are odd
+    odd: dict[str, int]  # the B-numbers by which data fields that mean something are odd
     also: str = ""
     also_number: int = 0
     repeated: str = ""
@@ -81,7 +81,7 @@ class Question:
             self.odd[text] = row
 
     def odd_row(self, text: str) -> int | None:
-        """The row of section B by which a data field that means something is odd; None where it is as recommended."""
+        """The B-number by which a data field that means something is odd; None where it is as recommended."""
         return self.odd.get(text) if len(self.odd) < KNOWN_ANSWERS else odd_form(self.command.name, text)
 
     @property

@@ -61,6 +61,6 @@ WITHOUT_DATA: Mapping[str, int] = MappingProxyType({"stop_feeding": 37, "ignore_
 
 
 def odd_form(command: str, data: str) -> int | None:
-    """The row of section B by which the data field of an answer to `command` is odd; None where it is as recommended."""
+    """The B-number by which the data field of an answer to `command` is odd; None where it is as recommended."""
     form = ODD_FORMS.get(command)
     return form.number if form is not None and form.data.fullmatch(data) else None

@@ -13,7 +13,7 @@ from jbclog.core.io_requests import Steps
 from jbclog.core.quantities import Value
 from jbclog.session.run.context import PortState, SessionContext
 
-DELAY_UNIT, NO_COUNTDOWN = 20, 25  # rows of section B
+DELAY_UNIT, NO_COUNTDOWN = 20, 25  # B-numbers (docs/reference/contradictions.md)
 LATE_S, EARLY_S = 30, 5  # how far a countdown may be from a whole delay shortly after it began
 
 
