@@ -9,6 +9,8 @@ import pytest
 from configuration_page import FILES, keys
 from configuration_words import FAULTS, MEANINGS
 from exit_codes_page import MEANINGS as CODES
+from manifest_page import MEANINGS as MANIFEST
+from manifest_page import keys as manifest_keys
 from pages import PAGES, REFERENCE
 from readme import ROOT
 from tables_page import MEANINGS as COLUMNS
@@ -42,6 +44,10 @@ def test_every_column_has_a_meaning_and_nothing_else_has() -> None:
     assert set(COLUMNS) <= described
     assert all(meaning(name, field) for name, schema in tables().items() for field in schema)
     assert (list(QUALITY), set(OUTCOME)) == (list(QUALITIES), set(OUTCOMES))
+
+
+def test_every_key_of_the_manifest_has_a_meaning() -> None:
+    assert set(MANIFEST) == manifest_keys()
 
 
 def test_every_environment_variable_is_listed() -> None:

@@ -9,6 +9,7 @@ import command_line_page
 import configuration_page
 import contradictions_page
 import exit_codes_page
+import manifest_page
 import python_page
 import station_commands_page
 import tables_page
@@ -19,6 +20,7 @@ PAGES: Mapping[Path, Callable[[], str]] = {
     REFERENCE / "commands.md": command_line_page.page,
     REFERENCE / "configuration.md": configuration_page.page,
     REFERENCE / "exit-codes.md": exit_codes_page.page,
+    REFERENCE / "manifest.md": manifest_page.page,
     REFERENCE / "python.md": python_page.page,
     REFERENCE / "tables.md": tables_page.page,
     REFERENCE / "station-commands.md": station_commands_page.page,
