@@ -11,6 +11,9 @@ from configuration_words import FAULTS, MEANINGS
 from exit_codes_page import MEANINGS as CODES
 from manifest_page import MEANINGS as MANIFEST
 from manifest_page import keys as manifest_keys
+from other_files_page import CSV
+from other_files_page import MEANINGS as OTHERS
+from other_files_page import keys as other_keys
 from pages import PAGES, REFERENCE
 from readme import ROOT
 from tables_page import MEANINGS as COLUMNS
@@ -19,6 +22,7 @@ from tables_page import OUTCOME, QUALITY, meaning, tables
 from jbclog.config.sim_spec import KEYS_OF_FAULT
 from jbclog.core.outcome import Exit
 from jbclog.core.rows import OUTCOMES, QUALITIES
+from jbclog.report.audit.csv_table import COLUMNS as COLUMNS_OF_AUDIT
 
 MAKE = "python tests/support/pages.py"
 
@@ -48,6 +52,11 @@ def test_every_column_has_a_meaning_and_nothing_else_has() -> None:
 
 def test_every_key_of_the_manifest_has_a_meaning() -> None:
     assert set(MANIFEST) == manifest_keys()
+
+
+def test_every_key_of_ledger_verifications_annotations_and_csv_has_a_meaning() -> None:
+    assert set(OTHERS) == other_keys()
+    assert list(CSV) == list(COLUMNS_OF_AUDIT)
 
 
 def test_every_environment_variable_is_listed() -> None:

@@ -139,7 +139,7 @@ MEANINGS: Mapping[str, str] = {
     "verifications.days": "age at the run's start",
     "verifications.tip": "tip",
     "verifications.instrument": "external thermometer",
-    "verifications.offset_c": "station minus thermometer",
+    "verifications.offset_c": "thermometer minus station",
     "verifications.limit_c": "limit of that difference",
     "verifications.adjust_c": "the station's adjustment at that time",
     "verifications.seq": "number of its line in `verifications.jsonl`",
@@ -159,18 +159,19 @@ def page() -> str:
 
 def keys() -> set[str]:
     """Every key, behind its heading."""
-    return {f"{name}.{key}" for name, one in OBJECTS.items() for key in _types(one)}
+    return {f"{name}.{key}" for name, one in OBJECTS.items() for key in types_of(one)}
 
 
-def _types(one: type) -> dict[str, str]:
+def types_of(one: type) -> dict[str, str]:
+    """Key -> type, as the class declares them."""
     return {key: str(kind) for key, kind in one.__annotations__.items() if not key.startswith("_")}
 
 
 def _rows(name: str, one: type) -> list[tuple[str, str, str]]:
-    return [(code(key), MEANINGS[f"{name}.{key}"], _json(kind)) for key, kind in _types(one).items()]
+    return [(code(key), MEANINGS[f"{name}.{key}"], json_type(kind)) for key, kind in types_of(one).items()]
 
 
-def _json(kind: str) -> str:
+def json_type(kind: str) -> str:
     """A type of Python as JSON has it."""
     text = re.sub(
         r"\b(?:LineFile|RecipeFile|Metadata|Unit|StationFacts|Lost|SealedFile|Previous|TipCheck|Goal|Ledger)\b", "object", kind

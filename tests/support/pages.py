@@ -10,6 +10,7 @@ import configuration_page
 import contradictions_page
 import exit_codes_page
 import manifest_page
+import other_files_page
 import python_page
 import station_commands_page
 import tables_page
@@ -21,6 +22,7 @@ PAGES: Mapping[Path, Callable[[], str]] = {
     REFERENCE / "configuration.md": configuration_page.page,
     REFERENCE / "exit-codes.md": exit_codes_page.page,
     REFERENCE / "manifest.md": manifest_page.page,
+    REFERENCE / "audit-files.md": other_files_page.page,
     REFERENCE / "python.md": python_page.page,
     REFERENCE / "tables.md": tables_page.page,
     REFERENCE / "station-commands.md": station_commands_page.page,
