@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import pytest
 from corrupted import flipped, taken, taken_by_omega, taken_of_two_bits
-from golden import FRAMES, Golden, seed_003
+from golden import FRAMES, Golden, manual_003
 from readme import ROOT
 
 from jbclog.core.quantities import Value
@@ -24,7 +24,7 @@ ANSWERS = [golden for golden in FRAMES if golden.text[0] == "A" and golden.value
 
 
 def command_of(golden: Golden) -> Command:
-    families = (FAMILIES[name] for name in FAMILIES_OF[golden.seed])
+    families = (FAMILIES[name] for name in FAMILIES_OF[golden.manual])
     return next(family.commands[golden.command] for family in families if golden.command in family.commands)
 
 
@@ -103,11 +103,11 @@ def test_what_passes_hides_from_an_xor_or_is_the_same_value(kind: Kind) -> None:
 # -- OMEGA: a sum of the text's characters --------------------------------------------------------------------------------------
 
 OMEGA = {"a0": "information", "a3": "information", "b1": "temperature_control", "f0": "set_temperature_state"}
-OMEGA_ANSWERS = [golden for golden in seed_003.BY_HAND if golden.text in OMEGA]
+OMEGA_ANSWERS = [golden for golden in manual_003.BY_HAND if golden.text in OMEGA]
 
 
 @pytest.mark.parametrize("golden", OMEGA_ANSWERS, ids=lambda golden: golden.text)
-def test_of_omega_no_single_flipped_bit_is_taken_and_at_most_one_pair(golden: seed_003.OmegaGolden) -> None:
+def test_of_omega_no_single_flipped_bit_is_taken_and_at_most_one_pair(golden: manual_003.OmegaGolden) -> None:
     """A pair passes where what one bit takes from the sum, the other gives: a digit of the text, and one of the sum."""
     command = FAMILIES["omega"].commands[OMEGA[golden.text]]
     assert taken_by_omega(command, golden.wire) is not None

@@ -25,8 +25,8 @@ every_field = each_row((f"{field.where} {field.text.decode('ascii')}", (field,))
 every_listed = each_row((f"{listed.where} {listed.command} {listed.printed}", (listed,)) for listed in LISTED)
 
 
-def _families(seed: str) -> list[Family]:
-    return [FAMILIES[name] for name in FAMILIES_OF[seed]]
+def _families(manual: str) -> list[Family]:
+    return [FAMILIES[name] for name in FAMILIES_OF[manual]]
 
 
 def _commands(one: Golden | Listed) -> list[Command]:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import pytest
 from each_row import each_row
-from golden import FRAMES, JBC, WHOLE, Golden, framed, seed_003, seed_004, with_check_byte
+from golden import FRAMES, JBC, WHOLE, Golden, framed, manual_003, manual_004, with_check_byte
 
 from jbclog.protocol.frame import Frame
 from jbclog.protocol.reader import FrameReader
@@ -41,7 +41,7 @@ def test_it_is_read(golden: Golden) -> None:
         assert reader.reset() == 0
 
 
-@pytest.mark.parametrize(("where", "page", "printed", "addresses"), seed_004.ADDRESSES)
+@pytest.mark.parametrize(("where", "page", "printed", "addresses"), manual_004.ADDRESSES)
 def test_printed_addresses_are_read(where: str, page: int, printed: str, addresses: tuple[bytes, ...]) -> None:
     for address in addresses:
         assert f'"{address.decode("ascii")}"' in printed
@@ -51,7 +51,7 @@ def test_printed_addresses_are_read(where: str, page: int, printed: str, address
 
 def test_a_refusal_is_read_with_any_code_or_none() -> None:
     """No N frame is printed, only the numbers that stand in its data (docs/reference/contradictions.md, B-11)."""
-    for where, _page, printed, data in (one for seed in JBC for one in seed.REFUSALS):
+    for where, _page, printed, data in (one for manual in JBC for one in manual.REFUSALS):
         assert printed.startswith(data.decode("ascii")), where
         for code in ("TT1", "A12", "SMN", "TT", ""):
             text = code + data.decode("ascii")
@@ -102,8 +102,8 @@ def test_completed_frames(wire: bytes, meaning: Frame | None) -> None:
 # -- OMEGA ------------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("golden", [*seed_003.FRAMES, *seed_003.BY_HAND], ids=lambda golden: f"{golden.where} {golden.text}")
-def test_the_sum_is_that_of_the_text(golden: seed_003.OmegaGolden) -> None:
+@pytest.mark.parametrize("golden", [*manual_003.FRAMES, *manual_003.BY_HAND], ids=lambda golden: f"{golden.where} {golden.text}")
+def test_the_sum_is_that_of_the_text(golden: manual_003.OmegaGolden) -> None:
     """ "The result of adding the decimal values of the characters in the main text" (manual 003, 11.2)."""
     total = 0
     for byte in golden.text.encode("ascii"):
@@ -111,7 +111,7 @@ def test_the_sum_is_that_of_the_text(golden: seed_003.OmegaGolden) -> None:
     assert golden.wire == b"\x02" + golden.text.encode("ascii") + b"\x03" + b"%02X" % (total % 256)
 
 
-@pytest.mark.parametrize(("where", "page", "printed", "total", "digits"), seed_003.SUMS)
+@pytest.mark.parametrize(("where", "page", "printed", "total", "digits"), manual_003.SUMS)
 def test_a_sum_keeps_its_two_last_digits(where: str, page: int, printed: str, total: int, digits: bytes) -> None:
     assert str(total) in printed
     assert b"%02X" % (total % 256) == digits

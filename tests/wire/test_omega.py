@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 import pytest
-from golden import seed_003
+from golden import manual_003
 
 from jbclog.protocol.omega import OmegaReader
 from jbclog.protocol.reader import Corrupt
@@ -13,8 +13,8 @@ from jbclog.protocol.reader import Corrupt
 K12C = b"\x02\x4b\x31\x32\x43\x03\x46\x31"  # 003, 11.2, page 5: "STX 'K' '1' '2' 'C' ETX 'F' '1'"
 
 
-@pytest.mark.parametrize("golden", [*seed_003.FRAMES, *seed_003.BY_HAND], ids=lambda golden: f"{golden.where} {golden.text}")
-def test_what_is_printed_or_worked_out_by_hand_is_read(golden: seed_003.OmegaGolden) -> None:
+@pytest.mark.parametrize("golden", [*manual_003.FRAMES, *manual_003.BY_HAND], ids=lambda golden: f"{golden.where} {golden.text}")
+def test_what_is_printed_or_worked_out_by_hand_is_read(golden: manual_003.OmegaGolden) -> None:
     reader = OmegaReader()
     assert reader.feed(golden.wire) == [golden.text]
     assert (reader.garbage, reader.corrupt, reader.reset()) == (0, 0, 0)

@@ -9,7 +9,7 @@ from types import ModuleType
 from typing import NamedTuple
 
 import pytest
-from golden import JBC, seed_003
+from golden import JBC, manual_003
 
 KINDS = ("FRAMES", "FIELDS", "LISTED", "REFUSALS", "WHOLE", "ADDRESSES")
 COUNTED = {
@@ -25,7 +25,7 @@ class Place(NamedTuple):
     """Where an example says that it stands."""
 
     kind: str
-    seed: str
+    manual: str
     section: str
     page: int
     printed: str
@@ -76,7 +76,7 @@ def test_only_in_the_manual_with_page_ends_does_a_section_go_on(module: ModuleTy
 @every_manual
 def test_none_is_lost(module: ModuleType) -> None:
     found = list(places(module))
-    assert {one.seed for one in found} == {module.__name__[-3:]}
+    assert {one.manual for one in found} == {module.__name__[-3:]}
     assert Counter(one.kind for one in found) == COUNTED[module.__name__[-3:]]
 
 
@@ -97,6 +97,6 @@ def test_every_section_about_a_code_has_an_example(module: ModuleType) -> None:
 
 
 def test_what_of_omega_is_printed_is_on_the_one_page_that_there_is() -> None:
-    assert {one.page for one in seed_003.FRAMES} | {page for _, page, *_ in seed_003.SUMS} == {5}
-    assert {one.page for one in seed_003.BY_HAND} == {None}
-    assert (len(seed_003.FRAMES), len(seed_003.SUMS), len(seed_003.BY_HAND)) == (4, 2, 12)
+    assert {one.page for one in manual_003.FRAMES} | {page for _, page, *_ in manual_003.SUMS} == {5}
+    assert {one.page for one in manual_003.BY_HAND} == {None}
+    assert (len(manual_003.FRAMES), len(manual_003.SUMS), len(manual_003.BY_HAND)) == (4, 2, 12)

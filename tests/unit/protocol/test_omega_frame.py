@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import pytest
-from golden import seed_003
+from golden import manual_003
 
 from jbclog.protocol.omega import LONGEST, encode, only_reads, sum_of
 
 
-@pytest.mark.parametrize("golden", [*seed_003.FRAMES, *seed_003.BY_HAND], ids=lambda golden: f"{golden.where} {golden.text}")
-def test_it_is_written(golden: seed_003.OmegaGolden) -> None:
+@pytest.mark.parametrize("golden", [*manual_003.FRAMES, *manual_003.BY_HAND], ids=lambda golden: f"{golden.where} {golden.text}")
+def test_it_is_written(golden: manual_003.OmegaGolden) -> None:
     assert encode(golden.text) == golden.wire
 
 

@@ -19,14 +19,14 @@ and tool, and the lists of codes (`letters` has both); ports and rates of the li
 second time in the same section; upper bounds of what a field of five characters holds (99999).
 """
 
-from golden import letters, seed_000, seed_001, seed_002, seed_003, seed_004
+from golden import letters, manual_000, manual_001, manual_002, manual_003, manual_004
 from golden.form import OFF, Field, Golden, Listed, framed, summed, wire_of, with_check_byte
 
-JBC = (seed_000, seed_001, seed_002, seed_004)
-FRAMES = [golden for seed in JBC for golden in seed.FRAMES]
-FIELDS = [field for seed in JBC for field in seed.FIELDS]
-LISTED = [listed for seed in JBC for listed in seed.LISTED]
-WHOLE = [*seed_002.WHOLE, *seed_004.WHOLE]
+JBC = (manual_000, manual_001, manual_002, manual_004)
+FRAMES = [golden for manual in JBC for golden in manual.FRAMES]
+FIELDS = [field for manual in JBC for field in manual.FIELDS]
+LISTED = [listed for manual in JBC for listed in manual.LISTED]
+WHOLE = [*manual_002.WHOLE, *manual_004.WHOLE]
 
 __all__ = [
     "FIELDS",
@@ -40,8 +40,8 @@ __all__ = [
     "Listed",
     "framed",
     "letters",
-    "seed_003",
-    "seed_004",
+    "manual_003",
+    "manual_004",
     "summed",
     "wire_of",
     "with_check_byte",

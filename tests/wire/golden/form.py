@@ -32,7 +32,7 @@ class Golden(NamedTuple):
     written_otherwise: bool = False  # read like this, but another form of the value is written
 
     @property
-    def seed(self) -> str:
+    def manual(self) -> str:
         return self.where[:3]
 
     @property
