@@ -16,7 +16,7 @@ from jbclog.analysis.verdict.stepped_clock import Step, Unstepped
 from jbclog.core.rows import EventRow, Severity, StationFacts
 from jbclog.record.conclude import known_stations
 from jbclog.record.parts import groups_of, part_paths
-from jbclog.record.sealed_rows import expect_unchanged
+from jbclog.record.sealed_files import expect_unchanged
 from jbclog.record.store_reader import StoreReader
 
 if TYPE_CHECKING:

@@ -24,8 +24,8 @@ from jbclog.analysis.verdict.samples import Measures
 from jbclog.core.errors import RecordError
 from jbclog.core.foreign.files import Kind, read_foreign
 from jbclog.record.find_runs import ending
+from jbclog.record.folder import recipe_copy
 from jbclog.record.manifest import Manifest
-from jbclog.record.recipe_copies import recipe_copy
 
 MARGIN_C: Final = 2.0
 KEY: Final = ["station", "port"]

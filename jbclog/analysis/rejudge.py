@@ -20,8 +20,8 @@ from jbclog.config.recipe import Recipe
 from jbclog.core.errors import Problems, UsageError
 from jbclog.core.foreign.files import Kind, read_foreign
 from jbclog.core.rows import StationFacts
+from jbclog.record.folder import recipe_copy
 from jbclog.record.manifest import Manifest
-from jbclog.record.recipe_copies import recipe_copy
 
 Place = tuple[str, str | None, int | None]
 """A rule: its name, station and port."""

@@ -15,12 +15,11 @@ from jbclog.analysis.selection import Asked, Moment, asked, frame
 from jbclog.core.errors import RecordError, UsageError
 from jbclog.core.wire_capture import Passed
 from jbclog.record.capture import Hole, read_head, rows_and_holes, wire_path
-from jbclog.record.damage import Damage
 from jbclog.record.manifest import NAME as MANIFEST
 from jbclog.record.manifest import Manifest, read_manifest
-from jbclog.record.parts import groups_of, part_paths, parts_through
+from jbclog.record.parts import Damage, groups_of, part_paths, parts_through
 from jbclog.record.schema import SCHEMAS
-from jbclog.record.sealed_rows import expect_manifest_unchanged, expect_unchanged
+from jbclog.record.sealed_files import expect_manifest_unchanged, expect_unchanged
 from jbclog.record.store import segments
 from jbclog.record.store_reader import StoreReader
 

@@ -34,7 +34,7 @@ from jbclog.analysis.verdict.samples import Counts
 from jbclog.analysis.verdict.stepped_clock import Step
 from jbclog.core.errors import RecordError
 from jbclog.core.rows import StationFacts
-from jbclog.record.joint_settings import joints_asked
+from jbclog.record.folder import joints_asked
 from jbclog.record.manifest import manifest_sha256
 
 if TYPE_CHECKING:

@@ -28,7 +28,7 @@ from jbclog.protocol import frame, omega
 from jbclog.protocol.commands.family import FAMILIES, OMEGA, Family
 from jbclog.record.port_owner import run_of, run_that_holds
 from jbclog.session.manual.contact import Target
-from jbclog.session.manual.snapshot import Snapshot
+from jbclog.session.manual.danger import Snapshot
 from jbclog.transport import blocking
 from jbclog.transport.opening import open_port
 from jbclog.transport.port import Port

@@ -31,8 +31,7 @@ from jbclog.guard.lease import StationLease
 from jbclog.record.guard_actions import await_guard
 from jbclog.record.port_owner import holds, recorder_of, runs_that_hold
 from jbclog.session.manual.contact import Target
-from jbclog.session.manual.cooling import temperatures
-from jbclog.session.manual.safe import MadeSafe, StationMadeSafe, make_safe
+from jbclog.session.manual.safe import MadeSafe, StationMadeSafe, make_safe, temperatures
 from jbclog.transport import blocking
 
 ASKED_S: Final = 3.0  # that a run has to let go of the line (docs/reference/commands.md, jbclog safe)

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from jbclog.config.line import Line
     from jbclog.config.tasks_file import Task
     from jbclog.maintenance.counter_totals.observed import Observation
-    from jbclog.maintenance.ending import Finding
+    from jbclog.maintenance.fleet import Finding
 
 LEDGER = typer.Option(None, "--ledger", metavar="FILE", help="The ledger: made where it is not there, only ever added to.")
 LINES = typer.Option([], "--line", "-l", metavar="FILE", help="The line file; may be repeated.", show_default=False)
@@ -107,7 +107,7 @@ def _tasks(path: Path | None) -> Sequence[Task]:
 
 def _findings(text: str | None) -> tuple[Finding, ...]:
     """What --fail-on names. Raises `UsageError`."""
-    from jbclog.maintenance.ending import USUAL, Finding
+    from jbclog.maintenance.fleet import USUAL, Finding
 
     if text is None:
         return USUAL

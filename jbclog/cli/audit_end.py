@@ -13,8 +13,7 @@ from jbclog.cli.audit_table import lines
 from jbclog.cli.output import note, tell, tell_json
 from jbclog.core.durable_files import write_whole
 from jbclog.core.errors import RecordError
-from jbclog.maintenance.ending import Finding, exit_code
-from jbclog.maintenance.fleet import FleetAudit
+from jbclog.maintenance.fleet import Finding, FleetAudit, exit_code
 from jbclog.report.audit.csv_table import sheet_of
 from jbclog.report.audit.json_object import plain_audit
 

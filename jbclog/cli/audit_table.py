@@ -8,8 +8,7 @@ from typing import Final
 from jbclog.core.text import clean
 from jbclog.maintenance.counter_totals.observed import Standing
 from jbclog.maintenance.due import State, TaskState
-from jbclog.maintenance.ending import ABSENT
-from jbclog.maintenance.fleet import FleetAudit, Meter, StationAudit
+from jbclog.maintenance.fleet import ABSENT, FleetAudit, Meter, StationAudit
 from jbclog.report.audit.overview import Row, at_a_glance
 from jbclog.report.audit.wording import STATES, day, of_life, percent, window
 

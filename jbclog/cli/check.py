@@ -37,9 +37,8 @@ def check(
       jbclog check runs/20261121T013000Z-bench-3-k7qd
     """
     from jbclog.analysis.rejudge import held
-    from jbclog.record.check import Finding
+    from jbclog.record.check import Finding, uncovered
     from jbclog.record.check import check as check_run
-    from jbclog.record.cross_check import uncovered
     from jbclog.record.manifest import NAME, manifest_sha256, read_manifest
     from jbclog.record.run_chain import HEAD, SHOWN, digits, short_head
 

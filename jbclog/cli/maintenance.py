@@ -17,8 +17,8 @@ from jbclog.core.errors import RecordError, UsageError
 
 if TYPE_CHECKING:
     from jbclog.maintenance.counter_totals.observed import Fact
+    from jbclog.maintenance.fleet_of_ledger import Place
     from jbclog.maintenance.ledger import Book
-    from jbclog.maintenance.naming import Place
 
 DONE, LIST = "done", "list"
 STATION = typer.Option(None, "--station", "-s", metavar="NAME", help="Which station; LINE/NAME where two lines have it.")
@@ -65,7 +65,7 @@ def maintenance(
     if by is not None and not by.strip():
         raise UsageError("--by: say who did it")
     from jbclog.maintenance.counter_totals.observed import Fact
-    from jbclog.maintenance.naming import expect_port, place_of, task_of
+    from jbclog.maintenance.fleet_of_ledger import expect_port, place_of, task_of
 
     book = _read(ledger)
     book.expect_ledger()
@@ -135,7 +135,7 @@ def _keep(fact: Fact, ledger: Path, *, as_json: bool) -> None:
 
 def _list(book: Book, station: str | None, *, as_json: bool) -> None:
     """Oldest first, by when it was done."""
-    from jbclog.maintenance.naming import place_of
+    from jbclog.maintenance.fleet_of_ledger import place_of
 
     place = None if station is None else place_of(station, book)
     facts = sorted((one for one in book.facts if place in (None, (one.line, one.station))), key=lambda one: one.time)

@@ -92,7 +92,7 @@ def _exit_code(stations: list[StationMadeSafe]) -> int:
 
 def _tell_wait(stations: list[StationMadeSafe], limit_c: float, waited_s: float, *, as_json: bool) -> None:
     """What is below the limit, and what is not, with its last temperature."""
-    from jbclog.session.manual.cooling import duration
+    from jbclog.session.manual.safe import duration
 
     for made in stations:
         for tool in made.tools:

@@ -15,8 +15,7 @@ from jbclog.cli.scan_wording import count_of, facts_of, tell_found, tell_no_port
 from jbclog.core.errors import UsageError
 
 if TYPE_CHECKING:
-    from jbclog.session.discovery.found import PortReport
-    from jbclog.session.discovery.trials import ScanPlan
+    from jbclog.session.discovery.found import PortReport, ScanPlan
 
 _ADDRESSES = re.compile(r"(\d{1,2})(?:-(\d{1,2}))?", re.ASCII)
 
@@ -86,14 +85,14 @@ def _ports(urls: list[str] | None) -> list[str]:
 
 
 def _plan(url: str, addresses: tuple[int | None, ...], *, thorough: bool, seconds: float | None) -> ScanPlan:
-    from jbclog.session.discovery.trials import plan_for
+    from jbclog.session.discovery.found import plan_for
 
     return plan_for(url, thorough=thorough, addresses=addresses, limit_s=seconds)
 
 
 def _addresses(text: str | None) -> tuple[int | None, ...]:
     """The usual addresses and those of ``2,5`` or ``1-99``. Raises `UsageError`."""
-    from jbclog.session.discovery.trials import ADDRESSES
+    from jbclog.session.discovery.found import ADDRESSES
 
     found: dict[int | None, None] = dict.fromkeys(ADDRESSES)
     for part in text.split(",") if text else ():

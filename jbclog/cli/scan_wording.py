@@ -101,7 +101,7 @@ def _turnaround_text(turnaround: Turnaround) -> str:
 
 def _sent_lines(reports: Iterable[PortReport]) -> Iterator[str]:
     """What was sent, each question once with its bytes, how often, and at how many line formats."""
-    from jbclog.session.discovery.questions import question_text
+    from jbclog.session.discovery.probe import question_text
 
     sent = _sent(reports)
     number = sum(lines.total() for lines in sent.values())
@@ -125,7 +125,7 @@ def count_of(number: int, noun: str) -> str:
 
 
 def facts_of(reports: list[PortReport], written: Path | None) -> dict[str, object]:
-    from jbclog.session.discovery.questions import question_text
+    from jbclog.session.discovery.probe import question_text
 
     sent = [
         {"question": question_text(data), "hex": data.hex(), "line": str(line), "count": count}

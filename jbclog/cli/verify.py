@@ -101,7 +101,7 @@ def _asked(target: Target, port: int) -> Own:
     """Read-only: nothing but questions can go out."""
     from jbclog.app.connection import ask
     from jbclog.maintenance.verification import own_of, unstable
-    from jbclog.session.manual.tip import read_tip
+    from jbclog.session.manual.read import read_tip
 
     found = ask(target, read_tip(target, port))
     why = unstable(found.temperatures, found.states, found.settings)

@@ -15,7 +15,7 @@ from jbclog.core.errors import UsageError
 
 if TYPE_CHECKING:
     from jbclog.session.manual.contact import Target
-    from jbclog.session.manual.snapshot import Snapshot
+    from jbclog.session.manual.danger import Snapshot
     from jbclog.session.manual.write import Change
 
 

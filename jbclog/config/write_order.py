@@ -18,7 +18,7 @@ the ports: clog detection first, what the wire is and how it moves then, and the
 numbers mean, last; no setting starts it.
 
 What can heat a tool that is at work already is `CAN_HEAT`, all else `CANNOT_HEAT`: a run writes the second on all of its
-stations before it writes the first on any of them (`session/run/start.py`).
+stations before it writes the first on any of them (`session/run/station_run.py`).
 """
 
 from __future__ import annotations

@@ -1,25 +1,137 @@
-"""From the ledger to the one value of an audit: every station's history traced, its tasks, its use, what drifted."""
+"""From the ledger to the value of an audit."""
 
 from __future__ import annotations
 
+import difflib
 import math
+from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final
 
+from jbclog.config.task_names import STATED
 from jbclog.config.tasks_file import Task
-from jbclog.maintenance.counter_totals.history import History, histories
-from jbclog.maintenance.counter_totals.interval import Interval
+from jbclog.core.errors import UsageError
 from jbclog.maintenance.counter_totals.observed import Count, Entry, Observation
+from jbclog.maintenance.counter_totals.span import Interval
 from jbclog.maintenance.counter_totals.totals import DOUBTFUL, CounterTotal, Difference, Kind, Trace, per_day
-from jbclog.maintenance.counter_totals.tracing import Traces, traces_of
-from jbclog.maintenance.drift import drifts
+from jbclog.maintenance.counter_totals.tracing import History, Traces, histories, traces_of
 from jbclog.maintenance.due import TaskState, states_of
-from jbclog.maintenance.fleet import Drift, FleetAudit, Meter, StationAudit
-from jbclog.maintenance.gc_pause import uncollected
-from jbclog.maintenance.ledger import Book
+from jbclog.maintenance.fleet import BEFORE, FLEET, Drift, FleetAudit, Meter, StationAudit
+from jbclog.maintenance.ledger import Book, uncollected
 from jbclog.maintenance.use import WORK, Past, use_of
 from jbclog.maintenance.weeks import weeks_of
 
+# -- naming -------------------------------------------------------------------------------------------------------------------
+# Which station and which task somebody means, of those that a ledger and its files know; not found, the nearest names.
+
+USUAL: Final = ("tip-change", "cartridge-change", "pump-filter", "feeder-rollers", "feeder-cutter", "verification", "service")
+"""Tasks that can be told without a tasks file."""
+MOST_NEAR: Final = 3
+
 Place = tuple[str, str]
+"""A line's name and a station's."""
+
+
+def place_of(wanted: str, book: Book, also: Iterable[Place] = ()) -> Place:
+    """The station called ``NAME`` or ``LINE/NAME`` in the ledger or in `also`. Raises `UsageError`."""
+    known = {(one.line, one.station) for one in book.entries} | set(also)
+    found = sorted(one for one in known if wanted in (one[1], "/".join(one)))
+    if len(found) == 1:
+        return found[0]
+    if found:
+        raise UsageError(f"--station {wanted}: several lines have one of that name; give {' or '.join(map('/'.join, found))}")
+    if not known:
+        raise UsageError(f"{book.path} knows no station yet: name its ledger with --ledger, audit first, or give --line")
+    raise UsageError(f"--station {wanted}: {book.path} has no station of that name; {_near(wanted, {name for _, name in known})}")
+
+
+def expect_port(port: int | None, place: Place, book: Book) -> None:
+    """Raise `UsageError` where the station, as it was seen last, has no such port: what is told of it would count for nothing."""
+    last = next((one for one in reversed(book.observations) if one.seen and (one.line, one.station) == place), None)
+    ports = sorted({count.port for count in last.counts}) if last is not None else []
+    if port is not None and ports and port not in ports:
+        has = f"its port is {ports[0]}" if len(ports) == 1 else f"its ports are {', '.join(map(str, ports))}"
+        raise UsageError(f"--port {port}: {place[1]} has no such port; {has}")
+
+
+def task_of(wanted: str, book: Book, names: Sequence[str] | None = None) -> str:
+    """The task of that name, of the tasks file or else the usual ones, or that was told before. Raises `UsageError`."""
+    known = {*STATED, *(fact.task for fact in book.facts), *(USUAL if names is None else names)}
+    if wanted in known:
+        return wanted
+    more = "; a tasks file with others is named with --tasks" if names is None else ""
+    raise UsageError(f"--task {wanted}: there is no task of that name; {_near(wanted, known)}{more}")
+
+
+def _near(wanted: str, known: Iterable[str]) -> str:
+    names = sorted(known)
+    near = difflib.get_close_matches(wanted[:64], names, n=MOST_NEAR, cutoff=0.6)
+    return f"did you mean {', '.join(near)}?" if near else f"there are {', '.join(names)}"
+
+
+# -- drift --------------------------------------------------------------------------------------------------------------------
+# Software and parameters that are not what they were at the audit before, or not what the fleet has.
+#
+# Alike are stations of one model (software), and ports of one family with one tool (parameters). An odd one out is told where at
+# least three of a group, and three quarters of it, have one other value. Where a fleet has recipes of several kinds, no value has
+# such a majority, and nobody drifts.
+
+FEWEST: Final = 3
+MAJORITY: Final = 3 / 4
+
+
+@dataclass(frozen=True, slots=True)
+class Said:
+    """One value that a station has, under its own name, and what it can be compared among."""
+
+    station: str
+    name: str
+    value: str
+    alike: tuple[str, ...]
+
+
+def drifts(looks: Mapping[str, Sequence[Observation]]) -> dict[str, tuple[Drift, ...]]:
+    """For each station whatever drifted; of the looks that saw it, oldest first, the last two count."""
+    said = {name: list(_said(seen[-1])) for name, seen in looks.items() if seen}
+    groups: dict[tuple[str, ...], Counter[str]] = defaultdict(Counter)
+    for one in (one for all_of_it in said.values() for one in all_of_it):
+        groups[one.alike][one.value] += 1
+    return {name: (*_since(looks[name]), *_apart(ones, groups)) for name, ones in said.items()}
+
+
+def _said(look: Observation) -> Iterator[Said]:
+    if look.identity is None:
+        return
+    kind = look.identity.model or look.identity.family
+    if look.identity.software is not None:
+        yield Said(look.station, "software", look.identity.software, ("software", kind))
+    for name, value in sorted(look.parameters.items()):
+        port, _, setting = name.rpartition(".")
+        tool = look.tools.get(int(port), "") if port.isdecimal() else ""
+        yield Said(look.station, name, value, (setting, look.identity.family, tool))
+
+
+def _since(seen: Sequence[Observation]) -> Iterator[Drift]:
+    if len(seen) < 2:
+        return
+    before = {one.name: one for one in _said(seen[-2])}
+    for one in _said(seen[-1]):
+        was = before.get(one.name)
+        if was is not None and was.alike == one.alike and was.value != one.value:
+            yield Drift(one.name, one.value, was.value, BEFORE)
+
+
+def _apart(said: Sequence[Said], groups: Mapping[tuple[str, ...], Counter[str]]) -> Iterator[Drift]:
+    for one in said:
+        group = groups[one.alike]
+        value, held_by = group.most_common(1)[0]
+        if value != one.value and held_by >= max(FEWEST, MAJORITY * group.total()):
+            yield Drift(one.name, one.value, value, FLEET, held_by, group.total() - 1)
+
+
+# -- fleet of ledger ----------------------------------------------------------------------------------------------------------
+
 """Line and station."""
 
 TOLD = DOUBTFUL | {Kind.RESET, Kind.REPLACED}

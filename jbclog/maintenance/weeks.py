@@ -12,10 +12,10 @@ from datetime import datetime, timedelta
 from itertools import accumulate, pairwise
 from typing import Final
 
-from jbclog.maintenance.counter_totals.interval import NOTHING, Interval
+from jbclog.maintenance.counter_totals.span import NOTHING, Interval
 from jbclog.maintenance.counter_totals.totals import Join, Point, Trace
 from jbclog.maintenance.fleet import Week
-from jbclog.maintenance.span_of_use import Believed, Stretch, moment, whole
+from jbclog.maintenance.use import Believed, Stretch, moment, whole
 
 WEEKS, DAYS = 53, 7
 FAR: Final = timedelta(days=10)

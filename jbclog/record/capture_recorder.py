@@ -24,8 +24,7 @@ from typing import Final
 from jbclog.core.durable_files import sync_folder
 from jbclog.core.wire_capture import Row
 from jbclog.record.capture import COLUMNS, FOLDER, Head, head_line, wire_path
-from jbclog.record.capture_blocks import has_head, packed
-from jbclog.record.capture_rows import line_of
+from jbclog.record.capture_file import has_head, line_of, packed
 
 WRITE_S: Final = 0.5
 MOST_ROWS: Final = 20_000  # waiting for one station: a minute and a half of a full wire at 19200 baud

@@ -1,17 +1,61 @@
-"""A run's folder: made once, under a name that no other run has, on a disk that is known to take writes."""
+"""A run's folder: made once; the recipes in it, and what they say of joints."""
 
 from __future__ import annotations
 
 import re
 import secrets
 import shutil
+import tomllib
+from collections.abc import Mapping
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Final
 
 from jbclog.core.durable_files import sync_folder, write_whole
 from jbclog.core.errors import RecordError
-from jbclog.core.foreign.files import expect_answer
+from jbclog.core.foreign.files import Kind, NotReadable, expect_answer, read_foreign
+from jbclog.core.rows import StationFacts
+
+# -- recipe copies ------------------------------------------------------------------------------------------------------------
+# The copies of its recipes in a run's folder. A link in the place of their folder is not followed.
+
+FOLDER: Final = "recipes"
+
+
+def recipe_copy(folder: Path, file: str) -> Path:
+    """The copy of the recipe that was `file`. Raises `NotReadable` where their folder is not one."""
+    return _copies(folder) / Path(file).name
+
+
+def recipe_texts(folder: Path) -> list[bytes]:
+    """The bytes of each copy. Raises OSError where one cannot be read."""
+    return [read_foreign(path, Kind.SETTINGS) for path in sorted(_copies(folder).glob("*.toml"))]
+
+
+def _copies(folder: Path) -> Path:
+    copies = folder / FOLDER
+    if copies.is_symlink():
+        raise NotReadable(f"{FOLDER}/ is a link, not a folder")
+    return copies
+
+
+# -- joint settings -----------------------------------------------------------------------------------------------------------
+# What the copies of a run's recipes say of joints: their `[joints]` tables, as they were checked when the run began.
+
+
+def joints_asked(folder: Path, facts: StationFacts) -> Mapping[str, object]:
+    """The keys of a station's `[joints]`; none where its recipe has none or cannot be read."""
+    if facts.recipe is None:
+        return {}
+    try:
+        data = read_foreign(recipe_copy(folder, facts.recipe), Kind.SETTINGS)
+        table = tomllib.loads(data.decode()).get("joints")
+    except (OSError, ValueError):
+        return {}
+    return table if isinstance(table, dict) else {}
+
+
+# -- folder -------------------------------------------------------------------------------------------------------------------
 
 LETTERS: Final = "abcdefghijklmnopqrstuvwxyz23456789"
 LINE_NAME: Final = re.compile(r"[A-Za-z0-9_][A-Za-z0-9._-]{0,63}")

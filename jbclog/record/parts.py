@@ -1,4 +1,4 @@
-"""Parquet parts: each table of a run is a folder of them, and `pd.read_parquet(folder)` is the whole table.
+"""Parquet parts of a run's tables, and a note of what could not be kept or read.
 
 A part is written aside, synced, read back and compared with what it was made from, and only then renamed to its place.
 In its metadata stands the number of the last batch that it holds (`jbclog.through`), so that whoever finds both a part
@@ -10,20 +10,85 @@ differences, noisy whole numbers with their bytes split, everything else by dict
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack, contextmanager
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Final
+from typing import Final, cast
 
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from jbclog.core.durable_files import sync_file, sync_folder
+from jbclog.core.durable_files import sync_file, sync_folder, write_whole
 from jbclog.core.errors import RecordError
-from jbclog.core.foreign.files import is_plain_folder
+from jbclog.core.foreign.files import Kind, is_plain_folder, read_foreign
+from jbclog.core.foreign.json_reader import Misfit, build, json_of
 from jbclog.core.foreign.tables import Table, metadata_of, open_table
 from jbclog.record.schema import SCHEMAS, TABLES
+
+# -- damage -------------------------------------------------------------------------------------------------------------------
+# What could not be kept or read, noted where the manifest will find it: nothing is lost silently.
+#
+# Notes are lines of JSON in `damage.jsonl`, written before anything goes on; files that can still be looked at are set
+# aside in `damaged/`.
+
+DAMAGE_NOTES: Final = "damage.jsonl"
+REMAINS: Final = "damaged"
+
+
+@dataclass(frozen=True, slots=True)
+class Damage:
+    """One thing that is gone: where it stood, how many rows it held (None: not known), why.
+
+    `seconds` is how much of the run's end it is at the most, where that is known.
+    """
+
+    place: str
+    rows: int | None
+    why: str
+    seconds: float | None = None
+
+    def __str__(self) -> str:
+        return f"{self.place}: {self.why}" if self.rows is None else f"{self.place}, {self.rows} rows: {self.why}"
+
+
+def note_damage(folder: Path, found: Iterable[Damage]) -> None:
+    """Add to the notes, once each. Raises OSError."""
+    known = read_damage(folder)
+    new = [damage for damage in dict.fromkeys(found) if damage not in known]
+    if new:
+        write_whole(folder / DAMAGE_NOTES, "".join(json.dumps(asdict(damage)) + "\n" for damage in known + new).encode())
+
+
+def read_damage(folder: Path) -> list[Damage]:
+    """The notes; none where nothing was ever damaged."""
+    try:
+        lines = read_foreign(folder / DAMAGE_NOTES, Kind.DAMAGE).decode(errors="replace").split("\n")
+    except FileNotFoundError:
+        return []
+    return [_damage(line) for line in lines if line.strip()]
+
+
+def _damage(line: str) -> Damage:
+    """A note; one that cannot be read is damage itself."""
+    try:
+        return cast(Damage, build(Damage, json_of(line)))
+    except (ValueError, Misfit):
+        return Damage(DAMAGE_NOTES, None, f"a line of it cannot be read: {line!r:.60}")
+
+
+def set_aside(folder: Path, path: Path) -> None:
+    """Keep a damaged file, out of the way, for whoever wants to look at it. Raises OSError."""
+    home = folder / REMAINS
+    home.mkdir(exist_ok=True)
+    path.replace(home / path.relative_to(folder).as_posix().replace("/", "-"))
+    sync_folder(home)
+    sync_folder(path.parent)
+
+
+# -- parts --------------------------------------------------------------------------------------------------------------------
 
 ROWS_A_GROUP: Final = 32_768  # some 8 MB while it is in memory
 SPLIT: Final = ("late_us", "scan_us", "temperature_c", "power_permille")

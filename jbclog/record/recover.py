@@ -1,4 +1,4 @@
-"""Finishing runs that a crash left open. Done twice it changes nothing; a run that is being written is left alone.
+"""Finishes runs that a crash left open.
 
 What a crash can leave: an empty folder; inputs without a manifest; a live store, with or without parts of its rows
 sealed already; everything sealed but the store not removed. All of it ends in the same sealed form, and what is missing
@@ -17,21 +17,84 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Final
 
+import pyarrow as pa
+
 from jbclog.core.errors import RecordError, Unsafe
 from jbclog.core.foreign.files import expect_answer
 from jbclog.core.locks import FolderLock, witness
 from jbclog.core.rows import StationFacts
-from jbclog.record import bad_parts, capture, capture_check, damage, guard_actions, left_hot
-from jbclog.record.conclude import NOT_KEPT, conclude, last_micros, live_files, remove_live, stations_of, unkept_rows
-from jbclog.record.folder import RUN_NAME, expect_no_links
+from jbclog.record import capture, guard_actions, parts, sealed_files
+from jbclog.record.conclude import (
+    NOT_KEPT,
+    TOOK_OVER,
+    conclude,
+    hot_events,
+    hot_warning,
+    last_micros,
+    live_files,
+    remove_live,
+    sealed_file,
+    stations_of,
+    unkept_rows,
+    unknown_tools,
+    with_unknown,
+)
+from jbclog.record.folder import RUN_NAME, expect_no_links, recipe_texts
 from jbclog.record.live import AT_RISK_S
-from jbclog.record.manifest import NAME, Lost, Manifest, NoManifest, read_manifest, wrong_digest
-from jbclog.record.parts import remove_leavings, remove_unfinished
-from jbclog.record.recipe_copies import recipe_texts
+from jbclog.record.manifest import NAME, Lost, Manifest, NoManifest, SealedFile, read_manifest, wrong_digest
+from jbclog.record.parts import part_paths, read_through, remove_leavings, remove_unfinished
 from jbclog.record.schema import TABLES
 from jbclog.record.seal import seal_rows
 from jbclog.record.store import refuse_newer, segments
 from jbclog.record.store_reader import StoreReader
+
+# -- bad parts ----------------------------------------------------------------------------------------------------------------
+# Parts that are not what was sealed, or cannot be read: found, noted, and set aside so that their rows can be sealed anew.
+
+
+def changed_parts(folder: Path, manifest: Manifest) -> dict[str, str]:
+    """Parts that a manifest lists and that are not what was sealed, and why not."""
+    found = {}
+    for listed in manifest.files:
+        if listed.path.partition("/")[0] in TABLES:
+            why = _difference(folder, listed)
+            if why:
+                found[listed.path] = why
+    return found
+
+
+def _difference(folder: Path, listed: SealedFile) -> str | None:
+    path = folder / listed.path
+    try:
+        if not path.is_file():
+            return "is missing"
+        return None if sealed_file(folder, path, None).sha256 == listed.sha256 else "was changed after it was sealed"
+    except (OSError, ValueError) as error:  # not ours to read; a name that no file can have
+        return f"cannot be read: {getattr(error, 'strerror', None) or error}"
+
+
+def set_parts_aside(folder: Path, manifest: Manifest) -> None:
+    """Set parts aside that cannot be read or were changed; rows of theirs that the live store still has are sealed again."""
+    wrong = changed_parts(folder, manifest)
+    for table in TABLES:
+        for path in part_paths(folder, table):
+            name = f"{table}/{path.name}"
+            why = wrong.pop(name, None) or _unreadable(path)
+            if why:
+                parts.note_damage(folder, [parts.Damage(name, None, why)])
+                parts.set_aside(folder, path)
+    parts.note_damage(folder, [parts.Damage(name, None, why) for name, why in wrong.items()])
+
+
+def _unreadable(path: Path) -> str | None:
+    try:
+        read_through(path)
+    except (pa.ArrowException, OSError, RecordError) as error:
+        return "cannot be read: " + str(error).replace(str(path), path.name)  # the folder may be moved
+    return None
+
+
+# -- recover ------------------------------------------------------------------------------------------------------------------
 
 PATIENCE_S: Final = 10.0  # a sealing child that outlived its recorder is given this long to end
 FINISHED: Final = "finished already; nothing was changed."
@@ -97,7 +160,7 @@ def recover(folder: Path, patience_s: float = PATIENCE_S) -> Recovery:
     try:
         with guard_actions.without_guard(folder, patience_s):
             manifest = _draft(folder)  # the recorder may have finished while we waited
-            if manifest.state == "sealed" and not bad_parts.changed(folder, manifest):
+            if manifest.state == "sealed" and not changed_parts(folder, manifest):
                 remove_live(folder, lock)
                 return _recovery(folder, Outcome.RECOVERED, f"{folder.name}: was sealed already; its live store is removed now.")
             return _finish(folder, manifest, lock)
@@ -109,14 +172,14 @@ def recover(folder: Path, patience_s: float = PATIENCE_S) -> Recovery:
 
 def _not_rebuilt(folder: Path, manifest: Manifest) -> str:
     """What of a sealed run's rows is damaged and has nothing that it could be rebuilt from; nothing where all is well."""
-    found = [f"{name} {why}" for name, why in bad_parts.changed(folder, manifest).items()]
+    found = [f"{name} {why}" for name, why in changed_parts(folder, manifest).items()]
     return f" But {'; '.join(found)}. {NOT_REBUILT}" if found else ""
 
 
 def _finish(folder: Path, manifest: Manifest, lock: FolderLock) -> Recovery:
     remove_leavings(folder)
     remove_unfinished(folder)
-    bad_parts.set_aside(folder, manifest)
+    set_parts_aside(folder, manifest)
     manifest = replace(manifest, state="open", files=[], wire=_wire(folder, manifest))
     seal_rows(folder)
     guard_actions.take_in(folder, manifest.run, guard_actions.action_log(folder))
@@ -135,16 +198,16 @@ def _finish(folder: Path, manifest: Manifest, lock: FolderLock) -> Recovery:
 def _recovery(
     folder: Path, outcome: Outcome, text: str, rows: Mapping[str, int] = MappingProxyType({}), unsafe: Collection[str] = ()
 ) -> Recovery:
-    warning = left_hot.warning(folder, unsafe)
+    warning = hot_warning(folder, unsafe)
     return Recovery(folder, outcome, f"{text} {warning}".rstrip(), rows, is_safe=not warning)
 
 
 def _tell_left_hot(folder: Path, manifest: Manifest, stock: StoreReader) -> list[StationFacts]:
     """Put into the events what is not known of tools; give the facts with that in them."""
     stations = stations_of(folder, stock, manifest)
-    unknown = left_hot.unknown(folder, stations, manifest.guard)
-    guard_actions.take_in(folder, manifest.run, left_hot.events(unknown, last_micros(folder) or 0))
-    return left_hot.with_unknown(stations, unknown)
+    unknown = unknown_tools(folder, stations, manifest.guard)
+    guard_actions.take_in(folder, manifest.run, hot_events(unknown, last_micros(folder) or 0))
+    return with_unknown(stations, unknown)
 
 
 def rows_of(manifest: Manifest) -> dict[str, int]:
@@ -179,14 +242,14 @@ def _draft(folder: Path) -> Manifest:
     except NoManifest as error:
         if not live_files(folder):
             raise
-        damage.note(folder, [damage.Damage(NAME, None, f"cannot be read and was written anew from the live store: {error}")])
-        damage.set_aside(folder, folder / NAME)
+        parts.note_damage(folder, [parts.Damage(NAME, None, f"cannot be read and was written anew from the live store: {error}")])
+        parts.set_aside(folder, folder / NAME)
         return Manifest(run=folder.name)
 
 
 def _outcome(folder: Path, manifest: Manifest, stock: StoreReader, *, is_safe: bool) -> Manifest:
     """What the manifest has to say of the end that the recorder could not write."""
-    found = damage.read(folder)
+    found = parts.read_damage(folder)
     if stock.was_closed and manifest.exit_status is not None and not found:
         return manifest  # the run ended as it says; only its sealing was cut short
     return replace(
@@ -198,7 +261,7 @@ def _outcome(folder: Path, manifest: Manifest, stock: StoreReader, *, is_safe: b
     )
 
 
-def _lost(found: list[damage.Damage], stock: StoreReader) -> Lost:
+def _lost(found: list[parts.Damage], stock: StoreReader) -> Lost:
     unkept = unkept_rows(stock)
     if stock.was_closed and not found and not unkept:
         return Lost(0.0, "The recorder ended before it could write what came of the run; all of its rows are there.")
@@ -217,7 +280,7 @@ def _at_risk_s(folder: Path) -> float:
     A guard saw when the recorder ended, so with one it is known how long the last wait was.
     """
     said = witness(folder)
-    ended = [event.time / 1e6 for event in guard_actions.action_log(folder) if event.kind == left_hot.TOOK_OVER[0]]
+    ended = [event.time / 1e6 for event in guard_actions.action_log(folder) if event.kind == TOOK_OVER[0]]
     last = ended[0] - said.since if ended and said.since is not None else 0.0
     return math.ceil(max(AT_RISK_S, said.risk_s, last) * 10) / 10
 
@@ -250,7 +313,7 @@ def _lacking(path: Path) -> Iterator[str]:
             path.unlink()  # a file in which nothing stands is no wire record
             yield f"{name}: nothing of it was written."
             return
-        yield from (f"{name}: {text}." for text in capture_check.losses(path))
+        yield from (f"{name}: {text}." for text in sealed_files.losses(path))
         if not capture.is_done(path):
             yield f"{name} ends before its session did: at most its last {AT_RISK_S:g} s is missing, or what wire.failed says."
     except OSError as error:
@@ -262,4 +325,4 @@ def _note_missing_end(folder: Path, last: int) -> None:
     missing = witness(folder).last - last
     if missing > 0:
         which = f"batches {last + 1} to {last + missing}"
-        damage.note(folder, [damage.Damage(which, None, "acknowledged, and missing from the live store", missing * AT_RISK_S)])
+        parts.note_damage(folder, [parts.Damage(which, None, "acknowledged, and missing from the live store", missing * AT_RISK_S)])

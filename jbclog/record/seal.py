@@ -24,7 +24,7 @@ import pyarrow as pa
 
 from jbclog.core.errors import RecordError
 from jbclog.core.locks import FolderLock
-from jbclog.record import damage
+from jbclog.record import parts
 from jbclog.record.parts import regroup, remove_leavings, through, write_part
 from jbclog.record.schema import TABLES
 from jbclog.record.store import Segment, segments
@@ -56,7 +56,7 @@ def _seal_stock(folder: Path) -> tuple[int, bool]:
             numbers = stock.numbers_of(table, through(folder, table))
             if numbers:
                 write_part(folder, table, partial(_groups, stock, numbers), stock.last)
-        damage.note(folder, stock.damage)
+        parts.note_damage(folder, stock.damage)
         return stock.last, not stock.damage
 
 

@@ -14,8 +14,7 @@ import pyarrow as pa
 
 from jbclog.core.errors import RecordError
 from jbclog.record.batches import Damaged, decode
-from jbclog.record.damage import Damage
-from jbclog.record.parts import through
+from jbclog.record.parts import Damage, through
 from jbclog.record.schema import TABLES
 from jbclog.record.store import FACTS, META, Segment, segments
 

@@ -23,8 +23,7 @@ from jbclog.core.foreign.json_reader import read_json
 from jbclog.record.annotations import NAME as ANNOTATIONS
 from jbclog.record.annotations import read as read_annotations
 from jbclog.record.annotations import vouch
-from jbclog.record.check import changed_files
-from jbclog.record.cross_check import report_disagreements
+from jbclog.record.check import changed_files, report_disagreements
 from jbclog.record.folder import expect_no_links
 from jbclog.record.manifest import Manifest, manifest_sha256
 from jbclog.report.facts import Facts, Figure

@@ -15,8 +15,7 @@ from counted import look
 from notebook_runs import HOME, executed, has_picture, run_here, shown
 from sealed_run import samples, seal, station, table
 
-from jbclog.maintenance.counter_totals.history import histories
-from jbclog.maintenance.counter_totals.tracing import traces_of
+from jbclog.maintenance.counter_totals.tracing import histories, traces_of
 from jbclog.maintenance.ledger import add, read_book
 from jbclog.record.check import check
 

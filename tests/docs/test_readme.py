@@ -22,8 +22,8 @@ from jbclog.core.locks import NAME as LOCK
 from jbclog.core.outcome import Exit
 from jbclog.core.rows import SAMPLE_COLUMNS
 from jbclog.protocol.commands.family import FAMILIES
-from jbclog.record.damage import NOTES, REMAINS
 from jbclog.record.manifest import manifest_sha256
+from jbclog.record.parts import DAMAGE_NOTES, REMAINS
 from jbclog.record.run_chain import short_head
 from jbclog.record.store_writer import RESERVE
 
@@ -139,7 +139,7 @@ def test_the_run_folder_is_as_told(demo: Demo) -> None:
         "live.sqlite",
         LOCK,
         RESERVE,
-        NOTES,
+        DAMAGE_NOTES,
         REMAINS,
         "wire",
         "lease.json",

@@ -23,7 +23,7 @@ from jbclog.cli.replay import DOUBTFUL
 from jbclog.core.errors import RecordError
 from jbclog.core.rows import COLUMN
 from jbclog.core.wire_capture import Passed, Row
-from jbclog.record import capture_blocks
+from jbclog.record import capture_file
 from jbclog.record.capture import (
     WHOLE,
     Head,
@@ -40,10 +40,10 @@ from jbclog.record.capture import (
     rows_and_holes,
     wire_path,
 )
-from jbclog.record.capture_blocks import Block, blocks
-from jbclog.record.capture_check import losses
+from jbclog.record.capture_file import Block, blocks
 from jbclog.record.conclude import sealed_file
 from jbclog.record.manifest import Manifest, write_manifest
+from jbclog.record.sealed_files import losses
 
 SINGLE_OF_0_1 = gzip.compress  # format 1: the whole file in one member
 
@@ -177,7 +177,7 @@ def test_every_byte_altered_and_every_length(path: Path, whole: bytes) -> None:
 
 def block_of(whole: bytes, number: int) -> tuple[int, int]:
     """Where a block of the file begins and ends."""
-    starts = [place for place in range(len(whole)) if whole.startswith(capture_blocks.FIXED, place)] + [len(whole)]
+    starts = [place for place in range(len(whole)) if whole.startswith(capture_file.FIXED, place)] + [len(whole)]
     return starts[number], starts[number + 1]
 
 
@@ -208,7 +208,7 @@ def test_a_block_that_stands_there_twice_is_taken_once(path: Path, whole: bytes)
 
 
 def test_a_block_of_another_recording_is_known_for_one(path: Path, whole: bytes) -> None:
-    other = capture_blocks.packed("8124.0\tsent\t00\n", 3, 12, capture_blocks.zlib.crc32(b"another head"))
+    other = capture_file.packed("8124.0\tsent\t00\n", 3, 12, capture_file.zlib.crc32(b"another head"))
     start, end = block_of(whole, 3)
     path.write_bytes(whole[:start] + other + whole[end:])
     (told,) = losses(path)
@@ -228,8 +228,8 @@ def test_what_is_no_text_costs_its_block(path: Path, whole: bytes) -> None:
     """Check sums hold of bytes that are not the recorder's: a block made by hand."""
     start, end = block_of(whole, 3)
     text = "8124.0\topened\tx\n"
-    bad = capture_blocks.packed(text, 3, 12, capture_blocks.zlib.crc32(head_line(HEAD).encode()))
-    assert capture_blocks._text(bad) == text
+    bad = capture_file.packed(text, 3, 12, capture_file.zlib.crc32(head_line(HEAD).encode()))
+    assert capture_file._text(bad) == text
     raw = gzip.compress(b"\xff\xfe\n")
     path.write_bytes(whole[:start] + raw + whole[end:])
     assert "damaged" in next(losses(path)) or "missing" in next(losses(path))

@@ -27,7 +27,7 @@ from jbclog.core.rows import COLUMN, StationFacts
 from jbclog.record.check import check
 from jbclog.record.manifest import read_manifest
 from jbclog.session.run.context import StationTask
-from jbclog.session.run.standstill import SUSPENDED_S
+from jbclog.session.run.sampling import SUSPENDED_S
 from jbclog.transport.virtual import Peer
 
 CAMPAIGN = 400

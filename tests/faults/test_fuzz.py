@@ -42,16 +42,16 @@ from jbclog.guard.lease import StationLease, kept, unreadable
 from jbclog.protocol import omega, reader
 from jbclog.protocol.commands.family import FAMILIES
 from jbclog.protocol.frame import Frame
-from jbclog.record import left_hot
+from jbclog.record import conclude
 from jbclog.record.capture import Hole, count_rows, is_done, mend, read_exchanges, read_head, rows_and_holes, wire_path
-from jbclog.record.capture_blocks import packed
-from jbclog.record.capture_check import losses
+from jbclog.record.capture_file import packed
 from jbclog.record.check import check
 from jbclog.record.find_runs import find
 from jbclog.record.manifest import NAME as MANIFEST
 from jbclog.record.manifest import STATES, manifest_text, read_manifest, write_manifest
 from jbclog.record.recover import recover
 from jbclog.record.schema import TABLES
+from jbclog.record.sealed_files import losses
 from jbclog.record.store_reader import StoreReader
 
 MANY = int(os.environ.get("JBCLOG_FUZZ", "20000"))
@@ -213,7 +213,7 @@ def lease(data: bytes, folder: Path) -> None:
         assert any(isinstance(line, dict) and line.items() <= plain.items() for line in lines), told
         assert isinstance(station.is_at("/dev/ttyUSB0"), bool)
         assert StationLease.from_json(station.to_json()) == station
-    assert {station.name for station in stations} <= {*left_hot.leases(folder)}
+    assert {station.name for station in stations} <= {*conclude.left_leases(folder)}
 
 
 # -- the serial capture: RecordError, or rows of the file in their order, the missing ones named ------------------------------

@@ -26,9 +26,8 @@ from jbclog.core.errors import RecordError
 from jbclog.record.annotations import append
 from jbclog.record.annotations import read as read_annotations
 from jbclog.record.chain import breaks, digest, first_link
-from jbclog.record.check import check
+from jbclog.record.check import check, uncovered
 from jbclog.record.conclude import files_of
-from jbclog.record.cross_check import uncovered
 from jbclog.record.guard_actions import plain_events
 from jbclog.record.ledger import ledger_of
 from jbclog.record.manifest import DIGEST, END, OF_0_1, manifest_sha256, read_manifest, write_manifest

@@ -15,7 +15,7 @@ from jbclog.core.rows import COLUMN, StationFacts
 from jbclog.guard.lease import StationLease
 from jbclog.guard.run_guard import lease_of
 from jbclog.protocol.commands.command import Command
-from jbclog.session.run.writes import listed
+from jbclog.session.run.setting import listed
 from jbclog.sim.airface import AirFace
 from jbclog.sim.airstation import AirStation
 

@@ -8,7 +8,7 @@ from virtual_run import VirtualRun, line_text, prepare
 
 from jbclog.core.line_format import LineFormat
 from jbclog.protocol.commands.family import FAMILIES
-from jbclog.session.run.identity import SAID
+from jbclog.session.run.identify import SAID
 from jbclog.session.run.pace import readings_for
 
 AWAY = "\n[[station.sim.fault]]\nkind = 'dropout'\nat_s = 4\nfor_s = 3\n"

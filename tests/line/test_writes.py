@@ -14,9 +14,9 @@ from jbclog.config.recipe_settings import condition_of
 from jbclog.core.errors import WriteForbidden
 from jbclog.core.io_requests import Steps
 from jbclog.protocol.commands.family import FAMILIES
-from jbclog.session.run import start as chapters
+from jbclog.session.run import station_run as chapters
 from jbclog.session.run.context import SessionContext
-from jbclog.session.run.writes import WRITES, listed
+from jbclog.session.run.setting import WRITES, listed
 
 PROFILES = Path(__file__).parents[2] / "profiles"
 LINES = {path.stem: path for path in sorted((PROFILES / "lines").glob("*.toml")) if path.stem != "bench"}

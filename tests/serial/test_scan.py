@@ -23,8 +23,7 @@ from jbclog.app.discovery.scan_ports import search
 from jbclog.config.line import load_line
 from jbclog.core.line_format import LineFormat
 from jbclog.session.discovery.diagnosis import diagnose
-from jbclog.session.discovery.found import PortReport
-from jbclog.session.discovery.trials import ScanPlan, Trial
+from jbclog.session.discovery.found import PortReport, ScanPlan, Trial
 from jbclog.sim.process import SimProcess
 
 Bench = tuple[Path, WireLog]

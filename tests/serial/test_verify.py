@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 
 from jbclog.cli.app import app
 from jbclog.maintenance.verification import read_book
-from jbclog.session.manual import tip
+from jbclog.session.manual import read
 from jbclog.sim.process import SimProcess
 
 SAID = ("--instrument", "TC-7", "--due", "2099-03-01", "--tip", "T-17", "--by", "A. Rossi")
@@ -20,7 +20,7 @@ SIM = "joints_per_minute = 0\nsensor_error_c = 9\nnoise_c = 0.4\nambient_c = 60"
 def test_a_tip_is_verified_and_the_station_left_as_it_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     source, log = tmp_path / "source.toml", tmp_path / "wire.jsonl"
     source.write_text(f'[line]\nname = "l"\n[[station]]\nname = "ucr-1"\nurl = "ucr-1"\nfamily = "ucr"\n[station.sim]\n{SIM}\n')
-    monkeypatch.setattr(tip, "EVERY_S", 0.1)
+    monkeypatch.setattr(read, "EVERY_S", 0.1)
     with SimProcess(source, tmp_path / "bench", log=log) as stations:
         line = str(stations.line_path)
         assert jbclog("write", "ucr-1", "status", "working", "-p", "1", "--line", line).returncode == 0

@@ -14,10 +14,9 @@ from unittest.mock import patch
 import numpy as np
 from audit_fleet import BEGIN, YEAR, Fleet, SimStation
 
-from jbclog.maintenance.counter_totals.history import History
 from jbclog.maintenance.counter_totals.observed import Fact, Observation
 from jbclog.maintenance.counter_totals.totals import Trace
-from jbclog.maintenance.counter_totals.tracing import traces_of
+from jbclog.maintenance.counter_totals.tracing import History, traces_of
 from jbclog.maintenance.due import foresee, used_since
 
 LIVES = {
@@ -30,8 +29,7 @@ LIVES = {
 TRUTH_YEARS = 5.0
 NEAR = 1e-6
 FORMER = {
-    "jbclog.maintenance.pace": {"USUAL": 0.45},
-    "jbclog.maintenance.forecast": {"EARLY": 1.2816, "LASTING": 0.01},
+    "jbclog.maintenance.due": {"USUAL": 0.45, "EARLY": 1.2816, "LASTING": 0.01},
 }
 
 

@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime, timedelta
 from itertools import pairwise
 
-from jbclog.maintenance.counter_totals.interval import Interval
 from jbclog.maintenance.counter_totals.observed import Count, Errors, Identity, Observation
+from jbclog.maintenance.counter_totals.span import Interval
 from jbclog.maintenance.counter_totals.totals import Difference, Join, Kind, Point, Trace
 
 NOW = datetime(2026, 11, 21, 6, 0, tzinfo=UTC)

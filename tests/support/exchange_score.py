@@ -28,11 +28,10 @@ from itertools import pairwise
 from exchange_fleet import LAST, STEP, Key, Place, Places
 
 from jbclog.config.task_names import REPLACED, RESET
-from jbclog.maintenance.counter_totals.elapsed import seconds
-from jbclog.maintenance.counter_totals.history import History
 from jbclog.maintenance.counter_totals.observed import Count, Standing
+from jbclog.maintenance.counter_totals.span import seconds
 from jbclog.maintenance.counter_totals.totals import Trace
-from jbclog.maintenance.counter_totals.tracing import traces_of
+from jbclog.maintenance.counter_totals.tracing import History, traces_of
 
 NEAR = 1e-6
 LAST_HOUR = 99_999.0

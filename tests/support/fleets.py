@@ -10,8 +10,8 @@ from math import inf
 
 from counted import NOW, ago, between, went
 
-from jbclog.maintenance.counter_totals.interval import Interval
 from jbclog.maintenance.counter_totals.observed import Count, Errors, Fact, Identity
+from jbclog.maintenance.counter_totals.span import Interval
 from jbclog.maintenance.counter_totals.totals import Difference, Kind, Trace
 from jbclog.maintenance.due import Due, State, TaskState
 from jbclog.maintenance.fleet import BEFORE, FLEET, Drift, FleetAudit, Meter, StationAudit

@@ -12,7 +12,7 @@ from jbclog.protocol.commands.defaults import Default
 from jbclog.protocol.commands.family import FAMILIES, Family
 from jbclog.protocol.commands.robot import COMMUNICATION_ERRORS, ErrorTable
 from jbclog.protocol.commands.status import StatusTable
-from jbclog.session.run.writes import WRITES
+from jbclog.session.run.setting import WRITES
 
 INTRODUCTION = """
 What jbclog can ask of each family of stations and tell it, with the manual and section that each row rests on (000 older

@@ -16,10 +16,9 @@ from jbclog.config.write_order import COMMAND_OF
 from jbclog.protocol.commands.command import Command, Effect, Scope
 from jbclog.protocol.commands.family import FAMILIES, Family
 from jbclog.session.manual.contact import NOWHERE, Contact, Place, check_place
-from jbclog.session.manual.danger import what_it_does
+from jbclog.session.manual.danger import Snapshot, what_it_does
 from jbclog.session.manual.names import find, is_order, readable, shared, values_text, writable
 from jbclog.session.manual.read import Reading, only_by_name, read_all, read_value
-from jbclog.session.manual.snapshot import Snapshot
 from jbclog.session.manual.values import shown, value_in, words_for
 from jbclog.session.manual.write import CONFIRMED, SENT, Change, Written, write_value
 

@@ -28,7 +28,7 @@ from jbclog.analysis.verdict.rules import has_feeder, has_tip
 from jbclog.analysis.verdict.samples import Counts
 from jbclog.analysis.verdict.stepped_clock import steps_of
 from jbclog.core.rows import StationFacts
-from jbclog.record.joint_settings import joints_asked
+from jbclog.record.folder import joints_asked
 from jbclog.record.parts import row_groups
 from jbclog.record.schema import SCHEMAS
 

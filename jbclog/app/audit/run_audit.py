@@ -29,9 +29,8 @@ from jbclog.core.errors import RecordError
 from jbclog.maintenance.counter_totals.observed import Entry, Fact, Observation
 from jbclog.maintenance.fleet import FleetAudit
 from jbclog.maintenance.fleet_of_ledger import fleet_of
-from jbclog.maintenance.ledger import Book, add, auditing, read_book
-from jbclog.maintenance.ledger_line import written
-from jbclog.maintenance.station_errors import counted_until
+from jbclog.maintenance.ledger import Book, add, auditing, read_book, written
+from jbclog.maintenance.use import counted_until
 
 MOST_TOLD: Final = 5
 STOPPED: Final = "the audit was stopped before it was asked"

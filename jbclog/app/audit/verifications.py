@@ -11,9 +11,8 @@ from typing import Final
 from jbclog.config.tasks_file import Task
 from jbclog.core.errors import RecordError
 from jbclog.maintenance.counter_totals.observed import Fact
-from jbclog.maintenance.verification.cited import last_valid, places_of
 from jbclog.maintenance.verification.verification import Verification
-from jbclog.maintenance.verification.verifications_file import NAME, Book, read_book
+from jbclog.maintenance.verification.verifications_file import NAME, Book, last_valid, places_of, read_book
 
 TASK: Final = "verification"
 """The task whose last time verifications tell."""

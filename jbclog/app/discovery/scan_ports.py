@@ -19,10 +19,9 @@ from jbclog.core.clock import Clock, SystemClock
 from jbclog.core.errors import PortBusy
 from jbclog.core.line_format import LineFormat
 from jbclog.record.port_owner import run_that_holds
-from jbclog.session.discovery.found import PortReport
-from jbclog.session.discovery.questions import is_harmless
+from jbclog.session.discovery.found import PortReport, ScanPlan
+from jbclog.session.discovery.probe import is_harmless
 from jbclog.session.discovery.scan import Dial, scan
-from jbclog.session.discovery.trials import ScanPlan
 from jbclog.transport import blocking
 from jbclog.transport.opening import open_port
 from jbclog.transport.port import Port

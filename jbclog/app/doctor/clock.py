@@ -6,7 +6,7 @@ import ctypes
 from datetime import UTC, datetime
 
 from jbclog.app.doctor.result import Fine, Looked
-from jbclog.session.discovery.finding import Finding
+from jbclog.session.discovery.found import Finding
 
 WHERE = "clock"
 STEP = "have a time server keep it: `sudo timedatectl set-ntp true`"

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from jbclog.app.doctor.result import Fine, Looked
 from jbclog.core.durable_files import write_whole
-from jbclog.session.discovery.finding import Finding
+from jbclog.session.discovery.found import Finding
 
 LEAST_FREE = 500_000_000  # bytes: some days of a few stations, and what is not sealed yet
 PROBE_BYTES = 4096

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from jbclog.app.doctor.result import Fine, Looked
 from jbclog.record.port_owner import run_of, run_that_holds
-from jbclog.session.discovery.finding import Finding
+from jbclog.session.discovery.found import Finding
 from jbclog.transport.system_ports import UsbPort, in_words, in_words_all, latency_timer, locker_of, sharers_of
 
 NONE_PLUGGED = "no USB serial port is plugged in"

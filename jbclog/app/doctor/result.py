@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from jbclog.session.discovery.finding import Finding
+from jbclog.session.discovery.found import Finding
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,9 +12,7 @@ from jbclog.app.doctor.result import Fine, Looked
 from jbclog.config.line import AUTO, Line, StationSpec
 from jbclog.protocol.commands.family import FAMILIES, OMEGA, Family
 from jbclog.session.discovery.diagnosis import FIRMLY, diagnose
-from jbclog.session.discovery.finding import Finding
-from jbclog.session.discovery.found import PortReport, StationFound
-from jbclog.session.discovery.trials import ADDRESSES, BY_SERVER, USUAL, ScanPlan, Trial
+from jbclog.session.discovery.found import ADDRESSES, BY_SERVER, USUAL, Finding, PortReport, ScanPlan, StationFound, Trial
 
 NO_TOOL = "none"
 

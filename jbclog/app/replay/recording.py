@@ -13,10 +13,10 @@ from jbclog.config.load_recipe import load_recipe
 from jbclog.core.errors import UsageError
 from jbclog.core.rows import StationFacts
 from jbclog.core.wire_capture import Row, Told
-from jbclog.record import capture_check
+from jbclog.record import sealed_files
 from jbclog.record.capture import Head, read_exchanges, read_to_hole, wire_path, wire_paths
+from jbclog.record.folder import recipe_copy
 from jbclog.record.manifest import NAME, Manifest, read_manifest
-from jbclog.record.recipe_copies import recipe_copy
 from jbclog.session.run.context import AS_FAST_AS_POSSIBLE
 from jbclog.sim.recorded_wire import Ticks
 
@@ -85,7 +85,7 @@ class Recording:
     @property
     def doubts(self) -> list[str]:
         """What of the recording is missing, or was changed since, a sentence each. Raises `RecordError`."""
-        return capture_check.doubts(self.folder, self.manifest)
+        return sealed_files.doubts(self.folder, self.manifest)
 
     @property
     def manifest(self) -> Manifest | None:
@@ -138,7 +138,7 @@ def open_recording(folder: Path) -> Recording:
     paths = wire_paths(folder)
     if not paths:
         raise UsageError(f"{folder}: what passed over its wires was not kept; only a run with --wire can be replayed")
-    heads = {head.station: head for head in capture_check.readable_heads(paths)}
+    heads = {head.station: head for head in sealed_files.readable_heads(paths)}
     return Recording(folder, load_line(folder / "line.toml"), heads)
 
 

@@ -1,30 +1,287 @@
-"""What happened to a station between two looks: was it reset, and what does each of its counters' differences mean.
+"""What happened to a station between two looks, and what that makes of each counter's difference.
 
 A reset is supposed to set every counter of a port to zero. So it is shown by a counter that fell and cannot have rolled over, and
 ruled out by one that shows more than can have been counted since the last look. Where neither is so, nobody can know, and what
 follows is bounded by both.
 
-All counters of the station are heard together: where one unit cannot have shown all of it without a reset (`units.py`), another
+All counters of the station are heard together: where one unit cannot have shown all of it without a reset (`judging.py`), another
 unit may stand there, and of none of its counters is more known than what there was time for.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
 from itertools import groupby
 from typing import Final
 
-from jbclog.maintenance.counter_totals.companion import Ratios, by_companion
-from jbclog.maintenance.counter_totals.difference import counted_on
-from jbclog.maintenance.counter_totals.interval import Interval
-from jbclog.maintenance.counter_totals.judgement import Judged, loose, since_zero
-from jbclog.maintenance.counter_totals.span import Span
+from jbclog.maintenance.counter_totals.observed import DRIFT, Identity
+from jbclog.maintenance.counter_totals.span import NOTHING, Interval, Reading, Span
 from jbclog.maintenance.counter_totals.totals import Join, Kind
-from jbclog.maintenance.counter_totals.traits import DRIFT
-from jbclog.maintenance.counter_totals.units import Unit, is_ordinary, unit_of
+
+# -- judgement ----------------------------------------------------------------------------------------------------------------
+# What a difference was judged to be, before it is put into words.
+
+
+@dataclass(slots=True)  # as `Span`: made too often to be frozen
+class Judged:
+    """A span and what it means. `lost` is, of a counter that was reset, what it had counted since the last reading before it;
+    where the join is loose, all that is known."""
+
+    span: Span
+    kind: Kind
+    rule: str
+    join: Join = Join.ON
+    turns: int = 0
+    lost: Interval = NOTHING
+    is_known: bool = True
+
+    @property
+    def delta(self) -> Interval:
+        """What was worked."""
+        if self.join is Join.LOOSE:
+            return self.lost
+        if self.join is Join.FROM_ZERO:
+            return since_zero(self.span) + self.lost
+        return turned(self.span, self.turns)
+
+
+def since_zero(span: Span) -> Interval:
+    """What the last reading stands for where it counted from zero."""
+    return Interval(span.after.shown.low, span.after.shown.high + span.trait.step)
+
+
+def turned(span: Span, turns: int) -> Interval:
+    """What was worked if it rolled over so often."""
+    if not turns:
+        return span.worked
+    by, step = turns * span.modulus, span.trait.step
+    return Interval(max(0.0, span.grown.low + by - step), span.grown.high + by + step)
+
+
+def loose(span: Span, rule: str, worked: Interval, kind: Kind = Kind.SUSPECT) -> Judged:
+    """Only bounds are known."""
+    return Judged(span, kind, rule, Join.LOOSE, lost=worked, is_known=False)
+
+
+# -- sentences ----------------------------------------------------------------------------------------------------------------
+# Why a difference is what it is said to be: a sentence for each rule.
+
+RULES: Final = {
+    "unchanged": "It shows what it showed.",
+    "went_on": "It went on, and not faster than can be.",
+    "fell_from_near_its_top": "It alone fell, and went on from zero after its last number: at the pace that it had, it was once.",
+    "fits_its_companion": "Only this many roll-overs fit what was fed meanwhile, at the length a feed that was seen before.",
+    "rolled_over_unknown_times": "It rolled over, and at its pace it can have done so more than once since the last reading.",
+    "can_have_rolled_over": "At its pace it can have rolled over since the last reading without showing it.",
+    "stands_at_top": "It shows its last number: no manual says whether it stands still there or goes on from zero.",
+    "fell_alone": "It alone fell, from where it cannot have rolled over, and others show that the station was not reset.",
+    "fell_to_what_cannot_be": "It fell to more than can have been counted since the last reading: neither a reset nor a roll-over.",
+    "faster_than_time": "It counted more hours than there were between the readings.",
+    "beside_what_cannot_be": "It fits, but other counters of the station do not: these may be another station's.",
+    "faster_than_plausible": "It counted faster than is plausible.",
+    "clock_ran_back": "The host's clock was set back; until a later reading nobody knows how long it was in between.",
+    "fell_since": "It fell to what can have been counted since the last reading; what it counted before the reset is lost.",
+    "reset_or_other_unit": "It was reset, or exchanged for a unit that was hardly used: only the time bounds what was worked.",
+    "reset_with_its_port": "Others of its port were reset, and it shows no more than can have been counted since.",
+    "stated_reset": "It was reset, as somebody told; what it counted between the last reading and then is lost.",
+    "can_hide_reset": "All that is shown can have been counted since the last reading, so that a reset in between would not show.",
+    "rolled_over_or_reset": "It fell: it rolled over or was reset, and no other counter tells which.",
+    "left_out": "It fits neither the reading before it nor the one after, and these fit each other: it is left out.",
+    "other_model": "The station's model is another.",
+    "other_uid": "The station's number is another.",
+    "other_software": "The software is another, and the counters do not go on from those before.",
+    "stated_replaced": "The station was replaced, as somebody told.",
+    "counters_of_another": "Several counters fell to more than can have been counted since the last reading: another station's.",
+}
+
+
+# -- difference ---------------------------------------------------------------------------------------------------------------
+# What the difference of a counter means that was not reset: it went on, rolled over, or nobody can tell.
+
+
+def counted_on(span: Span) -> Judged:
+    """A span of a port that was not reset."""
+    if span.after.shown.high >= span.top:
+        return loose(span, "stands_at_top", Interval(span.worked.low, max(span.worked.high, span.most)))
+    if span.fell:
+        return _rolled_over(span, span.turns(span.usual))
+    if not span.can_go_on:
+        return _too_fast(span)
+    turns = span.turns(span.usual)
+    if turns:
+        return loose(span, "can_have_rolled_over", Interval(span.worked.low, turned(span, span.turns(span.most)[-1]).high))
+    return Judged(span, Kind.ZERO if span.is_unchanged else Kind.NORMAL, "unchanged" if span.is_unchanged else "went_on")
+
+
+def _rolled_over(span: Span, turns: range) -> Judged:
+    if len(turns) == 1:
+        return Judged(span, Kind.ROLL_OVER, "fell_from_near_its_top", turns=1)
+    possible = span.turns(span.most)
+    if possible:
+        worked = Interval(turned(span, 1).low, turned(span, possible[-1]).high)
+        return loose(span, "rolled_over_unknown_times", worked, Kind.ROLL_OVER)
+    return loose(span, "fell_alone" if span.can_be_reset else "fell_to_what_cannot_be", Interval(0.0, max(0.0, span.most)))
+
+
+def _too_fast(span: Span) -> Judged:
+    worked = Interval(0.0, max(span.worked.high, span.most))
+    if span.trait.is_time:
+        return loose(span, "faster_than_time", worked, Kind.IMPOSSIBLE)
+    return loose(span, "faster_than_plausible", worked)
+
+
+# -- misread ------------------------------------------------------------------------------------------------------------------
+# Readings that belong to nothing: they fit neither the one before nor the one after, while these two fit each other.
+#
+# A digit that was wrong on the wire in two readings alike, or another station that answered for once.
+
+MakeSpan = Callable[[Reading, Reading], Span]
+
+
+def misread(readings: Sequence[Reading], span: MakeSpan) -> set[int]:
+    """The looks whose reading of this counter is to be left out."""
+    wrong: set[int] = set()
+    before = 0
+    for place in range(1, len(readings) - 1):
+        if _is_wrong(readings[before], readings[place], readings[place + 1], span):
+            wrong.add(readings[place].look)
+        else:
+            before = place
+    return wrong
+
+
+def _is_wrong(before: Reading, this: Reading, after: Reading, span: MakeSpan) -> bool:
+    if before.shown.low <= this.shown.high and this.shown.low <= after.shown.high:  # most are
+        return False
+    there, back = span(before, this), span(this, after)
+    if not there.is_impossible or back.can_go_on:  # one that fell to what it can have counted since a reset may be right
+        return False
+    return span(before, after).can_go_on
+
+
+# -- companion ----------------------------------------------------------------------------------------------------------------
+# Two counters that go together: millimetres for each feed. One that rolls over often is told by the one that does not.
+
+Ratios = Mapping[tuple[int, str], Interval]
+"""By port and counter: how much a counter grew for each count of its companion, at the least and at the most, with a margin."""
+
+COMPANION: Final = {"dispensed_mm": "dispensed_cycles"}
+OPEN: Final = ("can_have_rolled_over", "rolled_over_unknown_times")
+LEAST_COUNTS: Final = 100.0
+LEAST_SEEN: Final = 3
+MARGIN: Final = 2.5  # another product may take that much more or less
+
+
+def ratios_of(looks: Iterable[Iterable[Judged]]) -> dict[tuple[int, str], Interval]:
+    """What was seen, of differences that are known, at every look."""
+    seen: dict[tuple[int, str], list[float]] = {}
+    for judged in map(list, looks):
+        for one in judged:
+            beside = _beside(one, judged)
+            if beside is not None and one.is_known:
+                seen.setdefault((one.span.port, one.span.counter), []).append(one.delta.middle / beside.delta.middle)
+    return {key: Interval(min(all_) / MARGIN, max(all_) * MARGIN) for key, all_ in seen.items() if len(all_) >= LEAST_SEEN}
+
+
+def by_companion(judged: Judged, others: Iterable[Judged], ratios: Ratios) -> Judged:
+    """How often it rolled over, where only one number of times fits what its companion counted."""
+    span = judged.span
+    ratio = ratios.get((span.port, span.counter)) if judged.rule in OPEN else None
+    beside = _beside(judged, others) if ratio is not None else None
+    if ratio is None or beside is None:
+        return judged
+    possible = ([] if span.fell else [0]) + list(span.turns(span.most))
+    fitting = [turns for turns in possible if _fits(turned(span, turns), beside.delta, ratio)]
+    if len(fitting) != 1:
+        return judged
+    return Judged(span, Kind.ROLL_OVER if fitting[0] else Kind.NORMAL, "fits_its_companion", turns=fitting[0])
+
+
+def _beside(judged: Judged, others: Iterable[Judged]) -> Judged | None:
+    """Its companion over the same time, where that is known and counted enough."""
+    name, begin = COMPANION.get(judged.span.counter), judged.span.before.look
+    for one in others if name else ():
+        if (one.span.counter, one.span.port, one.span.before.look) == (name, judged.span.port, begin):
+            return one if one.is_known and one.delta.low >= LEAST_COUNTS else None
+    return None
+
+
+def _fits(worked: Interval, counted: Interval, ratio: Interval) -> bool:
+    return worked.high >= ratio.low * counted.low and worked.low <= ratio.high * counted.high
+
+
+# -- units --------------------------------------------------------------------------------------------------------------------
+# Can one unit have shown all of this, or did another come to stand there that nobody told of?
+#
+# Asked of all counters of a station together. Another unit can show anything, so it is thought of only where the one that stood
+# there does not explain what is read: an exchange that looks like a unit that just went on is told by no reading.
+
+SURELY_ITS_OWN_H: Final = 24.0  # more hours than two units agree in by chance
+ENOUGH: Final = 2  # counters of hours
+
+
+class Unit(Enum):
+    """Which unit was read."""
+
+    SAME = "same"
+    EITHER = "either"  # the same one after a reset, or another that was hardly used
+    OTHER = "other"
+
+
+def unit_of(by_port: Mapping[int, Sequence[Span]], stated: Collection[int]) -> Unit:
+    """By the spans of each port. `stated` are ports that were reset, as people told."""
+    odd = [port for port, group in by_port.items() if not all(map(is_ordinary, group))]
+    if any(not all(one.can_be_reset for one in by_port[port]) for port in odd):
+        return Unit.OTHER
+    if all(port in stated for port in odd) or any(_is_its_own(group) for port, group in by_port.items() if port not in odd):
+        return Unit.SAME
+    return Unit.EITHER
+
+
+def is_ordinary(span: Span) -> bool:
+    """Whether it can just have gone on, over its last number too."""
+    return span.can_go_on or bool(span.turns(span.most))
+
+
+def _is_its_own(group: Sequence[Span]) -> bool:
+    """Whether a port shows hours that no other unit would happen to have: a reset of another port is then one of this station."""
+    hours = [one for one in group if one.trait.is_time and one.can_go_on]
+    return sum(one.before.shown.low >= SURELY_ITS_OWN_H and not one.can_be_reset for one in hours) >= ENOUGH
+
+
+# -- replacement --------------------------------------------------------------------------------------------------------------
+# Is it another station that answers under this name now? By what it says of itself, by its counters, or because somebody told.
+
+
+def replaced(before: Identity | None, now: Identity | None, spans: Sequence[Span], stated: bool) -> str | None:
+    """The rule that says so; None where it is the same station."""
+    if stated:
+        return "stated_replaced"
+    if before is not None and now is not None:
+        if _differ(before.model, now.model):
+            return "other_model"
+        if _differ(before.uid, now.uid):
+            return "other_uid"
+        if _differ(before.software, now.software) and not _goes_on(spans):
+            return "other_software"
+    strange = [one for one in spans if one.trait.is_time and one.fell and one.is_impossible]
+    return "counters_of_another" if len(strange) > 1 else None
+
+
+def _differ(before: str | None, now: str | None) -> bool:
+    return before is not None and now is not None and before != now
+
+
+def _goes_on(spans: Sequence[Span]) -> bool:
+    """Whether every counter went on or rolled over, some hours among them that no other station would happen to have."""
+    hours = [one for one in spans if one.trait.is_time and one.before.shown.low >= SURELY_ITS_OWN_H]
+    return bool(hours) and all(one.can_go_on or bool(one.turns(one.usual)) for one in spans)
+
+
+# -- judging ------------------------------------------------------------------------------------------------------------------
 
 
 class Reset(Enum):

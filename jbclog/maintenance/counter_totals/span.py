@@ -1,12 +1,107 @@
-"""A counter from one reading to the next, and what can have happened in between, each thing asked by itself."""
+"""A counter between two readings: how long it was, how far it went, what can have happened."""
 
 from __future__ import annotations
 
 import math
+from bisect import bisect_left, bisect_right
+from collections.abc import Sequence
 from dataclasses import dataclass
+from datetime import datetime
+from functools import lru_cache
 
-from jbclog.maintenance.counter_totals.interval import Interval
-from jbclog.maintenance.counter_totals.traits import DRIFT, Trait
+from jbclog.maintenance.counter_totals.observed import DRIFT, Trait
+
+# -- interval -----------------------------------------------------------------------------------------------------------------
+# A number that is known to lie between two others.
+
+
+@dataclass(slots=True, unsafe_hash=True)  # never changed; a frozen one takes three times as long to make, and there are millions
+class Interval:
+    """From `low` to `high`, both allowed; `high` is infinite where nothing bounds it (null in JSON)."""
+
+    low: float
+    high: float
+
+    @property
+    def width(self) -> float:
+        return self.high - self.low
+
+    @property
+    def middle(self) -> float:
+        return (self.low + self.high) / 2
+
+    @property
+    def is_bounded(self) -> bool:
+        return math.isfinite(self.high)
+
+    def __add__(self, other: Interval) -> Interval:
+        return Interval(self.low + other.low, self.high + other.high)
+
+    def __contains__(self, number: float) -> bool:
+        return self.low <= number <= self.high
+
+    def per(self, amount: float) -> Interval:
+        """Divided by a positive number."""
+        return Interval(self.low / amount, self.high / amount)
+
+
+NOTHING = Interval(0.0, 0.0)
+
+
+# -- elapsed ------------------------------------------------------------------------------------------------------------------
+# How long it was between two looks, as far as the host's clock can be believed.
+#
+# Times are UTC, so summer time is no matter. Looks are in the ledger's order, which nobody can set back: where the times are not
+# in order too, the fewest looks that explain it had a wrong clock, and what is known of them is only that they were in between.
+
+HOUR = 3600.0
+
+
+@lru_cache(maxsize=1 << 16)
+def seconds(time: str) -> float:
+    """Seconds since 1970 of a time of the ledger."""
+    return datetime.fromisoformat(time).timestamp()
+
+
+class Elapsed:
+    """Between the looks at `times` (seconds since 1970, in the ledger's order)."""
+
+    def __init__(self, times: Sequence[float]) -> None:
+        self.times = times
+        self._right = _longest_in_order(times)
+        self._is_right = frozenset(self._right)
+
+    def is_right(self, look: int) -> bool:
+        """Whether the clock of this look agrees with those of most others."""
+        return look in self._is_right
+
+    def at_most_h(self, begin: int, end: int) -> float:
+        """Hours from one look to a later one, at the most; infinite where no look with a right clock came after it yet."""
+        right = self._right
+        before, after = bisect_right(right, begin) - 1, bisect_left(right, end)
+        if before < 0 or after == len(right):
+            return math.inf
+        return (self.times[right[after]] - self.times[right[before]]) / HOUR
+
+
+def _longest_in_order(times: Sequence[float]) -> list[int]:
+    """The longest series of looks whose times do not go back; of several, the one that ends earliest."""
+    ends: list[int] = []
+    heights: list[float] = []
+    behind: list[int] = []
+    for look, time in enumerate(times):
+        place = bisect_right(heights, time)
+        behind.append(ends[place - 1] if place else -1)
+        ends[place : place + 1] = [look]
+        heights[place : place + 1] = [time]
+    series, look = [], ends[-1] if ends else -1
+    while look >= 0:
+        series.append(look)
+        look = behind[look]
+    return series[::-1]
+
+
+# -- span ---------------------------------------------------------------------------------------------------------------------
 
 MANY = 1000  # roll-overs; beyond it nobody counts
 LEAST_HOURS = 4.0  # a pace is not told of fewer

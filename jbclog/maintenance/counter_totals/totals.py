@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Final
 
-from jbclog.maintenance.counter_totals.interval import NOTHING, Interval
+from jbclog.maintenance.counter_totals.span import NOTHING, Interval
 
 
 class Kind(StrEnum):

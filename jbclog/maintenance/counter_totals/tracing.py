@@ -1,4 +1,4 @@
-"""From a station's history to a trace of every counter: look by look, judged, and summed.
+"""From a station's history to a trace of every counter.
 
 Where roll-overs are in doubt it is gone through twice: how fast the counters go, and in what ratio, is learned from all that is
 known at first sight.
@@ -10,23 +10,189 @@ import math
 from collections import Counter as Counted
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 from jbclog.config.task_names import REPLACED, RESET
-from jbclog.maintenance.counter_totals.companion import OPEN, Ratios, ratios_of
-from jbclog.maintenance.counter_totals.difference import counted_on
-from jbclog.maintenance.counter_totals.elapsed import seconds
-from jbclog.maintenance.counter_totals.fast_path import Counter, difference, is_plain, lasted_h
-from jbclog.maintenance.counter_totals.history import History, Key
-from jbclog.maintenance.counter_totals.interval import NOTHING, Interval
-from jbclog.maintenance.counter_totals.judgement import Judged
-from jbclog.maintenance.counter_totals.judging import Resets, judge, judge_doubted
-from jbclog.maintenance.counter_totals.misread import MakeSpan, misread
-from jbclog.maintenance.counter_totals.replacement import replaced
-from jbclog.maintenance.counter_totals.sentences import RULES
-from jbclog.maintenance.counter_totals.span import LEAST_HOURS, Reading, Span
+from jbclog.maintenance.counter_totals.judging import (
+    OPEN,
+    RULES,
+    Judged,
+    MakeSpan,
+    Ratios,
+    Resets,
+    counted_on,
+    is_ordinary,
+    judge,
+    judge_doubted,
+    misread,
+    ratios_of,
+    replaced,
+)
+from jbclog.maintenance.counter_totals.observed import (
+    DRIFT,
+    FIVE_DIGITS,
+    HOURS,
+    Count,
+    Entry,
+    Fact,
+    Observation,
+    Standing,
+    Trait,
+    modulus_of,
+    trait_of,
+)
+from jbclog.maintenance.counter_totals.span import LEAST_HOURS, NOTHING, Elapsed, Interval, Reading, Span, seconds, top_of
 from jbclog.maintenance.counter_totals.totals import Difference, Join, Kind, Point, Trace
-from jbclog.maintenance.counter_totals.traits import DRIFT, modulus_of, trait_of
-from jbclog.maintenance.counter_totals.units import is_ordinary
+
+# -- history ------------------------------------------------------------------------------------------------------------------
+# What the ledger has of one station: the looks that saw it and the facts, in order, and from them a trace for every counter.
+
+Key = tuple[int, str]
+"""A counter of a station: port and name."""
+
+MOVES_AT_MOST = 1000.0  # two readings of one look that differ by more are not of a counter that moves
+
+
+@dataclass
+class History:
+    """One station of one line. `looks` are the observations that saw it, `all` the others too."""
+
+    line: str
+    station: str
+    all: list[Observation] = field(default_factory=list)
+    facts: list[Fact] = field(default_factory=list)
+
+    @cached_property
+    def looks(self) -> list[Observation]:
+        return [one for one in self.all if one.seen]
+
+    @cached_property
+    def times(self) -> list[float]:
+        """Of the looks, in seconds since 1970, as the host believed."""
+        return [seconds(one.time) for one in self.looks]
+
+    @cached_property
+    def elapsed(self) -> Elapsed:
+        return Elapsed(self.times)
+
+    @cached_property
+    def readings(self) -> dict[Key, list[Reading]]:
+        """Every counter's, oldest first, without what was not read."""
+        found: dict[Key, list[Reading]] = {}
+        for look, seen in enumerate(self.looks):
+            for count in seen.counts:
+                shown = _shown(count)
+                if shown is not None:
+                    found.setdefault((count.port, count.counter), []).append(Reading(look, shown))
+        return found
+
+    def told(self, task: str, begin: int, end: int) -> Iterator[Fact]:
+        """Facts of a task of `STATED` whose time is between two looks."""
+        for fact in self.facts:
+            if fact.task == task and self.times[begin] < seconds(fact.time) <= self.times[end]:
+                yield fact
+
+
+def _shown(count: Count) -> Interval | None:
+    if count.standing is Standing.OK and count.value is not None:
+        return Interval(count.value, count.value)
+    if count.standing is Standing.MOVING and count.values:
+        low, high = min(count.values), max(count.values)
+        return Interval(low, high) if high - low <= MOVES_AT_MOST else None
+    return None
+
+
+def histories(entries: Iterable[Entry]) -> dict[tuple[str, str], History]:
+    """By line and station, as they first appear."""
+    found: dict[tuple[str, str], History] = {}
+    for entry in entries:
+        history = found.setdefault((entry.line, entry.station), History(entry.line, entry.station))
+        if isinstance(entry, Fact):
+            history.facts.append(entry)
+        else:
+            history.all.append(entry)
+    return found
+
+
+# -- fast path ----------------------------------------------------------------------------------------------------------------
+# Looks at which nothing happened: every counter plainly went on, and every port shows that it was not reset. Most looks are such.
+#
+# The same questions as `judging.py` and `span.py` ask of one difference after the other, asked of a whole look at once and in plain
+# numbers; whatever is not answered here is left to them. A long ledger has half a million differences.
+
+LAST_HOUR = top_of(FIVE_DIGITS, HOURS)
+Readings = Mapping[Key, Reading]
+
+
+@dataclass(slots=True)
+class Counter:
+    """What is known of a counter for good. `pace`: the fastest it can be thought to go, an hour of `hours`, where that was seen."""
+
+    key: Key
+    trait: Trait
+    modulus: float
+    pace: float | None
+    step: float = field(init=False)
+    top: float = field(init=False)
+    fastest: float = field(init=False)
+    is_time: bool = field(init=False)
+    hours: tuple[Key, ...] = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.step, self.fastest, self.is_time = self.trait.step, self.trait.fastest, self.trait.is_time
+        self.top = top_of(self.modulus, self.trait)
+        self.hours = tuple((self.key[0], name) for name in self.trait.hours)
+
+
+def is_plain(look: int, last: Readings, now: Readings, counters: Mapping[Key, Counter], elapsed_h: float) -> bool:
+    """Whether all that was read at a look went on from the look before it, `elapsed_h` (finite) earlier at most."""
+    ports, sure = set(), set()
+    for key, after in now.items():
+        before, counter = last.get(key), counters[key]
+        if before is None or before.look != look - 1:
+            return False
+        lasted = elapsed_h * DRIFT if counter.is_time else lasted_h(counter.hours, last, now, before.look, elapsed_h)
+        if not _went_on(counter, before.shown, after.shown, lasted):
+            return False
+        ports.add(key[0])
+        if after.shown.low > elapsed_h * (DRIFT if counter.is_time else counter.fastest):
+            sure.add(key[0])
+    return bool(ports) and ports == sure
+
+
+def lasted_h(hours: Sequence[Key], last: Readings, now: Readings, look: int, elapsed_h: float) -> float:
+    """How long a counter of events can have counted: by the counter of time that it goes with, or by what went by.
+
+    One that shows its last number may stand still, and tells nothing."""
+    for key in hours:
+        before, after = last.get(key), now.get(key)
+        if before and after and before.look == look and before.shown.low <= after.shown.high < LAST_HOUR:
+            return min(elapsed_h * DRIFT, after.shown.high - before.shown.low + 1.0)
+    return elapsed_h * DRIFT
+
+
+def _went_on(counter: Counter, before: Interval, after: Interval, lasted: float) -> bool:
+    """Whether it cannot have rolled over, and not faster than can be: `counted_on`, of the commonest case."""
+    if after.high >= counter.top or after.high < before.low:
+        return False
+    grown, most = after.low - before.high, lasted if counter.is_time else lasted * counter.fastest
+    if grown > most + counter.step:
+        return False
+    usual = most if counter.pace is None else min(most, counter.pace * max(lasted, LEAST_HOURS))
+    return (usual + counter.step - grown) / counter.modulus < 1.0
+
+
+def difference(counter: Counter, before: Reading, after: Reading, begin: str, end: str) -> Difference:
+    """What is told of it."""
+    low, high = after.shown.low - before.shown.high, after.shown.high - before.shown.low
+    is_unchanged = low <= 0 <= high
+    rule = "unchanged" if is_unchanged else "went_on"
+    worked = Interval(max(0.0, low - counter.step), max(0.0, high) + counter.step)
+    kind = Kind.ZERO if is_unchanged else Kind.NORMAL
+    return Difference(*counter.key, begin, end, before.shown.low, after.shown.low, kind, rule, RULES[rule], worked, is_known=True)
+
+
+# -- tracing ------------------------------------------------------------------------------------------------------------------
 
 MARGIN = 10.0  # by which a counter may go faster than it ever was seen to: other work may take that much more
 LEAST_SEEN = 6  # fewer are those of quiet weeks, in which no roll-over was to be doubted

@@ -13,7 +13,7 @@ from collections.abc import Iterator
 from typing import Final
 
 from jbclog.core.text import csv_text
-from jbclog.maintenance.counter_totals.interval import Interval
+from jbclog.maintenance.counter_totals.span import Interval
 from jbclog.maintenance.due import TaskState
 from jbclog.maintenance.fleet import FleetAudit, Meter, StationAudit
 

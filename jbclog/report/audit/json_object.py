@@ -7,8 +7,7 @@ from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
 from enum import Enum
 
-from jbclog.maintenance.ending import findings
-from jbclog.maintenance.fleet import FleetAudit, StationAudit
+from jbclog.maintenance.fleet import FleetAudit, StationAudit, findings
 
 Plain = dict[str, object]
 

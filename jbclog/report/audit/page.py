@@ -14,8 +14,7 @@ from markupsafe import Markup
 
 from jbclog import __version__
 from jbclog.core.text import clean, number, stamp, together
-from jbclog.maintenance.fleet import FleetAudit
-from jbclog.maintenance.titles import TITLES
+from jbclog.maintenance.fleet import TITLES, FleetAudit
 from jbclog.report.audit import plots, wording
 from jbclog.report.audit.overview import at_a_glance
 from jbclog.report.audit.table_rows import (

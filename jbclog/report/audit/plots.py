@@ -15,7 +15,7 @@ from typing import Final
 from markupsafe import Markup
 
 from jbclog.core.text import clean
-from jbclog.maintenance.counter_totals.interval import Interval
+from jbclog.maintenance.counter_totals.span import Interval
 from jbclog.maintenance.due import Due, State
 from jbclog.maintenance.fleet import Week
 

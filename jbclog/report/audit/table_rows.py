@@ -6,10 +6,9 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Final
 
-from jbclog.maintenance.counter_totals.interval import NOTHING
+from jbclog.maintenance.counter_totals.span import NOTHING
 from jbclog.maintenance.counter_totals.totals import Difference, Kind
-from jbclog.maintenance.ending import ABSENT
-from jbclog.maintenance.fleet import FLEET, FleetAudit, Meter, StationAudit, UseFigure, Week
+from jbclog.maintenance.fleet import ABSENT, FLEET, FleetAudit, Meter, StationAudit, UseFigure, Week
 from jbclog.report.audit.wording import listed, span
 
 MOST_MARKS: Final = 200

@@ -8,7 +8,7 @@ from typing import Final
 
 from jbclog.config.tasks_file import DAYS
 from jbclog.core.text import number
-from jbclog.maintenance.counter_totals.interval import Interval
+from jbclog.maintenance.counter_totals.span import Interval
 from jbclog.maintenance.due import Due, State, TaskState
 
 STATES: Final = {

@@ -11,10 +11,8 @@ from jbclog.protocol.commands.family import FAMILIES
 from jbclog.protocol.commands.models import accept_line
 from jbclog.protocol.frame import Frame
 from jbclog.protocol.reader import FrameReader
-from jbclog.session.discovery.finding import Finding
-from jbclog.session.discovery.found import PortReport, StationFound
-from jbclog.session.discovery.trials import ADDRESSES, THOROUGH, plan_for
-from jbclog.session.discovery.who import address_of
+from jbclog.session.discovery.found import ADDRESSES, THOROUGH, Finding, PortReport, StationFound, plan_for
+from jbclog.session.discovery.scan import address_of
 
 SHOWN_BYTES = 12
 

@@ -1,13 +1,14 @@
-"""Reading by hand: one value at each place that is meant, or everything that a station can tell.
+"""Reading by hand: which answers are believed, one value, all values, a tip at a thermometer.
 
-No value is told that one answer alone says, or that cannot be (`plausible.py`). What reading would clear is read only by its
+No value is told that one answer alone says, or that cannot be (`read.py`). What reading would clear is read only by its
 name, and once.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from types import MappingProxyType
 from typing import TypeVar
 
 from jbclog.core.errors import (
@@ -20,14 +21,104 @@ from jbclog.core.errors import (
     StationSilent,
     UsageError,
 )
-from jbclog.core.io_requests import Steps
+from jbclog.core.io_requests import Steps, Wait
 from jbclog.core.quantities import Value
+from jbclog.protocol.client.agreement import ANSWERS
 from jbclog.protocol.commands.command import Command
 from jbclog.protocol.commands.family import Family
 from jbclog.protocol.commands.omega_values import UNTOLD
-from jbclog.session.manual.contact import Contact, Place, Target, everywhere, find_tool, meet, places, sentence
+from jbclog.protocol.commands.possible import STILL_C, TEMPERATURES, Possible, is_share, possible_as
+from jbclog.session.manual.contact import (
+    NOWHERE,
+    Contact,
+    Place,
+    Target,
+    everywhere,
+    find_ports,
+    find_tool,
+    meet,
+    places,
+    sentence,
+    title,
+)
 from jbclog.session.manual.names import find, readable, why_only_by_name
-from jbclog.session.manual.plausible import believed
+
+# -- plausible ----------------------------------------------------------------------------------------------------------------
+# Which answer is believed when a person asks: none of one alone, and none that cannot be.
+#
+# What stands still, a name, a tool, an error, a setting, a counter, is asked until two answers agree. What moves is asked until
+# two are about the same, or of three the middle one lies between the others. What reading clears is asked once: a second answer
+# would be another.
+
+COMPARE = "ask again, and compare with the station's display"
+APART: Mapping[str, int] = MappingProxyType(
+    {**dict.fromkeys(TEMPERATURES, STILL_C), "power_permille": 100, "delay_s": 2}  # s: the seconds count while they are asked for
+)
+"""How far two answers to the same question may be from each other, in the signal's unit."""
+
+
+def believed(contact: Contact, command: Command, place: Place) -> Steps[Value]:
+    """Ask until an answer can be believed. Raises `ImplausibleAnswer` where none can, and what asking raises."""
+    if command.asked_once:
+        return (yield from contact.read(command, place))
+    signal = contact.family.signal_of(command.name)
+    possible = possible_as(signal, contact.family)
+    if signal is not None and possible is not None:
+        return (yield from _moving(contact, command, place, possible, APART[signal]))
+    whole = yield from _whole(contact, command)
+    is_counter = any(counter.command == command.name for counter in contact.family.counters)
+    value = yield from contact.agreed(command, place, grows=is_counter)
+    if whole is not None and not is_share(value, whole):
+        raise _cannot_be(command, place, [value])
+    return value
+
+
+def _whole(contact: Contact, command: Command) -> Steps[int | None]:
+    """What the station tells as the greatest value of `command`; None where it tells none."""
+    greatest = contact.family.commands.get(str(command.share_of))
+    try:
+        whole = None if greatest is None else (yield from contact.agreed(greatest, NOWHERE))
+    except StationError:
+        return None
+    return whole if isinstance(whole, int) and whole > 0 else None
+
+
+def _moving(contact: Contact, command: Command, place: Place, possible: Possible, apart: int) -> Steps[Value]:
+    given: list[Value] = []
+    while len(given) < ANSWERS:
+        answer = yield from contact.read(command, place)
+        is_said_again = answer in given
+        given.append(answer)
+        if possible(answer):
+            value = settled(list(filter(possible, given)), apart)
+            if value is not None:
+                return value
+        elif is_said_again:
+            raise _cannot_be(command, place, [answer])
+    if not any(map(possible, given)):
+        raise _cannot_be(command, place, given)
+    said = ", ".join(map(command.shown, given))
+    raise ImplausibleAnswer(f"{title(command, place)}: the station says {said} when asked {len(given)} times; {COMPARE}")
+
+
+def _cannot_be(command: Command, place: Place, given: Sequence[Value]) -> ImplausibleAnswer:
+    said = ", ".join(dict.fromkeys(map(command.shown, given)))
+    return ImplausibleAnswer(f"{title(command, place)}: the station says {said}, which cannot be; {COMPARE}")
+
+
+def settled(given: Sequence[Value], apart: int) -> Value | None:
+    """What `given`, the answers so far, oldest first, agree on with the last of them, which may be `apart` from another."""
+    numbers = [one for one in given if isinstance(one, int | float)]
+    *before, last = numbers
+    if any(abs(one - last) <= apart for one in before):
+        return last
+    if len(before) < 2:
+        return None
+    first, middle = before[-2:]
+    return middle if first <= middle <= last or first >= middle >= last else None
+
+
+# -- read ---------------------------------------------------------------------------------------------------------------------
 
 T = TypeVar("T")
 
@@ -133,3 +224,78 @@ def _error_of(contact: Contact, port: int) -> Steps[int | None]:
     except (StationError, KeyError):
         return None
     return error if isinstance(error, int) else None
+
+
+# -- tip ----------------------------------------------------------------------------------------------------------------------
+# Reading a tip while a thermometer is at it: its temperature several times, with its setting before and after. Only questions.
+
+READINGS, EVERY_S = 12, 0.5
+
+
+@dataclass(slots=True)
+class TipReadings:
+    """What the station said: `temperatures` in °C in their order, `states` and `settings` (°C) before and after them."""
+
+    model: str | None
+    tool: str | None
+    adjust_c: float | None
+    temperatures: list[float] = field(default_factory=list)
+    states: list[str] = field(default_factory=list)
+    settings: list[float] = field(default_factory=list)
+
+
+def read_tip(target: Target, port: int) -> Steps[TipReadings]:
+    """Read the tip of `port` for `READINGS` × `EVERY_S` s.
+
+    Raises `StartRefused` where nobody usable answers, there is no such port, no tool in it, or no tip that tells its temperature.
+    """
+    contact = yield from meet(target)
+    ports = yield from find_ports(contact)
+    if port not in ports:
+        raise StartRefused(f"{contact.name}: there is no port {port}; it has {', '.join(map(str, ports)) or 'none'}")
+    temperature = contact.family.command_of("temperature_c")
+    if temperature is None:
+        raise StartRefused(f"{contact.name}: a {contact.family.name} tells no temperature; read it off its display: --station-c")
+    tool = (yield from find_tool(contact, port)) if contact.family.tools else None
+    if contact.family.tools and not tool:
+        raise StartRefused(f"{contact.name}: there is no tool in port {port}")
+    adjust = yield from _number(contact, "adjust", Place(port, tool))
+    found = TipReadings(contact.model, contact.family.tool_name(tool) if tool else None, adjust)
+    yield from _state(contact, port, found)
+    try:
+        for _ in range(READINGS):
+            value = yield from believed(contact, temperature, Place(port))
+            if isinstance(value, int | float):
+                found.temperatures.append(float(value))
+            contact.client.unasked((yield Wait(contact.client.now + EVERY_S)))
+    except StationError as error:
+        raise StartRefused(f"{contact.name}: its tip could not be read: {sentence(error)}") from error
+    yield from _state(contact, port, found)
+    return found
+
+
+def _state(contact: Contact, port: int, found: TipReadings) -> Steps[None]:
+    status = contact.family.command_of("status")
+    if status is not None:
+        value = yield from _value(contact, status.name, Place(port))
+        if isinstance(value, tuple):
+            found.states.append(contact.family.status.state(value))
+    selected = contact.family.command_of("set_c")
+    setting = None if selected is None else (yield from _number(contact, selected.name, Place(port)))
+    found.settings += [] if setting is None else [setting]
+
+
+def _number(contact: Contact, name: str, place: Place) -> Steps[float | None]:
+    value = yield from _value(contact, name, place)
+    return float(value) if isinstance(value, int | float) and not isinstance(value, bool) else None
+
+
+def _value(contact: Contact, name: str, place: Place) -> Steps[Value | None]:
+    """A steady value by its name; None where the family has none of that name, or the station does not tell it."""
+    command = contact.family.commands.get(name)
+    if command is None:
+        return None
+    try:
+        return (yield from contact.agreed(command, place))
+    except StationError:
+        return None

@@ -21,10 +21,9 @@ from jbclog.protocol.commands.family import Family
 from jbclog.protocol.commands.omega_values import ConditionNumber, Stored
 from jbclog.protocol.commands.status import StatusWord
 from jbclog.session.manual.contact import NOWHERE, Contact, Place, Target, expect_proven, find_tool, meet, places, sentence, title
-from jbclog.session.manual.danger import ONLY_COLD, expect_cold
+from jbclog.session.manual.danger import ONLY_COLD, Keep, expect_cold, take_snapshot
 from jbclog.session.manual.names import find, is_order, writable
 from jbclog.session.manual.read import found_after_all
-from jbclog.session.manual.snapshot import Keep, take_snapshot
 from jbclog.session.manual.values import names_suction, shown, value_in
 
 CONFIRMED, UNCHANGED, SENT = "confirmed", "unchanged", "sent"

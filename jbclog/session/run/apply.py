@@ -2,7 +2,7 @@
 
 Every setting of the station is read first; nothing is written before all of that has been checked. The outcome of each
 is a row of `settings`. The first that is not confirmed stops this station's run (docs/reference/tables.md). When what is written:
-`start.py`.
+`station_run.py`.
 """
 
 from __future__ import annotations
@@ -17,9 +17,9 @@ from jbclog.core.quantities import OFF, text_of
 from jbclog.core.rows import SettingRow, Severity
 from jbclog.protocol.commands.command import Command, Scope
 from jbclog.protocol.commands.omega_values import Stored
-from jbclog.session.run.anomalies import compare_countdowns
 from jbclog.session.run.context import PortState, SessionContext
 from jbclog.session.run.setting import keep_row, read_setting, title_of, touch, write_setting
+from jbclog.session.run.watch import compare_countdowns
 
 COOLING_DELAYS = ("sleep_delay", "hibernation_delay")
 UNTOLD = "not told by the station"  # and what the recipe asks for it cannot be proven

@@ -22,7 +22,7 @@ from jbclog.protocol.commands.decisions import DECISIONS
 from jbclog.protocol.commands.family import Family
 from jbclog.protocol.commands.status import StatusWord
 
-EXAMINED, PREPARED, HEATED = 1, 2, 3  # the steps of a start, by what is done at their end (`start.py`)
+EXAMINED, PREPARED, HEATED = 1, 2, 3  # the steps of a start, by what is done at their end (`station_run.py`)
 AS_AUTO = AUTO
 AS_FIT = "fit"
 AS_FAST_AS_POSSIBLE = "max"

@@ -13,9 +13,16 @@ from jbclog.core.rows import Severity
 from jbclog.protocol.commands.command import Scope
 from jbclog.session.run.apply import note_status, read_all
 from jbclog.session.run.context import PortState, SessionContext
-from jbclog.session.run.identify import connect
-from jbclog.session.run.identity import recognise
-from jbclog.session.run.loss import FIRST_SEEK_S, first_pause_s, next_pause_s, tell_flood, tell_flood_over, tell_loss
+from jbclog.session.run.identify import (
+    FIRST_SEEK_S,
+    connect,
+    first_pause_s,
+    next_pause_s,
+    recognise,
+    tell_flood,
+    tell_flood_over,
+    tell_loss,
+)
 from jbclog.session.run.sampling import Lost, Sampler
 from jbclog.session.run.watch import stop_on, tell_change
 

@@ -11,7 +11,7 @@ from jbclog.core.line_format import LineFormat
 from jbclog.core.rows import StationFacts
 from jbclog.protocol.commands.family import Family
 from jbclog.session.run.context import AS_AUTO, AS_FAST_AS_POSSIBLE, AS_FIT, SessionContext
-from jbclog.session.run.identity import SAID
+from jbclog.session.run.identify import SAID
 from jbclog.session.run.watch import WATCHED_SETTINGS
 from jbclog.session.scheduler import (
     AUTO_RATES_HZ,

@@ -7,8 +7,7 @@ from __future__ import annotations
 from jbclog.core.io_requests import Steps, Wait
 from jbclog.core.rows import Severity
 from jbclog.session.run.context import PortState, SessionContext
-from jbclog.session.run.identity import recognise
-from jbclog.session.run.loss import tell_flood
+from jbclog.session.run.identify import recognise, tell_flood
 from jbclog.session.safety.secure import secure
 from jbclog.session.safety.tools import FAILED, SENT, VERIFIED, Task, Tool
 

@@ -1,4 +1,4 @@
-"""Chapter 3: the grid: tick after tick, at the due time or not at all.
+"""Chapter 3 of a station's run: samples at the ticks of the grid.
 
 A tick reads the fast signals of all ports, then as many slow ones as the wire has room for. A late tick is not made up
 by a burst: what is a whole period late is a row of `skipped`. Who made it late is counted apart: only what the computer was seen
@@ -9,18 +9,191 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass, field
+from math import inf
+from typing import Final, NamedTuple
 
 from jbclog.core.errors import LinkError, RobotModeOff, StartRefused, StationError, StationSilent
-from jbclog.core.io_requests import RunEnded, Steps, T, Wait
-from jbclog.core.rows import Severity
+from jbclog.core.io_requests import Ask, Heard, Listen, Request, RunEnded, Steps, T, Wait, relay
+from jbclog.core.quantities import OFF, text_of
+from jbclog.core.rows import SettingRow, Severity
+from jbclog.protocol.commands.command import Scope
 from jbclog.session.run.alarms import AlarmWatch
-from jbclog.session.run.busy import KIND, SLOW_KIND, Busy
-from jbclog.session.run.context import SessionContext
-from jbclog.session.run.new_tool import meet_tool
-from jbclog.session.run.omega_states import tell_late
+from jbclog.session.run.apply import read_tool, readable_settings
+from jbclog.session.run.context import PortState, SessionContext
+from jbclog.session.run.safe import put_in_safe_state
 from jbclog.session.run.scan import SKIPPED, Probe, Scan, Scanner
-from jbclog.session.run.standstill import Standstill
+from jbclog.session.run.watch import tell_late
 from jbclog.session.scheduler import Demand, Grid, Reading, SlowReadings
+
+# -- new tool -----------------------------------------------------------------------------------------------------------------
+# A tool that was connected or changed during the run: its settings are read, never written.
+#
+# If it would not cool down by itself (its sleep delay is off), its port goes to the safe state at once
+# (docs/reference/safe-states.md).
+
+
+def meet_tool(context: SessionContext, port: PortState) -> Steps[None]:
+    """Learn what the new tool in `port` holds, and make it safe if it must be. Raises what ends the asking."""
+    port.tool_is_new = False
+    for command in readable_settings(context, Scope.TOOL):
+        port.held.pop(command.name, None)
+    if not port.has_tool:
+        return
+    try:
+        yield from read_tool(context, port)
+    except StartRefused as error:
+        context.note(
+            "tool.unknown", Severity.WARNING, f"The settings of the new tool could not be read: {error}.", port=port.number
+        )
+        if isinstance(error.__cause__, LinkError | StationSilent | RobotModeOff):
+            raise error.__cause__ from error
+    _record(context, port)
+    if port.touched and _stays_hot(context, port) and not context.recipe.run.allow_no_cooldown:
+        yield from _make_safe(context, port)
+
+
+def _stays_hot(context: SessionContext, port: PortState) -> bool:
+    """Whether it would never cool in stand. Hot air needs no delay for that: its safe states have the heater off."""
+    return "sleep_delay" in context.family.commands and port.held.get("sleep_delay", OFF) is OFF
+
+
+def _record(context: SessionContext, port: PortState) -> None:
+    time, tool = context.utc.micros(context.now), context.tool_text(port.tool)
+    for command in readable_settings(context, Scope.TOOL):
+        if command.name in port.held:
+            value = text_of(port.held[command.name])
+            row = SettingRow(time, context.name, port.number, tool, command.name, command.unit, None, None, value, None, "read")
+            context.journal.setting(row)
+
+
+def _make_safe(context: SessionContext, port: PortState) -> Steps[None]:
+    """The tool's own delay would keep it hot in stand for ever, or is not known: do not leave it at work."""
+    text = f"The sleep delay of the new tool in port {port.number} is off or unknown: the port is put in its safe state."
+    context.note("safety.no_cooldown", Severity.WARNING, text, port=port.number)
+    yield from put_in_safe_state(context, port)
+
+
+# -- busy ---------------------------------------------------------------------------------------------------------------------
+# Ticks that the computer, or a slow station, came too late for, told together: how many, in how many places, and how late.
+#
+# A busy hour must not become thousands of events, and nobody is to wait long for the first: one is told once nothing more was
+# skipped for `QUIET_S`, and every `LONGEST_S` where it goes on.
+
+KIND: Final = "host.busy"
+SLOW_KIND: Final = "station.slow"
+QUIET_S: Final = 10.0
+LONGEST_S: Final = 300.0
+
+
+@dataclass(slots=True)
+class Busy:
+    """What has not been told yet. Times are monotonic seconds; `since` is when the first of the ticks was due."""
+
+    ticks: int = 0
+    places: int = 0
+    late_s: float = 0.0
+    since: float = 0.0
+    last: float = 0.0
+
+    def add(self, ticks: int, due: float, now: float) -> None:
+        """`ticks` from the one that was due at `due` on were not run; it is `now`."""
+        if not self.ticks:
+            self.since = due
+        self.ticks += ticks
+        self.places += 1
+        self.late_s = max(self.late_s, now - due)
+        self.last = now
+
+    def is_to_be_told(self, now: float) -> bool:
+        return self.ticks > 0 and (now - self.last >= QUIET_S or now - self.since >= LONGEST_S)
+
+    def text(self, period_s: float) -> str:
+        return f"The computer was busy: {self._what(period_s)}; less work beside the run helps."
+
+    def text_of_station(self, period_s: float, name: str) -> str:
+        return f"{name} was slow to answer, or did not: {self._what(period_s)}; a lower rate leaves more time."
+
+    def _what(self, period_s: float) -> str:
+        ticks = f"{self.ticks} tick{'' if self.ticks == 1 else 's'} of {period_s:g} s"
+        places = "" if self.places == 1 else f" in {self.places} places"
+        return f"{ticks} not run{places}, {self.late_s:.2f} s late at most"
+
+
+# -- standstill ---------------------------------------------------------------------------------------------------------------
+# Whether the host stood still: time that passed although nothing was asked and nothing waited for.
+#
+# A station that babbles or hangs makes a tick late, and so does a host that was suspended; only the second is an event of
+# its own (docs/reference/tables.md). What tells them apart is the wish: it says until when it may last.
+
+SUSPENDED_S = 5.0  # a standstill of the host that is an event; its ticks have no rows. A busy host may be late by less
+
+
+class Span(NamedTuple):
+    """From the moment by which a wish ought to have come back to the one at which it did, monotonic seconds."""
+
+    begin: float
+    end: float
+
+    @property
+    def seconds(self) -> float:
+        return self.end - self.begin
+
+
+@dataclass(slots=True)
+class Standstill:
+    """When the host stood still, since `spans` was last emptied, and by how much all wishes together came back too late.
+
+    What is waited for is no standstill, whoever waits and however long: it begins where the wish that is out should have ended.
+    """
+
+    spans: list[Span] = field(default_factory=list)
+    late_s: float = 0.0
+    _due: float = -inf  # the last moment at which it is known that the host went on, or need not have
+
+    def watch(self, steps: Steps[T], now: float) -> Steps[T]:
+        """Do `steps` as they are, from `now` on, and note by how much their wishes came back too late."""
+        self._due = max(self._due, now)
+
+        def timed(wish: Request) -> Steps[Heard]:
+            try:
+                heard = yield wish
+            except Exception:  # nobody says when: what it may have taken is not the host's
+                self._due = _latest(wish, self._due)
+                raise
+            self._note(Span(min(_latest(wish, self._due), _held_up(wish, heard)), heard.now))
+            self._due = heard.now
+            return heard
+
+        return relay(steps, timed)
+
+    def _note(self, late: Span) -> None:
+        self.late_s += max(late.seconds, 0.0)
+        if late.seconds > SUSPENDED_S:
+            self.spans.append(late)
+
+    def covers(self, moment: float) -> bool:
+        """Whether the host stood still at `moment`."""
+        return any(span.begin < moment <= span.end for span in self.spans)
+
+
+def _latest(wish: Request, now: float) -> float:
+    """The moment by which `wish` ought to have come back. Nobody can say how long opening a port may take, or the others."""
+    match wish:
+        case Ask():
+            return now + wish.patience_s
+        case Listen() | Wait():
+            return max(now, wish.until)
+        case _:
+            return inf
+
+
+def _held_up(wish: Request, heard: Heard) -> float:
+    """Since when an answer may have been there, unheard. In any other wish the driver being late matters at its end only."""
+    return heard.now - heard.late_s if isinstance(wish, Ask | Listen) and heard.data else inf
+
+
+# -- sampling -----------------------------------------------------------------------------------------------------------------
 
 FINISH_S = 0.5  # a tick in which the run is ended may take so much longer; hot tools are waiting
 

@@ -1,7 +1,7 @@
 """One tick of one station: every due reading asked, every one accounted for, one row a port.
 
 What could not be read is null with a reason. What would stop a run, counts something, or cannot well be, is asked again
-before it is believed (`second_look.py`).
+before it is believed (`readings.py`).
 """
 
 from __future__ import annotations
@@ -15,14 +15,18 @@ from jbclog.core.rows import COLUMN, SAMPLE_COLUMNS, CounterRow, SampleRow, Seve
 from jbclog.protocol.client.interface import Asking
 from jbclog.protocol.commands.family import NEEDS_A_TOOL
 from jbclog.session.run.alarms import AlarmWatch, bears_out
-from jbclog.session.run.anomalies import note_zero_countdown
-from jbclog.session.run.columns import NO_DIGIT, Fill, fill_of, unusable, void
 from jbclog.session.run.context import PortState, SessionContext
-from jbclog.session.run.identity import SAID, expect_said, expect_same, is_said
-from jbclog.session.run.omega_states import differs_from_last
-from jbclog.session.run.possible import possible_of
-from jbclog.session.run.second_look import Doubt, SecondLook
-from jbclog.session.run.watch import OBSERVERS, WATCHED_SETTINGS, Observe, arrives, is_no_tool
+from jbclog.session.run.identify import SAID, expect_said, expect_same, is_said
+from jbclog.session.run.readings import NO_DIGIT, Doubt, Fill, SecondLook, fill_of, possible_of, unusable, void
+from jbclog.session.run.watch import (
+    OBSERVERS,
+    WATCHED_SETTINGS,
+    Observe,
+    arrives,
+    differs_from_last,
+    is_no_tool,
+    note_zero_countdown,
+)
 from jbclog.session.scheduler import Reading
 
 WIDTH = len(SAMPLE_COLUMNS)

@@ -1,15 +1,213 @@
-"""What changes while a run goes on, told once when it changes: errors, tools, settings found different."""
+"""What changes while a run goes on, and is reported once when it does."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
 
-from jbclog.core.errors import JbclogError
+from jbclog.core.errors import JbclogError, LinkError, NotSupported, RobotModeOff, StationError, StationSilent
+from jbclog.core.io_requests import Steps
 from jbclog.core.quantities import Value, text_of
-from jbclog.core.rows import Severity
+from jbclog.core.rows import CounterRow, Severity
+from jbclog.protocol.client.omega import OmegaStation
+from jbclog.protocol.commands.omega import CONTROL, INFORMATION, LATE, SAYS_YES
+from jbclog.protocol.commands.omega_values import UNTOLD
 from jbclog.protocol.commands.robot import ErrorTable
+from jbclog.protocol.commands.signals import Counter
 from jbclog.session.run.context import PortState, SessionContext
-from jbclog.session.run.omega_states import OMEGA_OBSERVERS
+
+# -- counters -----------------------------------------------------------------------------------------------------------------
+# The hour and cycle counters, read whole at the start and at the end of a run; each counts when two answers say the same.
+
+
+def read_counters(context: SessionContext) -> Steps[None]:
+    """A row for every counter of every port; null with its reason where it could not be read.
+
+    Raises `LinkError`, `StationSilent` or `RobotModeOff` where nothing can be read any more.
+    """
+    for port in context.ports.values():
+        for counter in context.family.counters:
+            if counter.name not in context.not_supported:
+                yield from _read(context, port, counter)
+
+
+def _read(context: SessionContext, port: PortState, counter: Counter) -> Steps[None]:
+    command, known = context.command(counter.command), port.counted.get(counter.name)
+    try:
+        found = yield from context.agreed(command, port.number, known=known, grows=True)
+    except NotSupported:
+        context.not_supported.add(counter.name)
+    except (LinkError, StationError) as error:
+        _keep(context, port, counter, None, f"<{error.reason}>")
+        if isinstance(error, LinkError | StationSilent | RobotModeOff):
+            raise
+    else:
+        port.counted[counter.name] = found
+        _keep(
+            context,
+            port,
+            counter,
+            float(found) if isinstance(found, int | float) else None,
+            command.as_it_came(context.station.data, found),
+        )
+
+
+def _keep(context: SessionContext, port: PortState, counter: Counter, value: float | None, raw: str) -> None:
+    due = context.facts.due.setdefault(str(port.number), {})
+    due[counter.name] = due.get(counter.name, 0) + 1
+    time = context.utc.micros(context.now)
+    context.journal.counter(CounterRow(time, context.name, port.number, counter.name, value, counter.unit, raw))
+
+
+# -- anomalies ----------------------------------------------------------------------------------------------------------------
+# What a station does otherwise than the manuals recommend: told once each, and what only a session can notice of it.
+#
+# A client takes other forms and counts them (`protocol/client/anomalies.py`); whoever holds the context tells
+# (`SessionContext.tell_anomalies`).
+
+DELAY_UNIT, NO_COUNTDOWN = 20, 25  # B-numbers (docs/reference/contradictions.md)
+LATE_S, EARLY_S = 30, 5  # how far a countdown may be from a whole delay shortly after it began
+
+
+def note_zero_countdown(context: SessionContext, port: PortState, value: Value) -> None:
+    """A time to sleep of 0 s where nothing counts down (docs/reference/contradictions.md, B-25)."""
+    if value == 0:
+        _meet(context, NO_COUNTDOWN, "time to sleep", port)
+
+
+def compare_countdowns(context: SessionContext, ports: Iterable[PortState]) -> Steps[None]:
+    """Hold the time to sleep against the sleep delay on `ports`, which were at work and have just been told to stand.
+
+    Manuals give the delay in minutes, in seconds or without a unit; only this can tell (docs/reference/contradictions.md, B-20).
+    """
+    if "time_to_sleep" not in context.family.commands or "delay_s" in context.not_supported:
+        return
+    for port in ports:
+        delay = port.held.get("sleep_delay")
+        if isinstance(delay, int) and delay > 0 and port.status is not None and port.status[4] == 1:
+            yield from _compare_countdown(context, port, delay)
+
+
+def _compare_countdown(context: SessionContext, port: PortState, delay: int) -> Steps[None]:
+    try:
+        left = yield from context.station.read(context.command("time_to_sleep"), port.number)
+    except StationError:
+        return
+    if isinstance(left, int) and 0 < left < 65535 and not 60 * delay - LATE_S <= left <= 60 * delay + EARLY_S:
+        _meet(context, DELAY_UNIT, f"time to sleep with a sleep delay of {delay}", port)
+
+
+def _meet(context: SessionContext, number: int, what: str, port: PortState) -> None:
+    context.station.anomalies.meet(number, f"{what}, port {port.number}", context.station.data, port.number)
+
+
+# -- omega states -------------------------------------------------------------------------------------------------------------
+# OMEGA's states: told when they change, and what its controller says by itself.
+#
+# Solder that has run out and a clogged nozzle are errors from the reading on that shows them, and no longer one as soon as a
+# reading does not. That it prepares is told for information, and so is a temperature out of its range that lasts: each joint
+# takes it there for a moment, and that stands in the samples.
+
+LASTING_S = 10.0
+
+
+@dataclass(frozen=True, slots=True)
+class _State:
+    """One flag, a column of `samples`: what is told when it becomes true, and when it does no longer."""
+
+    begins: str
+    severity: Severity
+    begun: str
+    ends: str
+    ended: str
+
+
+SHORTAGE = _State("solder.shortage", Severity.ERROR, "There is no solder left.", "solder.shortage.ended", "There is solder again.")
+CLOGGED = _State(
+    "feeder.clogged", Severity.ERROR, "The solder is clogged.", "feeder.clogged.ended", "The solder is no longer clogged."
+)
+PREPARING = _State(
+    "control.preparing", Severity.INFO, "It is preparing, or has an error; one answer means both.", "control.ready", "It is ready."
+)
+OUT_OF_RANGE = "temperature.out_of_range"
+
+
+def _flags(signal: str, flags: Mapping[str, _State]) -> Callable[[SessionContext, PortState, Value], None]:
+    """Tell each change of the flags in the answers to `signal`; at the first reading those that are set."""
+
+    def observe(context: SessionContext, port: PortState, value: Value) -> None:
+        before = port.states.get(signal)
+        port.states[signal] = (value, context.now)
+        for column, state in flags.items():
+            was, is_now = before is not None and before[0] in SAYS_YES[column], value in SAYS_YES[column]
+            if was != is_now:
+                kind, severity, text = (
+                    (state.begins, state.severity, state.begun) if is_now else (state.ends, Severity.INFO, state.ended)
+                )
+                context.note(kind, severity, text, port=port.number, since=before[1] if before else None)
+
+    return observe
+
+
+def _in_range(context: SessionContext, port: PortState, value: Value) -> None:
+    """A temperature that has been out of its range for `LASTING_S`; `states` holds since when it is as it is."""
+    before = port.states.get("in_range")
+    is_in = value in SAYS_YES["in_range"]
+    if before is None or before[0] != value:
+        port.states["in_range"] = (value, context.now)
+        if is_in and OUT_OF_RANGE in port.states:
+            del port.states[OUT_OF_RANGE]
+            context.note("temperature.in_range", Severity.INFO, "The temperature is in its range again.", port=port.number)
+    elif not is_in and OUT_OF_RANGE not in port.states and context.now - before[1] >= LASTING_S:
+        port.states[OUT_OF_RANGE] = (value, context.now)
+        text = f"The temperature has been out of its range for {context.now - before[1]:.0f} s."
+        context.note(OUT_OF_RANGE, Severity.INFO, text, port=port.number, since=before[1])
+
+
+OMEGA_OBSERVERS = {
+    "solder_shortage": _flags("solder_shortage", {"solder_shortage": SHORTAGE, "clogged": CLOGGED}),
+    "preparing": _flags("preparing", {"preparing": PREPARING}),
+    "in_range": _in_range,
+}
+
+
+USUAL = {"solder_shortage": INFORMATION.names[0], "preparing": CONTROL.names[0]}
+"""What a state is taken to have been before the first reading of it."""
+
+
+def differs_from_last(name: str) -> Callable[[SessionContext, PortState, Value], bool]:
+    """Whether a state is another than at the last reading; where that is an error it is asked twice before it is believed."""
+
+    def doubt(_context: SessionContext, port: PortState, value: Value) -> bool:
+        last = port.states.get(name)
+        if value == UNTOLD and last is None:
+            return False
+        return value != (USUAL[name] if last is None else last[0])
+
+    return doubt
+
+
+def told_text(context: SessionContext) -> str:
+    """What this controller does not tell of its states, as sentences; nothing where it tells them all."""
+    untold = [signal.command.replace("_", " ") for signal in context.family.signals if signal.name in context.not_supported]
+    text = f" It does not answer {', '.join(untold)}: that is not due, and not known." if untold else ""
+    if isinstance(context.station, OmegaStation) and context.station.without_digit:
+        text += " It answers A with a alone: whether solder is short or clogged is not known."
+    return text
+
+
+def tell_late(context: SessionContext) -> None:
+    """Tell what the controller has said by itself: that a joint is done which somebody else, or an earlier order, began."""
+    if not isinstance(context.station, OmegaStation):
+        return
+    for said in context.station.by_itself:
+        kind = "omega.completed" if said.letter == "h" else "omega.first_stage"
+        text = f"It says that {LATE[said.letter]}; this run asked for no joint."
+        context.note(kind, Severity.INFO, text, raw=said.letter)
+    context.station.by_itself.clear()
+
+
+# -- watch --------------------------------------------------------------------------------------------------------------------
 
 COOLS_WITHIN_S = 10.0  # a tip without heating is colder after this long, whatever it is
 BAND_C = 10  # ±10 °C around the setting counts as at temperature (docs/reference/exit-codes.md)

@@ -25,7 +25,7 @@ from jbclog.guard.lease import NAME, StationLease, keep, kept
 from jbclog.guard.lease_writer import LeaseWriter
 from jbclog.guard.single_guard import NAME as LOCK
 from jbclog.guard.single_guard import only_one
-from jbclog.record import annotations, guard_actions, left_hot
+from jbclog.record import annotations, conclude, guard_actions
 from jbclog.record.check import check
 from jbclog.record.recover import recover
 
@@ -80,7 +80,7 @@ def test_a_line_that_cannot_be_read_does_not_hide_the_others(tmp_path: Path) -> 
     newer = json.dumps(json.loads(first) | {"what a later version has": 1})
     (tmp_path / NAME).write_text(f"{newer}\n{second[:-5]}\n\n{second}\n")
     assert [one.name for one in kept(tmp_path)] == ["b"]
-    assert sorted(left_hot.leases(tmp_path)) == ["a", "b"]  # people are told of both
+    assert sorted(conclude.left_leases(tmp_path)) == ["a", "b"]  # people are told of both
 
 
 def test_a_port_is_the_same_by_whatever_link(tmp_path: Path) -> None:
@@ -112,7 +112,7 @@ def test_nothing_is_read_or_cut_through_a_link_and_no_pipe_is_waited_for(tmp_pat
     folder.mkdir()
     foreign.write_text(f"{lease('a').to_json()}\n\n\n")
     (folder / name).symlink_to(foreign)
-    for look in (kept, left_hot.leases, guard_actions.action_log, guard_actions.tidy):
+    for look in (kept, conclude.left_leases, guard_actions.action_log, guard_actions.tidy):
         with suppress(OSError):
             assert not look(folder)
     with pytest.raises(OSError, match="symbolic links"):
@@ -120,7 +120,7 @@ def test_nothing_is_read_or_cut_through_a_link_and_no_pipe_is_waited_for(tmp_pat
     assert foreign.read_text().endswith("\n\n\n")
     (folder / name).unlink()
     os.mkfifo(folder / name)
-    for look in (kept, left_hot.leases):
+    for look in (kept, conclude.left_leases):
         assert not look(folder)
 
 

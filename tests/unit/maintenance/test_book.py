@@ -10,8 +10,7 @@ import pytest
 
 from jbclog.core.errors import RecordError
 from jbclog.maintenance.counter_totals.observed import Count, Errors, Fact, Identity, Observation, Standing
-from jbclog.maintenance.ledger import AuditGoesOn, add, auditing, read_book
-from jbclog.maintenance.ledger_line import read_line, written
+from jbclog.maintenance.ledger import AuditGoesOn, add, auditing, read_book, read_line, written
 
 COUNTS = (
     Count(1, "work_h", "h", 412.0),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from counted import look
 
-from jbclog.maintenance.drift import drifts
+from jbclog.maintenance.fleet_of_ledger import drifts
 
 
 def test_an_odd_one_out_is_told_with_how_many_have_what() -> None:

@@ -14,11 +14,10 @@ import pytest
 from hostile_names import HOSTILE
 
 from jbclog.cli.audit_table import lines
-from jbclog.maintenance.counter_totals.interval import Interval
 from jbclog.maintenance.counter_totals.observed import Count, Standing
+from jbclog.maintenance.counter_totals.span import Interval
 from jbclog.maintenance.due import State
-from jbclog.maintenance.ending import USUAL, Finding, exit_code, findings
-from jbclog.maintenance.fleet import FleetAudit, StationAudit
+from jbclog.maintenance.fleet import USUAL, Finding, FleetAudit, StationAudit, exit_code, findings
 from jbclog.report.audit.csv_table import COLUMNS, SCHEMA, sheet_of
 from jbclog.report.audit.json_object import plain_audit
 

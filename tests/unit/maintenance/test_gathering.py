@@ -9,8 +9,8 @@ import pytest
 from looked import at, seen, told
 
 from jbclog.config.tasks_file import parse_tasks
-from jbclog.maintenance.counter_totals.interval import Interval
 from jbclog.maintenance.counter_totals.observed import Entry, Observation, Standing
+from jbclog.maintenance.counter_totals.span import Interval
 from jbclog.maintenance.counter_totals.totals import Kind
 from jbclog.maintenance.due import State
 from jbclog.maintenance.fleet import FleetAudit, StationAudit

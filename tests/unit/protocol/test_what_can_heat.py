@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from jbclog.config.write_order import CAN_HEAT, CANNOT_HEAT, COMMAND_OF
-from jbclog.session.run.writes import WRITES
+from jbclog.session.run.setting import WRITES
 
 
 def test_each_written_command_either_can_heat_or_cannot() -> None:

@@ -16,8 +16,8 @@ from jbclog.cli.app import app
 from jbclog.core.rows import StationFacts
 from jbclog.guard.action_log import ActionLog
 from jbclog.guard.open_leases import settle
+from jbclog.record import conclude
 from jbclog.record import conclude as concluding
-from jbclog.record import left_hot
 from jbclog.record.check import check
 from jbclog.record.guard_actions import DIARY, LEASE
 from jbclog.record.manifest import Manifest, read_manifest, write_manifest
@@ -56,7 +56,7 @@ def lease(*ports: int, feeds: bool = False) -> dict[str, object]:
 
 def told(folder: Path) -> list[tuple[int | None, str, float | None]]:
     """The events that say so."""
-    rows = [row for group in row_groups(folder, "events") for row in group.to_pylist() if row["kind"] == left_hot.KIND]
+    rows = [row for group in row_groups(folder, "events") for row in group.to_pylist() if row["kind"] == conclude.KIND]
     assert {row["severity"] for row in rows} <= {"critical"}
     return [(row["port"], row["text"], row["value"]) for row in rows]
 

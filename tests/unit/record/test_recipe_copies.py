@@ -10,9 +10,8 @@ from typer.testing import CliRunner
 
 from jbclog.cli.app import app
 from jbclog.core.foreign.files import NotReadable
-from jbclog.record.joint_settings import joints_asked
+from jbclog.record.folder import joints_asked, recipe_copy, recipe_texts
 from jbclog.record.manifest import read_manifest
-from jbclog.record.recipe_copies import recipe_copy, recipe_texts
 
 
 @pytest.fixture

@@ -20,9 +20,8 @@ from jbclog.core.errors import RecordError
 from jbclog.core.wire_capture import Passed, Row, Told
 from jbclog.record import capture_recorder
 from jbclog.record.capture import Head, count_rows, is_done, mend, read_head, read_rows, read_to_hole, wire_path, wire_paths
-from jbclog.record.capture_blocks import FIXED, WINDOW
+from jbclog.record.capture_file import FIXED, WINDOW, line_of, row_of
 from jbclog.record.capture_recorder import WireRecorder
-from jbclog.record.capture_rows import line_of, row_of
 from jbclog.record.check import check
 from jbclog.record.manifest import Manifest, read_manifest, write_manifest
 from jbclog.record.recover import recover

@@ -10,7 +10,7 @@ from jbclog.app.audit.verifications import verified, with_never
 from jbclog.config.tasks_file import load_tasks
 from jbclog.maintenance.counter_totals.observed import Count, Identity, Observation
 from jbclog.maintenance.due import State, TaskState
-from jbclog.maintenance.ending import exit_code
+from jbclog.maintenance.fleet import exit_code
 from jbclog.maintenance.fleet_of_ledger import fleet_of
 from jbclog.maintenance.ledger import Book
 from jbclog.maintenance.verification import Given, keep, own_of, verify

@@ -21,8 +21,7 @@ from jbclog.app.doctor.disk import look_at_folder
 from jbclog.app.doctor.ports import look_at_holder, look_at_timer, look_at_usb_port, permission_step
 from jbclog.app.doctor.result import Fine, Looked
 from jbclog.core.errors import PortBusy
-from jbclog.session.discovery.finding import Finding
-from jbclog.session.discovery.trials import ScanPlan
+from jbclog.session.discovery.found import Finding, ScanPlan
 from jbclog.transport.system_ports import UsbPort
 
 NOW = 1_795_000_000.0  # November 2026

@@ -12,7 +12,7 @@ from jbclog.app.doctor.result import Fine, Looked
 from jbclog.app.doctor.stations import look_at_stations
 from jbclog.config.line import parse_line
 from jbclog.core.line_format import LineFormat
-from jbclog.session.discovery.finding import Finding
+from jbclog.session.discovery.found import Finding
 
 PLACE = Path("/place/line.toml")
 

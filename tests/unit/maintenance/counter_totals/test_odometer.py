@@ -9,9 +9,8 @@ import pytest
 from looked import WHO, at, last, rules, seen, series, told, traced
 
 from jbclog.config.task_names import REPLACED, RESET
-from jbclog.maintenance.counter_totals.elapsed import Elapsed
-from jbclog.maintenance.counter_totals.interval import Interval
-from jbclog.maintenance.counter_totals.sentences import RULES
+from jbclog.maintenance.counter_totals.judging import RULES
+from jbclog.maintenance.counter_totals.span import Elapsed, Interval
 from jbclog.maintenance.counter_totals.totals import Kind
 
 DAY, WEEK = 24.0, 168.0

@@ -7,7 +7,7 @@ from talk import framed
 
 from jbclog.protocol.commands.command import Effect, Scope
 from jbclog.protocol.commands.family import FAMILIES, ROBOT
-from jbclog.session.discovery.questions import is_harmless, question_text
+from jbclog.session.discovery.probe import is_harmless, question_text
 
 HOST = {"source": 0, "target": 1}
 

@@ -17,9 +17,8 @@ from jbclog.core.clock import VirtualClock
 from jbclog.core.errors import PortMissing
 from jbclog.core.line_format import BAUDRATES, LineFormat
 from jbclog.session.discovery.diagnosis import diagnose
-from jbclog.session.discovery.found import PortReport, StationFound
-from jbclog.session.discovery.questions import is_harmless
-from jbclog.session.discovery.trials import ADDRESSES, THOROUGH, USUAL, ScanPlan, Trial, plan_for
+from jbclog.session.discovery.found import ADDRESSES, THOROUGH, USUAL, PortReport, ScanPlan, StationFound, Trial, plan_for
+from jbclog.session.discovery.probe import is_harmless
 
 ALL = tuple(dict.fromkeys((*ADDRESSES, *range(1, 100))))
 

@@ -17,8 +17,7 @@ from jbclog.cli.app import app
 from jbclog.config.line import load_line, parse_line
 from jbclog.core.line_format import LineFormat
 from jbclog.session.discovery.diagnosis import diagnose
-from jbclog.session.discovery.found import PortReport, StationFound
-from jbclog.session.discovery.trials import LEARNING_S, ScanPlan
+from jbclog.session.discovery.found import LEARNING_S, PortReport, ScanPlan, StationFound
 
 OTHERWISE = {"SMN": "  EEE", "SVR": "9.99", "SER": "00005", "CT2": "00000", "CT1": "00004"}
 

@@ -1,0 +1,280 @@
+"""From a value read to the columns of a row; what is hard to believe is asked again."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from jbclog.core.errors import ImplausibleAnswer
+from jbclog.core.io_requests import Steps
+from jbclog.core.quantities import Value, permille_of
+from jbclog.core.rows import COLUMN, SampleRow, Severity
+from jbclog.protocol.client.agreement import borne_out
+from jbclog.protocol.client.interface import Asking
+from jbclog.protocol.commands.command import Command
+from jbclog.protocol.commands.family import Family
+from jbclog.protocol.commands.omega import OMEGA_SIGNALS, SAYS_YES
+from jbclog.protocol.commands.omega_values import UNTOLD
+from jbclog.protocol.commands.possible import NO_COUNTDOWN, STILL_C, TEMPERATURES, Possible, is_share, possible_as
+from jbclog.protocol.commands.signals import STATUS_COLUMNS
+from jbclog.session.run.context import PortState, SessionContext
+from jbclog.session.scheduler import Reading
+
+# -- columns ------------------------------------------------------------------------------------------------------------------
+# From a value read to the columns of a row: one small function a signal, found by the signal's name.
+
+Fill = Callable[[SampleRow, Value], None]
+
+MOTOR = ("off", "forward", "backward")
+NOT_COUNTING = "not_counting"
+NO_MAXIMUM = "no_maximum"
+NO_DIGIT = "no_digit"
+
+_STATUS, _COOLING, _DESOLDERING, _MOTOR = (COLUMN[name] for name in STATUS_COLUMNS)
+_HIGH, _LOW, _FEEDING = COLUMN["alarm_high"], COLUMN["alarm_low"], COLUMN["feeding"]
+
+
+def _status(family: Family) -> Fill:
+    """``0MDES``: motor, desoldering, extractor or cooling, status (docs/reference/protocol.md, Status word)."""
+    names, has_motor = family.status.names, family.has_feeder
+
+    def fill(row: SampleRow, word: Value) -> None:
+        assert isinstance(word, tuple)
+        row[_STATUS] = names[word[4]]
+        row[_COOLING] = word[3] == 1
+        row[_DESOLDERING] = word[2] == 1
+        if has_motor:
+            row[_MOTOR] = MOTOR[word[1]]
+
+    return fill
+
+
+def _alarm_flags(row: SampleRow, word: Value) -> None:
+    """Units high, tens low (manual 002, R-TAx)."""
+    assert isinstance(word, tuple)
+    row[_HIGH] = word[4] == 1
+    row[_LOW] = word[3] == 1
+
+
+def _feeding(row: SampleRow, mode: Value) -> None:
+    row[_FEEDING] = mode == "running"
+
+
+def _flags(*columns: str) -> Fill:
+    """OMEGA's states: each answer says yes or no to one column or more."""
+    places = [(COLUMN[column], SAYS_YES[column]) for column in columns]
+
+    def fill(row: SampleRow, value: Value) -> None:
+        for place, yes in places:
+            row[place] = value in yes
+
+    return fill
+
+
+def _plain(column: str) -> Fill:
+    place = COLUMN[column]
+
+    def fill(row: SampleRow, value: Value) -> None:
+        row[place] = value
+
+    return fill
+
+
+def _share(column: str, command: Command, context: SessionContext) -> Fill:
+    """Per mille of the station's greatest; the raw number is a row of `settings` (docs/reference/contradictions.md, B-33)."""
+    place = COLUMN[column]
+
+    def fill(row: SampleRow, value: Value) -> None:
+        whole = whole_of(command, context)
+        row[place] = permille_of(value, whole) if isinstance(value, int) and whole is not None else None
+
+    return fill
+
+
+SPECIAL: dict[str, Fill] = {
+    "alarm_high": _alarm_flags,
+    "feeding": _feeding,
+    **{signal.name: _flags(*signal.columns) for signal in OMEGA_SIGNALS},
+}
+
+
+def fill_of(reading: Reading, context: SessionContext) -> Fill:
+    """How the answer to a reading fills its columns."""
+    signal = reading.name
+    if signal == "status":
+        return _status(context.family)
+    if reading.command.share_of is not None:
+        return _share(signal, reading.command, context)
+    return SPECIAL.get(signal) or _plain(signal)
+
+
+def whole_of(command: Command, context: SessionContext) -> int | None:
+    """What the number that `command` tells is a share of, as the station told it; None where it did not."""
+    whole = context.held.get(str(command.share_of))
+    return whole if isinstance(whole, int) and whole > 0 else None
+
+
+def unusable(reading: Reading, value: Value, port: PortState, context: SessionContext) -> str | None:
+    """Why a well-formed value is not taken, or None.
+
+    A countdown that does not run has no remaining time, a share of something unknown is none, and an answer without its digit
+    tells no state.
+    """
+    if reading.name == "delay_s" and (value in NO_COUNTDOWN or (value == 0 and not _is_counting(port))):
+        return NOT_COUNTING
+    if value == UNTOLD:
+        return NO_DIGIT
+    if reading.command.share_of is not None and whole_of(reading.command, context) is None:
+        return NO_MAXIMUM
+    return void(reading.name, port, context)
+
+
+def void(signal: str, port: PortState, context: SessionContext) -> str | None:
+    """Why no answer means anything while the port's error lasts, or None (docs/reference/contradictions.md, B-44)."""
+    return context.family.port_errors.void(port.error, signal)
+
+
+def _is_counting(port: PortState) -> bool:
+    """Whether the tool stands, and so a countdown to sleep or hibernation can be running."""
+    return port.status is not None and port.status[4] in (1, 2)
+
+
+# -- possible -----------------------------------------------------------------------------------------------------------------
+# What a reading of this station can be at all: what no station can say (`commands.possible`), and what this one cannot.
+#
+# Anything else is no value, however often it is said. It is asked again before that is believed, too (`readings.py`).
+
+
+def possible_of(context: SessionContext, reading: Reading) -> Possible | None:
+    """What tells whether an answer to `reading` can be true; None where nothing is known to be impossible."""
+    possible = possible_as(reading.name, context.family)
+    if possible is None and reading.command.share_of is not None:
+        return _share_of(reading.command, context)
+    return possible
+
+
+def _share_of(command: Command, context: SessionContext) -> Possible:
+    """Not much more than the whole, as soon as that is known."""
+
+    def possible(value: Value) -> bool:
+        whole = whole_of(command, context)
+        return whole is None or is_share(value, whole)
+
+    return possible
+
+
+# -- second look --------------------------------------------------------------------------------------------------------------
+# A second look at what is hard to believe: asked again before it is taken, and marked.
+#
+# One flipped pair of bits in sixteen passes the check byte (docs/reference/faults.md, F-3). So what would stop a run, what is a
+# counter, and what no tool can do is believed when another answer says the same. A jump of temperature that was believed
+# so, and every answer that the next one did not bear out, is counted in the facts (`doubted`) and told once a series.
+
+LOOKS = 3  # answers that are asked for at the most
+JUMP_EVERY_S = 0.25  # a family's `jump_c` in this time is twice what its quickest tools make while they heat up
+SERIES_S = 60.0  # what is doubted again within this time is not told again
+
+Doubt = Callable[[SessionContext, PortState, Value], bool]
+
+
+@dataclass(slots=True)
+class SecondLook:
+    """The doubts about one reading of one port."""
+
+    reading: Reading
+    port: PortState
+    question: Asking
+    doubt: Doubt | None
+    possible: Possible | None = None
+    heard_at: float | None = None  # of the last answer that was believed
+    told_at: float | None = None  # of the last one that was doubted
+
+    def is_due(self, context: SessionContext, value: Value) -> bool:
+        """Whether `value` is hard to believe."""
+        doubtful = self.doubt is not None and self.doubt(context, self.port, value)
+        if not (doubtful or self._is_impossible(value)):
+            return False
+        return context.family.void(self.reading.name, self.port.tool, self.port.error) is None  # it means nothing anyhow
+
+    def _is_impossible(self, value: Value) -> bool:
+        return self.possible is not None and not self.possible(value)
+
+    def settle(self, context: SessionContext, first: Value) -> Steps[Value]:
+        """Ask again until an answer leaves no doubt or is borne out by another.
+
+        Raises `ImplausibleAnswer` where none does, and what asking raises.
+        """
+        given = [first]
+        while len(given) < LOOKS:
+            given.append((yield from context.station.ask(self.question)))
+            value = self._settled(context, given)
+            if value is not None:
+                return value
+            if given[-1] == given[-2]:
+                break  # said twice, and it cannot be true
+        context.doubted[self.reading.command.name] += 1
+        raise ImplausibleAnswer(f"{self.question.title()}: {self._shown(given)} when asked {len(given)} times")
+
+    def _settled(self, context: SessionContext, given: Sequence[Value]) -> Value | None:
+        """What the last answer settles. Marked where it contradicts another, or is a jump that no tool makes."""
+        value: Value | None = given[-1]
+        if not self.is_due(context, given[-1]):
+            contradicts = not self._is_near(given)
+        else:
+            value, contradicts = self._borne_out(context, given), len(given) > 2 and not self._grows
+        if value is not None and (contradicts or self._is_jump(context, value)):
+            self._mark(context, given, value, is_jump=not contradicts)
+        return value
+
+    @property
+    def _is_temperature(self) -> bool:
+        return self.reading.name in TEMPERATURES
+
+    @property
+    def _last_c(self) -> int | None:
+        """The temperature that was last believed."""
+        return self.port.temperatures_c.get(self.reading.name)
+
+    @property
+    def _grows(self) -> bool:
+        return self.reading.counter is not None
+
+    def _borne_out(self, context: SessionContext, given: Sequence[Value]) -> Value | None:
+        """What two of the answers say, if it can be. A temperature may have moved a little between them."""
+        if self._is_impossible(given[-1]):
+            return None
+        if not self._is_temperature:
+            return borne_out(given, grows=self._grows)
+        return given[-1] if self._is_near(given) else None
+
+    def _is_near(self, given: Sequence[Value]) -> bool:
+        """Whether the last is a temperature about as high as another of the answers."""
+        *before, last = given
+        if not self._is_temperature or not isinstance(last, int):
+            return False
+        return any(isinstance(one, int) and abs(last - one) <= STILL_C for one in before)
+
+    def _is_jump(self, context: SessionContext, value: Value) -> bool:
+        """Whether no tool gets from the last temperature to this one in the time that was between them."""
+        known = self._last_c
+        if not isinstance(value, int) or known is None or self.heard_at is None:
+            return False
+        spans = max((context.station.heard - self.heard_at) / JUMP_EVERY_S, 1.0)
+        return abs(value - known) > context.family.jump_c * spans
+
+    def _mark(self, context: SessionContext, given: Sequence[Value], value: Value, *, is_jump: bool) -> None:
+        context.doubted[self.reading.command.name] += 1
+        is_new = self.told_at is None or context.now - self.told_at > SERIES_S
+        self.told_at = context.now
+        if not is_new:
+            return
+        if is_jump:
+            text = f"The {self.question.title()} jumped from {self._last_c} °C to {value} °C; a second answer bore it out."
+        else:
+            text = f"The {self.question.title()} was {self._shown(given)} when asked {len(given)} times; the last is believed."
+        number = float(value) if isinstance(value, int | float) else None
+        raw = self.reading.command.shown(given[0])
+        context.note("read.doubted", Severity.INFO, text, port=self.port.number, since=self.heard_at, value=number, raw=raw)
+
+    def _shown(self, given: Sequence[Value]) -> str:
+        return " and ".join(map(self.reading.command.shown, given))
