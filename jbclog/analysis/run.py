@@ -199,6 +199,10 @@ class Run:
 
         return plot(self, station, port)
 
+    def groups(self, table: str, columns: list[str]) -> Iterator[pa.Table]:
+        """The rows of a table, a row group at a time, in order; what is still in the live store comes last."""
+        return self._lazily(asked(table, columns))
+
     def pieces(self, table: str, columns: list[str]) -> list[pa.Table]:
         """The rows of a table piece by piece as Arrow tables, in order."""
         return self._pieces(asked(table, columns))

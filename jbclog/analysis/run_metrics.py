@@ -6,8 +6,9 @@ open or was cut off, as far as its record goes.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import asdict
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, replace
+from itertools import groupby
 from math import inf
 from typing import TYPE_CHECKING, Final
 
@@ -20,13 +21,15 @@ from jbclog.analysis.alarm_rows import stations_of
 from jbclog.analysis.joint_table import FILE as JOINTS_FILE
 from jbclog.analysis.joint_table import JOINTS_SCHEMA, read_joints
 from jbclog.analysis.joints.joints import find_joints
-from jbclog.analysis.joints.parameters import asked_of
+from jbclog.analysis.joints.parameters import Asked, asked_of
+from jbclog.analysis.joints.port_reader import MOST_PORTS, MOST_ROWS, Key, PortReader, at_once
 from jbclog.analysis.joints.port_rows import COLUMNS, CYCLES, PUSHING, WORKING, Clock, PortRows, cycles_of, kind_of, series_of
 from jbclog.analysis.joints.recovery import Joint
 from jbclog.analysis.joints.series import Cycles, Series
 from jbclog.analysis.joints.solder_wire import Wire
+from jbclog.analysis.joints.sweeps import PortSweeps
 from jbclog.analysis.metrics.definitions import DEFINITIONS
-from jbclog.analysis.metrics.measures import Measured, measure_port
+from jbclog.analysis.metrics.measures import Measured, PortMeasuring, measure_port
 from jbclog.analysis.stored_metrics import is_as_written, left_metrics, metric_table
 from jbclog.analysis.verdict.idle import Floats
 from jbclog.analysis.verdict.rules import has_feeder
@@ -40,6 +43,8 @@ from jbclog.record.manifest import manifest_sha256
 if TYPE_CHECKING:
     from jbclog.analysis.run import Run
 
+Moments = Mapping[float, int]
+"""The UTC in microseconds of some of a port's grid seconds."""
 ORDER_TO_WORK: Final = {"tip": "00000", "air": "00001"}  # status words of W-PS (manuals 000, 001, 002)
 
 
@@ -67,14 +72,14 @@ def joints_and_metrics(run: Run) -> tuple[pa.Table, list[dict[str, object]], lis
 
     Then what the joints of each port were found with: its `[joints]`, with the values that the run told.
     """
-    joints: list[dict[str, object]] = []
+    joints: list[pa.Table] = []
     metrics: list[dict[str, object]] = []
     taken: list[dict[str, object]] = []
     for facts, port, measured, moments in _measured(run, None):
-        joints += [_row(facts, port, number, joint, moments) for number, joint in enumerate(measured.joints, 1)]
+        joints.append(_table(facts, port, measured.joints, moments))
         metrics += [{"station": facts.name, "port": port, **_named(asdict(figure))} for figure in measured.figures]
         taken += [] if measured.found is None else [{"station": facts.name, "port": port, **asdict(measured.found.asked)}]
-    return pa.Table.from_pylist(joints, schema=JOINTS_SCHEMA), metrics, taken
+    return _together(joints), metrics, taken
 
 
 def definitions() -> pd.DataFrame:
@@ -85,10 +90,17 @@ def definitions() -> pd.DataFrame:
 
 def joints_table(run: Run, station: str | None = None) -> pa.Table:
     """The joints of a run in the order of stations, ports and times."""
-    rows: list[dict[str, object]] = []
-    for facts, port, measured, moments in _measured(run, station):
-        rows += [_row(facts, port, number, joint, moments) for number, joint in enumerate(measured.joints, 1)]
+    return _together([_table(facts, port, measured.joints, moments) for facts, port, measured, moments in _measured(run, station)])
+
+
+def _table(facts: StationFacts, port: int, joints: Sequence[Joint], moments: Moments) -> pa.Table:
+    """The joints of one port."""
+    rows = [_row(facts, port, number, joint, moments) for number, joint in enumerate(joints, 1)]
     return pa.Table.from_pylist(rows, schema=JOINTS_SCHEMA)
+
+
+def _together(ports: Sequence[pa.Table]) -> pa.Table:
+    return pa.concat_tables([JOINTS_SCHEMA.empty_table(), *ports]).combine_chunks()
 
 
 def joints_of(run: Run, station: str | None = None) -> pa.Table:
@@ -108,54 +120,94 @@ def _named(figure: dict[str, object]) -> dict[str, object]:
     return {"metric" if key == "name" else key: value for key, value in figure.items()}
 
 
-class _Moments:
-    """The UTC of a port's rows, in microseconds, for any grid second."""
-
-    def __init__(self, seconds: Floats, utc_us: Counts) -> None:
-        self.seconds, self.utc_us = seconds, utc_us
-
-    def at(self, second: float) -> int:
-        """The time of the row nearest to it."""
-        place = int(np.clip(np.searchsorted(self.seconds, second - 1e-6), 0, len(self.seconds) - 1))
-        return int(self.utc_us[place])
-
-
 def joint_count(run: Run, ended_s: float | None = None) -> int:
     """How many joints there are, as many as in `joints_table`; only those that ended so long before their port's last row."""
     count = 0
-    for facts, _, series, _, _ in _ports(run, None):
-        if kind_of(facts) == "tip" and len(series.seconds):
-            latest = inf if ended_s is None else float(series.seconds[-1]) - ended_s
-            count += sum(joint.end_s <= latest for joint in find_joints(series, asked_of(joints_asked(run.folder, facts))).joints)
+    stations = [facts for facts in stations_of(run) if kind_of(facts) == "tip"]
+    for some in at_once([facts for facts in stations if not has_feeder(facts)], lambda facts: len(facts.ports), MOST_PORTS):
+        reader = _reader(run, some)
+        ports = {(facts.name, port): PortSweeps(_asked(run, facts)) for facts in some for port in facts.ports}
+        reader.sweep(ports)
+        count += sum(_ended(one.found.joints, reader.last_s(key), ended_s) for key, one in ports.items())
+    for facts in filter(has_feeder, stations):
+        for _, series, _, _ in _ports(run, facts):
+            last_s = float(series.seconds[-1]) if len(series.seconds) else 0.0
+            count += _ended(find_joints(series, _asked(run, facts)).joints, last_s, ended_s)
     return count
 
 
-def _measured(run: Run, station: str | None) -> Iterator[tuple[StationFacts, int, Measured, _Moments]]:
-    """Each port of each station, measured."""
-    for facts, port, series, wire, moments in _ports(run, station):
-        asked = asked_of(joints_asked(run.folder, facts))
-        yield facts, port, measure_port(series, kind_of(facts), wire, asked), moments
+def _ended(joints: Sequence[Joint], last_s: float, ended_s: float | None) -> int:
+    latest = inf if ended_s is None else last_s - ended_s
+    return sum(joint.end_s <= latest for joint in joints)
 
 
-def _ports(run: Run, station: str | None) -> Iterator[tuple[StationFacts, int, Series, Wire | None, _Moments]]:
-    """Each port of each station, one station's samples in memory at a time."""
-    manifest, stations = run.manifest, stations_of(run)
-    steps = _steps(run) if any(not facts.period_s for facts in stations) else []
-    t0_us = round((manifest.t0_utc or 0.0) * 1e6)
-    for facts in stations:
-        if station not in (None, facts.name):
+def _asked(run: Run, facts: StationFacts) -> Asked:
+    return asked_of(joints_asked(run.folder, facts))
+
+
+def _measured(run: Run, station: str | None) -> Iterator[tuple[StationFacts, int, Measured, Moments]]:
+    """Each port of each station, measured: those without a feeder in windows, the others as a whole."""
+    wanted = [facts for facts in stations_of(run) if station in (None, facts.name)]
+    for fed, stations in groupby(wanted, has_feeder):
+        if not fed:
+            for some in at_once(list(stations), lambda facts: len(facts.ports), MOST_PORTS):
+                yield from _in_windows(run, some)
             continue
-        samples, counters, settings = run.samples(facts.name, columns=COLUMNS), run.counters(facts.name), run.settings(facts.name)
+        for facts in stations:
+            for port, series, wire, utc_us in _ports(run, facts):
+                measured = measure_port(series, kind_of(facts), wire, _asked(run, facts))
+                yield facts, port, measured, _moments(series.seconds, utc_us, measured.joints)
+
+
+def _in_windows(run: Run, stations: Sequence[StationFacts]) -> Iterator[tuple[StationFacts, int, Measured, Moments]]:
+    """The ports of these stations, none with a feeder; no more than a window of each is in memory."""
+    reader = _reader(run, stations)
+    ports: dict[Key, PortMeasuring] = {}
+    for facts in stations:
+        settings, asked = run.settings(facts.name), _asked(run, facts)
         for port in facts.ports:
-            rows = samples[samples["port"] == port]
-            utc_us = _micros(rows)
-            clock = Clock(facts.period_s, steps, t0_us)
-            seconds = clock.seconds(rows["tick"].to_numpy(dtype=np.float64), utc_us)
-            counted = counters[counters["port"] == port]
-            cycles = _cycles(counted, utc_us, seconds) if has_feeder(facts) else None
-            series = _series(facts, rows, seconds, _ordered_s(facts, settings, port, clock), cycles)
-            wire = _wire(facts, counted, settings, clock)
-            yield facts, port, series, wire, _Moments(seconds, utc_us)
+            ordered_s = _ordered_s(facts, settings, port, reader.clock((facts.name, port)))
+            like = replace(reader.like((facts.name, port)), ordered_s=ordered_s)
+            ports[facts.name, port] = PortMeasuring(kind_of(facts), like, asked)
+    reader.sweep(ports)
+    every = {key: port.measured for key, port in ports.items()}
+    moments = reader.utc_us({key: _edges(measured.joints) for key, measured in every.items()})
+    for facts in stations:
+        for port in facts.ports:
+            yield facts, port, every[facts.name, port], moments[facts.name, port]
+
+
+def _reader(run: Run, stations: Sequence[StationFacts]) -> PortReader:
+    steps = _steps(run) if any(not facts.period_s for facts in stations) else []
+    t0_us = round((run.manifest.t0_utc or 0.0) * 1e6)
+    return PortReader(stations, lambda columns: run.groups("samples", columns), steps, t0_us, MOST_ROWS)
+
+
+def _edges(joints: Sequence[Joint]) -> list[float]:
+    """The moments of which a table of joints has the times."""
+    return [moment for joint in joints for moment in (joint.start_s, joint.end_s)]
+
+
+def _moments(seconds: Floats, utc_us: Counts, joints: Sequence[Joint]) -> Moments:
+    """The times of the rows at the edges of joints, or next behind them."""
+    edges = _edges(joints)
+    places = np.clip(np.searchsorted(seconds, np.array(edges) - 1e-6), 0, len(seconds) - 1)
+    return dict(zip(edges, utc_us[places].tolist(), strict=True)) if edges else {}
+
+
+def _ports(run: Run, facts: StationFacts) -> Iterator[tuple[int, Series, Wire | None, Counts]]:
+    """The ports of a station with a feeder, all its samples in memory: their rows, the feeder's counter, and the rows' UTC."""
+    steps, t0_us = _steps(run) if not facts.period_s else [], round((run.manifest.t0_utc or 0.0) * 1e6)
+    samples, counters, settings = run.samples(facts.name, columns=COLUMNS), run.counters(facts.name), run.settings(facts.name)
+    for port in facts.ports:
+        rows = samples[samples["port"] == port]
+        utc_us = _micros(rows)
+        clock = Clock(facts.period_s, steps, t0_us)
+        seconds = clock.seconds(rows["tick"].to_numpy(dtype=np.float64), utc_us)
+        counted = counters[counters["port"] == port]
+        cycles = _cycles(counted, utc_us, seconds)
+        series = _series(facts, rows, seconds, _ordered_s(facts, settings, port, clock), cycles)
+        yield port, series, _wire(counted, settings, clock), utc_us
 
 
 def _ordered_s(facts: StationFacts, settings: pd.DataFrame, port: int, clock: Clock) -> float | None:
@@ -172,7 +224,7 @@ def _steps(run: Run) -> list[Step]:
     return [Step(time / 1e6, value) for time, value in zip(steps["time"].astype("int64"), steps["value"], strict=True)]
 
 
-def _series(facts: StationFacts, rows: pd.DataFrame, seconds: Floats, ordered_s: float | None, cycles: Cycles | None) -> Series:
+def _series(facts: StationFacts, rows: pd.DataFrame, seconds: Floats, ordered_s: float | None, cycles: Cycles) -> Series:
     temperature, power, setting, tool, error = (
         rows[name].to_numpy(dtype=np.float64, na_value=np.nan)
         for name in ("temperature_c", "power_permille", "set_c", "tool", "port_error")
@@ -185,10 +237,8 @@ def _series(facts: StationFacts, rows: pd.DataFrame, seconds: Floats, ordered_s:
     return series_of(facts, port_rows, ordered_s, cycles)
 
 
-def _wire(facts: StationFacts, counters: pd.DataFrame, settings: pd.DataFrame, clock: Clock) -> Wire | None:
+def _wire(counters: pd.DataFrame, settings: pd.DataFrame, clock: Clock) -> Wire:
     """The feeder's counter of lengths, and the length that is set where it was read."""
-    if not has_feeder(facts):
-        return None
     length = _counter(counters, "dispensed_mm")
     told = settings[(settings["setting"] == "feeder_length") & settings["readback"].notna()]["readback"]
     try:
@@ -212,14 +262,14 @@ def _micros(rows: pd.DataFrame) -> Counts:
     return np.asarray(rows["time"].astype("int64"), dtype=np.int64)
 
 
-def _row(facts: StationFacts, port: int, number: int, joint: Joint, moments: _Moments) -> dict[str, object]:
+def _row(facts: StationFacts, port: int, number: int, joint: Joint, moments: Moments) -> dict[str, object]:
     draw, energy, rated_w = joint.draw, joint.energy, facts.rated_power_w
     return {
         "station": facts.name,
         "port": port,
         "joint": number,
-        "start": moments.at(draw.start_s),
-        "end": moments.at(draw.end_s),
+        "start": moments[draw.start_s],
+        "end": moments[draw.end_s],
         "start_s": round(draw.start_s, 6),
         "end_s": round(draw.end_s, 6),
         "touches": draw.contacts,

@@ -18,22 +18,21 @@ from jbclog.analysis.joints.feeds import feeds_of
 from jbclog.analysis.joints.joints import Found as JointsFound
 from jbclog.analysis.joints.joints import find_joints
 from jbclog.analysis.joints.parameters import Asked, asked_of
-from jbclog.analysis.joints.port_reader import PortReader, at_once, floats, micros, port_rows_of
+from jbclog.analysis.joints.port_reader import MOST_PORTS, MOST_ROWS, PortReader, at_once, floats, micros, port_rows_of
 from jbclog.analysis.joints.port_rows import COLUMNS, CYCLES, Clock, cycles_of, series_of
 from jbclog.analysis.joints.recovery import Joint
 from jbclog.analysis.joints.series import Cycles
+from jbclog.analysis.joints.sweeps import PortSweeps
 from jbclog.analysis.verdict import Feeds, PortJoints, Recovery
 from jbclog.analysis.verdict.idle import Floats
 from jbclog.analysis.verdict.rules import has_feeder, has_tip
 from jbclog.analysis.verdict.samples import Counts
-from jbclog.analysis.verdict.stepped_clock import steps_of
+from jbclog.analysis.verdict.stepped_clock import Step, steps_of
 from jbclog.core.rows import StationFacts
 from jbclog.record.folder import joints_asked
 from jbclog.record.parts import row_groups
 from jbclog.record.schema import SCHEMAS
 
-MOST_ROWS: Final = 1_000_000  # at once in memory, some 100 MB
-MOST_PORTS: Final = 48  # looked at together in windows, some 3 MB each
 COUNTERS: Final = ["time", "station", "port", "counter", "value"]
 Found = dict[tuple[str, int], PortJoints]
 
@@ -41,45 +40,45 @@ Found = dict[tuple[str, int], PortJoints]
 def joint_evidence(folder: Path, stations: Sequence[StationFacts], t0_utc: float | None) -> Found:
     """The joints of each port of these stations that has a tip; `t0_utc` is the manifest's.
 
-    Ports without a feeder and with a period are looked at in windows (`features.sweeps`), the others as a whole.
+    Ports without a feeder are looked at in windows (`sweeps`), the others as a whole.
     """
-    with_tip = [facts for facts in stations if has_tip(facts)]
-    in_windows = [facts for facts in with_tip if facts.period_s and not has_feeder(facts)]
-    found = Found()
+    with_tip, clock = [facts for facts in stations if has_tip(facts)], (steps_of(folder), round((t0_utc or 0.0) * 1e6))
+    in_windows, found = [facts for facts in with_tip if not has_feeder(facts)], Found()
     for some in at_once(in_windows, lambda facts: len(facts.ports), MOST_PORTS):
-        found.update(_in_windows(folder, some))
-    found.update(_whole(folder, [facts for facts in with_tip if facts not in in_windows], t0_utc))
+        found.update(_in_windows(folder, some, *clock))
+    found.update(_whole(folder, [facts for facts in with_tip if has_feeder(facts)], *clock))
     return {(facts.name, port): found[facts.name, port] for facts in with_tip for port in facts.ports}
 
 
-def _in_windows(folder: Path, stations: Sequence[StationFacts]) -> Found:
-    ports = PortReader(stations, lambda: row_groups(folder, "samples", COLUMNS), MOST_ROWS)
+def _in_windows(folder: Path, stations: Sequence[StationFacts], steps: Sequence[Step], t0_us: int) -> Found:
+    rows = PortReader(stations, lambda columns: row_groups(folder, "samples", columns), steps, t0_us, MOST_ROWS)
     asked = {facts.name: asked_of(joints_asked(folder, facts)) for facts in stations}
-    return {key: _told(joints, seconds) for key, joints, seconds in ports.joints(asked)}
+    ports = {(facts.name, port): PortSweeps(asked[facts.name]) for facts in stations for port in facts.ports}
+    rows.sweep(ports)
+    return {key: _told(port.found, rows.rows(key), rows.period_s(key)) for key, port in ports.items()}
 
 
-def _told(found: JointsFound, seconds: float) -> PortJoints:
-    """`seconds` are those that its rows stand for."""
-    if not seconds:
+def _told(found: JointsFound, rows: int, period_s: float) -> PortJoints:
+    if not rows:
         return PortJoints(why="Nothing was recorded at all.")
     recoveries = [_recovery(joint) for joint in found.joints]
-    return PortJoints(recoveries, None, found.heat_why or found.why, _hidden(seconds, found), found.unseen_s)
+    return PortJoints(recoveries, None, found.heat_why or found.why, _hidden(rows * period_s, found), found.unseen_s)
 
 
-def _whole(folder: Path, stations: Sequence[StationFacts], t0_utc: float | None) -> Found:
-    steps, t0_us, found = steps_of(folder), round((t0_utc or 0.0) * 1e6), Found()
+def _whole(folder: Path, stations: Sequence[StationFacts], steps: Sequence[Step], t0_us: int) -> Found:
+    found = Found()
     for some in at_once(stations, _rows, MOST_ROWS):
         samples = _of_stations(folder, "samples", COLUMNS, [facts.name for facts in some])
         for facts in some:
-            clock, rows = Clock(facts.period_s, steps, t0_us), samples.filter(pc.equal(samples["station"], facts.name))
+            rows = samples.filter(pc.equal(samples["station"], facts.name))
             asked = asked_of(joints_asked(folder, facts))
-            counters = _of_stations(folder, "counters", COUNTERS, [facts.name]) if has_feeder(facts) else None
+            counters = _of_stations(folder, "counters", COUNTERS, [facts.name])
             for port in facts.ports:
                 found[facts.name, port] = _port(
                     facts,
                     _of_port(rows, port),
-                    None if counters is None else _of_port(counters, port),
-                    clock,
+                    _of_port(counters, port),
+                    Clock(facts.period_s, steps, t0_us),
                     asked,
                 )
     return found
@@ -99,16 +98,15 @@ def _of_port(rows: pa.Table, port: int) -> pa.Table:
     return rows.filter(pc.equal(rows["port"], port))
 
 
-def _port(facts: StationFacts, rows: pa.Table, counters: pa.Table | None, clock: Clock, asked: Asked) -> PortJoints:
+def _port(facts: StationFacts, rows: pa.Table, counters: pa.Table, clock: Clock, asked: Asked) -> PortJoints:
     if not rows.num_rows:
         return PortJoints(why="Nothing was recorded at all.")
     port_rows = port_rows_of(rows, clock)
-    cycles = None if counters is None else _cycles(counters, micros(rows), port_rows.seconds)
-    series = series_of(facts, port_rows, cycles=cycles)
+    series = series_of(facts, port_rows, cycles=_cycles(counters, micros(rows), port_rows.seconds))
     found = find_joints(series, asked)
     recoveries = [_recovery(joint) for joint in found.joints]
     feeds = None
-    if counters is not None and found.heat_why is None:
+    if found.heat_why is None:
         stepped_s = sum(abs(step.size_s) for step in clock.steps)
         why = found.number_why
         feeds = feeds_of(series, found.by_heat, stepped_s) if why is None else Feeds(0, 0, 0, None, why=why)

@@ -1,7 +1,7 @@
 """The rows of ports from the row groups of a run's samples: of many ports at once, each group split once among them.
 
-What fits into memory is read once and kept; else each sweep of `features.sweeps` reads the row groups anew, and of each port no
-more than a window is in memory.
+What fits into memory is read once and kept; else each sweep reads the row groups anew, and of each port no more than a window is in
+memory. The verdict's joints, the metrics, the table of joints and the live count go through a run this way.
 """
 
 from __future__ import annotations
@@ -9,27 +9,33 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import reduce
-from typing import TypeVar
+from typing import Final, Protocol, TypeVar
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from jbclog.analysis.joints.joints import Found
-from jbclog.analysis.joints.parameters import Asked
-from jbclog.analysis.joints.port_rows import PUSHING, WORKING, Clock, PortRows, series_of
+from jbclog.analysis.joints.port_rows import COLUMNS, PUSHING, WORKING, Clock, PortRows, series_of
 from jbclog.analysis.joints.series import Series
-from jbclog.analysis.joints.sweeps import PortSweeps
+from jbclog.analysis.joints.values import Values
+from jbclog.analysis.joints.windows import Windows
 from jbclog.analysis.verdict.idle import Flags, Floats
 from jbclog.analysis.verdict.rules import has_tip
 from jbclog.analysis.verdict.samples import Counts
+from jbclog.analysis.verdict.stepped_clock import Step
 from jbclog.core.rows import StationFacts
+from jbclog.record.schema import SCHEMAS
 
 T = TypeVar("T")
 Key = tuple[str, int]
 """Station and port."""
-Groups = Callable[[], Iterable[pa.Table]]
-"""Reads the row groups with the columns `port_rows.COLUMNS`; the same ones each time it is called."""
+Groups = Callable[[list[str]], Iterable[pa.Table]]
+"""Reads these columns of the row groups of a run's samples, in their order, station and port among them."""
+MOST_ROWS: Final = 1_000_000  # at once in memory, some 100 MB
+MOST_PORTS: Final = 48  # looked at together in windows, some 3 MB each
+TIMES: Final = ["time", "tick", "station", "port"]
+SAME_S: Final = 1e-6
+STEP_DECIMALS: Final = 12  # of a second: times since 1970 as floats are multiples of 0.24 µs, so there are few steps
 
 
 def at_once(some: Sequence[T], size: Callable[[T], int], most: int) -> Iterator[list[T]]:
@@ -44,53 +50,122 @@ def at_once(some: Sequence[T], size: Callable[[T], int], most: int) -> Iterator[
         yield held
 
 
+class Sweeps(Protocol):
+    """What goes over the rows of a port several times, as `PortSweeps`."""
+
+    def next_sweep(self) -> Windows | None:
+        """What takes the rows next, None when there is nothing more to do; it is asked for again when they have ended."""
+
+
 class PortReader:
-    """The ports of stations with a period, none with a feeder, swept together."""
+    """The ports of stations without a feeder, swept together. `steps` are those of the wall clock, `t0_us` is the run's zero."""
 
-    def __init__(self, stations: Sequence[StationFacts], groups: Groups, most_rows: int) -> None:
+    def __init__(self, stations: Sequence[StationFacts], groups: Groups, steps: Sequence[Step], t0_us: int, most_rows: int) -> None:
         self._facts: dict[Key, StationFacts] = {(facts.name, port): facts for facts in stations for port in facts.ports}
-        self._clocks = {facts.name: Clock(facts.period_s, (), 0) for facts in stations}
-        self._groups, self._most_rows = groups, most_rows
-        self._rows = dict.fromkeys(self._facts, 0)
+        self._groups, self._steps, self._t0_us, self._most_rows = groups, steps, t0_us, most_rows
+        self._rows: dict[Key, int] | None = None
         self._kept: list[tuple[Key, Series]] | None = None
+        self._last_s: dict[Key, float] = {}
+        self._periods = self._read_periods()
 
-    def joints(self, asked: Mapping[str, Asked]) -> Iterator[tuple[Key, Found, float]]:
-        """The joints of each port, and the seconds that its rows stand for; `asked` by station."""
-        ports = {key: PortSweeps(asked[facts.name]) for key, facts in self._facts.items()}
+    def clock(self, key: Key) -> Clock:
+        """The seconds of a port's rows, from the first on."""
+        return Clock(self._facts[key].period_s, self._steps, self._t0_us)
+
+    def period_s(self, key: Key) -> float:
+        """That of the grid, or the median distance of two rows."""
+        return self._periods[key]
+
+    def last_s(self, key: Key) -> float:
+        """When the last row of a port was read, after the first sweep."""
+        return self._last_s.get(key, 0.0)
+
+    def rows(self, key: Key) -> int:
+        """How many rows a port has, after the first sweep."""
+        return (self._rows or {}).get(key, 0)
+
+    def like(self, key: Key) -> Series:
+        """A port as its rows will tell of it, without any."""
+        rows = SCHEMAS["samples"].empty_table().select(COLUMNS)
+        return raw_series(self._facts[key], port_rows_of(rows, self.clock(key)), self._periods[key])
+
+    def sweep(self, ports: Mapping[Key, Sweeps]) -> None:
+        """Show the rows of these ports as often as each of them wants to see them."""
         while taking := {key: windows for key, port in ports.items() if (windows := port.next_sweep()) is not None}:
             for key, piece in self._pieces():
-                taking[key].take(piece)
+                if key in taking:
+                    taking[key].take(piece)
             for windows in taking.values():
                 windows.end()
-        for key, port in ports.items():
-            yield key, port.found, self._rows[key] * (self._facts[key].period_s or 0.0)
+
+    def utc_us(self, moments: Mapping[Key, Sequence[float]]) -> dict[Key, dict[float, int]]:
+        """The times, UTC microseconds, of the rows at these moments or next behind them; of the last row where there is none."""
+        wanted = {key: np.unique(some) for key, some in moments.items() if len(some)}
+        found: dict[Key, dict[float, int]] = {key: {} for key in moments}
+        last: dict[Key, int] = {}
+        for key, seconds, times in self._times() if wanted else ():
+            if key not in wanted or not len(seconds):
+                continue
+            some = wanted[key]
+            here = some[len(found[key]) : int(np.searchsorted(some, seconds[-1] + SAME_S, side="right"))]
+            found[key].update(zip(here.tolist(), times[np.searchsorted(seconds, here - SAME_S)].tolist(), strict=True))
+            last[key] = int(times[-1])
+        for key, time in last.items():
+            found[key].update(dict.fromkeys(wanted[key][len(found[key]) :].tolist(), time))
+        return found
+
+    def _read_periods(self) -> dict[Key, float]:
+        """The period of each port; where there is no grid, after a look at when the rows were read."""
+        periods = {key: facts.period_s or 0.0 for key, facts in self._facts.items()}
+        steps = {key: Values(STEP_DECIMALS) for key, period in periods.items() if not period}
+        last: dict[Key, Floats] = {}
+        for key, seconds, _ in self._times() if steps else ():
+            if key in steps and len(seconds):
+                steps[key].add(np.diff(np.concatenate([last.get(key, np.empty(0)), seconds])))
+                last[key] = seconds[-1:]
+        return {**periods, **{key: some.median if some.n else 0.0 for key, some in steps.items()}}
+
+    def _times(self) -> Iterator[tuple[Key, Floats, Counts]]:
+        """The seconds of the rows of each port, and their UTC in microseconds."""
+        clocks = {key: self.clock(key) for key in self._facts}
+        for group in self._groups(TIMES):
+            for key, rows in self._split(group):
+                times = micros(rows)
+                yield key, clocks[key].seconds(floats(rows["tick"]), times), times
 
     def _pieces(self) -> Iterator[tuple[Key, Series]]:
-        """The rows of all ports, kept for the next sweep where there are no more than `most_rows`."""
+        """The rows of all ports, kept for the next sweep where there are no more than `most_rows`.
+
+        Of a run that grows all sweeps have the rows of the first.
+        """
         if self._kept is not None:
             yield from self._kept
             return
-        self._rows = dict.fromkeys(self._facts, 0)
+        clocks, limits, rows = {key: self.clock(key) for key in self._facts}, self._rows, dict.fromkeys(self._facts, 0)
         kept: list[tuple[Key, Series]] | None = []
-        for group in self._groups():
-            for key, piece in self._split(group):
-                self._rows[key] += len(piece.seconds)
+        for group in self._groups(COLUMNS):
+            for key, table in self._split(group):
+                table = table if limits is None else table.slice(0, limits[key] - rows[key])
+                rows[key] += table.num_rows
+                piece = raw_series(self._facts[key], port_rows_of(table, clocks[key]), self._periods[key])
+                if table.num_rows:
+                    self._last_s[key] = float(piece.seconds[-1])
                 if kept is not None:
                     kept.append((key, piece))
                 yield key, piece
-            if sum(self._rows.values()) > self._most_rows:
+            if sum(rows.values()) > self._most_rows:
                 kept = None
-        self._kept = kept
+        self._rows, self._kept = rows, kept
 
-    def _split(self, group: pa.Table) -> Iterator[tuple[Key, Series]]:
+    def _split(self, group: pa.Table) -> Iterator[tuple[Key, pa.Table]]:
         """The rows of each port in a row group."""
         for name in dict.fromkeys(name for name, _ in self._facts):
             of_station = only(group, pc.equal(group["station"], name))
             if not of_station.num_rows:
                 continue
-            for key, facts in self._facts.items():
+            for key in self._facts:
                 if key[0] == name and (rows := only(of_station, pc.equal(of_station["port"], key[1]))).num_rows:
-                    yield key, raw_series(facts, port_rows_of(rows, self._clocks[name]))
+                    yield key, rows
 
 
 def only(rows: pa.Table, wanted: pa.ChunkedArray) -> pa.Table:
@@ -98,10 +173,10 @@ def only(rows: pa.Table, wanted: pa.ChunkedArray) -> pa.Table:
     return rows if pc.all(wanted).as_py() else rows.filter(wanted)
 
 
-def raw_series(facts: StationFacts, rows: PortRows) -> Series:
+def raw_series(facts: StationFacts, rows: PortRows, period_s: float) -> Series:
     """As `series_of`, but whether the tool was in its place is left to whoever sees the rows beside these."""
     read = replace(rows, tool=np.full(len(rows.seconds), np.nan), port_error=np.full(len(rows.seconds), np.nan))
-    series = series_of(facts, read)
+    series = series_of(facts, read, period_s=period_s)
     errors = rows.port_error if has_tip(facts) else read.port_error
     return replace(series, rows=replace(series.rows, tool=rows.tool, port_error=errors))
 

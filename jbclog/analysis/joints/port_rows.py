@@ -45,16 +45,17 @@ class PortRows:
 
 
 class Clock:
-    """Seconds of a station's rows: on its grid, or UTC less the clock's steps where it has none."""
+    """Seconds of a port's rows, piece by piece in their order: on its grid, or UTC less the clock's steps where it has none."""
 
     def __init__(self, period_s: float | None, steps: Sequence[Step], t0_us: int) -> None:
         self.period_s, self.steps, self.t0_us = period_s, steps, t0_us
+        self._unstepped = Unstepped(steps)
 
     def seconds(self, ticks: Floats, utc_us: Counts) -> Floats:
-        """Of rows in their order."""
+        """Of the next rows."""
         if self.period_s:
             return ticks * self.period_s
-        return Unstepped(self.steps).of(utc_us / 1e6) - self.t0_us / 1e6
+        return self._unstepped.of(utc_us / 1e6) - self.t0_us / 1e6
 
     def of(self, utc_us: Counts) -> Floats:
         """Of anything that has only a time (counters, settings): to the second, while the wall clock was not stepped."""
@@ -78,11 +79,17 @@ def cycles_of(counted_us: Counts, counted: Floats, rows_us: Counts, seconds: Flo
     return Cycles(np.maximum.accumulate(placed + before + behind), counted)
 
 
-def series_of(facts: StationFacts, rows: PortRows, ordered_s: float | None = None, cycles: Cycles | None = None) -> Series:
-    """The port's rows with what is known of its station."""
+def series_of(
+    facts: StationFacts,
+    rows: PortRows,
+    ordered_s: float | None = None,
+    cycles: Cycles | None = None,
+    period_s: float | None = None,
+) -> Series:
+    """The port's rows with what is known of its station; `period_s`: of a port without a grid, where these are not all rows."""
     errors = rows.port_error if has_tip(facts) else np.full(len(rows.seconds), np.nan)
     block = Block(rows.seconds, rows.temperature, rows.power, rows.setting, rows.working, rows.tool, errors)
     block = replace(block, working=block.working & block.in_place)
-    period = facts.period_s or nominal_period(rows.seconds)
+    period = facts.period_s or period_s or nominal_period(rows.seconds)
     fed = rows.feeding if has_feeder(facts) else None
     return Series(block, rows.known, period, fed, facts.rated_power_w, ordered_s, bool(facts.period_s), cycles)

@@ -68,15 +68,49 @@ class Series:
         there = ~np.isnan(values[here])
         return Window(start_s, end_s, self.period_s, self.gap_s, self.seconds[here][there], values[here][there])
 
-    def whole(self, values: Floats) -> Window:
-        """The whole run's readings of one column."""
-        if not len(self.seconds):
-            return Window(0.0, 0.0, self.period_s, self.gap_s, np.empty(0), np.empty(0))
-        return self.window(values, float(self.seconds[0]), float(self.seconds[-1]))
+
+class Extent:
+    """How much of a column was read between two moments."""
+
+    __slots__ = ()
+    start_s: float
+    end_s: float
+    period_s: float
+    gap_s: float
+
+    @property
+    def n(self) -> int:
+        """How many readings there are."""
+        raise NotImplementedError
+
+    @property
+    def longest_gap_s(self) -> float:
+        """The longest time from one reading to the next, from the beginning and to the end included."""
+        raise NotImplementedError
+
+    @property
+    def due(self) -> int:
+        """How many readings a time of this length has."""
+        return max(round((self.end_s - self.start_s) / self.period_s) + 1, 1) if self.period_s else self.n
+
+    @property
+    def coverage(self) -> float:
+        """In per cent of those due, 100 at the most."""
+        return round(min(100.0 * self.n / self.due, 100.0), 3) if self.due else 0.0
+
+    @property
+    def gap(self) -> str | None:
+        """What is wrong with the record here, in a sentence; None where there is no gap."""
+        longest = self.longest_gap_s
+        if not self.n:
+            return "Nothing was read in its window: it is one gap."
+        if longest <= self.gap_s + 1e-6:
+            return None
+        return f"The record has a gap: no reading for {longest:.1f} s; {self.gap_s:g} s are allowed between two."
 
 
 @dataclass(frozen=True, slots=True)
-class Window:
+class Window(Extent):
     """The readings that are there between two moments."""
 
     start_s: float
@@ -91,32 +125,48 @@ class Window:
         return len(self.values)
 
     @property
-    def due(self) -> int:
-        """How many readings a window of this length has."""
-        return max(round((self.end_s - self.start_s) / self.period_s) + 1, 1) if self.period_s else self.n
-
-    @property
-    def coverage(self) -> float:
-        """In per cent of those due, 100 at the most."""
-        return round(min(100.0 * self.n / self.due, 100.0), 3) if self.due else 0.0
-
-    @property
     def longest_gap_s(self) -> float:
-        """The longest time from one reading to the next, from the window's beginning and to its end included."""
         if not self.n:
             return self.end_s - self.start_s + 2 * self.period_s
         edges = np.concatenate(([self.start_s - self.period_s], self.seconds, [self.end_s + self.period_s]))
         return float(np.diff(edges).max())
 
+
+@dataclass(slots=True)
+class Column(Extent):
+    """How much of a column was read over all rows of a port, which are taken piece by piece in their order."""
+
+    period_s: float
+    gap_s: float
+    start_s: float = 0.0
+    end_s: float = 0.0
+    _n: int = 0
+    _rows: int = 0
+    _last_s: float = 0.0
+    _longest_s: float = 0.0
+
+    def add(self, seconds: Floats, values: Floats) -> None:
+        """The next rows."""
+        if not len(seconds):
+            return
+        if not self._rows:
+            self.start_s = float(seconds[0])
+            self._last_s = self.start_s - self.period_s
+        self._rows, self.end_s = self._rows + len(seconds), float(seconds[-1])
+        read = seconds[~np.isnan(values)]
+        if len(read):
+            self._longest_s = max(self._longest_s, float(np.diff(read, prepend=self._last_s).max()))
+            self._n, self._last_s = self._n + len(read), float(read[-1])
+
     @property
-    def gap(self) -> str | None:
-        """What is wrong with the record here, in a sentence; None where there is no gap."""
-        longest = self.longest_gap_s
-        if not self.n:
-            return "Nothing was read in its window: it is one gap."
-        if longest <= self.gap_s + 1e-6:
-            return None
-        return f"The record has a gap: no reading for {longest:.1f} s; {self.gap_s:g} s are allowed between two."
+    def n(self) -> int:
+        return self._n
+
+    @property
+    def longest_gap_s(self) -> float:
+        if not self._n:
+            return self.end_s - self.start_s + 2 * self.period_s
+        return max(self._longest_s, self.end_s + self.period_s - self._last_s)
 
 
 @dataclass(frozen=True, slots=True)

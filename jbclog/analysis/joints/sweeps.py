@@ -85,8 +85,9 @@ class _Kept:
 class PortSweeps:
     """A port in its sweeps: `next_sweep` gives what takes the rows, and None when its joints are `found`."""
 
-    def __init__(self, asked: Asked, window_s: float = WINDOW_S) -> None:
-        self._asked, self._window_s, self._done = asked, window_s, 0
+    def __init__(self, asked: Asked, window_s: float = WINDOW_S, beside: Callable[[View], None] | None = None) -> None:
+        """`beside` sees the windows of the first sweep, too."""
+        self._asked, self._window_s, self._done, self._beside = asked, window_s, 0, beside
         self._period_s = 0.0
         self._known: list[_Known] = []
         self._groups: list[tuple[float, list[_Known]]] = []
@@ -124,6 +125,8 @@ class PortSweeps:
         return None if look is None else Windows(look, self._window_s)
 
     def _look_at_stretches(self, view: View) -> None:
+        if self._beside is not None:
+            self._beside(view)
         series = view.series
         self._period_s = series.period_s
         self._unseen.add(series, [part.stretch for part in view.parts], view.own(series.seconds))

@@ -51,6 +51,16 @@ class View:
         first, last = np.searchsorted(seconds, [self.begin_s, min(self.end_s, until_s)])
         return slice(int(first), int(last))
 
+    @property
+    def own_rows(self) -> Series:
+        """Its own rows, without those beside them."""
+        return rows_of(self.series, self.own(self.series.seconds))
+
+
+def whole(series: Series) -> View:
+    """All rows of a port as one window; without stretches."""
+    return View(series, (), -inf, inf, True)
+
 
 Look = Callable[[View], float | None]
 """Takes a window, and says from when on it wants to see its own rows again; None: not at all."""

@@ -11,52 +11,88 @@ readings of the state. *Joint share*: the time in joints as a share of the worki
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from jbclog.analysis.joints.figure import Figure, no_figure
 from jbclog.analysis.joints.recovery import Joint
-from jbclog.analysis.joints.series import RESOLUTION_PERMILLE, Series, Window
+from jbclog.analysis.joints.series import RESOLUTION_PERMILLE, Column, Series
+from jbclog.analysis.verdict.idle import Floats
 
 AT_LEAST_PERMILLE = 500.0
 
 
-def energy(series: Series, joints: Sequence[Joint] | None) -> list[Figure]:
+@dataclass(slots=True)
+class Totals:
+    """What is summed over all rows of a port, taken window by window."""
+
+    period_s: float
+    gap_s: float
+    rated_w: float | None
+    temperature: Column = field(init=False)
+    power: Column = field(init=False)
+    state: Column = field(init=False)
+    working: int = 0  # rows in which the tool works
+    power_n: int = 0  # readings of the power in these
+    power_sum: float = 0.0
+    power_high: int = 0
+    recorded: float = 0.0
+    _before: Floats = field(default_factory=lambda: np.empty((2, 0)))  # the last reading of the power: its second and value
+
+    def __post_init__(self) -> None:
+        self.temperature, self.power, self.state = (Column(self.period_s, self.gap_s) for _ in range(3))
+
+    def take(self, series: Series) -> None:
+        """The next rows."""
+        seconds, rows = series.seconds, series.rows
+        self.temperature.add(seconds, rows.temperature)
+        self.power.add(seconds, rows.power)
+        self.state.add(seconds, np.where(series.known, 1.0, np.nan))
+        self.working += int(rows.working.sum())
+        there = ~np.isnan(rows.power)
+        working = rows.power[there & rows.working]
+        self.power_n, self.power_sum = self.power_n + len(working), self.power_sum + float(working.sum())
+        self.power_high += int((working >= AT_LEAST_PERMILLE).sum())
+        at, values = np.concatenate([self._before, [seconds[there], rows.power[there]]], axis=1)
+        steps = np.diff(at)
+        pieces = (values[1:] + values[:-1]) / 2 * steps
+        self.recorded += float(pieces[steps <= self.gap_s + 1e-6].sum())
+        self._before = np.array([at[-1:], values[-1:]])
+
+
+def totals_of(series: Series) -> Totals:
+    """Those of a port of which no rows were taken yet."""
+    return Totals(series.period_s, series.gap_s, series.rated_w)
+
+
+def energy(port: Totals, joints: Sequence[Joint] | None) -> list[Figure]:
     """Power, energy, duty and utilisation; `joints` is None for tools in which joints are not looked for."""
-    power = series.whole(series.rows.power)
     return [
-        _mean(series, power),
-        *_energies(series, power),
-        _duty(series, power),
-        _utilisation(series),
-        *([] if joints is None else [_joint_share(series, joints)]),
+        _mean(port),
+        *_energies(port),
+        _duty(port),
+        _utilisation(port),
+        *([] if joints is None else [_joint_share(port, joints)]),
     ]
 
 
-def _working(series: Series, power: Window) -> Window:
-    values = np.where(series.rows.working, series.rows.power, np.nan)
-    there = ~np.isnan(values)
-    return Window(power.start_s, power.end_s, series.period_s, series.gap_s, series.seconds[there], values[there])
-
-
-def _mean(series: Series, power: Window) -> Figure:
-    working = _working(series, power)
-    if not working.n:
+def _mean(port: Totals) -> Figure:
+    if not port.power_n:
         return no_figure("power_mean_permille", "‰", "No power was read while the tool worked.")
-    return Figure("power_mean_permille", float(working.values.mean()), "‰", working.n, power.coverage, RESOLUTION_PERMILLE)
+    mean = port.power_sum / port.power_n
+    return Figure("power_mean_permille", mean, "‰", port.power_n, port.power.coverage, RESOLUTION_PERMILLE)
 
 
-def _energies(series: Series, power: Window) -> list[Figure]:
+def _energies(port: Totals) -> list[Figure]:
+    power = port.power
     if power.n < 2:
         return [no_figure(name, unit, "No power was read.", power.n) for name, unit in ENERGIES]
-    steps = np.diff(power.seconds)
-    pieces = (power.values[1:] + power.values[:-1]) / 2 * steps
-    recorded = float(pieces[steps <= series.gap_s + 1e-6].sum())
-    resolution = RESOLUTION_PERMILLE * series.period_s
-    part = Figure("energy_recorded_permille_s", recorded, "‰·s", power.n, power.coverage, resolution)
+    resolution = RESOLUTION_PERMILLE * port.period_s
+    part = Figure("energy_recorded_permille_s", port.recorded, "‰·s", power.n, power.coverage, resolution)
     gap = power.gap
     whole = part.named("energy_permille_s") if gap is None else no_figure("energy_permille_s", "‰·s", gap, power.n, power.coverage)
-    return [whole, part, _joules(whole, series.rated_w)]
+    return [whole, part, _joules(whole, port.rated_w)]
 
 
 ENERGIES = (("energy_permille_s", "‰·s"), ("energy_recorded_permille_s", "‰·s"), ("energy_j", "J"))
@@ -71,26 +107,23 @@ def _joules(whole: Figure, rated_w: float | None) -> Figure:
     return Figure("energy_j", whole.value * rated_w / 1000, "J", whole.n, whole.coverage, whole.resolution * rated_w / 1000)
 
 
-def _duty(series: Series, power: Window) -> Figure:
-    working = _working(series, power)
-    if not working.n:
+def _duty(port: Totals) -> Figure:
+    if not port.power_n:
         return no_figure("duty_percent", "%", "No power was read while the tool worked.")
-    share = 100.0 * float((working.values >= AT_LEAST_PERMILLE).mean())
-    return Figure("duty_percent", share, "%", working.n, power.coverage, 100.0 / working.n)
+    share = 100.0 * (port.power_high / port.power_n)
+    return Figure("duty_percent", share, "%", port.power_n, port.power.coverage, 100.0 / port.power_n)
 
 
-def _utilisation(series: Series) -> Figure:
-    known = int(series.known.sum())
+def _utilisation(port: Totals) -> Figure:
+    known = port.state.n
     if not known:
         return no_figure("utilisation_percent", "%", "The tool's state was never read.")
-    coverage = series.whole(np.where(series.known, 1.0, np.nan)).coverage
-    return Figure("utilisation_percent", 100.0 * float(series.rows.working.sum()) / known, "%", known, coverage, 100.0 / known)
+    return Figure("utilisation_percent", 100.0 * port.working / known, "%", known, port.state.coverage, 100.0 / known)
 
 
-def _joint_share(series: Series, joints: Sequence[Joint]) -> Figure:
-    working = int(series.rows.working.sum())
-    if not working:
+def _joint_share(port: Totals, joints: Sequence[Joint]) -> Figure:
+    if not port.working:
         return no_figure("joint_share_percent", "%", "The tool was never seen working.")
     busy = sum(joint.dwell_s or 0.0 for joint in joints)
-    share = 100.0 * busy / (working * series.period_s)
-    return Figure("joint_share_percent", share, "%", len(joints), series.whole(series.rows.temperature).coverage, 100.0 / working)
+    share = 100.0 * busy / (port.working * port.period_s)
+    return Figure("joint_share_percent", share, "%", len(joints), port.temperature.coverage, 100.0 / port.working)

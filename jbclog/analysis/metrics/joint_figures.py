@@ -17,7 +17,8 @@ import numpy as np
 from jbclog.analysis.joints.figure import Figure, no_figure
 from jbclog.analysis.joints.joints import Found
 from jbclog.analysis.joints.recovery import Joint
-from jbclog.analysis.joints.series import RESOLUTION_C, RESOLUTION_PERMILLE, Series
+from jbclog.analysis.joints.series import RESOLUTION_C, RESOLUTION_PERMILLE
+from jbclog.analysis.metrics.energy import Totals
 from jbclog.analysis.verdict.censored import censored_quantile
 from jbclog.analysis.verdict.joint_measures import not_read
 
@@ -28,12 +29,12 @@ NEVER_AT_REST: Final = "The tip was never seen at rest at a setpoint of these jo
 Value = Callable[[Joint], float | None]
 
 
-def joint_figures(series: Series, found: Found) -> list[Figure]:
+def joint_figures(port: Totals, found: Found) -> list[Figure]:
     """Every figure of the joints of a port."""
-    period, heat = series.period_s, RESOLUTION_PERMILLE * series.period_s
-    joules = None if series.rated_w is None else heat * series.rated_w / 1000
+    period, heat = port.period_s, RESOLUTION_PERMILLE * port.period_s
+    joules = None if port.rated_w is None else heat * port.rated_w / 1000
     return [
-        *_counts(series, found),
+        *_counts(port, found),
         _middle("joint_deficit_c", "°C", RESOLUTION_C, found, lambda joint: joint.deficit_c),
         _resting_below(found),
         _middle("joint_depth_c", "°C", RESOLUTION_C, found, lambda joint: joint.depth_c),
@@ -48,10 +49,10 @@ def joint_figures(series: Series, found: Found) -> list[Figure]:
     ]
 
 
-def _counts(series: Series, found: Found) -> list[Figure]:
-    coverage, joints = series.whole(series.rows.temperature).coverage, found.joints
+def _counts(port: Totals, found: Found) -> list[Figure]:
+    coverage, joints = port.temperature.coverage, found.joints
     unknown = sum(joint.kind != "joint" for joint in joints)
-    gap = series.whole(series.rows.temperature).gap or series.whole(series.rows.power).gap
+    gap = port.temperature.gap or port.power.gap
     in_gaps = None if gap is None else f"{gap} Joints in gaps are not known."
     why, heat_why = found.why or in_gaps, found.heat_why or found.number_why or in_gaps
     seen = found.witnessed

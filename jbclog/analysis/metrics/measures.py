@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -11,10 +12,12 @@ from jbclog.analysis.joints.parameters import Asked
 from jbclog.analysis.joints.recovery import Joint
 from jbclog.analysis.joints.series import Series
 from jbclog.analysis.joints.solder_wire import Wire, wire_figures
+from jbclog.analysis.joints.sweeps import PortSweeps
+from jbclog.analysis.joints.windows import View, Windows, whole
 from jbclog.analysis.metrics.definitions import DEFINITIONS
-from jbclog.analysis.metrics.energy import energy
-from jbclog.analysis.metrics.heating import heating
-from jbclog.analysis.metrics.idle import idling
+from jbclog.analysis.metrics.energy import energy, totals_of
+from jbclog.analysis.metrics.heating import Heating
+from jbclog.analysis.metrics.idle import Idling
 from jbclog.analysis.metrics.joint_figures import joint_figures
 
 NOT_OF: Final = {
@@ -37,15 +40,63 @@ class Measured:
         return [] if self.found is None else self.found.joints
 
 
+class PortFigures:
+    """The figures of a port that rest on its rows, which are taken window by window."""
+
+    def __init__(self, like: Series) -> None:
+        """`like` has the port's period, its rated power and when it was ordered to work; none of its rows is taken."""
+        self.like = like
+        self._totals, self._heating, self._idling = totals_of(like), Heating(like.period_s, like.ordered_s), Idling(like.period_s)
+
+    def take(self, view: View) -> None:
+        """The next window; each row is in one of them."""
+        own = view.own_rows
+        self._totals.take(own)
+        self._heating.take(view)
+        self._idling.take(own)
+
+    def measured(self, kind: str, found: Found | None, wire: Sequence[Figure]) -> Measured:
+        """Every metric, when all rows were taken."""
+        totals, joints = self._totals, None if found is None or found.why else found.joints
+        figures = [*self._heating.figures(), *self._idling.figures(totals.temperature.coverage), *energy(totals, joints)]
+        if found is not None:
+            figures += [*joint_figures(totals, found), *wire]
+        return Measured(_in_order(figures, kind, found), found)
+
+
 def measure_port(series: Series, kind: str, wire: Wire | None = None, asked: Asked | None = None) -> Measured:
     """Every metric of a port whose tool is a ``tip``, hot ``air`` or an ``omega``; joints as the recipe asks for them."""
     if kind == "omega":
-        return Measured([no_figure(one.name, one.unit, NOT_OF[kind]) for one in DEFINITIONS])
+        return nothing_measured()
     found = find_joints(series, asked) if kind == "tip" else None
-    figures = [*heating(series), *idling(series), *energy(series, None if found is None or found.why else found.joints)]
-    if found is not None:
-        figures += [*joint_figures(series, found), *wire_figures(series, wire, found.joints)]
-    return Measured(_in_order(figures, kind, found), found)
+    port = PortFigures(series)
+    port.take(whole(series))
+    return port.measured(kind, found, [] if found is None else wire_figures(series, wire, found.joints))
+
+
+def nothing_measured() -> Measured:
+    """Of a tool that tells neither temperature nor power."""
+    return Measured([no_figure(one.name, one.unit, NOT_OF["omega"]) for one in DEFINITIONS])
+
+
+class PortMeasuring:
+    """A port without a feeder in its sweeps, as `PortSweeps`; then it is `measured`."""
+
+    def __init__(self, kind: str, like: Series, asked: Asked) -> None:
+        self._kind, self._figures = kind, PortFigures(like)
+        self._joints = PortSweeps(asked, beside=self._figures.take) if kind == "tip" else None
+        self._steps = iter([] if kind == "omega" else [Windows(self._figures.take)])
+
+    def next_sweep(self) -> Windows | None:
+        return next(self._steps, None) if self._joints is None else self._joints.next_sweep()
+
+    @property
+    def measured(self) -> Measured:
+        if self._kind == "omega":
+            return nothing_measured()
+        found = None if self._joints is None else self._joints.found
+        wire = [] if found is None else wire_figures(self._figures.like, None, found.joints)
+        return self._figures.measured(self._kind, found, wire)
 
 
 def _in_order(figures: list[Figure], kind: str, found: Found | None) -> list[Figure]:

@@ -19,7 +19,7 @@ from virtual_run import RECIPE, line_text
 from jbclog.analysis import run_metrics
 from jbclog.analysis.joint_table import JOINTS_SCHEMA
 from jbclog.analysis.metrics.definitions import DEFINITIONS
-from jbclog.analysis.metrics.measures import measure_port
+from jbclog.analysis.metrics.measures import PortMeasuring
 from jbclog.analysis.run import open_run
 from jbclog.app.run.plan import RunOptions, make_plan
 from jbclog.record.annotations import vouch
@@ -104,7 +104,7 @@ def test_metrics_that_a_report_left_are_taken_and_others_are_not(soldered: Path,
     before = run.metrics()
     write_report(soldered)
     text, computed = path.read_text(encoding="utf-8"), []
-    monkeypatch.setattr(run_metrics, "measure_port", lambda *those: computed.append(1) or measure_port(*those))
+    monkeypatch.setattr(run_metrics, "PortMeasuring", lambda *those: computed.append(1) or PortMeasuring(*those))
     pd.testing.assert_frame_equal(run.metrics(), before)
     pd.testing.assert_frame_equal(run.metrics("dde-1"), before)
     assert run.metrics("another").empty

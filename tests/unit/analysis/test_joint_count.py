@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import pandas as pd
+import pyarrow as pa
+import pyarrow.compute as pc
 import pytest
 from recorded_run import RecordedRun
 from virtual_run import RECIPE, line_text
@@ -27,8 +30,9 @@ class Begun(Run):
         super().__init__(run.folder)
         self.until = until
 
-    def samples(self, *args: object, **kwargs: object) -> pd.DataFrame:
-        return super().samples(*args, **kwargs, stop=self.until)  # type: ignore[arg-type, misc]
+    def groups(self, table: str, columns: list[str]) -> Iterator[pa.Table]:
+        until = pa.scalar(self.until.to_pydatetime(), pa.timestamp("us", tz="UTC"))
+        return (group.filter(pc.less(group["time"], until)) for group in super().groups(table, columns))
 
 
 @pytest.fixture(scope="module")

@@ -1,0 +1,94 @@
+"""A run is measured row group by row group: the figures of its whole, in memory that does not grow with its length."""
+
+from __future__ import annotations
+
+import time
+import tracemalloc
+from math import nan
+
+import numpy as np
+import pytest
+from long_run import LongRun
+
+from jbclog.analysis import run_metrics
+from jbclog.analysis.joints import values
+from jbclog.analysis.joints.port_reader import port_rows_of
+from jbclog.analysis.joints.port_rows import COLUMNS, Clock, kind_of, series_of
+from jbclog.analysis.metrics.measures import measure_port
+from jbclog.analysis.run_metrics import joint_count, joints_and_metrics
+
+HALF_A_DAY_S, TWO_DAYS_S = 43_200.0, 172_800.0
+MOST_BYTES, MOST_BYTES_AT_10_HZ = 2e6, 20e6
+BYTES_A_JOINT = 3000.0
+BYTES_A_SECOND = 3.0  # the mean of each 10 s of idling is kept
+
+
+def whole(run: LongRun) -> dict[str, tuple[float | None, int, float | None, str | None]]:
+    facts, (rows,) = run.manifest.stations[0], run.groups("samples", COLUMNS)
+    clock = Clock(facts.period_s, [], round((run.manifest.t0_utc or 0.0) * 1e6))
+    measured = measure_port(series_of(facts, port_rows_of(rows, clock)), kind_of(facts))
+    return {one.name: (one.value, one.n, one.coverage, one.why) for one in measured.figures}
+
+
+@pytest.mark.parametrize(("family", "hz", "is_free"), [("dde", 10.0, False), ("dde", 10.0, True), ("jtse", 1.0, False)])
+def test_the_figures_are_those_of_the_whole_record(family: str, hz: float, is_free: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    seconds = 3300.0
+    known = whole(LongRun(seconds, hz, family, is_free, group=1_000_000))
+    for most_rows, group in ((1, 777), (1_000_000, 12_345)):
+        monkeypatch.setattr(run_metrics, "MOST_ROWS", most_rows)
+        joints, metrics, _ = joints_and_metrics(LongRun(seconds, hz, family, is_free, group))
+        for row in metrics:
+            value, n, coverage, why = known[str(row["metric"])]
+            assert (row["n"], row["coverage"], row["why"]) == (n, pytest.approx(coverage, nan_ok=True), why), row
+            assert (row["value"] is None) == (value is None)
+            assert row["value"] == pytest.approx(value, rel=1e-6, abs=1e-9, nan_ok=True) if value is not None else True
+        assert joints.num_rows == (known["joints"][0] or 0)
+    assert known["joints"][0] is None if family == "jtse" else 500 < (known["joints"][0] or nan) < 560
+
+
+def test_a_joint_has_the_time_of_the_row_next_to_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(run_metrics, "MOST_ROWS", 1)
+    run = LongRun(1500.0, 10.0, is_free=True, group=999)
+    joints = joints_and_metrics(run)[0]
+    rows = [group["time"].cast("int64").to_numpy() for group in run.groups("samples", ["time"])]
+    seconds = (np.concatenate(rows) - rows[0][0]) / 1e6
+    for name in ("start", "end"):
+        place = np.searchsorted(seconds, joints[f"{name}_s"].to_numpy() - 1e-5)
+        assert (joints[name].cast("int64").to_numpy() == np.concatenate(rows)[place]).all()
+
+
+def test_the_count_during_a_run_is_made_row_group_by_row_group() -> None:
+    run = LongRun(1500.0, 10.0)
+    assert joint_count(run) == joints_and_metrics(run)[0].num_rows
+    assert joint_count(run, 600.0) < joint_count(run)
+
+
+def memory(run: LongRun) -> tuple[float, int, float]:
+    """The most bytes, joints, and µs of CPU a row."""
+    joints_and_metrics(LongRun(60.0, 10.0))  # what is imported by it
+    began = time.process_time()
+    tracemalloc.start()
+    joints = joints_and_metrics(run)[0]
+    most = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    return most, joints.num_rows, 1e6 * (time.process_time() - began) / run.rows
+
+
+@pytest.mark.parametrize(("family", "is_free"), [("dde", True), ("jtse", False)])
+def test_memory_is_the_same_for_half_a_day_and_two_days(family: str, is_free: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(run_metrics, "MOST_ROWS", 1)
+    monkeypatch.setattr(values, "MOST_KEPT", 1000)
+    half, _, _ = memory(LongRun(HALF_A_DAY_S, 0.1, family, is_free, 1000))
+    two, _, _ = memory(LongRun(TWO_DAYS_S, 0.1, family, is_free, 1000))
+    assert half < MOST_BYTES
+    assert two < 1.1 * half + BYTES_A_SECOND * (TWO_DAYS_S - HALF_A_DAY_S)
+
+
+@pytest.mark.campaign
+@pytest.mark.timeout(3600)
+def test_half_a_day_and_two_days_of_a_port_at_10_hz(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(run_metrics, "MOST_ROWS", 1)
+    for seconds in (HALF_A_DAY_S, TWO_DAYS_S):
+        most, joints, cpu = memory(LongRun(seconds, 10.0))
+        print(f"{seconds / 86400:g} days: {most / 1e6:.0f} MB, {joints} joints, {cpu:.1f} µs a row (traced)")
+        assert most - BYTES_A_JOINT * joints < MOST_BYTES_AT_10_HZ
