@@ -18,7 +18,11 @@ from pages import PAGES, REFERENCE
 from readme import ROOT
 from tables_page import MEANINGS as COLUMNS
 from tables_page import OUTCOME, QUALITY, meaning, tables
+from verdict_page import RESULTS, RULES
 
+from jbclog.analysis.verdict.acceptance import LIMIT_NAMES
+from jbclog.analysis.verdict.rule import Result
+from jbclog.analysis.verdict.versions import VERSIONS
 from jbclog.config.sim_spec import KEYS_OF_FAULT
 from jbclog.core.outcome import Exit
 from jbclog.core.rows import OUTCOMES, QUALITIES
@@ -57,6 +61,17 @@ def test_every_key_of_the_manifest_has_a_meaning() -> None:
 def test_every_key_of_ledger_verifications_annotations_and_csv_has_a_meaning() -> None:
     assert set(OTHERS) == other_keys()
     assert list(CSV) == list(COLUMNS_OF_AUDIT)
+
+
+def test_every_rule_of_the_verdict_is_listed() -> None:
+    texts = [path.read_text(encoding="utf-8") for path in (ROOT / "jbclog" / "analysis" / "verdict").glob("*.py")]
+    written = {name for text in texts for name in re.findall(r'Rule\(\s*"(\w+)"', text)}
+    written |= {name for text in texts for name in re.findall(r'^RULE(?:: Final)? = "(\w+)"', text, re.MULTILINE)}
+    changed = {name for version in VERSIONS for name in version.changed}
+    assert written | changed <= set(RULES)
+    assert written >= {"record", "station", "settings", "reached", "verification"}
+    assert {name for name in LIMIT_NAMES if not any(f"`{name}`" in limit for limit, _ in RULES.values())} == set()
+    assert set(RESULTS) == set(Result)
 
 
 def test_every_environment_variable_is_listed() -> None:

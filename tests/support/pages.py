@@ -14,6 +14,7 @@ import other_files_page
 import python_page
 import station_commands_page
 import tables_page
+import verdict_page
 
 ROOT = Path(__file__).parents[2]
 REFERENCE = ROOT / "docs" / "reference"
@@ -25,6 +26,7 @@ PAGES: Mapping[Path, Callable[[], str]] = {
     REFERENCE / "audit-files.md": other_files_page.page,
     REFERENCE / "python.md": python_page.page,
     REFERENCE / "tables.md": tables_page.page,
+    REFERENCE / "verdict.md": verdict_page.page,
     REFERENCE / "station-commands.md": station_commands_page.page,
     REFERENCE / "contradictions.md": contradictions_page.page,
 }

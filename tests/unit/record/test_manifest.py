@@ -58,7 +58,7 @@ FULL = Manifest(
 )
 
 
-def test_it_has_the_keys_of_the_contract() -> None:
+def test_it_has_the_documented_keys() -> None:
     assert set(asdict(FULL)) == set(KEYS.split(", "))
 
 
