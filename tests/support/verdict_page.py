@@ -82,13 +82,18 @@ RULES: Mapping[str, tuple[str, str]] = {
 
 INTRODUCTION = """
 A verdict is a list of rules and what they come to. It rests on the sealed record alone; `jbclog report RUN --verify` derives it
-again. A limit about an estimated figure is kept when the figure and its 95 % bound keep it; a figure that keeps it with a bound that does
-not, or without a bound, is missing evidence ([decision 31](../decisions/0031-bounds-and-missing-evidence.md)).
+again. A limit about an estimated figure is kept when the figure and its 95 % bound keep it; a figure that keeps it with a bound
+that does not, or without a bound, is missing evidence ([decision 31](../decisions/0031-bounds-and-missing-evidence.md)).
 """
 
-METRICS = """
-`run.metrics()`, `jbclog trend`, `jbclog chart` and the report. A metric that the data cannot carry has no value, and a reason.
-"""
+METRICS = "`run.metrics()`, `jbclog trend`, `jbclog chart` and the report. What the data cannot carry has no value, and a reason."
+DEVIATIONS = (
+    "All events of the severities error and critical that no rule judges, and those of these kinds from the severity warning on:"
+)
+OF_VERSIONS = (
+    "The manifest names the version that a run was judged by (`rules`; without it 1). A stored verdict is compared with its own "
+    "version only."
+)
 
 
 def page() -> str:
@@ -97,15 +102,12 @@ def page() -> str:
     results = [(code(one.value), RESULTS[one]) for one in Result]
     versions = [(str(one.number), one.means[0].upper() + one.means[1:], codes(sorted(one.changed)) or "–") for one in VERSIONS]
     metrics = [(code(one.metric), one.unit, one.definition, one.applies_to) for one in Run.metric_definitions().itertuples()]
-    return "\n\n".join(
-        [
-            f"{MADE}\n\n# Verdict and metrics\n{INTRODUCTION}{VERDICTS}".strip(),
-            f"## Results of a rule\n\n{table(('result', 'means'), results)}",
-            f"## Rules\n\n{table(('rule', 'limit in the recipe', 'judges'), rules)}",
-            f"## Deviations\n\nEvents of these kinds, from the severity warning on, and all other events of the severities error "
-            f"and critical that no rule judges: {codes(sorted(NOT_AS_PLANNED))}.",
-            "## Versions of the rules\n\nThe manifest names the version that a run was judged by (`rules`; without it 1). "
-            f"A stored verdict is only compared with its own version.\n\n{table(('version', 'means', 'rules that are new or changed'), versions)}",
-            f"## Metrics\n{METRICS}\n{table(('metric', 'unit', 'definition', 'applies to'), metrics)}\n",
-        ]
-    )
+    sections = {
+        "Results of a rule": table(("result", "means"), results),
+        "Rules": table(("rule", "limit in the recipe", "judges"), rules),
+        "Deviations": f"{DEVIATIONS}\n\n{codes(sorted(NOT_AS_PLANNED))}",
+        "Versions of the rules": f"{OF_VERSIONS}\n\n{table(('version', 'means', 'rules that are new or changed'), versions)}",
+        "Metrics": f"{METRICS}\n\n{table(('metric', 'unit', 'definition', 'applies to'), metrics)}",
+    }
+    head = f"{MADE}\n\n# Verdict and metrics\n{INTRODUCTION}{VERDICTS}".strip()
+    return "\n\n".join([head, *(f"## {title}\n\n{text}" for title, text in sections.items())]) + "\n"
