@@ -43,8 +43,11 @@ class Chain:
         chain._seq, chain._previous = seq, digest(row)
         return chain
 
-    def link(self, event: EventRow) -> list[object]:
-        """The row of `events`, in the columns' order. Raises ValueError or TypeError for what is no event."""
+    def link(self, event: EventRow, rows: list[object]) -> None:
+        """Put the row of `event`, in the columns' order, behind `rows`: it is a link then, and not before.
+
+        Raises ValueError or TypeError for what is no event.
+        """
         row = {
             "seq": self._seq + 1,
             "time": int(event.time),
@@ -60,11 +63,9 @@ class Chain:
             "raw": event.raw,
             "prev_sha256": self._previous,
         }
-        values: list[object] = [row[column] for column in COLUMNS]
-        previous = digest(row)
-        self._seq += 1
-        self._previous = previous
-        return values
+        previous, seq = digest(row), self._seq + 1
+        rows.extend([row[column] for column in COLUMNS])
+        self._seq, self._previous = seq, previous
 
 
 def breaks(run: str, rows: Iterable[Mapping[str, object]]) -> Iterable[tuple[int, str]]:

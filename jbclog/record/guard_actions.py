@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
@@ -109,12 +109,15 @@ def take_in(folder: Path, run: str, told: list[EventRow]) -> None:
     missing = [event for event in told if (event.time, event.text) not in known]
     if missing:
         chain = Chain.after(sealed[-1]) if sealed else Chain(run)
-        rows = _table([chain.link(event) for event in missing])
+        values: list[object] = []
+        for event in missing:
+            chain.link(event, values)
+        rows = _table(values)
         write_part(folder, "events", lambda: [rows], through(folder, "events"))
 
 
-def _table(rows: Iterable[list[object]]) -> pa.Table:
-    batch = encode(0, "events", [value for row in rows for value in row])
+def _table(values: list[object]) -> pa.Table:
+    batch = encode(0, "events", values)
     return decode(batch, batch.crc)
 
 

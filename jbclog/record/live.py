@@ -69,7 +69,6 @@ class LiveStore:
         self._keeping = StoreWriter(folder)
         self._child: SealChild | None = None
         self._facts: dict[str, str] = {}
-        self._unstored: set[str] = set()  # stations whose facts have changed since they were stored
         self._untold = PendingEvents(on_event)
         self._committing = threading.Lock()  # held for a whole commit
         self._commit_began: float | None = None  # monotonic seconds, while one goes on
@@ -227,10 +226,8 @@ class LiveStore:
 
     def _stored(self, closing: bool) -> bool:
         try:
-            changed = self._intake.take()
-            self._facts |= changed
-            self._unstored |= changed.keys()
-            if self._intake.backlog or self._unstored or closing:
+            self._intake.take()
+            if self._intake.backlog or self._intake.changed_facts or closing:
                 return self._store(closing)
         except Exception as error:  # whatever it is, the recorder must hear of it and the thread go on
             self._fail(str(error) or type(error).__name__)
@@ -239,12 +236,12 @@ class LiveStore:
 
     def _store(self, closing: bool) -> bool:
         meta = self._meta(closing)
-        fresh = meta | {(FACTS, station): self._facts[station] for station in self._unstored}
+        self._facts.update(self._intake.changed_facts)
+        fresh = meta | {(FACTS, station): text for station, text in self._intake.changed_facts.items()}
         everything = meta | {(FACTS, station): text for station, text in self._facts.items()}
         kept = self._keeping.add(self._intake.backlog, fresh, everything)
         if kept.safe:
-            self._intake.backlog.clear()
-            self._unstored.clear()
+            self._intake.stored()
         else:
             self._intake.drop_oldest()
         if kept.moved_to:

@@ -32,6 +32,9 @@ class Kept:
     moved_to: str | None = None
 
 
+KEPT: Final = Kept(True)  # there already: what is stored must not fail to be known as stored for want of memory
+
+
 class StoreWriter:
     """Stores batches in `folder`. Used by one thread at a time."""
 
@@ -63,7 +66,7 @@ class StoreWriter:
             self._segment.add(batches, fresh)
         except sqlite3.Error as error:
             return self._again(error, batches, everything)
-        return Kept(True)
+        return KEPT
 
     def _is_there(self, path: Path) -> bool:
         try:
