@@ -8,12 +8,12 @@ from jbclog.protocol.commands.decision import Decision
 from jbclog.protocol.commands.decisions import DECISIONS
 
 INTRODUCTION = """
-The makers' manuals contradict each other and themselves in places, and leave things out. Each row below is one such place
-(its number is what notes in the tables and events of the kind `protocol.anomaly` cite as B-nn), how it is read, and why.
+The makers' manuals contradict each other and themselves in places, and leave things out. Each row is one such place: how jbclog reads
+it, and why. Code, notes in tables and events of the kind `protocol.anomaly` cite its number.
 
-Where the alternative shows on the wire, a virtual station can play it: the word in the last column is one of `quirks` in its
-`[station.sim]`. The driver takes the alternative, records the same samples, and says once, as an event, what it has met.
-Rows without such a word cannot be seen on the wire, or are about what is sent; their reason says so.
+Where the alternative shows on the link, a virtual station can play it: the word in the last column is one of `quirks` in its
+`[station.sim]`. The client accepts the alternative, records the same samples, and reports it once as an event. Rows without such a
+word do not show on the link or are about what is sent; their reason says so.
 """
 
 
