@@ -61,7 +61,7 @@ def test_code_cites_nothing_that_a_reader_does_not_have() -> None:
         f"{name}:{number}: {line.strip()}"
         for name in CODE
         for number, line in enumerate((ROOT / name).read_text(encoding="utf-8").splitlines(), 1)
-        if NOT_HERE.search(line)
+        if NOT_HERE.search(re.sub(r"\]\([^)]*\)", "]", line))  # a link of a page that is made
     ]
     assert found == []
 

@@ -8,12 +8,14 @@ from jbclog.protocol.commands.decision import Decision
 from jbclog.protocol.commands.decisions import DECISIONS
 
 INTRODUCTION = """
-The makers' manuals contradict each other and themselves in places, and leave things out. Each row is one such place: how jbclog reads
-it, and why. Code, notes in tables and events of the kind `protocol.anomaly` cite its number.
+The makers' manuals contradict each other and themselves in places, and leave things out. Each row is one such
+place: how jbclog reads it, and why. Code, notes in tables and events of the kind `protocol.anomaly` cite its
+number.
 
-Where the alternative shows on the link, a virtual station can play it: the word in the last column is one of `quirks` in its
-`[station.sim]`. The client accepts the alternative, records the same samples, and reports it once as an event. Rows without such a
-word do not show on the link or are about what is sent; their reason says so.
+Where the alternative shows on the link, a virtual station can play it: the word in the last column is one of
+`quirks` in its `[station.sim]`. The client accepts the alternative, records the same samples, and reports it
+once as an event. Rows without such a word do not show on the link or are about what is sent; their reason
+says so.
 """
 
 

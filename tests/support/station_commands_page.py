@@ -15,39 +15,44 @@ from jbclog.protocol.commands.status import StatusTable
 from jbclog.session.run.setting import WRITES
 
 INTRODUCTION = """
-Every command of every family, with the manual and section that it rests on ([manuals](manuals.md)). A note that says B-nn is about a
-row of [contradictions](contradictions.md). [Protocol](protocol.md) describes frames and status words.
+Every command of every family, with the manual and section that it rests on ([manuals](manuals.md)). A note
+that says B-nn is about a row of [contradictions](contradictions.md). [Protocol](protocol.md) describes frames
+and status words.
 
-A code is what stands behind R, W or A: `x` is the port, `y` the number of the tool, `nnnn` that of a solder condition. *Recorded as*
-names the columns of `samples` or the counter.
+A code is what stands behind R, W or A: `x` is the port, `y` the number of the tool, `nnnn` that of a solder
+condition. *Recorded as* names the columns of `samples` or the counter.
 
-- *Sent*: *once* marks what is never repeated for one intent, because it acts; *dangerous* what `write` does only with
-  `--yes-i-mean` and no recipe reaches. The exception is OMEGA's D: `run --allow-omega-write` sends it with a recipe's `[omega]`.
-- *Printed* is what the manuals of these families print of the value, limits that the station itself reports included. What lies
-  beyond is refused before anything is sent.
-- *Inferred* is what they do not print and another manual, named beside it, does. What lies beyond that is sent all the same: `plan`
-  notes it, and the station accepts it or refuses it with N 00003. A unit with *(inferred)* is not printed for these families either.
+- *Sent*: *once* marks what is never repeated for one intent, because it acts; *dangerous* what `write` does
+  only with `--yes-i-mean` and no recipe reaches. The exception is OMEGA's D: `run --allow-omega-write` sends
+  it with a recipe's `[omega]`.
+- *Printed* is what the manuals of these families print of the value, limits that the station itself reports
+  included. What lies beyond is refused before anything is sent.
+- *Inferred* is what they do not print and another manual, named beside it, does. What lies beyond that is
+  sent all the same: `plan` notes it, and the station accepts it or refuses it with N 00003. A unit with
+  *(inferred)* is not printed for these families either.
 
-What does not fit into the five characters of a frame is always refused, and so is a temperature above the station's own maximum
-(R-MAT, R-MAE), before the first write. An alarm limit must be 1 to 600 °C: no manual prints how a station reports a limit that is
-not set, and a read-back value beyond that range cannot be told from it.
+What does not fit into the five characters of a frame is always refused, and so is a temperature above the
+station's own maximum (R-MAT, R-MAE), before the first write. An alarm limit must be 1 to 600 °C: no manual
+prints how a station reports a limit that is not set, and a read-back value beyond that range cannot be told
+from it.
 """
 
 BY_002 = """
-Manual 002 prints some commands without saying which of its stations have them. jbclog asks R-SVR of all of them, R-DCx and R-DLx of
-those that dispense (`ucr`, `ale`), and takes the commands of the feeder for those of `ale`, which is inferred. W-IFE is taken for all
-of them; R-FST and W-SAD are printed for UCR only. A station that does not know a command refuses it with N 00004, and the command
-counts as not supported.
+Manual 002 prints some commands without saying which of its stations have them. jbclog asks R-SVR of all of
+them, R-DCx and R-DLx of those that dispense (`ucr`, `ale`), and takes the commands of the feeder for those of
+`ale`, which is inferred. W-IFE is taken for all of them; R-FST and W-SAD are printed for UCR only. A station
+that does not know a command refuses it with N 00004, and the command counts as not supported.
 """
 
 
 RUN_WRITES = """
 ## What a run writes
 
-This list is complete. Before each write, the client of a run compares command and value with it. What is not on the list, or is
-neither the recipe's value nor a safe state, is not sent: it ends the run of that station as an error of jbclog (exit code 3), and its
-tools are made safe. The guard and `jbclog safe` send the safe states of `status` and `stop_feeding` only. What a person sends with
-`jbclog write` is that person's responsibility.
+This list is complete. Before each write, the client of a run compares command and value with it. What is not
+on the list, or is neither the recipe's value nor a safe state, is not sent: it ends the run of that station
+as an error of jbclog (exit code 3), and its tools are made safe. The guard and `jbclog safe` send the safe
+states of `status` and `stop_feeding` only. What a person sends with `jbclog write` is that person's
+responsibility.
 """
 
 
