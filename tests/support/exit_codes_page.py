@@ -24,11 +24,11 @@ MEANINGS: Mapping[Exit, str] = {
 }
 
 RULES = """
-Ctrl-C in a run without a stated end is its normal end.
-A connection that was lost and came back is an event and lowers the coverage; it is no exit code.
-An alarm counts while the tool is working, from its first arrival within 10 °C of its setpoint on. A flag that the first reading
-finds is `alarm.before_run` and does not count.
-An internal error of jbclog ends with 1; `JBCLOG_TRACEBACK=1` shows where it is.
+- Ctrl-C in a run without a stated end is its normal end.
+- A connection that was lost and came back is an event and lowers the coverage; it has no exit code.
+- An alarm counts while the tool is working, from its first arrival within 10 °C of its setpoint on. A flag that the first reading
+  finds is `alarm.before_run` and does not count.
+- An internal error of jbclog ends with 1; `JBCLOG_TRACEBACK=1` shows where it is.
 """
 
 

@@ -16,14 +16,14 @@ LINK = (
     Decision(
         1,
         "Baud rates 1200 to 500000 with any parity, or 19200 8N1 only",
-        "what the line file says; 19200 8N1 where it says nothing",
-        "An old station's menu decides, and a wrong format gives rubbish and no answer: `scan` tries them in turn.",
+        "as the line file states; 19200 8N1 without it",
+        "An old station's menu decides, and a wrong format gives garbage and no answer: `scan` tries them in turn.",
     ),
     Decision(
         2,
         "Pins 3 and 4: Tx and Rx, or the station's RX and TX",
         "the same wiring, named from either side",
-        "No byte tells the names of pins; `doctor` names a swapped pair where nothing answers.",
+        "No byte shows the names of pins; `doctor` suggests a swapped pair where nothing answers.",
     ),
     Decision(
         3,
@@ -49,7 +49,7 @@ LINK = (
     ),
     Decision(
         6,
-        "The order of the addresses in an answer is not said",
+        "The order of the addresses in an answer is not stated",
         "the station first, the robot second; the other order is taken too and learnt",
         'The field is defined as "the sender\'s"; the check byte is the same in both orders, so it proves neither.',
         ("addresses_swapped",),
@@ -58,18 +58,18 @@ LINK = (
     Decision(
         7,
         "Frames with addresses by menu, or by default",
-        "what the line file says; with addresses where it says nothing",
+        "as the line file states; with addresses without it",
         "A virtual station takes it from the same key; `scan` tries both, and a digit behind STX means addresses.",
     ),
     Decision(
         8,
         "Feeder 10 and extractor 20 have addresses and no commands",
-        "an ALE is a soldering station at 01, unless the line file says 10",
+        "an ALE is a soldering station at 01, unless the line file states 10",
         "The examples for ALE use 01; `scan` falls back to 10, and the line file's address is what a run uses.",
     ),
     Decision(
         9,
-        "W-SAD 00000: address 00 or no addresses; how it is acknowledged is not said",
+        "W-SAD 00000: address 00 or no addresses; its acknowledgement is not printed",
         "sent by `write` only; then R-SMN must be answered at the new address, else at the old one",
         "The acknowledgement may come from the old address, the new one, or without any; what counts is who answers.",
         ("address_acknowledged_from_the_new_one", "address_acknowledged_without_any"),
@@ -77,7 +77,7 @@ LINK = (
     ),
     Decision(
         10,
-        "R-TT has two letters in a field of three; padding is not said",
+        "R-TT has two letters in a field of three; padding is not printed",
         "sent bare; one try with a blank where it is refused or not answered, then counted as not supported",
         "ATT and six characters is the transformer only where the first is a blank or 0: no port has that number.",
         ("transformer_padded_with_blank", "transformer_padded_with_zero", "transformer_wants_blank"),
@@ -85,7 +85,7 @@ LINK = (
     ),
     Decision(
         11,
-        "What an N frame repeats is not said",
+        "What an N frame repeats is not printed",
         "with the question's code, without any, or, for N 1 and 2, with another: it refuses the one question that is out",
         "One question is out at a time; after a wrong check byte the station cannot know the code.",
         ("refusal_without_code",),
@@ -94,7 +94,7 @@ LINK = (
     Decision(
         12,
         "The acknowledgement of a write carries no value",
-        "every setting is read back; its row says confirmed only then",
+        "every setting is read back; only then it is `confirmed`",
         "All manuals agree on the frame; what it proves is the question, and reading back answers that.",
     ),
     Decision(
@@ -165,7 +165,7 @@ STATUS = (
     Decision(
         22,
         "Alarm delays as ss.cc in a field of digits; the least is 00.00 or 00.10",
-        "ss.cc, 00.00 at once; five digits without a dot are hundredths; 00.00 that is refused is an error for people",
+        "ss.cc, 00.00 at once; five digits without a dot are hundredths; 00.00 that is refused stops the start",
         "99999 is off in either form, and 160 hundredths can be nothing else. A comma or a dot elsewhere is no delay.",
         ("delay_without_dot",),
         "An alarm delay has no dot; its digits are read as hundredths of a second.",
@@ -180,17 +180,17 @@ STATUS = (
     ),
     Decision(
         24,
-        "Reading the alarm flags clears them (000), or nothing is said of it; 1 is set",
+        "Reading the alarm flags clears them (000), or nothing is printed about it; 1 is set",
         "read by one reader, once for each answer; any digit but 0 is set",
-        "Flags that stay set are told once, as flags that are raised again are.",
+        "Flags that stay set are reported once, as flags that are raised again are.",
         ("alarm_flags_of_any_digit", "alarm_flags_stay"),
         "An alarm flag is neither 0 nor 1; it is taken as set.",
     ),
     Decision(
         25,
-        "The time to sleep when nothing counts down is not said",
+        "The time to sleep when nothing counts down is not printed",
         "99999, 65535, and 0 while the tool is not waiting are no time: null, `not_counting`",
-        "65535 is what the maker's other protocol says.",
+        "65535 is the value of the maker's other protocol.",
         ("countdown_65535", "countdown_zero"),
         "Without a countdown the time to sleep is a number; it is read as none.",
     ),
@@ -202,7 +202,7 @@ STATUS = (
     ),
     Decision(
         27,
-        "The selected temperature is volatile, or nothing is said of it",
+        "The selected temperature is volatile, or nothing is printed about it",
         "volatile; a run never sends W-NVS, and after a restart of the station its settings are read again",
         "A station that kept it would answer the same; the EEPROM wears.",
     ),
@@ -227,13 +227,13 @@ VALUES = (
         30,
         "Port errors 4 and 9 mean other things on hot air",
         "the table is the family's, and the family is proven by R-SMN before any is read",
-        "The number alone cannot tell; the model can.",
+        "The number alone does not show it; the model does.",
     ),
     Decision(
         31,
         "Highest temperature 500 °C, or 450 for UCR245",
         "R-MAT and R-MIT are read before the first write, and the recipe is held to them",
-        "The station tells its own limits, so neither print is needed.",
+        "The station reports its own limits, so neither print is needed.",
     ),
     Decision(
         32,
@@ -247,7 +247,7 @@ VALUES = (
     Decision(
         34,
         "Model names of five characters, and models of six letters",
-        "blanks on either side are left out, any length is taken, and its beginning tells the family",
+        "blanks on either side are left out, any length is accepted, and its beginning gives the family",
         "UCR245 does not fit in five characters, so either the field is longer or the name is cut.",
         ("six_letter_model", "model_cut_to_five", "model_unpadded"),
         "The model name is not what fills five characters; its beginning is enough to tell the family.",
@@ -266,7 +266,7 @@ VALUES = (
     Decision(
         36,
         "R-DCx is answered by ACDx, which is the answer to R-CDx",
-        "ADCx; ACDx only from a station that never said ADCx, and only when it says the same twice (`protocol/client/robot.py`)",
+        "ADCx; ACDx only from a station that never used ADCx, and only when two answers agree (`protocol/client/robot.py`)",
         "The text of R-DCx is a copy of R-CDx; a late or repeated ACDx must not become a count of dispensed cycles.",
         ("dispensed_cycles_answers_acd",),
         "R-DC is answered by ACD; it was asked twice over a drained line, and said the same.",
@@ -276,7 +276,7 @@ VALUES = (
         37,
         "Orders without printed data: STR, STP, RST, RSP, IFE",
         "00000; where N 2 refuses that, STP and IFE once without data",
-        "STR, RST and RSP act or erase: they go out once, whatever is said to them.",
+        "STR, RST and RSP act or erase: they are sent once, whatever the answer.",
         ("no_data_orders",),
         "An order with data 00000 was refused as badly formed; it was sent again without data.",
     ),

@@ -10,7 +10,7 @@ OMEGA = ("omega",)
 HOT_AIR_ROWS = (
     Decision(
         33,
-        "The unit of the air flow is not said",
+        "The unit of the air flow is not printed",
         "the share of the station's own R-MAF in per mille; the raw numbers of R-SF, R-MIF and R-MAF stand in `settings`",
         "No manual decides; a share needs no unit, and the raw numbers can be read anew once somebody knows.",
         met="No manual gives the air flow a unit; its numbers are kept as they came, and sampled as shares of the greatest.",
@@ -27,7 +27,7 @@ HOT_AIR_ROWS = (
     ),
     Decision(
         42,
-        "Work mode: only JTSE has it; what it says while a profile runs is not said",
+        "Work mode: only JTSE has it; its value while a profile runs is not printed",
         "00000 manual, 00001 profile, as printed",
         "Nothing contradicts the two printed numbers.",
         families=HOT_AIR,
@@ -43,16 +43,16 @@ HOT_AIR_ROWS = (
     ),
     Decision(
         44,
-        "External temperature without a thermocouple is not said",
-        "null while the port says that the thermocouple is missing (error 4)",
-        "Any number may stand there, and none means anything: there is no form to be told apart.",
+        "External temperature without a thermocouple is not printed",
+        "null while the port reports a missing thermocouple (error 4)",
+        "Any number may stand there, and none means anything.",
         families=HOT_AIR,
     ),
     Decision(
         45,
         "Station error 7 is missing for JTSE, 1 and 2 are not used",
         "the common table",
-        "A number that does not come harms nobody.",
+        "A number that never arrives does no harm.",
         families=HOT_AIR,
     ),
 )
