@@ -39,30 +39,16 @@ class VerdictFacts:
     by_latest: dict[str, object] | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class Zoom:
-    """What the page's script draws: `start` and `end` in seconds since 1970, `lines` in °C by name, and as base64 `data`.
-
-    `joints`: of each its start since `start` and its length in tenths of a second, hexadecimal; ``!`` where the tip was not back.
-    """
-
-    start: float
-    end: float
-    lines: str
-    data: str
-    joints: str = ""
-
-
 @dataclass(slots=True)
 class Figure:
-    """A figure beside the report: its file and what it shows; not in the JSON: its two sizes as SVG, and data to look closer."""
+    """A figure beside the report: file and what it shows; not in the JSON: two sizes as SVG, and data of the interactive view."""
 
     file: str
     caption: str
     alt: str
     wide: str = field(repr=False)
     narrow: str = field(repr=False)
-    zoom: Zoom | None = field(repr=False, default=None)
+    zoom: str | None = field(repr=False, default=None)
 
 
 @dataclass(slots=True)

@@ -43,10 +43,10 @@ from jbclog.report.style import NARROW, WIDE
 from jbclog.report.svg import svg_text
 from jbclog.report.tables import by_station, counter_rows, event_rows, ledger_rows, setting_rows
 from jbclog.report.verdict import verdict_facts
-from jbclog.report.zoom import most_stretches
+from jbclog.report.zoom import share
 
 CROWD = 12  # with more ports than these each has one figure, and a closer one only where something happened
-COLUMNS = ("time", "tick", "port", "late_us", "quality", "temperature_c", "power_permille", "status", "set_c")
+COLUMNS = ("time", "tick", "port", "late_us", "quality", "reasons", "temperature_c", "power_permille", "status", "set_c")
 
 
 def gather(run: Run, joints: Joints, plates: Plates) -> Facts:
@@ -131,7 +131,7 @@ def _stations(run: Run, joints: Joints, plates: Plates, verdict: VerdictFacts) -
         {(one.station, one.port): one for one in manifest.verifications},
         verdict.rules,
         ports > CROWD,
-        most_stretches(ports),
+        share(ports),
     )
     for number, facts in enumerate(manifest.stations, 1):
         columns = COLUMNS if "temperature_c" in judged_signals(facts) else (*COLUMNS, *STATES)

@@ -1,12 +1,14 @@
 """The page: one HTML file that needs nothing but itself, drawn from the facts by a template.
 
 Everything is escaped by the template engine; figures are images in the page, in which no script can run; a content policy forbids
-every request and every script but ours, which it knows by its hash and which lets a reader look closer; without it all is there.
+every request and every script but two, which it knows by their hashes: uPlot and what makes the interactive view with it. Without
+them all is there.
 """
 
 from __future__ import annotations
 
 import base64
+import json
 from collections.abc import Mapping, Sequence
 from functools import cache
 from hashlib import sha256
@@ -20,7 +22,6 @@ from markupsafe import Markup
 from jbclog.analysis.verdict.rules import CONFIDENCE
 from jbclog.report import joint_words
 from jbclog.report.alarms import WITNESSES
-from jbclog.report.facts import Zoom
 from jbclog.report.joint_words import jointed, remark
 from jbclog.report.text import bound_text, clock, interval, measured, number, stamp, together
 from jbclog.report.timescale import duration_text
@@ -35,6 +36,8 @@ SIGNS = {
     "NOT JUDGED": ("notjudged", "–"),
 }
 MOST_ALARMS, MOST_UNITS = 200, 200
+UPLOT: Final = ("vendor", "uplot")
+SCRIPTS: Final = ((*UPLOT, "uPlot.iife.min.js"), ("templates", "interactive.js"))
 RESULT_SIGNS = {"pass": "✓", "fail": "✕", "missing": "?", "deviation": "△", "not applicable": "–", "none": "–"}
 
 ENDINGS = {
@@ -45,15 +48,32 @@ ENDINGS = {
 }
 
 
-def render(document: Mapping[str, object], figures: Mapping[str, tuple[str, str]], zooms: Mapping[str, Zoom]) -> str:
-    """The page of a report. `figures` gives for a figure's file name its wide and its narrow SVG, `zooms` data to look closer."""
+def render(document: Mapping[str, object], figures: Mapping[str, tuple[str, str]], zooms: Mapping[str, str]) -> str:
+    """The page of a report.
+
+    `figures` gives for a figure's file name its wide and its narrow SVG, `zooms` the data of its interactive view.
+    """
     uris = {file: tuple(map(cache(data_uri), pair)) for file, pair in figures.items()}
-    script = files("jbclog.report").joinpath("templates", "zoom.js").read_text("utf-8")
-    seal = base64.b64encode(sha256(script.encode()).digest()).decode()
     crowded = sum(first == second for first, second in uris.values()) > 1  # one size for all, as there are many
     page = _environment().get_template("report.html")
-    ours = Markup(script)
-    return page.render(report=document, uris=uris, zooms=zooms, script=ours, script_sha256=seal, crowded=crowded)
+    return page.render(report=document, uris=uris, zooms=zooms, crowded=crowded, **_interactive())
+
+
+@cache
+def _interactive() -> dict[str, object]:
+    """What the interactive view needs in the page: uPlot with its style and licence, our script, and the hashes of both scripts."""
+    here = files("jbclog.report")
+    scripts = [here.joinpath(*path).read_bytes().decode() for path in SCRIPTS]
+    hashes = [base64.b64encode(sha256(script.encode()).digest()).decode() for script in scripts]
+    source = json.loads(here.joinpath(*UPLOT, "source.json").read_text("utf-8"))
+    plot_style, licence = (here.joinpath(*UPLOT, name).read_bytes().decode() for name in ("uPlot.min.css", "LICENSE"))
+    return {
+        "scripts": [Markup(script) for script in scripts],
+        "script_sources": Markup(" ".join(f"'sha256-{one}'" for one in hashes)),
+        "plot_name": f"{source['name']} {source['version']}",
+        "plot_style": Markup(plot_style),
+        "plot_licence": Markup(licence.strip()),
+    }
 
 
 def data_uri(svg: str) -> str:

@@ -28,7 +28,7 @@ from jbclog.report.text import clean, iso
 from jbclog.report.timescale import moment
 from jbclog.report.trace import Floats, Grid, Limit, Trace, trace
 from jbclog.report.verified import verification_facts
-from jbclog.report.zoom import MOST_STRETCHES, zoom_of
+from jbclog.report.zoom import MOST_READINGS, zoom_of
 
 MOST_GAPS = 50
 ENERGIES = ("energy_permille_s", "energy_recorded_permille_s", "energy_j")
@@ -52,7 +52,7 @@ class Context:
     checks: Mapping[tuple[str, int], TipCheck]
     rules: Sequence[Mapping[str, object]]
     crowded: bool = False
-    zoom: int = MOST_STRETCHES
+    zoom: int = MOST_READINGS  # rows of each port in the interactive view
 
 
 def port_facts(facts: StationFacts, port: int, file: str, rows: pd.DataFrame, context: Context) -> PortFacts:

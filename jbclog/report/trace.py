@@ -71,6 +71,7 @@ class Trace:
     states: Mapping[str, list[Span]] = field(default_factory=dict)  # lanes of a station that tells no temperature
     air: Air | None = None  # of hot air
     joints: Sequence[Span] = ()  # their words are `BACK`, `LATE`, `CUT_OFF`
+    reasons: NDArray[np.object_] = field(default_factory=lambda: np.empty(0, dtype=object))  # of each row, or None
 
     @property
     def start(self) -> float:
@@ -95,6 +96,7 @@ class Trace:
             states={name: within(spans, start, end) for name, spans in self.states.items()},
             air=None if self.air is None else self.air.between(rows, start, end),
             joints=within(self.joints, start, end),
+            reasons=self.reasons[rows] if len(self.reasons) else self.reasons,
         )
 
 
@@ -118,16 +120,18 @@ def trace(samples: pd.DataFrame, grid: Grid, *, of_states: bool = False, of_air:
         temperature,
         _floats(samples["power_permille"]),
         _floats(samples["set_c"]),
-        runs(seconds, status_words(samples) if of_air else _status_words(samples), period_s),
+        runs(seconds, status_words(samples) if of_air else _texts(samples["status"]), period_s),
         sorted([*runs(seconds, why, period_s), *skipped], key=lambda span: span.start),
         states=state_lanes(samples, seconds, period_s) if of_states else {},
         air=air_of(samples, seconds, period_s) if of_air else None,
+        reasons=_texts(samples["reasons"]) if "reasons" in samples else np.empty(0, dtype=object),
     )
 
 
-def _status_words(samples: pd.DataFrame) -> NDArray[np.object_]:
-    status = samples["status"].astype(object)
-    return np.asarray(status.where(status.notna(), None).to_numpy(), dtype=object)
+def _texts(column: pd.Series[str]) -> NDArray[np.object_]:
+    """The column's texts, None where there is none."""
+    texts = column.astype(object)
+    return np.asarray(texts.where(texts.notna(), None).to_numpy(), dtype=object)
 
 
 def _why(quality: str) -> str:

@@ -1,64 +1,246 @@
-"""What the page's script draws when a reader looks closer: a port's curves, finer than the figure, as bytes in the page.
+"""The data of the page's interactive view: a port's readings, or the least and greatest of equal stretches where they are too many.
 
-The run is cut into equal stretches of time, of each the least and greatest temperature and power as 16-bit numbers, so that no
-excursion is lost however far one looks. How many stretches there are is limited so that the page stays small.
+A page holds at most `MOST_READINGS` of all ports. A port with more rows than its share has the band of the whole run and, of its
+share, the readings around what went wrong. Numbers are integers: in a stream of zigzag varints (as in Protocol Buffers, signed),
+after a JSON header; all of it is base64. `templates/interactive.js` reads it. No general compression: its bytes differ between
+builds of zlib, and the same record must give the same page.
 """
 
 from __future__ import annotations
 
 import base64
+import json
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
-from jbclog.report.facts import Zoom
-from jbclog.report.trace import LATE, Floats, Trace
+from jbclog.core.text import clean
+from jbclog.report.detail_window import closer
+from jbclog.report.spans import Span
+from jbclog.report.trace import JOINED_PERIODS, LATE, SETTING_JOINED_S, Floats, Limit, Trace
 
-ALL_STRETCHES: Final = 120_000  # of all ports together: 1.3 MB of page
-MOST_STRETCHES: Final = 48_000  # of one port: eight hours in steps of 0.6 s
-JOINTS_PER_STRETCH: Final = 0.5  # some 10 bytes each: beside the curves' data they stay small
-NOTHING: Final = -32768
-SERIES: Final = 4  # temperature low and high, power low and high
+Ints = NDArray[np.int64]
+
+MOST_READINGS: Final = 1_200_000  # rows of all ports together, some 3 bytes each: four ports for eight hours at 10 Hz
+MOST_SPANS: Final = 120_000  # of each lane, of all ports together
+LEAST_SPANS: Final = 4_000  # of each lane of one port
+BAND_SHARE: Final = 8  # a stretch costs more than a row: this part of a port's share
+AROUND_S: Final = {"alarm": 30.0, "unconfirmed": 30.0, "error": 30.0, "gap": 10.0, "joint": 15.0}
+LONG_GAP_S: Final = 1.0
+FARTHEST: Final = 2**40  # no number of a sound record comes near it; a browser's numbers are exact to 2^53
+LONGEST_WORD: Final = 140  # three reasons with their columns fit
+LONGEST_REASON: Final = 20
+MARKS: Final = {"alarm": "alarm", "doubtful": "unconfirmed", "error": "error"}
 
 
-def most_stretches(ports: int) -> int:
-    """How many stretches each of so many ports may have."""
-    return min(MOST_STRETCHES, ALL_STRETCHES // max(ports, 1))
+def share(ports: int) -> int:
+    """How many rows each of so many ports may have in the page."""
+    return MOST_READINGS // max(ports, 1)
 
 
-def zoom_of(trace: Trace, most: int) -> Zoom | None:
-    """The trace in at most so many stretches; None where there is no temperature to look at."""
+def zoom_of(trace: Trace, most: int) -> str | None:
+    """The interactive view's data of a port, of at most `most` rows; None where there is no temperature to look at."""
     if trace.states or np.isnan(trace.temperature).all():
         return None
-    count = min(most, len(trace.seconds))
-    place = np.minimum(((trace.seconds - trace.start) / (trace.end - trace.start) * count + 1e-6).astype(np.int64), count - 1)
-    series = [*_ends(trace.temperature, place, count), *_ends(trace.power, place, count)]
-    zero_s = trace.grid.t0_utc_us / 1e6
-    data = base64.b64encode(np.concatenate(series).astype("<i2").tobytes()).decode()
-    joints = _joints(trace) if len(trace.joints) <= most * JOINTS_PER_STRETCH else ""
-    return Zoom(round(zero_s + trace.start, 3), round(zero_s + trace.end, 3), _lines(trace), data, joints)
+    columns = {"temperature_c": trace.temperature, "power_permille": trace.power}
+    if trace.air is not None and not np.isnan(trace.air.external).all():
+        columns["external_c"] = trace.air.external
+    words, stream = _Words(), list[Ints]()
+    kept = _kept(trace, most)
+    stretches = 0 if kept.all() else most // BAND_SHARE
+    unit = trace.grid.period_s or 0.001
+    lanes = _lanes(trace)
+    seen = {name: spans for name, spans in lanes.items() if len(spans) <= max(LEAST_SPANS, most * MOST_SPANS // MOST_READINGS)}
+    reasons = trace.reasons[kept] if len(trace.reasons) else np.full(np.count_nonzero(kept), None, dtype=object)
+    stream += _rows(np.round((trace.seconds[kept] - trace.start) / unit), [values[kept] for values in columns.values()])
+    stream += [_runs(words.reasons(reasons, columns))]
+    place = _stretch_of(trace, stretches)
+    for values in columns.values() if stretches else ():
+        stream += _band(values, place, stretches)
+    for spans in seen.values():
+        stream += [_spans(trace, spans, [words.code(span.word) for span in spans])]
+    held = held_settings(trace)
+    stream += [_spans(trace, [span for span, _ in held], [_whole(celsius) for _, celsius in held])]
+    header = {
+        "start": round(trace.grid.t0_utc_us / 1e6 + trace.start, 6),
+        "seconds": round(trace.end - trace.start, 6),
+        "unit": unit,
+        "period": round(trace.period_s, 6),
+        "joined": round(JOINED_PERIODS * trace.period_s, 6),
+        "columns": list(columns),
+        "rows": int(np.count_nonzero(kept)),
+        "stretches": stretches,
+        "parts": [] if not stretches else _parts(trace, kept),
+        "lanes": [[name, len(spans)] for name, spans in seen.items()],
+        "left": [[name, len(spans)] for name, spans in lanes.items() if name not in seen],
+        "settings": len(held),
+        "limits": _limits(trace),
+        "words": words.all,
+    }
+    head = json.dumps(header, separators=(",", ":"), allow_nan=False).encode("ascii")
+    return base64.b64encode(len(head).to_bytes(4, "little") + head + varints(np.concatenate(stream))).decode()
 
 
-def _joints(trace: Trace) -> str:
-    """``12c.8,1a4.9!``"""
-    tenths = [(round(10 * (one.start - trace.start)), round(10 * one.seconds), one.word == LATE) for one in trace.joints]
-    return ",".join(f"{max(start, 0):x}.{length:x}{'!' * late}" for start, length, late in tenths)
+class _Words:
+    """Texts by number, each once, cleaned and cut; 0 is none."""
+
+    def __init__(self) -> None:
+        self.all: list[str] = [""]
+        self._numbers: dict[str | None, int] = {None: 0}
+
+    def code(self, text: str | None) -> int:
+        if text not in self._numbers:
+            self._numbers[text] = len(self.all)
+            self.all.append(clean(str(text))[:LONGEST_WORD])
+        return self._numbers[text]
+
+    def reasons(self, texts: NDArray[np.object_], columns: Iterable[str]) -> Ints:
+        """A number for each row's reasons: ``;power_permille=timeout``, for each of these columns that has one."""
+        known = {text: self.code(_reasons(text, columns)) for text in dict.fromkeys(texts)}
+        return np.array([known[text] for text in texts], dtype=np.int64)
 
 
-def _ends(values: Floats, place: np.ndarray[tuple[int], np.dtype[np.int64]], count: int) -> tuple[Floats, Floats]:
-    """Least and greatest of each stretch, `NOTHING` where nothing was read."""
+def _reasons(text: str | None, columns: Iterable[str]) -> str | None:
+    found = dict(part.partition("=")[::2] for part in (text or "").split(";"))
+    return "".join(f";{name}={found[name][:LONGEST_REASON]}" for name in columns if name in found) or None
+
+
+def varints(values: Ints) -> bytes:
+    """Each number as a zigzag varint: seven bits a byte, the lowest first, the highest bit set where more follow."""
+    folded = (values << 1) ^ (values >> 63)
+    groups = np.stack([folded >> shift for shift in range(0, 49, 7)], axis=1)
+    more = np.concatenate([groups[:, 1:] > 0, np.zeros((len(values), 1), dtype=np.bool_)], axis=1)
+    there = np.concatenate([np.ones((len(values), 1), dtype=np.bool_), groups[:, 1:] > 0], axis=1)
+    return bytes(((groups & 0x7F) | (more << 7)).astype(np.uint8)[there])
+
+
+def _whole(value: float) -> int:
+    return int(np.clip(round(value), -FARTHEST, FARTHEST))
+
+
+def _integers(values: Floats) -> Ints:
+    return np.clip(np.round(values), -FARTHEST, FARTHEST).astype(np.int64)
+
+
+def _steps(values: Ints) -> Ints:
+    """Each as the difference to the one before it."""
+    return np.diff(values, prepend=0)
+
+
+def _runs(values: Ints) -> Ints:
+    """How many runs of equal values there are, then of each the value and the length."""
+    if not len(values):
+        return np.array([0], dtype=np.int64)
+    first = np.append(0, np.flatnonzero(np.diff(values)) + 1)
+    lengths = np.diff(np.append(first, len(values)))
+    return np.concatenate([[len(first)], np.stack([values[first], lengths], axis=1).ravel()])
+
+
+def _known(values: Floats) -> list[Ints]:
+    """Which of them are known, and those as steps."""
+    there = ~np.isnan(values)
+    return [_runs(there.astype(np.int64)), _steps(_integers(values[there]))]
+
+
+def _rows(places: Floats, columns: Iterable[Floats]) -> list[Ints]:
+    """The rows' places in units of time as runs of equal steps, then each column."""
+    return [_runs(_steps(_integers(places))), *(part for values in columns for part in _known(values))]
+
+
+def _stretch_of(trace: Trace, count: int) -> Ints:
+    """In which of `count` equal stretches of the run each row lies."""
+    share_of_run = (trace.seconds - trace.start) / (trace.end - trace.start)
+    return np.minimum((share_of_run * count + 1e-6).astype(np.int64), max(count - 1, 0))
+
+
+def _band(values: Floats, place: Ints, count: int) -> list[Ints]:
+    """Least value of each stretch, and how far above it the greatest is."""
     there = ~np.isnan(values)
     low, high = np.full(count, np.inf), np.full(count, -np.inf)
     np.minimum.at(low, place[there], values[there])
     np.maximum.at(high, place[there], values[there])
     read = np.isfinite(low)
-    return np.where(read, np.clip(np.floor(low), -1000, 9999), NOTHING), np.where(
-        read, np.clip(np.ceil(high), -1000, 9999), NOTHING
-    )
+    return [*_known(np.where(read, low, np.nan)), _integers(high[read]) - _integers(low[read])]
 
 
-def _lines(trace: Trace) -> str:
-    """``set 350,high 380``: what was in force at the end."""
-    known = trace.setting[~np.isnan(trace.setting)]
-    lines = [f"set {known[-1]:g}"] if len(known) else []
-    return ",".join([*lines, *(f"{one.side} {one.celsius[-1]:g}" for one in trace.limits if not np.isnan(one.celsius[-1]))])
+def _kept(trace: Trace, most: int) -> NDArray[np.bool_]:
+    """The rows that are in the page: all, or those around what went wrong."""
+    if len(trace.seconds) <= most:
+        return np.ones(len(trace.seconds), dtype=np.bool_)
+    kept, budget = np.zeros(len(trace.seconds), dtype=np.bool_), most // 2
+    for start, end in _moments(trace):
+        first, stop = np.searchsorted(trace.seconds, [start, end]).tolist()
+        wanted = (stop - first) - int(np.count_nonzero(kept[first:stop]))
+        if wanted > budget:
+            break
+        budget -= wanted
+        kept[first:stop] = True
+    return kept
+
+
+def _moments(trace: Trace) -> Iterator[tuple[float, float]]:
+    """Stretches that are worth single readings, the gravest first."""
+    for kind in MARKS.values():
+        for mark in trace.marks:
+            if mark.kind == kind:
+                yield mark.span.start - AROUND_S[kind], min(mark.span.end, mark.span.start + AROUND_S[kind]) + AROUND_S[kind]
+    near = closer(trace)
+    if near is not None:
+        yield near[0].start, near[0].end
+    for gap in sorted(trace.gaps, key=lambda gap: (-round(gap.seconds, 6), gap.start)):
+        if gap.seconds >= LONG_GAP_S:
+            yield gap.start - AROUND_S["gap"], gap.start + AROUND_S["gap"]
+            yield gap.end - AROUND_S["gap"], gap.end + AROUND_S["gap"]
+    for joint in trace.joints:
+        if joint.word == LATE:
+            yield joint.start - AROUND_S["joint"], joint.end + AROUND_S["joint"]
+
+
+def _parts(trace: Trace, kept: NDArray[np.bool_]) -> list[list[float]]:
+    """From when to when, in seconds since the start, the rows are in the page."""
+    edges = np.flatnonzero(np.diff(kept.astype(np.int8), prepend=0, append=0)).reshape(-1, 2)
+    seconds = trace.seconds - trace.start
+    return [
+        [round(float(seconds[first]), 6), round(float(seconds[stop - 1]) + trace.period_s, 6)] for first, stop in edges.tolist()
+    ]
+
+
+def _lanes(trace: Trace) -> dict[str, Sequence[Span]]:
+    """What held when: the lanes of the static figure, and the joints."""
+    states = {"status": trace.status} | ({} if trace.air is None else trace.air.lanes)
+    marks = {name: [mark.span for mark in trace.marks if mark.kind == kind] for name, kind in MARKS.items()}
+    return {**states, "no data": trace.gaps, **{name: spans for name, spans in marks.items() if spans}, "joints": trace.joints}
+
+
+def _spans(trace: Trace, spans: Sequence[Span], thirds: Sequence[int]) -> Ints:
+    """Of each its start as a step from the one before it, its length, both in ms, and a third number."""
+    starts = _integers(1000 * (np.array([span.start for span in spans], dtype=np.float64) - trace.start))
+    lengths = _integers(1000 * np.array([span.seconds for span in spans], dtype=np.float64))
+    return np.stack([_steps(starts), lengths, np.array(thirds, dtype=np.int64)], axis=1).ravel()
+
+
+def held_settings(trace: Trace) -> list[tuple[Span, float]]:
+    """From the first to the last of readings of the setting that are equal and not parted by an outage, with its °C."""
+    known = np.flatnonzero(~np.isnan(trace.setting))
+    at, celsius = trace.seconds[known], trace.setting[known]
+    if not len(at):
+        return []
+    outages = np.array([gap.start for gap in trace.gaps if gap.seconds >= LONG_GAP_S])
+    parted = (np.diff(celsius) != 0) | (np.diff(at) > SETTING_JOINED_S) | (np.diff(np.searchsorted(outages, at)) > 0)
+    first = np.append(0, np.flatnonzero(parted) + 1)
+    last = np.append(first[1:], len(at)) - 1
+    return [(Span(float(at[a]), float(at[b]), "set"), float(celsius[a])) for a, b in zip(first, last, strict=True)]
+
+
+def _limits(trace: Trace) -> list[list[object]]:
+    """``["high", [[seconds, 380], …]]``: each value from when it was read on; None while the alarm was off."""
+    return [
+        [one.side, [[round(second - trace.start, 3), None if np.isnan(value) else value] for second, value in _limit(one)]]
+        for one in trace.limits
+    ]
+
+
+def _limit(one: Limit) -> Iterator[tuple[float, float]]:
+    return zip(one.seconds, one.celsius, strict=True)

@@ -6,7 +6,9 @@ import re
 from html.parser import HTMLParser
 from importlib.resources import files
 
-SCRIPT = files("jbclog.report").joinpath("templates", "zoom.js").read_text("utf-8")
+from jbclog.report import page
+
+SCRIPTS = [files("jbclog.report").joinpath(*path).read_bytes().decode() for path in page.SCRIPTS]
 
 HOSTILE = {
     "parent folder": "../../../etc/passwd",
@@ -72,13 +74,14 @@ BESIDE = ("tables/joints.csv", "tables/metrics.csv", "joints.parquet")  # files 
 class Acting(HTMLParser):
     """Collects what in a page could act: elements that load or run, handlers, addresses that are not of the page itself."""
 
-    def __init__(self, page: str) -> None:
+    def __init__(self, html: str) -> None:
         super().__init__(convert_charrefs=True)
         self.found: list[str] = []
         self._elements: list[str] = []
-        self.feed(page)
-        if "<script>" in self._elements and page.count(f"<script>{SCRIPT}</script>") == 1:
-            self._elements.remove("<script>")  # the report's own, which its policy names by hash
+        self.feed(html)
+        for script in SCRIPTS:
+            if "<script>" in self._elements and html.count(f"<script>{script}</script>") == 1:
+                self._elements.remove("<script>")  # the report's own, which its policy names by hash
         self.found += self._elements
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:

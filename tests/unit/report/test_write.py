@@ -23,6 +23,7 @@ from jbclog.core.text import clean
 from jbclog.record.check import check
 from jbclog.record.manifest import LineFile, Lost, Metadata, read_manifest, write_manifest
 from jbclog.record.run_chain import short_head
+from jbclog.report.page import SCRIPTS
 from jbclog.report.verdict import without_urls
 from jbclog.report.write import verify_report, write_report
 
@@ -33,7 +34,8 @@ ELEMENTS = {
 }
 ATTRIBUTES = {"lang", "charset", "name", "content", "http-equiv", "class", "id", "href", "src", "alt"}
 BESIDE = ("tables/joints.csv", "tables/metrics.csv", "joints.parquet")  # files of the report itself
-ATTRIBUTES |= {"data-what", "data-start", "data-end", "data-joints", "data-lines", "data-zoom"}
+ATTRIBUTES |= {"data-what", "data-zoom"}
+OURS = [(files("jbclog.report").joinpath(*path)).read_bytes().decode() for path in SCRIPTS]
 
 
 class Page(HTMLParser):
@@ -43,17 +45,23 @@ class Page(HTMLParser):
         super().__init__(convert_charrefs=True)
         self.elements: list[tuple[str, dict[str, str | None]]] = []
         self.words: list[str] = []
-        self.text_of_script = ""
+        self.scripts: list[str] = []
+        self._in_script = False
         self.feed(html)
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
         self.elements.append((tag, dict(attrs)))
+        self._in_script = tag == "script"
+        self.scripts += [""] * self._in_script
 
     def handle_data(self, data: str) -> None:
-        if self.elements and self.elements[-1][0] == "script" and not self.text_of_script:
-            self.text_of_script = data
+        if self.elements and self.elements[-1][0] == "script" and self._in_script:
+            self.scripts[-1] += data
         else:
             self.words.append(data)
+
+    def handle_endtag(self, tag: str) -> None:
+        self._in_script = False
 
     @property
     def text(self) -> str:
@@ -140,7 +148,7 @@ def test_limits_that_were_changed_are_found_though_the_verdict_comes_out_the_sam
 def test_the_page_needs_nothing_but_itself(recorded: Path) -> None:
     write_report(recorded)
     page = Page((recorded / "report.html").read_text("utf-8"))
-    assert [attrs for tag, attrs in page.elements if tag == "script"] == [{}]  # ours, in the page
+    assert [attrs for tag, attrs in page.elements if tag == "script"] == [{}, {}]  # uPlot and ours, in the page
     assert not [tag for tag, _ in page.elements if tag in ("link", "iframe", "object", "embed", "form", "base", "svg")]
     sources = [attrs.get("src") for tag, attrs in page.elements if tag == "img"]
     assert len(sources) == 14  # of three ports, their joints and the run at a glance, each in two sizes
@@ -151,10 +159,13 @@ def test_the_page_needs_nothing_but_itself(recorded: Path) -> None:
     policy = [attrs["content"] for tag, attrs in page.elements if attrs.get("http-equiv") == "Content-Security-Policy"]
     assert policy
     assert "default-src 'none'" in str(policy[0])
-    script = page.text_of_script
-    own = base64.b64encode(sha256(script.encode()).digest()).decode()
-    assert f"script-src 'sha256-{own}';" in str(policy[0])
-    assert not [word for word in ("fetch", "XMLHttp", "import", "http", "eval", "innerHTML", "Worker") if word in script]
+    assert page.scripts == OURS
+    hashes = [f"'sha256-{base64.b64encode(sha256(script.encode()).digest()).decode()}'" for script in page.scripts]
+    assert f"script-src {' '.join(hashes)};" in str(policy[0])
+    for script in page.scripts:
+        assert not [word for word in ("fetch", "XMLHttp", "import", "eval", "innerHTML", "Worker", "WebSocket") if word in script]
+    assert "http" not in page.scripts[1]
+    assert page.scripts[0].count("http") == 1  # where it comes from, in its first line
     assert all(attrs.get("alt") for tag, attrs in page.elements if tag == "img")
 
 
@@ -205,8 +216,8 @@ def test_text_from_outside_is_shown_and_cannot_act(tmp_path: Path, text: str) ->
     outside = {path for path in tmp_path.rglob("*") if path.is_file()}
     page, _ = report(folder)
     assert {tag for tag, _ in page.elements} <= ELEMENTS
-    assert [attrs for tag, attrs in page.elements if tag == "script"] == [{}]
-    assert page.text_of_script == (files("jbclog.report") / "templates" / "zoom.js").read_text("utf-8")
+    assert [attrs for tag, attrs in page.elements if tag == "script"] == [{}, {}]
+    assert page.scripts == OURS
     assert {name for _, attrs in page.elements for name in attrs} <= ATTRIBUTES
     assert all(str(attrs["href"]).startswith("#") or attrs["href"] in BESIDE for _, attrs in page.elements if "href" in attrs)
     html, data = (folder / "report.html").read_text("utf-8"), (folder / "report.json").read_text("utf-8")
