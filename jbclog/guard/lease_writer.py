@@ -5,10 +5,11 @@ The lease is kept there, and what opening its ports takes is loaded: at the take
 
 from __future__ import annotations
 
+import _thread
 from collections.abc import Iterable
 from contextlib import suppress
 from pathlib import Path
-from threading import Condition, Thread
+from threading import Condition
 
 from jbclog.guard import lease
 from jbclog.guard.action_log import ActionLog
@@ -31,7 +32,7 @@ class LeaseWriter:
         self._waiting: list[StationLease] | None = None
         self._is_writing = False
         self._is_kept = False
-        Thread(target=self._write_on, name="lease", daemon=True).start()
+        _thread.start_new_thread(self._write_on, ())  # `Thread.start` waits for ever for one that is refused memory
 
     def put(self, stations: Iterable[StationLease]) -> None:
         """Have these kept; does not wait."""

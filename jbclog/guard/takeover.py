@@ -10,7 +10,7 @@ import time
 from collections.abc import Collection, Sequence
 from contextlib import suppress
 from dataclasses import replace
-from threading import Thread
+from functools import partial
 
 from jbclog.core.errors import Refusal, UsageError
 from jbclog.core.io_requests import Steps
@@ -18,6 +18,7 @@ from jbclog.core.line_format import LineFormat
 from jbclog.guard.action_log import ActionLog
 from jbclog.guard.lease import StationLease
 from jbclog.guard.messages import say
+from jbclog.guard.saving import Saving
 from jbclog.protocol.client.interface import Client
 from jbclog.protocol.client.make import client_for
 from jbclog.protocol.commands.family import FAMILIES
@@ -65,20 +66,14 @@ class TakeOver:
         stations, end = self.left, time.monotonic() + ENDED_S
         with suppress(UsageError):  # then some will have to be opened again
             allow_ports(OPENING * len(stations))
-        threads = [thread for station in stations if (thread := self._begun(station)) is not None]
-        for thread in threads:
-            thread.join(max(end - time.monotonic(), 0.0))
+        savings = [Saving(partial(self._one, station)) for station in stations]
+        for saving in savings:
+            saving.begin()
+        for saving in savings:
+            saving.do_unless_begun()
+        for saving in savings:
+            saving.await_done(max(end - time.monotonic(), 0.0))
         return self.left
-
-    def _begun(self, station: StationLease) -> Thread | None:
-        """A thread that saves a station; None where the system gives none and it has been done without."""
-        thread = Thread(target=self._one, args=(station,), daemon=True)
-        try:
-            thread.start()
-        except (RuntimeError, MemoryError):
-            self._one(station)
-            return None
-        return thread
 
     def _one(self, lease: StationLease) -> None:
         try:

@@ -9,6 +9,7 @@ One thread reads and writes a port; any thread may close it.
 
 from __future__ import annotations
 
+import _thread
 import contextlib
 import os
 import select
@@ -70,7 +71,10 @@ def give_back(*steps: Callable[[], object]) -> None:
                 step()
             done.set()
 
-    threading.Thread(target=work, name="close-port", daemon=True).start()
+    try:
+        _thread.start_new_thread(work, ())  # `Thread.start` waits for ever for one that is refused memory
+    except (RuntimeError, MemoryError):
+        work()
     done.wait(CLOSE_S)
 
 
