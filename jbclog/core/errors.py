@@ -214,3 +214,13 @@ class Unsafe(JbclogError):
     """A tool that the run touched could not be put in its safe state."""
 
     exit_code = 5
+
+
+def cause(error: BaseException) -> str:
+    """What `error` says, or what it means where it says nothing, as `MemoryError` does."""
+    return str(error) or ("memory was refused" if isinstance(error, MemoryError) else "it gives no reason")
+
+
+def of_program(error: BaseException) -> str:
+    """``MemoryError: memory was refused``: an error that no rule of this program expects, with its cause in words."""
+    return f"{type(error).__name__}: {cause(error)}"

@@ -25,7 +25,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
-from jbclog.core.errors import RecordError
+from jbclog.core.errors import RecordError, cause
 from jbclog.core.locks import FolderLock, Witness
 from jbclog.core.rows import CounterRow, EventRow, SampleRow, SettingRow, Severity, StationFacts
 from jbclog.record.batches import keep_pandas_out
@@ -62,6 +62,8 @@ class LiveStore:
     ) -> None:
         self.folder = folder
         self.failure: RecordError | None = None
+        self._no_memory = RecordError(f"{folder}: the record is not whole: memory was refused")  # made while there is memory
+        self._is_failure_told = False
         self._on_failure = on_failure
         self._seal_every_s = seal_every_s
         self._lock: FolderLock | None = None
@@ -196,7 +198,7 @@ class LiveStore:
                     self.seal_now()
             except Exception as error:  # as in `_stored`: what was handed over waits for the next turn
                 with contextlib.suppress(Exception):
-                    self._fail(str(error) or type(error).__name__)
+                    self._fail(cause(error))
 
     def _commit(self, *, closing: bool = False) -> bool:
         """Store everything handed over so far, or keep it for the next time; give whether all is safe. Then it is told."""
@@ -226,11 +228,12 @@ class LiveStore:
 
     def _stored(self, closing: bool) -> bool:
         try:
+            self._tell_failure()
             self._intake.take()
             if self._intake.backlog or self._intake.changed_facts or closing:
                 return self._store(closing)
         except Exception as error:  # whatever it is, the recorder must hear of it and the thread go on
-            self._fail(str(error) or type(error).__name__)
+            self._fail(cause(error))
             return False
         return True
 
@@ -268,14 +271,23 @@ class LiveStore:
     # -- what went wrong -----------------------------------------------------------------------------------------------
 
     def _bad_row(self, table: str, error: Exception) -> None:
-        self._fail(f"a row of {table} could not be recorded: {error}")
+        self._fail(f"a row of {table} could not be recorded: {cause(error)}")
 
     def _fail(self, text: str) -> None:
-        """Remember the first failure and tell who wants to know."""
-        if self.failure is not None:
+        """Remember the first failure and tell who wants to know. It is remembered also where memory is refused to this, too."""
+        if self.failure is None:
+            try:
+                self.failure = RecordError(f"{self.folder}: the record is not whole: {text}")
+            except MemoryError:
+                self.failure = self._no_memory
+        self._tell_failure()
+
+    def _tell_failure(self) -> None:
+        """Tell of the failure, once; where that fails, at the next commit."""
+        if self.failure is None or self._is_failure_told:
             return
-        self.failure = RecordError(f"{self.folder}: the record is not whole: {text}")
         self._tell("record.failed", Severity.CRITICAL, str(self.failure))
+        self._is_failure_told = True
         if self._on_failure is not None:
             with contextlib.suppress(Exception):  # who cannot listen any more must not stop the recording
                 self._on_failure(self.failure)

@@ -34,7 +34,7 @@ CREATE TABLE note (kind TEXT NOT NULL, key TEXT NOT NULL, text TEXT NOT NULL, cr
 COMMIT;
 """
 COLUMNS = {"batch": ("number", "name", "rows", "crc", "data"), "note": ("kind", "key", "text", "crc")}
-_ADD_BATCH = "INSERT INTO batch VALUES (?, ?, ?, ?, ?)"
+_ADD_BATCH = "INSERT OR REPLACE INTO batch VALUES (?, ?, ?, ?, ?)"  # one whose commit was not seen to be done comes again
 _SET_NOTE = "INSERT INTO note VALUES (?, ?, ?, ?) ON CONFLICT (kind, key) DO UPDATE SET text = excluded.text, crc = excluded.crc"
 
 META = "meta"  # notes of the store itself: schema, run, last (number stored), sealed (through that number), dropped (rows)
@@ -144,8 +144,10 @@ class Segment:
 
     @contextmanager
     def _transaction(self) -> Iterator[None]:
-        self._db.execute("BEGIN IMMEDIATE")
+        if self._db.in_transaction:  # one whose beginning or end was refused memory
+            self._db.execute("ROLLBACK")
         try:
+            self._db.execute("BEGIN IMMEDIATE")
             yield
             self._db.execute("COMMIT")
         except BaseException:

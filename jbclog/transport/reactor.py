@@ -13,6 +13,7 @@ from heapq import heappop, heappush
 from itertools import count
 
 from jbclog.core import clock
+from jbclog.core.errors import cause
 from jbclog.transport.blocking import OpenPort
 from jbclog.transport.event_loop import Beat, Readers, exact_selector
 from jbclog.transport.session_runner import NEVER, Session, SessionRunner
@@ -128,7 +129,7 @@ class Reactor:
         """The session of `wire` broke, which no session may; the others are ended in good order."""
         self._failure = self._failure or error
         self.ended(wire)
-        self.loop.call_soon(self.end, f"a session broke: {error}")
+        self.loop.call_soon(self.end, f"a session broke: {cause(error)}")
 
     def ended(self, wire: SessionRunner) -> None:
         """`wire` has nothing more to pull."""

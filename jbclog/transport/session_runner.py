@@ -9,7 +9,7 @@ import asyncio
 from concurrent.futures import Future
 from typing import TYPE_CHECKING
 
-from jbclog.core.errors import LinkError
+from jbclog.core.errors import LinkError, cause
 from jbclog.core.io_requests import Ask, Gather, Heard, Listen, Request, RunEnded, Steps, Wait
 from jbclog.transport.blocking import OpenPort, Port
 from jbclog.transport.port_thread import Pump
@@ -317,7 +317,7 @@ class SessionRunner:
         elif isinstance(error, LinkError):
             self._fail(error)
         elif error is not None:
-            self._fail(LinkError(f"opening the port failed: {error}"))
+            self._fail(LinkError(f"opening the port failed: {cause(error)}"))
         else:
             self._tell(self._now(), b"")
 

@@ -23,7 +23,7 @@ from typing import Final
 from jbclog.app import connection
 from jbclog.app.audit.harmless import harmless_for
 from jbclog.app.audit.questions import SurveyTarget, look
-from jbclog.core.errors import LinkError, PortBusy, StartRefused, StationError
+from jbclog.core.errors import LinkError, PortBusy, StartRefused, StationError, of_program
 from jbclog.core.io_requests import Heard, Request, RunEnded, Steps, relay
 from jbclog.core.same_port import PortPlace, place_of
 from jbclog.maintenance.counter_totals.observed import Observation
@@ -89,7 +89,7 @@ class Looking:
         except RunEnded:
             raise
         except Exception as error:
-            return wanted.unseen(_text(_now()), f"internal error, {type(error).__name__}: {error} (please report it)")
+            return wanted.unseen(_text(_now()), f"internal error, {of_program(error)} (please report it)")
 
     def _look(self, wanted: SurveyTarget) -> Observation:
         run = run_that_holds(wanted.target.url)

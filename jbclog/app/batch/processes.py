@@ -22,7 +22,7 @@ from jbclog.app.batch.job_dir import NOTES, JobDir
 from jbclog.app.batch.job_spec import JobSpec
 from jbclog.app.batch.serial_handover import carried
 from jbclog.app.run.plan import Metadata
-from jbclog.core.errors import RecordError, Unsafe
+from jbclog.core.errors import RecordError, Unsafe, of_program
 from jbclog.core.outcome import Exit, Status
 from jbclog.record.find_runs import Filter, Found, find
 from jbclog.record.manifest import Manifest, read_manifest
@@ -152,7 +152,7 @@ class SystemProcesses:
         try:
             return future.result()
         except Exception as error:  # of this program: nothing is known of the tools, and the other jobs go on
-            text = f"what came of it could not be found out, {type(error).__name__}: {error}"
+            text = f"what came of it could not be found out, {of_program(error)}"
             return Came(State.HALF, Unsafe.exit_code, text, papers.run())
 
     def peek(self, name: str, attempt: int) -> str:

@@ -25,7 +25,7 @@ from jbclog.analysis.verdict.joint_measures import Joints
 from jbclog.app.run.plan import PORTS, Plan, StationPlan, orders
 from jbclog.app.run.plan import Metadata as Told
 from jbclog.core.clock import Clock, UtcOffset
-from jbclog.core.errors import RecordError
+from jbclog.core.errors import RecordError, of_program
 from jbclog.core.outcome import Exit, Finding, exit_code, findings, status
 from jbclog.core.rows import COLUMN, CounterRow, EventRow, SampleRow, SettingRow, Severity, StationFacts, TipCheck
 from jbclog.maintenance.verification.verifications_file import cited
@@ -219,7 +219,7 @@ class RunRecord:
 
             return joint_evidence(self.folder, stations, self.manifest.t0_utc)
         except Exception as error:  # of this program; the record is concluded all the same
-            unknown = PortJoints(why=f"Its joints could not be looked for: {type(error).__name__}: {error}.")
+            unknown = PortJoints(why=f"Its joints could not be looked for: {of_program(error)}.")
             return {(facts.name, port): unknown for facts in stations for port in facts.ports}
 
 
@@ -260,7 +260,7 @@ class _Tap:
 
     def _without_alarms(self, row: SampleRow, error: Exception) -> None:
         self._alarms = None
-        text = f"Alarms on samples are no longer evaluated while this run goes on: internal error, {type(error).__name__}: {error}."
+        text = f"Alarms on samples are no longer evaluated while this run goes on: internal error, {of_program(error)}."
         time = row[COLUMN["time"]]
         assert isinstance(time, int)
         self._store.event(EventRow(time, "alarm.episode.failed", Severity.WARNING, text))

@@ -24,7 +24,7 @@ from jbclog.app.run.run_record import Observer, Result, RunRecord
 from jbclog.app.run.unit_feed import LOOK_EVERY_S as LOOK_FOR_UNITS_S
 from jbclog.app.run.unit_feed import UnitFeed
 from jbclog.core.clock import Clock, FastClock, SystemClock
-from jbclog.core.errors import JbclogError, RecordError, StartRefused
+from jbclog.core.errors import JbclogError, RecordError, StartRefused, cause, of_program
 from jbclog.core.locks import is_held
 from jbclog.core.outcome import Exit
 from jbclog.core.rows import EventRow, Severity
@@ -99,7 +99,7 @@ def _kept_to_the_end(run: _Run, out: Path, signals: Signals) -> Result:
     except JbclogError:
         raise
     except (OSError, ImportError, MemoryError) as error:
-        raise RecordError(f"the record could not be finished ({error}); `jbclog recover {out}` does that") from error
+        raise RecordError(f"the record could not be finished ({cause(error)}); `jbclog recover {out}` does that") from error
 
 
 def heard() -> list[signal.Signals]:
@@ -213,7 +213,7 @@ class _Run:
         try:
             self._reactor.run(self._guarding.end)
         except Exception as error:  # the record of what went before is closed all the same
-            text = f"internal error, {type(error).__name__}: {error}"
+            text = f"internal error, {of_program(error)}"
             self._note("run.failed", text, Severity.CRITICAL)
             self._have_guard_take_over()
             return text

@@ -7,7 +7,7 @@
 
 from __future__ import annotations
 
-from jbclog.core.errors import JbclogError, LinkError, LinkFlooded, StartRefused, StationError
+from jbclog.core.errors import JbclogError, LinkError, LinkFlooded, StartRefused, StationError, cause, of_program
 from jbclog.core.io_requests import START_STEPS, Gather, LeftOut, NotStarted, RunEnded, Steps
 from jbclog.core.rows import Journal, NoJournal, Severity, StationFacts
 from jbclog.session.run.apply import apply, apply_status, examine
@@ -224,7 +224,7 @@ def _surely_make_safe(context: SessionContext) -> Steps[None]:
             if journals:
                 context.journal = journals.pop(0)
                 continue
-            context.facts.unsafe.append(f"{context.name}: its tools could not be made safe, {error}")
+            context.facts.unsafe.append(f"{context.name}: its tools could not be made safe: {cause(error)}")
         return
 
 
@@ -232,7 +232,7 @@ def _fail(context: SessionContext, error: Exception) -> None:
     """A fault of this program, or of its record; it must not leave a tip hot."""
     known = isinstance(error, JbclogError)
     context.facts.outcome = "failed"
-    context.facts.reason = str(error) if known else f"{context.name}: internal error, {type(error).__name__}: {error}"
+    context.facts.reason = str(error) if known else f"{context.name}: internal error, {of_program(error)}"
 
 
 def _tell_end(context: SessionContext) -> None:
