@@ -7,6 +7,7 @@ than half a second, since such rows are as far apart as the station is slow. Wha
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -69,7 +70,7 @@ class Series:
         return Window(start_s, end_s, self.period_s, self.gap_s, self.seconds[here][there], values[here][there])
 
 
-class Extent:
+class Extent(ABC):
     """How much of a column was read between two moments."""
 
     __slots__ = ()
@@ -79,14 +80,14 @@ class Extent:
     gap_s: float
 
     @property
+    @abstractmethod
     def n(self) -> int:
         """How many readings there are."""
-        raise NotImplementedError
 
     @property
+    @abstractmethod
     def longest_gap_s(self) -> float:
         """The longest time from one reading to the next, from the beginning and to the end included."""
-        raise NotImplementedError
 
     @property
     def due(self) -> int:
