@@ -13,7 +13,7 @@ import pyarrow as pa
 
 from jbclog.analysis.selection import Asked, Moment, asked, frame
 from jbclog.core.errors import RecordError, UsageError
-from jbclog.core.wire_capture import Passed
+from jbclog.core.wire import Passed
 from jbclog.record.capture import Hole, read_head, rows_and_holes, wire_path
 from jbclog.record.manifest import NAME as MANIFEST
 from jbclog.record.manifest import Manifest, read_manifest

@@ -1,4 +1,4 @@
-"""Which unit was on the bench at a moment (`record/units.py` says whose joints are whose)."""
+"""Which unit was on the bench at a moment (`record/annotations.py` says whose joints are whose)."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 
-from jbclog.record.units import BEGIN, END, late_serials, only_unit
+from jbclog.record.annotations import BEGIN, END, late_serials, only_unit
 
 if TYPE_CHECKING:
     from jbclog.analysis.run import Run

@@ -89,7 +89,7 @@ def _wrong_annotations(run: Path) -> list[str]:
 def _acknowledge(run: Path, episode: str, by: str | None, reason: str | None, *, as_json: bool) -> None:
     from jbclog.analysis.run_alarms import ACKNOWLEDGED
     from jbclog.record.annotations import append
-    from jbclog.record.run_chain import short_head
+    from jbclog.record.chains import short_head
 
     who, why = _given("--by", by), _given("--reason", reason)
     found = _alarms_of(run)

@@ -38,7 +38,7 @@ def annotate(
     if text is not None and unit is not None:
         raise UsageError("annotate: a TEXT or a --unit, not both in one line")
     if unit is not None:
-        from jbclog.record.units import LATE
+        from jbclog.record.annotations import LATE
 
         _say(run, "--unit", unit, by, reason, as_json=as_json, kind=LATE)
     elif text is None:
@@ -51,7 +51,7 @@ def annotate(
 
 def _say(run: Path, option: str, text: str, by: str | None, reason: str | None, *, as_json: bool, kind: str = "note") -> None:
     from jbclog.record.annotations import append
-    from jbclog.record.run_chain import short_head
+    from jbclog.record.chains import short_head
 
     who, why = _given("--by", by), _given("--reason", reason)
     options.check_text(option, text)

@@ -37,10 +37,10 @@ def check(
       jbclog check runs/20261121T013000Z-bench-3-k7qd
     """
     from jbclog.analysis.rejudge import held
+    from jbclog.record.chains import HEAD, SHOWN, digits, short_head
     from jbclog.record.check import Finding, uncovered
     from jbclog.record.check import check as check_run
     from jbclog.record.manifest import NAME, manifest_sha256, read_manifest
-    from jbclog.record.run_chain import HEAD, SHOWN, digits, short_head
 
     if head is not None and not HEAD.fullmatch(head):
         raise UsageError(f"--head {head}: give it as the report shows it, such as 3f2a-91bc-77de-0a12-5c08-b6e1")

@@ -13,7 +13,7 @@ from jbclog.cli.nonblocking_stdio import never_wait
 from jbclog.cli.output import ends_with_errors_told, note, tell, tell_json
 from jbclog.cli.run_wording import reasons_told, tools_text
 from jbclog.cli.unit_lines import listed, source_of, unshown
-from jbclog.core.outcome import Exit, in_order
+from jbclog.core.errors import Exit, in_order
 
 if TYPE_CHECKING:
     from jbclog.app.run.plan import Plan, RunOptions

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from jbclog.cli.output import note, tell, tell_json
 
 if TYPE_CHECKING:
-    from jbclog.core.line_format import LineFormat
+    from jbclog.core.wire import LineFormat
     from jbclog.session.discovery.found import PortReport, StationFound, Turnaround
 
 NOT_PROVEN = "not known until the first write"

@@ -114,7 +114,7 @@ def _asked(target: Target, port: int) -> Own:
 def _tell(kept: Verification, head: str, target: Target, line: Path, out: Path, *, as_json: bool) -> None:
     from dataclasses import asdict
 
-    from jbclog.record.run_chain import short_head
+    from jbclog.record.chains import short_head
 
     call = _proposal(kept, target, line)
     if as_json:

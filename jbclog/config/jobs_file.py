@@ -13,8 +13,7 @@ from pydantic import AfterValidator, Field
 from jbclog.config.durations import EXAMPLES, span_s
 from jbclog.config.job_order import AT_ALLOWED, OnFailure, circle, read_at
 from jbclog.config.schema import NAME_ALLOWED, FromList, Name, Table, read_table, said, shown, unknown
-from jbclog.config.toml_keys import KeyPath
-from jbclog.config.toml_reader import TomlText, hidden, parse, read_text, shortened
+from jbclog.config.toml_reader import KeyPath, TomlText, hidden, parse, read_text, shortened
 from jbclog.core.errors import Problem, Problems
 from jbclog.protocol.commands.family import FAMILIES
 

@@ -16,12 +16,10 @@ from pydantic import AfterValidator, Field, PlainValidator
 
 from jbclog.config.schema import NAME_ALLOWED, FromList, Name, Table, read_table, said, shown, unknown
 from jbclog.config.sim_spec import SimSpec
-from jbclog.config.toml_keys import KeyPath
-from jbclog.config.toml_reader import TomlText, hidden, parse, read_text, shortened
+from jbclog.config.toml_reader import KeyPath, TomlText, hidden, parse, read_text, shortened
 from jbclog.core.errors import Problem, Problems
-from jbclog.core.line_format import BAUDRATES, SCHEMES, LineFormat, scheme_of
-from jbclog.protocol.commands.family import FAMILIES, OMEGA, Family
-from jbclog.protocol.commands.models import model_problem
+from jbclog.core.wire import BAUDRATES, SCHEMES, LineFormat, scheme_of
+from jbclog.protocol.commands.family import FAMILIES, OMEGA, Family, model_problem
 
 # -- port url -----------------------------------------------------------------------------------------------------------------
 # Urls of ports: device paths, COM ports, and what pyserial opens by a scheme.

@@ -7,12 +7,10 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Final
 
-from jbclog.config.recipe import Asked, Recipe, asked_in
+from jbclog.config.recipe import COMMAND_OF, Asked, Recipe, asked_in
 from jbclog.config.recipe_sections import RecipeTables
 from jbclog.config.schema import read_table
-from jbclog.config.toml_keys import KeyPath
-from jbclog.config.toml_reader import TomlText, hidden, parse, read_text, shortened
-from jbclog.config.write_order import COMMAND_OF
+from jbclog.config.toml_reader import KeyPath, TomlText, hidden, parse, read_text, shortened
 from jbclog.core.errors import Problem, Problems
 from jbclog.core.quantities import OFF
 from jbclog.protocol.commands.family import FAMILIES

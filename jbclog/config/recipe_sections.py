@@ -27,7 +27,7 @@ from jbclog.config.schema import (
     Tenths,
 )
 from jbclog.protocol.commands.family import FAMILIES
-from jbclog.protocol.commands.omega_values import CONDITIONS
+from jbclog.protocol.commands.omega import CONDITIONS
 
 
 class Head(Table):

@@ -7,13 +7,12 @@ from dataclasses import dataclass, fields, replace
 from typing import Final
 
 from jbclog.config.load_recipe import SECTION_FAMILIES
-from jbclog.config.recipe import Asked, Recipe, asked_in
+from jbclog.config.recipe import COMMAND_OF, WHEN_OFF, Asked, Recipe, asked_in
 from jbclog.config.toml_reader import dotted
-from jbclog.config.write_order import COMMAND_OF, WHEN_OFF
 from jbclog.core.quantities import OFF, Value, raw_share
 from jbclog.protocol.commands.command import Command
 from jbclog.protocol.commands.family import Family
-from jbclog.protocol.commands.omega_values import ConditionRecord
+from jbclog.protocol.commands.omega import ConditionRecord
 
 _PLACE: Final = {setting: place for place, setting in enumerate(COMMAND_OF)}
 
@@ -52,7 +51,7 @@ class Setting:
 
 
 def settings_for(recipe: Recipe, family: Family, port: int) -> list[Setting]:
-    """What is written on `port` of a station of `family`, in the order that `write_order.py` explains."""
+    """What is written on `port` of a station of `family`, in the order that `recipe.py` explains."""
     return [setting for _, setting in _for_port(recipe, family, port)]
 
 

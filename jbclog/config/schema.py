@@ -15,12 +15,11 @@ from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Fie
 from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails, PydanticCustomError
 
-from jbclog.config.toml_keys import KeyPath
-from jbclog.config.toml_reader import MAX_PROBLEMS, TomlText
+from jbclog.config.toml_reader import MAX_PROBLEMS, KeyPath, TomlText
 from jbclog.core.errors import Problem
 from jbclog.core.quantities import OFF, Off
 from jbclog.protocol.commands.family import FAMILIES
-from jbclog.protocol.commands.omega_values import CONDITIONS, is_condition
+from jbclog.protocol.commands.omega import CONDITIONS, is_condition
 
 # -- schema -------------------------------------------------------------------------------------------------------------------
 

@@ -26,8 +26,7 @@ from pydantic import Field
 
 from jbclog.config.schema import NAME_ALLOWED, Families, FromList, Name, Table, read_table
 from jbclog.config.task_names import STATED
-from jbclog.config.toml_keys import KeyPath
-from jbclog.config.toml_reader import TomlText, hidden, parse, read_text, shortened
+from jbclog.config.toml_reader import KeyPath, TomlText, hidden, parse, read_text, shortened
 from jbclog.core.errors import Problem, Problems
 
 DAYS: Final = "days"

@@ -14,7 +14,7 @@ from functools import partial
 
 from jbclog.core.errors import Refusal, UsageError, of_program
 from jbclog.core.io_requests import Steps
-from jbclog.core.line_format import LineFormat
+from jbclog.core.wire import LineFormat
 from jbclog.guard.action_log import ActionLog
 from jbclog.guard.lease import StationLease
 from jbclog.guard.messages import say
@@ -25,8 +25,7 @@ from jbclog.protocol.commands.family import FAMILIES
 from jbclog.session.safety.secure import secure
 from jbclog.session.safety.tools import SENT, Task, Tool
 from jbclog.transport import blocking
-from jbclog.transport.descriptors import allow_ports
-from jbclog.transport.opening import open_port
+from jbclog.transport.opening import allow_ports, open_port
 from jbclog.transport.port import Port
 
 INFO, WARNING, ERROR, CRITICAL = "info", "warning", "error", "critical"

@@ -11,7 +11,7 @@
 SUM is the low eight bits of the sum of the text's characters, without STX and ETX, as two hexadecimal digits in capitals.
 The controller drops a frame whose SUM is wrong without a word.
 
-The reader's rules are those of JBC's (`reader.py`): what is not framed is garbage, what is framed and does not hold is given as
+The reader's rules are those of JBC's (`frame.py`): what is not framed is garbage, what is framed and does not hold is given as
 corrupt, and an STX where a digit of the SUM belongs begins the next frame.
 """
 
@@ -19,7 +19,7 @@ from __future__ import annotations
 
 import re
 
-from jbclog.protocol.reader import Corrupt
+from jbclog.protocol.frame import Corrupt
 
 LONGEST = 64  # the longest that is known has 51: D or c and a condition record (docs/reference/protocol.md)
 MOST_HELD = 1 + LONGEST + 2

@@ -1,4 +1,4 @@
-"""What came after sealing: `annotations.jsonl`, a line of JSON each, only ever added to.
+"""What was said of a run after sealing, and which units were on the bench by it.
 
 Acknowledgements, late serials, tools that were made safe later. The record itself never changes once it is sealed, so
 what is said of it later stands here: who, when, what, why. Each line holds the SHA-256 of the line before it, the first
@@ -19,15 +19,23 @@ Loads nothing heavy, so that a guard and a safe verb can write here too.
 from __future__ import annotations
 
 import re
-from dataclasses import asdict, dataclass, field
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Final
+
+import pyarrow as pa
+import pyarrow.compute as pc
 
 from jbclog.core.durable_files import add_line, chain_in, fields_of, line_of, lines_in, sha256
 from jbclog.core.errors import RecordError
 from jbclog.core.foreign.files import Kind, read_foreign
 from jbclog.core.foreign.json_reader import json_of
+from jbclog.record.manifest import Unit, iso
+from jbclog.record.parts import row_groups
+
+# -- annotations --------------------------------------------------------------------------------------------------------------
 
 NAME: Final = "annotations.jsonl"
 MANIFEST: Final = "manifest.json"
@@ -161,3 +169,46 @@ def _first_link(folder: Path) -> str:
     if state != "sealed":
         raise RecordError(f"{folder} is not sealed: what happens now belongs into the record itself")
     return sha256(data)
+
+
+# -- units --------------------------------------------------------------------------------------------------------------------
+# Which units were on the bench when, as the events of a run tell it, and whose joints are whose.
+#
+# A unit lasts from its `unit.begin` to its `unit.end`, or to the begin of the next. One that a crash cut off has no end. A serial
+# that is told after sealing is an annotation of the kind `unit.late`.
+#
+# A joint belongs to the unit that was on the bench then. Where no serial was read while the run went on, all of it belongs to the
+# unit that was named at the start or later, if that is one; to none that is known, if they are several.
+
+BEGIN, END, LATE = "unit.begin", "unit.end", "unit.late"
+COLUMNS: Final = ["time", "kind", "raw"]
+
+
+def units_of(folder: Path) -> list[Unit]:
+    """The units of the run in `folder`, from its sealed events."""
+    found: list[Unit] = []
+    for group in row_groups(folder, "events", COLUMNS):
+        told = group.filter(pc.is_in(group["kind"], pa.array([BEGIN, END])))
+        for micros, kind, raw in zip(*(column.to_pylist() for column in _plain(told)), strict=True):
+            if found and found[-1].end is None:
+                found[-1] = replace(found[-1], end=iso(micros))
+            if kind == BEGIN:
+                found.append(Unit(raw or "", iso(micros)))
+    return found
+
+
+def late_serials(folder: Path) -> list[str]:
+    """The serials that were told of the sealed run in `folder` later. Raises `RecordError`."""
+    if not (folder / NAME).exists():
+        return []
+    return [said.what for said in read(folder).said if said.kind == LATE]
+
+
+def only_unit(named: Sequence[str], late: Sequence[str]) -> str | None:
+    """The unit of a run in which no serial was read: the one that people named, None where they named none, or several."""
+    serials = {*named, *late}
+    return serials.pop() if len(serials) == 1 else None
+
+
+def _plain(told: pa.Table) -> list[pa.ChunkedArray]:
+    return [told["time"].cast(pa.int64()), told["kind"], told["raw"]]

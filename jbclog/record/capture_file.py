@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Final, cast, get_args
 
 from jbclog.core.foreign.files import Kind, open_foreign
-from jbclog.core.wire_capture import Passed, PassedName, Row, Told, ToldName, WishName
+from jbclog.core.wire import Passed, PassedName, Row, Told, ToldName, WishName
 
 # -- capture rows -------------------------------------------------------------------------------------------------------------
 # Rows of a wire as lines of its file, and back to the bit.

@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import Final
 
 from jbclog.core.durable_files import sync_folder
-from jbclog.core.wire_capture import Row
+from jbclog.core.wire import Row
 from jbclog.record.capture import COLUMNS, FOLDER, Head, head_line, wire_path
 from jbclog.record.capture_file import has_head, line_of, packed
 

@@ -23,17 +23,16 @@ from jbclog.core.errors import RecordError, of_program
 from jbclog.core.foreign.files import Kind, open_foreign, read_foreign
 from jbclog.core.foreign.json_reader import read_json
 from jbclog.core.rows import SIGNAL_COLUMNS, quality_of
-from jbclog.record import capture, chain, conclude, guard_actions, sealed_files
+from jbclog.record import capture, chains, conclude, guard_actions, sealed_files
 from jbclog.record.annotations import NAME as ANNOTATIONS
-from jbclog.record.annotations import REPORT, Annotations, read
+from jbclog.record.annotations import REPORT, Annotations, read, units_of
+from jbclog.record.chains import broken_links, is_head, short_head
 from jbclog.record.conclude import files_of, is_later, is_of_report, live_files, sealed_file
 from jbclog.record.guard_actions import plain_events
 from jbclog.record.ledger import disagreements, ledger_of, reasons_of
 from jbclog.record.manifest import NAME, Manifest, SealedFile, has_digest, manifest_sha256, read_manifest, wrong_digest
 from jbclog.record.parts import part_paths, read_through, row_groups
-from jbclog.record.run_chain import broken_links, is_head, short_head
 from jbclog.record.schema import TABLES
-from jbclog.record.units import units_of
 
 # -- cross check --------------------------------------------------------------------------------------------------------------
 # What a sealed run says of itself, held against what others say of it.
@@ -372,7 +371,7 @@ def _units(folder: Path, manifest: Manifest) -> Iterator[Finding]:
 
 def _events(folder: Path, manifest: Manifest) -> Iterator[Finding]:
     rows = (row for group in row_groups(folder, "events") for row in plain_events(group).to_pylist())
-    for seq, text in chain.breaks(manifest.run, rows):
+    for seq, text in chains.breaks(manifest.run, rows):
         yield Finding("events/", f"event {seq} {text}")
 
 

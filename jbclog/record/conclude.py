@@ -26,6 +26,7 @@ from jbclog.core.locks import FolderLock, witness
 from jbclog.core.rows import EventRow, Severity, StationFacts
 from jbclog.record import capture, guard_actions
 from jbclog.record.annotations import NAME as ANNOTATIONS
+from jbclog.record.annotations import units_of
 from jbclog.record.ledger import ledger_of
 from jbclog.record.manifest import NAME, Lost, Manifest, SealedFile, iso, write_manifest
 from jbclog.record.parts import (
@@ -43,7 +44,6 @@ from jbclog.record.parts import (
 from jbclog.record.schema import TABLES
 from jbclog.record.store import companions, segments
 from jbclog.record.store_reader import StoreReader
-from jbclog.record.units import units_of
 
 # -- left hot -----------------------------------------------------------------------------------------------------------------
 # Tools of which nobody knows whether they were made safe, when a run was cut off.

@@ -24,10 +24,10 @@ from jbclog.core.foreign.files import Kind, expect_answer, read_foreign
 from jbclog.core.foreign.json_reader import Misfit, build, expect_year, json_of
 from jbclog.core.locks import is_held
 from jbclog.record.annotations import NAME as ANNOTATIONS
+from jbclog.record.annotations import late_serials
 from jbclog.record.folder import RUN_NAME
 from jbclog.record.manifest import NAME, STATES, LineFile, Lost, Metadata, RecipeFile, Unit, why_changed
 from jbclog.record.schema import SCHEMA_VERSION
-from jbclog.record.units import late_serials
 
 RUNNING, CRASHED, SEALED = "running", "crashed", "sealed"
 ENDINGS: Final = {"success": "ended", "aborted": "cut short", "failed": "ended with error", "lost": "recovered"}

@@ -23,7 +23,7 @@ from jbclog.core.foreign.json_reader import json_of
 from jbclog.core.locks import lock_of
 from jbclog.core.rows import EventRow, Severity, StationFacts
 from jbclog.record.batches import decode, encode
-from jbclog.record.chain import Chain
+from jbclog.record.chains import Chain
 from jbclog.record.parts import row_groups, through, write_part
 
 DIARY: Final = "guard.jsonl"

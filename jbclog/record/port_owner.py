@@ -20,7 +20,7 @@ from typing import Final
 from jbclog.core.errors import RecordError
 from jbclog.core.locks import NAME as LOCK
 from jbclog.core.locks import is_held, recorder
-from jbclog.core.same_port import PortPlace, place_of
+from jbclog.core.wire import PortPlace, place_of
 
 RUNNING: Final = "running"
 

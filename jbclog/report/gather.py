@@ -14,8 +14,8 @@ from jbclog.analysis.verdict import RULES, judged_signals, measure
 from jbclog.analysis.verdict.stepped_clock import steps_of
 from jbclog.core.rows import StationFacts
 from jbclog.record.annotations import read as read_annotations
+from jbclog.record.chains import short_head
 from jbclog.record.manifest import Manifest, manifest_sha256
-from jbclog.record.run_chain import short_head
 from jbclog.report.air import COLUMNS as AIR
 from jbclog.report.air import tells_air
 from jbclog.report.alarms import alarm_facts

@@ -20,7 +20,7 @@ from dataclasses import dataclass
 from heapq import heapify, heappop, heappush
 from itertools import count
 
-from jbclog.core.line_format import ADDRESSES, AROUND, LineFormat
+from jbclog.core.wire import ADDRESSES, AROUND, LineFormat
 from jbclog.protocol.commands.command import Command, Scope
 from jbclog.protocol.commands.signals import Counter, Pace, Signal
 

@@ -1,4 +1,4 @@
-"""The protocol face of a virtual station: answers questions from the physics, by the client's own tables.
+"""The protocol face of a virtual station, and what it remembers of the wire.
 
 What the manuals leave open is answered thus: W-RST is acknowledged, then nothing is heard for `BOOT_S` (B-40); a delay
 that is not running reads 99999 (B-25), and so does an alarm limit that is not set (B-23); a port or tool that is not
@@ -8,14 +8,60 @@ alternatives are in `quirks.py`.
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
 from jbclog.core.quantities import OFF, OFF_ON_WIRE, Value
 from jbclog.protocol.commands.family import Family
-from jbclog.sim.face import Face
-from jbclog.sim.questions import Asked, questions
 from jbclog.sim.quirks import Quirks
-from jbclog.sim.readings import Identity
-from jbclog.sim.wire_log import Refused, WireLog, Written
-from jbclog.sim.writings import WITHOUT_DATA, well_formed
+from jbclog.sim.soldering import WITHOUT_DATA, Asked, Face, Identity, questions, well_formed
+
+# -- wire log -----------------------------------------------------------------------------------------------------------------
+# What a virtual station remembers of the wire, for tests: never what the client believes it sent.
+
+
+class Written(NamedTuple):
+    """A write that the station accepted; `at` in monotonic seconds, `port` and `tool` 0 where it has none."""
+
+    at: float
+    name: str
+    port: int
+    tool: int
+    value: Value
+
+
+class Refused(NamedTuple):
+    """A question that the station refused with communication error `code`."""
+
+    at: float
+    text: str
+    code: int
+
+
+class Struck(NamedTuple):
+    """An answer that a fault has struck: what would have gone out, and what did."""
+
+    at: float
+    kind: str
+    clean: bytes
+    sent: bytes
+
+
+@dataclass(slots=True)
+class WireLog:
+    """In the order in which it happened. `reads` counts those that were answered."""
+
+    reads: int = 0
+    writes: list[Written] = field(default_factory=list)
+    refused: list[Refused] = field(default_factory=list)
+    struck: list[Struck] = field(default_factory=list)
+
+    def written(self, name: str) -> list[Written]:
+        """The accepted writes of one command."""
+        return [write for write in self.writes if write.name == name]
+
+
+# -- device -------------------------------------------------------------------------------------------------------------------
 
 WRONG_CHECK, WRONG_FORMAT, OUT_OF_RANGE, UNKNOWN_COMMAND, ROBOT_OFF = 1, 2, 3, 4, 5
 BOOT_S = 3.0

@@ -13,7 +13,7 @@ from typing import Final, NamedTuple
 
 from jbclog.config.sim_spec import FaultSpec
 from jbclog.sim.device import Device
-from jbclog.sim.questions import Asked
+from jbclog.sim.soldering import Asked
 
 ON_ANSWERS: Final = frozenset({"silence", "noise", "flip", "late", "nak"})
 OF_OMEGA: Final = frozenset({"solder_shortage", "clog", "not_ready", "out_of_range"})

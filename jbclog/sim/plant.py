@@ -7,9 +7,7 @@ from dataclasses import dataclass, field, replace
 from math import inf
 
 from jbclog.protocol.commands.defaults import FEEDER_DEFAULTS
-from jbclog.sim.factory_settings import fresh
-from jbclog.sim.port import Port
-from jbclog.sim.state import HIBERNATION, SLEEP, STAND, WORKING
+from jbclog.sim.port import HIBERNATION, SLEEP, STAND, WORKING, Port, fresh
 from jbclog.sim.tip import WarmPart
 
 # -- feeder -------------------------------------------------------------------------------------------------------------------

@@ -1,4 +1,4 @@
-"""One port of a station and the tool in it. Physics only; time is passed in.
+"""One port of a virtual station: the tool in it, its settings, states and hours.
 
 Stand keeps the selected temperature, sleep keeps the sleep temperature, hibernation has the heater off, and
 so has the extractor state of robots unless `extractor_cools` is false. A port goes on only when somebody
@@ -8,16 +8,100 @@ change of state. A misspelt attribute raises, as all classes here have slots.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field, fields
 from math import inf
 from random import Random
+from typing import TypeVar
 
-from jbclog.core.quantities import Off
-from jbclog.protocol.commands.defaults import SOLDERING_DEFAULTS
-from jbclog.sim.factory_settings import fresh
-from jbclog.sim.state import HIBERNATION, SLEEP, WORKING, ToolSettings, ToolState
+from jbclog.core.quantities import OFF, Off
+from jbclog.protocol.commands.defaults import SOLDERING_DEFAULTS, Default, values_of
 from jbclog.sim.tip import LOAD_C, NEVER, Comparator, Joint, Joints, Tip, WarmPart
+
+# -- factory settings ---------------------------------------------------------------------------------------------------------
+# Settings as a station holds them when it comes from the factory: by the family's table, `protocol/commands/defaults.py`.
+
+T = TypeVar("T")
+
+
+def fresh(kind: type[T], defaults: Iterable[Default], model: str = "") -> T:
+    """A dataclass of settings, whose fields are named for their commands."""
+    values = values_of(defaults, model)
+    return kind(**{one.name: values[one.name] for one in fields(kind)})  # type: ignore[arg-type]  # a dataclass, as all settings are
+
+
+# -- state --------------------------------------------------------------------------------------------------------------------
+# What a tool is doing, what it goes over to by itself, and its hours. Physics only.
+#
+# ::
+#
+#     working ──stand──▶ stand ──sleep delay──▶ sleep ──hibernation delay──▶ hibernation
+#        ▲                 │                      │                             │
+#        └─────working─────┴──────────────────────┴─────────────────────────────┘
+#
+# A stand order starts the sleep delay anew, except for a tool that already sleeps or hibernates. A delay that
+# is off never ends, and hibernation is counted from the sleep (manual 002, W-Dxy and W-Hxy).
+
+WORKING, STAND, SLEEP, HIBERNATION = range(4)
+
+
+@dataclass(slots=True)
+class ToolSettings:
+    """What a port keeps for one kind of tool: °C and minutes."""
+
+    adjust: int
+    sleep_temperature: int
+    sleep_delay: int | Off
+    hibernation_delay: int | Off
+
+
+def _no_seconds() -> dict[int, float]:
+    return dict.fromkeys((WORKING, STAND, SLEEP, HIBERNATION), 0.0)
+
+
+@dataclass(slots=True)
+class ToolState:
+    """The state since `began`. Factory setting is "Extract (stand by)" (manuals 002, 004)."""
+
+    began: float
+    state: int = WORKING
+    extractor: bool = True
+    sleep_cycles: int = 0
+    seconds: dict[int, float] = field(default_factory=_no_seconds)
+
+    def order(self, state: int, extractor: bool, now: float) -> None:
+        """Work (0), stand (1) or extract, as somebody orders it."""
+        asleep = self.state in (SLEEP, HIBERNATION)
+        self.extractor = extractor
+        if not (state == STAND and asleep):
+            self._enter(state, now)
+
+    def due(self, delays: ToolSettings) -> float:
+        """When the next state comes by itself; never is infinity."""
+        minutes: int | Off = OFF
+        if self.state == STAND:
+            minutes = delays.sleep_delay
+        elif self.state == SLEEP:
+            minutes = delays.hibernation_delay
+        return inf if isinstance(minutes, Off) else self.began + 60.0 * minutes
+
+    def go_on(self, now: float) -> None:
+        """Stand becomes sleep, sleep becomes hibernation."""
+        if self.state == STAND:
+            self.sleep_cycles += 1
+        self._enter(self.state + 1, now)
+
+    def hours(self, now: float, *states: int) -> float:
+        """Hours spent in `states` so far."""
+        running = now - self.began if self.state in states else 0.0
+        return (sum(self.seconds[state] for state in states) + running) / 3600
+
+    def _enter(self, state: int, now: float) -> None:
+        self.seconds[self.state] += now - self.began
+        self.state, self.began = state, now
+
+
+# -- port ---------------------------------------------------------------------------------------------------------------------
 
 STEP_S = 0.05
 READY_C = 30.0  # a robot begins no joint with a tip that is colder than this below its target

@@ -14,10 +14,8 @@ from types import MappingProxyType
 from typing import NamedTuple
 
 from jbclog.core.quantities import OFF_ON_WIRE
-from jbclog.sim.face import Face
-from jbclog.sim.questions import Asked
-from jbclog.sim.soldering import SolderingFace
-from jbclog.sim.state import ToolSettings, ToolState
+from jbclog.sim.port import ToolSettings, ToolState
+from jbclog.sim.soldering import Asked, Face, SolderingFace
 from jbclog.sim.tip import Comparator
 
 WRONG_FORMAT, OUT_OF_RANGE = 2, 3

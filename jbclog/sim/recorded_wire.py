@@ -8,13 +8,12 @@ from dataclasses import dataclass, field
 from math import floor, inf
 from typing import NamedTuple
 
-from jbclog.core.wire_capture import Passed, Row
+from jbclog.core.wire import Passed, Row
 from jbclog.protocol import frame, omega
 from jbclog.protocol.commands.command import Effect
 from jbclog.protocol.commands.robot import READINGS
-from jbclog.protocol.frame import Frame
+from jbclog.protocol.frame import Frame, FrameReader
 from jbclog.protocol.omega import OmegaReader
-from jbclog.protocol.reader import FrameReader
 
 # -- exchanges ----------------------------------------------------------------------------------------------------------------
 # What passed over a recorded wire as questions, each with what came of it, and the stretches that they fall into.

@@ -1,17 +1,259 @@
-"""The face of the soldering stations: `readings.py` and `writings.py` over the physics of `plant.py`."""
+"""The face of the virtual soldering stations: what they tell, and what a write does to them."""
 
 from __future__ import annotations
 
-from collections.abc import Collection
+import re
+from collections.abc import Callable, Collection, Iterator, Mapping
+from dataclasses import dataclass
+from functools import cache
+from types import MappingProxyType
+from typing import Protocol
 
 from jbclog.config.sim_spec import FaultSpec
-from jbclog.core.quantities import Value
-from jbclog.protocol.commands.command import Command
-from jbclog.protocol.commands.family import Family
+from jbclog.core.quantities import OFF, AlarmDelay, Value
+from jbclog.protocol.commands.command import Command, Scope
+from jbclog.protocol.commands.family import FAMILIES, Family
+from jbclog.protocol.commands.status import EXTRACTOR, STAND, WORKING
 from jbclog.sim.plant import Plant
-from jbclog.sim.questions import Asked
-from jbclog.sim.readings import Identity, value_of
-from jbclog.sim.writings import allowed, apply, is_beyond_inferred
+from jbclog.sim.port import Port
+
+# -- questions ----------------------------------------------------------------------------------------------------------------
+# The command tables served backwards: which characters behind the header ask for what.
+
+
+@dataclass(frozen=True, slots=True)
+class Asked:
+    """One question of the table: `code` is the control command on the wire, `port` and `tool` are 0 where it has none."""
+
+    command: Command
+    code: str
+    port: int = 0
+    tool: int = 0
+
+
+@cache
+def questions(family: str, ports: tuple[int, ...]) -> Mapping[str, Asked]:
+    """All questions by header and code (``RTT1``, ``WA12``) that a station of `family` with these ports knows."""
+    return MappingProxyType(dict(_all(FAMILIES[family], ports)))
+
+
+def _all(family: Family, ports: tuple[int, ...]) -> Iterator[tuple[str, Asked]]:
+    tools = [tool for tool in family.tools if tool]
+    for command in family.commands.values():
+        for asked in _places(command, ports, tools):
+            for header in command.access.upper():
+                yield header + asked.code, asked
+
+
+def _places(command: Command, ports: tuple[int, ...], tools: list[int]) -> Iterator[Asked]:
+    if command.scope is Scope.STATION:
+        yield Asked(command, command.code())
+        return
+    for port in ports:
+        if command.scope is Scope.PORT:
+            yield Asked(command, command.code(port), port)
+        else:
+            yield from (Asked(command, command.code(port, tool), port, tool) for tool in tools)
+
+
+# -- readings -----------------------------------------------------------------------------------------------------------------
+# What a station tells when it is asked: the value of each command, taken from the physics.
+
+COUNTER_ROOM = 100_000  # counters have five digits and go round; no manual says that they do
+
+
+@dataclass(slots=True)
+class Identity:
+    """What a station says of itself."""
+
+    model: str
+    software: str
+    address: int | None
+    robot_mode: bool = True
+
+
+def value_of(asked: Asked, plant: Plant, identity: Identity, now: float) -> Value:
+    """The value that an answer to `asked` carries; OFF is told as 99999. Reading alarm flags clears them."""
+    port = plant.ports.get(asked.port)
+    if port is None:
+        return _station_value(asked.command.name, plant, identity, now)
+    port.advance_to(now)
+    name = asked.command.name
+    if (reading := _PORT_READINGS.get(name)) is not None:
+        return reading(port)
+    if name == "status":
+        return (0, plant.feeder.motor(now), 0, int(port.doing.extractor), port.doing.state)
+    if asked.command.writable:
+        return setting(port.settings if asked.command.scope is Scope.PORT else port.tools[asked.tool], name)
+    count = plant.count(name, port, now)
+    return count if name == "dispensed_length" else int(count) % COUNTER_ROOM
+
+
+def setting(holder: object, name: str) -> Value:
+    """The attribute `name` of some settings; they have slots, so that a foreign name raises."""
+    value: Value = getattr(holder, name)
+    return value
+
+
+def _alarm_flags(port: Port) -> Value:
+    return (0, 0, 0, int(port.low.take()), int(port.high.take()))
+
+
+def _seconds_to_sleep(port: Port) -> Value:
+    seconds = port.seconds_to_sleep()
+    return OFF if seconds is None else seconds
+
+
+_PORT_READINGS: Mapping[str, Callable[[Port], Value]] = MappingProxyType(
+    {
+        "tip_temperature": Port.temperature,
+        "power": Port.power,
+        "port_error": Port.port_error,
+        "tool": lambda port: port.tool,
+        "time_to_sleep": _seconds_to_sleep,
+        "transistor_temperature": lambda port: round(port.transistor_temperature()),
+        "alarm_flags": _alarm_flags,
+    }
+)
+
+
+def _station_value(name: str, plant: Plant, identity: Identity, now: float) -> Value:
+    match name:
+        case "model":
+            return identity.model
+        case "software_version":
+            return identity.software
+        case "station_error":
+            return plant.station_error
+        case "transformer_temperature":
+            return round(plant.transformer_temperature(now))
+        case "fuse":
+            return "present"
+        case "feeding":
+            return "running" if plant.feeder.motor(now) else "stopped"
+        case "maximum_temperature" | "minimum_temperature":
+            return setting(plant.settings, name)
+    return setting(plant.feeder.settings, name)
+
+
+# -- writings -----------------------------------------------------------------------------------------------------------------
+# What a write does to a station, and which writes it refuses.
+
+WITHOUT_DATA = ("start_feeding", "stop_feeding", "restart", "factory_reset", "ignore_fuse_error")
+"""Orders whose data no manual prints: taken with 00000 and without any (B-37)."""
+
+ORDERS: dict[tuple[int, ...], tuple[int, bool]] = {WORKING: (0, False), STAND: (1, False), EXTRACTOR: (0, True)}
+"""State and extractor of the status words that can be written (manual 002, W-PSx)."""
+
+_NUMBER = re.compile(r"-?\d+", re.ASCII)
+_DELAY = re.compile(r"\d\d\.\d\d|99999", re.ASCII)
+
+
+def well_formed(command: Command, data: str) -> bool:
+    """Whether `data` has the form of this command's data, whatever its value."""
+    form = _DELAY if isinstance(command.quantity, AlarmDelay) else _NUMBER
+    return len(data) == 5 and form.fullmatch(data) is not None
+
+
+def is_beyond_inferred(command: Command, value: Value) -> bool:
+    """Whether the value lies where the station's own manual prints nothing, and another does."""
+    return command.inferred is not None and command.inferred.limits.problem(value) is not None
+
+
+def allowed(command: Command, value: Value, family: Family, plant: Plant) -> bool:
+    """Whether the station takes this value: printed limits, and what lies within its own limits."""
+    if command.limits.problem(value) is not None:
+        return False
+    limits = plant.settings
+    match command.name:
+        case "status":
+            return isinstance(value, tuple) and value in ORDERS and (value != EXTRACTOR or family.manual != "000")
+        case "selected_temperature":
+            return isinstance(value, int) and limits.minimum_temperature <= value <= limits.maximum_temperature
+        case "maximum_temperature":
+            return isinstance(value, int) and limits.minimum_temperature < value <= plant.factory.maximum_temperature
+        case "minimum_temperature":
+            return isinstance(value, int) and plant.factory.minimum_temperature <= value < limits.maximum_temperature
+    return True
+
+
+def apply(asked: Asked, value: Value, plant: Plant, now: float) -> None:
+    """Let the physics know of an accepted write to a port, a tool, the feeder or the station's limits."""
+    plant.advance_to(now)
+    command, port = asked.command, plant.ports.get(asked.port)
+    if port is None:
+        _apply_to_station(command.name, value, plant, now)
+    elif command.name == "status":
+        _order(port, value)
+    else:
+        set_value(port.settings if command.scope is Scope.PORT else port.tools[asked.tool], command.name, value)
+        port.changed()
+
+
+def set_value(holder: object, name: str, value: Value) -> None:
+    """Set the attribute `name` of some settings; they have slots, so that a foreign name raises."""
+    setattr(holder, name, value)
+
+
+def _order(port: Port, word: Value) -> None:
+    if isinstance(word, tuple):
+        port.order(*ORDERS[word])
+
+
+def _apply_to_station(name: str, value: Value, plant: Plant, now: float) -> None:
+    match name:
+        case "start_feeding":
+            plant.feeder.start(now)
+        case "stop_feeding":
+            plant.feeder.stop(now)
+        case "store":
+            plant.store()
+        case "factory_reset":
+            plant.factory_reset(now)
+        case "maximum_temperature" | "minimum_temperature":
+            set_value(plant.settings, name, value)
+        case "restart" | "address" | "ignore_fuse_error":
+            return  # the device's own business
+        case _:
+            set_value(plant.feeder.settings, name, value)
+
+
+# -- face ---------------------------------------------------------------------------------------------------------------------
+# The seam between the wire and the physics: what a device asks of one kind of station, whatever it is the station for.
+#
+# `soldering.py` has the soldering stations' face, `hotair.py` that of hot air. The command tables are the client's own.
+
+
+class Face(Protocol):
+    """One kind of station as its command table sees it. Times are monotonic seconds, `port` is 0 for the station itself."""
+
+    @property
+    def ports(self) -> Collection[int]:
+        """The ports that there are."""
+
+    def advance_to(self, moment: float) -> None:
+        """Let time go on in the physics."""
+
+    def value_of(self, asked: Asked, identity: Identity, now: float) -> Value:
+        """The value that an answer to `asked` carries; OFF is told as 99999."""
+
+    def allowed(self, command: Command, value: Value) -> bool:
+        """Whether the station takes this value of a well-formed write."""
+
+    def apply(self, asked: Asked, value: Value, now: float) -> None:
+        """Let the physics know of an accepted write."""
+
+    def restart(self, now: float) -> None:
+        """Lose what is volatile, as after the mains switch."""
+
+    def keep(self) -> None:
+        """Take the settings as they are for those that a restart comes back to."""
+
+    def strike(self, fault: FaultSpec, port: int, *, begins: bool) -> None:
+        """Let a fault of the physics (``stuck``, ``overheat``, ``tool``) begin or end on `port`."""
+
+
+# -- soldering ----------------------------------------------------------------------------------------------------------------
 
 
 class SolderingFace:

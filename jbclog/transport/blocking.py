@@ -8,7 +8,7 @@ from typing import Protocol, TypeVar
 from jbclog.core.clock import Clock, SystemClock
 from jbclog.core.errors import LinkError
 from jbclog.core.io_requests import Ask, Gather, Heard, Listen, Request, Steps, Wait
-from jbclog.transport.read_budget import REST_S, Budget
+from jbclog.transport.port import REST_S, Budget
 
 T = TypeVar("T")
 

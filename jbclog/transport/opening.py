@@ -1,4 +1,4 @@
-"""Opening: any URL that pyserial knows, for this program alone where the system can keep others out.
+"""Opens ports: any URL that pyserial knows, for this program alone, as many as the system allows.
 
 pyserial finds, opens and sets up the port. From a device its descriptor is then taken over by a duplicate and
 pyserial's object closed, with the four pipe ends that it opens beside each device: lock and settings belong to what is
@@ -17,10 +17,41 @@ from queue import Queue
 
 import serial
 
-from jbclog.core.errors import LinkError, PortBusy, PortForbidden, PortMissing
-from jbclog.core.line_format import SCHEMES, LineFormat, scheme_of
+from jbclog.core.errors import LinkError, PortBusy, PortForbidden, PortMissing, UsageError
+from jbclog.core.wire import SCHEMES, LineFormat, scheme_of
 from jbclog.transport.port import BROKEN, SLICE_S, DescriptorPort, ObjectPort, Port, give_back, lost
 from jbclog.transport.system_ports import holder_of, in_words
+
+# -- descriptors --------------------------------------------------------------------------------------------------------------
+# Descriptors: how many ports one process may hold open.
+
+EACH_PORT = 1  # `opening.py` frees the pipes that pyserial opens beside each device
+BESIDE = 160  # the record, the loop, the interpreter, and eight ports being opened with five each
+
+
+def allow_ports(ports: int) -> None:
+    """Raise this process's soft limit so that `ports` ports fit. Raises `UsageError` where the hard limit forbids it."""
+    try:
+        import resource
+    except ImportError:  # Windows has no such limit
+        return
+    wanted = ports * EACH_PORT + BESIDE
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    if soft == resource.RLIM_INFINITY or soft >= wanted:
+        return
+    try:
+        if hard == resource.RLIM_INFINITY or hard >= wanted:
+            resource.setrlimit(resource.RLIMIT_NOFILE, (wanted, hard))
+            return
+    except (OSError, ValueError):  # macOS has a ceiling below the hard limit
+        pass
+    raise UsageError(
+        f"{ports} ports need {wanted} open files and this process may have only {hard}; raise that with "
+        f"`ulimit -Hn {wanted}` as root or LimitNOFILE={wanted} in the systemd unit, or record the line in two runs"
+    )
+
+
+# -- opening ------------------------------------------------------------------------------------------------------------------
 
 try:
     import fcntl

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING
 from jbclog.core.errors import LinkError, cause
 from jbclog.core.io_requests import Ask, Gather, Heard, Listen, Request, RunEnded, Steps, Wait
 from jbclog.transport.blocking import OpenPort, Port
+from jbclog.transport.port import MOST_KEPT, REST_S, Budget
 from jbclog.transport.port_thread import Pump
-from jbclog.transport.read_budget import MOST_KEPT, REST_S, Budget
 
 if TYPE_CHECKING:
     from jbclog.transport.reactor import Reactor

@@ -14,7 +14,7 @@ from typing import Protocol
 from jbclog.core.clock import VirtualClock
 from jbclog.core.errors import LinkError
 from jbclog.core.io_requests import Ask, Gather, Heard, Listen, Request, RunEnded, Steps, Wait
-from jbclog.transport.read_budget import MOST_KEPT
+from jbclog.transport.port import MOST_KEPT
 from jbclog.transport.start_barrier import Barrier
 
 NEVER = float("inf")

@@ -24,10 +24,10 @@ from jbclog.core.locks import FolderLock
 from jbclog.core.rows import COLUMN, SAMPLE_COLUMNS, SampleRow, StationFacts
 from jbclog.record.batches import encode, keep_pandas_out
 from jbclog.record.folder import create_run
+from jbclog.record.live import RowBuffer
 from jbclog.record.parts import part_paths
-from jbclog.record.row_buffer import RowBuffer
 from jbclog.record.seal import seal_in_child
-from jbclog.record.store_writer import StoreWriter
+from jbclog.record.store import StoreWriter
 
 HZ = 10
 T0 = 1_790_000_000_000_000

@@ -24,7 +24,7 @@ from jbclog.analysis.verdict.acceptance import LIMIT_NAMES
 from jbclog.analysis.verdict.rule import Result
 from jbclog.analysis.verdict.versions import VERSIONS
 from jbclog.config.sim_spec import KEYS_OF_FAULT
-from jbclog.core.outcome import Exit
+from jbclog.core.errors import Exit
 from jbclog.core.rows import OUTCOMES, QUALITIES
 from jbclog.report.audit.csv_table import COLUMNS as COLUMNS_OF_AUDIT
 

@@ -18,14 +18,14 @@ from verbs import VERBS, calls, wrong
 
 import jbclog as package
 from jbclog.config.line import load_line
+from jbclog.core.errors import Exit
 from jbclog.core.locks import NAME as LOCK
-from jbclog.core.outcome import Exit
 from jbclog.core.rows import SAMPLE_COLUMNS
 from jbclog.protocol.commands.family import FAMILIES
+from jbclog.record.chains import short_head
 from jbclog.record.manifest import manifest_sha256
 from jbclog.record.parts import DAMAGE_NOTES, REMAINS
-from jbclog.record.run_chain import short_head
-from jbclog.record.store_writer import RESERVE
+from jbclog.record.store import RESERVE
 
 INSTALL = "python3 -m venv --without-pip .venv && python3 -m pip --python .venv install "
 

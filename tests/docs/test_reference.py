@@ -13,7 +13,7 @@ from kept_texts import TEXTS
 from readme import ROOT
 
 from jbclog.analysis.alarms.state_machine import News
-from jbclog.config.write_order import COMMAND_OF
+from jbclog.config.recipe import COMMAND_OF
 from jbclog.protocol.commands.decisions import DECISIONS
 from jbclog.protocol.commands.family import FAMILIES
 

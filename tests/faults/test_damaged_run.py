@@ -24,12 +24,12 @@ from jbclog.core.errors import RecordError
 from jbclog.core.locks import is_held
 from jbclog.guard.open_leases import settle
 from jbclog.record.capture import WHOLE
+from jbclog.record.chains import previous_run
 from jbclog.record.check import check
 from jbclog.record.conclude import files_of
 from jbclog.record.folder import create_run
 from jbclog.record.manifest import NAME, read_manifest, write_manifest
 from jbclog.record.recover import Outcome, recover, recover_all
-from jbclog.record.run_chain import previous_run
 from jbclog.record.schema import TABLES
 from jbclog.record.seal import seal_rows
 from jbclog.report.write import report_files

@@ -22,7 +22,7 @@ from jbclog.cli.app import app
 from jbclog.cli.replay import DOUBTFUL
 from jbclog.core.errors import RecordError
 from jbclog.core.rows import COLUMN
-from jbclog.core.wire_capture import Passed, Row
+from jbclog.core.wire import Passed, Row
 from jbclog.record import capture_file
 from jbclog.record.capture import (
     WHOLE,

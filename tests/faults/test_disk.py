@@ -25,7 +25,7 @@ import json, resource, sys, time
 from pathlib import Path
 import few_rows
 from jbclog.core.errors import RecordError
-from jbclog.record import store_writer as keeping
+from jbclog.record import store as keeping
 from jbclog.record.folder import create_run
 from jbclog.record.live import LiveStore
 

@@ -36,12 +36,12 @@ from jbclog.config.recipe_settings import settings_for, station_settings_for
 from jbclog.config.toml_reader import MAX_PROBLEMS
 from jbclog.core.errors import Problems, RecordError
 from jbclog.core.foreign.json_reader import json_of
-from jbclog.core.line_format import BAUDRATES
+from jbclog.core.wire import BAUDRATES
 from jbclog.guard.lease import NAME as LEASE
 from jbclog.guard.lease import StationLease, kept, unreadable
-from jbclog.protocol import omega, reader
+from jbclog.protocol import omega
 from jbclog.protocol.commands.family import FAMILIES
-from jbclog.protocol.frame import Frame
+from jbclog.protocol.frame import MOST_HELD, Frame, FrameReader
 from jbclog.record import conclude
 from jbclog.record.capture import Hole, count_rows, is_done, mend, read_exchanges, read_head, rows_and_holes, wire_path
 from jbclog.record.capture_file import packed
@@ -107,14 +107,14 @@ def _framed(stream: bytes, longest: int) -> Iterator[tuple[bytes, bytes]]:
 
 
 def jbc(stream: bytes, _: Path) -> None:
-    found, one = [], reader.FrameReader()
+    found, one = [], FrameReader()
     for start in range(0, len(stream), 7):
         found += one.feed(stream[start : start + 7])
     right = [content for content, behind in _framed(stream, 64) if behind and reduce(xor, b"\x02" + content + b"\x03") == behind[0]]
     for frame in (frame for frame in found if isinstance(frame, Frame)):
         assert frame.encode()[1:-2] in right
         right.remove(frame.encode()[1:-2])
-    assert one.reset() <= reader.MOST_HELD
+    assert one.reset() <= MOST_HELD
     assert one.garbage <= len(stream)
 
 

@@ -33,7 +33,7 @@ from jbclog.analysis.run import open_run
 from jbclog.cli.app import app
 from jbclog.record.check import check
 from jbclog.record.manifest import Manifest, read_manifest
-from jbclog.sim.state import WORKING
+from jbclog.sim.port import WORKING
 
 PROGRAM = [sys.executable, "-c", "from jbclog.cli import main; main()"]
 ODD = [sys.executable, odd_host.__file__]

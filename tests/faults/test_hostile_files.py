@@ -17,8 +17,7 @@ from hypothesis import strategies as st
 
 from jbclog.config.line import load_line, parse_line
 from jbclog.config.load_recipe import load_recipe, parse_recipe
-from jbclog.config.toml_keys import MAX_ENTRIES
-from jbclog.config.toml_reader import MAX_BYTES, MAX_PROBLEMS
+from jbclog.config.toml_reader import MAX_BYTES, MAX_ENTRIES, MAX_PROBLEMS
 from jbclog.core.errors import Problems
 
 SECONDS = 0.2

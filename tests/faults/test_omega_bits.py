@@ -12,8 +12,8 @@ from omega_talk import framed
 
 from jbclog.core.errors import StationError
 from jbclog.core.io_requests import Heard
-from jbclog.core.line_format import LineFormat
 from jbclog.core.quantities import Value
+from jbclog.core.wire import LineFormat
 from jbclog.protocol.client.omega import OmegaStation
 from jbclog.protocol.commands.command import Command
 from jbclog.protocol.commands.family import FAMILIES

@@ -25,7 +25,7 @@ from slices import first
 from virtual_run import RECIPE, VirtualRun, prepare
 
 from jbclog.core.rows import COLUMN
-from jbclog.sim.state import WORKING
+from jbclog.sim.port import WORKING
 from jbclog.sim.virtual import VirtualStation
 
 GOING_ON = RECIPE + 'on_difference = "continue"\n\n[sampling]\ncounters_every_s = 10\n'

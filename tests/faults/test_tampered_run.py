@@ -25,14 +25,13 @@ from jbclog.cli.app import app
 from jbclog.core.errors import RecordError
 from jbclog.record.annotations import append
 from jbclog.record.annotations import read as read_annotations
-from jbclog.record.chain import breaks, digest, first_link
+from jbclog.record.chains import breaks, digest, first_link, previous_run, short_head
 from jbclog.record.check import check, uncovered
 from jbclog.record.conclude import files_of
 from jbclog.record.guard_actions import plain_events
 from jbclog.record.ledger import ledger_of
 from jbclog.record.manifest import DIGEST, END, OF_0_1, manifest_sha256, read_manifest, write_manifest
 from jbclog.record.parts import part_paths
-from jbclog.record.run_chain import previous_run, short_head
 from jbclog.report.write import verify_report, write_report
 
 STRIDE = 1499

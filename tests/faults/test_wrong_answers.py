@@ -23,8 +23,8 @@ from injector import FORGING, KINDS, Deed, Injector
 from jbclog.core.clock import VirtualClock
 from jbclog.core.errors import StationError, StationSilent
 from jbclog.core.io_requests import Reopen, Steps
-from jbclog.core.line_format import LineFormat
 from jbclog.core.quantities import Value
+from jbclog.core.wire import LineFormat
 from jbclog.protocol.client.robot import Station
 from jbclog.protocol.commands.family import FAMILIES
 from jbclog.transport.virtual import VirtualDriver

@@ -21,8 +21,8 @@ from jbclog.config.line import parse_line
 from jbclog.config.load_recipe import parse_recipe
 from jbclog.core.clock import UtcOffset, VirtualClock
 from jbclog.core.errors import StartRefused
-from jbclog.core.line_format import LineFormat
 from jbclog.core.rows import NoJournal
+from jbclog.core.wire import LineFormat
 from jbclog.protocol.commands.family import FAMILIES
 from jbclog.session.run.context import PortState, SessionContext
 from jbclog.session.run.pace import choose_pace, readings_for

@@ -16,8 +16,7 @@ from jbclog.guard.lease import StationLease
 from jbclog.guard.run_guard import lease_of
 from jbclog.protocol.commands.command import Command
 from jbclog.session.run.setting import listed
-from jbclog.sim.airface import AirFace
-from jbclog.sim.airstation import AirStation
+from jbclog.sim.hotair import AirFace, AirStation
 
 
 def fault(kind: str, **keys: object) -> str:

@@ -6,7 +6,7 @@ import pytest
 from hot_air import hot_air, plant
 from virtual_run import VirtualRun, line_text, prepare
 
-from jbclog.core.line_format import LineFormat
+from jbclog.core.wire import LineFormat
 from jbclog.protocol.commands.family import FAMILIES
 from jbclog.session.run.identify import SAID
 from jbclog.session.run.pace import readings_for

@@ -9,7 +9,7 @@ from virtual_run import RECIPE, VirtualRun, prepare
 
 from jbclog.app.run.plan import Metadata, Plan, RunOptions, make_plan
 from jbclog.protocol.commands.family import FAMILIES
-from jbclog.protocol.commands.possible import longest_countdown_s
+from jbclog.protocol.commands.ranges import longest_countdown_s
 
 LINE = """[line]
 name = "old"

@@ -9,7 +9,7 @@ from account import assert_account_holds, reasons_in
 from virtual_run import Memory, VirtualRun, prepare
 
 from jbclog.core.rows import COLUMN, SIGNAL_COLUMNS, Severity
-from jbclog.protocol.commands.omega_values import ConditionRecord, SetTemperature
+from jbclog.protocol.commands.omega import ConditionRecord, SetTemperature
 from jbclog.sim.virtual import Reply
 
 LINE = '[line]\nname = "test"\n[[station]]\nname = "omega-1"\nurl = "omega-1"\nfamily = "omega"\n{keys}\n[station.sim]\n{sim}\n'

@@ -19,7 +19,7 @@ from jbclog.analysis.run import open_run
 from jbclog.app.run.plan import Plan, RunOptions, make_plan
 from jbclog.cli.app import app
 from jbclog.config.line import StationSpec, load_line
-from jbclog.config.write_order import COMMAND_OF
+from jbclog.config.recipe import COMMAND_OF
 from jbclog.protocol.commands.family import FAMILIES
 from jbclog.record.check import check
 from jbclog.record.manifest import read_manifest

@@ -21,10 +21,10 @@ from jbclog.config.sim_spec import SimSpec
 from jbclog.core.clock import VirtualClock
 from jbclog.core.errors import StationError
 from jbclog.core.io_requests import Reopen, Steps
-from jbclog.core.line_format import LineFormat
 from jbclog.core.rows import COLUMN, SAMPLE_COLUMNS, SIGNAL_COLUMNS
-from jbclog.protocol.client.after_write import MODEL, change_address, restart
+from jbclog.core.wire import LineFormat
 from jbclog.protocol.client.robot import Station
+from jbclog.protocol.client.timing import MODEL, change_address, restart
 from jbclog.protocol.commands.decisions import DECISIONS
 from jbclog.protocol.commands.family import FAMILIES
 from jbclog.sim.omega import OMEGA_QUIRKS

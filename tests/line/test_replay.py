@@ -10,7 +10,7 @@ from taped import RECIPE_FILE, recorded, relived
 from virtual_run import RECIPE, Memory, line_text
 
 from jbclog.core.rows import COLUMN
-from jbclog.protocol.client import turnaround
+from jbclog.protocol.client import timing
 from jbclog.record.capture import read_rows, wire_path
 from jbclog.session.run.context import StationTask
 
@@ -104,7 +104,7 @@ def test_each_station_of_a_line(tmp_path: Path) -> None:
 
 def ask_less(monkeypatch: pytest.MonkeyPatch) -> None:
     """A program that measures the turnaround with two reads less."""
-    monkeypatch.setattr(turnaround, "READS", turnaround.READS - 2)
+    monkeypatch.setattr(timing, "READS", timing.READS - 2)
 
 
 def values(memory: Memory, column: str, port: int = 1) -> list[object]:

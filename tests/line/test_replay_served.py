@@ -23,8 +23,8 @@ from taped import kept, recorded_again
 from virtual_run import RECIPE, Memory, VirtualRun, line_text
 
 from jbclog.core.rows import COLUMN
+from jbclog.sim.device import WireLog
 from jbclog.sim.virtual import Reply, VirtualStation
-from jbclog.sim.wire_log import WireLog
 
 FAST = ("temperature_c", "power_permille", "status", "cooling", "desoldering", "quality")
 SLOW = ("set_c", "tool", "port_error", "station_error", "alarm_high", "alarm_low", "transformer_c", "transistor_c")

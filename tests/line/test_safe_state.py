@@ -14,8 +14,8 @@ from jbclog.protocol.commands.status import EXTRACTOR, STAND, WORKING
 from jbclog.session.run import station_run as session_run
 from jbclog.session.run.context import SessionContext
 from jbclog.session.run.scan import Scanner
+from jbclog.sim.port import STAND as STANDING
 from jbclog.sim.port import Port
-from jbclog.sim.state import STAND as STANDING
 
 ALE_RECIPE = RECIPE + "\n[feeder]\nlength_mm = 7.5\n"
 APPLIED_S = 1.2  # by then the recipe is on the station and the tools are at work

@@ -11,8 +11,8 @@ from dataclasses import dataclass, field
 import pytest
 from virtual_run import RECIPE, Heard, Tap, VirtualRun, is_cold_in_extractor, prepare
 
+from jbclog.core.errors import Exit, exit_code, findings
 from jbclog.core.io_requests import Steps
-from jbclog.core.outcome import Exit, exit_code, findings
 from jbclog.core.rows import StationFacts
 from jbclog.protocol.commands.status import STAND, WORKING
 from jbclog.session.run.context import StationTask

@@ -15,7 +15,7 @@ from command import jbclog
 from far_ends import terminal
 
 from jbclog.config.line import load_line
-from jbclog.core.line_format import BAUDRATES, LineFormat
+from jbclog.core.wire import BAUDRATES, LineFormat
 from jbclog.sim.links import line_set
 from jbclog.sim.process import SimProcess
 from jbclog.transport.opening import open_port

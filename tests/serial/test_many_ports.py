@@ -11,9 +11,8 @@ import pytest
 from far_ends import Terminal, terminal
 
 from jbclog.core.errors import LinkError, UsageError
-from jbclog.core.line_format import LineFormat
-from jbclog.transport.descriptors import BESIDE, EACH_PORT, allow_ports
-from jbclog.transport.opening import open_port
+from jbclog.core.wire import LineFormat
+from jbclog.transport.opening import BESIDE, EACH_PORT, allow_ports, open_port
 
 LINE = LineFormat()
 MANY = 300

@@ -6,7 +6,7 @@ import pytest
 from far_ends import terminal
 
 from jbclog.core.errors import WriteForbidden
-from jbclog.core.line_format import LineFormat
+from jbclog.core.wire import LineFormat
 from jbclog.protocol.frame import only_reads
 from jbclog.transport.opening import open_port
 from jbclog.transport.port import Port

@@ -20,12 +20,12 @@ from unit_file import command
 
 from jbclog.app import safe_state
 from jbclog.cli.app import app
-from jbclog.core.line_format import LineFormat
+from jbclog.core.wire import LineFormat
 from jbclog.protocol.commands.status import STAND
 from jbclog.record.check import check
 from jbclog.record.manifest import read_manifest
 from jbclog.session.safety.secure import ALLOWED_S
-from jbclog.sim.state import HIBERNATION, WORKING
+from jbclog.sim.port import HIBERNATION, WORKING
 from jbclog.transport.opening import open_port
 
 TOOLS = 6

@@ -21,7 +21,7 @@ from far_ends import Terminal, terminal
 
 from jbclog.app.discovery.scan_ports import search
 from jbclog.config.line import load_line
-from jbclog.core.line_format import LineFormat
+from jbclog.core.wire import LineFormat
 from jbclog.session.discovery.diagnosis import diagnose
 from jbclog.session.discovery.found import PortReport, ScanPlan, Trial
 from jbclog.sim.process import SimProcess

@@ -17,7 +17,7 @@ import pytest
 from command import until
 from served_line import ServedLine
 
-from jbclog.core.line_format import LineFormat
+from jbclog.core.wire import LineFormat
 from jbclog.guard import __main__ as guard_itself
 from jbclog.guard import lease_registry
 from jbclog.guard.action_log import NAME as DIARY
@@ -29,7 +29,7 @@ from jbclog.guard.open_leases import LeftOver, settle
 from jbclog.guard.single_guard import only_one
 from jbclog.guard.takeover import TakeOver
 from jbclog.guard.watch import FAILED
-from jbclog.sim.state import SLEEP, STAND, WORKING
+from jbclog.sim.port import SLEEP, STAND, WORKING
 from jbclog.transport.opening import open_port
 
 SOFTWARE = "8886666"

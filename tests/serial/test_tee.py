@@ -9,11 +9,10 @@ from command import until
 from far_ends import terminal
 
 from jbclog.core.errors import LinkError
-from jbclog.core.line_format import LineFormat
-from jbclog.core.wire_capture import Passed
+from jbclog.core.wire import LineFormat, Passed
 from jbclog.transport.opening import open_port
 from jbclog.transport.port import Port, unread
-from jbclog.transport.tee import Tee
+from jbclog.transport.session_history import Tee
 
 
 def test_every_byte_is_kept_in_order_with_its_moment() -> None:

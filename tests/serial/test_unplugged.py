@@ -16,7 +16,7 @@ import serial
 from far_ends import Terminal, open_descriptors, rfc2217_server, server, terminal
 
 from jbclog.core.errors import LinkError
-from jbclog.core.line_format import LineFormat
+from jbclog.core.wire import LineFormat
 from jbclog.transport.opening import open_port
 from jbclog.transport.port import BROKEN, CLOSE_S, DescriptorPort, ObjectPort, Port, give_back
 

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from md_table import MADE, codes, table
 
-from jbclog.protocol.commands.decision import Decision
-from jbclog.protocol.commands.decisions import DECISIONS
+from jbclog.protocol.commands.decisions import DECISIONS, Decision
 
 INTRODUCTION = """
 The makers' manuals contradict each other and themselves in places, and leave things out. Each row is one such

@@ -7,14 +7,13 @@ from itertools import combinations
 
 from jbclog.core.errors import StationError
 from jbclog.core.io_requests import Heard
-from jbclog.core.line_format import LineFormat
 from jbclog.core.quantities import Value
+from jbclog.core.wire import LineFormat
 from jbclog.protocol.client.interface import Asking, Client
 from jbclog.protocol.client.omega import OmegaStation
 from jbclog.protocol.client.robot import Station
 from jbclog.protocol.commands.command import Command
-from jbclog.protocol.frame import Frame
-from jbclog.protocol.reader import FrameReader
+from jbclog.protocol.frame import Frame, FrameReader
 
 LINE = LineFormat()
 

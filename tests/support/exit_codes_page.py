@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 from md_table import MADE, table
 
-from jbclog.core.outcome import SEVEREST_FIRST, Exit
+from jbclog.core.errors import SEVEREST_FIRST, Exit
 
 MEANINGS: Mapping[Exit, str] = {
     Exit.FINE: "Fine.",

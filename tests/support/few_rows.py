@@ -8,7 +8,7 @@ from pathlib import Path
 import pyarrow as pa
 
 from jbclog.core.rows import COLUMN, SAMPLE_COLUMNS, CounterRow, EventRow, SampleRow, SettingRow, Severity, StationFacts
-from jbclog.record.chain import breaks
+from jbclog.record.chains import breaks
 from jbclog.record.folder import create_run
 from jbclog.record.live import LiveStore
 from jbclog.record.parts import row_groups

@@ -232,7 +232,7 @@ def _verb(words: list[str]) -> int:
 def _start(out: Path) -> int:
     """What the start of a run looks at below its folder of runs."""
     from jbclog.guard.open_leases import unclosed
-    from jbclog.record.run_chain import previous_run
+    from jbclog.record.chains import previous_run
 
     print(previous_run(out, "bench"), [*unclosed(out, ["/dev/none"])])
     return 0

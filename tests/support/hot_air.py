@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from virtual_run import VirtualRun, line_text, prepare
 
-from jbclog.sim.airface import AirFace
-from jbclog.sim.airstation import AirStation
+from jbclog.sim.hotair import AirFace, AirStation
 
 AIR = """
 [recipe]

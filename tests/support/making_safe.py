@@ -9,12 +9,12 @@ from pathlib import Path
 from jbclog.config.line import parse_line
 from jbclog.core.errors import LinkError
 from jbclog.core.io_requests import Ask, Heard, Listen, Reopen, Request, Steps, Wait
-from jbclog.core.line_format import LineFormat
+from jbclog.core.wire import LineFormat
 from jbclog.protocol.client.robot import Station
 from jbclog.protocol.commands.family import FAMILIES
 from jbclog.session.safety.tools import Task, Tool
-from jbclog.sim.airface import AirFace
-from jbclog.sim.state import WORKING as AT_WORK
+from jbclog.sim.hotair import AirFace
+from jbclog.sim.port import WORKING as AT_WORK
 from jbclog.sim.virtual import VirtualStation
 from jbclog.transport.virtual import Peer
 

@@ -17,7 +17,7 @@ from pathlib import Path
 from few_rows import counter, event, sample, setting
 
 from jbclog.core.rows import StationFacts
-from jbclog.record import live, row_buffer
+from jbclog.record import live
 from jbclog.record.batches import BARE, Batch
 from jbclog.record.folder import create_run
 from jbclog.record.live import LiveStore
@@ -32,7 +32,7 @@ def encode(number: int, table: str, values: list[object]) -> Batch:
 
 def main(out: Path, many: int, step: int) -> None:
     live.COMMIT_S = 3600.0  # type: ignore[misc]  # the writer's thread waits; commits are made here
-    row_buffer.encode = encode  # type: ignore[assignment]
+    live.encode = encode  # type: ignore[assignment]
     store = LiveStore(create_run(out, "bench", 1_790_000_000.0), seal_every_s=None)
     store.start()
     met = commits = at_ease = untold = 0

@@ -12,14 +12,13 @@ from typing import Self
 from jbclog.config.line import load_line
 from jbclog.core.quantities import Value
 from jbclog.protocol.commands.status import STAND
-from jbclog.sim.port import Port
+from jbclog.sim.device import Written
+from jbclog.sim.port import STAND as STANDING
+from jbclog.sim.port import WORKING, Port
 from jbclog.sim.serve import Server, WireFile
 from jbclog.sim.setup import SERVED_LINE, set_up
 from jbclog.sim.soldering import SolderingFace
-from jbclog.sim.state import STAND as STANDING
-from jbclog.sim.state import WORKING
 from jbclog.sim.virtual import VirtualStation
-from jbclog.sim.wire_log import Written
 
 FOUR_TOOLS = """
 [line]

@@ -11,7 +11,7 @@ import sys
 import time
 
 from jbclog.cli import main
-from jbclog.record.store_writer import StoreWriter
+from jbclog.record.store import StoreWriter
 
 STALL_S = 1.5
 

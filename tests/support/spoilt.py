@@ -19,7 +19,7 @@ from jbclog.core.quantities import Value
 from jbclog.protocol.commands.command import Command
 from jbclog.protocol.commands.family import FAMILIES, OMEGA
 from jbclog.protocol.omega import OmegaReader
-from jbclog.sim.questions import questions
+from jbclog.sim.soldering import questions
 
 SIM = "joints_per_minute = 0\nseed = 5\n"
 FEEDER = RECIPE + "\n[feeder]\nlength_mm = 4.0\nspeed_mm_s = 8.0\nbackward_mm = 0.5\nclog_detection = true\n"

@@ -25,7 +25,7 @@ from jbclog.core.errors import RecordError
 from jbclog.guard import lease
 from jbclog.record.manifest import read_manifest
 from jbclog.record.recover import recover
-from jbclog.sim.state import STAND as STANDING
+from jbclog.sim.port import STAND as STANDING
 
 PROGRAM = "from jbclog.cli import main; main()"
 RECORDER, WATCHING, TAKING_OVER = "recorder", "guard that watches", "guard that takes over"

@@ -16,7 +16,7 @@ from jbclog.app.run.plan import orders
 from jbclog.core.clock import UtcOffset, VirtualClock
 from jbclog.core.io_requests import Steps
 from jbclog.core.rows import StationFacts
-from jbclog.core.wire_capture import Passed, Told
+from jbclog.core.wire import Passed, Told
 from jbclog.record.capture import Head
 from jbclog.record.capture_recorder import Keep, WireRecorder
 from jbclog.record.manifest import Manifest, write_manifest

@@ -17,7 +17,7 @@ from jbclog.app.discovery.scan_ports import Means
 from jbclog.config.line import parse_line
 from jbclog.core.clock import VirtualClock
 from jbclog.core.errors import LinkError, PortMissing
-from jbclog.core.line_format import LineFormat
+from jbclog.core.wire import LineFormat
 from jbclog.sim.links import heard
 from jbclog.sim.setup import virtual_station
 

@@ -27,7 +27,7 @@ from jbclog.core.quantities import text_of
 from jbclog.core.rows import StationFacts
 from jbclog.protocol.commands.family import FAMILIES, Family
 from jbclog.session.run.context import StationTask
-from jbclog.sim.questions import questions
+from jbclog.sim.soldering import questions
 from jbclog.transport.virtual import Peer
 
 OMEGA = '[recipe]\nname = "omega"\nrevision = 1\nfamilies = ["omega"]\n'

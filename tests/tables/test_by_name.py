@@ -12,7 +12,7 @@ import pytest
 from by_hand import Bench, station_text
 
 from jbclog.app import connection
-from jbclog.config.write_order import COMMAND_OF
+from jbclog.config.recipe import COMMAND_OF
 from jbclog.protocol.commands.command import Command, Effect, Scope
 from jbclog.protocol.commands.family import FAMILIES, Family
 from jbclog.session.manual.contact import NOWHERE, Contact, Place, check_place

@@ -6,9 +6,8 @@ import re
 
 import pytest
 
-from jbclog.protocol.commands import tolerated
-from jbclog.protocol.commands.decision import Decision
-from jbclog.protocol.commands.decisions import DECISIONS
+from jbclog.protocol.commands import ranges
+from jbclog.protocol.commands.decisions import DECISIONS, Decision
 from jbclog.protocol.commands.family import FAMILIES
 from jbclog.sim.omega import OMEGA_QUIRKS
 from jbclog.sim.quirks import QUIRKS
@@ -41,16 +40,16 @@ def test_every_quirk_belongs_to_the_row_that_names_it() -> None:
 
 
 def test_what_is_taken_beside_the_recommended_form_is_told() -> None:
-    taken = {form.number for form in tolerated.ODD_FORMS.values()}
-    taken |= {number for number, _ in (*tolerated.READ_ANSWERED_AS.values(), *tolerated.WRITE_ANSWERED_AS.values())}
-    taken |= {*tolerated.ACKNOWLEDGED_WITH_VALUE.values(), *tolerated.WITHOUT_DATA.values()}
+    taken = {form.number for form in ranges.ODD_FORMS.values()}
+    taken |= {number for number, _ in (*ranges.READ_ANSWERED_AS.values(), *ranges.WRITE_ANSWERED_AS.values())}
+    taken |= {*ranges.ACKNOWLEDGED_WITH_VALUE.values(), *ranges.WITHOUT_DATA.values()}
     assert all(DECISIONS[number].met for number in taken)
 
 
 def test_what_is_tolerated_are_commands() -> None:
     commands = {name for family in FAMILIES.values() for name in family.commands}
-    named = {*tolerated.ODD_FORMS, *tolerated.READ_ANSWERED_AS, *tolerated.WRITE_ANSWERED_AS}
-    named |= {*tolerated.ACKNOWLEDGED_WITH_VALUE, *tolerated.WITHOUT_DATA}
+    named = {*ranges.ODD_FORMS, *ranges.READ_ANSWERED_AS, *ranges.WRITE_ANSWERED_AS}
+    named |= {*ranges.ACKNOWLEDGED_WITH_VALUE, *ranges.WITHOUT_DATA}
     assert named <= commands
 
 
@@ -75,4 +74,4 @@ PRINTED = [
 
 @pytest.mark.parametrize(("command", "data"), PRINTED)
 def test_what_the_manuals_print_is_not_odd(command: str, data: str) -> None:
-    assert tolerated.odd_form(command, data) is None
+    assert ranges.odd_form(command, data) is None

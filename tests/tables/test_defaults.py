@@ -8,7 +8,7 @@ from converse import Pair
 from jbclog.core.quantities import OFF
 from jbclog.protocol.commands.defaults import Default, values_of
 from jbclog.protocol.commands.family import FAMILIES, Family
-from jbclog.sim.build import MODELS
+from jbclog.sim.virtual import MODELS
 
 families = pytest.mark.parametrize("family", FAMILIES.values(), ids=lambda family: family.name)
 

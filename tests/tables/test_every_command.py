@@ -23,12 +23,12 @@ from station_commands_page import printed_code
 from jbclog.core.errors import OutOfRange
 from jbclog.core.io_requests import Steps
 from jbclog.core.quantities import OFF, AlarmDelay, Choice, Delay, Number, Quantity, Text, Value, Word
-from jbclog.protocol.client.after_write import change_address, restart
 from jbclog.protocol.client.interface import Client
 from jbclog.protocol.client.robot import Station
+from jbclog.protocol.client.timing import change_address, restart
 from jbclog.protocol.commands.command import Command, Effect, Limits, Scope
 from jbclog.protocol.commands.family import FAMILIES, Family
-from jbclog.protocol.commands.omega_values import ConditionNumber, Digit, StoredCondition
+from jbclog.protocol.commands.omega import ConditionNumber, Digit, StoredCondition
 from jbclog.protocol.commands.ranges import range_problem
 
 EVERY = [(family, command) for family in FAMILIES.values() for command in family.commands.values()]

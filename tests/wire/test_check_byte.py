@@ -15,8 +15,7 @@ from operator import xor
 import pytest
 from golden import framed, letters, with_check_byte
 
-from jbclog.protocol.frame import Frame
-from jbclog.protocol.reader import FrameReader
+from jbclog.protocol.frame import Frame, FrameReader
 
 ALL_CODES = {code: access for family in letters.FAMILIES for code, access in letters.codes_of(family).items()}
 CONTROL = [*range(0x20), 0x7F]

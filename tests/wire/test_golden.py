@@ -9,8 +9,7 @@ import pytest
 from each_row import each_row
 from golden import FRAMES, JBC, WHOLE, Golden, framed, manual_003, manual_004, with_check_byte
 
-from jbclog.protocol.frame import Frame
-from jbclog.protocol.reader import FrameReader
+from jbclog.protocol.frame import Frame, FrameReader
 
 every = each_row((f"{golden.where} {golden.text}", (golden,)) for golden in FRAMES)
 

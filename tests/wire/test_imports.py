@@ -11,8 +11,7 @@ import pytest
 HERE = Path(__file__).parent
 FILES = sorted(HERE.rglob("*.py"))
 READERS = {
-    "jbclog.protocol.frame": {"Frame", "parse"},  # what a reader gives
-    "jbclog.protocol.reader": {"Corrupt", "FrameReader", "LONGEST", "MOST_HELD", "SHORTEST"},
+    "jbclog.protocol.frame": {"Corrupt", "Frame", "FrameReader", "LONGEST", "MOST_HELD", "SHORTEST", "parse"},  # and what it gives
     "jbclog.protocol.omega": {"LONGEST", "MOST_HELD", "OmegaReader"},
 }
 

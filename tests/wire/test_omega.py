@@ -7,8 +7,8 @@ from __future__ import annotations
 import pytest
 from golden import manual_003
 
+from jbclog.protocol.frame import Corrupt
 from jbclog.protocol.omega import OmegaReader
-from jbclog.protocol.reader import Corrupt
 
 K12C = b"\x02\x4b\x31\x32\x43\x03\x46\x31"  # 003, 11.2, page 5: "STX 'K' '1' '2' 'C' ETX 'F' '1'"
 

@@ -7,8 +7,7 @@ from each_row import each_row
 from golden import FRAMES as GOLDEN
 from golden import wire_of, with_check_byte
 
-from jbclog.protocol.frame import Frame
-from jbclog.protocol.reader import LONGEST, MOST_HELD, SHORTEST, Corrupt, FrameReader
+from jbclog.protocol.frame import LONGEST, MOST_HELD, SHORTEST, Corrupt, Frame, FrameReader
 
 FRAMES = sorted({wire for golden in GOLDEN for wire in (golden.bare, golden.addressed)})
 every_frame = each_row((repr(wire), (wire,)) for wire in FRAMES)

@@ -12,10 +12,9 @@ from golden import summed, wire_of, with_check_byte
 from hypothesis import given
 from hypothesis import strategies as st
 
-from jbclog.protocol.frame import Frame
+from jbclog.protocol.frame import MOST_HELD, Corrupt, Frame, FrameReader
 from jbclog.protocol.omega import MOST_HELD as MOST_HELD_OF_OMEGA
 from jbclog.protocol.omega import OmegaReader
-from jbclog.protocol.reader import MOST_HELD, Corrupt, FrameReader
 
 GARBAGE_BYTES = 256
 

@@ -18,7 +18,7 @@ from jbclog.app.audit.past_runs import counted_to, error_events
 from jbclog.app.audit.questions import SurveyTarget, is_parameter, parameter_name
 from jbclog.core.errors import JbclogError
 from jbclog.core.rows import StationFacts
-from jbclog.core.same_port import is_one_port
+from jbclog.core.wire import is_one_port
 from jbclog.maintenance.counter_totals.observed import Count, Errors, Identity, Observation, Standing
 from jbclog.protocol.commands.command import Scope
 from jbclog.protocol.commands.family import FAMILIES, Family

@@ -25,7 +25,7 @@ from jbclog.app.audit.harmless import harmless_for
 from jbclog.app.audit.questions import SurveyTarget, look
 from jbclog.core.errors import LinkError, PortBusy, StartRefused, StationError, of_program
 from jbclog.core.io_requests import Heard, Request, RunEnded, Steps, relay
-from jbclog.core.same_port import PortPlace, place_of
+from jbclog.core.wire import PortPlace, place_of
 from jbclog.maintenance.counter_totals.observed import Observation
 from jbclog.record.port_owner import run_of, run_that_holds
 from jbclog.transport import blocking

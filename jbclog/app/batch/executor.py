@@ -16,8 +16,7 @@ from jbclog.app.batch.processes import ENDED_BY, Came, Processes
 from jbclog.app.batch.queue import Next, whats_next
 from jbclog.app.batch.state import BatchState, JobState
 from jbclog.config.job_order import OnFailure, Turn
-from jbclog.core.errors import UsageError
-from jbclog.core.outcome import Exit, Finding, exit_code
+from jbclog.core.errors import Exit, Finding, UsageError, exit_code
 
 LOOK_EVERY_S: Final = 0.2
 

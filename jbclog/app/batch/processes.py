@@ -22,8 +22,7 @@ from jbclog.app.batch.job_dir import NOTES, JobDir
 from jbclog.app.batch.job_spec import JobSpec
 from jbclog.app.batch.serial_handover import carried
 from jbclog.app.run.plan import Metadata
-from jbclog.core.errors import RecordError, Unsafe, of_program
-from jbclog.core.outcome import Exit, Status
+from jbclog.core.errors import Exit, RecordError, Status, Unsafe, of_program
 from jbclog.record.find_runs import Filter, Found, find
 from jbclog.record.manifest import Manifest, read_manifest
 from jbclog.record.recover import recover

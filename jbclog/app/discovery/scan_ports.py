@@ -17,7 +17,7 @@ from typing import Final
 
 from jbclog.core.clock import Clock, SystemClock
 from jbclog.core.errors import PortBusy
-from jbclog.core.line_format import LineFormat
+from jbclog.core.wire import LineFormat
 from jbclog.record.port_owner import run_that_holds
 from jbclog.session.discovery.found import PortReport, ScanPlan
 from jbclog.session.discovery.probe import is_harmless

@@ -12,7 +12,7 @@ from jbclog.config.line import Line, Replay, StationSpec, load_line
 from jbclog.config.load_recipe import load_recipe
 from jbclog.core.errors import UsageError
 from jbclog.core.rows import StationFacts
-from jbclog.core.wire_capture import Row, Told
+from jbclog.core.wire import Row, Told
 from jbclog.record import sealed_files
 from jbclog.record.capture import Head, read_exchanges, read_to_hole, wire_path, wire_paths
 from jbclog.record.folder import recipe_copy

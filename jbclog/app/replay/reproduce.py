@@ -18,7 +18,7 @@ from jbclog.app.run.run_record import Observer, Result, RunRecord
 from jbclog.core.clock import VirtualClock
 from jbclog.core.io_requests import Steps
 from jbclog.core.rows import NoJournal
-from jbclog.core.wire_capture import Row
+from jbclog.core.wire import Row
 from jbclog.record.compare import Compared, Comparison, compare_records
 from jbclog.record.manifest import Lost
 from jbclog.record.schema import TABLES

@@ -18,7 +18,7 @@ from jbclog.config.recipe_settings import Setting, condition_of, foreign_keys, s
 from jbclog.core.errors import Problem, Problems, UsageError
 from jbclog.core.rows import JOINTS, UNITS, Goal
 from jbclog.protocol.commands.family import FAMILIES, Family
-from jbclog.protocol.commands.omega_values import ConditionRecord
+from jbclog.protocol.commands.omega import ConditionRecord
 from jbclog.protocol.commands.ranges import inferred_note, unit_note
 from jbclog.session.run.context import AS_FAST_AS_POSSIBLE, StationTask
 from jbclog.session.run.pace import asked_rate, rate_problem, readings_for, response, taken_rate_hz

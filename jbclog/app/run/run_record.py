@@ -25,16 +25,15 @@ from jbclog.analysis.verdict.joint_measures import Joints
 from jbclog.app.run.plan import PORTS, Plan, StationPlan, orders
 from jbclog.app.run.plan import Metadata as Told
 from jbclog.core.clock import Clock, UtcOffset
-from jbclog.core.errors import RecordError, of_program
-from jbclog.core.outcome import Exit, Finding, exit_code, findings, status
+from jbclog.core.errors import Exit, Finding, RecordError, exit_code, findings, of_program, status
 from jbclog.core.rows import COLUMN, CounterRow, EventRow, SampleRow, SettingRow, Severity, StationFacts, TipCheck
 from jbclog.maintenance.verification.verifications_file import cited
+from jbclog.record.chains import previous_run
 from jbclog.record.conclude import conclude
 from jbclog.record.folder import create_run, keep_text
 from jbclog.record.ledger import ledger_of
 from jbclog.record.live import SEAL_S, LiveStore, OnFailure
 from jbclog.record.manifest import LineFile, Manifest, Metadata, RecipeFile, iso, write_manifest
-from jbclog.record.run_chain import previous_run
 from jbclog.record.seal import seal_in_child
 from jbclog.session.run.context import SessionContext
 

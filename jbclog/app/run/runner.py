@@ -24,9 +24,8 @@ from jbclog.app.run.run_record import Observer, Result, RunRecord
 from jbclog.app.run.unit_feed import LOOK_EVERY_S as LOOK_FOR_UNITS_S
 from jbclog.app.run.unit_feed import UnitFeed
 from jbclog.core.clock import Clock, FastClock, SystemClock
-from jbclog.core.errors import JbclogError, RecordError, StartRefused, cause, of_program
+from jbclog.core.errors import Exit, JbclogError, RecordError, StartRefused, cause, of_program
 from jbclog.core.locks import is_held
-from jbclog.core.outcome import Exit
 from jbclog.core.rows import EventRow, Severity
 from jbclog.guard.open_leases import settle
 from jbclog.guard.run_guard import Guarding
@@ -40,14 +39,12 @@ from jbclog.record.manifest import iso
 from jbclog.record.port_owner import why_held
 from jbclog.session.run.context import SessionContext
 from jbclog.session.run.station_run import run_station
-from jbclog.transport.descriptors import allow_ports
 from jbclog.transport.event_loop import Signals
-from jbclog.transport.opening import open_port
+from jbclog.transport.opening import allow_ports, open_port
 from jbclog.transport.port import Port
 from jbclog.transport.reactor import Reactor
-from jbclog.transport.session_history import keeping
+from jbclog.transport.session_history import Tee, keeping
 from jbclog.transport.system_ports import Sharers
-from jbclog.transport.tee import Tee
 from jbclog.transport.typed_lines import Source
 
 GUARDED, NO_GUARD, GUARD_LOST = "on", "none", "lost"  # what the manifest says of it

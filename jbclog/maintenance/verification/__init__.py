@@ -1,6 +1,6 @@
 """Verifications of tips against an external thermometer, and the runs that rest on each.
 
-Start with `verification.py`, the definitions; then `verifications_file.py`, `verifications_file.py` and `suspect.py`.
+Start with `verification.py`, the definitions; then `verifications_file.py` and `suspect.py`.
 """
 
 from jbclog.maintenance.verification.suspect import Suspect, Used, where_used

@@ -27,16 +27,13 @@ from typing import NamedTuple
 
 from jbclog.core.errors import AnswerCorrupt, AnswerFormat, AnswerTimeout, Ignored, StationError, StationSilent
 from jbclog.core.io_requests import Ask, Heard, Listen, Steps
-from jbclog.core.line_format import AROUND, LineFormat
 from jbclog.core.quantities import Value
-from jbclog.protocol.client.anomalies import Anomalies
-from jbclog.protocol.client.flow import Flow
-from jbclog.protocol.client.interface import Asking, Permit, anything
+from jbclog.core.wire import AROUND, LineFormat
+from jbclog.protocol.client.interface import Anomalies, Asking, Flow, Permit, anything
 from jbclog.protocol.commands.command import Command
-from jbclog.protocol.commands.omega import LATE, OMEGA
-from jbclog.protocol.commands.omega_values import Digit
+from jbclog.protocol.commands.omega import LATE, OMEGA, Digit
+from jbclog.protocol.frame import Corrupt
 from jbclog.protocol.omega import OmegaReader, encode
-from jbclog.protocol.reader import Corrupt
 
 REPEATS = 2  # a read goes out three times at most
 ALLOWED_S = 0.4  # of turnaround, whatever was seen: the printed 250 ms, and a busy host (docs/reference/contradictions.md, B-47)

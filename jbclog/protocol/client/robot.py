@@ -34,14 +34,13 @@ from jbclog.core.errors import (
     StationSilent,
 )
 from jbclog.core.io_requests import Heard, Steps
-from jbclog.core.line_format import LineFormat
 from jbclog.core.quantities import Value
-from jbclog.protocol.client.dialogue import LEAST_S, REPEATS, AnsweredOtherwise, Dialogue, Pair
+from jbclog.core.wire import LineFormat
+from jbclog.protocol.client.dialogue import LEAST_S, REPEATS, AnsweredOtherwise, Dialogue, Pair, Question
 from jbclog.protocol.client.interface import Asking, Permit, anything
-from jbclog.protocol.client.question import Question
 from jbclog.protocol.commands.command import Command, Effect
+from jbclog.protocol.commands.ranges import WITHOUT_DATA
 from jbclog.protocol.commands.robot import COMMON
-from jbclog.protocol.commands.tolerated import WITHOUT_DATA
 
 PROBES = 2  # questions a silent station gets before it counts as silent
 MOST_ROUNDS = 3  # of these, beside one for each earlier question, where it does answer and may be answering what was asked before

@@ -1,4 +1,4 @@
-"""Apollo Seiko OMEGA: what its controller can be asked and told.
+"""Apollo Seiko OMEGA: what its controller can be asked and told, and what its answers carry.
 
 Manual 003, one page of it, has the frame, the sum and A, which is answered by a; it prints no digit behind that. The other
 commands stand on its pages 6 to 10, which are not here; they are taken from a public description of them
@@ -10,13 +10,238 @@ It tells no temperature, no model and no error number, and refuses by saying not
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from dataclasses import dataclass, fields
 from types import MappingProxyType
+from typing import Final
 
-from jbclog.core.quantities import Quantity
+from jbclog.core.quantities import Quantity, Record, Value
 from jbclog.protocol.commands.command import Command, Effect, Limits, Scope
-from jbclog.protocol.commands.omega_values import MODES, ConditionNumber, Digit, StoredCondition
 from jbclog.protocol.commands.robot import ErrorTable
 from jbclog.protocol.commands.signals import Pace, Signal
+
+# -- omega values -------------------------------------------------------------------------------------------------------------
+# What OMEGA's answers carry: a digit that stands for a word, the number of a solder condition, and the condition itself.
+#
+# A condition is stored in the controller under its number and says how one joint is made: rise, three feeds of wire, each with
+# a way back, and the times between them. On the wire (docs/reference/protocol.md, Condition record; not in manual 003)::
+#
+#     0065  0  023  01E 032 005 032  00A  014 ...
+#     │     │  │    └─ fourteen more fields of three hexadecimal digits, each ten times the value
+#     │     │  └────── 3.5 s: rise
+#     │     └───────── mode, one digit
+#     └─────────────── the number, 101, in four hexadecimal digits
+
+MODES: Final = (
+    "special point",
+    "special slide",
+    "special point without iron up",
+    "special easy slide",
+    "pre-solder",
+    "set temperature",
+)
+SET_TEMPERATURE: Final = 5
+CLEANING: Final = 0
+HUNDREDS: Final = (1, 2, 3)
+CONDITIONS: Final = "101 to 199, 201 to 299 or 301 to 399"
+UNITS: Final = (("_mm_s", "mm/s"), ("_mm", "mm"), ("_s", "s"))
+MOST: Final = 0xFFF
+UNTOLD: Final = "answered without a digit"
+
+
+@dataclass(frozen=True, slots=True)
+class Digit:
+    """One digit that stands for a word. With `may_lack`, an answer without it is one, too, and tells no word: `UNTOLD`."""
+
+    names: tuple[str, ...]
+    unit: str = ""
+    may_lack: bool = False
+
+    def decode(self, data: str) -> str:
+        if self.may_lack and not data:
+            return UNTOLD
+        if len(data) != 1 or data not in "0123456789"[: len(self.names)]:
+            raise ValueError(f"{data!r} is no digit from 0 to {len(self.names) - 1}")
+        return self.names[int(data)]
+
+    def encode(self, value: Value) -> str:
+        if not isinstance(value, str) or value not in self.names:
+            raise ValueError(f"{value!r} is none of {', '.join(self.names)}")
+        return str(self.names.index(value))
+
+
+def is_condition(number: int) -> bool:
+    """Whether a solder condition can have this number; 0, the cleaning, is not meant."""
+    return number // 100 in HUNDREDS and number % 100 != 0
+
+
+@dataclass(frozen=True, slots=True)
+class ConditionNumber:
+    """The number of a solder condition as four hexadecimal digits: 101 to 199, 201 to 299 and 301 to 399."""
+
+    unit: str = ""
+
+    def decode(self, data: str) -> int:
+        number = _hexadecimal(data, 4)
+        if not is_condition(number):
+            raise ValueError(f"{number} is no number of a solder condition")
+        return number
+
+    def encode(self, value: Value) -> str:
+        if isinstance(value, bool) or not isinstance(value, int) or not is_condition(value):
+            raise ValueError(f"{value!r} is no number of a solder condition; {CONDITIONS}")
+        return f"{value:04X}"
+
+
+class Stored(Record):
+    """What is stored under one number. Fields whose names end in a unit are carried as tenths of it."""
+
+    __slots__ = ()
+    condition: int
+    mode: int
+
+    def values(self) -> Iterator[tuple[str, str, str]]:
+        """Name, unit and value as text of everything but the number."""
+        for one in fields(self):  # type: ignore[arg-type]  # each class below is a dataclass
+            if one.name != "condition":
+                value = getattr(self, one.name)
+                yield one.name, _unit(one.name), f"{value:.1f}" if isinstance(value, float) else str(value)
+
+    def __str__(self) -> str:
+        told = ", ".join(f"{name} {text}" for name, _, text in self.values())
+        return f"condition {self.condition}: {told}"
+
+
+@dataclass(frozen=True, slots=True)
+class ConditionRecord(Stored):
+    """How one joint is made: modes 0 to 4. Its fields are named as in a recipe's `[omega]`."""
+
+    condition: int
+    mode: int
+    rise_s: float
+    feed1_mm: float
+    feed1_mm_s: float
+    reverse1_mm: float
+    reverse1_mm_s: float
+    preheat_s: float
+    feed2_mm: float
+    feed2_mm_s: float
+    reverse2_mm: float
+    reverse2_mm_s: float
+    heating_s: float
+    feed3_mm: float
+    feed3_mm_s: float
+    reverse3_mm: float
+    reverse3_mm_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class SetTemperature(Stored):
+    """Mode 5. Whether its two numbers are tenths, as all others are, no document here says: they are kept raw.
+
+    docs/reference/contradictions.md, B-51.
+    """
+
+    condition: int
+    set_temperature_raw: int
+    process_raw: int
+    mode: int = SET_TEMPERATURE
+
+
+@dataclass(frozen=True, slots=True)
+class Cleaning(Stored):
+    """Condition 0: how long air is blown. It has no mode; whether a digit for one stands there is not known."""
+
+    air_blow_s: float
+    condition: int = CLEANING
+    mode: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class StoredCondition:
+    """The record of C, c and D. What is read may have a mode in condition 0; what is written has none."""
+
+    unit: str = ""
+
+    def decode(self, data: str) -> Stored:
+        number, rest = _hexadecimal(data[:4], 4), data[4:]
+        if number == CLEANING:
+            return Cleaning(_tenths(_parts(rest[1:] if len(rest) == 4 else rest, 1))[0])
+        if not is_condition(number):
+            raise ValueError(f"{data!r} begins with {number}, which is no number of a solder condition")
+        mode = _hexadecimal(rest[:1], 1)
+        if mode == SET_TEMPERATURE:
+            return SetTemperature(number, *_parts(rest[1:], 2))
+        if mode >= len(MODES):
+            raise ValueError(f"{data!r} has the mode {mode}, which no document describes")
+        return ConditionRecord(number, mode, *_tenths(_parts(rest[1:], FIELDS)))
+
+    def encode(self, value: Value) -> str:
+        match value:
+            case Cleaning():
+                return f"{CLEANING:04X}" + _raw(value.air_blow_s)
+            case SetTemperature():
+                return _head(value) + _field(value.set_temperature_raw) + _field(value.process_raw)
+            case ConditionRecord() if 0 <= value.mode < SET_TEMPERATURE:
+                return _head(value) + "".join(_raw(getattr(value, one.name)) for one in fields(value)[2:])
+        raise ValueError(f"{value} is no solder condition of a known mode")
+
+
+FIELDS: Final = len(fields(ConditionRecord)) - 2
+
+
+def _unit(name: str) -> str:
+    return next((unit for ending, unit in UNITS if name.endswith(ending)), "")
+
+
+def _head(value: Stored) -> str:
+    return f"{ConditionNumber().encode(value.condition)}{value.mode:X}"
+
+
+def _hexadecimal(data: str, digits: int) -> int:
+    if len(data) != digits or any(c not in "0123456789ABCDEFabcdef" for c in data):
+        raise ValueError(f"{data!r} is not {digits} hexadecimal digits")
+    return int(data, 16)
+
+
+def _parts(data: str, count: int) -> list[int]:
+    """So many fields of three hexadecimal digits, and nothing behind them."""
+    if len(data) != 3 * count:
+        raise ValueError(f"{data!r} is not {count} fields of three digits")
+    return [_hexadecimal(data[place : place + 3], 3) for place in range(0, len(data), 3)]
+
+
+def _tenths(raw: list[int]) -> list[float]:
+    return [number / 10 for number in raw]
+
+
+def _raw(value: float) -> str:
+    exact = value * 10
+    if abs(exact - round(exact)) > 1e-6:
+        raise ValueError(f"{value} is not a step of 0.1")
+    if not 0 <= exact <= MOST:
+        raise ValueError(f"{value} is not within 0 to {MOST / 10}")
+    return _field(round(exact))
+
+
+def _field(raw: int) -> str:
+    if not 0 <= raw <= MOST:
+        raise ValueError(f"{raw} does not fit in three hexadecimal digits")
+    return f"{raw:03X}"
+
+
+def differing(asked: Stored, found: Stored) -> list[tuple[str, str, str]]:
+    """Where two records of one number differ: the field's name and both values as text. Of two kinds only the mode is told."""
+    told = {name: text for name, _, text in found.values()}
+    return [(name, text, told[name]) for name, _, text in asked.values() if told.get(name, text) != text]
+
+
+def difference(asked: Stored, found: Stored) -> str:
+    """The same in words: ``feed1_mm 2.0 instead of 3.0``."""
+    return ", ".join(f"{name} {there} instead of {wanted}" for name, wanted, there in differing(asked, found))
+
+
+# -- omega --------------------------------------------------------------------------------------------------------------------
 
 INFORMATION = Digit(("normal", "solder shortage", "solder clogged", "solder shortage and clogged"), may_lack=True)
 CONTROL = Digit(("ready", "preparing or error"))

@@ -1,4 +1,4 @@
-"""The tables of JBC soldering stations in Robot mode: what manuals 000, 002 and 004 share, and where 000 prints less.
+"""The command tables of JBC soldering stations in Robot mode.
 
 Notes cite docs/reference/contradictions.md ("B-nn") where the manuals doubt or contradict themselves.
 """
@@ -9,8 +9,46 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 
-from jbclog.core.quantities import AlarmDelay, AlarmLimit, Delay, Flags, Number, Quantity, Text, Unsigned, Whole, Word
+from jbclog.core.quantities import (
+    AlarmDelay,
+    AlarmLimit,
+    Choice,
+    Delay,
+    Flags,
+    HexLength,
+    Number,
+    Quantity,
+    Scaled,
+    Text,
+    Unsigned,
+    Whole,
+    Word,
+)
 from jbclog.protocol.commands.command import Command, Effect, Inferred, Limits, Scope
+
+# -- ucr ----------------------------------------------------------------------------------------------------------------------
+# What is printed for UCR alone (manuals 002 and 004).
+
+FUSE = Choice(("absent", "present"))
+
+UCR = (
+    Command("fuse", "FST", Scope.STATION, FUSE, "r", "002 R-FST", note="B-39: garbled row; UCR only"),
+    Command(
+        "address",
+        "SAD",
+        Scope.STATION,
+        Number(),
+        "w",
+        "002 W-SAD; 004 WSAD",
+        Limits(0, 99, 1),
+        Effect.ERASES,
+        True,
+        note="B-9: 00000 switches addresses off",
+    ),
+)
+
+
+# -- robot --------------------------------------------------------------------------------------------------------------------
 
 CELSIUS = Whole("°C")
 OFFSET = Whole("°C", minus="-.")  # manual 000, 3.1 prints "." for the sign (docs/reference/contradictions.md, B-3)
@@ -318,3 +356,39 @@ COMMUNICATION_ERRORS = {
     6: "station model unknown",
     99999: "undefined",
 }
+
+
+# -- ale ----------------------------------------------------------------------------------------------------------------------
+# The solder feeder of ALE, and the dispensing counters (manual 002). No manual prints their ranges.
+
+MODES = Choice(("continuous", "discontinuous", "program", "reload"))
+SWITCH = Choice(("off", "on"))
+
+
+def _feeder(name: str, letters: str, quantity: Quantity, manual: str, access: str = "rw", note: str = "") -> Command:
+    limits = Limits() if isinstance(quantity, Choice) else UNPRINTED  # what a choice can be is printed
+    return Command(name, letters, Scope.STATION, quantity, access, manual, limits, note=note)
+
+
+def _motor(name: str, letters: str, manual: str, effect: Effect) -> Command:
+    return Command(
+        name, letters, Scope.STATION, NOTHING, "w", manual, Limits(0, 0), effect, effect is Effect.MOVES, note="B-37: data 00000"
+    )
+
+
+FEEDER = (
+    _feeder("feeder_mode", "MOD", MODES, "002 R-MOD, W-MOD"),
+    _feeder("feeder_length", "LEN", Scaled("mm", 10), "002 R-LEN, W-LEN", note="B-38; the wire carries dmm"),
+    _feeder("feeder_speed", "SPD", Scaled("mm/s", 10), "002 R-SPD, W-SPD", note="B-38; the wire carries dmm/s"),
+    _feeder("feeder_diameter", "DIA", Scaled("mm", 100), "002 R-DIA, W-DIA", note="the wire carries cmm"),
+    _feeder("feeder_backward", "BCK", Scaled("mm", 10), "002 R-BCK, W-BCK", note="the wire carries dmm"),
+    _feeder("clog_detection", "WCD", SWITCH, "002 R-WCD, W-WCD", note="tells whether detection is on, not a clog"),
+    _feeder("feeding", "FEE", Choice(("stopped", "running")), "002 R-FEE", "r"),
+    _motor("start_feeding", "STR", "002 W-STR", Effect.MOVES),
+    _motor("stop_feeding", "STP", "002 W-STP", Effect.STOPS),
+)
+
+DISPENSED = (
+    per_port("dispensed_cycles", "DC", COUNT, "002 R-DCx", note="B-36: the printed text is a copy of R-CDx"),
+    per_port("dispensed_length", "DL", HexLength(), "002 R-DLx", answer_digits=None, note="B-35: hexadecimal, any width"),
+)

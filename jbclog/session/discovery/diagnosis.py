@@ -6,11 +6,9 @@ import math
 from collections.abc import Collection, Iterator
 
 from jbclog.core.errors import LinkError, LinkFlooded, PortBusy, PortForbidden, PortMissing
-from jbclog.core.line_format import LineFormat
-from jbclog.protocol.commands.family import FAMILIES
-from jbclog.protocol.commands.models import accept_line
-from jbclog.protocol.frame import Frame
-from jbclog.protocol.reader import FrameReader
+from jbclog.core.wire import LineFormat
+from jbclog.protocol.commands.family import FAMILIES, accept_line
+from jbclog.protocol.frame import Frame, FrameReader
 from jbclog.session.discovery.found import ADDRESSES, THOROUGH, Finding, PortReport, StationFound, plan_for
 from jbclog.session.discovery.scan import address_of
 

@@ -11,13 +11,12 @@ from typing import TypeVar
 from jbclog.core.errors import LinkFlooded
 from jbclog.core.io_requests import Ask, Heard, Listen, Steps
 from jbclog.protocol import frame, omega
-from jbclog.protocol.client.flow import MOST_TIMES, SECOND
+from jbclog.protocol.client.interface import MOST_TIMES, SECOND
 from jbclog.protocol.commands.command import Command, Effect, Scope
 from jbclog.protocol.commands.family import FAMILIES, OMEGA, ROBOT
 from jbclog.protocol.commands.robot import COMMON
-from jbclog.protocol.frame import Frame
+from jbclog.protocol.frame import Frame, FrameReader
 from jbclog.protocol.omega import OmegaReader, encode
-from jbclog.protocol.reader import FrameReader
 
 # -- questions ----------------------------------------------------------------------------------------------------------------
 # Which bytes are harmless questions, by name: what a scan may send, and how it says what it sent.

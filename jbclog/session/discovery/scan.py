@@ -17,12 +17,12 @@ from itertools import cycle, islice
 
 from jbclog.core.errors import ImplausibleAnswer, LinkError, NotSupported, OutOfRange, StationError, StationSilent
 from jbclog.core.io_requests import Reopen, Steps, Wait
-from jbclog.core.line_format import LineFormat
 from jbclog.core.quantities import Value
-from jbclog.protocol.client.agreement import agreed
+from jbclog.core.wire import LineFormat
+from jbclog.protocol.client.confirmed_reads import agreed
 from jbclog.protocol.client.interface import Client
 from jbclog.protocol.client.make import client_for
-from jbclog.protocol.client.turnaround import LEAST_ANSWERED, READS, ResponseTime, response_time
+from jbclog.protocol.client.timing import LEAST_ANSWERED, READS, ResponseTime, response_time
 from jbclog.protocol.commands.family import FAMILIES, Family, family_of
 from jbclog.protocol.commands.robot import COMMUNICATION_ERRORS
 from jbclog.protocol.frame import Frame

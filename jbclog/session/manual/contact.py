@@ -8,17 +8,15 @@ from typing import NamedTuple
 
 from jbclog.core.errors import NotSupported, OutOfRange, RobotModeOff, StartRefused, StationError, StationSilent, UsageError
 from jbclog.core.io_requests import Reopen, Steps, Wait
-from jbclog.core.line_format import LineFormat
 from jbclog.core.quantities import Value
-from jbclog.protocol.client.after_write import MODEL
-from jbclog.protocol.client.agreement import agreed
-from jbclog.protocol.client.family_proof import NOT_DRIVEN, why_not_borne_out
+from jbclog.core.wire import LineFormat
+from jbclog.protocol.client.confirmed_reads import NOT_DRIVEN, agreed, why_not_borne_out
 from jbclog.protocol.client.interface import Client
 from jbclog.protocol.client.make import client_for
+from jbclog.protocol.client.timing import MODEL
 from jbclog.protocol.commands.command import TOOLS_WITH_A_PLACE, Command, Scope
-from jbclog.protocol.commands.family import Family, family_of
-from jbclog.protocol.commands.models import not_accepted, other_model, unknown_model
-from jbclog.protocol.commands.omega_values import CLEANING, is_condition
+from jbclog.protocol.commands.family import Family, family_of, not_accepted, other_model, unknown_model
+from jbclog.protocol.commands.omega import CLEANING, is_condition
 
 PORTS = range(1, 5)
 NO_TOOL = 0

@@ -10,7 +10,7 @@ from jbclog.core.errors import UsageError
 from jbclog.core.quantities import OFF
 from jbclog.protocol.commands.command import Command, Scope
 from jbclog.protocol.commands.family import FAMILIES, Family
-from jbclog.protocol.commands.omega_values import StoredCondition
+from jbclog.protocol.commands.omega import StoredCondition
 from jbclog.protocol.commands.ranges import allowed
 from jbclog.session.manual.values import words_for
 

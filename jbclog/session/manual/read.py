@@ -23,11 +23,11 @@ from jbclog.core.errors import (
 )
 from jbclog.core.io_requests import Steps, Wait
 from jbclog.core.quantities import Value
-from jbclog.protocol.client.agreement import ANSWERS
+from jbclog.protocol.client.confirmed_reads import ANSWERS
 from jbclog.protocol.commands.command import Command
 from jbclog.protocol.commands.family import Family
-from jbclog.protocol.commands.omega_values import UNTOLD
-from jbclog.protocol.commands.possible import STILL_C, TEMPERATURES, Possible, is_share, possible_as
+from jbclog.protocol.commands.omega import UNTOLD
+from jbclog.protocol.commands.ranges import STILL_C, TEMPERATURES, Possible, is_share, possible_as
 from jbclog.session.manual.contact import (
     NOWHERE,
     Contact,

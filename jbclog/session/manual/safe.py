@@ -15,11 +15,11 @@ from typing import Final
 from jbclog.core.errors import LinkError, LinkFlooded, StartRefused, StationError
 from jbclog.core.io_requests import Steps, Wait
 from jbclog.core.quantities import OFF
-from jbclog.protocol.client.agreement import agreed
+from jbclog.protocol.client.confirmed_reads import agreed
 from jbclog.protocol.client.make import client_for
 from jbclog.protocol.commands.command import TOOLS_WITH_A_PLACE
 from jbclog.protocol.commands.family import Family, family_of
-from jbclog.protocol.commands.possible import NO_COUNTDOWN
+from jbclog.protocol.commands.ranges import NO_COUNTDOWN
 from jbclog.session.manual.contact import NO_TOOL, PORTS, Contact, Place, Target, expect_borne_out, find_tool, meet
 from jbclog.session.manual.read import believed
 from jbclog.session.safety.secure import secure

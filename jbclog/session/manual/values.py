@@ -10,7 +10,7 @@ from jbclog.core.errors import UsageError
 from jbclog.core.quantities import OFF, AlarmLimit, Choice, Value, Word, text_of
 from jbclog.protocol.commands.command import Command
 from jbclog.protocol.commands.family import Family
-from jbclog.protocol.commands.omega_values import (
+from jbclog.protocol.commands.omega import (
     CLEANING,
     SET_TEMPERATURE,
     Cleaning,
@@ -19,8 +19,7 @@ from jbclog.protocol.commands.omega_values import (
     Stored,
     StoredCondition,
 )
-from jbclog.protocol.commands.possible import NO_COUNTDOWN
-from jbclog.protocol.commands.ranges import allowed, range_problem
+from jbclog.protocol.commands.ranges import NO_COUNTDOWN, allowed, range_problem
 
 # -- conditions ---------------------------------------------------------------------------------------------------------------
 # One of OMEGA's solder conditions as text: what `read` shows of one, `write` takes, with other numbers in it.

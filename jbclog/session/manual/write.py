@@ -14,11 +14,11 @@ from typing import Final
 from jbclog.core.errors import LinkError, NotSupported, Refusal, StartRefused, StationError, UsageError
 from jbclog.core.io_requests import Steps
 from jbclog.core.quantities import Value
-from jbclog.protocol.client import after_write
+from jbclog.protocol.client import timing
 from jbclog.protocol.client.robot import BADLY_FORMED, Station
 from jbclog.protocol.commands.command import Command, Effect, Scope
 from jbclog.protocol.commands.family import Family
-from jbclog.protocol.commands.omega_values import ConditionNumber, Stored
+from jbclog.protocol.commands.omega import ConditionNumber, Stored
 from jbclog.protocol.commands.status import StatusWord
 from jbclog.session.manual.contact import NOWHERE, Contact, Place, Target, expect_proven, find_tool, meet, places, sentence, title
 from jbclog.session.manual.danger import ONLY_COLD, Keep, expect_cold, take_snapshot
@@ -228,10 +228,10 @@ def _without_a_way(command: Command, error: Refusal) -> str:
 def _send(contact: Contact, command: Command, value: Value, written: Written) -> Steps[None]:
     client = contact.client
     if command.name == "restart":
-        written.seconds = yield from after_write.restart(client, command)
+        written.seconds = yield from timing.restart(client, command)
         written.outcome = SENT
     elif command.name == "address" and isinstance(client, Station) and isinstance(value, int):
-        yield from after_write.change_address(client, command, value or None)
+        yield from timing.change_address(client, command, value or None)
         written.outcome = CONFIRMED
     elif command.name == "factory_reset":
         yield from client.write(command, value)
@@ -249,7 +249,7 @@ def _send(contact: Contact, command: Command, value: Value, written: Written) ->
 def _look_who_is_there(contact: Contact, written: Written) -> Steps[None]:
     """Address, line format and Robot mode are settings too, as far as anybody knows."""
     try:
-        yield from contact.client.read(after_write.MODEL)
+        yield from contact.client.read(timing.MODEL)
     except StationError as error:
         written.problem = f"now it does not answer as before ({sentence(error)}); `jbclog scan` finds out how it does"
 

@@ -9,14 +9,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from jbclog.config.recipe import CAN_HEAT
 from jbclog.config.recipe_settings import Setting, foreign_keys, live_problems, settings_for, station_settings_for
-from jbclog.config.write_order import CAN_HEAT
 from jbclog.core.errors import NotSupported, StartRefused, StationError
 from jbclog.core.io_requests import Steps
 from jbclog.core.quantities import OFF, text_of
 from jbclog.core.rows import SettingRow, Severity
 from jbclog.protocol.commands.command import Command, Scope
-from jbclog.protocol.commands.omega_values import Stored
+from jbclog.protocol.commands.omega import Stored
 from jbclog.session.run.context import PortState, SessionContext
 from jbclog.session.run.setting import keep_row, read_setting, title_of, touch, write_setting
 from jbclog.session.run.watch import compare_countdowns

@@ -11,7 +11,7 @@ from jbclog.config.recipe_settings import condition_of
 from jbclog.core.errors import Ignored, LinkError, NotSupported, StartRefused, StationError
 from jbclog.core.io_requests import RunEnded, Steps
 from jbclog.core.rows import SettingRow, Severity
-from jbclog.protocol.commands.omega_values import ConditionRecord, SetTemperature, Stored, difference, differing
+from jbclog.protocol.commands.omega import ConditionRecord, SetTemperature, Stored, difference, differing
 from jbclog.session.run.context import SessionContext
 from jbclog.session.run.watch import tell_change
 

@@ -10,13 +10,12 @@ from jbclog.config.recipe import Recipe
 from jbclog.config.schema import AUTO
 from jbclog.core.clock import UtcOffset
 from jbclog.core.io_requests import Steps
-from jbclog.core.line_format import LineFormat
 from jbclog.core.quantities import Value
 from jbclog.core.rows import EventRow, Journal, Severity, StationFacts
-from jbclog.protocol.client.agreement import agreed
+from jbclog.core.wire import LineFormat
+from jbclog.protocol.client.confirmed_reads import agreed, patiently
 from jbclog.protocol.client.interface import Client
 from jbclog.protocol.client.make import client_for
-from jbclog.protocol.client.patient_reads import patiently
 from jbclog.protocol.commands.command import TOOLS_WITH_A_PLACE, Command
 from jbclog.protocol.commands.decisions import DECISIONS
 from jbclog.protocol.commands.family import Family
@@ -220,9 +219,9 @@ class SessionContext:
     def agreed(
         self, command: Command, port: int | None = None, tool: int | None = None, *, known: Value | None = None, grows: bool = False
     ) -> Steps[Value]:
-        """Read what something is decided by: two answers must say the same (`protocol/client/agreement.py`).
+        """Read what something is decided by: two answers must say the same (`protocol/client/confirmed_reads.py`).
 
-        While the run starts, what was lost on the line is asked again (`protocol/client/patient_reads.py`).
+        While the run starts, what was lost on the line is asked again (`protocol/client/confirmed_reads.py`).
         """
 
         def ask() -> Steps[Value]:

@@ -19,12 +19,10 @@ from jbclog.core.errors import (
 from jbclog.core.io_requests import Reopen, Steps, Wait
 from jbclog.core.quantities import Value
 from jbclog.core.rows import Severity
-from jbclog.protocol.client.family_proof import NOT_DRIVEN, why_not_answering, why_not_borne_out
-from jbclog.protocol.client.flow import expect_quiet
-from jbclog.protocol.client.patient_reads import START_TRIES, pause
-from jbclog.protocol.client.turnaround import LEAST_ANSWERED, READS, response_time
-from jbclog.protocol.commands.family import ROBOT
-from jbclog.protocol.commands.models import not_accepted, other_model, unknown_model
+from jbclog.protocol.client.confirmed_reads import NOT_DRIVEN, START_TRIES, pause, why_not_answering, why_not_borne_out
+from jbclog.protocol.client.interface import expect_quiet
+from jbclog.protocol.client.timing import LEAST_ANSWERED, READS, response_time
+from jbclog.protocol.commands.family import ROBOT, not_accepted, other_model, unknown_model
 from jbclog.session.run.context import PortState, SessionContext
 
 # -- loss ---------------------------------------------------------------------------------------------------------------------

@@ -9,13 +9,12 @@ from jbclog.core.errors import ImplausibleAnswer
 from jbclog.core.io_requests import Steps
 from jbclog.core.quantities import Value, permille_of
 from jbclog.core.rows import COLUMN, SampleRow, Severity
-from jbclog.protocol.client.agreement import borne_out
+from jbclog.protocol.client.confirmed_reads import borne_out
 from jbclog.protocol.client.interface import Asking
 from jbclog.protocol.commands.command import Command
 from jbclog.protocol.commands.family import Family
-from jbclog.protocol.commands.omega import OMEGA_SIGNALS, SAYS_YES
-from jbclog.protocol.commands.omega_values import UNTOLD
-from jbclog.protocol.commands.possible import NO_COUNTDOWN, STILL_C, TEMPERATURES, Possible, is_share, possible_as
+from jbclog.protocol.commands.omega import OMEGA_SIGNALS, SAYS_YES, UNTOLD
+from jbclog.protocol.commands.ranges import NO_COUNTDOWN, STILL_C, TEMPERATURES, Possible, is_share, possible_as
 from jbclog.protocol.commands.signals import STATUS_COLUMNS
 from jbclog.session.run.context import PortState, SessionContext
 from jbclog.session.scheduler import Reading

@@ -18,14 +18,14 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Final, NoReturn
 
+from jbclog.config.recipe import CAN_HEAT, COMMAND_OF
 from jbclog.config.recipe_settings import condition_of, settings_for, station_settings_for
-from jbclog.config.write_order import CAN_HEAT, COMMAND_OF
 from jbclog.core.errors import LinkError, NotReceived, Refusal, StartRefused, StationError, WriteForbidden
 from jbclog.core.io_requests import RunEnded, Steps, Wait
 from jbclog.core.quantities import Value, text_of
 from jbclog.core.rows import SettingRow, Severity
+from jbclog.protocol.client.confirmed_reads import SETTLE_S
 from jbclog.protocol.client.interface import Permit
-from jbclog.protocol.client.patient_reads import SETTLE_S
 from jbclog.protocol.commands.command import Command, Scope
 from jbclog.session.run.context import PortState, SessionContext
 from jbclog.session.run.identify import Absent

@@ -10,8 +10,7 @@ from jbclog.core.io_requests import Steps
 from jbclog.core.quantities import Value, text_of
 from jbclog.core.rows import CounterRow, Severity
 from jbclog.protocol.client.omega import OmegaStation
-from jbclog.protocol.commands.omega import CONTROL, INFORMATION, LATE, SAYS_YES
-from jbclog.protocol.commands.omega_values import UNTOLD
+from jbclog.protocol.commands.omega import CONTROL, INFORMATION, LATE, SAYS_YES, UNTOLD
 from jbclog.protocol.commands.robot import ErrorTable
 from jbclog.protocol.commands.signals import Counter
 from jbclog.session.run.context import PortState, SessionContext
@@ -62,7 +61,7 @@ def _keep(context: SessionContext, port: PortState, counter: Counter, value: flo
 # -- anomalies ----------------------------------------------------------------------------------------------------------------
 # What a station does otherwise than the manuals recommend: told once each, and what only a session can notice of it.
 #
-# A client takes other forms and counts them (`protocol/client/anomalies.py`); whoever holds the context tells
+# A client takes other forms and counts them (`protocol/client/interface.py`); whoever holds the context tells
 # (`SessionContext.tell_anomalies`).
 
 DELAY_UNIT, NO_COUNTDOWN = 20, 25  # B-numbers (docs/reference/contradictions.md)

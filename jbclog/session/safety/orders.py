@@ -13,8 +13,8 @@ from collections.abc import Sequence
 from jbclog.core.errors import AnswerTimeout, LinkError, LinkFlooded, NotReceived, Refusal, RobotModeOff, StationError
 from jbclog.core.io_requests import Ask, Heard, Listen, Reopen, Request, Steps, T, Wait, relay
 from jbclog.core.quantities import Value
-from jbclog.protocol.client.agreement import agreed
-from jbclog.protocol.client.flow import expect_quiet
+from jbclog.protocol.client.confirmed_reads import agreed
+from jbclog.protocol.client.interface import expect_quiet
 from jbclog.protocol.commands.status import StatusWord
 from jbclog.session.safety.tools import FAILED, SENT, VERIFIED, Task, Tool
 

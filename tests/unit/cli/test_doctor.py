@@ -12,7 +12,7 @@ from uart_ports import Cable, Silence, means, station_cable
 from jbclog.app.discovery import scan_ports
 from jbclog.app.doctor import examine
 from jbclog.cli.app import app
-from jbclog.core.line_format import LineFormat
+from jbclog.core.wire import LineFormat
 
 LINE = '[line]\nname = "x"\n[[station]]\nname = "s-1"\nurl = "/dev/ttyJBC"\nfamily = "dde"\n'
 

@@ -6,7 +6,7 @@ import pytest
 from by_hand import Bench, Make
 
 from jbclog.app import safe_state
-from jbclog.sim.state import WORKING
+from jbclog.sim.port import WORKING
 
 DIE = """[[station]]
 name = "s-1"

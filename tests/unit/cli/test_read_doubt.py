@@ -7,7 +7,7 @@ import json
 import pytest
 from by_hand import Bench, Make, says, station_text
 
-from jbclog.protocol.commands.possible import TEMPERATURES
+from jbclog.protocol.commands.ranges import TEMPERATURES
 from jbclog.session.manual.read import APART, settled
 
 DDE = station_text("dde-1", "dde", sim="tools = { 1 = 2, 2 = 1 }\ncounters = { work_hours = 120 }")

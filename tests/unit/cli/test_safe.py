@@ -10,7 +10,7 @@ from by_hand import Bench, Make, says, station_text
 from jbclog.app import safe_state
 from jbclog.core.errors import LinkError
 from jbclog.protocol.commands.robot import TOOLS_002
-from jbclog.sim.state import WORKING
+from jbclog.sim.port import WORKING
 
 STAND = "WPS100001"
 T210, T245 = TOOLS_002[1], TOOLS_002[2]

@@ -13,7 +13,7 @@ from jbclog.app.discovery import scan_ports
 from jbclog.cli.app import app
 from jbclog.cli.scan import _addresses, _ports
 from jbclog.core.errors import UsageError
-from jbclog.core.line_format import LineFormat
+from jbclog.core.wire import LineFormat
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ from sealed_run import station
 from jbclog.analysis.verdict import Result, Rule
 from jbclog.cli.output import wrapped
 from jbclog.cli.run_wording import reasons_told, tools_text
-from jbclog.core.outcome import Exit, Finding, in_order
+from jbclog.core.errors import Exit, Finding, in_order
 
 
 def rule(name: str, place: tuple[str, int | None] | tuple[None, None], result: Result, text: str) -> dict[str, object]:

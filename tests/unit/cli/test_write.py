@@ -11,7 +11,7 @@ from by_hand import Bench, Ended, Make, station_text
 
 from jbclog.app import connection
 from jbclog.core.errors import LinkError, PortBusy
-from jbclog.core.line_format import LineFormat
+from jbclog.core.wire import LineFormat
 from jbclog.protocol.commands.family import FAMILIES
 from jbclog.transport.port import Port
 

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from jbclog.config.load_recipe import SOLDERING, parse_recipe
+from jbclog.config.recipe import COMMAND_OF
 from jbclog.config.recipe_settings import Setting, foreign_keys, live_problems, settings_for, station_settings_for
-from jbclog.config.write_order import COMMAND_OF
 from jbclog.core.quantities import OFF, Value
 from jbclog.protocol.commands.command import Scope
 from jbclog.protocol.commands.family import FAMILIES

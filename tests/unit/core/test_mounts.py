@@ -10,10 +10,10 @@ import pytest
 from jbclog.core.errors import RecordError
 from jbclog.core.foreign import files
 from jbclog.core.foreign.files import expect_answer
+from jbclog.record.chains import previous_run
 from jbclog.record.find_runs import find
 from jbclog.record.folder import create_run
 from jbclog.record.recover import recover_all
-from jbclog.record.run_chain import previous_run
 
 LOCAL = "36 35 98:0 / / rw - ext4 /dev/sda rw\n"
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from jbclog.core.same_port import is_one_port, place_of
+from jbclog.core.wire import is_one_port, place_of
 
 
 @pytest.mark.parametrize(

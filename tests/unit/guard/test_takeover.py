@@ -18,7 +18,7 @@ from jbclog.guard.lease import StationLease
 from jbclog.guard.takeover import OPENING, TakeOver
 from jbclog.protocol.commands.status import EXTRACTOR, STAND
 from jbclog.session.safety.tools import FAILED, SENT, VERIFIED, Task
-from jbclog.transport.descriptors import BESIDE
+from jbclog.transport.opening import BESIDE
 
 LEASE = StationLease("dde-1", "/dev/no1", 19200, "8N1", 1, "dde", "DDE", "1.0", "stand", (1, 2), False)
 

@@ -13,8 +13,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from jbclog.config.recipe_sections import Omega
-from jbclog.protocol.commands.omega import OMEGA, SAYS_YES
-from jbclog.protocol.commands.omega_values import (
+from jbclog.protocol.commands.omega import (
+    OMEGA,
+    SAYS_YES,
     UNTOLD,
     Cleaning,
     ConditionNumber,

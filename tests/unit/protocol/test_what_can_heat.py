@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from jbclog.config.write_order import CAN_HEAT, CANNOT_HEAT, COMMAND_OF
+from jbclog.config.recipe import CAN_HEAT, CANNOT_HEAT, COMMAND_OF
 from jbclog.session.run.setting import WRITES
 
 

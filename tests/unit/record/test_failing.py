@@ -23,8 +23,7 @@ from jbclog.record.live import LiveStore
 from jbclog.record.manifest import Manifest, read_manifest
 from jbclog.record.recover import recover
 from jbclog.record.seal import seal_rows
-from jbclog.record.store import Notes, Segment
-from jbclog.record.store_writer import RESERVE, RESERVE_BYTES
+from jbclog.record.store import RESERVE, RESERVE_BYTES, Notes, Segment
 
 
 def failed(code: int) -> sqlite3.OperationalError:

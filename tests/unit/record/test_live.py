@@ -16,7 +16,7 @@ from few_rows import begun, hand_over
 
 from jbclog.core.errors import RecordError
 from jbclog.core.rows import COLUMN, EventRow, Journal, Severity
-from jbclog.record import live, row_buffer
+from jbclog.record import live
 from jbclog.record.batches import Batch
 from jbclog.record.conclude import conclude
 from jbclog.record.folder import create_run
@@ -24,9 +24,8 @@ from jbclog.record.live import LiveStore
 from jbclog.record.manifest import Manifest
 from jbclog.record.parts import part_paths
 from jbclog.record.seal import seal_in_child, seal_rows
-from jbclog.record.store import Notes, Segment, segments
+from jbclog.record.store import RESERVE, RESERVE_BYTES, Notes, Segment, segments
 from jbclog.record.store_reader import StoreReader
-from jbclog.record.store_writer import RESERVE, RESERVE_BYTES
 
 
 def finished(store: LiveStore) -> Path:
@@ -208,7 +207,7 @@ def test_what_cannot_be_stored_now_is_held_and_stored_later(tmp_path: Path, monk
 
 
 def test_what_memory_cannot_hold_is_counted_and_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(row_buffer, "HELD_BYTES", 100_000)
+    monkeypatch.setattr(live, "HELD_BYTES", 100_000)
     store = begun(tmp_path)
     with monkeypatch.context() as broken:
         broken.setattr(Segment, "add", failing(sqlite3.SQLITE_FULL))
@@ -247,7 +246,7 @@ def test_a_row_that_is_none_takes_no_other_with_it(tmp_path: Path) -> None:
 @pytest.mark.parametrize("table", ["samples", "events", "counters"])
 def test_what_memory_was_refused_for_is_taken_in_the_next_time(table: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Each row once, in its order, and the events' chain whole; that it happened is told."""
-    store, refused, encode = begun(tmp_path), list[str](), row_buffer.encode
+    store, refused, encode = begun(tmp_path), list[str](), live.encode
 
     def encoded(number: int, name: str, values: Sequence[object]) -> Batch:
         if name == table and not refused:
@@ -255,7 +254,7 @@ def test_what_memory_was_refused_for_is_taken_in_the_next_time(table: str, tmp_p
             raise MemoryError
         return encode(number, name, values)
 
-    monkeypatch.setattr(row_buffer, "encode", encoded)
+    monkeypatch.setattr(live, "encode", encoded)
     for first in (0, 100, 200):
         hand_over(store, range(first, first + 100))
         with suppress(RecordError):

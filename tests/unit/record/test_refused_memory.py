@@ -14,7 +14,7 @@ from jbclog.core import errors
 from jbclog.core.errors import RecordError
 from jbclog.record import live
 from jbclog.record.batches import BARE
-from jbclog.record.chain import COLUMNS, breaks
+from jbclog.record.chains import COLUMNS, breaks
 
 SUPPORT = Path(__file__).parents[2] / "support"
 

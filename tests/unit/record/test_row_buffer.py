@@ -12,14 +12,14 @@ from types import CodeType, FrameType
 import few_rows
 import pytest
 
-from jbclog.record import batches, chain, row_buffer
+from jbclog.record import batches, chains, live
 from jbclog.record.batches import decode
-from jbclog.record.chain import breaks
+from jbclog.record.chains import breaks
 from jbclog.record.guard_actions import plain_events
-from jbclog.record.row_buffer import RowBuffer
+from jbclog.record.live import RowBuffer
 
 RUN, ROWS = "run", 3
-OURS = {module.__file__ for module in (batches, chain, row_buffer)}
+OURS = {module.__file__ for module in (batches, chains, live)}
 NEED_NONE = {"clear", "__exit__"}  # calls that need no memory
 
 

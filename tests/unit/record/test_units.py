@@ -9,11 +9,10 @@ import told_events
 from few_rows import T0
 from told_events import Told
 
-from jbclog.record.annotations import append
+from jbclog.record.annotations import append, late_serials, only_unit, units_of
 from jbclog.record.check import check
 from jbclog.record.manifest import Metadata, Unit, iso, read_manifest, write_manifest
 from jbclog.record.recover import recover
-from jbclog.record.units import late_serials, only_unit, units_of
 
 CALM: list[Told] = [(1, "unit.begin", "SN-1"), (5, "unit.again", "SN-1"), (9, "unit.end", "SN-1"), (9, "unit.begin", "SN-2")]
 

@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 from make_run import make_run
 
 from jbclog.core.errors import RecordError
-from jbclog.core.wire_capture import Passed, Row, Told
+from jbclog.core.wire import Passed, Row, Told
 from jbclog.record import capture_recorder
 from jbclog.record.capture import Head, count_rows, is_done, mend, read_head, read_rows, read_to_hole, wire_path, wire_paths
 from jbclog.record.capture_file import FIXED, WINDOW, line_of, row_of

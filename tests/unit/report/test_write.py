@@ -20,9 +20,9 @@ from sealed_run import RECIPE, alarm, limit, lose, micros, samples, seal, statio
 from jbclog.core.errors import RecordError
 from jbclog.core.rows import CounterRow, EventRow, SettingRow, Severity
 from jbclog.core.text import clean
+from jbclog.record.chains import short_head
 from jbclog.record.check import check
 from jbclog.record.manifest import LineFile, Lost, Metadata, read_manifest, write_manifest
-from jbclog.record.run_chain import short_head
 from jbclog.report.page import SCRIPTS
 from jbclog.report.verdict import without_urls
 from jbclog.report.write import verify_report, write_report

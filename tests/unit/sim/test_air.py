@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from jbclog.sim.air import STILL_W_PER_K, STREAM_W_PER_K, Heater, Probe
-from jbclog.sim.airstation import COLD_C, AirCharacter, AirStation
+from jbclog.sim.hotair import COLD_C, STILL_W_PER_K, STREAM_W_PER_K, AirCharacter, AirStation, Heater, Probe
 from jbclog.sim.tip import Joints
 
 ON, OFF, COOLING = (0, 0, 0, 0, 1), (0, 0, 0, 0, 0), (0, 0, 0, 1, 0)

@@ -9,8 +9,7 @@ import pytest
 
 from jbclog.config.line import StationSpec
 from jbclog.config.sim_spec import SimSpec
-from jbclog.sim.airface import AirFace
-from jbclog.sim.airstation import AirStation
+from jbclog.sim.hotair import AirFace, AirStation
 from jbclog.sim.virtual import VirtualStation
 
 T0 = 1000.0

@@ -11,8 +11,8 @@ from jbclog.config.line import StationSpec
 from jbclog.config.sim_spec import SimSpec
 from jbclog.core.errors import UsageError
 from jbclog.core.quantities import OFF
+from jbclog.sim.device import Written
 from jbclog.sim.virtual import VirtualStation
-from jbclog.sim.wire_log import Written
 
 T0 = 1000.0
 

@@ -7,8 +7,7 @@ from itertools import pairwise
 import pytest
 
 from jbclog.sim.plant import Feeder, Plant, StationSettings
-from jbclog.sim.port import Port
-from jbclog.sim.state import STAND, WORKING
+from jbclog.sim.port import STAND, WORKING, Port
 from jbclog.sim.tip import NEVER, Joints, Tip
 
 T0 = 1000.0

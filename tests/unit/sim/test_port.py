@@ -8,8 +8,7 @@ from random import Random
 import pytest
 
 from jbclog.core.quantities import OFF
-from jbclog.sim.port import Character, Port
-from jbclog.sim.state import HIBERNATION, SLEEP, STAND, WORKING
+from jbclog.sim.port import HIBERNATION, SLEEP, STAND, WORKING, Character, Port
 from jbclog.sim.tip import Comparator, Joints, Tip
 
 T0 = 1000.0

@@ -7,7 +7,7 @@ from math import inf
 
 import pytest
 
-from jbclog.core.wire_capture import Passed, PassedName, Row, Told
+from jbclog.core.wire import Passed, PassedName, Row, Told
 from jbclog.sim.recorded_wire import Ticks, exchanges
 from jbclog.sim.replayed_station import TapeStation
 

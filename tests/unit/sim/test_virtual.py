@@ -7,8 +7,7 @@ from pydantic import ValidationError
 
 from jbclog.config.line import StationSpec
 from jbclog.config.sim_spec import SimSpec
-from jbclog.protocol.frame import Frame
-from jbclog.protocol.reader import Corrupt, FrameReader
+from jbclog.protocol.frame import Corrupt, Frame, FrameReader
 from jbclog.sim.virtual import Reply, VirtualStation
 
 T0 = 1000.0

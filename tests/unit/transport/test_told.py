@@ -10,7 +10,7 @@ import pytest
 
 from jbclog.core.errors import LinkError
 from jbclog.core.io_requests import Ask, Heard, Listen, Reopen, Request, RunEnded, Steps, Wait
-from jbclog.core.wire_capture import Passed, Row, Told
+from jbclog.core.wire import Passed, Row, Told
 from jbclog.transport.session_history import Astray, Step, keeping, reliving, steps_of
 
 Story = list[object]

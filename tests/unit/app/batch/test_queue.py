@@ -16,7 +16,7 @@ from jbclog.app.batch.executor import BatchExecutor
 from jbclog.app.batch.queue import whats_next
 from jbclog.app.batch.state import BatchState, standing_of
 from jbclog.config.job_order import At, OnFailure, Turn, circle, in_turn, read_at
-from jbclog.core.outcome import Exit
+from jbclog.core.errors import Exit
 
 STOP, SKIP, CONTINUE = OnFailure.STOP, OnFailure.SKIP, OnFailure.CONTINUE
 FINE = Fate()

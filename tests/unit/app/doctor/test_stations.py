@@ -11,7 +11,7 @@ from uart_ports import Cable, Echo, Silence, means, station_cable
 from jbclog.app.doctor.result import Fine, Looked
 from jbclog.app.doctor.stations import look_at_stations
 from jbclog.config.line import parse_line
-from jbclog.core.line_format import LineFormat
+from jbclog.core.wire import LineFormat
 from jbclog.session.discovery.found import Finding
 
 PLACE = Path("/place/line.toml")

@@ -10,8 +10,8 @@ from talk import Talk
 
 from jbclog.core.errors import Refusal, StationSilent
 from jbclog.core.io_requests import Steps
-from jbclog.protocol.client.after_write import BACK_S, NOT_ACKNOWLEDGED, restart
 from jbclog.protocol.client.robot import Station
+from jbclog.protocol.client.timing import BACK_S, NOT_ACKNOWLEDGED, restart
 from jbclog.protocol.commands.family import FAMILIES
 
 ORDER = FAMILIES["dde"].commands["restart"]

@@ -9,7 +9,7 @@ from talk import Talk
 
 from jbclog.core.errors import AnswerTimeout, ImplausibleAnswer
 from jbclog.core.quantities import OFF, Value
-from jbclog.protocol.client.agreement import ANSWERS, agreed, borne_out
+from jbclog.protocol.client.confirmed_reads import ANSWERS, agreed, borne_out
 from jbclog.protocol.commands.family import FAMILIES
 
 DDE = FAMILIES["dde"].commands

@@ -6,8 +6,8 @@ import pytest
 
 from jbclog.core.errors import LinkError, LinkFlooded
 from jbclog.core.io_requests import Heard, Steps, Wait
-from jbclog.core.line_format import LineFormat
-from jbclog.protocol.client.flow import LEAST_DUE, MOST_TIMES, QUIET_S, SUSPECT, Flow, expect_quiet
+from jbclog.core.wire import LineFormat
+from jbclog.protocol.client.interface import LEAST_DUE, MOST_TIMES, QUIET_S, SUSPECT, Flow, expect_quiet
 from jbclog.protocol.client.robot import Station
 
 

@@ -7,12 +7,12 @@ from omega_talk import PROMPT_S, OmegaTalk, Turn, framed
 
 from jbclog.core.errors import AnswerCorrupt, AnswerFormat, AnswerTimeout, Ignored, NotSupported, StationError, StationSilent
 from jbclog.core.io_requests import Steps, Wait
-from jbclog.core.line_format import LineFormat
 from jbclog.core.quantities import Value
+from jbclog.core.wire import LineFormat
 from jbclog.protocol.client.make import client_for
 from jbclog.protocol.client.omega import ALLOWED_S, COMPLETION_S, GONE_S, OmegaStation
 from jbclog.protocol.commands.family import FAMILIES
-from jbclog.protocol.commands.omega_values import UNTOLD, ConditionRecord
+from jbclog.protocol.commands.omega import UNTOLD, ConditionRecord
 
 COMMANDS = FAMILIES["omega"].commands
 A, B, F, G = (COMMANDS[name] for name in ("information", "temperature_control", "set_temperature_state", "mode"))

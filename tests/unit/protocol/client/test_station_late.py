@@ -14,7 +14,7 @@ from talk import PROMPT_S, Answer, Talk, framed
 
 from jbclog.core.errors import LinkFlooded, StationError, StationSilent
 from jbclog.core.io_requests import Steps
-from jbclog.core.line_format import LineFormat
+from jbclog.core.wire import LineFormat
 from jbclog.protocol.client.dialogue import LEAST_S, QUIET_S, UNMEASURED_S, least_s
 from jbclog.protocol.client.robot import Station
 from jbclog.protocol.commands.family import FAMILIES

@@ -8,9 +8,9 @@ import pytest
 from talk import Answer, Talk
 
 from jbclog.core.io_requests import Steps
-from jbclog.core.line_format import LineFormat
+from jbclog.core.wire import LineFormat
 from jbclog.protocol.client.robot import Station
-from jbclog.protocol.client.turnaround import LEAST_ANSWERED, READS, ResponseTime, response_time
+from jbclog.protocol.client.timing import LEAST_ANSWERED, READS, ResponseTime, response_time
 from jbclog.protocol.commands.family import FAMILIES
 
 ANSWERS = {"RSER": "ASER00000", "RTT1": "ATT100183"}

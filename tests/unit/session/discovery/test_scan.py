@@ -15,7 +15,7 @@ from jbclog.app.discovery.scan_ports import search
 from jbclog.config.line import parse_line
 from jbclog.core.clock import VirtualClock
 from jbclog.core.errors import PortMissing
-from jbclog.core.line_format import BAUDRATES, LineFormat
+from jbclog.core.wire import BAUDRATES, LineFormat
 from jbclog.session.discovery.diagnosis import diagnose
 from jbclog.session.discovery.found import ADDRESSES, THOROUGH, USUAL, PortReport, ScanPlan, StationFound, Trial, plan_for
 from jbclog.session.discovery.probe import is_harmless

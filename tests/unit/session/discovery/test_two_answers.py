@@ -15,7 +15,7 @@ from jbclog.app.doctor.result import Fine
 from jbclog.app.doctor.stations import look_at_stations
 from jbclog.cli.app import app
 from jbclog.config.line import load_line, parse_line
-from jbclog.core.line_format import LineFormat
+from jbclog.core.wire import LineFormat
 from jbclog.session.discovery.diagnosis import diagnose
 from jbclog.session.discovery.found import LEARNING_S, PortReport, ScanPlan, StationFound
 

@@ -18,9 +18,8 @@ from jbclog.session.safety import cooling
 from jbclog.session.safety.orders import in_time
 from jbclog.session.safety.secure import ALLOWED_S, secure
 from jbclog.session.safety.tools import FAILED, SENT, VERIFIED, Task
-from jbclog.sim.airface import AirFace
-from jbclog.sim.port import Port
-from jbclog.sim.state import SLEEP, WORKING
+from jbclog.sim.hotair import AirFace
+from jbclog.sim.port import SLEEP, WORKING, Port
 from jbclog.sim.virtual import VirtualStation
 
 
