@@ -38,10 +38,12 @@ class Page:
     def session(self) -> str:
         return self._session
 
-    def open(self, path: Path, scripts: bool = True) -> None:
-        self.ask("Emulation.setScriptExecutionDisabled", value=not scripts)
+    def open(self, path: Path) -> None:
         self.ask("Page.navigate", url=path.resolve().as_uri())
         self.until("document.readyState === 'complete'")
+
+    def close(self) -> None:
+        self.ask("Page.close")
 
     def js(self, expression: str) -> Any:
         """What an expression gives; a promise is awaited."""

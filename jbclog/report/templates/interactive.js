@@ -175,10 +175,12 @@
   }
   const during = (spans, second) => (spans || []).filter(([a, b]) => a <= second && second < Math.max(b, a + 1e-3));
 
-  function describe(port, view, index, second) {
+  function describe(port, view, nearest, second) {
+    const holds = (i) => view.span[i] && view.span[i][0] - 1e-6 <= second && second <= view.span[i][1] + 1e-6;
+    const index = view.row[nearest] >= 0 ? nearest : [nearest, nearest - 1, nearest + 1].find(holds) ?? nearest;
     const row = view.row[index], span = view.span[index], missing = during(port.spans["no data"], second)[0], words = [];
     const isRow = row >= 0 && Math.abs(port.t[row] - second) <= port.joined;
-    const isSpan = span && span[0] - 1e-6 <= second && second <= span[1] + 1e-6;
+    const isSpan = holds(index);
     const when = isRow ? port.t[row] : second;
     for (const name of port.columns) {
       const { name: what, unit } = SIGNALS[name], one = view.data[name];
@@ -554,7 +556,8 @@
         : `min–max of each ${duration(view.each)}${view.single ? ", every reading where there are points" : ""}.` +
           (view.outside ? " The page holds single readings only around alarms, errors and gaps; the record holds all." : "")) +
         port.left.map(([name, count]) => ` ${count} spans of ${name} are too many for this page and are not drawn.`).join("");
-      figure.dataset.points = single ? String(view.row.filter((row) => row >= 0).length) : "";
+      box.dataset.window = `${from} ${to}`;
+      box.dataset.points = String(view.row.filter((row, i) => row >= 0 && view.x[i] >= from && view.x[i] <= to).length);
       point();
     }
     function point() {
