@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import getpass
+import os
 import signal
 from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
@@ -11,7 +12,6 @@ from typing import TYPE_CHECKING, Final
 import typer
 
 from jbclog.cli import options
-from jbclog.cli.audit_files import check_files
 from jbclog.cli.output import ends_with_errors_told, is_terminal, note, tell
 from jbclog.core.errors import UsageError
 
@@ -21,6 +21,35 @@ if TYPE_CHECKING:
     from jbclog.config.tasks_file import Task
     from jbclog.maintenance.counter_totals.observed import Observation
     from jbclog.maintenance.fleet import Finding
+
+# -- audit files --------------------------------------------------------------------------------------------------------------
+# Before an audit asks anything: the files that it will write can be where they are wanted, and take the place of nothing else.
+
+
+def check_files(made: Mapping[str, Path | None], kept: Sequence[Path]) -> None:
+    """`made` are the files that are written as a whole, by their options; `kept` those that nothing may be written over.
+
+    Raises `UsageError`.
+    """
+    known = {os.path.realpath(path): str(path) for path in kept}
+    for option, path in made.items():
+        if path is not None:
+            _check(option, path)
+            if os.path.realpath(path) in known:
+                raise UsageError(f"{option} {path}: that is {known[os.path.realpath(path)]}, which it would take the place of")
+            known[os.path.realpath(path)] = option
+
+
+def _check(option: str, path: Path) -> None:
+    if str(path) == "-":
+        raise UsageError(f"{option} -: give a file; --json writes everything to stdout")
+    if not path.absolute().parent.is_dir():
+        raise UsageError(f"{option} {path}: there is no folder {path.absolute().parent}")
+    if path.is_symlink() or (path.exists() and not path.is_file()):
+        raise UsageError(f"{option} {path}: that is a folder, a device or a link, and no plain file to be written anew")
+
+
+# -- audit --------------------------------------------------------------------------------------------------------------------
 
 LEDGER = typer.Option(None, "--ledger", metavar="FILE", help="The ledger: made where it is not there, only ever added to.")
 LINES = typer.Option([], "--line", "-l", metavar="FILE", help="The line file; may be repeated.", show_default=False)

@@ -1,24 +1,126 @@
-"""The end of an audit: its files, what is told, and the exit code."""
+"""What an audit shows and writes at its end, and its exit code."""
 
 from __future__ import annotations
 
 import signal
-from collections.abc import Collection
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 from jbclog.app.audit.run_audit import STOPPED
-from jbclog.cli.audit_table import lines
 from jbclog.cli.output import note, tell, tell_json
 from jbclog.core.durable_files import write_whole
 from jbclog.core.errors import RecordError
-from jbclog.maintenance.fleet import Finding, FleetAudit, exit_code
+from jbclog.core.text import clean
+from jbclog.maintenance.counter_totals.observed import Standing
+from jbclog.maintenance.due import State, TaskState
+from jbclog.maintenance.fleet import ABSENT, Finding, FleetAudit, Meter, StationAudit, exit_code
 from jbclog.report.audit.csv_table import sheet_of
 from jbclog.report.audit.json_object import plain_audit
+from jbclog.report.audit.overview import Row, at_a_glance
+from jbclog.report.audit.wording import STATES, day, of_life, percent, window
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+
+# -- audit table --------------------------------------------------------------------------------------------------------------
+# An audit on a terminal, for those who go out with the tips: the worst first, below each what is to be done or looked at.
+
+NO_ERROR: Final = frozenset({"ok", "normal, ready"})
+SHOWN: Final = "work_h"
+WIDE: Final = 9
+
+
+def lines(audit: FleetAudit) -> Iterator[str]:
+    """The whole table. No text from outside can leave its line."""
+    return map(clean, _lines(audit))
+
+
+def _lines(audit: FleetAudit) -> Iterator[str]:
+    glance = at_a_glance(audit)
+    yield " ".join(glance.headline[1:]).strip()
+    several = len({one.line for one in audit.stations}) > 1
+    names = {id(row): f"{row.station.line}/{row.station.station}" if several else row.station.station for row in glance.rows}
+    width = max(map(len, names.values()), default=0)
+    for row in glance.rows:
+        yield f"{row.state[2].upper() if _is_bad(row) else row.state[2]:{WIDE}} {names[id(row)]:{width}}  {_told(row)}".rstrip()
+        yield from (f"{'':{WIDE}} {word:{WIDE}} {text}" for word, text in _below(row))
+
+
+def _is_bad(row: Row) -> bool:
+    return not row.station.seen or (row.worst is not None and row.worst.state in (State.OVERDUE, State.DUE))
+
+
+def _told(row: Row) -> str:
+    one, who = row.station, row.station.identity
+    if not one.seen:
+        return f"{one.why} (last seen: {day(one.last_seen)})"
+    model = "" if who is None else " ".join(filter(None, (who.model or who.family, who.software)))
+    worked = ", ".join(f"{_read(meter)} h (port {meter.port})" for meter in one.meters if meter.counter == SHOWN)
+    source = f"from {one.source.replace('run:', 'the run ', 1)}" if one.source.startswith("run:") else ""
+    return "  ".join(filter(None, (model, worked and f"worked {worked}", source)))
+
+
+def _read(meter: Meter) -> str:
+    return "?" if meter.read is None or meter.read.value is None else f"{meter.read.value:g}"
+
+
+def _below(row: Row) -> Iterator[tuple[str, str]]:
+    """A word and a sentence for what is to be done, then for what is to be looked at."""
+    one = row.station
+    yield from ((STATES[task.state][2], _task(task)) for task in row.tasks if task.state is not State.FINE or task.told_by)
+    yield from (("suspect", f"{_place(doubt.port)}{doubt.counter}: {doubt.text}") for doubt in one.doubts)
+    if one.seen:
+        yield from (("unread", text) for text in map(_unread, one.meters) if text)
+        yield from (("error", text) for text in _errors(one))
+        yield from [("note", one.why)] if one.why else []
+    yield from (("drift", f"{drift.name}: {drift.text}") for drift in one.drifts)
+    yield from (("note", text) for text in one.notes)
+
+
+def _task(task: TaskState) -> str:
+    part = f" ({task.part})" if task.part else ""
+    if task.percent is None:
+        return f"{_place(task.port)}{task.title or task.task}{part}: {task.why or 'not known'} (life: {_life(task)})"
+    told = f"; {task.told_by}" if task.told_by else ""
+    return f"{_place(task.port)}{task.title or task.task}{part}: {percent(task.percent)}, {of_life(task)}; {_due(task)}{told}"
+
+
+def _life(task: TaskState) -> str:
+    return of_life(task).partition(" of ")[2]
+
+
+def _due(task: TaskState) -> str:
+    when = window(task)
+    return f"used up between {when.replace(' to ', ' and ')}" if task.due is not None and task.due.p90 and task.due.p10 else when
+
+
+def _unread(meter: Meter) -> str:
+    read = meter.read
+    if read is None or read.standing is Standing.OK or read.why == ABSENT:
+        return ""
+    if read.standing is Standing.MOVING:
+        values = ", ".join(f"{value:g}" for value in read.values)
+        return f"{_place(meter.port)}{meter.counter}: moving, {values}"
+    return f"{_place(meter.port)}{meter.counter}: {read.why}"
+
+
+def _errors(one: StationAudit) -> Iterator[str]:
+    if one.errors is None:
+        return
+    if one.errors.station is not None and one.errors.station not in NO_ERROR:
+        yield one.errors.station
+    yield from (f"{_place(port)}{text}" for port, text in one.errors.ports.items() if text not in NO_ERROR)
+    if one.errors.events:
+        yield "since last time, as runs saw: " + ", ".join(f"{count} {kind}" for kind, count in one.errors.events.items())
+
+
+def _place(port: int | None) -> str:
+    return "" if port is None else f"port {port} "
+
+
+# -- audit end ----------------------------------------------------------------------------------------------------------------
 
 SIGNALLED = 128
 

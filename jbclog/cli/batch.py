@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 import typer
 
 from jbclog.cli import options
-from jbclog.cli.nonblocking_stdio import never_wait
 from jbclog.cli.output import ends_with_errors_told, note, tell, tell_json
+from jbclog.cli.streams import never_wait
 from jbclog.core.errors import UsageError
 
 if TYPE_CHECKING:
@@ -54,8 +54,7 @@ def batch(
     from jbclog.app.batch.journal import NAME, home_of
     from jbclog.app.batch.resume import take
     from jbclog.app.batch.single_batch import hold
-    from jbclog.cli.batch_progress import shown_by
-    from jbclog.cli.batch_wording import beginning, facts, intentions, local, table
+    from jbclog.cli.batch_progress import beginning, facts, intentions, local, shown_by, table
     from jbclog.config.job_order import SystemZone
     from jbclog.config.jobs_file import load_jobs
 

@@ -7,8 +7,8 @@ from pathlib import Path
 import typer
 
 from jbclog.cli import options
+from jbclog.cli.options import expect_run
 from jbclog.cli.output import ends_with_errors_told, tell, tell_json
-from jbclog.cli.run_folder import expect_run
 from jbclog.core.errors import UsageError
 
 

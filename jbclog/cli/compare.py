@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 import typer
 
 from jbclog.cli import options
+from jbclog.cli.options import expect_file_place, expect_run
 from jbclog.cli.output import ends_with_errors_told, note, tell, tell_json
-from jbclog.cli.run_folder import expect_file_place, expect_run
 from jbclog.core.errors import RecordError, UsageError
 
 if TYPE_CHECKING:

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 import typer
 
 from jbclog.cli import options
-from jbclog.cli.nonblocking_stdio import never_wait
 from jbclog.cli.output import ends_with_errors_told, note, tell, tell_json
+from jbclog.cli.streams import never_wait
 
 if TYPE_CHECKING:
     from jbclog.app.run.run_record import Result
@@ -56,8 +56,7 @@ def demo(
 def _record(out: Path, seconds: float, *, quiet: bool) -> Result:
     from jbclog.app.run.plan import Metadata, RunOptions, make_plan
     from jbclog.app.run.runner import conduct
-    from jbclog.cli.background_observer import BackgroundObserver
-    from jbclog.cli.progress import observer
+    from jbclog.cli.progress import BackgroundObserver, observer
     from jbclog.sim.process import SimProcess
 
     metadata = Metadata("demo", "DEMO-1", "demo board", (), {"note": "virtual stations"})

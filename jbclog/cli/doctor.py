@@ -11,7 +11,7 @@ from jbclog.cli import options
 from jbclog.cli.output import ends_with_errors_told, note, tell, tell_json
 
 if TYPE_CHECKING:
-    from jbclog.app.doctor.result import Looked
+    from jbclog.app.doctor import Looked
 
 LINE = typer.Option(None, "--line", "-l", metavar="FILE", help="Ask the stations of this line file, too.", show_default=False)
 
@@ -31,8 +31,7 @@ def doctor(
     Example:
       jbclog doctor --line line.toml
     """
-    from jbclog.app.doctor.examine import examine
-    from jbclog.app.doctor.result import Fine
+    from jbclog.app.doctor import Fine, examine
     from jbclog.config.line import load_line
 
     loaded = load_line(line) if line else None
@@ -50,7 +49,7 @@ def doctor(
 
 
 def _tell(looked: list[Looked]) -> None:
-    from jbclog.app.doctor.result import Fine
+    from jbclog.app.doctor import Fine
 
     for one in looked:
         if isinstance(one, Fine):
@@ -61,7 +60,7 @@ def _tell(looked: list[Looked]) -> None:
 
 
 def _facts(one: Looked) -> dict[str, object]:
-    from jbclog.app.doctor.result import Fine
+    from jbclog.app.doctor import Fine
 
     step = None if isinstance(one, Fine) else one.step
     return {"kind": one.kind, "where": one.where, "what": one.what, "step": step}

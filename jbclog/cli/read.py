@@ -58,7 +58,7 @@ def read(
 
 
 def _list(target: Target, asked: Place, *, as_json: bool) -> None:
-    from jbclog.cli.listing import tell_names
+    from jbclog.cli.values import tell_names
     from jbclog.session.manual.names import readable
 
     if any(number is not None for number in asked):

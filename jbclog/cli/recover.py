@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 import typer
 
 from jbclog.cli import options
+from jbclog.cli.options import is_folder
 from jbclog.cli.output import ends_with_errors_told, tell, tell_json
-from jbclog.cli.run_folder import is_folder
 from jbclog.core.errors import RecordError, Unsafe, UsageError
 
 if TYPE_CHECKING:

@@ -10,13 +10,12 @@ from typing import TYPE_CHECKING
 import typer
 
 from jbclog.cli import options
+from jbclog.cli.options import is_folder
 from jbclog.cli.output import ends_with_errors_told, note, tell, tell_json
-from jbclog.cli.run_folder import is_folder
 from jbclog.core.errors import UsageError
 
 if TYPE_CHECKING:
-    from jbclog.app.replay.recording import Recording
-    from jbclog.app.replay.reproduce import Again, Held
+    from jbclog.app.replay import Again, Held, Recording
     from jbclog.core.rows import EventRow
     from jbclog.session.run.context import SessionContext
     from jbclog.sim.replayed_station import TapeStation
@@ -71,7 +70,7 @@ def replay(
     Example:
       jbclog replay runs/20261121T013000Z-bench-3-k7qd --record again
     """
-    from jbclog.app.replay.recording import open_recording
+    from jbclog.app.replay import open_recording
 
     if not is_folder(run):
         raise UsageError(f"{run}: there is no such folder; runs are in `runs/`, or where --out put them")
@@ -93,7 +92,7 @@ def replay(
 
 
 def _serve(recording: Recording, folder: Path, tcp: str | None, speed: float) -> None:
-    from jbclog.app.replay.serving import serve
+    from jbclog.app.replay import serve
     from jbclog.config.line import is_this_host
     from jbclog.sim.setup import SERVED_LINE, tcp_of
 
@@ -113,7 +112,7 @@ def _serve(recording: Recording, folder: Path, tcp: str | None, speed: float) ->
 
 def _command(recording: Recording, line: Path) -> list[str]:
     """The run that asks for the same as then. The line file has the rates that came of it, as far as they are known."""
-    from jbclog.app.replay.recording import plan_of
+    from jbclog.app.replay import plan_of
 
     plan, told = plan_of(recording), recording.metadata
     rate = None if recording.rates_hz else recording.first.rate
@@ -152,7 +151,7 @@ class _Nobody:
 
 
 def _record(recording: Recording, out: Path, doubts: Sequence[str], *, as_json: bool) -> int:
-    from jbclog.app.replay.reproduce import compare, record_again
+    from jbclog.app.replay import compare, record_again
 
     again = record_again(recording, out, _Nobody())
     held = compare(recording, again)

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 import typer
 
 from jbclog.cli import options
-from jbclog.cli.nonblocking_stdio import never_wait
 from jbclog.cli.output import ends_with_errors_told, note, tell, tell_json
 from jbclog.cli.run_wording import reasons_told, tools_text
+from jbclog.cli.streams import never_wait
 from jbclog.cli.unit_lines import listed, source_of, unshown
 from jbclog.core.errors import Exit, in_order
 
@@ -85,8 +85,7 @@ def run(
 def record(wanted: RunOptions, out: Path, units: Source | None = None, *, as_json: bool) -> int:
     """Carry out the one job that there is, as a batch does each of its own, and tell what came of it; give the exit code."""
     from jbclog.app.run.job import Job, carry_out
-    from jbclog.cli.background_observer import BackgroundObserver
-    from jbclog.cli.progress import observer
+    from jbclog.cli.progress import BackgroundObserver, observer
 
     shown = BackgroundObserver(observer(wanted.duration_s, quiet=as_json))
     try:

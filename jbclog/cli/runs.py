@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Final
 import typer
 
 from jbclog.cli import options
+from jbclog.cli.options import is_folder
 from jbclog.cli.output import ends_with_errors_told, note, tell, tell_json
-from jbclog.cli.run_folder import is_folder
 from jbclog.core.errors import UsageError
 from jbclog.core.text import clean
 

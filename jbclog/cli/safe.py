@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 import typer
 
 from jbclog.cli import options
-from jbclog.cli.nonblocking_stdio import never_wait
 from jbclog.cli.output import ends_with_errors_told, note, tell, tell_json
+from jbclog.cli.streams import never_wait
 from jbclog.core.errors import Unsafe, UsageError
 
 if TYPE_CHECKING:

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import typer
 
+from jbclog.cli.options import expect_file_place, is_folder
 from jbclog.cli.output import ends_with_errors_told, note, tell, tell_json
-from jbclog.cli.run_folder import expect_file_place, is_folder
 from jbclog.core.errors import RecordError, UsageError
 
 if TYPE_CHECKING:

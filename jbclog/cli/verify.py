@@ -135,7 +135,7 @@ def _what_is_in(kept: Verification) -> str:
 
 def _proposal(kept: Verification, target: Target, line: Path) -> str | None:
     """The call that would write it, as it can be typed."""
-    from jbclog.cli.write_wording import call
+    from jbclog.cli.values import call
     from jbclog.session.manual.contact import Place
     from jbclog.session.manual.write import Change
 

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 
 import typer
 
+from jbclog.cli.options import is_folder
 from jbclog.cli.output import ends_with_errors_told, note, tell, tell_json
-from jbclog.cli.run_folder import is_folder
 from jbclog.core.errors import UsageError
 
 if TYPE_CHECKING:

@@ -9,8 +9,8 @@ import typer
 
 from jbclog.cli import options
 from jbclog.cli.names import complete_setting, complete_station, complete_value
-from jbclog.cli.nonblocking_stdio import never_wait
 from jbclog.cli.output import ends_with_errors_told, note, tell, tell_json
+from jbclog.cli.streams import never_wait
 from jbclog.core.errors import UsageError
 
 if TYPE_CHECKING:
@@ -63,7 +63,7 @@ def write(
       jbclog write dde-1 selected_temperature 350 --port 1 --line virtual/line.toml
     """
     from jbclog.app.connection import target_in
-    from jbclog.cli.listing import tell_names
+    from jbclog.cli.values import tell_names
     from jbclog.session.manual.contact import Place
     from jbclog.session.manual.names import writable
     from jbclog.session.manual.write import Change
@@ -85,7 +85,7 @@ def write(
 
 def _check(target: Target, change: Change, line: Path, *, is_meant: bool) -> None:
     """Everything that can be known to be wrong before a byte is sent. Raises `UsageError`."""
-    from jbclog.cli.write_wording import call
+    from jbclog.cli.values import call
     from jbclog.session.manual.contact import check_place
     from jbclog.session.manual.danger import is_dangerous, what_it_does
     from jbclog.session.manual.names import find, writable
@@ -147,7 +147,7 @@ class _Writing:
         note(f"note: {what} in {self._kept}")
 
     def _tell(self) -> int:
-        from jbclog.cli.write_wording import exit_code, notes, result, written_facts
+        from jbclog.cli.values import exit_code, notes, result, written_facts
 
         written = self._written
         if self._as_json:

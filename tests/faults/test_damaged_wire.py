@@ -17,7 +17,7 @@ from taped import recorded, relived
 from typer.testing import CliRunner
 from virtual_run import line_text
 
-from jbclog.app.replay.recording import open_recording
+from jbclog.app.replay import open_recording
 from jbclog.cli.app import app
 from jbclog.cli.replay import DOUBTFUL
 from jbclog.core.errors import RecordError

@@ -16,7 +16,7 @@ from small_disk import small_disk
 from typer.testing import CliRunner, Result
 
 from jbclog.analysis.run import open_run
-from jbclog.app.audit import past_runs, survey
+from jbclog.app.audit import records, survey
 from jbclog.app.audit.questions import SurveyTarget
 from jbclog.cli.app import app
 from jbclog.core.rows import EventRow, Severity, StationFacts
@@ -328,7 +328,7 @@ def test_what_is_no_ledger_is_never_added_to(bench: Bench, tmp_path: Path) -> No
 
 
 def test_what_runs_saw_since_last_time_counts_once(bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(past_runs, "LAG", timedelta(0))
+    monkeypatch.setattr(records, "LAG", timedelta(0))
     ledger, out = tmp_path / "counters.jsonl", tmp_path / "runs"
     tasks = tmp_path / "tasks.toml"
     tasks.write_text('[[task]]\nname = "verification"\nlife_days = 30\nstations = ["dde-1"]\n', encoding="utf-8")

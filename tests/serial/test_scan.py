@@ -19,7 +19,7 @@ import pytest
 from command import BENCH, RECIPE, WireLog, is_sampling, jbclog, started, until
 from far_ends import Terminal, terminal
 
-from jbclog.app.discovery.scan_ports import search
+from jbclog.app.discovery import search
 from jbclog.config.line import load_line
 from jbclog.core.wire import LineFormat
 from jbclog.session.discovery.diagnosis import diagnose

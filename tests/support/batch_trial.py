@@ -19,10 +19,9 @@ from pathlib import Path
 
 from command import started
 
-from jbclog.app.batch.entry import RECORDED, State
 from jbclog.app.batch.job_dir import JobDir
 from jbclog.app.batch.journal import read
-from jbclog.app.batch.state import BatchState, standing_of
+from jbclog.app.batch.state import RECORDED, BatchState, State, standing_of
 from jbclog.record.check import check
 from jbclog.record.find_runs import Found, find
 from jbclog.record.manifest import read_manifest

@@ -12,11 +12,10 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from jbclog.app.batch.entry import Entry, Kind, State
 from jbclog.app.batch.executor import BatchExecutor, Means, Unseen
 from jbclog.app.batch.journal import Journal, iso
 from jbclog.app.batch.processes import Came
-from jbclog.app.batch.state import standing_of
+from jbclog.app.batch.state import Entry, Kind, State, standing_of
 from jbclog.config.job_order import Turn, due_times, in_turn
 from jbclog.core.errors import Exit
 

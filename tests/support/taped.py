@@ -9,9 +9,7 @@ from random import Random
 
 from virtual_run import RECIPE, Memory, VirtualRun, prepare
 
-from jbclog.app.replay.recording import Recording, open_recording, plan_of
-from jbclog.app.replay.reproduce import relive
-from jbclog.app.replay.serving import station_of
+from jbclog.app.replay import Recording, open_recording, plan_of, relive, station_of
 from jbclog.app.run.plan import orders
 from jbclog.core.clock import UtcOffset, VirtualClock
 from jbclog.core.io_requests import Steps

@@ -2,7 +2,7 @@
 
 ``Cable(far_end, line)`` is a far end that speaks at `line`. What passes is what a receiver makes of the sender's bits
 (`jbclog.sim.links`), so a client at another rate or parity hears and says garbage; ``means({url: cable})`` is what
-`jbclog.app.discovery.scan_ports` opens ports with.
+`jbclog.app.discovery` opens ports with.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import Protocol
 
 from said import let_say
 
-from jbclog.app.discovery.scan_ports import Means
+from jbclog.app.discovery import Means
 from jbclog.config.line import parse_line
 from jbclog.core.clock import VirtualClock
 from jbclog.core.errors import LinkError, PortMissing

@@ -1,4 +1,4 @@
-"""What an audit asks one station, in the order of its worth: who it is, its counters, errors, settings.
+"""What an audit asks one station: only what is harmless, and until it is confirmed.
 
 Nothing but questions that change nothing, and never the alarm flags, which reading clears. One attempt: what does not answer
 costs no more than its questions' time.
@@ -8,15 +8,83 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
+from functools import cache
 from typing import Final
 
-from jbclog.app.audit.confirmed_read import Answer, Asking
+from jbclog.app import connection
+from jbclog.core.errors import LinkError, RobotModeOff, StationError, StationSilent
 from jbclog.core.io_requests import Steps
-from jbclog.core.quantities import text_of
+from jbclog.core.quantities import Value, text_of
 from jbclog.maintenance.counter_totals.observed import Count, Errors, Identity, Observation, Standing
 from jbclog.protocol.commands.command import TOOLS_WITH_A_PLACE, Command, Effect, Scope
-from jbclog.protocol.commands.family import OMEGA, Family
-from jbclog.session.manual.contact import NOWHERE, PORTS, Place, Target, meet
+from jbclog.protocol.commands.family import FAMILIES, OMEGA, Family
+from jbclog.session.manual.contact import NOWHERE, PORTS, Contact, Place, Target, meet
+from jbclog.transport.read_only import OnlyReads
+
+# -- harmless -----------------------------------------------------------------------------------------------------------------
+# What may go out over a port that an audit has open: questions, and of these none that changes anything by being asked (R-TA).
+
+
+def harmless_for(family: Family | None) -> OnlyReads:
+    """Whether these bytes are such a question in the protocol of `family`."""
+    only_reads, clearing = connection.only_reads_for(family), _clearing()
+    return lambda data: only_reads(data) and not any(code in data for code in clearing)
+
+
+@cache
+def _clearing() -> frozenset[bytes]:
+    """Every question of any family that does more than ask, at every port."""
+    commands = [one for family in FAMILIES.values() for one in family.commands.values()]
+    doing = [one for one in commands if one.readable and one.effect is not Effect.NONE and one.scope is Scope.PORT]
+    return frozenset(f"R{one.code(port)}".encode() for one in doing for port in PORTS)
+
+
+# -- confirmed read -----------------------------------------------------------------------------------------------------------
+# What an audit believes: two of at most three answers that are the same.
+
+MOST_READS: Final = 3
+NO_TIME: Final = "no time left for it"
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """What was said, and what of it is believed. Without a value and without `why`, no two answers were the same."""
+
+    given: tuple[Value, ...] = ()
+    value: Value | None = None
+    why: str = ""
+
+
+@dataclass(slots=True)
+class Asking:
+    """One station being asked until `until` (monotonic seconds). `over` says why nothing more can be had of it."""
+
+    contact: Contact
+    until: float
+    over: str = ""
+    over_reason: str = ""
+
+    def twice(self, command: Command, place: Place = NOWHERE) -> Steps[Answer]:
+        """Ask until two answers are the same. Never raises for what the station or its cable does."""
+        given: list[Value] = []
+        try:
+            while len(given) < MOST_READS and not self._is_over():
+                given.append((yield from self.contact.read(command, place)))
+                if given[-1] in given[:-1]:
+                    return Answer(tuple(given), given[-1])
+        except (StationSilent, RobotModeOff, LinkError) as error:
+            self.over, self.over_reason = str(error), error.reason
+        except StationError as error:
+            return Answer(tuple(given), None, error.reason)
+        return Answer(tuple(given), None, self.over_reason)
+
+    def _is_over(self) -> bool:
+        if not self.over and self.contact.client.now > self.until:
+            self.over = self.over_reason = NO_TIME
+        return bool(self.over)
+
+
+# -- questions ----------------------------------------------------------------------------------------------------------------
 
 QUESTIONS: Final = 400  # more than a station of four ports is asked
 SPARE_S: Final = 10.0

@@ -18,10 +18,9 @@ from pathlib import Path
 from typing import Final
 
 from jbclog.app import connection
-from jbclog.app.audit.past_runs import PastRuns, past_runs
 from jbclog.app.audit.questions import SurveyTarget
+from jbclog.app.audit.records import PastRuns, past_runs, verified, with_never
 from jbclog.app.audit.survey import Looking, Told
-from jbclog.app.audit.verifications import verified, with_never
 from jbclog.config.line import Line, StationSpec
 from jbclog.config.tasks_file import Task
 from jbclog.core.durable_files import sha256

@@ -21,8 +21,7 @@ from threading import Event
 from typing import Final
 
 from jbclog.app import connection
-from jbclog.app.audit.harmless import harmless_for
-from jbclog.app.audit.questions import SurveyTarget, look
+from jbclog.app.audit.questions import SurveyTarget, harmless_for, look
 from jbclog.core.errors import LinkError, PortBusy, StartRefused, StationError, of_program
 from jbclog.core.io_requests import Heard, Request, RunEnded, Steps, relay
 from jbclog.core.wire import PortPlace, place_of
@@ -140,7 +139,7 @@ def _open(wanted: SurveyTarget) -> Port:
 
 
 def _in_run(run: Path, wanted: SurveyTarget) -> Observation:
-    from jbclog.app.audit.recorded_counters import observed_in  # what reads a record is loaded only where there is one
+    from jbclog.app.audit.records import observed_in  # what reads a record is loaded only where there is one
 
     return observed_in(run, wanted, _now())
 

@@ -18,9 +18,8 @@ from typing import Final
 
 from pydantic import TypeAdapter
 
-from jbclog.app.batch.job_dir import JobDir, Now, PortNow, Said
+from jbclog.app.batch.job_dir import Carried, JobDir, Now, PortNow, Said
 from jbclog.app.batch.job_spec import JobSpec
-from jbclog.app.batch.serial_handover import Carried
 from jbclog.app.run.job import carry_out
 from jbclog.app.run.run_record import Result
 from jbclog.core.errors import Exit, JbclogError, in_order

@@ -10,11 +10,9 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Final, Protocol
 
-from jbclog.app.batch.entry import RECORDED, Entry, Kind, State
 from jbclog.app.batch.journal import Journal
 from jbclog.app.batch.processes import ENDED_BY, Came, Processes
-from jbclog.app.batch.queue import Next, whats_next
-from jbclog.app.batch.state import BatchState, JobState
+from jbclog.app.batch.state import RECORDED, BatchState, Entry, JobState, Kind, Next, State, whats_next
 from jbclog.config.job_order import OnFailure, Turn
 from jbclog.core.errors import Exit, Finding, UsageError, exit_code
 

@@ -1,4 +1,4 @@
-"""The papers of one attempt at a job: what it is to do, and what it tells while it goes on. They outlive whoever started it.
+"""The folder of one attempt at a job, and the serial that one job leaves to the next.
 
 The lock is held by the process of the job for as long as it lives, and taken for it by who starts it, before there is a process:
 so nobody can start it twice, and one that still runs is known by anybody at any time.
@@ -10,6 +10,7 @@ import contextlib
 import fcntl
 import json
 import os
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Final, cast
@@ -19,6 +20,9 @@ from jbclog.core.foreign.files import Kind, open_foreign, read_foreign
 from jbclog.core.foreign.json_reader import Misfit, build, json_of, read_json
 from jbclog.core.locks import is_locked
 from jbclog.core.rows import EventRow, Severity
+from jbclog.transport.typed_lines import Source
+
+# -- job dir ------------------------------------------------------------------------------------------------------------------
 
 JOB: Final = "job.json"
 LOCK: Final = "lock"
@@ -178,3 +182,38 @@ def _event(line: bytes) -> EventRow | None:
         event = EventRow(*json_of(line))
         return event._replace(severity=Severity(event.severity))
     return None
+
+
+# -- serial handover ----------------------------------------------------------------------------------------------------------
+# The serial that ends one job is that of the next one's first unit: who made the fortieth put away has the next one in hand.
+
+NEXT: Final = "unit.next"
+FEED: Final = (
+    *("unit.begin", "unit.end", "unit.again", "unit.repeated", "unit.finish", "unit.refused", "unit.closed", "unit.lost"),
+    NEXT,
+)
+
+
+class Carried(Source):
+    """A source that first gives a serial which was read from it before."""
+
+    def __init__(self, source: Source, serial: str) -> None:
+        self.name = source.name
+        self.is_typed = source.is_typed
+        self._source = source
+        self._first: bytes | None = serial.encode() + b"\n"
+
+    def read(self) -> bytes | None:
+        first, self._first = self._first, None
+        return first if first is not None else self._source.read()
+
+    def close(self) -> None:
+        self._source.close()
+
+
+def carried(before: Iterable[JobDir]) -> str | None:
+    """The serial that the last of these jobs read and left to the next; None where there is none, or it is not known."""
+    ended = [papers for papers in before if papers.ended_at() is not None]
+    last = max(ended, key=lambda papers: papers.ended_at() or 0.0, default=None)
+    events = [] if last is None else [event for event in last.events(0)[0] if event.kind in FEED]
+    return events[-1].raw if events and events[-1].kind == NEXT else None

@@ -17,8 +17,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Final, cast
 
-from jbclog.app.batch.entry import Entry, Kind
-from jbclog.app.batch.state import BatchState, standing_of
+from jbclog.app.batch.state import BatchState, Entry, Kind, standing_of
 from jbclog.core.durable_files import add_line, chain_in, fields_of, line_of, sha256, sync_folder, write_whole
 from jbclog.core.errors import RecordError
 from jbclog.core.foreign.files import Kind as FileKind

@@ -17,10 +17,9 @@ from pathlib import Path
 from typing import Final, Protocol
 
 from jbclog.app.batch.child import ORDER
-from jbclog.app.batch.entry import State
-from jbclog.app.batch.job_dir import NOTES, JobDir
+from jbclog.app.batch.job_dir import NOTES, JobDir, carried
 from jbclog.app.batch.job_spec import JobSpec
-from jbclog.app.batch.serial_handover import carried
+from jbclog.app.batch.state import State
 from jbclog.app.run.plan import Metadata
 from jbclog.core.errors import Exit, RecordError, Status, Unsafe, of_program
 from jbclog.record.find_runs import Filter, Found, find

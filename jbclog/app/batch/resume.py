@@ -10,12 +10,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
-from jbclog.app.batch.entry import Entry, Kind, State
 from jbclog.app.batch.executor import BatchExecutor, Means, Shown, Unseen
 from jbclog.app.batch.job_spec import Orders
 from jbclog.app.batch.journal import JOBS_FILE, Journal, begin, home_of, iso, newest
 from jbclog.app.batch.processes import SystemProcesses
-from jbclog.app.batch.state import BatchState, JobState
+from jbclog.app.batch.state import BatchState, Entry, JobState, Kind, State
 from jbclog.config.job_order import Turn, Zone, due_times, in_turn
 from jbclog.core.errors import Problem, Problems, UsageError
 

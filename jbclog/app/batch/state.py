@@ -1,13 +1,75 @@
-"""How a batch stands, by its journal alone: whoever reads the same lines comes to the same standing."""
+"""How a batch stands by the lines of its journal, and what may begin now."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
+from enum import StrEnum
 
-from jbclog.app.batch.entry import OVER, RECORDED, Entry, Kind, State
-from jbclog.config.job_order import OnFailure
+from jbclog.config.job_order import OnFailure, Turn
+
+# -- entry --------------------------------------------------------------------------------------------------------------------
+# The lines of a batch's journal: what was decided, before it is done, and what came of it.
+
+
+class Kind(StrEnum):
+    """What a line of the journal tells."""
+
+    BEGIN = "begin"  # the batch: its jobs file
+    JOB = "job"  # what the file asks of one job, and when it is due
+    SITTING = "sitting"  # a process takes the batch up; from here on what was held back or half done is open again
+    START = "start"  # a job is about to be started
+    RUN = "run"  # its run has a folder
+    END = "end"  # it ended: how
+    SKIP = "skip"  # it is not done, because one that it waits for was not
+    SIGNAL = "signal"  # somebody wants the batch to end
+    CLOSE = "close"  # the process gives the batch up: nothing more can begin
+    FINISH = "finish"  # every job has come to its end
+
+
+class State(StrEnum):
+    """How a job stands, in the words that people see."""
+
+    WAITING = "waiting"
+    RUNNING = "running"
+    DONE = "done"
+    NOT_FINE = "not fine"  # done and recorded, with a verdict or alarms that are not fine
+    FAILED = "failed"
+    HALF = "half done"
+    SKIPPED = "skipped"
+
+
+OVER = frozenset({State.DONE, State.NOT_FINE, State.FAILED, State.HALF, State.SKIPPED})
+RECORDED = frozenset({State.DONE, State.NOT_FINE})
+"""Its run came to the end that was wanted, with its record whole. These are never done again."""
+
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """A line of the journal; `text` says it to people. What does not belong to its kind is None.
+
+    `again`: the job is open again when the batch is gone on with. `asked` is what the jobs file asks of a job, as JSON.
+    """
+
+    time: str
+    kind: str
+    text: str
+    job: str | None = None
+    attempt: int | None = None
+    state: str | None = None
+    again: bool | None = None
+    exit_code: int | None = None
+    verdict: str | None = None
+    run: str | None = None
+    due: str | None = None
+    asked: str | None = None
+    on_failure: str | None = None
+    seq: int = 0
+    prev_sha256: str = ""
+
+
+# -- state --------------------------------------------------------------------------------------------------------------------
 
 
 @dataclass(slots=True)
@@ -131,3 +193,87 @@ def standing_of(entries: Iterable[Entry]) -> BatchState:
     for entry in entries:
         standing.take(entry)
     return standing
+
+
+# -- queue --------------------------------------------------------------------------------------------------------------------
+# What may begin now. In turn on one place, side by side on different ones, in the file's order.
+#
+# A job that waits, for its time or for others, keeps its place in the queue: what stands behind it and needs the same station waits
+# as well. So the file is what happens, whatever takes how long.
+
+DONE_FOR = frozenset({State.FAILED, State.HALF, State.NOT_FINE})
+
+
+@dataclass(frozen=True, slots=True)
+class Waits:
+    """A job that cannot begin yet. `why` is for people; `until` the moment that it waits for, if that is all."""
+
+    name: str
+    why: str
+    until: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Next:
+    """What comes next: jobs that can begin now, those that are not done and why, those that wait."""
+
+    begin: tuple[str, ...] = ()
+    skip: tuple[tuple[str, str], ...] = ()
+    wait: tuple[Waits, ...] = ()
+
+
+def whats_next(turns: Sequence[Turn], standing: BatchState, now: float) -> Next:
+    """What comes next at `now` (seconds since 1970 UTC). `turns` in the order of `in_turn`.
+
+    A line that was stopped begins and skips nothing more. Skipping comes alone: what it means for others is asked next.
+    """
+    if standing.stopped_by is not None or standing.ended_by is not None:
+        return Next()
+    skipped = tuple(_skipped(turns, standing))
+    if skipped:
+        return Next(skip=skipped)
+    taken = {place: name for name in _running(standing) for place in _places(turns, name)}
+    begin: list[str] = []
+    wait: list[Waits] = []
+    for turn in turns:
+        if standing.jobs[turn.name].state is not State.WAITING:
+            continue
+        waits = _why_waits(turn, standing, taken, now)
+        if waits is None:
+            begin.append(turn.name)
+        else:
+            wait.append(waits)
+        for place in turn.places:
+            taken.setdefault(place, turn.name)
+    return Next(tuple(begin), wait=tuple(wait))
+
+
+def _running(standing: BatchState) -> list[str]:
+    return [job.name for job in standing.running()]
+
+
+def _places(turns: Sequence[Turn], name: str) -> frozenset[str]:
+    return next(turn.places for turn in turns if turn.name == name)
+
+
+def _skipped(turns: Sequence[Turn], standing: BatchState) -> Iterator[tuple[str, str]]:
+    policies = {turn.name: turn.on_failure for turn in turns}
+    for turn in turns:
+        if standing.jobs[turn.name].state is State.WAITING:
+            for other in turn.after:
+                state = standing.jobs[other].state
+                if state is State.SKIPPED or (state in DONE_FOR and policies[other] is OnFailure.SKIP):
+                    yield turn.name, f"it waits for {other}, which is {state.value}"
+                    break
+
+
+def _why_waits(turn: Turn, standing: BatchState, taken: dict[str, str], now: float) -> Waits | None:
+    others = [name for name in turn.after if not standing.jobs[name].is_over]
+    if others:
+        return Waits(turn.name, f"after {', '.join(others)}")
+    before = sorted({taken[place] for place in turn.places if place in taken})
+    if before:
+        places = sorted(place for place in turn.places if place in taken)
+        return Waits(turn.name, f"{', '.join(places)}: behind {', '.join(before)}")
+    due = standing.jobs[turn.name].due
+    return Waits(turn.name, "its time", due) if due is not None and now < due else None

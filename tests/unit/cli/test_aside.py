@@ -9,9 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from jbclog.cli import background_observer
-from jbclog.cli.background_observer import BackgroundObserver
-from jbclog.cli.progress import Lines
+from jbclog.cli import progress
+from jbclog.cli.progress import BackgroundObserver, Lines
 from jbclog.core.rows import EventRow, Severity
 
 EVENT = EventRow(0, "station.error", Severity.ERROR, "text", "dde-1")
@@ -42,7 +41,7 @@ def pipe(monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[int, int]]:
     """A pipe in the place of stderr."""
     reading, writing = os.pipe()
     os.set_blocking(writing, False)
-    monkeypatch.setattr(background_observer, "STDERR", writing)
+    monkeypatch.setattr(progress, "STDERR", writing)
     yield reading, writing
     os.close(reading)
     os.close(writing)
@@ -69,15 +68,15 @@ def test_all_is_told_in_order_whatever_fails(pipe: tuple[int, int]) -> None:
 
 
 def test_nobody_waits_for_a_stderr_that_takes_nothing(pipe: tuple[int, int], monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(background_observer, "CLOSE_S", 0.05)
-    monkeypatch.setattr(background_observer, "LOOK_S", 0.01)
+    monkeypatch.setattr(progress, "CLOSE_S", 0.05)
+    monkeypatch.setattr(progress, "LOOK_S", 0.01)
     fill(pipe[1])
     noted = Noted()
     shown = BackgroundObserver(noted)
-    for _ in range(2 * background_observer.WAITING_MOST):
+    for _ in range(2 * progress.WAITING_MOST):
         shown.happened(EVENT)
     time.sleep(0.05)
-    assert shown.missed() == 2 * background_observer.WAITING_MOST
+    assert shown.missed() == 2 * progress.WAITING_MOST
     shown.close()  # or it would wait for ever
     assert noted.told == []
 

@@ -9,8 +9,7 @@ import pytest
 from typer.testing import CliRunner
 from uart_ports import Cable, Silence, means, station_cable
 
-from jbclog.app.discovery import scan_ports
-from jbclog.app.doctor import examine
+from jbclog.app import discovery, doctor
 from jbclog.cli.app import app
 from jbclog.core.wire import LineFormat
 
@@ -21,8 +20,8 @@ LINE = '[line]\nname = "x"\n[[station]]\nname = "s-1"\nurl = "/dev/ttyJBC"\nfami
 def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A folder with a line file, on a machine with a good clock and no USB ports."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(examine, "clock_is_kept", lambda: True)
-    monkeypatch.setattr(examine, "usb_ports", list)
+    monkeypatch.setattr(doctor, "clock_is_kept", lambda: True)
+    monkeypatch.setattr(doctor, "usb_ports", list)
     (tmp_path / "line.toml").write_text(LINE)
     return tmp_path
 
@@ -41,14 +40,14 @@ def test_a_machine_where_everything_is_fine(place: Path) -> None:
 
 
 def test_a_line_whose_station_answers(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(scan_ports, "SYSTEM", means({"/dev/ttyJBC": station_cable("dde")}))
+    monkeypatch.setattr(discovery, "SYSTEM", means({"/dev/ttyJBC": station_cable("dde")}))
     code, lines = said("--line", "line.toml")
     assert code == 0
     assert lines[2].startswith("fine     s-1: DDE answers at 19200 8N1, address 01 in 1.0 ms")
 
 
 def test_each_finding_has_its_step(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(scan_ports, "SYSTEM", means({"/dev/ttyJBC": Cable(Silence(), LineFormat())}))
+    monkeypatch.setattr(discovery, "SYSTEM", means({"/dev/ttyJBC": Cable(Silence(), LineFormat())}))
     code, lines = said("--line", "line.toml")
     assert code == 1
     assert lines[2].startswith("FINDING  s-1 (/dev/ttyJBC): nothing answers in 12 line formats (19200 8N1")
@@ -57,7 +56,7 @@ def test_each_finding_has_its_step(place: Path, monkeypatch: pytest.MonkeyPatch)
 
 
 def test_json(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(scan_ports, "SYSTEM", means({}))
+    monkeypatch.setattr(discovery, "SYSTEM", means({}))
     code, lines = said("--line", "line.toml", "--json")
     told = json.loads("\n".join(lines))
     assert code == 1

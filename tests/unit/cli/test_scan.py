@@ -9,7 +9,7 @@ import pytest
 from typer.testing import CliRunner
 from uart_ports import Cable, Echo, Silence, means, station_cable
 
-from jbclog.app.discovery import scan_ports
+from jbclog.app import discovery
 from jbclog.cli.app import app
 from jbclog.cli.scan import _addresses, _ports
 from jbclog.core.errors import UsageError
@@ -59,7 +59,7 @@ def test_what_is_no_url_of_a_port_is_wrong_usage(url: str, why: str) -> None:
 
 def said(monkeypatch: pytest.MonkeyPatch, cables: dict[str, Cable], *options: str) -> tuple[int, str]:
     """Exit code and stdout of a scan of these cables' urls."""
-    monkeypatch.setattr(scan_ports, "SYSTEM", means(cables))
+    monkeypatch.setattr(discovery, "SYSTEM", means(cables))
     ended = CliRunner().invoke(app, ["scan", *options, *cables])
     return ended.exit_code, ended.stdout
 

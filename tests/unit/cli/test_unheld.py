@@ -7,8 +7,8 @@ from collections.abc import Iterator
 
 import pytest
 
-from jbclog.cli import nonblocking_stdio
-from jbclog.cli.nonblocking_stdio import NonblockingOutput
+from jbclog.cli import streams
+from jbclog.cli.streams import NonblockingOutput
 
 
 @pytest.fixture
@@ -41,7 +41,7 @@ def test_all_comes_in_order(pipe: tuple[int, int]) -> None:
 
 
 def test_who_does_not_read_is_not_waited_for(pipe: tuple[int, int], monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(nonblocking_stdio, "END_S", 0.1)
+    monkeypatch.setattr(streams, "END_S", 0.1)
     before = fill(pipe[1])
     stream = NonblockingOutput(pipe[1])
     stream.write(b"the end")
@@ -54,12 +54,12 @@ def test_who_does_not_read_is_not_waited_for(pipe: tuple[int, int], monkeypatch:
 
 
 def test_what_waits_is_bounded(pipe: tuple[int, int], monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(nonblocking_stdio, "END_S", 0.1)
+    monkeypatch.setattr(streams, "END_S", 0.1)
     fill(pipe[1])
     stream = NonblockingOutput(pipe[1])
-    for _ in range(3 * nonblocking_stdio.WAITING_MOST // 65_536):
+    for _ in range(3 * streams.WAITING_MOST // 65_536):
         stream.write(b"x" * 65_536)
-    assert stream.lost >= nonblocking_stdio.WAITING_MOST
+    assert stream.lost >= streams.WAITING_MOST
     os.close(pipe[0])
 
 
@@ -72,6 +72,6 @@ def test_a_reader_that_goes_is_no_error(pipe: tuple[int, int]) -> None:
 
 
 def test_a_stream_that_is_no_descriptor_stays_as_it_is(capsys: pytest.CaptureFixture[str]) -> None:
-    nonblocking_stdio.never_wait()
+    streams.never_wait()
     print("seen")
     assert capsys.readouterr().out == "seen\n"

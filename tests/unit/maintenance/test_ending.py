@@ -13,7 +13,7 @@ import fleets
 import pytest
 from hostile_names import HOSTILE
 
-from jbclog.cli.audit_table import lines
+from jbclog.cli.audit_end import lines
 from jbclog.maintenance.counter_totals.observed import Count, Standing
 from jbclog.maintenance.counter_totals.span import Interval
 from jbclog.maintenance.due import State

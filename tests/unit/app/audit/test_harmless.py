@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from talk import framed
 
-from jbclog.app.audit.harmless import harmless_for
+from jbclog.app.audit.questions import harmless_for
 from jbclog.protocol.commands.family import FAMILIES
 
 DDE, OMEGA = FAMILIES["dde"], FAMILIES["omega"]

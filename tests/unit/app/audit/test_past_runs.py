@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from jbclog.app.audit.past_runs import LAG, PastRuns, past_runs
+from jbclog.app.audit.records import LAG, PastRuns, past_runs
 from jbclog.core.rows import EventRow, Severity, StationFacts
 from jbclog.maintenance.counter_totals.observed import Errors, Observation
 from jbclog.maintenance.use import counted_until

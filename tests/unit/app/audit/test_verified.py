@@ -6,7 +6,7 @@ from dataclasses import replace
 from datetime import UTC, date, datetime, timedelta
 from pathlib import Path
 
-from jbclog.app.audit.verifications import verified, with_never
+from jbclog.app.audit.records import verified, with_never
 from jbclog.config.tasks_file import load_tasks
 from jbclog.maintenance.counter_totals.observed import Count, Identity, Observation
 from jbclog.maintenance.due import State, TaskState

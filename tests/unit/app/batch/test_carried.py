@@ -5,8 +5,7 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-from jbclog.app.batch.job_dir import JobDir, Said
-from jbclog.app.batch.serial_handover import Carried, carried
+from jbclog.app.batch.job_dir import Carried, JobDir, Said, carried
 from jbclog.app.run.unit_feed import UnitFeed
 from jbclog.core.rows import EventRow, Severity
 from jbclog.transport.typed_lines import open_source

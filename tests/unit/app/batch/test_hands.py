@@ -14,10 +14,10 @@ import few_rows
 import pytest
 
 from jbclog.app.batch.child import ORDER
-from jbclog.app.batch.entry import State
 from jbclog.app.batch.job_dir import JobDir, Said
 from jbclog.app.batch.job_spec import JobSpec
 from jbclog.app.batch.processes import Came, SystemProcesses, came_of, signed
+from jbclog.app.batch.state import State
 from jbclog.app.run.job import Job
 from jbclog.app.run.plan import RunOptions
 from jbclog.record.check import check

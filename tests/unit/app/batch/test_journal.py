@@ -14,7 +14,6 @@ from pathlib import Path
 import pytest
 from command import BENCH, PROFILES
 
-from jbclog.app.batch.entry import Entry, Kind
 from jbclog.app.batch.executor import Means
 from jbclog.app.batch.job_dir import JobDir
 from jbclog.app.batch.job_spec import Orders, orders_of
@@ -22,7 +21,7 @@ from jbclog.app.batch.journal import NAME, Journal, begin, home_of, newest, read
 from jbclog.app.batch.processes import came_of
 from jbclog.app.batch.resume import Shift, take
 from jbclog.app.batch.single_batch import hold
-from jbclog.app.batch.state import standing_of
+from jbclog.app.batch.state import Entry, Kind, standing_of
 from jbclog.config.job_order import SystemZone
 from jbclog.config.jobs_file import load_jobs
 from jbclog.core.errors import JbclogError, Problems, RecordError, UsageError

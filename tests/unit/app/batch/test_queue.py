@@ -11,10 +11,8 @@ from batch_world import CRASH, NIGHT, STILLBORN, Fate, Killed, World
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from jbclog.app.batch.entry import RECORDED, Kind, State
 from jbclog.app.batch.executor import BatchExecutor
-from jbclog.app.batch.queue import whats_next
-from jbclog.app.batch.state import BatchState, standing_of
+from jbclog.app.batch.state import RECORDED, BatchState, Kind, State, standing_of, whats_next
 from jbclog.config.job_order import At, OnFailure, Turn, circle, in_turn, read_at
 from jbclog.core.errors import Exit
 

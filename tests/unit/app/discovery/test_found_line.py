@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from jbclog.app.discovery.line_file import text_of
+from jbclog.app.discovery import text_of
 from jbclog.config.line import StationSpec, load_line
 from jbclog.core.wire import LineFormat
 from jbclog.protocol.commands.family import FAMILIES

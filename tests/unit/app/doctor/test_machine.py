@@ -14,12 +14,19 @@ from pathlib import Path
 import pytest
 from far_ends import terminal
 
-from jbclog.app.discovery.scan_ports import search
-from jbclog.app.doctor import disk, ports
-from jbclog.app.doctor.clock import clock_is_kept, look_at_clock
-from jbclog.app.doctor.disk import look_at_folder
-from jbclog.app.doctor.ports import look_at_holder, look_at_timer, look_at_usb_port, permission_step
-from jbclog.app.doctor.result import Fine, Looked
+from jbclog.app import doctor
+from jbclog.app.discovery import search
+from jbclog.app.doctor import (
+    Fine,
+    Looked,
+    clock_is_kept,
+    look_at_clock,
+    look_at_folder,
+    look_at_holder,
+    look_at_timer,
+    look_at_usb_port,
+    permission_step,
+)
 from jbclog.core.errors import PortBusy
 from jbclog.session.discovery.found import Finding, ScanPlan
 from jbclog.transport.system_ports import UsbPort
@@ -57,14 +64,14 @@ def test_no_write_access(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, number
     def refuse(path: Path, data: bytes) -> None:
         raise OSError(number, os.strerror(number))
 
-    monkeypatch.setattr(disk, "write_whole", refuse)
+    monkeypatch.setattr(doctor, "write_whole", refuse)
     (looked,) = look_at_folder(tmp_path)
     assert os.strerror(number) in finding(looked).what
     assert step in finding(looked).step
 
 
 def test_little_room(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(disk.shutil, "disk_usage", lambda path: Usage(10**12, 10**12, 123_000_000))
+    monkeypatch.setattr(doctor.shutil, "disk_usage", lambda path: Usage(10**12, 10**12, 123_000_000))
     (looked,) = look_at_folder(tmp_path)
     assert finding(looked).kind == "disk.space"
     assert "only 123 MB" in finding(looked).what
@@ -105,9 +112,9 @@ def test_a_port_that_is_free(tmp_path: Path) -> None:
 def test_a_port_that_this_user_may_not_open(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     device = tmp_path / "ttyUSB0"
     device.touch()
-    monkeypatch.setattr(ports.os, "access", lambda path, mode: False)
+    monkeypatch.setattr(doctor.os, "access", lambda path, mode: False)
     monkeypatch.setattr(Path, "group", lambda path: "uucp")
-    monkeypatch.setattr(ports.getpass, "getuser", lambda: "rossi")
+    monkeypatch.setattr(doctor.getpass, "getuser", lambda: "rossi")
     looked = finding(look_at_usb_port(usb(device)))
     assert (looked.kind, looked.step) == ("port.permission", "`sudo adduser rossi uucp`, then log in anew")
 
@@ -115,7 +122,7 @@ def test_a_port_that_this_user_may_not_open(tmp_path: Path, monkeypatch: pytest.
 def test_a_port_that_somebody_else_has_open(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     device = tmp_path / "ttyUSB0"
     device.touch()
-    monkeypatch.setattr(ports, "locker_of", lambda url: os.getppid())
+    monkeypatch.setattr(doctor, "locker_of", lambda url: os.getppid())
     looked = finding(look_at_holder("dde-1", str(device)))
     assert looked.kind == "port.busy"
     assert f"process {os.getppid()}" in looked.what
@@ -155,7 +162,7 @@ def test_the_program_behind_a_pseudo_terminal_does_not_share_it() -> None:
 @pytest.mark.parametrize("group", ["root", "wheel", "audio"])
 def test_nobody_is_told_to_join_a_group_that_may_do_more(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, group: str) -> None:
     monkeypatch.setattr(Path, "group", lambda path: group)
-    monkeypatch.setattr(ports.getpass, "getuser", lambda: "rossi")
+    monkeypatch.setattr(doctor.getpass, "getuser", lambda: "rossi")
     step = permission_step(tmp_path / "ttyUSB0")
     assert f"adduser rossi {group}" not in step
     assert 'KERNEL=="ttyUSB*", GROUP="dialout", MODE="0660"' in step
@@ -163,7 +170,7 @@ def test_nobody_is_told_to_join_a_group_that_may_do_more(tmp_path: Path, monkeyp
 
 
 def test_a_run_that_holds_a_port_is_no_finding(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(ports, "run_that_holds", lambda url: Path("runs/20261121T013000Z-bench-k7qd"))
+    monkeypatch.setattr(doctor, "run_that_holds", lambda url: Path("runs/20261121T013000Z-bench-k7qd"))
     looked = look_at_holder("dde-1", "/dev/ttyUSB0")
     assert isinstance(looked, Fine)
     assert "runs/20261121T013000Z-bench-k7qd records it" in looked.what
@@ -173,7 +180,7 @@ def test_a_run_that_holds_a_port_is_no_finding(monkeypatch: pytest.MonkeyPatch) 
 def test_an_adapter_that_holds_answers_back(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, held_ms: str, is_slow: bool) -> None:
     timer = tmp_path / "latency_timer"
     timer.write_text(held_ms)
-    monkeypatch.setattr(ports, "latency_timer", lambda device: timer)
+    monkeypatch.setattr(doctor, "latency_timer", lambda device: timer)
     looked = look_at_timer("dde-1", "/dev/ttyUSB0")
     assert (looked is not None) is is_slow
     if is_slow:

@@ -8,8 +8,7 @@ import pytest
 from page_omega import PageOmega
 from uart_ports import Cable, Echo, Silence, means, station_cable
 
-from jbclog.app.doctor.result import Fine, Looked
-from jbclog.app.doctor.stations import look_at_stations
+from jbclog.app.doctor import Fine, Looked, look_at_stations
 from jbclog.config.line import parse_line
 from jbclog.core.wire import LineFormat
 from jbclog.session.discovery.found import Finding

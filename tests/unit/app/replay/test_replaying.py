@@ -9,8 +9,7 @@ import pytest
 from taped import recorded
 from virtual_run import line_text
 
-from jbclog.app.replay.recording import Recording, open_recording, plan_of
-from jbclog.app.replay.serving import limits, serve
+from jbclog.app.replay import Recording, limits, open_recording, plan_of, serve
 from jbclog.app.run.plan import RunOptions, make_plan, orders
 from jbclog.config.line import load_line
 from jbclog.core.clock import VirtualClock

@@ -10,8 +10,7 @@ from page_omega import PageOmega
 from talk import framed
 from uart_ports import Cable, Coming, Echo, Silence, means, station_cable
 
-from jbclog.app.discovery.line_file import text_of
-from jbclog.app.discovery.scan_ports import search
+from jbclog.app.discovery import search, text_of
 from jbclog.config.line import parse_line
 from jbclog.core.clock import VirtualClock
 from jbclog.core.errors import PortMissing

@@ -10,9 +10,8 @@ from talk import framed
 from typer.testing import CliRunner
 from uart_ports import Cable, Coming, FarEnd, means, says, station_cable
 
-from jbclog.app.discovery import scan_ports
-from jbclog.app.doctor.result import Fine
-from jbclog.app.doctor.stations import look_at_stations
+from jbclog.app import discovery
+from jbclog.app.doctor import Fine, look_at_stations
 from jbclog.cli.app import app
 from jbclog.config.line import load_line, parse_line
 from jbclog.core.wire import LineFormat
@@ -23,7 +22,7 @@ OTHERWISE = {"SMN": "  EEE", "SVR": "9.99", "SER": "00005", "CT2": "00000", "CT1
 
 
 def scanned(cable: Cable) -> PortReport:
-    (report,) = scan_ports.search([("port", ScanPlan())], means=means({"port": cable}))
+    (report,) = discovery.search([("port", ScanPlan())], means=means({"port": cable}))
     return report
 
 
@@ -47,7 +46,7 @@ def test_one_answer_changes_nothing_of_what_is_found(code: str, before: int) -> 
 def test_one_answer_changes_nothing_of_a_line_file(code: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     cable = station_cable("dde")
     says(cable, code, OTHERWISE[code])
-    monkeypatch.setattr(scan_ports, "SYSTEM", means({"/dev/far": cable}))
+    monkeypatch.setattr(discovery, "SYSTEM", means({"/dev/far": cable}))
     ended = CliRunner().invoke(app, ["scan", "/dev/far", "--write", str(tmp_path / "line.toml")])
     assert ended.exit_code == 0
     (spec,) = load_line(tmp_path / "line.toml").stations
@@ -143,7 +142,7 @@ def test_what_is_another_each_time_is_told_and_no_line_file_is_made_of_it(
 ) -> None:
     cable = station_cable("dde")
     says(cable, code, *data)
-    monkeypatch.setattr(scan_ports, "SYSTEM", means({"/dev/far": cable}))
+    monkeypatch.setattr(discovery, "SYSTEM", means({"/dev/far": cable}))
     ended = CliRunner().invoke(app, ["scan", "/dev/far", "--write", str(tmp_path / "line.toml"), "--json"])
     facts = json.loads(ended.stdout)
     assert (ended.exit_code, facts["written"], (tmp_path / "line.toml").exists()) == (1, None, False)

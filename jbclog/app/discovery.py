@@ -1,0 +1,198 @@
+"""Scan several ports side by side, and write a line file from what answers. Start with `search`."""
+
+from __future__ import annotations
+
+import math
+import os
+import re
+import time
+from collections import Counter
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from jbclog.config.line import AUTO, Described, StationTable, is_path, line_comment, line_text, station_text
+from jbclog.config.schema import NAME_PATTERN
+from jbclog.core.clock import Clock, SystemClock
+from jbclog.core.errors import PortBusy
+from jbclog.core.wire import LineFormat
+from jbclog.record.port_owner import run_that_holds
+from jbclog.session.discovery.found import PortReport, ScanPlan, StationFound
+from jbclog.session.discovery.probe import is_harmless
+from jbclog.session.discovery.scan import Dial, scan
+from jbclog.transport import blocking
+from jbclog.transport.opening import open_port
+from jbclog.transport.port import Port
+from jbclog.transport.read_only import ReadOnly
+from jbclog.transport.system_ports import in_words_all, lasting_name, sharers_of
+
+# -- scan ports ---------------------------------------------------------------------------------------------------------------
+# Scans of several ports side by side: the composition root of `scan`, and of what `doctor` asks of a line.
+#
+# ::
+#
+#     url -> ScanPlan -> open_port, questions only, counted -> drive.blocking pulls finding.scan -> PortReport
+#
+# Each port has a thread of its own: a scan waits nearly all the time.
+
+MOST_AT_ONCE = 64
+
+
+@dataclass(frozen=True, slots=True)
+class Means:
+    """How ports are opened and time passes; tests have their own."""
+
+    open_port: Callable[[str, LineFormat], Port]
+    sleep: Callable[[float], None]
+    clock: Clock
+
+
+SYSTEM: Final = Means(open_port, time.sleep, SystemClock())
+
+Told = Callable[[PortReport], object]
+
+
+def search(wanted: Sequence[tuple[str, ScanPlan]], told: Told = lambda _: None, means: Means | None = None) -> list[PortReport]:
+    """Scan every url by its plan; `told` is called, in this thread, with each report as it is done. In the order of `wanted`.
+
+    Ctrl-C ends all scans within one answer's time.
+    """
+    by = means or SYSTEM
+    dials = [Dial(plan.trials[0].line) for _, plan in wanted]
+    with ThreadPoolExecutor(max_workers=max(1, min(len(wanted), MOST_AT_ONCE)), thread_name_prefix="scan") as pool:
+        scans = [pool.submit(_scan, url, plan, dial, by) for (url, plan), dial in zip(wanted, dials, strict=True)]
+        try:
+            for done in as_completed(scans):
+                told(done.result())
+        except BaseException:
+            _stop(dials)
+            raise
+    return [one.result() for one in scans]
+
+
+def _stop(dials: Iterable[Dial]) -> None:
+    for dial in dials:
+        dial.stop = True
+
+
+def _scan(url: str, plan: ScanPlan, dial: Dial, means: Means) -> PortReport:
+    report = PortReport(url)
+    blocking.run(scan(plan, dial, report), lambda: _open(report, dial, means), sleep=means.sleep, clock=means.clock)
+    return report
+
+
+def _open(report: PortReport, dial: Dial, means: Means) -> Port:
+    """The port as a scan may use it: it lets harmless questions through and counts them.
+
+    A run holds its stations also while a cable is out, and behind servers that would take a second client. A program that
+    does not keep others out would lose what is answered here.
+    """
+    run = None if report.tried else run_that_holds(report.url)
+    if run is not None:
+        raise PortBusy(f"{report.url} belongs to the run {run}; wait for its end, or end it")
+    sharers = [] if report.tried else sharers_of(report.url)
+    if sharers:
+        raise PortBusy(f"{report.url} is open in {in_words_all(sharers)}; end that, or take another port", sharers[0])
+    return _Counted(ReadOnly(means.open_port(report.url, dial.line), is_harmless), report, dial.line)
+
+
+class _Counted:
+    """A port that counts what is sent in its report: what was handed to the system, not what was meant to be."""
+
+    def __init__(self, port: Port, report: PortReport, line: LineFormat) -> None:
+        self._report = report
+        self._line = line
+        self.url = port.url
+        self.fileno = port.fileno
+        self.read_now = port.read_now
+        self.read = port.read
+        self.close = port.close
+        self._write = port.write
+
+    def write(self, data: bytes) -> None:
+        self._write(data)
+        self._report.sent[self._line, data] += 1
+
+
+# -- line file ----------------------------------------------------------------------------------------------------------------
+# From what a scan found to a line file that runs as it is.
+
+NO_TOOL = (None, "none")
+
+
+def text_of(reports: Sequence[PortReport], file: Path) -> str | None:
+    """The text of a line file with every station that a run could begin with, and those to be completed as comments.
+
+    None where there is neither.
+    """
+    stations = _described([report for report in reports if report.station is not None and report.station.is_drivable])
+    name = file.stem if re.fullmatch(NAME_PATTERN, file.stem) else "line"
+    text = line_text(name, stations, "Found by jbclog scan. A station's recipe goes here, or on the command line.")
+    proposals = "".join(_proposal(report) for report in reports)
+    return text + proposals if stations or proposals else None
+
+
+def is_complete(reports: Sequence[PortReport]) -> bool:
+    """Whether the line file has a station that a run could begin with, and not proposals alone."""
+    return any(report.station is not None and report.station.is_drivable for report in reports)
+
+
+def _proposal(report: PortReport) -> str:
+    """A station whose model no table has, as comments: nobody but a person can name its family."""
+    found = report.station
+    if found is None or found.model is None or found.family is not None or found.robot_mode is False or found.trouble is not None:
+        return ""
+    said = f"Model {found.model} is in no table. If you know what it is: name the family, and take away the # before these lines."
+    table = _table("station-1", report.url, found, AUTO).model_copy(update={"family": "...", "model": found.model})
+    return line_comment(f"\n{said}\n{station_text(table)}")
+
+
+def _described(reports: Sequence[PortReport]) -> list[Described]:
+    numbers: Counter[str] = Counter()
+    described = []
+    for report in reports:
+        if report.station is not None and report.station.family is not None:
+            family = report.station.family.name
+            numbers[family] += 1
+            described.append(
+                (_table(f"{family}-{numbers[family]}", report.url, report.station, family), _said(report, report.station))
+            )
+    return described
+
+
+def _table(name: str, url: str, found: StationFound, family: str) -> StationTable:
+    turnaround = found.turnaround
+    return StationTable(
+        name=name,
+        url=lasting_url(url),
+        family=family,
+        baudrate=found.line.baudrate,
+        format=found.line.format,
+        address=found.address if found.address is not None else False,
+        ports=_ports(found),
+        turnaround_ms=math.ceil(turnaround.median_ms * 10) / 10 if turnaround else None,
+    )
+
+
+def _ports(found: StationFound) -> tuple[int, ...] | None:
+    """The ports with a tool: a run refuses a named port without one. Where there is no tool at all, those that answer."""
+    with_tool = tuple(port for port, tool in found.tools.items() if tool not in NO_TOOL)
+    return with_tool or tuple(found.tools) or None
+
+
+def lasting_url(url: str) -> str:
+    """The url as a line file best has it: a USB adapter by its own number, a path from the root."""
+    return lasting_name(os.path.abspath(url)) if is_path(url) else url  # noqa: PTH100  # a link stays a link
+
+
+def _said(report: PortReport, found: StationFound) -> str:
+    parts = [found.model or (found.family.title if found.family else "a station that does not say its model")]
+    parts += [f"software {found.software}"] if found.software else []
+    parts += [f"port {port} {tool or 'not told'}" for port, tool in found.tools.items()]
+    said = [", ".join(parts)]
+    said += ["The line format is the server's."] if report.url.startswith("socket:") else []
+    faster = found.turnaround.faster if found.turnaround else None
+    said += [f"{faster[0].upper()}{faster[1:]}."] if faster else []
+    return "\n".join(said)

@@ -1,0 +1,368 @@
+"""Diagnose this machine's setup and the stations of a line, and suggest one step for each finding. Start with `examine`."""
+
+from __future__ import annotations
+
+import ctypes
+import dataclasses
+import errno
+import getpass
+import os
+import re
+import shutil
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+
+from jbclog.app.discovery import Means, Told, search
+from jbclog.config.line import AUTO, Line, StationSpec
+from jbclog.core.durable_files import write_whole
+from jbclog.protocol.commands.family import FAMILIES, OMEGA, Family
+from jbclog.record.port_owner import run_of, run_that_holds
+from jbclog.session.discovery.diagnosis import FIRMLY, diagnose
+from jbclog.session.discovery.found import ADDRESSES, BY_SERVER, USUAL, Finding, PortReport, ScanPlan, StationFound, Trial
+from jbclog.transport.system_ports import UsbPort, in_words, in_words_all, latency_timer, locker_of, sharers_of, usb_ports
+
+# -- result -------------------------------------------------------------------------------------------------------------------
+# What was looked at: fine, or a finding.
+
+
+@dataclass(frozen=True, slots=True)
+class Fine:
+    """Something that is as it should be, with the same `kind` and `where` as its finding would have."""
+
+    kind: str
+    where: str
+    what: str
+
+
+Looked = Fine | Finding
+
+
+# -- clock --------------------------------------------------------------------------------------------------------------------
+# The host's clock: what it says, and whether anybody keeps it right.
+
+WHERE = "clock"
+STEP = "have a time server keep it: `sudo timedatectl set-ntp true`"
+RELEASED = datetime(2026, 1, 1, tzinfo=UTC)  # nothing can be recorded before this program was made
+UNSYNCHRONISED = 5  # TIME_ERROR of adjtimex(2)
+ROOM = 256  # bytes; struct timex has 208
+
+
+def look_at_clock(utc_s: float, is_kept: bool | None) -> Looked:
+    """`utc_s` is what the clock says, in seconds since 1970; `is_kept` whether the system calls it right, where it tells."""
+    now = datetime.fromtimestamp(utc_s, UTC)
+    if now < RELEASED:
+        return Finding("clock.wrong", WHERE, f"it says {now:%Y-%m-%d %H:%M} UTC, which cannot be", STEP)
+    if is_kept is False:
+        return Finding("clock.unkept", WHERE, "no time server keeps it, so times in records can be off", STEP)
+    return Fine("clock", WHERE, f"{now:%Y-%m-%d %H:%M} UTC" + (", kept by a time server" if is_kept else ""))
+
+
+def clock_is_kept() -> bool | None:
+    """What the kernel says of its clock; None where there is nobody to ask."""
+    try:
+        told = ctypes.CDLL(None).adjtimex(ctypes.create_string_buffer(ROOM))
+    except (OSError, AttributeError, TypeError):  # another system
+        return None
+    return None if told < 0 else bool(told != UNSYNCHRONISED)
+
+
+# -- disk ---------------------------------------------------------------------------------------------------------------------
+# The folder that runs are recorded in: whether files can be kept there, and for how long there is room.
+
+LEAST_FREE = 500_000_000  # bytes: some days of a few stations, and what is not sealed yet
+PROBE_BYTES = 4096
+
+
+def look_at_folder(out: Path) -> list[Looked]:
+    """Whether a run could be recorded below `out`, which need not be there yet."""
+    folder = nearest(out)
+    try:
+        _prove(folder)
+        free = shutil.disk_usage(folder).free
+    except OSError as error:
+        return [
+            Finding("disk.no_write", str(out), f"no file can be kept in {folder}: {error.strerror or error}", _step(error, folder))
+        ]
+    return [_room(out, free)]
+
+
+def nearest(out: Path) -> Path:
+    """`out`, or the folder above it that is there."""
+    return next(place for place in (out.absolute(), *out.absolute().parents) if place.exists())
+
+
+def _prove(folder: Path) -> None:
+    """Write, sync, rename and remove a file, as a run will."""
+    probe = folder / f".jbclog-doctor-{os.getpid()}"
+    try:
+        write_whole(probe, bytes(PROBE_BYTES))
+    finally:
+        probe.unlink(missing_ok=True)
+
+
+def _step(error: OSError, folder: Path) -> str:
+    if error.errno == errno.ENOSPC:
+        return f"make room on the disk of {folder}"
+    if error.errno in (errno.EACCES, errno.EPERM):
+        return f"let your user write there: `sudo chown $USER {folder}`"
+    return "record elsewhere: `--out DIR` with a folder on a disk that can be written to"
+
+
+def _room(out: Path, free: int) -> Looked:
+    told = f"{free / 1e9:.1f} GB are free"
+    if free < LEAST_FREE:
+        what = f"only {free / 1e6:.0f} MB are free; a station with two ports at 10 Hz fills some 30 MB a day"
+        return Finding("disk.space", str(out), what, f"make room on the disk of {nearest(out)}")
+    return Fine("disk", str(out), f"files can be kept here, {told}")
+
+
+# -- ports --------------------------------------------------------------------------------------------------------------------
+# Ports of this computer as the system sees them, without opening any: there, allowed, free.
+
+NONE_PLUGGED = "no USB serial port is plugged in"
+GROUPS = ("dialout", "uucp", "tty", "plugdev")  # that systems give serial ports to; who is in another may do more than that
+RULES = "/etc/udev/rules.d/60-jbclog.rules"
+QUICK_MS = 2  # a timer of this much or less costs nothing that counts
+
+
+def look_at_usb_port(port: UsbPort) -> Looked:
+    """Whether this user could open it, and nobody else has it."""
+    device = Path(port.device)
+    if not os.access(device, os.R_OK | os.W_OK):
+        return Finding("port.permission", port.name, "your user may not open it", permission_step(device))
+    return look_at_holder(port.name, port.device) or Fine("port", port.name, f"{port.title or 'USB serial port'}, free and allowed")
+
+
+def look_at_holder(where: str, url: str) -> Looked | None:
+    """Who holds the port: a run, which is as it should be, or somebody else; None where nobody does."""
+    run = run_that_holds(url)
+    process = locker_of(url)
+    run = run or (run_of(process) if process is not None else None)
+    if run is not None:
+        return Fine("port.run", where, f"the run {run} records it; it was not disturbed")
+    if process is not None and process != os.getpid():
+        return Finding("port.busy", where, f"it is in use by {in_words(process)}", "end that program")
+    sharers = sharers_of(url)
+    if sharers:
+        what = f"it is open in {in_words_all(sharers)} too, which keeps nobody out: of what comes, each gets a part"
+        return Finding("port.shared", where, what, "end that program")
+    return None
+
+
+def permission_step(device: Path) -> str:
+    """How this user comes to open `device`: by its group, where that is one of serial ports; else by a rule that gives it one."""
+    group = _group(device)
+    if group in GROUPS:
+        return f"`sudo adduser {_user()} {group}`, then log in anew"
+    name = Path(os.path.realpath(device)).name
+    rule = f'KERNEL=="{re.sub(r"[0-9]+$", "*", name)}", GROUP="{GROUPS[0]}", MODE="0660"'
+    return (
+        f"give it to the group {GROUPS[0]} (`echo '{rule}' | sudo tee {RULES}`, then plug it in anew) "
+        f"and join that (`sudo adduser {_user()} {GROUPS[0]}`, then log in anew)"
+    )
+
+
+def _user() -> str:
+    try:
+        return getpass.getuser()
+    except (KeyError, OSError):
+        return "$USER"
+
+
+def _group(device: Path) -> str:
+    try:
+        return device.group()
+    except (KeyError, OSError, RuntimeError):  # Windows has no groups
+        return "dialout"
+
+
+def look_at_timer(where: str, device: str) -> Finding | None:
+    """Whether the adapter still holds answers back although it has been told not to; to be looked at behind an opening."""
+    timer = latency_timer(device)
+    try:
+        held_ms = int(timer.read_text()) if timer else 0
+    except (OSError, ValueError):
+        return None
+    if held_ms <= QUICK_MS:
+        return None
+    what = f"its USB adapter holds each answer back for up to {held_ms} ms, which halves the rate"
+    return Finding("port.latency", where, what, f"`echo 1 | sudo tee {timer}`")
+
+
+# -- stations -----------------------------------------------------------------------------------------------------------------
+# The stations of a line: what each says of itself, held against what the line file says.
+
+NO_TOOL = "none"
+
+
+def look_at_stations(line: Line, told: Told = lambda _: None, means: Means | None = None) -> list[Looked]:
+    """Ask every station of the line whose port nobody holds. Questions only, none that clears anything."""
+    held = {spec.name: looked for spec in line.stations if (looked := look_at_holder(spec.name, spec.url)) is not None}
+    free = [spec for spec in line.stations if spec.name not in held]
+    reports = search([(spec.url, plan_for(spec)) for spec in free], told, means)
+    asked = {spec.name: report for spec, report in zip(free, reports, strict=True)}
+    return [
+        one
+        for spec in line.stations
+        for one in ([held[spec.name]] if spec.name in held else list(compared(line, spec, asked[spec.name])))
+    ]
+
+
+def plan_for(spec: StationSpec) -> ScanPlan:
+    """First as the line file says, then as stations usually are spoken to."""
+    if spec.url.startswith("socket:"):
+        return ScanPlan(tuple(dataclasses.replace(trial, line=spec.line_format) for trial in BY_SERVER), _addresses(spec))
+    family = FAMILIES.get(spec.family)
+    own = Trial(spec.line_format, asks_omega=family is not None and family.protocol == OMEGA)
+    rest = tuple(trial for trial in USUAL if trial.line != spec.line_format or (trial.asks_omega and not own.asks_omega))
+    return ScanPlan((own, *rest), _addresses(spec))
+
+
+def _addresses(spec: StationSpec) -> tuple[int | None, ...]:
+    return tuple(dict.fromkeys((spec.address, *ADDRESSES)))
+
+
+def compared(line: Line, spec: StationSpec, report: PortReport) -> Iterator[Looked]:
+    """What of this station is fine, or is not."""
+    wrong = [_of_line(line, spec, finding) for finding in diagnose(report) if not _is_accepted(spec, report, finding)]
+    if not wrong and report.station is not None:
+        wrong = [finding for finding in _differences(line, spec, report.station) if finding is not None]
+        wrong += [timer] if (timer := look_at_timer(spec.name, spec.url)) is not None else []
+        wrong = wrong or [Fine("station", spec.name, _text(report.station))]
+    yield from wrong
+
+
+def _is_accepted(spec: StationSpec, report: PortReport, finding: Finding) -> bool:
+    """Whether this is about a model name that no table has, and the line file accepts it."""
+    return finding.kind == "station.unknown" and report.station is not None and report.station.model == spec.model
+
+
+def _of_line(line: Line, spec: StationSpec, finding: Finding) -> Looked:
+    """A finding of a port, as one of this station."""
+    step = finding.step
+    if finding.kind == "port.permission" and spec.is_device:
+        step = permission_step(Path(spec.url))
+    if finding.kind == "port.missing" and spec.is_relative:
+        step = f"a relative url is a virtual station's: start `jbclog sim {line.path}`, and give the line file that it makes"
+    return dataclasses.replace(finding, where=f"{spec.name} ({finding.where})", step=step)
+
+
+def _text(found: StationFound) -> str:
+    who = found.model or (found.family.title if found.family else "a station")
+    speed = f" in {found.turnaround.median_ms:.1f} ms" if found.turnaround else ""
+    speed += f" ({found.turnaround.faster})" if found.turnaround and found.turnaround.faster else ""
+    tools = "; ".join(f"port {port} {tool or 'not told'}" for port, tool in found.tools.items())
+    mode = "; Robot mode is not known until the first write" if found.has_robot_mode else ""
+    return f"{who} answers at {found.line}{_addressing(found)}{speed}" + (f"; {tools}" if tools else "") + mode
+
+
+def _addressing(found: StationFound) -> str:
+    return f", {found.addressing}" if found.has_robot_mode else ""
+
+
+# -- differences ------------------------------------------------------------------------------------------------------------
+
+
+def _differences(line: Line, spec: StationSpec, found: StationFound) -> Iterator[Finding | None]:
+    yield _line_format(line, spec, found)
+    yield _address(line, spec, found)
+    yield _family(line, spec, found)
+    yield from _ports(line, spec, found)
+    yield _station_error(spec, found)
+    yield _lost(spec, found)
+
+
+def _change(line: Line, spec: StationSpec, keys: str) -> str:
+    return f"in {line.path}, station {spec.name}: set {keys}"
+
+
+def _line_format(line: Line, spec: StationSpec, found: StationFound) -> Finding | None:
+    if found.line == spec.line_format or spec.url.startswith("socket:"):
+        return None
+    what = f"it answers at {found.line}, and not at the line file's {spec.line_format}"
+    keys = f'baudrate = {found.line.baudrate}, format = "{found.line.format}"'
+    return Finding("line.format", spec.name, what, _change(line, spec, keys))
+
+
+def _address(line: Line, spec: StationSpec, found: StationFound) -> Finding | None:
+    if not found.has_robot_mode or found.address == spec.address:
+        return None
+    wanted = "without addresses" if spec.address is None else f"address {spec.address:02d}"
+    keys = f"address = {'false' if found.address is None else found.address}"
+    return Finding(
+        "line.address", spec.name, f"it answers {_at(found)}, and not {wanted} as in the line file", _change(line, spec, keys)
+    )
+
+
+def _at(found: StationFound) -> str:
+    return found.addressing if found.address is None else f"to {found.addressing}"
+
+
+def _family(line: Line, spec: StationSpec, found: StationFound) -> Finding | None:
+    if spec.model is not None:
+        if found.model == spec.model:
+            return None
+        what = f"the line file accepts model {spec.model}; what answers is {found.model or 'one that says none'}"
+        return Finding("line.model", spec.name, what, _change(line, spec, f'model = "{found.model}", or plug in the other cable'))
+    if spec.family == AUTO or found.family is None or found.family.name == spec.family:
+        return None
+    what = f"the line file says family {spec.family}; what answers is {found.model or found.family.title}"
+    return Finding(
+        "line.family", spec.name, what, _change(line, spec, f'family = "{found.family.name}", or plug in the other cable')
+    )
+
+
+def _ports(line: Line, spec: StationSpec, found: StationFound) -> Iterator[Finding]:
+    """The ports that a run would want, without a tool or not there at all."""
+    wanted = spec.ports or _printed_ports(found.family) or tuple(found.tools)
+    missing = [port for port in wanted if port not in found.tools] if found.tools else []
+    empty = [port for port in wanted if found.tools.get(port) == NO_TOOL]
+    rest = [port for port in wanted if port not in (*missing, *empty)]
+    keys = f"ports = {rest}" if rest else "ports = [...] to those that it has"
+    if missing:
+        what = f"it has no port {_listed(missing)}, which the line file names"
+        yield Finding("line.ports", spec.name, what, _change(line, spec, keys))
+    if empty:
+        step = f"put a tool in, or {_change(line, spec, keys)}" if rest else "put a tool in"
+        yield Finding("tool.missing", spec.name, f"no tool in port {_listed(empty)}; a run refuses to start without", step)
+
+
+def _printed_ports(family: Family | None) -> tuple[int, ...] | None:
+    return None if family is None else family.ports
+
+
+def _listed(ports: list[int]) -> str:
+    return ", ".join(map(str, ports))
+
+
+def _station_error(spec: StationSpec, found: StationFound) -> Finding | None:
+    if found.error is None:
+        return None
+    return Finding("station.error", spec.name, f"the station reports: {found.error}", "look it up in the station's manual")
+
+
+def _lost(spec: StationSpec, found: StationFound) -> Finding | None:
+    turnaround = found.turnaround
+    if turnaround is not None and turnaround.answered == turnaround.asked:
+        return None
+    answered, asked = (turnaround.answered, turnaround.asked) if turnaround else (0, 1)
+    what = f"{asked - answered} of {asked} questions were not answered"
+    return Finding("line.noisy", spec.name, what, FIRMLY)
+
+
+# -- examine ------------------------------------------------------------------------------------------------------------------
+# Everything that `doctor` looks at, in order: this machine first, then its ports or the stations of a line.
+
+
+def examine(line: Line | None, out: Path, told: Told = lambda _: None, means: Means | None = None) -> list[Looked]:
+    """Look at this machine and, with a line, at each of its stations; without one at the USB ports, which are not opened."""
+    looked = [*look_at_folder(out), look_at_clock(time.time(), clock_is_kept())]
+    return looked + (_usb() if line is None else look_at_stations(line, told, means))
+
+
+def _usb() -> list[Looked]:
+    ports: list[Looked] = [look_at_usb_port(port) for port in usb_ports()]
+    return ports or [Fine("port", "USB", NONE_PLUGGED)]
