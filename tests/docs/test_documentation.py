@@ -7,16 +7,15 @@ import re
 from pathlib import Path
 
 import pytest
-from readme import ROOT
+from readme import DOCS, FENCE, ROOT
 from verbs import calls, wrong
 
 from jbclog.analysis.spc.nelson import ALL_TESTS, DEFAULT_TESTS, FALSE_ALARMS
 from jbclog.core.foreign.files import GIB, KIB, LIMITS, MIB, Kind
 
-DOCS, TESTS = ROOT / "docs", ROOT / "tests"
+TESTS = ROOT / "tests"
 PAGES = sorted(DOCS.rglob("*.md"))
 every_page = pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(DOCS).as_posix())
-FENCE = re.compile(r"^```([^\n]*)\n(.*?)^```$", re.DOTALL | re.MULTILINE)
 
 
 def text_of(name: str) -> str:

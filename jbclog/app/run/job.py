@@ -12,7 +12,6 @@ from pathlib import Path
 from jbclog.app.run.plan import Plan, RunOptions, make_plan
 from jbclog.app.run.run_record import Observer, Result
 from jbclog.app.run.runner import conduct
-from jbclog.transport.cpu_limit import cpu_limit
 from jbclog.transport.typed_lines import Source
 
 
@@ -44,5 +43,4 @@ def carry_out(
     """
     plan = job.plan()
     planned(plan)
-    with cpu_limit():
-        return conduct(plan, job.out, observer, missed=missed, is_last=True, units=units)
+    return conduct(plan, job.out, observer, missed=missed, is_last=True, units=units)
