@@ -23,6 +23,7 @@ from jbclog.guard.lease import StationLease, kept
 from jbclog.guard.process import UNANSWERED_MOST, GuardLost, GuardProcess
 from jbclog.guard.single_guard import NAME as LOCK
 from jbclog.guard.supervisor import REPLACED_AT_MOST, GuardSupervisor
+from jbclog.guard.watch import RENEW_S
 
 READY_S = 0.5
 HEAVY = ("pydantic", "pyarrow", "pandas", "numpy", "asyncio", "typer", "rich", "sqlite3", "tomllib", "multiprocessing", "http")
@@ -135,6 +136,18 @@ def test_one_that_stands_still_is_missed_although_its_pipe_takes_everything(guar
     while _renews(guard):
         renewed += 1
     assert UNANSWERED_MOST - 1 <= renewed <= UNANSWERED_MOST + 1
+
+
+def test_one_that_never_answers_is_missed_within_a_second_and_a_quarter(
+    guard: GuardProcess, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """And not before four renewals have stayed without an answer."""
+    monkeypatch.setattr(guard, "_has_answered", lambda: False)
+    renewed = 0
+    while _renews(guard):
+        renewed += 1
+    assert renewed == 4
+    assert (renewed + 1) * RENEW_S <= 1.25
 
 
 def test_one_that_answers_is_never_taken_for_one_that_stands_still(guard: GuardProcess) -> None:

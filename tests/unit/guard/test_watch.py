@@ -104,6 +104,8 @@ def test_silence_that_the_guard_slept_through_itself_is_nobodys_fault() -> None:
     assert watch.verdict(13.0 + GRACE_S, closed=False) is Verdict.WATCH
     assert watch.verdict(13.1 + GRACE_S, closed=False) is Verdict.HUNG
     assert watch.patience_s(13.0) > GRACE_S
+    assert watch.verdict(13.9, closed=False) is Verdict.WATCH  # a second is enough for four renewals
+    assert watch.verdict(14.1, closed=False) is Verdict.HUNG
 
 
 def test_a_guard_that_wakes_a_little_late_gives_no_grace() -> None:
