@@ -9,12 +9,14 @@ from math import nan
 import numpy as np
 import pytest
 from long_run import LongRun
+from made_series import line, made, rest, steps
 
 from jbclog.analysis import run_metrics
 from jbclog.analysis.joints import values
 from jbclog.analysis.joints.port_reader import port_rows_of
 from jbclog.analysis.joints.port_rows import COLUMNS, Clock, kind_of, series_of
-from jbclog.analysis.metrics.measures import measure_port
+from jbclog.analysis.joints.windows import Windows
+from jbclog.analysis.metrics.measures import PortFigures, measure_port
 from jbclog.analysis.run_metrics import joint_count, joints_and_metrics
 
 HALF_A_DAY_S, TWO_DAYS_S = 43_200.0, 172_800.0
@@ -34,8 +36,9 @@ def whole(run: LongRun) -> dict[str, tuple[float | None, int, float | None, str 
 def test_the_figures_are_those_of_the_whole_record(family: str, hz: float, is_free: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     seconds = 3300.0
     known = whole(LongRun(seconds, hz, family, is_free, group=1_000_000))
-    for most_rows, group in ((1, 777), (1_000_000, 12_345)):
+    for most_rows, most_kept, group in ((1, 1000, 777), (1_000_000, 50_000, 12_345)):
         monkeypatch.setattr(run_metrics, "MOST_ROWS", most_rows)
+        monkeypatch.setattr(values, "MOST_KEPT", most_kept)
         joints, metrics, _ = joints_and_metrics(LongRun(seconds, hz, family, is_free, group))
         for row in metrics:
             value, n, coverage, why = known[str(row["metric"])]
@@ -44,6 +47,34 @@ def test_the_figures_are_those_of_the_whole_record(family: str, hz: float, is_fr
             assert row["value"] == pytest.approx(value, rel=1e-6, abs=1e-9, nan_ok=True) if value is not None else True
         assert joints.num_rows == (known["joints"][0] or 0)
     assert known["joints"][0] is None if family == "jtse" else 500 < (known["joints"][0] or nan) < 560
+
+
+@pytest.mark.parametrize("window_s", [3.0, 11.0, 13.0, 20.0])
+def test_a_heat_up_on_the_edge_of_windows_is_one(window_s: float) -> None:
+    course = line((0, 100), (10, 100), (15.1, 356), (20, 350), (240, 350))
+    series = rest(made(240, course, steps((0, 0), (10, 1000), (15, 100))), (0, 10))
+    port = PortFigures(series)
+    windows = Windows(port.take, window_s)
+    windows.take(series)
+    windows.end()
+    names = ("heat_up_time_s", "overshoot_c", "settling_time_s")
+    found = {one.name: one for one in port.measured("air", None, []).figures}
+    known = {one.name: one for one in measure_port(series, "air").figures}
+    assert [found[name] for name in names] == [known[name] for name in names]
+    assert found["heat_up_time_s"].n == 1
+
+
+def test_values_are_the_same_as_they_are_and_as_they_are_counted(monkeypatch: pytest.MonkeyPatch) -> None:
+    pieces = [np.random.default_rng(7).integers(-4, 9, size).astype(np.float64) for size in (3, 400, 1, 350, 2)]
+    monkeypatch.setattr(values, "MOST_KEPT", 500)
+    counted = values.Values(3)
+    for piece in pieces:
+        counted.add(piece)
+    every = np.concatenate(pieces)
+    assert counted.n == len(every)
+    assert [counted.mean, counted.sd, counted.range, counted.median] == pytest.approx(
+        [every.mean(), every.std(ddof=1), np.ptp(every), np.median(every)], rel=1e-12
+    )
 
 
 def test_a_joint_has_the_time_of_the_row_next_to_it(monkeypatch: pytest.MonkeyPatch) -> None:
