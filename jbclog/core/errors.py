@@ -38,8 +38,10 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from enum import IntEnum, StrEnum
+from typing import TYPE_CHECKING
 
-from jbclog.core.rows import Goal, StationFacts
+if TYPE_CHECKING:  # the guard loads no rows
+    from jbclog.core.rows import Goal, StationFacts
 
 # -- errors -------------------------------------------------------------------------------------------------------------------
 

@@ -185,8 +185,9 @@ def changes(column: pd.Series) -> list[int]:
 
 
 def kinds(run: Run, station: str) -> list[str]:
-    """What happened; that a slow signal was not read may fall behind the end."""
-    return [kind for kind in run.events(station)["kind"] if not kind.startswith(("read.", "alarm."))]
+    """What happened; that a slow signal was not read may fall behind the end, and a busy host costs ticks."""
+    of_the_host = ("read.", "alarm.", "host.", "station.slow")
+    return [kind for kind in run.events(station)["kind"] if not kind.startswith(of_the_host)]
 
 
 CALM = re.sub(r"\[\[station.sim.fault\]\].*?(?=\n\n|\Z)", "", LINE, flags=re.DOTALL)

@@ -158,14 +158,13 @@ def test_a_port_that_is_let_go_late_is_waited_for(line: ServedLine, run: Path) -
 def test_where_the_system_gives_no_threads_it_is_done_one_after_the_other(
     line: ServedLine, run: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def no_more(self: threading.Thread) -> None:
+    def no_more(*_: object) -> None:
         raise RuntimeError("can't start new thread")
 
     leases = all_leases(line)
     with monkeypatch.context() as patch:
-        patch.setattr("jbclog.guard.takeover.Thread.start", no_more)
+        patch.setattr("_thread.start_new_thread", no_more)
         taking_over = TakeOver(leases, ActionLog(run))
-        patch.setattr("jbclog.transport.port.give_back", lambda *steps: [step() for step in steps])
         assert taking_over.run() == []
     assert line.at_work() == 0
 

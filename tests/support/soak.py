@@ -42,6 +42,7 @@ EDGE_S = 0.1  # of the two processes' clocks, and of what a file of faults is wr
 SETTLES_S = 12.0  # in which something may still come of a fault that is over: a station that was slow may be gone for 5 s at most
 STARVED_S = 0.1  # that the stations' process waited for a processor within `LOOK_BACK_S`: by as much their answers were late
 LOOK_BACK_S = 3.0
+STARVED_ALL_S = 2.0  # in the whole soak, on a machine that is too busy for what is said of its guard
 STEPS_S = (3600.0, -3600.0, 2.5, -1.5, 7200.0, -7200.0)
 STEP_EVERY_S, GUARD_EVERY_S, LOOK_S = 60.0, 150.0, 2.0
 GUARD_AGAIN_S = 6.0
@@ -438,7 +439,8 @@ class Soak:
         if not told >= set(self.flooded):  # the noise of a fault may be one, too
             yield f"the links of {self.flooded} were flooded, and the record has {told}"
         kinds = Counter(events["kind"])
-        if kinds["guard.lost"] != len(self.guards):
+        starved = self.waits[-1][1] - self.waits[0][1] if self.waits else 0.0  # on a busy machine a guard may seem to stand still
+        if kinds["guard.lost"] != len(self.guards) and not (kinds["guard.lost"] > len(self.guards) and starved > STARVED_ALL_S):
             yield f"the guard was struck {len(self.guards)} times: {self.guards}; the record has {kinds['guard.lost']} times"
         for kind in kinds:
             if kind.startswith(("guard.", "host.suspended", "identity.", "record.")) and kind != "guard.lost":

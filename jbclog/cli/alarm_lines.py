@@ -1,0 +1,97 @@
+"""Alarm episodes as lines of text: an incident, below it each witness, then the figures of each station."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from datetime import UTC, datetime
+from typing import TYPE_CHECKING
+
+from jbclog.analysis.alarms import Detector, Episode, Figures, Incident, State
+
+if TYPE_CHECKING:
+    from jbclog.analysis.run_alarms import Alarms
+
+WITNESS = {Detector.STATION: "flag", Detector.SAMPLES: "samples", Detector.AFTERWARDS: "excursion"}
+
+
+def lines(found: Alarms) -> list[str]:
+    """Everything; empty where there was nothing."""
+    body = [line for incident in found.incidents for line in _incident(found, incident)]
+    return [
+        *body,
+        *(_figures(one) for one in found.figures if one.count and one.detector is not Detector.AFTERWARDS),
+        *found.live,
+        *found.astray(),
+    ]
+
+
+def _incident(found: Alarms, one: Incident) -> Iterator[str]:
+    first, limit = one.episodes[0], next((each.limit_c for each in one.episodes if each.limit_c is not None), None)
+    beyond = "" if limit is None else f", limit {limit:g} °C"
+    day = datetime.fromtimestamp(one.begin_us / 1e6, UTC).date()
+    where = f"{one.number}  {first.station} port {first.port}, {day} UTC"
+    yield f"{where}: {first.side} temperature{beyond}; {_witnesses(one)}; {_state(one)}"
+    for episode in one.episodes:
+        yield f"   {episode.id}  {WITNESS[episode.detector]}: {_span(episode)}"
+    if one.finding:
+        yield f"   They do not agree: {one.finding}."
+    given = found.acknowledgement(one)
+    if given is not None:
+        yield f"   Acknowledged by {given.who} at {given.time[:19]}Z: {given.why}"
+    elif found.is_waiting(one):
+        yield "   Not acknowledged."
+
+
+def _witnesses(one: Incident) -> str:
+    return " ".join(f"{detector}{_times(len(those))}" for detector, those in one.by.items() if those)
+
+
+def _times(count: int) -> str:
+    return f"×{count}" if count > 1 else ""
+
+
+def _state(one: Incident) -> str:
+    states = {episode.state for episode in one.episodes}
+    return str(next(state for state in (State.ACTIVE, State.UNCERTAIN, State.CLEARED) if state in states))
+
+
+def _span(one: Episode) -> str:
+    begins = f"began {_between(one.onset_earliest_us, one.onset_us)}"
+    seconds = "" if one.seconds is None else f", {one.seconds:.1f} s"
+    ends = "" if one.end_us is None else f", ended {_between(one.end_earliest_us, one.end_us)}{seconds} ({one.end_reason})"
+    peak = "" if one.peak_c is None else f", {'hottest' if one.side == 'high' else 'coldest'} {one.peak_c:g} °C"
+    borne_out = "" if one.is_confirmed else ", borne out by no sample"
+    return f"{begins}{ends}{peak}{borne_out}{', not read for too long meanwhile' if one.is_uncertain else ''}"
+
+
+def _between(earliest_us: int | None, latest_us: int) -> str:
+    latest = _clock(latest_us)
+    return latest if earliest_us in (None, latest_us) else f"{_clock(earliest_us)} to {latest}"
+
+
+def _clock(micros: int | None) -> str:
+    seconds, micros = divmod(micros or 0, 1_000_000)
+    minutes, second = divmod(seconds, 60)
+    hours, minute = divmod(minutes, 60)
+    return f"{hours % 24:02d}:{minute:02d}:{second:02d}.{micros // 1000:03d}"
+
+
+def _figures(one: Figures) -> str:
+    parts = [f"{one.count} alarm{'s' * (one.count != 1)}, at most {one.most_in_10_min} in 10 minutes"]
+    parts.append(f"{len(one.floods)} flood{'s' * (len(one.floods) != 1)}" if one.floods else "no flood")
+    parts += [f"{name} chatters ({count} in a minute)" for name, count in one.chattering.items()]
+    parts += [f"{count} {word}" for count, word in ((one.fleeting, "fleeting"), (one.stale, "stale")) if count]
+    parts += [f"one in {_long(one.apart.value)} on average"] if one.apart.value is not None else []
+    parts += [_acknowledged(one)] if one.ack_p50.value is not None and one.ack_p95.value is not None else []
+    parts.append("most from " + ", ".join(f"{source.name} ({source.percent:g} %)" for source in one.top[:3]))
+    return f"{one.station}, {one.detector} ({WITNESS[one.detector]}): {'; '.join(parts)}"
+
+
+def _acknowledged(one: Figures) -> str:
+    half, most = _long(one.ack_p50.value or 0.0), _long(one.ack_p95.value or 0.0)
+    return f"{one.ack_p50.n} acknowledged, half of them within {half} and 95 % within {most}"
+
+
+def _long(seconds: float) -> str:
+    """``12 s``, ``8.5 min``, ``31 h``."""
+    return f"{seconds:.3g} s" if seconds < 99.5 else f"{seconds / 60:.2g} min" if seconds < 5940 else f"{seconds / 3600:.3g} h"
