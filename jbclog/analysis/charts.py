@@ -1,4 +1,4 @@
-"""Charts of one run, joint by joint, or of many, run by run: which values, which chart, and which limits beside their own.
+"""Control charts of runs, and the fixed limits that they may cite.
 
 Within a run a point is a joint, a metric any number that the table of joints has; over a folder of runs a point is a run's metric,
 as in `trend`. Alarms are counted in equal stretches of a run, or per run, over the hours recorded (u); rejects are the share of the
@@ -7,11 +7,14 @@ judged runs of a day (p); a Pareto ranks alarms by their limit and losses by the
 
 from __future__ import annotations
 
+import hashlib
+import json
 from collections import Counter
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from difflib import get_close_matches
-from typing import TYPE_CHECKING, Final
+from pathlib import Path
+from typing import TYPE_CHECKING, Final, cast
 
 import numpy as np
 import pandas as pd
@@ -23,12 +26,15 @@ from jbclog.analysis.alarms import Detector, Episode
 from jbclog.analysis.joint_table import JOINTS_SCHEMA
 from jbclog.analysis.spc.refusal import there_are
 from jbclog.analysis.trend import metric_unit, trends
-from jbclog.core.errors import UsageError
+from jbclog.core.errors import RecordError, UsageError
+from jbclog.core.foreign.files import Kind, read_foreign
+from jbclog.core.foreign.json_reader import Misfit, build
 
 if TYPE_CHECKING:
-    from jbclog.analysis.control_limits import Fixed
     from jbclog.analysis.run import Run
     from jbclog.analysis.runs import Runs
+
+# -- charts -------------------------------------------------------------------------------------------------------------------
 
 KINDS: Final = ("imr", "ewma", "cusum", "xbar-s", "u", "p", "pareto")
 OF_VALUES: Final = KINDS[:4]
@@ -346,3 +352,86 @@ def joined(series: Iterable[Series]) -> list[Series]:
             one = replace(before, values=values, names=names, missing=missing, late=late, why=before.why or one.why)
         by_place[one.place] = one
     return [by_place[place] for place in sorted(by_place)]
+
+
+# -- control limits -----------------------------------------------------------------------------------------------------------
+# Fixed control limits from a phase I study, in a file that charts cite by its hash.
+#
+# The file is JSON: what was charted, for each port centre and limits with their distribution, how many values they rest on, and the
+# fingerprints of the runs that these came from. The same runs give the same bytes.
+
+FORMAT: Final = "jbclog control limits 1"
+
+
+@dataclass(frozen=True, slots=True)
+class Fixed:
+    """Limits of one port; for other distributions than normal percentiles 0.135 and 99.865 about the median."""
+
+    station: str
+    port: int
+    centre: float
+    lower: float
+    upper: float
+    distribution: str
+    n: int
+
+
+@dataclass(frozen=True, slots=True)
+class Source:
+    """A run that the limits came from: its name, and the SHA-256 of its manifest."""
+
+    run: str
+    manifest_sha256: str
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """All of a file. `each`: what a point is, ``joint`` or ``run``."""
+
+    format: str
+    metric: str
+    unit: str
+    each: str
+    limits: list[Fixed]
+    sources: list[Source]
+
+    def of(self, series: Series) -> Fixed | None:
+        """Those of one feature. Raises `UsageError` where the file is of another metric."""
+        if (self.metric, self.each) != (series.metric, series.each):
+            raise UsageError(
+                f"the limits are of {self.metric} by {self.each}, the chart is of {series.metric} by {series.each}; learn others"
+            )
+        return next((one for one in self.limits if (one.station, one.port) == series.place), None)
+
+
+def learn(series: Series) -> Fixed | spc.Refused:
+    """The limits of one feature, where it is stable and a distribution fits it."""
+    chart = too_many_late(series.late, len(series.values)) or spc.phase_one(series.values, resolution=series.resolution)
+    if isinstance(chart, spc.Refused):
+        return chart
+    edges = float(chart.lower[0]), float(chart.upper[0])
+    return Fixed(series.station, series.port, chart.centre, *edges, chart.distribution, len(series.values))
+
+
+def as_bytes(limits: Limits) -> bytes:
+    """The file's bytes."""
+    return (json.dumps(asdict(limits), indent=1, sort_keys=True, ensure_ascii=False) + "\n").encode()
+
+
+def limits_of(metric: str, unit: str, each: str, found: Iterable[Fixed], sources: Iterable[Source]) -> Limits:
+    return Limits(FORMAT, metric, unit, each, list(found), list(sources))
+
+
+def read_limits(path: Path) -> tuple[Limits, str]:
+    """The limits and the SHA-256 of their file. Raises `RecordError` where it cannot be read, or is none."""
+    try:
+        data = read_foreign(path, Kind.SETTINGS)
+    except OSError as error:
+        raise RecordError(f"{path} cannot be read: {error.strerror or error}") from error
+    try:
+        limits = cast(Limits, build(Limits, json.loads(data)))
+    except (ValueError, RecursionError, Misfit) as error:
+        raise RecordError(f"{path} is no file of control limits; `jbclog limits learn` writes one") from error
+    if limits.format != FORMAT or any(not one.lower < one.centre < one.upper for one in limits.limits):
+        raise RecordError(f"{path} is no file of control limits of this version ({FORMAT}); learn them anew")
+    return limits, hashlib.sha256(data).hexdigest()

@@ -1,4 +1,4 @@
-"""Two runs side by side: what was asked, what was set, what came of it, and whether the idle tips are the same.
+"""Two runs side by side, and that in words.
 
 Stations are matched by their names, ports by their numbers; what only one run has is said. Metrics are those of `Run.metrics`; a
 difference is the second minus the first, and is not known where one of them is not. Idle means are held against each other by
@@ -8,8 +8,8 @@ TOST (`spc.equivalence_of`) by the bounds of each (`judge.bound`), within a stat
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Hashable, Iterator, Mapping
+from dataclasses import asdict, dataclass
 from difflib import unified_diff
 from typing import Final
 
@@ -17,7 +17,8 @@ import pandas as pd
 
 from jbclog.analysis import spc
 from jbclog.analysis.run import Run
-from jbclog.analysis.sampling_rates import WHAT_A_RATE_CHANGES, is_same_rate, rate_text
+from jbclog.analysis.runs import WHAT_A_RATE_CHANGES, is_same_rate, rate_text
+from jbclog.analysis.spc import Refused
 from jbclog.analysis.verdict import measure
 from jbclog.analysis.verdict.idle import IdleError
 from jbclog.analysis.verdict.samples import Measures
@@ -26,6 +27,8 @@ from jbclog.core.foreign.files import Kind, read_foreign
 from jbclog.record.find_runs import ending
 from jbclog.record.folder import recipe_copy
 from jbclog.record.manifest import Manifest
+
+# -- compare ------------------------------------------------------------------------------------------------------------------
 
 MARGIN_C: Final = 2.0
 KEY: Final = ["station", "port"]
@@ -232,3 +235,86 @@ def _same_idle(first: IdleError, second: IdleError, margin_c: float) -> spc.Equi
 def _measures(run: Run) -> Measures:
     tell = {facts.name: facts for facts in run.manifest.stations if not facts.signals or "temperature_c" in facts.signals}
     return measure(run.folder, tell)
+
+
+# -- compare words ------------------------------------------------------------------------------------------------------------
+# Two runs side by side in words: lines for a terminal, facts for JSON.
+
+
+def lines(found: Comparison) -> Iterator[str]:
+    """Everything that differs, and the metrics."""
+    yield f"first   {found.first.folder}"
+    yield f"second  {found.second.folder}"
+    yield from (f"warning: {text}" for text in found.warnings)
+    yield from (f"{one.what}: {one.first} | {one.second}" for one in found.facts)
+    yield from ["", "The recipes differ:", *found.recipe] if found.recipe else ["", "The recipes are the same."]
+    if len(found.settings):
+        yield from ("", "Settings as read back, first | second:")
+        for row in found.settings.to_dict("records"):
+            place = f"{row['station']} port {row['port']}" if row["port"] else row["station"]
+            yield f"  {place}  {row['setting']}: {_or_none(row['first'])} | {_or_none(row['second'])} {row['unit']}"
+    yield from ("", "Metrics, first | second (difference):")
+    yield from _metric_lines(found)
+    yield from ("", "Alarm episodes, first | second:")
+    yield from _alarm_lines(found)
+    yield from ("", f"Idle means, second minus first, within ±{found.margin_c:g} °C:")
+    yield from (f"  {one.station} port {one.port}: {idle_text(one)}" for one in found.idle)
+
+
+def _metric_lines(found: Comparison) -> Iterator[str]:
+    place = None
+    for row in found.metrics.itertuples():
+        if (row.station, row.port) != place:
+            place = row.station, row.port
+            yield f"  {row.station} port {row.port}"
+        if not (_is_none(row.first) and _is_none(row.second)):
+            apart = "" if _is_none(row.difference) else f"  ({_figure(row.difference)})"
+            yield f"    {row.metric:28} {_figure(row.first):>10} | {_figure(row.second):<10} {row.unit}{apart}"
+
+
+def _alarm_lines(found: Comparison) -> Iterator[str]:
+    if not len(found.alarms):
+        yield "  none in either"
+    for row in found.alarms.itertuples():
+        yield f"  {row.station} port {row.port}  {row.side}, detector {row.detector}: {row.first} | {row.second}"
+
+
+def idle_text(one: SameIdle) -> str:
+    """The result of the tests in a sentence."""
+    if isinstance(one.result, Refused):
+        return f"not known. {one.result.text}"
+    told = one.result
+    return f"{told.verdict}: {told.difference:+.2f} °C, 90 % interval {told.low:+.2f} to {told.high:+.2f} °C (p = {told.p:.2g})"
+
+
+def _figure(value: object) -> str:
+    """Of a number, or of something that stands for none."""
+    return f"{value:.4g}" if isinstance(value, int | float) and not _is_none(value) else "-"
+
+
+def _or_none(value: object) -> str:
+    return "not read" if _is_none(value) else str(value)
+
+
+def _is_none(value: object) -> bool:
+    return value is None or value is pd.NA or (isinstance(value, float) and value != value)
+
+
+def facts(found: Comparison) -> dict[str, object]:
+    """As one JSON object."""
+    tables = {name: getattr(found, name) for name in ("settings", "metrics", "alarms")}
+    rows = {name: [_plain(row) for row in table.to_dict("records")] for name, table in tables.items()}
+    idle = [{"station": one.station, "port": one.port, **_result(one)} for one in found.idle]
+    head = {"first": str(found.first.folder), "second": str(found.second.folder), "margin_c": found.margin_c}
+    head["warnings"] = found.warnings
+    return {**head, "facts": [asdict(one) for one in found.facts], "recipe": found.recipe, **rows, "idle": idle}
+
+
+def _plain(row: Mapping[Hashable, object]) -> dict[str, object]:
+    return {str(name): None if _is_none(cell) else cell for name, cell in row.items()}
+
+
+def _result(one: SameIdle) -> dict[str, object]:
+    if isinstance(one.result, Refused):
+        return {"verdict": "not known", "refused": asdict(one.result)}
+    return {"verdict": one.result.verdict, **asdict(one.result)}

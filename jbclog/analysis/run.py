@@ -1,20 +1,28 @@
-"""Opens a run: four tables as DataFrames, the manifest, a plot."""
+"""Opens a run: four tables as DataFrames, the manifest. Start with `Run`."""
 
 from __future__ import annotations
 
 import os
+import struct
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final, cast
 
+import numpy as np
 import pandas as pd
 import pyarrow as pa
+import pyarrow.compute as pc
 
-from jbclog.analysis.selection import Asked, Moment, asked, frame
 from jbclog.core.errors import RecordError, UsageError
+from jbclog.core.foreign.tables import bounds_of
 from jbclog.core.wire import Passed
+from jbclog.record.annotations import BEGIN, END, late_serials, only_unit
 from jbclog.record.capture import Hole, read_head, rows_and_holes, wire_path
+from jbclog.record.find_runs import ending
 from jbclog.record.manifest import NAME as MANIFEST
 from jbclog.record.manifest import Manifest, read_manifest
 from jbclog.record.parts import Damage, groups_of, part_paths, parts_through
@@ -27,7 +35,207 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from jbclog.analysis.run_alarms import Alarms
-    from jbclog.analysis.units import Times
+    from jbclog.analysis.runs import Runs
+    from jbclog.record.find_runs import Found
+
+# -- selection ----------------------------------------------------------------------------------------------------------------
+# What is asked of a table: which station, port, time and columns; and how that is cut out of some rows.
+
+Moment = str | datetime | pd.Timestamp
+"""A time: a string such as ``2026-11-21T01:30``, a datetime or a Timestamp; UTC where it names no zone."""
+
+MICROSECONDS: Final = struct.Struct("<q")  # a time as Parquet writes one plainly
+
+
+@dataclass(frozen=True, slots=True)
+class Asked:
+    """`start` is included, `stop` is not, both UTC; None asks for all."""
+
+    table: str
+    columns: Sequence[str]
+    station: str | None = None
+    port: int | None = None
+    start: pd.Timestamp | None = None
+    stop: pd.Timestamp | None = None
+
+    @property
+    def needed(self) -> list[str]:
+        """The columns that have to be read for it, in their order."""
+        beside = {"station": self.station, "port": self.port, "time": self.start if self.start is not None else self.stop}
+        also = {name for name, value in beside.items() if value is not None}
+        return [name for name in SCHEMAS[self.table].names if name in {*self.columns, *also}]
+
+    def cut(self, rows: pa.Table) -> pa.Table:
+        """Those of `rows` that are asked for, in the columns' order."""
+        if self.station is not None:
+            rows = rows.filter(pc.equal(rows["station"], self.station))
+        if self.port is not None:
+            rows = rows.filter(pc.equal(rows["port"], self.port))
+        if self.start is not None:
+            rows = rows.filter(pc.greater_equal(rows["time"], _scalar(self.start)))
+        if self.stop is not None:
+            rows = rows.filter(pc.less(rows["time"], _scalar(self.stop)))
+        return rows.select(list(self.columns))
+
+    def may_have(self, part: Path) -> bool:
+        """Whether a part can have rows of the time asked for, by its footer. Raises `RecordError` where it has none."""
+        if self.start is None and self.stop is None:
+            return True
+        try:
+            first, last = _span(part)
+        except (pa.ArrowException, OSError) as error:
+            raise RecordError(f"{part} is no readable part: {error}") from error
+        if first is None or last is None:
+            return True
+        return (self.start is None or last >= self.start) and (self.stop is None or first < self.stop)
+
+
+def asked(
+    table: str,
+    columns: Sequence[str] | None = None,
+    station: str | None = None,
+    port: int | None = None,
+    start: Moment | None = None,
+    stop: Moment | None = None,
+) -> Asked:
+    """What somebody asks for. Raises `UsageError` for a column that there is not."""
+    names = SCHEMAS[table].names
+    unknown = [name for name in columns or () if name not in names]
+    if unknown:
+        raise UsageError(f"{table} has no column {', '.join(unknown)}; it has {', '.join(names)}")
+    return Asked(table, list(columns) if columns is not None else names, station, port, utc(start), utc(stop))
+
+
+def utc(moment: Moment | None) -> pd.Timestamp | None:
+    """A time in UTC, which it is taken to be where it names no zone."""
+    if moment is None:
+        return None
+    stamp = pd.Timestamp(moment)
+    return stamp.tz_localize(UTC) if stamp.tzinfo is None else stamp.tz_convert(UTC)
+
+
+def frame(table: pa.Table) -> pd.DataFrame:
+    """An Arrow table as a DataFrame: Int64 and boolean where values can be missing, times in UTC."""
+    return cast(pd.DataFrame, table.to_pandas())
+
+
+def _scalar(stamp: pd.Timestamp) -> pa.Scalar:
+    return pa.scalar(stamp.as_unit("ns").value // 1000, pa.int64()).cast(pa.timestamp("us", tz="UTC"))
+
+
+def _span(part: Path) -> tuple[pd.Timestamp | None, pd.Timestamp | None]:
+    """The first and the last time in a part; None where its footer does not say. Raises OSError or pa.ArrowException."""
+    seen = bounds_of(part, "time")
+    if not seen or any(one is None or {*map(len, one)} != {MICROSECONDS.size} for one in seen):
+        return None, None
+    try:
+        times = [pd.Timestamp(MICROSECONDS.unpack(plain)[0], unit="us", tz=UTC) for one in seen if one is not None for plain in one]
+    except (ValueError, OverflowError):  # a time that no clock shows
+        return None, None
+    return min(times), max(times)
+
+
+# -- units --------------------------------------------------------------------------------------------------------------------
+# Which unit was on the bench at a moment (`record/annotations.py` says whose joints are whose).
+
+Times = Sequence[object] | pd.Series | pd.DatetimeIndex
+"""UTC moments: Timestamps, datetimes, or strings with a zone."""
+
+
+def unit_at(run: Run, times: Times) -> pd.Series:
+    """The serial of the unit at each of `times`, in their order; missing where none is known. An index of `times` is kept."""
+    index = times.index if isinstance(times, pd.Series) else None
+    micros = _micros(pd.Series(times, index=index))
+    manifest, events = run.manifest, run.events()
+    told = events[events["kind"].isin([BEGIN, END])]
+    if not (told["kind"] == BEGIN).any():
+        late = late_serials(run.folder) if manifest.state == "sealed" else []
+        return pd.Series(only_unit(manifest.metadata.units, late), index=micros.index, dtype="string")
+    units = np.array([None, *told["raw"].where(told["kind"] == BEGIN, None)], dtype=object)  # the first: before any of them
+    places = np.searchsorted(_micros(told["time"]).to_numpy(), micros.to_numpy(), side="right")
+    return pd.Series(units[places], index=micros.index, dtype="string")
+
+
+def _micros(times: pd.Series) -> pd.Series:
+    return pd.to_datetime(times, utc=True).dt.as_unit("us").astype("int64")
+
+
+# -- html ---------------------------------------------------------------------------------------------------------------------
+# Runs as notebooks show them: small tables in HTML, everything that came from outside escaped.
+
+MOST_RUNS: Final = 20
+LONGEST: Final = 80
+HEADS: Final = ("started", "line", "recipes", "operator", "order", "product", "units", "verdict", "state", "run")
+
+
+def run_html(run: Run) -> str:
+    """A run: its verdict, what was said of it, its stations."""
+    manifest = run.manifest
+    said = manifest.metadata
+    facts = [
+        ("verdict", manifest.verdict or "none yet"),
+        ("state", ending(manifest.exit_status, manifest.state)),
+        ("from", shortened(manifest.started)),
+        ("to", shortened(manifest.ended)),
+        ("line", manifest.line.name if manifest.line else None),
+        ("recipes", ", ".join(f"{one.name}@{one.revision}" for one in manifest.recipes)),
+        ("operator", said.operator),
+        ("order", said.order),
+        ("product", said.product),
+        ("units", _several(manifest.serials())),
+    ]
+    stations = [(one.name, one.model, ", ".join(map(str, one.ports)), one.outcome) for one in manifest.stations]
+    rows = "".join(f"<tr><th>{text(name)}</th><td>{text(value)}</td></tr>" for name, value in facts if value)
+    below = table(("station", "model", "ports", "outcome"), stations) if stations else ""
+    return f"<div><b>{text(run.name)}</b><table>{rows}</table>{below}</div>"
+
+
+def runs_html(runs: Runs) -> str:
+    """Runs: a row for each of the first, and how many there are."""
+    rows = [_row(one) for one in runs.found[:MOST_RUNS]]
+    more = f"<p>and {len(runs) - MOST_RUNS} more</p>" if len(runs) > MOST_RUNS else ""
+    unread = f"<p>{len(runs.unreadable)} folders cannot be read (.unreadable)</p>" if runs.unreadable else ""
+    count = f"{len(runs)} run{'' if len(runs) == 1 else 's'} in {runs.folder}"
+    return f"<div><b>{text(count)}</b>{table(HEADS, rows) if rows else ''}{more}{unread}</div>"
+
+
+def table(heads: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
+    """A table of texts."""
+    head = "".join(f"<th>{text(name)}</th>" for name in heads)
+    body = "".join(f"<tr>{''.join(f'<td>{text(cell)}</td>' for cell in row)}</tr>" for row in rows)
+    return f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
+
+
+def text(value: object) -> str:
+    """A value as text that can do nothing: escaped, without what does not show, not too long."""
+    told = "" if value is None else str(value)
+    shown = "".join(sign if sign.isprintable() else "�" for sign in told[: LONGEST + 1])
+    return escape(shown if len(told) <= LONGEST else shown[: LONGEST - 1] + "…")
+
+
+def shortened(time: str | None) -> str | None:
+    """A manifest's time to the second."""
+    return None if time is None else time[:19].replace("T", " ") + " UTC"
+
+
+def _row(one: Found) -> tuple[object, ...]:
+    who = (one.operator, one.order, one.product, _several(one.units))
+    return (
+        shortened(one.started),
+        one.line,
+        ", ".join(one.recipes),
+        *who,
+        one.verdict,
+        one.shown_state,
+        one.folder.name,
+    )
+
+
+def _several(texts: Sequence[str]) -> str:
+    return f"{texts[0]} +{len(texts) - 1}" if len(texts) > 1 else "".join(texts)
+
+
+# -- run ----------------------------------------------------------------------------------------------------------------------
 
 
 class Run:
@@ -38,8 +246,6 @@ class Run:
         self._sealed: tuple[tuple[int, ...], Manifest] | None = None
 
     def _repr_html_(self) -> str:
-        from jbclog.analysis.html import run_html
-
         return run_html(self)
 
     def __repr__(self) -> str:
@@ -162,8 +368,6 @@ class Run:
 
     def unit_at(self, times: Times) -> pd.Series:
         """The serial of the unit on the bench at each of these UTC moments, in their order; missing where none is known."""
-        from jbclog.analysis.units import unit_at
-
         return unit_at(self, times)
 
     def joints(self, station: str | None = None) -> pd.DataFrame:

@@ -1,4 +1,4 @@
-"""Joints and metrics of a run: from its samples to `features`, and back into tables.
+"""Joints and metrics of a run, from its samples or as its report stored them.
 
 A table has a row for each joint (`joint_table`) or for each metric of each port (`METRICS`). Works also for a run that is still
 open or was cut off, as far as its record goes.
@@ -8,8 +8,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, replace
+from hashlib import file_digest, sha256
 from itertools import groupby
 from math import inf
+from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -17,7 +19,7 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from jbclog.analysis.alarm_rows import stations_of
+from jbclog import __version__
 from jbclog.analysis.joint_table import FILE as JOINTS_FILE
 from jbclog.analysis.joint_table import JOINTS_SCHEMA, read_joints
 from jbclog.analysis.joints.joints import find_joints
@@ -30,18 +32,75 @@ from jbclog.analysis.joints.solder_wire import Wire
 from jbclog.analysis.joints.sweeps import PortSweeps
 from jbclog.analysis.metrics.definitions import DEFINITIONS
 from jbclog.analysis.metrics.measures import Measured, PortMeasuring, measure_port
-from jbclog.analysis.stored_metrics import is_as_written, left_metrics, metric_table
+from jbclog.analysis.run_alarms import stations_of
+from jbclog.analysis.verdict import RULES
 from jbclog.analysis.verdict.idle import Floats
 from jbclog.analysis.verdict.rules import has_feeder
-from jbclog.analysis.verdict.samples import Counts
-from jbclog.analysis.verdict.stepped_clock import Step
+from jbclog.analysis.verdict.samples import Counts, Step
 from jbclog.core.errors import RecordError
+from jbclog.core.foreign.files import Kind, open_foreign, read_foreign
+from jbclog.core.foreign.json_reader import json_of
 from jbclog.core.rows import StationFacts
+from jbclog.record.annotations import read
 from jbclog.record.folder import joints_asked
 from jbclog.record.manifest import manifest_sha256
 
 if TYPE_CHECKING:
     from jbclog.analysis.run import Run
+
+# -- stored metrics -----------------------------------------------------------------------------------------------------------
+# The metrics as `report` left them in `report.json`: so that many runs are looked at without going through their samples again.
+#
+# They are taken where that file was made from this very manifest, by this very version and its rules, in which the definitions are
+# the same, and where a line of the annotations vouches for its bytes; else they are computed anew.
+
+FILE: Final = "report.json"
+METRICS: Final = {
+    "station": "str",
+    "port": "int64",
+    "metric": "str",
+    "value": "Float64",
+    "unit": "str",
+    "n": "int64",
+    "coverage": "Float64",
+    "resolution": "Float64",
+    "why": "str",
+}
+"""The columns of a table of metrics and their kinds."""
+
+
+def is_as_written(folder: Path, name: str) -> bool:
+    """Whether a file of the report has the bytes that `report.json` says, and a line of the annotations vouches for that one's."""
+    try:
+        data = read_foreign(folder / FILE, Kind.REPORT)
+        if read(folder).report != sha256(data).hexdigest():
+            return False
+        with open_foreign(folder / name, Kind.OF_REPORT) as file:
+            return bool(json_of(data)["written"][name] == file_digest(file, "sha256").hexdigest())
+    except (RecordError, OSError, ValueError, TypeError, KeyError, RecursionError):
+        return False
+
+
+def left_metrics(folder: Path, manifest_sha256: str) -> pd.DataFrame | None:
+    """The table of all metrics of the run; None where the report does not have it, or is not this run's or this version's."""
+    try:
+        data = read_foreign(folder / FILE, Kind.REPORT)
+        document = json_of(data)
+        made_by = document["manifest_sha256"], document["jbclog"], document["rules"]
+        if made_by != (manifest_sha256, __version__, RULES) or read(folder).report != sha256(data).hexdigest():
+            return None
+        rows = document["metrics"]
+        return metric_table(rows) if isinstance(rows, list) else None
+    except (RecordError, OSError, ValueError, TypeError, KeyError, OverflowError, RecursionError):
+        return None
+
+
+def metric_table(rows: list[dict[str, object]]) -> pd.DataFrame:
+    """Rows of metrics as a table. Raises ValueError, TypeError or KeyError where they are none."""
+    return pd.DataFrame(rows, columns=list(METRICS)).astype(METRICS)
+
+
+# -- run metrics --------------------------------------------------------------------------------------------------------------
 
 Moments = Mapping[float, int]
 """The UTC in microseconds of some of a port's grid seconds."""

@@ -1,4 +1,4 @@
-"""Many runs at once: found by their manifests, read one after the other, never all in memory.
+"""Many runs at once: found by their manifests, read one after the other.
 
 runs = jbclog.open_runs("runs", line="bench-3", order="88123")
 runs.manifests()                                   # a row a run
@@ -12,17 +12,37 @@ import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import fields
 from functools import cached_property
+from math import isclose
 from pathlib import Path
 from typing import Final, overload
 
 import pandas as pd
 
 from jbclog.analysis.joint_table import JOINTS_SCHEMA
-from jbclog.analysis.run import Run, open_run
-from jbclog.analysis.selection import Moment, utc
-from jbclog.analysis.stored_metrics import METRICS
+from jbclog.analysis.run import Moment, Run, open_run, utc
+from jbclog.analysis.run_metrics import METRICS
 from jbclog.core.errors import RecordError, UsageError
 from jbclog.record.find_runs import Filter, Found, Unreadable, find
+
+# -- sampling rates -----------------------------------------------------------------------------------------------------------
+# How often stations were sampled, where runs are held against each other.
+
+WHAT_A_RATE_CHANGES: Final = (
+    "what is found in the readings (joints, recovery, dips, alarm episodes, energy) depends on how often there is one"
+)
+
+
+def rate_text(period_s: float | None) -> str:
+    """``5 Hz``; of a station that was asked without pause ``max``."""
+    return "max" if period_s is None else f"{1 / period_s:.3g} Hz"
+
+
+def is_same_rate(one_s: float | None, two_s: float | None) -> bool:
+    """Of two periods in seconds; without pause both are None."""
+    return one_s == two_s if one_s is None or two_s is None else isclose(one_s, two_s)
+
+
+# -- runs ---------------------------------------------------------------------------------------------------------------------
 
 TEXTS: Final = ("run", "state", "verdict", "line", "operator", "order", "product", "exit_status", "lost", "changed")
 TIMES: Final = ("started", "ended")
@@ -82,7 +102,7 @@ class Runs(Sequence[Run]):
         return f"<Runs {self.folder}: {len(self)} run{'' if len(self) == 1 else 's'}{more}>"
 
     def _repr_html_(self) -> str:
-        from jbclog.analysis.html import runs_html
+        from jbclog.analysis.run import runs_html
 
         return runs_html(self)
 

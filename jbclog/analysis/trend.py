@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from jbclog.analysis import spc
 from jbclog.analysis.metrics.definitions import DEFINITIONS
 from jbclog.analysis.run_metrics import definitions
-from jbclog.analysis.sampling_rates import WHAT_A_RATE_CHANGES, rate_text
+from jbclog.analysis.runs import WHAT_A_RATE_CHANGES, rate_text
 from jbclog.core.errors import UsageError
 
 if TYPE_CHECKING:

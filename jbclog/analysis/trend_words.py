@@ -13,7 +13,7 @@ import matplotlib as mpl
 from matplotlib.figure import Figure
 
 from jbclog.analysis import spc
-from jbclog.analysis.html import table, text
+from jbclog.analysis.run import table, text
 from jbclog.analysis.trend import Point, Trend, metric_text, title_of
 
 MOST: Final = 10

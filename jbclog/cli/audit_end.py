@@ -16,10 +16,8 @@ from jbclog.core.text import clean
 from jbclog.maintenance.counter_totals.observed import Standing
 from jbclog.maintenance.due import State, TaskState
 from jbclog.maintenance.fleet import ABSENT, Finding, FleetAudit, Meter, StationAudit, exit_code
-from jbclog.report.audit.csv_table import sheet_of
-from jbclog.report.audit.json_object import plain_audit
-from jbclog.report.audit.overview import Row, at_a_glance
-from jbclog.report.audit.wording import STATES, day, of_life, percent, window
+from jbclog.report.audit.files import plain_audit, sheet_of
+from jbclog.report.audit.overview import STATES, Row, at_a_glance, day, of_life, percent, window
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -14,8 +14,7 @@ from jbclog.cli.output import ends_with_errors_told, note, tell, tell_json
 from jbclog.core.errors import RecordError, UsageError
 
 if TYPE_CHECKING:
-    from jbclog.analysis.charts import Charted, Counted, Ranked
-    from jbclog.analysis.control_limits import Limits
+    from jbclog.analysis.charts import Charted, Counted, Limits, Ranked
 
 PICTURES = (".png", ".svg", ".pdf")
 
@@ -63,7 +62,7 @@ def chart(
         found: list[Charted | Counted | Ranked] = [_counted(source, metric, kind, every)]
         cited = None
     else:
-        from jbclog.analysis.control_limits import read_limits
+        from jbclog.analysis.charts import read_limits
 
         read = None if limits is None else read_limits(limits)
         held = None if read is None else read[0]
@@ -161,7 +160,7 @@ def _tell(found: list[Charted | Counted | Ranked], source: Path, metric: str, ci
 
 
 def _draw(found: list[Charted | Counted | Ranked], plot: Path) -> None:
-    from jbclog.analysis.chart_plot import chart_figure
+    from jbclog.analysis.plots import chart_figure
 
     try:
         chart_figure(found).savefig(plot, dpi=150)

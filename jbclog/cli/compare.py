@@ -41,7 +41,7 @@ def compare(
         raise UsageError(f"--plot {plot}: give a file that ends in {', '.join(PICTURES)}")
     expect_file_place("--plot", plot)
     from jbclog.analysis.compare import compare as compared
-    from jbclog.analysis.compare_words import facts, lines
+    from jbclog.analysis.compare import facts, lines
     from jbclog.analysis.run import open_run
 
     found = compared(open_run(first), open_run(second), margin)
@@ -55,7 +55,7 @@ def compare(
 
 
 def _draw(found: Comparison, plot: Path) -> None:
-    from jbclog.analysis.compare_plot import overlay
+    from jbclog.analysis.plots import overlay
 
     try:
         overlay(found).savefig(plot, dpi=150)

@@ -84,7 +84,7 @@ def run(
 
 def record(wanted: RunOptions, out: Path, units: Source | None = None, *, as_json: bool) -> int:
     """Carry out the one job that there is, as a batch does each of its own, and tell what came of it; give the exit code."""
-    from jbclog.app.run.job import Job, carry_out
+    from jbclog.app.run.runner import Job, carry_out
     from jbclog.cli.progress import BackgroundObserver, observer
 
     shown = BackgroundObserver(observer(wanted.duration_s, quiet=as_json))

@@ -109,7 +109,7 @@ def _tell(found: list[Trend], runs: Runs, metric: str, *, as_json: bool) -> None
 
 
 def _draw(found: list[Trend], metric: str, lower: float | None, upper: float | None, plot: Path | None, html: Path | None) -> None:
-    from jbclog.analysis.trend_plot import trend_figure
+    from jbclog.analysis.plots import trend_figure
     from jbclog.analysis.trend_words import page
 
     figure = trend_figure(found, lower, upper)

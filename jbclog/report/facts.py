@@ -75,13 +75,13 @@ class TipFacts:
     greatest_c: float | None
     idle_error_c: float | None
     idle_sd_c: float | None
-    idle_error_bound: Bound | None  # 95 %, defined in `analysis/verdict/bound.py`
+    idle_error_bound: Bound | None  # 95 %, defined in `analysis/verdict/bounds.py`
     idle_sd_bound: Bound | None
 
 
 @dataclass(slots=True)
 class PowerFacts:
-    """The highest power, and its integral: the metrics of that name (`analysis/metrics/energy.py`), `why` there is none.
+    """The highest power, and its integral: the metrics of that name (`analysis/metrics/tip.py`), `why` there is none.
 
     Joules and Wh only where the line file states the rated power; what was recorded beside a gap is the least that it can be.
     """

@@ -11,13 +11,11 @@ from jbclog import __version__
 from jbclog.analysis.rejudge import is_cut_off, own_version
 from jbclog.analysis.run import Run
 from jbclog.analysis.verdict import RULES, judged_signals, measure
-from jbclog.analysis.verdict.stepped_clock import steps_of
+from jbclog.analysis.verdict.samples import steps_of
 from jbclog.core.rows import StationFacts
 from jbclog.record.annotations import read as read_annotations
 from jbclog.record.chains import short_head
 from jbclog.record.manifest import Manifest, manifest_sha256
-from jbclog.report.air import COLUMNS as AIR
-from jbclog.report.air import tells_air
 from jbclog.report.alarms import alarm_facts
 from jbclog.report.facts import (
     NOT_CLAIMED,
@@ -37,11 +35,13 @@ from jbclog.report.marks import happenings
 from jbclog.report.overview import Overview
 from jbclog.report.paper_figures import Plates
 from jbclog.report.ports import Context
-from jbclog.report.states import COLUMNS as STATES
 from jbclog.report.stations import station_report
 from jbclog.report.style import NARROW, WIDE
 from jbclog.report.svg import svg_text
 from jbclog.report.tables import by_station, counter_rows, event_rows, ledger_rows, setting_rows
+from jbclog.report.trace import AIR_COLUMNS as AIR
+from jbclog.report.trace import STATE_COLUMNS as STATES
+from jbclog.report.trace import tells_air
 from jbclog.report.verdict import verdict_facts
 from jbclog.report.zoom import share
 

@@ -18,10 +18,10 @@ from jbclog.analysis.charts import too_many_late
 from jbclog.analysis.spc import Chart, Refused, control_chart
 from jbclog.report import style
 from jbclog.report.drawing import Drawing, Stroke
-from jbclog.report.envelope import envelope
 from jbclog.report.panel import Panel
 from jbclog.report.scale import Scale, round_marks
 from jbclog.report.style import Format
+from jbclog.report.trace import envelope
 
 Floats = NDArray[np.float64]
 

@@ -16,16 +16,15 @@ from jbclog.analysis.joint_table import FILE as JOINTS
 from jbclog.analysis.joint_table import JOINTS_SCHEMA, as_bytes
 from jbclog.analysis.run import Run
 from jbclog.analysis.run_metrics import joints_and_metrics
-from jbclog.analysis.verdict.censored import censored_quantile
+from jbclog.analysis.verdict.bounds import censored_quantile
 from jbclog.record.manifest import manifest_sha256
 from jbclog.report.facts import Figure, JointFacts
 from jbclog.report.joint_chart import Charted, Floats, charted, draw_chart
 from jbclog.report.joint_words import never_back
-from jbclog.report.spans import Span
 from jbclog.report.style import NARROW, WIDE
 from jbclog.report.svg import svg_text
 from jbclog.report.text import iso
-from jbclog.report.trace import BACK, CUT_OFF, LATE
+from jbclog.report.trace import BACK, CUT_OFF, LATE, Span
 
 __all__ = ["COLUMNS", "JOINTS", "Joints", "joint_facts", "joints_of", "unit_rows"]
 

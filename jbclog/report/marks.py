@@ -8,8 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
-from jbclog.report.spans import Span
-from jbclog.report.trace import Limit, Mark
+from jbclog.report.trace import Limit, Mark, Span
 
 COUNTED = ("error", "critical")
 ERRORS = ("station.error", "port.error", "robot.off")

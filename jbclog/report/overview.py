@@ -14,14 +14,11 @@ import numpy as np
 from jbclog.analysis.verdict.idle import setting_in_force
 from jbclog.report import style
 from jbclog.report.drawing import Drawing, Stroke
-from jbclog.report.envelope import Envelope, envelope
 from jbclog.report.panel import Panel
-from jbclog.report.scale import Scale
-from jbclog.report.spans import Floats, Span, merged, runs, widened
+from jbclog.report.scale import Scale, duration_text, time_marks
 from jbclog.report.style import Format
 from jbclog.report.text_metrics import drawable
-from jbclog.report.timescale import duration_text, time_marks
-from jbclog.report.trace import JOINED_PERIODS, Mark, Trace
+from jbclog.report.trace import JOINED_PERIODS, Envelope, Floats, Mark, Span, Trace, envelope, merged, runs, widened
 
 REACH_C = 40.0
 FAR_S = 10.0

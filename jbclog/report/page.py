@@ -23,9 +23,9 @@ from jbclog.analysis.verdict.rules import CONFIDENCE
 from jbclog.report import joint_words
 from jbclog.report.alarms import WITNESSES
 from jbclog.report.joint_words import jointed, remark
+from jbclog.report.safety import short
+from jbclog.report.scale import duration_text
 from jbclog.report.text import bound_text, clock, interval, measured, number, stamp, together
-from jbclog.report.timescale import duration_text
-from jbclog.report.verified import short
 
 PLAIN_IN_ADDRESS = " !$'()*+,-./:;=@_?[]{}|^~"
 SIGNS = {

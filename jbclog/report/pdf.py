@@ -17,10 +17,10 @@ from jbclog.report.paper import INNER, SIDE, WIDTH, Cell, Paper, Type, lacks_let
 from jbclog.report.paper_figures import Plates
 from jbclog.report.pdf_tables import alarm_tables, joint_tables
 from jbclog.report.repeated_events import told_once
+from jbclog.report.safety import short
+from jbclog.report.scale import duration_text
 from jbclog.report.text import bound_text, clean, clock, measured, stamp, together
 from jbclog.report.text_metrics import LACKING_MEANS, width_in
-from jbclog.report.timescale import duration_text
-from jbclog.report.verified import short
 
 COLOURS = {
     "ACCEPT": ("#0a6648", "#e7f4ee"),

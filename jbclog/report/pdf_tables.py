@@ -11,8 +11,8 @@ from jbclog.report.facts import Facts
 from jbclog.report.joint_words import jointed, remark
 from jbclog.report.page import place
 from jbclog.report.paper import Cell, Paper, Type
+from jbclog.report.scale import duration_text
 from jbclog.report.text import clean, interval, measured, number, stamp, together
-from jbclog.report.timescale import duration_text
 
 TEXT, QUIET, HEAD = Type(7), Type(7, colour=style.QUIET), Type(7, bold=True, colour=style.QUIET)
 BAD = Type(7, bold=True, colour="#8f1f06")

@@ -9,25 +9,19 @@ import numpy as np
 import pandas as pd
 
 from jbclog.analysis.verdict import PortMeasure, judged_signals
-from jbclog.analysis.verdict.stepped_clock import Step
+from jbclog.analysis.verdict.samples import Step
 from jbclog.core.rows import StationFacts, TipCheck
-from jbclog.report.air import air_facts, tells_air
-from jbclog.report.captions import caption, closer_caption, description
-from jbclog.report.detail_window import closer
 from jbclog.report.facts import Figure, JointFacts, PortFacts, PowerFacts, RecordedFacts, TipFacts
-from jbclog.report.figure import draw, figure_svg
+from jbclog.report.figure import caption, closer, closer_caption, description, draw, figure_svg
 from jbclog.report.joint_chart import draw_chart
 from jbclog.report.joints import Joints, joint_facts
 from jbclog.report.marks import Happening, limits_of, marks_of
 from jbclog.report.paper_figures import Plates
-from jbclog.report.safety import left
-from jbclog.report.spans import Span
-from jbclog.report.states import states_facts
+from jbclog.report.safety import left, verification_facts
+from jbclog.report.scale import moment
 from jbclog.report.style import NARROW, PRINT, WIDE
 from jbclog.report.text import clean, iso
-from jbclog.report.timescale import moment
-from jbclog.report.trace import Floats, Grid, Limit, Trace, trace
-from jbclog.report.verified import verification_facts
+from jbclog.report.trace import Floats, Grid, Limit, Span, Trace, air_facts, states_facts, tells_air, trace
 from jbclog.report.zoom import MOST_READINGS, zoom_of
 
 MOST_GAPS = 50

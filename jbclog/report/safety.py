@@ -1,11 +1,15 @@
-"""How a tool was left: in its safe state, not, or not known. What was not proved safe is never called untouched."""
+"""How a tool was left, and the tip verification that its port stood on, in sentences."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Final
 
-from jbclog.core.rows import StationFacts
+from jbclog.core.rows import StationFacts, TipCheck
 from jbclog.protocol.commands.family import FAMILIES
+
+# -- safety -------------------------------------------------------------------------------------------------------------------
 
 MEANINGS = {
     "verified": "The order was read back.",
@@ -40,3 +44,47 @@ def left(facts: StationFacts, port: int, celsius: float | None, status: str | No
     seen = [f"{celsius:.0f} °C"] if celsius is not None else []
     seen += [status] if status is not None else []
     return Left(f"not made safe: last seen {', '.join(seen)}" if seen else "not made safe, never read", UNSAFE, True)
+
+
+# -- verified -----------------------------------------------------------------------------------------------------------------
+# The tip verification that a port stood on when its run began, in a sentence (`verifying`, `manifest.verifications`).
+
+RULE: Final = "verification"
+NONE: Final = "none"
+NOT_CITED: Final = "This record cites no verification of its tip."
+
+Row = dict[str, object]
+
+
+def verification_facts(check: TipCheck | None, rules: Sequence[Mapping[str, object]], station: str, port: int) -> Row:
+    """What the manifest cites, its `state` as the verdict took it (``expired``, ``adjusted since``), and a sentence."""
+    if check is None:
+        return {"state": NONE, "text": NOT_CITED}
+    judged = next((rule for rule in rules if (rule["name"], rule["station"], rule["port"]) == (RULE, station, port)), None)
+    observed = None if judged is None else judged["observed"]
+    state = observed if isinstance(observed, str) else check.state
+    text = judged["text"] if judged is not None and isinstance(observed, str) else _sentence(check)
+    return {**asdict(check), "state": state, "text": text}
+
+
+def _sentence(check: TipCheck) -> str:
+    """Which one it was, where it is one."""
+    if check.time is None or check.days is None:
+        return check.text
+    offset = "" if check.offset_c is None else f", {check.offset_c:+.1f} °C from the station's own reading"
+    limit = "" if check.limit_c is None else f" (limit ±{check.limit_c:g} °C)"
+    made = f"Verified {age(check.days)} before the run with {check.instrument}, tip {check.tip}{offset}{limit}."
+    return made if check.state == "pass" else f"{made} {check.text}"
+
+
+def age(days: float) -> str:
+    """``11.0 d``, or ``3.2 h``."""
+    return f"{days:.1f} d" if days >= 1 else f"{days * 24:.1f} h"
+
+
+def short(facts: Mapping[str, object] | None) -> str:
+    """For a table: ``pass, 11.0 d``; a dash for a port without a tip."""
+    if facts is None:
+        return "–"
+    days, state = facts.get("days"), str(facts["state"])
+    return f"{state}, {age(days)}" if isinstance(days, float) else state

@@ -1,13 +1,16 @@
-"""From values to places on a drawing, and the round values at which an axis has its marks."""
+"""Scales of a drawing, of values and of time, and where they have their marks."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
 from math import ceil, floor, log10
 from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+# -- scale --------------------------------------------------------------------------------------------------------------------
 
 Floats = NDArray[np.float64]
 
@@ -59,3 +62,47 @@ def spread(places: list[float], least: float, bottom: float, top: float) -> list
         for i in range(len(out) - 2, -1, -1):
             out[i] = min(out[i], out[i + 1] - least)
     return out
+
+
+# -- timescale ----------------------------------------------------------------------------------------------------------------
+# Where a time axis has its marks: on round UTC times, few enough not to touch each other.
+
+MINUTE, HOUR, DAY = 60, 3600, 86400
+STEPS_S = (
+    *(1, 2, 5, 10, 15, 30),
+    *(MINUTE * n for n in (1, 2, 5, 10, 15, 30)),
+    *(HOUR * n for n in (1, 2, 3, 6, 12)),
+    *(DAY * n for n in (1, 2, 7, 14, 30, 90)),
+)
+EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
+
+
+def moment(utc_us: int) -> datetime:
+    """UTC of microseconds since 1970, exactly."""
+    return EPOCH + timedelta(microseconds=utc_us)
+
+
+def time_marks(t0_utc_us: int, start_s: float, end_s: float, at_most: int) -> list[tuple[float, str]]:
+    """Places (seconds of the run) and labels of the marks between `start_s` and `end_s`."""
+    step = next((step for step in STEPS_S if (end_s - start_s) / step <= at_most - 1), STEPS_S[-1])
+    zero_s = t0_utc_us / 1e6
+    first = ceil((zero_s + start_s) / step - 1e-9)
+    count = int((zero_s + end_s) / step + 1e-9) - first + 1
+    return [((first + i) * step - zero_s, _label((first + i) * step, step)) for i in range(max(count, 0))]
+
+
+def _label(utc_s: int, step: int) -> str:
+    at = moment(utc_s * 1_000_000)
+    if step >= DAY or (step >= HOUR and at.hour == at.minute == 0):
+        return at.strftime("%m-%d")
+    return at.strftime("%H:%M" if step >= MINUTE else "%H:%M:%S")
+
+
+def duration_text(seconds: float) -> str:
+    """``7 h 59 min 38 s``, ``2 min 5 s``, ``20.0 s``."""
+    if round(seconds, 1) < 60:
+        return f"{seconds:.1f} s"
+    hours, rest = divmod(round(seconds), 3600)
+    minutes, left = divmod(rest, 60)
+    parts = [(hours, "h"), (minutes, "min"), (left, "s")]
+    return " ".join(f"{number} {unit}" for number, unit in parts if number)

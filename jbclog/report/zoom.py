@@ -17,9 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jbclog.core.text import clean
-from jbclog.report.detail_window import closer
-from jbclog.report.spans import Span
-from jbclog.report.trace import JOINED_PERIODS, LATE, SETTING_JOINED_S, Floats, Limit, Trace
+from jbclog.report.figure import closer
+from jbclog.report.trace import JOINED_PERIODS, LATE, SETTING_JOINED_S, Floats, Limit, Span, Trace
 
 Ints = NDArray[np.int64]
 

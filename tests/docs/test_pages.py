@@ -26,7 +26,7 @@ from jbclog.analysis.verdict.versions import VERSIONS
 from jbclog.config.sim_spec import KEYS_OF_FAULT
 from jbclog.core.errors import Exit
 from jbclog.core.rows import OUTCOMES, QUALITIES
-from jbclog.report.audit.csv_table import COLUMNS as COLUMNS_OF_AUDIT
+from jbclog.report.audit.files import COLUMNS as COLUMNS_OF_AUDIT
 
 MAKE = "python tests/support/pages.py"
 

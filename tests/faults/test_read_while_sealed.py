@@ -13,8 +13,8 @@ import few_rows
 import pytest
 from beside_sealing import READING, Sealing, meanwhile
 
-from jbclog.analysis.alarm_rows import stations_of
 from jbclog.analysis.run import open_run
+from jbclog.analysis.run_alarms import stations_of
 from jbclog.record.check import check
 from jbclog.record.conclude import conclude
 from jbclog.record.manifest import Manifest, read_manifest, write_manifest

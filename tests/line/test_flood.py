@@ -10,7 +10,7 @@ from flooding import FALSE_C, SHAPES, flood
 from several import line
 from virtual_run import Memory, VirtualRun, prepare
 
-from jbclog.analysis.verdict.deviations import NOT_AS_PLANNED
+from jbclog.analysis.verdict.rules import NOT_AS_PLANNED
 from jbclog.core.clock import UtcOffset, VirtualClock
 from jbclog.core.io_requests import Steps
 from jbclog.core.rows import COLUMN, StationFacts

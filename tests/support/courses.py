@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import signal
 
-from jbclog.analysis.verdict.bound import Known
+from jbclog.analysis.verdict.bounds import Known
 from jbclog.analysis.verdict.idle import IdleError
 
 Floats = NDArray[np.float64]

@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 
 from jbclog.report.drawing import Drawing, Shape, Words
 from jbclog.report.figure import panels
-from jbclog.report.lanes import lanes_of
-from jbclog.report.panel import Panel
+from jbclog.report.panel import Panel, lanes_of
 from jbclog.report.scale import COARSE
 from jbclog.report.style import Format
 from jbclog.report.text_metrics import face

@@ -11,8 +11,7 @@ import pandas as pd
 import pyarrow as pa
 from scripted_tip import soldered
 
-from jbclog.analysis.run import Run
-from jbclog.analysis.selection import asked, frame
+from jbclog.analysis.run import Run, asked, frame
 from jbclog.core.rows import StationFacts
 from jbclog.record.manifest import Manifest
 from jbclog.record.schema import SCHEMAS

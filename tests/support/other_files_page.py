@@ -10,7 +10,7 @@ from md_table import MADE, code, table
 from jbclog.maintenance.counter_totals.observed import Errors, Fact, Identity, Observation
 from jbclog.maintenance.verification.verification import Verification
 from jbclog.record.annotations import Annotation
-from jbclog.report.audit.csv_table import COLUMNS
+from jbclog.report.audit.files import COLUMNS
 
 OBJECTS: Mapping[str, type] = {
     "Observation": Observation,

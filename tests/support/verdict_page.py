@@ -7,8 +7,8 @@ from collections.abc import Mapping
 from md_table import MADE, code, codes, table
 
 from jbclog.analysis.run import Run
-from jbclog.analysis.verdict.deviations import NOT_AS_PLANNED
 from jbclog.analysis.verdict.rule import Result
+from jbclog.analysis.verdict.rules import NOT_AS_PLANNED
 from jbclog.analysis.verdict.versions import VERSIONS
 
 VERDICTS = """

@@ -1,16 +1,15 @@
 """When a tool was beyond its alarm limits, by three witnesses: the station, the recorder, the record.
 
-Start with `definition.py`, then `state_machine.py` and `port_watch.py`; `live.py` and `from_record.py` feed the same code.
+Start with `state_machine.py`, then `state_machine.py` and `port_watch.py`; `live.py` and `from_record.py` feed the same code.
 Source: ISA-18.2 / IEC 62682 as OPC UA Part 9 has it (on and off delay, deadband, acknowledgement beside the state).
 """
 
-from jbclog.analysis.alarms.definition import WATCHED, Rules, Side
-from jbclog.analysis.alarms.episode import Detector, Episode, State
 from jbclog.analysis.alarms.from_record import FlagRead, Rows, SampledEpisodes, flag_episodes
 from jbclog.analysis.alarms.kpi import Figures, figures
 from jbclog.analysis.alarms.live import KIND, LiveAlarms, change_of, rules_of
 from jbclog.analysis.alarms.match import Incident, Unknown, incidents
 from jbclog.analysis.alarms.port_watch import BEFORE_ALL, Change
+from jbclog.analysis.alarms.state_machine import WATCHED, Detector, Episode, Rules, Side, State
 
 __all__ = [
     "BEFORE_ALL",

@@ -12,10 +12,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
-from jbclog.analysis.alarms.definition import Rules, Side
-from jbclog.analysis.alarms.episode import RETURNED, Detector, Episode
 from jbclog.analysis.alarms.port_watch import Change, PortWatch
-from jbclog.analysis.alarms.state_machine import News
+from jbclog.analysis.alarms.state_machine import RETURNED, Detector, Episode, News, Rules, Side
 from jbclog.core.rows import EventRow
 
 Numbers = Sequence[float | None]

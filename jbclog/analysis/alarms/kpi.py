@@ -18,7 +18,7 @@ from math import floor
 from types import MappingProxyType
 from typing import Final
 
-from jbclog.analysis.alarms.episode import Detector, Episode
+from jbclog.analysis.alarms.state_machine import Detector, Episode
 
 WINDOW_S: Final = 600.0
 FLOOD_BEGINS: Final = 10

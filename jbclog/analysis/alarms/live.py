@@ -10,10 +10,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import fields
 from typing import Final
 
-from jbclog.analysis.alarms.definition import WATCHED, Rules, Side
-from jbclog.analysis.alarms.episode import Detector, Episode
 from jbclog.analysis.alarms.port_watch import BEFORE_ALL, TOOL, Change, PortWatch
-from jbclog.analysis.alarms.state_machine import News, Told
+from jbclog.analysis.alarms.state_machine import WATCHED, Detector, Episode, News, Rules, Side, Told
 from jbclog.core.rows import COLUMN, EventRow, SampleRow, SettingRow, Severity, StationFacts
 
 _TIME, _TICK, _STATION, _PORT = (COLUMN[name] for name in ("time", "tick", "station", "port"))

@@ -10,8 +10,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
-from jbclog.analysis.alarms.definition import Side
-from jbclog.analysis.alarms.episode import Detector, Episode
+from jbclog.analysis.alarms.state_machine import Detector, Episode, Side
 
 
 class Unknown(NamedTuple):

@@ -15,10 +15,26 @@ from collections.abc import Sequence
 from math import inf
 from typing import Final, NamedTuple
 
-from jbclog.analysis.alarms.arming import WORKING, Arrival
-from jbclog.analysis.alarms.definition import SETPOINTS, Condition, Rules, Side, bare, defined, number
-from jbclog.analysis.alarms.episode import NOT_WORKING, RETURNED, SWITCHED_OFF, TOOL_CHANGED, Detector
-from jbclog.analysis.alarms.state_machine import Machine, News, Phase, Told
+from jbclog.analysis.alarms.state_machine import (
+    NOT_WORKING,
+    RETURNED,
+    SETPOINTS,
+    SWITCHED_OFF,
+    TOOL_CHANGED,
+    WORKING,
+    Arrival,
+    Condition,
+    Detector,
+    Machine,
+    News,
+    Phase,
+    Rules,
+    Side,
+    Told,
+    bare,
+    defined,
+    number,
+)
 
 GAP_PERIODS: Final = 2.0
 GAP_S: Final = 2.0

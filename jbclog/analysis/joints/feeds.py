@@ -12,7 +12,7 @@ from typing import Final
 from jbclog.analysis.joints.draw import Draw
 from jbclog.analysis.joints.series import Series
 from jbclog.analysis.joints.solder_wire import between, feeds_counted
-from jbclog.analysis.verdict.joint_measures import Feeds
+from jbclog.analysis.verdict.evidence import Feeds
 
 EDGE_S: Final = 1.0
 

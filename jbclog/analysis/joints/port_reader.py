@@ -21,8 +21,7 @@ from jbclog.analysis.joints.values import Values
 from jbclog.analysis.joints.windows import Windows
 from jbclog.analysis.verdict.idle import Flags, Floats
 from jbclog.analysis.verdict.rules import has_tip
-from jbclog.analysis.verdict.samples import Counts
-from jbclog.analysis.verdict.stepped_clock import Step
+from jbclog.analysis.verdict.samples import Counts, Step
 from jbclog.core.rows import StationFacts
 from jbclog.record.schema import SCHEMAS
 

@@ -11,8 +11,7 @@ import numpy as np
 from jbclog.analysis.joints.series import Cycles, Series, nominal_period
 from jbclog.analysis.verdict.idle import Block, Flags, Floats
 from jbclog.analysis.verdict.rules import has_feeder, has_tip
-from jbclog.analysis.verdict.samples import Counts
-from jbclog.analysis.verdict.stepped_clock import Step, Unstepped
+from jbclog.analysis.verdict.samples import Counts, Step, Unstepped
 from jbclog.core.rows import StationFacts
 
 COLUMNS: Final = [

@@ -18,9 +18,9 @@ from jbclog.analysis.joints.figure import Figure, no_figure
 from jbclog.analysis.joints.joints import Found
 from jbclog.analysis.joints.recovery import Joint
 from jbclog.analysis.joints.series import RESOLUTION_C, RESOLUTION_PERMILLE
-from jbclog.analysis.metrics.energy import Totals
-from jbclog.analysis.verdict.censored import censored_quantile
-from jbclog.analysis.verdict.joint_measures import not_read
+from jbclog.analysis.metrics.tip import Totals
+from jbclog.analysis.verdict.bounds import censored_quantile
+from jbclog.analysis.verdict.evidence import not_read
 
 HALF, NEARLY_ALL = 0.5, 0.95
 NONE_FOUND: Final = "No joints were found."

@@ -1,12 +1,11 @@
 """Judge a sealed run against the limits of its recipes. Missing evidence is never a pass.
 
-Start with `verdict.py`, then `rules.py`; `samples.py`, `idle.py` and `bound.py` measure what the rules need.
+Start with `verdict.py`, then `rules.py`; `samples.py`, `idle.py` and `bounds.py` measure what the rules need.
 """
 
 from jbclog.analysis.verdict.acceptance import Acceptance, Limits, asks_for_joints
-from jbclog.analysis.verdict.bound import Bound
-from jbclog.analysis.verdict.evidence import Evidence
-from jbclog.analysis.verdict.joint_measures import Feeds, Joints, PortJoints, Recovery
+from jbclog.analysis.verdict.bounds import Bound
+from jbclog.analysis.verdict.evidence import Evidence, Feeds, Joints, PortJoints, Recovery
 from jbclog.analysis.verdict.reached import Asks
 from jbclog.analysis.verdict.rule import Result, Rule
 from jbclog.analysis.verdict.samples import PortMeasure, judged_signals, measure

@@ -1,4 +1,4 @@
-"""The idle tip: how far from its setpoint it holds when nothing is being soldered.
+"""The idle tip: when its tool was in place, and how far from its setpoint it held.
 
 Definition. A reading counts as idle when
 - the tool's status is working (hot air: on), temperature and power were read, and the setpoint in force is
@@ -33,15 +33,92 @@ them are judged so again.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from math import sqrt
+from math import ceil, floor, sqrt
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from jbclog.analysis.verdict.batch_means import CELL_S, batch_means, known_by_batches
-from jbclog.analysis.verdict.bound import Bound, Cells, Known, known
-from jbclog.analysis.verdict.in_place import behind_all, in_place
+from jbclog.analysis.verdict.bounds import MEANS_CELL_S, Bound, Cells, Known, batch_means, known, known_by_batches
 from jbclog.analysis.verdict.versions import BOUNDS_HOLD, RULES
+
+# -- in place -----------------------------------------------------------------------------------------------------------------
+# When a tool was in its port and the port at work, as far as that was read.
+#
+# Tool and port error are read every few seconds, temperature and power many times a second: of a tool that is pulled some readings
+# come before anybody knows. So a reading counts only where the last port error that was read before it and the first behind it both
+# say that the port works (`WORKS`, manuals 000 and 002; hot air has other codes, of which none is asked here), and where the
+# tool before and behind it is one and the same. Where nothing was read on one side the other decides; where neither was ever read,
+# nothing is known against the tool.
+
+Floats = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+WORKS = (0.0, 9.0)  # ok; a warning of overload
+
+
+def in_place(tool: Floats, port_error: Floats) -> Flags:
+    """Of each row of one port, in their order. `tool` and `port_error` are codes, NaN where they were not read."""
+    if _is_never_changed(tool) and np.isin(port_error[~np.isnan(port_error)], WORKS).all():
+        return np.ones(len(tool), dtype=np.bool_)  # as nearly always, and ten times as fast
+    before, behind = _neighbours(tool)
+    is_same = np.isnan(before) | np.isnan(behind) | (before == behind)
+    works = _is_good(tool, tool > 0) & _is_good(port_error, np.isin(port_error, WORKS))
+    return np.asarray(is_same & works, dtype=np.bool_)
+
+
+def _is_never_changed(tool: Floats) -> bool:
+    read = tool[~np.isnan(tool)]
+    return not len(read) or bool(read[0] > 0 and (read == read[0]).all())
+
+
+def behind_all(tool: Floats, port_error: Floats) -> Flags:
+    """Which rows come when neither was read any more, though it had been: nothing bears them out."""
+    read = np.flatnonzero(~np.isnan(tool) | ~np.isnan(port_error))
+    rows = np.arange(len(tool))
+    return np.asarray(rows > read[-1] if len(read) else np.zeros(len(tool)), dtype=np.bool_)
+
+
+def _is_good(codes: Floats, good: Flags) -> Flags:
+    before, behind = _neighbours(np.where(np.isnan(codes), np.nan, good.astype(np.float64)))
+    return np.asarray((before != 0.0) & (behind != 0.0), dtype=np.bool_)  # NaN is not 0 either: nothing was read there
+
+
+def _neighbours(codes: Floats) -> tuple[Floats, Floats]:
+    """The last code that was read up to each row, and the first from it on; NaN where there is none."""
+    return _held(codes), _held(codes[::-1])[::-1]
+
+
+def _held(codes: Floats) -> Floats:
+    last = np.maximum.accumulate(np.where(np.isnan(codes), -1, np.arange(len(codes))))
+    return np.asarray(np.where(last >= 0, codes[last], np.nan), dtype=np.float64)
+
+
+# -- percent ------------------------------------------------------------------------------------------------------------------
+# Limits in per cent, judged with the resolution of the run: readings are counted one by one.
+#
+# A limit that lies between two counts is the lower one: of 194 readings 99.5 % are 193.03, and 193 keep it. 100 % are all of them.
+
+RESOLVES: Final = 20
+"""With fewer readings than this one of them is too much to let pass."""
+
+
+def allowed_misses(due: int, least_percent: float) -> int:
+    """How many of the readings due may be missing."""
+    return ceil(due * (100 - least_percent) / 100 - 1e-9)
+
+
+def floored(percent: float) -> float:
+    """Two decimals, never rounded up to a limit that is missed."""
+    return floor(percent * 100 + 1e-9) / 100
+
+
+def shown(figure: float) -> str:
+    """Up to two decimals, without the zeros behind."""
+    return f"{figure:.2f}".rstrip("0").rstrip(".")
+
+
+# -- idle ---------------------------------------------------------------------------------------------------------------------
 
 BLOCK_S = 600.0
 SETTING_HOLDS_S = 15.0  # the setting is due each 5 s; two losses are bridged
@@ -57,9 +134,6 @@ ENOUGH_ROWS, ENOUGH_S = 10, 3.0
 
 NOT_IDLE = "The tip was never at rest for long enough: in no pause did its temperature settle."
 NOT_SEEN_IDLE = "The tool was not seen idle for long enough to say."  # of rules 1 and 2
-
-Floats = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,7 +175,7 @@ class IdleError:
     cells: Cells = field(init=False)
 
     def __post_init__(self) -> None:
-        self.cells = Cells() if self.rules >= BOUNDS_HOLD else Cells(CELL_S)
+        self.cells = Cells() if self.rules >= BOUNDS_HOLD else Cells(MEANS_CELL_S)
 
     def add(self, seconds: Floats, errors: Floats, period_s: float) -> None:
         """Take idle readings with their times on the run's axis, `period_s` apart."""
@@ -131,7 +205,7 @@ class IdleError:
         return sqrt(max(spread, 0.0) / (self.rows - 1))
 
     def known(self) -> Known | str:
-        """The 95 % bounds of both by the rules of today (`analysis/verdict/bound.py`), or a sentence why there are none."""
+        """The 95 % bounds of both by the rules of today (`analysis/verdict/bounds.py`), or a sentence why there are none."""
         mean, spread = self.mean_c, self.sd_c
         if mean is None or spread is None:
             return NOT_IDLE

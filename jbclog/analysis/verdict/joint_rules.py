@@ -20,10 +20,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from jbclog.analysis.verdict.acceptance import Acceptance, is_bare
-from jbclog.analysis.verdict.censored import censored_quantile
-from jbclog.analysis.verdict.evidence import Evidence
-from jbclog.analysis.verdict.joint_measures import Feeds, PortJoints, not_read
-from jbclog.analysis.verdict.quantile import SHARE, upper_p95
+from jbclog.analysis.verdict.bounds import SHARE, censored_quantile, upper_p95
+from jbclog.analysis.verdict.evidence import Evidence, Feeds, PortJoints, not_read
 from jbclog.analysis.verdict.rule import Result, Rule
 from jbclog.analysis.verdict.rules import has_feeder, has_tip, not_applicable
 from jbclog.core.rows import StationFacts

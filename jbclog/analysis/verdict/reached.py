@@ -19,8 +19,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from jbclog.analysis.verdict.idle import SETTING_HOLDS_S, Block, Flags, Floats
-from jbclog.analysis.verdict.percent import allowed_misses, floored, shown
+from jbclog.analysis.verdict.idle import SETTING_HOLDS_S, Block, Flags, Floats, allowed_misses, floored, shown
 from jbclog.analysis.verdict.rule import Figure, Result, Rule
 
 RULE: Final = "reached"

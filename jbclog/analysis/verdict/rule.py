@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 from enum import StrEnum
 
-from jbclog.analysis.verdict.bound import Bound
+from jbclog.analysis.verdict.bounds import Bound
 
 
 class Result(StrEnum):

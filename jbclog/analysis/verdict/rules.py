@@ -1,4 +1,4 @@
-"""The rules, each a function from what was measured to one `Rule`. The definitions of the figures are in `samples` and `idle`."""
+"""The rules of a verdict, and what broke none and was not as planned."""
 
 from __future__ import annotations
 
@@ -6,25 +6,44 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
 from jbclog.analysis.verdict.acceptance import BARE, ESTIMATED_LIMITS, LIMIT_NAMES, REACHED_LIMITS, Acceptance, is_bare
-from jbclog.analysis.verdict.bound import Bound
-from jbclog.analysis.verdict.evidence import Evidence, PortLedger
-from jbclog.analysis.verdict.idle import NOT_IDLE, NOT_SEEN_IDLE
-from jbclog.analysis.verdict.percent import RESOLVES, allowed_misses
-from jbclog.analysis.verdict.percent import floored as _floor
-from jbclog.analysis.verdict.percent import shown as _shown
+from jbclog.analysis.verdict.bounds import Bound
+from jbclog.analysis.verdict.evidence import Event, Evidence, Outcomes, PortLedger
+from jbclog.analysis.verdict.idle import NOT_IDLE, NOT_SEEN_IDLE, RESOLVES, allowed_misses
+from jbclog.analysis.verdict.idle import floored as _floor
+from jbclog.analysis.verdict.idle import shown as _shown
 from jbclog.analysis.verdict.reached import AT_WORK_PERCENT, ORDERS_WORK, WITHIN_C, Asks, Limit, reached_rule
 from jbclog.analysis.verdict.reached import RULE as REACHED
 from jbclog.analysis.verdict.rule import Result, Rule
 from jbclog.analysis.verdict.samples import SKIPPED, TEMPERATURE, WITHOUT_TIP, PortMeasure, judged_signals
-from jbclog.analysis.verdict.tables import Event, Outcomes
 from jbclog.analysis.verdict.versions import BOUNDS_HOLD
-from jbclog.core.rows import StationFacts
+from jbclog.core.rows import Goal, StationFacts
+
+# -- goal rules ---------------------------------------------------------------------------------------------------------------
+# Whether a run came to the number of units or joints that it was to end with; where two were wanted, either is enough.
+
+
+def goal_rules(evidence: Evidence) -> Iterator[Rule]:
+    """A line for each number. A run that fell short is whole in what it recorded, and not as planned."""
+    is_met = any(goal.is_met for goal in evidence.goals)
+    for goal in evidence.goals:
+        yield Rule(f"goal_{goal.what}", None, None, goal.wanted, goal.reached, goal.what, _result(goal, is_met), goal.text)
+
+
+def _result(goal: Goal, is_met: bool) -> Result:
+    if goal.is_met:
+        return Result.PASS
+    if is_met:
+        return Result.NOT_APPLICABLE
+    return Result.MISSING if goal.reached is None else Result.DEVIATION
+
+
+# -- rules --------------------------------------------------------------------------------------------------------------------
 
 COUNTED_ALARMS = ("alarm.high", "alarm.low")
 COUNTED_SEVERITIES = ("error", "critical")
 WITH_FEEDER = ("ale",)
 
-ENDINGS = {
+RUN_ENDINGS = {
     "success": (Result.PASS, "The record runs from start to end."),
     "aborted": (Result.DEVIATION, "The run was ended before its stated end; what was recorded until then is whole."),
     "failed": (Result.DEVIATION, "The run ended with an error; what was recorded until then is whole."),
@@ -50,7 +69,7 @@ def record_rule(evidence: Evidence) -> Rule:
     if evidence.lost is not None:
         return Rule("record", None, None, "whole", evidence.exit_status, "", Result.MISSING, evidence.lost)
     unknown = (Result.MISSING, "How the run ended is not known.")
-    result, text = ENDINGS.get(evidence.exit_status or "", unknown)
+    result, text = RUN_ENDINGS.get(evidence.exit_status or "", unknown)
     return Rule("record", None, None, "whole", evidence.exit_status, "", result, text)
 
 
@@ -349,3 +368,61 @@ def _at_most(name: str, station: str, port: int, most: float, seen: float | None
 
 def _not_idle(name: str, station: str, port: int, most: float) -> Rule:
     return Rule(name, station, port, most, None, "°C", Result.MISSING, NOT_SEEN_IDLE)
+
+
+# -- deviations ---------------------------------------------------------------------------------------------------------------
+# What broke no limit and was still not as planned: it keeps a run from a plain ACCEPT, by name.
+#
+# Every event that is an error is either judged by a rule or named here; nothing severe passes unmentioned.
+
+NOT_AS_PLANNED = frozenset(
+    {
+        "alarm.unconfirmed",  # a flag that no temperature bore out
+        "alarm.unknown",  # a lost answer: there may have been a flag
+        "clock.step",
+        "host.suspended",
+        "link.flooded",
+        "link.lost",
+        "safety.no_cooldown",  # allow_no_cooldown was used
+        "setting.changed",
+        "tool.changed",
+    }
+)
+"""Kinds that are deviations at any severity from warning on."""
+
+ENDINGS = ("station.completed", "station.stopped", "station.refused", "station.gone", "station.failed")
+AT_THE_START = ("station.not_started", "station.left_out")
+JUDGED = frozenset({*COUNTED_ALARMS, *ENDINGS, *AT_THE_START, "run.start", "run.end"})
+SEVERE = ("error", "critical")
+
+
+def deviations(events: Sequence[Event]) -> Iterator[Rule]:
+    """One line for each kind of deviation on each port, with how often it happened and its first sentence."""
+    found: dict[tuple[str, str | None, int | None], list[Event]] = {}
+    for event in events:
+        if _deviates(event):
+            found.setdefault((event.kind, event.station, event.port), []).append(event)
+    for (kind, station, port), these in found.items():
+        yield Rule(kind, station, port, None, len(these), "", Result.DEVIATION, these[0].text)
+
+
+def _deviates(event: Event) -> bool:
+    if event.kind in JUDGED or event.severity == "info":
+        return False
+    return event.kind in NOT_AS_PLANNED or event.severity in SEVERE
+
+
+def unused_ports(facts: StationFacts, evidence: Evidence) -> Iterator[Rule]:
+    """Ports that had no tool from start to end: recorded as such, and not judged."""
+    for port in facts.ports:
+        if never_had_a_tool(facts, port, evidence.port_ledger(facts.name, port)):
+            text = "There was no tool in the port; it was not put to work and is not judged."
+            yield Rule("no_tool", facts.name, port, None, None, "", Result.DEVIATION, text)
+
+
+NO_LIMITS = "Its recipe states no limits; it is recorded and not judged."
+
+
+def not_judged(facts: StationFacts, text: str = NO_LIMITS) -> Rule:
+    """A station whose recipe states no limits, beside others that do, or none that is about it."""
+    return Rule("no_acceptance", facts.name, None, None, None, "", Result.DEVIATION, text)

@@ -1,4 +1,4 @@
-"""Measures each port of a run in one pass over its sealed samples, holding ten minutes of each port at most.
+"""Measures each port of a run in one pass over its sealed samples.
 
 Definitions. *Due*: the ticks at which the port's tip temperature was to be read, those that a stopped host
 skipped included (`ledger`). *Coverage*: readings that are there, in per cent of those due. *Longest gap*: the
@@ -14,19 +14,110 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import MappingProxyType
+from typing import Final, NamedTuple
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 from numpy.typing import NDArray
 
-from jbclog.analysis.verdict.gaps import Gap
-from jbclog.analysis.verdict.idle import BLOCK_S, Block, Flags, Floats, IdleError, idle_readings
+from jbclog.analysis.verdict.idle import BLOCK_S, Block, Flags, IdleError, idle_readings
 from jbclog.analysis.verdict.reached import WITHIN_C, Heat
-from jbclog.analysis.verdict.stepped_clock import Step, Unstepped, steps_of
 from jbclog.analysis.verdict.versions import RULES
 from jbclog.core.foreign.tables import open_table
 from jbclog.core.rows import StationFacts
+
+# -- stepped clock ------------------------------------------------------------------------------------------------------------
+# Rows that have no grid, on a wall clock that was stepped: their times as if it had never been.
+#
+# With ``--rate max`` only UTC tells how far two rows are apart. A step of that clock is an event (`clock.step`, its value the size
+# in seconds, its time by the new clock); the first row behind it is the one whose time jumps with it.
+
+Floats = NDArray[np.float64]
+NEAR_S: Final = 60.0  # a row is told within seconds of its event; an outage has rows, too
+
+
+class Step(NamedTuple):
+    """A step of the wall clock: when, by the new clock in seconds since 1970, and by how much."""
+
+    at_s: float
+    size_s: float
+
+
+def steps_of(folder: Path) -> list[Step]:
+    """The steps of the wall clock in a sealed run, in their order."""
+    found = []
+    for part in sorted((folder / "events").glob("part-*.parquet")):
+        with open_table(part) as table:
+            found += [step for events in table.groups(["time", "kind", "value"]) for step in _steps_in(events)]
+    return found
+
+
+def _steps_in(events: pa.Table) -> list[Step]:
+    rows = zip(events["time"].cast("int64").to_pylist(), events["kind"].to_pylist(), events["value"].to_pylist(), strict=True)
+    return [Step(time / 1e6, value) for time, kind, value in rows if kind == "clock.step" and value]
+
+
+@dataclass(slots=True)
+class Unstepped:
+    """Takes the steps out of the times of one port's rows, given piece by piece in their order."""
+
+    steps: Sequence[Step]
+    _taken: int = 0
+    _last: float | None = None
+
+    def of(self, utc_s: Floats) -> Floats:
+        """These times in seconds, less the steps before each."""
+        if not len(utc_s) or not self.steps:
+            return utc_s
+        out = utc_s - sum(step.size_s for step in self.steps[: self._taken])
+        jumps, first = np.diff(utc_s, prepend=utc_s[0] if self._last is None else self._last), 0
+        while self._taken < len(self.steps) and (place := _behind(self.steps[self._taken], utc_s, jumps, first)) is not None:
+            out[place:] -= self.steps[self._taken].size_s
+            self._taken, first = self._taken + 1, place
+        self._last = float(utc_s[-1])
+        return out
+
+
+def _behind(step: Step, utc_s: Floats, jumps: Floats, first: int) -> int | None:
+    """The first row behind the step; None where it is not among these."""
+    is_behind = (jumps * np.sign(step.size_s) >= abs(step.size_s) / 2) & (np.abs(utc_s - step.at_s) < NEAR_S)
+    places = np.flatnonzero(is_behind[first:])
+    return first + int(places[0]) if len(places) else None
+
+
+# -- gaps ---------------------------------------------------------------------------------------------------------------------
+# The longest time without a reading, and how long it was without what the computer skipped.
+
+
+@dataclass(slots=True)
+class Gap:
+    """The longest time between two moments of reading, less the period; `widest_s` is None while nothing was read.
+
+    `start_s` is where the time begins to count, known with the first row.
+    """
+
+    period_s: float
+    start_s: float | None = None
+    last_s: float | None = None
+    widest_s: float | None = None
+
+    def take(self, there: Floats) -> None:
+        """The next moments, in their order."""
+        if not len(there):
+            return
+        before = self.last_s if self.last_s is not None else self.start_s
+        steps = np.diff(np.append(there[0] if before is None else before, there)) - self.period_s
+        self.widest_s = round(max(self.widest_s or 0.0, float(steps.max())), 6)
+        self.last_s = float(there[-1])
+
+    def end(self, end_s: float) -> None:
+        """The last moment at which something was due."""
+        if self.last_s is not None:
+            self.take(np.array([end_s + self.period_s]))
+
+
+# -- samples ------------------------------------------------------------------------------------------------------------------
 
 TEMPERATURE = "temperature_c"
 COLUMNS = [

@@ -4,7 +4,7 @@ One broken limit is REJECT. Without one, missing evidence is INCONCLUSIVE, which
 either, anything that was not as planned makes it ACCEPT WITH DEVIATIONS. A run whose recipes state no limit
 is NOT JUDGED.
 
-A limit is broken by the observed figure; it is kept by the figure and its 95 % bound, where there is one (`bound.py`). A figure
+A limit is broken by the observed figure; it is kept by the figure and its 95 % bound, where there is one (`bounds.py`). A figure
 that keeps it and a bound that does not are missing evidence.
 """
 
@@ -15,24 +15,33 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 from jbclog.analysis.verdict.acceptance import Acceptance, asks_for_anything
-from jbclog.analysis.verdict.deviations import deviations, not_judged, unused_ports
-from jbclog.analysis.verdict.evidence import Evidence
-from jbclog.analysis.verdict.goal_rules import goal_rules
+from jbclog.analysis.verdict.evidence import (
+    Event,
+    Evidence,
+    Outcomes,
+    read_adjustments,
+    read_events,
+    read_ordered,
+    read_outcomes,
+    verification_rule,
+)
 from jbclog.analysis.verdict.joint_rules import joint_rules
 from jbclog.analysis.verdict.rule import Result, Rule
 from jbclog.analysis.verdict.rules import (
     bare_rule,
+    deviations,
+    goal_rules,
     heat_rules,
     no_limit_applies,
+    not_judged,
     port_rules,
     record_rule,
     station_rules,
     tells,
+    unused_ports,
     used_ports,
 )
 from jbclog.analysis.verdict.samples import TEMPERATURE, Measures, measure
-from jbclog.analysis.verdict.tables import Event, Outcomes, read_adjustments, read_events, read_ordered, read_outcomes
-from jbclog.analysis.verdict.verified import verification_rule
 from jbclog.analysis.verdict.versions import RULES
 from jbclog.core.rows import StationFacts
 

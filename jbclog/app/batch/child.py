@@ -20,8 +20,8 @@ from pydantic import TypeAdapter
 
 from jbclog.app.batch.job_dir import Carried, JobDir, Now, PortNow, Said
 from jbclog.app.batch.job_spec import JobSpec
-from jbclog.app.run.job import carry_out
 from jbclog.app.run.run_record import Result
+from jbclog.app.run.runner import carry_out
 from jbclog.core.errors import Exit, JbclogError, in_order
 from jbclog.core.rows import EventRow
 from jbclog.session.run.context import SessionContext

@@ -21,7 +21,7 @@ from typing import Protocol
 from jbclog import __version__
 from jbclog.analysis.alarms import LiveAlarms
 from jbclog.analysis.verdict import RULES, Asks, Evidence, PortJoints, asks_for_joints, judge
-from jbclog.analysis.verdict.joint_measures import Joints
+from jbclog.analysis.verdict.evidence import Joints
 from jbclog.app.run.plan import PORTS, Plan, StationPlan, orders
 from jbclog.app.run.plan import Metadata as Told
 from jbclog.core.clock import Clock, UtcOffset

@@ -1,4 +1,4 @@
-"""One run on real ports, from its folder to its exit code: the record, the sessions, the signals, the seal, the verdict.
+"""One run on real ports, from its folder to its exit code, whoever asked for it.
 
 ::
 
@@ -15,11 +15,12 @@ import os
 import signal
 from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
 
 from jbclog import __version__
 from jbclog.app.run.goals import Goals
-from jbclog.app.run.plan import Plan
+from jbclog.app.run.plan import Plan, RunOptions, make_plan
 from jbclog.app.run.run_record import Observer, Result, RunRecord
 from jbclog.app.run.unit_feed import LOOK_EVERY_S as LOOK_FOR_UNITS_S
 from jbclog.app.run.unit_feed import UnitFeed
@@ -46,6 +47,8 @@ from jbclog.transport.reactor import Reactor
 from jbclog.transport.session_history import Tee, keeping
 from jbclog.transport.system_ports import Sharers
 from jbclog.transport.typed_lines import Source
+
+# -- runner -------------------------------------------------------------------------------------------------------------------
 
 GUARDED, NO_GUARD, GUARD_LOST = "on", "none", "lost"  # what the manifest says of it
 RUNNING = "running"  # the outcome of a session that has not ended
@@ -340,3 +343,40 @@ class _Run:
             self._cut_short = CUT_SHORT[signal.Signals[name]]
         self._note("run.signal", f"{name} received; the tools are put in their safe state and the run ends.")
         self._reactor.end(f"ended by {name}")
+
+
+# -- job ----------------------------------------------------------------------------------------------------------------------
+# A job: one run as it was asked for, whoever asked. `jbclog run` builds one of its options, a batch one of each `[[job]]`.
+#
+# Both come to `carry_out`: the run of a line's stations by hand is the batch of one job, without a queue around it.
+
+
+@dataclass(frozen=True, slots=True)
+class Job:
+    """What is to run, and the folder that its run's folder is made in."""
+
+    wanted: RunOptions
+    out: Path
+    name: str = "run"
+
+    def plan(self) -> Plan:
+        """Everything read and checked, nothing sent. Raises `Problems` or `UsageError` with all that is wrong."""
+        return make_plan(self.wanted)
+
+
+def carry_out(
+    job: Job,
+    observer: Observer,
+    *,
+    units: Source | None = None,
+    missed: Callable[[], int] = lambda: 0,
+    planned: Callable[[Plan], None] = lambda plan: None,
+) -> Result:
+    """Check, run and record a job, in this process, whose last deed it is.
+
+    `planned` is told what will be done before anything is. Raises `Problems` or `UsageError` (nothing was sent), `RecordError`
+    (the record could not even be begun).
+    """
+    plan = job.plan()
+    planned(plan)
+    return conduct(plan, job.out, observer, missed=missed, is_last=True, units=units)

@@ -1,4 +1,4 @@
 """The counter audit as a page, as CSV and as JSON.
 
-Start with `page.py`, then `overview.py` and `table_rows.py`.
+Start with `page.py`, then `overview.py` and `page.py`.
 """

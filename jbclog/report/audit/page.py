@@ -1,4 +1,4 @@
-"""The page of an audit: one HTML file that needs nothing but itself, made by a template from the value of a fleet.
+"""The page of an audit: one HTML file that needs nothing but itself.
 
 Everything that comes from outside is cleaned and escaped by the template engine; the drawings are of numbers only; a content policy
 forbids every request and every script. The same audit gives the same bytes.
@@ -6,6 +6,8 @@ forbids every request and every script. The same audit gives the same bytes.
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cache, partial
 from typing import Final
 
@@ -14,22 +16,213 @@ from markupsafe import Markup
 
 from jbclog import __version__
 from jbclog.core.text import clean, number, stamp, together
-from jbclog.maintenance.fleet import TITLES, FleetAudit
-from jbclog.report.audit import plots, wording
-from jbclog.report.audit.overview import at_a_glance
-from jbclog.report.audit.table_rows import (
-    MOST_MARKS,
-    Notes,
-    courses,
-    drift_rows,
-    error_rows,
-    fleet_weeks,
-    marks,
-    meters,
-    turns,
-    unread,
-    use_rows,
-)
+from jbclog.maintenance.counter_totals.span import NOTHING
+from jbclog.maintenance.counter_totals.totals import Difference, Kind
+from jbclog.maintenance.fleet import ABSENT, FLEET, TITLES, FleetAudit, Meter, StationAudit, UseFigure, Week
+from jbclog.report.audit import overview, plots
+from jbclog.report.audit.overview import at_a_glance, listed, span
+
+# -- table rows ---------------------------------------------------------------------------------------------------------------
+# The rows of the page's tables below what is due: use, drift, what the odometer could not know, counters, errors.
+
+MOST_MARKS: Final = 200
+SUPERSCRIPTS: Final = str.maketrans("0123456789", "⁰¹²³⁴⁵⁶⁷⁸⁹")
+OK: Final = "ok"
+
+
+@dataclass(slots=True)
+class Notes:
+    """Reasons why something is not known, each numbered once, in the order in which they come."""
+
+    texts: list[str] = field(default_factory=list)
+
+    def sign(self, why: str) -> str:
+        """``–¹``: a dash, and the number of the reason."""
+        if not why:
+            return "–"
+        if why not in self.texts:
+            self.texts.append(why)
+        return f"–{str(self.texts.index(why) + 1).translate(SUPERSCRIPTS)}"
+
+
+@dataclass(frozen=True, slots=True)
+class UseRow:
+    """A station's use: its figures by name, of all ports together."""
+
+    station: StationAudit
+    figures: dict[str, UseFigure]
+    notes: Notes
+
+    def told(self, name: str, digits: int = 0) -> str:
+        """A figure's range in words, or the number of the reason why there is none."""
+        figure = self.figures.get(name)
+        if figure is None or figure.range is None:
+            return self.notes.sign("not reckoned" if figure is None else figure.why)
+        return span(figure.range, digits)
+
+    def bound(self, name: str, digits: int = 0) -> str:
+        """As `told`, of a figure of which one bound is what is meant."""
+        figure = self.figures.get(name)
+        if figure is None or figure.value is None:
+            return self.told(name, digits)
+        return span(replace(NOTHING, low=figure.value, high=figure.value), digits)
+
+    def has(self, name: str) -> bool:
+        return self.value(name) is not None
+
+    def value(self, name: str) -> float | None:
+        return self.figures[name].value if name in self.figures else None
+
+    @property
+    def shares(self) -> tuple[float, float, float] | None:
+        """Worked, slept, without a tool, per cent of the time plugged in; None where one of them is not known."""
+        work, sleep, tool = (self.value(name) for name in ("use_percent", "sleep_percent", "no_tool_percent"))
+        return None if work is None or sleep is None or tool is None else (work, sleep, tool)
+
+
+def use_rows(audit: FleetAudit, notes: Notes) -> list[UseRow]:
+    """Each station's, the most used first; those of which nothing is known last."""
+    rows = [
+        UseRow(station, {one.name: one for one in station.use if one.port is None}, notes)
+        for station in audit.stations
+        if station.use or station.weeks
+    ]
+    return sorted(
+        rows, key=lambda row: (-(row.value("work_h_a_day_365") or row.value("work_h_a_day_30") or -1), row.station.station)
+    )
+
+
+def courses(audit: FleetAudit) -> list[tuple[Week, ...]]:
+    """The years of the stations of which any week is known."""
+    return [station.weeks for station in audit.stations if any(week.per_day for week in station.weeks)]
+
+
+def fleet_weeks(audit: FleetAudit) -> list[tuple[Week, int]]:
+    """The sum of all stations that are known in a week, with how many those are."""
+    return [_together(weeks) for weeks in zip(*courses(audit), strict=False)]
+
+
+def _together(weeks: Sequence[Week]) -> tuple[Week, int]:
+    known = [week.per_day for week in weeks if week.per_day is not None]
+    hours = sum(known, NOTHING) if known else None
+    spread = sum(week.is_spread for week in weeks)
+    return Week(weeks[0].begin, hours, spread > len(known) / 4), len(known)
+
+
+# -- drift -------------------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class DriftRow:
+    """The same drift at some stations."""
+
+    name: str
+    text: str
+    stations: str
+    is_fleet: bool
+
+
+def drift_rows(audit: FleetAudit) -> list[DriftRow]:
+    """What drifted, what differs from the fleet first; stations with the same on one row."""
+    found: dict[tuple[bool, str, str], list[str]] = {}
+    for station in audit.stations:
+        for drift in station.drifts:
+            found.setdefault((drift.than != FLEET, drift.name, drift.text), []).append(station.station)
+    rows = sorted(found.items())
+    return [DriftRow(_setting(name), text, listed(at), not since) for (since, name, text), at in rows]
+
+
+def _setting(name: str) -> str:
+    port, _, setting = name.rpartition(".")
+    words = setting.replace("_", " ")
+    return f"port {port}: {words}" if port else words
+
+
+# -- the odometer ------------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class Mark:
+    """Differences of one port that are no plain ones and of which the same is said; each with its unit."""
+
+    station: str
+    port: int
+    begin: str
+    end: str
+    kind: str
+    text: str
+    rule: str
+    is_doubtful: bool
+    counters: tuple[tuple[str, Difference], ...]
+
+
+def marks(audit: FleetAudit) -> list[Mark]:
+    """All of them, the latest first; without roll-overs that left no doubt (`turns`)."""
+    found: dict[tuple[str, int, str, str, str, str, str, bool], list[tuple[str, Difference]]] = {}
+    for station in audit.stations:
+        for meter in station.meters:
+            for one in filter(_is_told, meter.odometer.marks):
+                kind = one.kind.value.replace("_", "-")
+                said = (station.station, one.port, one.begin, one.end, kind, one.text, one.rule.replace("_", " "), one.is_doubtful)
+                found.setdefault(said, []).append(("" if meter.unit == "count" else meter.unit, one))
+    together = [Mark(*said, tuple(counters)) for said, counters in found.items()]
+    return sorted(together, key=lambda one: (one.end, one.station, one.port), reverse=True)
+
+
+def _is_told(one: Difference) -> bool:
+    return one.kind is not Kind.ROLL_OVER or not one.is_known
+
+
+def turns(audit: FleetAudit) -> list[tuple[StationAudit, Meter, int]]:
+    """Counters that ran over after their last number and left no doubt about it, with how often."""
+    every = [(station, meter, [one for one in meter.odometer.marks if not _is_told(one)]) for station, meter in meters(audit)]
+    return [(station, meter, len(over)) for station, meter, over in every if over]
+
+
+def meters(audit: FleetAudit) -> Iterator[tuple[StationAudit, Meter]]:
+    """Each counter that ever counted."""
+    for station in audit.stations:
+        for meter in station.meters:
+            if meter.odometer.first or meter.odometer.total.high > 1 or meter.read is None or meter.read.value is None:
+                yield station, meter
+
+
+def unread(audit: FleetAudit) -> Iterator[tuple[StationAudit, Meter]]:
+    """Each counter that a station has and did not tell, or on which no two reads agreed."""
+    for station in audit.stations:
+        for meter in station.meters:
+            if meter.read is not None and meter.read.value is None and meter.read.why != ABSENT:
+                yield station, meter
+
+
+# -- errors ------------------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class ErrorRow:
+    """What is wrong at a place now, or what runs saw since last time."""
+
+    station: str
+    port: int | None
+    text: str
+    is_now: bool
+
+
+def error_rows(audit: FleetAudit) -> Iterator[ErrorRow]:
+    """Errors as they were read, and events of runs since the audit before."""
+    for station in audit.stations:
+        errors = station.errors
+        if errors is None:
+            continue
+        if errors.station not in (None, OK):
+            yield ErrorRow(station.station, None, str(errors.station), True)
+        yield from (ErrorRow(station.station, port, text, True) for port, text in sorted(errors.ports.items()) if text != OK)
+        yield from (
+            ErrorRow(station.station, None, f"{kind}: {n}", False) for kind, n in sorted((errors.events or {}).items()) if n
+        )
+
+
+# -- page ---------------------------------------------------------------------------------------------------------------------
 
 COUNTS_MOST: Final = 10  # stations up to which their counters stand open on the page
 
@@ -86,7 +279,7 @@ def _environment() -> Environment:
         lstrip_blocks=True,
         finalize=_shown,
     )
-    environment.filters.update(number=number, stamp=stamp, together=together, span=wording.span, percent=wording.percent)
-    environment.filters.update(day=wording.day, of_life=wording.of_life, window=wording.window)
-    environment.globals.update(place=wording.place, counted=wording.counted, COUNTERS=wording.COUNTERS, STATES=wording.STATES)
+    environment.filters.update(number=number, stamp=stamp, together=together, span=overview.span, percent=overview.percent)
+    environment.filters.update(day=overview.day, of_life=overview.of_life, window=overview.window)
+    environment.globals.update(place=overview.place, counted=overview.counted, COUNTERS=overview.COUNTERS, STATES=overview.STATES)
     return environment

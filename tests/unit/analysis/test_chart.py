@@ -15,8 +15,7 @@ from typer.testing import CliRunner, Result
 
 from jbclog.analysis import spc
 from jbclog.analysis.chart_words import lines
-from jbclog.analysis.charts import Series, charted, joined, joint_metrics, ranked, ranked_losses, series_of_run
-from jbclog.analysis.control_limits import Fixed, learn
+from jbclog.analysis.charts import Fixed, Series, charted, joined, joint_metrics, learn, ranked, ranked_losses, series_of_run
 from jbclog.analysis.joint_table import JOINTS_SCHEMA
 from jbclog.analysis.run import Run, open_run
 from jbclog.analysis.spc.refusal import there_are

@@ -18,8 +18,7 @@ from jbclog.maintenance.counter_totals.observed import Count, Standing
 from jbclog.maintenance.counter_totals.span import Interval
 from jbclog.maintenance.due import State
 from jbclog.maintenance.fleet import USUAL, Finding, FleetAudit, StationAudit, exit_code, findings
-from jbclog.report.audit.csv_table import COLUMNS, SCHEMA, sheet_of
-from jbclog.report.audit.json_object import plain_audit
+from jbclog.report.audit.files import COLUMNS, SCHEMA, plain_audit, sheet_of
 
 every_fleet = pytest.mark.parametrize("make", fleets.ALL.values(), ids=fleets.ALL)
 

@@ -16,7 +16,7 @@ from jbclog.core.rows import StationFacts
 from jbclog.protocol.commands.family import FAMILIES
 from jbclog.record.ledger import ledger_of
 from jbclog.report.figure import draw
-from jbclog.report.lanes import lanes_of
+from jbclog.report.panel import lanes_of
 from jbclog.report.style import WIDE
 from jbclog.report.trace import Grid, Trace, trace
 from jbclog.report.write import verify_report, write_report

@@ -21,8 +21,8 @@ from jbclog.record.annotations import append
 from jbclog.record.manifest import Metadata, read_manifest, write_manifest
 from jbclog.report.joint_chart import charted, draw_chart
 from jbclog.report.repeated_events import told_once
+from jbclog.report.safety import short, verification_facts
 from jbclog.report.style import NARROW, PRINT, WIDE
-from jbclog.report.verified import short, verification_facts
 from jbclog.report.write import verify_report, write_report
 
 LIMITS = [limit("high", "380"), limit("low", "300")]

@@ -14,12 +14,10 @@ import pytest
 import sealed_run
 from drawn import boxes, corners, fields, shapes, texts, values
 
-from jbclog.report.detail_window import closer
-from jbclog.report.figure import draw, figure_svg
+from jbclog.report.figure import closer, draw, figure_svg
 from jbclog.report.scale import round_marks, spread
-from jbclog.report.spans import Span
 from jbclog.report.style import NARROW, WIDE, Format
-from jbclog.report.trace import Grid, Limit, Mark, Trace, trace
+from jbclog.report.trace import Grid, Limit, Mark, Span, Trace, trace
 
 
 def port(rows: int = 600, **columns: object) -> Trace:

@@ -27,10 +27,9 @@ from jbclog.report.joint_chart import charted, draw_chart
 from jbclog.report.joint_words import never_back
 from jbclog.report.joints import Joints, unit_rows
 from jbclog.report.page import KEPT, kept_by
-from jbclog.report.spans import Span
 from jbclog.report.style import WIDE
-from jbclog.report.summary import summary
-from jbclog.report.trace import BACK, CUT_OFF, LATE, Grid, Trace
+from jbclog.report.trace import BACK, CUT_OFF, LATE, Grid, Span, Trace
+from jbclog.report.verdict import summary
 from jbclog.report.write import write_report
 
 HZ = 10.0

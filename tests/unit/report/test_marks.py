@@ -10,7 +10,7 @@ from sealed_run import alarm, limit, micros, samples, seal, station, table
 from jbclog.analysis.run import open_run
 from jbclog.core.rows import EventRow, SettingRow, Severity
 from jbclog.report.marks import happenings, limits_of, marks_of
-from jbclog.report.spans import Span
+from jbclog.report.trace import Span
 
 
 def event(second: float, kind: str, port: int | None = 1, name: str | None = "dde-1", **more: object) -> EventRow:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from jbclog.analysis.verdict import Result, Rule
-from jbclog.report.summary import FEW, summary
+from jbclog.report.verdict import FEW, summary
 
 
 def rules(name: str, observed: list[float | None], limit: float = 99.5, unit: str = "%") -> list[dict[str, object]]:

@@ -20,8 +20,7 @@ from sealed_run import alarm, limit, lose, samples, seal, station, table
 from zoom_data import Numbers, ZoomData, zoom_data
 
 from jbclog.report import zoom
-from jbclog.report.spans import Span
-from jbclog.report.trace import BACK, CUT_OFF, LATE, Grid, Mark, Trace, trace
+from jbclog.report.trace import BACK, CUT_OFF, LATE, Grid, Mark, Span, Trace, trace
 from jbclog.report.write import write_report
 from jbclog.report.zoom import FARTHEST, LEAST_SPANS, LONGEST_WORD, MOST_READINGS, share, varints, zoom_of
 

@@ -5,8 +5,7 @@ from __future__ import annotations
 import pytest
 
 from jbclog.analysis.alarms import Detector, figures
-from jbclog.analysis.alarms.definition import Side
-from jbclog.analysis.alarms.episode import Episode
+from jbclog.analysis.alarms.state_machine import Episode, Side
 
 S = 1_000_000
 

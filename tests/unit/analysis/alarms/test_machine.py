@@ -4,9 +4,20 @@ from __future__ import annotations
 
 import pytest
 
-from jbclog.analysis.alarms.definition import Condition, Definition, Rules, Side, bare, defined, number
-from jbclog.analysis.alarms.episode import Detector, State
-from jbclog.analysis.alarms.state_machine import Machine, News, Phase
+from jbclog.analysis.alarms.state_machine import (
+    Condition,
+    Definition,
+    Detector,
+    Machine,
+    News,
+    Phase,
+    Rules,
+    Side,
+    State,
+    bare,
+    defined,
+    number,
+)
 
 ON_S, OFF_S = 1.0, 2.0
 AT_380 = Definition(Side.HIGH, 380, on_delay_s=ON_S, off_delay_s=OFF_S, dead_band_c=2)

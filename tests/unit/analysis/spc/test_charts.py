@@ -20,7 +20,7 @@ from jbclog.analysis.spc import (
     sds,
     shares,
 )
-from jbclog.analysis.spc.constants import c4, d2, d3
+from jbclog.analysis.spc.charts import c4, d2, d3
 
 # Montgomery, Introduction to Statistical Quality Control, appendix VI; the same in ASTM E2587
 PRINTED = {  # n: c4, d2, d3, A2, D3, D4

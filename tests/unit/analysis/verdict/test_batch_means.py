@@ -7,8 +7,16 @@ import pytest
 from numpy.typing import NDArray
 from scipy import stats
 
-from jbclog.analysis.verdict.batch_means import CELL_S, LEAST_BATCHES, batch_means, chi_squared, known_by_batches, students_t
-from jbclog.analysis.verdict.bound import MOST_CELLS, Cells
+from jbclog.analysis.verdict.bounds import (
+    LEAST_BATCHES,
+    MEANS_CELL_S,
+    MOST_CELLS,
+    Cells,
+    batch_means,
+    chi_squared,
+    known_by_batches,
+    students_t,
+)
 from jbclog.analysis.verdict.idle import IdleError
 
 PERIOD_S = 0.1
@@ -45,7 +53,7 @@ def test_too_short_for_a_bound() -> None:
 
 
 def test_a_month_of_readings_stays_small() -> None:
-    cells = Cells(CELL_S)
+    cells = Cells(MEANS_CELL_S)
     for day in range(30):
         at = day * 86_400 + np.arange(0, 86_400, 7.0)
         cells.add(at, np.full(len(at), float(day)))

@@ -7,7 +7,7 @@ import pytest
 from courses import Floats, bounds_of, idle_of, slow, told
 from scipy import stats
 
-from jbclog.analysis.verdict.bound import (
+from jbclog.analysis.verdict.bounds import (
     COSINES,
     FLOOR_C,
     LEAST_S,

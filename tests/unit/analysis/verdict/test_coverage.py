@@ -14,7 +14,7 @@ import pytest
 from courses import Course, Floats, bounds_of, idle_of, in_pieces, moments, noisy, ringing, slow, told
 
 from jbclog.analysis import spc
-from jbclog.analysis.verdict.bound import Known
+from jbclog.analysis.verdict.bounds import Known
 
 LENGTHS_S = (30, 45, 60, 120, 300, 900)
 RATES = (10.0, 5.0, 2.0, 1.0)

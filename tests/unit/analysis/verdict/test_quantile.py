@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from jbclog.analysis.verdict.quantile import most_above, p95, upper_p95, worth
+from jbclog.analysis.verdict.bounds import most_above, p95, upper_p95, worth
 
 WILKS = (59, 93, 124, 153, 181, 208, 234, 260, 286, 311)
 """Sample sizes for 95 % / 95 %, the greatest, the second, ... the tenth value being the bound: the tables of safety analysis."""

@@ -18,8 +18,8 @@ from jbclog.app.batch.job_dir import JobDir, Said
 from jbclog.app.batch.job_spec import JobSpec
 from jbclog.app.batch.processes import Came, SystemProcesses, came_of, signed
 from jbclog.app.batch.state import State
-from jbclog.app.run.job import Job
 from jbclog.app.run.plan import RunOptions
+from jbclog.app.run.runner import Job
 from jbclog.record.check import check
 from jbclog.record.manifest import Manifest, Metadata, read_manifest, write_manifest
 from jbclog.record.recover import recover

@@ -1,21 +1,25 @@
-"""An audit as CSV: a row for each thing that is known, or that is not known and why. The columns stay as they are.
-
-Each row says of which audit, line and station it is. `kind` says what the row is of: a `station` (its state is that of its worst
-task), a `counter` (`value` as read, `low` and `high` what was worked since `since`, `state` what the last difference was), a
-`task` (`value` its life, `low` and `high` the percent that are used), a `use` figure, an `error` as read now, a `parameter`
-that drifted, a `note`. Times are UTC in ISO 8601. What has no upper end leaves `high` empty, as does what is not known.
-"""
+"""An audit as CSV and as one JSON object."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from dataclasses import fields, is_dataclass
+from enum import Enum
 from typing import Final
 
 from jbclog.core.text import csv_text
 from jbclog.maintenance.counter_totals.span import Interval
 from jbclog.maintenance.due import TaskState
-from jbclog.maintenance.fleet import FleetAudit, Meter, StationAudit
+from jbclog.maintenance.fleet import FleetAudit, Meter, StationAudit, findings
+
+# -- csv table ----------------------------------------------------------------------------------------------------------------
+# An audit as CSV: a row for each thing that is known, or that is not known and why. The columns stay as they are.
+#
+# Each row says of which audit, line and station it is. `kind` says what the row is of: a `station` (its state is that of its worst
+# task), a `counter` (`value` as read, `low` and `high` what was worked since `since`, `state` what the last difference was), a
+# `task` (`value` its life, `low` and `high` the percent that are used), a `use` figure, an `error` as read now, a `parameter`
+# that drifted, a `note`. Times are UTC in ISO 8601. What has no upper end leaves `high` empty, as does what is not known.
 
 SCHEMA: Final = 1
 COLUMNS: Final = (
@@ -108,3 +112,37 @@ def _range(found: Interval | None) -> Row:
 
 def _yes(is_so: bool) -> str:
     return "yes" if is_so else "no"
+
+
+# -- json object --------------------------------------------------------------------------------------------------------------
+# An audit as one JSON object. What has no upper end, and what is not known, is null: JSON has no infinity.
+
+Plain = dict[str, object]
+
+
+def plain_audit(audit: FleetAudit) -> Plain:
+    """Everything in it, with each station's state and what there is to find there."""
+    return _fields(audit) | {"stations": [_station(one) for one in audit.stations]}
+
+
+def _station(station: StationAudit) -> Plain:
+    found = sorted(one.value for one in findings(station))
+    return {"state": station.state.value, "findings": found} | _fields(station)
+
+
+def _fields(value: object) -> Plain:
+    assert is_dataclass(value)
+    return {one.name: plain(getattr(value, one.name)) for one in fields(value)}
+
+
+def plain(value: object) -> object:
+    """As JSON has it."""
+    if isinstance(value, Enum):
+        return value.value
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if is_dataclass(value):
+        return _fields(value)
+    if isinstance(value, Mapping):
+        return {str(key): plain(one) for key, one in value.items()}
+    return [plain(one) for one in value] if isinstance(value, list | tuple) else value
