@@ -198,7 +198,7 @@
       for (const [a, b, word] of during(port.spans[name], when).slice(0, 3)) {
         if (name === "joints") about.push(`${JOINT_WORDS[word] || "joint"}, ${duration(b - a)}`);
         else if (name === "no data") about.push(`no data: ${plain(word)}, ${duration(b - a)}`);
-        else about.push(name === "status" ? word : `${name} ${word}`.trim());
+        else about.push(name === "status" || name === word ? word : `${name} ${word}`.trim());
       }
     }
     const time = isSpan && !isRow ? `${clock(port.start + span[0], 0.1)} to ${clock(port.start + span[1], 0.1)}` : clock(port.start + when, Math.min(port.unit, 0.1));
@@ -481,14 +481,14 @@
 
     function panel(key) {
       const last = key === 2, columns = port.columns.filter((name) => SIGNALS[name].panel === key);
-      const title = ["temperature in °C", "Power in ‰", ""][key].replace("temperature", `${what} temperature`);
+      const title = [`${what} temperature in °C${columns.length > 1 ? ", and that of the work" : ""}`, "Power in ‰", ""][key];
       const draw = (u) => {
         if (last) lanes(port, u, names);
         else {
           alone(u, view, columns);
           gaps(port, u);
           if (key === 0) bars(port, u);
-          labelled(u, key === 0 ? steps(port, u, from, to) : []);
+          labelled(u, key === 0 ? [...steps(port, u, from, to), ...work()] : []);
         }
         headed(u, title);
       };
@@ -521,6 +521,10 @@
       const columns = port.columns.filter((name) => SIGNALS[name].panel === key);
       if (key === 2) return [view.x, view.x.map(() => null)];
       return [view.x, ...columns.flatMap((name) => [view.data[name].high, view.data[name].low, view.data[name].value])];
+    }
+    function work() {
+      const { high, low, value } = view.data.external_c || { value: [] }, last = view.x.findLastIndex((x, i) => x <= to && (value[i] ?? low?.[i] ?? null) !== null);
+      return last < 0 || !high ? [] : [[value[last] ?? (low[last] + high[last]) / 2, "work", SIGNALS.external_c.line]];
     }
     function selected(u) {
       const { left, width } = u.select;

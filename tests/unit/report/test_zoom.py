@@ -222,3 +222,15 @@ def test_the_page_carries_uplots_licence_and_only_where_there_is_a_view(tmp_path
     bare = write_report(seal(tmp_path / "two", [silent], table())).read_text("utf-8")
     assert "uPlot" not in bare
     assert "<script" not in bare
+
+
+def test_hot_air_has_the_work_below_it_its_flow_and_suction() -> None:
+    made = samples(600)
+    work = np.round(60 + 100 * np.abs(np.sin(np.arange(600) / 200 * np.pi)))
+    flow = np.where(np.arange(600) % 50 == 0, 600.0, np.nan)
+    sucks = ((np.arange(600) > 100) & (np.arange(600) <= 120)).astype(np.float64)
+    made |= {"external_c": work, "set_flow_permille": flow, "desoldering": sucks, "cooling": np.zeros(600)}
+    found = data(trace(table(made).to_pandas(), Grid(1_790_000_000_000_000, 0.1), of_air=True))
+    assert found.values["external_c"].tolist() == work.tolist()
+    assert [word for _, _, word in found.lanes["flow"]] == ["600 ‰"]
+    assert found.lanes["suction"] == [(10.1, 12.1, "suction")]
