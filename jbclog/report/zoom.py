@@ -24,7 +24,7 @@ Ints = NDArray[np.int64]
 
 MOST_READINGS: Final = 1_200_000  # rows of all ports together, some 3 bytes each: four ports for eight hours at 10 Hz
 MOST_SPANS: Final = 120_000  # of each lane, of all ports together
-LEAST_SPANS: Final = 4_000  # of each lane of one port
+LEAST_SPANS: Final = 8_000  # of each lane of one port
 BAND_SHARE: Final = 8  # a stretch costs more than a row: this part of a port's share
 AROUND_S: Final = {"alarm": 30.0, "unconfirmed": 30.0, "error": 30.0, "gap": 10.0, "joint": 15.0}
 LONG_GAP_S: Final = 1.0

@@ -105,7 +105,7 @@
     };
     const inside = (a, b) => [Math.max(0, firstFrom(port.t, a) - 1), Math.min(port.rows, firstFrom(port.t, b) + 1)];
     const [begin, end] = inside(from, to);
-    view.single = end - begin <= 2 * columns;
+    view.single = (port.stretches ? (to - from) / port.period : end - begin) <= 2 * columns;
     const bucket = (to - from) / columns;
 
     function rows(a, b) {
@@ -554,14 +554,14 @@
         u.setData(dataOf(key), false);
         u.setScale("x", { min: from, max: to });
       });
-      const single = view.single && !view.outside;
+      const single = view.single && !view.outside, points = view.row.filter((row, i) => row >= 0 && view.x[i] >= from && view.x[i] <= to).length;
       shown.textContent = `${clock(port.start + from, 1)} to ${clock(port.start + to, 1)} UTC, ${duration(to - from)}: ` + (single
         ? "every reading."
-        : `min–max of each ${duration(view.each)}${view.single ? ", every reading where there are points" : ""}.` +
+        : `min–max of each ${duration(view.each)}${points ? ", every reading where they are in the page" : ""}.` +
           (view.outside ? " The page holds single readings only around alarms, errors and gaps; the record holds all." : "")) +
         port.left.map(([name, count]) => ` ${count} spans of ${name} are too many for this page and are not drawn.`).join("");
       box.dataset.window = `${from} ${to}`;
-      box.dataset.points = String(view.row.filter((row, i) => row >= 0 && view.x[i] >= from && view.x[i] <= to).length);
+      box.dataset.points = String(points);
       point();
     }
     function point() {

@@ -257,6 +257,7 @@ def test_beyond_the_share_of_a_port_readings_stand_around_the_alarm_and_extremes
     page.key("Home")
     view.select(30, 70)
     assert view.points == 0
+    assert "every reading" not in view.text(WINDOW)
     assert "the record holds all" in view.text(WINDOW)
     found = re.search(r"^([\d:.]+) to ([\d:.]+) UTC: temperature (\d+)(?: to (\d+))? °C", view.hover(50.0))
     assert found
