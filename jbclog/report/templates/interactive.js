@@ -137,7 +137,11 @@
       const first = Math.max(0, Math.floor(a / width + 1e-9)), last = Math.min(port.stretches, Math.ceil(b / width - 1e-9));
       for (let i = first - first % many; i < last; i += many) {
         const start = Math.max(i, first), stop = Math.min(i + many, last), span = [Math.max(start * width, a), Math.min(stop * width, b)];
-        if (span[1] > span[0]) push((span[0] + span[1]) / 2, -1, span, (name) => extremes(port.bands[name].low, port.bands[name].high, start, stop));
+        const cell = (name) => extremes(port.bands[name].low, port.bands[name].high, start, stop), size = span[1] - span[0];
+        if (size > 3 * bucket) { // wide enough to be seen: over its full width, not joined to its neighbours by slopes
+          push(span[0] + 1e-3 * size, -1, span, cell);
+          push(span[1] - 1e-3 * size, -1, span, cell);
+        } else if (size > 0) push((span[0] + span[1]) / 2, -1, span, cell);
       }
       view.each = Math.max(view.each, many * width);
       view.outside = true;
@@ -588,7 +592,7 @@
       show(start - wide / 3, start + 2 * wide / 3, start);
     }
     function reading(step) {
-      const inside = view.x.map((x, i) => [x, i]).filter(([x, i]) => x >= from && x <= to && (view.row[i] >= 0 || view.span[i]));
+      const inside = view.x.map((x, i) => [x, i]).filter(([x, i]) => x >= from && x <= to && (view.row[i] >= 0 || (view.span[i] && view.span[i] !== view.span[i - 1])));
       if (!inside.length) return;
       const now = cursor === null ? -1 : inside.reduce((best, [x], i) => (Math.abs(x - cursor) < Math.abs(inside[best][0] - cursor) ? i : best), 0);
       const next = now < 0 ? (step > 0 ? 0 : inside.length - 1) : now + step;

@@ -252,8 +252,13 @@ def test_beyond_the_share_of_a_port_readings_stand_around_the_alarm_and_extremes
     view.select(290, 330)
     assert "every reading" in view.text(WINDOW)
     assert f"temperature {rows.loc[3083, 'temperature_c']} °C" in view.hover(308.3)
-    page.key("Home")
     page.js(f"document.querySelector('{PANELS}').focus()")
+    page.key("Home")
+    view.select(260, 300)  # the single readings begin 30 s before the alarm
+    assert "every reading where they are in the page" in view.text(WINDOW)
+    assert view.points == sum(278 <= tick / HZ <= view.window[1] for tick in rows.index)
+    assert " to " in view.hover(270.0).split(" UTC")[0]
+    assert f"temperature {rows.loc[2903, 'temperature_c']} °C" in view.hover(290.3)
     page.key("Home")
     view.select(30, 70)
     assert view.points == 0
@@ -266,7 +271,11 @@ def test_beyond_the_share_of_a_port_readings_stand_around_the_alarm_and_extremes
     mine = rows[(grid >= ends[0]) & (grid < ends[1])]["temperature_c"]
     assert len(mine) in range(10, 40)
     assert (int(found[3]), int(found[4] or found[3])) == (mine.min(), mine.max())
+    span = [(one - pd.Timestamp("2026-09-21 14:13:20", tz="UTC")).total_seconds() for one in ends]
+    band = near(view.colours(0, span[0] + 0.1, span[1] - 0.1), (156, 195, 230))
+    assert np.ptp(band.sum(axis=0)) <= 3  # as high over its whole width: no slope to the next
     assert page.said == []
+    page.close()
 
 
 def test_without_scripts_the_static_figures_stand(browser: Chromium, run: Path) -> None:
