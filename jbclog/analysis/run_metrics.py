@@ -222,8 +222,9 @@ def _in_windows(run: Run, stations: Sequence[StationFacts]) -> Iterator[tuple[St
     """The ports of these stations, none with a feeder; no more than a window of each is in memory."""
     reader = _reader(run, stations)
     ports: dict[Key, PortMeasuring] = {}
+    every_setting = run.settings()
     for facts in stations:
-        settings, asked = run.settings(facts.name), _asked(run, facts)
+        settings, asked = every_setting[every_setting["station"] == facts.name], _asked(run, facts)
         for port in facts.ports:
             ordered_s = _ordered_s(facts, settings, port, reader.clock((facts.name, port)))
             like = replace(reader.like((facts.name, port)), ordered_s=ordered_s)

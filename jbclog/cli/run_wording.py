@@ -1,35 +1,13 @@
-"""What a run came to, as sentences for the terminal: the tools, the findings, the verdict's reasons."""
+"""What a run came to, as sentences for the terminal: the findings, the verdict's reasons."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 
-from jbclog.core.rows import StationFacts
-
-VERIFIED = "verified"
 GRAVEST_FIRST = ("fail", "missing", "deviation")
 
 RuleFacts = dict[str, object]
 """One of the manifest's `verdict_rules`."""
-
-
-def tools_text(stations: Iterable[StationFacts]) -> str:
-    """How the tools were left: ``6 tools are in their safe state, as read back``, or which are not."""
-    states = {(facts.name, port): facts.safe_state.get(port) for facts in stations for port in _touched(facts)}
-    unsafe = [f"{name} port {port}" for (name, port), state in states.items() if state != VERIFIED]
-    if unsafe:
-        return f"NOT known to be in their safe state: {', '.join(unsafe)}; {len(states) - len(unsafe)} of {len(states)} tools are"
-    if not states:
-        return "no tool was touched"
-    return (
-        "1 tool is in its safe state, as read back"
-        if len(states) == 1
-        else f"{len(states)} tools are in their safe state, as read back"
-    )
-
-
-def _touched(facts: StationFacts) -> list[int]:
-    return sorted({*facts.touched, *facts.safe_state})
 
 
 def reasons_told(rules: Iterable[RuleFacts]) -> list[str]:

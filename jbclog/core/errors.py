@@ -104,10 +104,14 @@ class PortMissing(LinkError):
 
 
 class LinkFlooded(LinkError):
-    """`came` bytes came over the link in `seconds`, where answers of `due` bytes were due and `limit` is the most."""
+    """At least `came` bytes came over the link in `seconds`, where answers of `due` bytes were due and `limit` is the most.
+
+    More may have been sent: a port that brings too much is not read without pause.
+    """
 
     def __init__(self, came: int, due: int, seconds: float, limit: int) -> None:
-        text = f"the link is flooded: {came} bytes came in {seconds:.1f} s, answers of {due} bytes were due (limit: {limit} bytes)"
+        text = f"the link is flooded: at least {came} bytes came in {seconds:.1f} s, "
+        text += f"answers of {due} bytes were due (limit: {limit} bytes)"
         super().__init__(f"{text}; find what sends on it")
         self.came = came
         self.seconds = seconds
@@ -263,6 +267,7 @@ class Status(StrEnum):
 FINE_VERDICTS = (None, "ACCEPT", "NOT JUDGED")
 NEVER_BEGUN = ("left_out", "not_started", "refused", "gone", "failed")  # of which none, if alone, makes a run
 SEVEREST_FIRST = (Exit.UNSAFE, Exit.RECORD, Exit.STATION, Exit.INTERRUPTED, Exit.TERMINATED, Exit.NOT_FINE)
+VERIFIED = "verified"  # a tool that was read back in its safe state
 
 
 @dataclass(frozen=True, slots=True)
@@ -338,3 +343,22 @@ def status(found: Iterable[Finding]) -> Status:
     if codes & {Exit.UNSAFE, Exit.RECORD, Exit.STATION}:
         return Status.FAILED
     return Status.ABORTED if codes & {Exit.INTERRUPTED, Exit.TERMINATED} else Status.SUCCESS
+
+
+def tools_text(stations: Iterable[StationFacts]) -> str:
+    """How the tools were left: ``6 tools are in their safe state, as read back``, or which are not."""
+    states = {(facts.name, port): facts.safe_state.get(port) for facts in stations for port in _touched(facts)}
+    unsafe = [f"{name} port {port}" for (name, port), state in states.items() if state != VERIFIED]
+    if unsafe:
+        return f"NOT known to be in their safe state: {', '.join(unsafe)}; {len(states) - len(unsafe)} of {len(states)} tools are"
+    if not states:
+        return "no tool was touched"
+    return (
+        "1 tool is in its safe state, as read back"
+        if len(states) == 1
+        else f"{len(states)} tools are in their safe state, as read back"
+    )
+
+
+def _touched(facts: StationFacts) -> list[int]:
+    return sorted({*facts.touched, *facts.safe_state})

@@ -26,6 +26,7 @@ from jbclog.guard.recorder import Recorder
 from jbclog.guard.single_guard import only_one
 from jbclog.guard.takeover import CRITICAL, ERROR, TakeOver
 from jbclog.guard.watch import HUNG_S, Verdict, Watch
+from jbclog.transport.cpu_limit import cpu_limit
 
 STDIN, STDOUT = 0, 1
 READ_MOST = 65536
@@ -169,4 +170,6 @@ def _go_on(
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    with cpu_limit():
+        code = main()
+    sys.exit(code)

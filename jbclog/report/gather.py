@@ -6,6 +6,9 @@ from collections.abc import Iterator
 from dataclasses import asdict, replace
 from datetime import datetime
 from hashlib import sha256
+from math import inf
+
+import pandas as pd
 
 from jbclog import __version__
 from jbclog.analysis.rejudge import is_cut_off, own_version
@@ -45,6 +48,7 @@ from jbclog.report.trace import tells_air
 from jbclog.report.verdict import verdict_facts
 from jbclog.report.zoom import share
 
+MOST_ROWS = 200_000  # of several stations at once in memory
 CROWD = 12  # with more ports than these each has one figure, and a closer one only where something happened
 COLUMNS = ("time", "tick", "port", "late_us", "quality", "reasons", "temperature_c", "power_permille", "status", "set_c")
 
@@ -114,7 +118,7 @@ def gather(run: Run, joints: Joints, plates: Plates) -> Facts:
 
 
 def _stations(run: Run, joints: Joints, plates: Plates, verdict: VerdictFacts) -> Iterator[StationReport]:
-    """One station after the other, so that only one station's samples are in memory."""
+    """One station after the other."""
     manifest, folder = run.manifest, run.folder
     t0_utc_us = round((manifest.t0_utc or 0.0) * 1e6)
     ports = sum(len(facts.ports) for facts in manifest.stations)
@@ -133,10 +137,33 @@ def _stations(run: Run, joints: Joints, plates: Plates, verdict: VerdictFacts) -
         ports > CROWD,
         share(ports),
     )
-    for number, facts in enumerate(manifest.stations, 1):
-        columns = COLUMNS if "temperature_c" in judged_signals(facts) else (*COLUMNS, *STATES)
-        columns = (*columns, *AIR) if tells_air(facts) else columns
-        yield station_report(facts, number, run.samples(station=facts.name, columns=columns), context)
+    for number, (facts, samples) in enumerate(_samples(run), 1):
+        yield station_report(facts, number, samples, context)
+
+
+def _samples(run: Run) -> Iterator[tuple[StationFacts, pd.DataFrame]]:
+    """The samples of each station: from one pass over a short run, in one for each station of a long one."""
+    stations = run.manifest.stations
+    columns = {facts.name: _columns(facts) for facts in stations}
+    if sum(map(_rows, stations)) > MOST_ROWS:
+        for facts in stations:
+            yield facts, run.samples(station=facts.name, columns=columns[facts.name])
+        return
+    every = run.samples(columns=["station", *dict.fromkeys(name for some in columns.values() for name in some)])
+    for facts in stations:
+        yield facts, every.loc[every["station"] == facts.name, list(columns[facts.name])].reset_index(drop=True)
+
+
+def _rows(facts: StationFacts) -> float:
+    """Infinite where the record does not say."""
+    if facts.first_tick is None or facts.last_tick is None:
+        return inf
+    return (facts.last_tick - facts.first_tick + 1) * len(facts.ports)
+
+
+def _columns(facts: StationFacts) -> tuple[str, ...]:
+    columns = COLUMNS if "temperature_c" in judged_signals(facts) else (*COLUMNS, *STATES)
+    return (*columns, *AIR) if tells_air(facts) else columns
 
 
 def _overview(overview: Overview) -> Figure | None:

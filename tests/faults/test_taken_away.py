@@ -1,4 +1,4 @@
-"""What the system gives a recorder is taken from it in mid-run: descriptors, the size of files. The record cannot be kept then.
+"""What the system gives a recorder is taken from it in mid-run: descriptors, the size of files, memory. Its record has gaps then.
 
 The limits are those of the real process (`prlimit`); the tools are looked at in the virtual stations themselves.
 """
@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 from command import until
-from guarded import TOOLS, begun, ended, only_run
+from guarded import TOOLS, begun, ended, guard_of, guard_that_is_there, only_run
 from served_line import ServedLine
 
 from jbclog.record.check import check
@@ -40,8 +40,13 @@ def take(run: subprocess.Popen[str], what: int, most: int) -> None:
 
 @pytest.mark.parametrize(
     ("what", "most", "codes"),
-    [(resource.RLIMIT_NOFILE, 3, {4}), (resource.RLIMIT_FSIZE, 0, {4}), (resource.RLIMIT_FSIZE, 70_000, {0, 4})],
-    ids=["no descriptors", "no file size", "little file size"],
+    [
+        (resource.RLIMIT_NOFILE, 3, {4}),
+        (resource.RLIMIT_FSIZE, 0, {4}),
+        (resource.RLIMIT_FSIZE, 70_000, {0, 4}),
+        (resource.RLIMIT_AS, 1 << 20, {4}),
+    ],
+    ids=["no descriptors", "no file size", "little file size", "no memory"],
 )
 def test_a_recorder_from_which_it_is_taken_makes_its_tools_safe_and_ends_with_4(
     line: ServedLine, tmp_path: Path, what: int, most: int, codes: set[int]
@@ -59,7 +64,24 @@ def test_a_recorder_from_which_it_is_taken_makes_its_tools_safe_and_ends_with_4(
     assert line.at_work() == 0
     assert run.returncode in codes, notes
     assert "Traceback" not in notes
+    assert f"{TOOLS} tools are in their safe state, as read back" in "\n".join(notes.splitlines()[-2:])
     folder = only_run(tmp_path)
     if run.returncode:
         recover(folder)
     assert check(folder) == []
+
+
+def test_a_guard_from_which_memory_is_taken_makes_tools_safe_and_ends(line: ServedLine, tmp_path: Path) -> None:
+    """No more memory is mapped for it, and then its recorder dies."""
+    run = begun(line, tmp_path)
+    try:
+        assert until(lambda: line.at_work() == TOOLS), run.communicate(timeout=5)
+        guard = guard_that_is_there(run.pid)
+        resource.prlimit(guard, resource.RLIMIT_AS, (1 << 20, resource.prlimit(guard, resource.RLIMIT_AS)[1]))
+        time.sleep(0.5)
+        assert guard_of(run.pid) == guard
+    finally:
+        run.kill()
+    assert until(lambda: line.at_work() == 0, 15)
+    assert until(lambda: not Path(f"/proc/{guard}").exists(), 30)
+    ended(run)

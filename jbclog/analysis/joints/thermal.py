@@ -15,7 +15,7 @@ multiples of them have error rates that can be stated.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Final
@@ -151,17 +151,19 @@ def rate(flow: Floats, period_s: float) -> Floats:
     return np.asarray(np.gradient(flow) / period_s if len(flow) > 1 else np.zeros(len(flow)), dtype=np.float64)
 
 
-def noises(period_s: float, values: Floats, temperature_noise: float, power_noise: float = 0.0) -> list[Noise]:
+def noises(period_s: float, values: Floats, temperature_noise: float, power_noise: float = 0.0) -> Iterator[Noise]:
     """What the noise of readings leaves in the flow, smoothed little to much."""
     least = smoothing_s(period_s)
     smoothings = [times * least for times in SMOOTHER if times == 1 or times * least <= MOST_SMOOTH_S]
-    return [noise_at(period_s, values, temperature_noise, power_noise, smooth_s) for smooth_s in smoothings]
+    return (noise_at(period_s, values, temperature_noise, power_noise, smooth_s) for smooth_s in smoothings)
 
 
 def noise_of(period_s: float, values: Floats, temperature_noise: float, power_noise: float = 0.0) -> Noise:
     """The same, smoothed as little as keeps it below `QUIET_PERMILLE`."""
-    found = noises(period_s, values, temperature_noise, power_noise)
-    return next((one for one in found if one.flow <= QUIET_PERMILLE), found[-1])
+    for found in noises(period_s, values, temperature_noise, power_noise):
+        if found.flow <= QUIET_PERMILLE:
+            break
+    return found
 
 
 def noise_at(period_s: float, values: Floats, temperature_noise: float, power_noise: float, smooth_s: float) -> Noise:

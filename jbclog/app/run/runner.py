@@ -25,9 +25,9 @@ from jbclog.app.run.run_record import Observer, Result, RunRecord
 from jbclog.app.run.unit_feed import LOOK_EVERY_S as LOOK_FOR_UNITS_S
 from jbclog.app.run.unit_feed import UnitFeed
 from jbclog.core.clock import Clock, FastClock, SystemClock
-from jbclog.core.errors import Exit, JbclogError, RecordError, StartRefused, cause, of_program
+from jbclog.core.errors import Exit, JbclogError, RecordError, StartRefused, Unsafe, cause, of_program, tools_text
 from jbclog.core.locks import is_held
-from jbclog.core.rows import EventRow, Severity
+from jbclog.core.rows import EventRow, Severity, StationFacts
 from jbclog.guard.open_leases import settle
 from jbclog.guard.run_guard import Guarding
 from jbclog.guard.watch import RENEW_S
@@ -40,6 +40,7 @@ from jbclog.record.manifest import iso
 from jbclog.record.port_owner import why_held
 from jbclog.session.run.context import SessionContext
 from jbclog.session.run.station_run import run_station
+from jbclog.transport.cpu_limit import cpu_limit
 from jbclog.transport.event_loop import Signals
 from jbclog.transport.opening import allow_ports, open_port
 from jbclog.transport.port import Port
@@ -93,13 +94,17 @@ def conduct(
 
 
 def _kept_to_the_end(run: _Run, out: Path, signals: Signals) -> Result:
-    """Conduct `run`. What the system refuses at its end (a file, room in one) leaves a record that is not finished."""
+    """Conduct `run`. What the system refuses at its end (a file, room in one) leaves a record that is not finished.
+
+    What is known of the tools then is in the error, for there is no manifest that says it.
+    """
     try:
         return run.conduct(signals)
     except JbclogError:
         raise
     except (OSError, ImportError, MemoryError) as error:
-        raise RecordError(f"the record could not be finished ({cause(error)}); `jbclog recover {out}` does that") from error
+        text = f"the record could not be finished ({cause(error)}); `jbclog recover {out}` does that; {tools_text(run.stations)}"
+        raise (Unsafe if any(facts.unsafe for facts in run.stations) else RecordError)(text) from error
 
 
 def heard() -> list[signal.Signals]:
@@ -151,6 +156,11 @@ class _Run:
         self._goals = Goals(wanted.goals(), self._note, self._reactor.end, self._units)
         self._cut_short: Exit | None = None
         self._have_all_begun = False
+
+    @property
+    def stations(self) -> list[StationFacts]:
+        """What is known of each."""
+        return [context.facts for context in self._contexts]
 
     def conduct(self, signals: Signals) -> Result:
         signals.tell(self._on_signal)
@@ -379,4 +389,5 @@ def carry_out(
     """
     plan = job.plan()
     planned(plan)
-    return conduct(plan, job.out, observer, missed=missed, is_last=True, units=units)
+    with cpu_limit():
+        return conduct(plan, job.out, observer, missed=missed, is_last=True, units=units)

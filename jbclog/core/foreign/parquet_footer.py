@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Final
 
 from jbclog.core.foreign.files import NotReadable
@@ -22,6 +23,7 @@ BITS: Final = {I16: 16, I32: 32, I64: 64}
 SIGN: Final = 1
 DEPTH: Final = 8
 LONG_LIST: Final = 15
+KEPT, KEPT_BYTES = 16, 64 << 10  # footers, and the size of each
 
 
 class Compact:
@@ -157,7 +159,14 @@ class Group:
 
 
 def groups_in(footer: bytes) -> tuple[Group, ...]:
-    """The row groups of a footer. Raises `NotReadable`."""
+    """The row groups of a footer. Raises `NotReadable`.
+
+    A report opens each part several times for each station, and most footers are small: the last few are kept.
+    """
+    return _kept(footer) if len(footer) <= KEPT_BYTES else _groups_in(footer)
+
+
+def _groups_in(footer: bytes) -> tuple[Group, ...]:
     reader, found = Compact(footer), []
     try:
         for number, kind in reader.heads():
@@ -171,6 +180,9 @@ def groups_in(footer: bytes) -> tuple[Group, ...]:
     except (IndexError, ValueError):
         raise NotReadable("has a footer that cannot be read") from None
     return tuple(found)
+
+
+_kept = lru_cache(maxsize=KEPT)(_groups_in)
 
 
 def _group(reader: Compact) -> Group:

@@ -6,8 +6,8 @@ from sealed_run import station
 
 from jbclog.analysis.verdict import Result, Rule
 from jbclog.cli.output import wrapped
-from jbclog.cli.run_wording import reasons_told, tools_text
-from jbclog.core.errors import Exit, Finding, in_order
+from jbclog.cli.run_wording import reasons_told
+from jbclog.core.errors import Exit, Finding, in_order, tools_text
 
 
 def rule(name: str, place: tuple[str, int | None] | tuple[None, None], result: Result, text: str) -> dict[str, object]:

@@ -42,7 +42,7 @@ def test_the_error_says_how_much_came_and_how_much_was_due() -> None:
     assert isinstance(error, LinkError)
     assert error.reason == "disconnected"
     assert (error.came, error.limit, error.seconds) == (5500, 550, pytest.approx(1.0))
-    assert "5500 bytes came in 1.0 s, answers of 55 bytes were due (limit: 550 bytes)" in str(error)
+    assert "at least 5500 bytes came in 1.0 s, answers of 55 bytes were due (limit: 550 bytes)" in str(error)
 
 
 def test_it_is_taken_once_and_another_second_has_to_pass_for_the_next() -> None:
