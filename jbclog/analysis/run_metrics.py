@@ -25,7 +25,7 @@ from jbclog.analysis.joint_table import JOINTS_SCHEMA, read_joints
 from jbclog.analysis.joints.joints import find_joints
 from jbclog.analysis.joints.parameters import Asked, asked_of
 from jbclog.analysis.joints.port_reader import MOST_PORTS, MOST_ROWS, Key, PortReader, at_once
-from jbclog.analysis.joints.port_rows import COLUMNS, CYCLES, PUSHING, WORKING, Clock, PortRows, cycles_of, kind_of, series_of
+from jbclog.analysis.joints.port_rows import CYCLES, Clock, cycles_of, kind_of
 from jbclog.analysis.joints.recovery import Joint
 from jbclog.analysis.joints.series import Cycles, Series
 from jbclog.analysis.joints.solder_wire import Wire
@@ -255,19 +255,13 @@ def _moments(seconds: Floats, utc_us: Counts, joints: Sequence[Joint]) -> Moment
     return dict(zip(edges, utc_us[places].tolist(), strict=True)) if edges else {}
 
 
-def _ports(run: Run, facts: StationFacts) -> Iterator[tuple[int, Series, Wire | None, Counts]]:
+def _ports(run: Run, facts: StationFacts) -> Iterator[tuple[int, Series, Wire, Counts]]:
     """The ports of a station with a feeder, all its samples in memory: their rows, the feeder's counter, and the rows' UTC."""
-    steps, t0_us = _steps(run) if not facts.period_s else [], round((run.manifest.t0_utc or 0.0) * 1e6)
-    samples, counters, settings = run.samples(facts.name, columns=COLUMNS), run.counters(facts.name), run.settings(facts.name)
-    for port in facts.ports:
-        rows = samples[samples["port"] == port]
-        utc_us = _micros(rows)
-        clock = Clock(facts.period_s, steps, t0_us)
-        seconds = clock.seconds(rows["tick"].to_numpy(dtype=np.float64), utc_us)
-        counted = counters[counters["port"] == port]
-        cycles = _cycles(counted, utc_us, seconds)
-        series = _series(facts, rows, seconds, _ordered_s(facts, settings, port, clock), cycles)
-        yield port, series, _wire(counted, settings, clock), utc_us
+    reader, counters, settings = _reader(run, [facts]), run.counters(facts.name), run.settings(facts.name)
+    for key, (series, utc_us) in reader.whole().items():
+        port, clock, counted = key[1], reader.clock(key), counters[counters["port"] == key[1]]
+        cycles, ordered_s = _cycles(counted, utc_us, series.seconds), _ordered_s(facts, settings, port, clock)
+        yield port, replace(series, ordered_s=ordered_s, cycles=cycles), _wire(counted, settings, clock), utc_us
 
 
 def _ordered_s(facts: StationFacts, settings: pd.DataFrame, port: int, clock: Clock) -> float | None:
@@ -282,19 +276,6 @@ def _steps(run: Run) -> list[Step]:
     events = run.events()
     steps = events[(events["kind"] == "clock.step") & events["value"].notna()]
     return [Step(time / 1e6, value) for time, value in zip(steps["time"].astype("int64"), steps["value"], strict=True)]
-
-
-def _series(facts: StationFacts, rows: pd.DataFrame, seconds: Floats, ordered_s: float | None, cycles: Cycles) -> Series:
-    temperature, power, setting, tool, error = (
-        rows[name].to_numpy(dtype=np.float64, na_value=np.nan)
-        for name in ("temperature_c", "power_permille", "set_c", "tool", "port_error")
-    )
-    working = rows["status"].isin(WORKING).to_numpy(dtype=np.bool_)
-    known = rows["status"].notna().to_numpy(dtype=np.bool_)
-    motor = rows["motor"]
-    feeding = np.where(motor.isna(), np.nan, (motor == PUSHING).to_numpy(dtype=np.float64, na_value=np.nan))
-    port_rows = PortRows(seconds, temperature, power, setting, working, known, feeding, tool, error)
-    return series_of(facts, port_rows, ordered_s, cycles)
 
 
 def _wire(counters: pd.DataFrame, settings: pd.DataFrame, clock: Clock) -> Wire:

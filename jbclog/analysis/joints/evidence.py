@@ -7,6 +7,7 @@ time, and is asked only for stations whose recipe has a limit about joints.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from math import ceil
 from pathlib import Path
 from typing import Final
@@ -18,10 +19,10 @@ from jbclog.analysis.joints.feeds import feeds_of
 from jbclog.analysis.joints.joints import Found as JointsFound
 from jbclog.analysis.joints.joints import find_joints
 from jbclog.analysis.joints.parameters import Asked, asked_of
-from jbclog.analysis.joints.port_reader import MOST_PORTS, MOST_ROWS, PortReader, at_once, floats, micros, port_rows_of
-from jbclog.analysis.joints.port_rows import COLUMNS, CYCLES, Clock, cycles_of, series_of
+from jbclog.analysis.joints.port_reader import MOST_PORTS, MOST_ROWS, PortReader, at_once, floats, micros, only
+from jbclog.analysis.joints.port_rows import CYCLES, cycles_of
 from jbclog.analysis.joints.recovery import Joint
-from jbclog.analysis.joints.series import Cycles
+from jbclog.analysis.joints.series import Cycles, Series
 from jbclog.analysis.joints.sweeps import PortSweeps
 from jbclog.analysis.verdict import Feeds, PortJoints, Recovery
 from jbclog.analysis.verdict.idle import Floats
@@ -65,21 +66,14 @@ def _told(found: JointsFound, rows: int, period_s: float) -> PortJoints:
 
 
 def _whole(folder: Path, stations: Sequence[StationFacts], steps: Sequence[Step], t0_us: int) -> Found:
-    found = Found()
+    found, stepped_s = Found(), sum(abs(step.size_s) for step in steps)
     for some in at_once(stations, _rows, MOST_ROWS):
-        samples = _of_stations(folder, "samples", COLUMNS, [facts.name for facts in some])
-        for facts in some:
-            rows = samples.filter(pc.equal(samples["station"], facts.name))
-            asked = asked_of(joints_asked(folder, facts))
-            counters = _of_stations(folder, "counters", COUNTERS, [facts.name])
-            for port in facts.ports:
-                found[facts.name, port] = _port(
-                    facts,
-                    _of_port(rows, port),
-                    _of_port(counters, port),
-                    Clock(facts.period_s, steps, t0_us),
-                    asked,
-                )
+        reader = PortReader(some, lambda columns: row_groups(folder, "samples", columns), steps, t0_us, MOST_ROWS)
+        asked = {facts.name: asked_of(joints_asked(folder, facts)) for facts in some}
+        counters = {facts.name: _counters(folder, facts.name) for facts in some}
+        for (name, port), (series, utc_us) in reader.whole().items():
+            cycles = _cycles(only(counters[name], pc.equal(counters[name]["port"], port)), utc_us, series.seconds)
+            found[name, port] = _port(replace(series, cycles=cycles), asked[name], stepped_s)
     return found
 
 
@@ -87,26 +81,18 @@ def _rows(facts: StationFacts) -> int:
     return len(facts.ports) * ((facts.last_tick or 0) - (facts.first_tick or 0) + 1)
 
 
-def _of_stations(folder: Path, table: str, columns: list[str], names: list[str]) -> pa.Table:
-    wanted = pa.array(names, pa.string())
-    pieces = [group.filter(pc.is_in(group["station"], wanted)) for group in row_groups(folder, table, columns)]
-    return pa.concat_tables(pieces) if pieces else SCHEMAS[table].empty_table().select(columns)
+def _counters(folder: Path, station: str) -> pa.Table:
+    pieces = [only(group, pc.equal(group["station"], station)) for group in row_groups(folder, "counters", COUNTERS)]
+    return pa.concat_tables([SCHEMAS["counters"].empty_table().select(COUNTERS), *pieces])
 
 
-def _of_port(rows: pa.Table, port: int) -> pa.Table:
-    return rows.filter(pc.equal(rows["port"], port))
-
-
-def _port(facts: StationFacts, rows: pa.Table, counters: pa.Table, clock: Clock, asked: Asked) -> PortJoints:
-    if not rows.num_rows:
+def _port(series: Series, asked: Asked, stepped_s: float) -> PortJoints:
+    if not len(series.seconds):
         return PortJoints(why="Nothing was recorded at all.")
-    port_rows = port_rows_of(rows, clock)
-    series = series_of(facts, port_rows, cycles=_cycles(counters, micros(rows), port_rows.seconds))
     found = find_joints(series, asked)
     recoveries = [_recovery(joint) for joint in found.joints]
     feeds = None
     if found.heat_why is None:
-        stepped_s = sum(abs(step.size_s) for step in clock.steps)
         why = found.number_why
         feeds = feeds_of(series, found.by_heat, stepped_s) if why is None else Feeds(0, 0, 0, None, why=why)
     hidden = _hidden(len(series.seconds) * series.period_s, found)

@@ -16,9 +16,9 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from jbclog.analysis.joints.port_rows import COLUMNS, PUSHING, WORKING, Clock, PortRows, series_of
-from jbclog.analysis.joints.series import Series
+from jbclog.analysis.joints.series import Series, nominal_period
 from jbclog.analysis.joints.values import Values
-from jbclog.analysis.joints.windows import Windows
+from jbclog.analysis.joints.windows import Windows, joined, placed
 from jbclog.analysis.verdict.idle import Flags, Floats
 from jbclog.analysis.verdict.rules import has_tip
 from jbclog.analysis.verdict.samples import Counts, Step
@@ -57,7 +57,7 @@ class Sweeps(Protocol):
 
 
 class PortReader:
-    """The ports of stations without a feeder, swept together. `steps` are those of the wall clock, `t0_us` is the run's zero."""
+    """The ports of stations, swept together. `steps` are those of the wall clock, `t0_us` is the run's zero."""
 
     def __init__(self, stations: Sequence[StationFacts], groups: Groups, steps: Sequence[Step], t0_us: int, most_rows: int) -> None:
         self._facts: dict[Key, StationFacts] = {(facts.name, port): facts for facts in stations for port in facts.ports}
@@ -87,6 +87,19 @@ class PortReader:
         """A port as its rows will tell of it, without any."""
         rows = SCHEMAS["samples"].empty_table().select(COLUMNS)
         return raw_series(self._facts[key], port_rows_of(rows, self.clock(key)), self._periods[key])
+
+    def whole(self) -> dict[Key, tuple[Series, Counts]]:
+        """All rows of each port, and their UTC in microseconds, at once: for what cannot be looked at in windows."""
+        clocks = {key: self.clock(key) for key in self._facts}
+        pieces, times = {key: [self.like(key)] for key in self._facts}, {key: [np.empty(0, dtype=np.int64)] for key in self._facts}
+        for group in self._groups(COLUMNS):
+            for key, rows in self._split(group):
+                pieces[key].append(raw_series(self._facts[key], port_rows_of(rows, clocks[key]), self._periods[key]))
+                times[key].append(micros(rows))
+        return {key: (self._complete(key, placed(joined(pieces.pop(key)))), np.concatenate(times.pop(key))) for key in self._facts}
+
+    def _complete(self, key: Key, series: Series) -> Series:
+        return replace(series, period_s=self._facts[key].period_s or nominal_period(series.seconds))
 
     def sweep(self, ports: Mapping[Key, Sweeps]) -> None:
         """Show the rows of these ports as often as each of them wants to see them."""

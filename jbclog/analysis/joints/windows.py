@@ -89,7 +89,7 @@ class Windows:
     def end(self) -> None:
         """There are no more rows."""
         if self._pieces:
-            held = _placed(joined(self._pieces))
+            held = placed(joined(self._pieces))
             self._look(View(held, self._parts(held), self._begin_s, inf, True))
             self._pieces.clear()
 
@@ -100,7 +100,7 @@ class Windows:
     def _show(self, held: Series) -> None:
         last = int(np.searchsorted(held.seconds, self._end_s + BESIDE_S, side="right"))
         must = self._end_s - self._begin_s > (MOST_WINDOWS - 0.5) * self._window_s
-        series = _placed(rows_of(held, slice(0, last)))
+        series = placed(rows_of(held, slice(0, last)))
         self._before = self._parts(series)
         again_s = self._look(View(series, self._before, self._begin_s, self._end_s, must))
         self._begin_s = self._end_s if again_s is None or must else again_s
@@ -145,7 +145,7 @@ def _from(series: Series, begin_s: float) -> Series:
     return replace(kept, rows=Block(*columns, *codes), known=kept.known.copy(), feeding=feeding)
 
 
-def _placed(series: Series) -> Series:
+def placed(series: Series) -> Series:
     """A tool that is out of its place does not work; where it was is told by the rows on both sides."""
     return replace(series, rows=replace(series.rows, working=series.rows.working & series.rows.in_place))
 
