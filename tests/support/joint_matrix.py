@@ -1,7 +1,8 @@
-"""The matrix of joints: length × gap × rate × three tips × five plants, with and without a feeder; and how joints are scored.
+"""The matrix of joints: length × gap × rate × three tips × six plants, with and without a feeder; and how joints are scored.
 
 Plants: `sim` (the tip of `jbclog sim`, scaled), `second` (`second_plant`), `family` (`plant_family`), `third` (`third_plant`) and
-`fifth` (`fifth_plant`). The first three are for tuning, the third and the fifth for reporting only: nothing is chosen by them.
+`fifth` (`fifth_plant`); `late` is the second one whose readings are shown late (`shown_late`). The third and the fifth are for
+reporting only: nothing is chosen by them. The others are for tuning.
 The fifth has scripts of its own (`fifth_plant`); the others live through the same: who solders what, when. Of these, every trial
 holds joints of one length (+0 to 10 %) with one gap between them (+0 to 20 %), at least twenty of them or 90 s. Every other trial
 begins hot, with its first joint after 0.5 to 6 s. Every other trial never rests; in the others there are three pauses of 2 to 4 s,
@@ -43,14 +44,14 @@ from jbclog.analysis.joints.series import Cycles, Series
 from jbclog.analysis.verdict.idle import Block
 from jbclog.sim.tip import CAPACITY_J_PER_K, LOSS_W_PER_K, Tip
 
-PLANTS, TIPS = ("sim", "second", "family", "third", "fifth"), ("small", "medium", "large")
+PLANTS, TIPS = ("sim", "second", "family", "late", "third", "fifth"), ("small", "medium", "large")
 LENGTHS, GAPS, RATES = (0.3, 0.5, 0.8, 1.0, 1.5, 2.0, 3.0, 5.0), (0.5, 1.0, 1.2, 2.0, 5.0, 10.0), (10.0, 5.0, 2.0)
 EDGE_S, BESIDE_S = 0.2, 0.3
 OFF_SHARE = 0.03
 STEP_S = third_plant.STEP_S
 BEFORE_S = 25.0  # of the second plant, before its record begins
 WIRE_K = 215.0  # by which wire is heated
-FIRST_SEED = {"sim": 91_001, "second": 92_001, "family": 94_001, "third": 93_001, "fifth": 95_001}
+FIRST_SEED = {"sim": 91_001, "second": 92_001, "family": 94_001, "third": 93_001, "fifth": 95_001, "late": 96_001}
 
 
 # -- the trials ---------------------------------------------------------------------------------------------------------------
@@ -127,13 +128,47 @@ def records(cells: Sequence[Cell], rates: Sequence[float] = RATES) -> dict[float
 
 def in_second_plant(scripts: Sequence[Script], seeds: Sequence[int], rates: Sequence[float]) -> dict[float, list[Trial]]:
     """The second plant's regulator and masses, scaled to three sizes of tip; wire is heat that the work takes up with its own."""
+    seen, noise = _of_second_plant(scripts, seeds)
+    return _recorded(scripts, seen, noise, seeds, rates)
+
+
+def in_late(scripts: Sequence[Script], seeds: Sequence[int], rates: Sequence[float]) -> dict[float, list[Trial]]:
+    """The second plant, whose station shows its readings late; by another time in each trial."""
+    seen, noise = _of_second_plant(scripts, seeds)
+    for row, seed in enumerate(seeds):
+        seen.temperature[row], seen.power[row] = shown_late(seen.temperature[row], seen.power[row], seed)
+    return _recorded(scripts, seen, noise, seeds, rates)
+
+
+def shown_late(temperature: Floats, power: Floats, seed: int) -> tuple[Floats, Floats]:
+    """Both as three of four stations show them: the temperature filtered, late and published now and then, the power late."""
+    rng = np.random.default_rng([seed, 5])
+    is_late = rng.random() < 0.75
+    filter_s, late_s, every_s, power_late_s = (rng.uniform(*one) for one in ((0.02, 0.15), (0.0, 0.35), (0.02, 0.12), (0.0, 0.15)))
+    if not is_late:
+        return temperature, power
+    keeps = float(np.exp(-STEP_S / filter_s))
+    felt = temperature.copy()
+    for step in range(1, len(felt)):
+        felt[step] = keeps * felt[step - 1] + (1 - keeps) * temperature[step]
+    published = np.floor(np.floor(np.arange(len(felt)) * STEP_S / every_s) * every_s / STEP_S).astype(np.int64)
+    return _later(felt[published], late_s), _later(power, power_late_s)
+
+
+def _later(values: Floats, seconds: float) -> Floats:
+    steps = round(seconds / STEP_S)
+    return np.concatenate([np.full(steps, values[0]), values[: len(values) - steps]])
+
+
+def _of_second_plant(scripts: Sequence[Script], seeds: Sequence[int]) -> tuple[second_plant.Recorded, Floats]:
+    """What could be seen, and the noise of the temperature in °C."""
     plants = second_plant.plants_of(seeds)
     size = np.array([{"small": 0.5, "medium": 1.0, "large": 2.0}[script.tip] for script in scripts])
     for name in ("rated_w", "heater", "tip", "between", "loss"):
         setattr(plants, name, getattr(plants, name) * size)
     seen = second_plant.simulate(plants, [_for_second(script) for script in scripts], _steps(scripts))
     seen.power = np.round(seen.power * 100) / 100
-    return _recorded(scripts, seen, plants.noise_c, seeds, rates)
+    return seen, plants.noise_c
 
 
 def in_family(scripts: Sequence[Script], seeds: Sequence[int], rates: Sequence[float]) -> dict[float, list[Trial]]:
@@ -235,6 +270,7 @@ SIMULATED = {
     "sim": in_sim,
     "second": in_second_plant,
     "family": in_family,
+    "late": in_late,
     "third": third_plant.trials,
     "fifth": fifth_plant.trials,
 }

@@ -60,6 +60,13 @@ def _read(temperature: Floats, power: Floats, aim: Floats, seconds: float, hz: f
     return Series(Block(at, read, np.round(power[rows]), setting, there), there, 1 / hz, rated_w=130.0)
 
 
+def shown_late(series: Series, rows: int) -> Series:
+    """The same with its temperature shown so many rows later than it was."""
+    temperature = series.rows.temperature
+    late = np.concatenate([np.full(rows, temperature[0]), temperature[: len(temperature) - rows]])
+    return replace(series, rows=replace(series.rows, temperature=late))
+
+
 def after(first: Series, second: Series, gap_s: float) -> Series:
     """Two records as one, the second beginning so long after the first: another tool of the same code, pulled and put in."""
     shift = float(first.seconds[-1]) + gap_s

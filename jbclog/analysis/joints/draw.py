@@ -31,7 +31,8 @@ class Draw:
 
     `cut` says what cut it off, where something did; `loss` is that of its tip's model in ‰/K. A feed of which no draw was found
     has neither heat nor peak, and its edges are those of the time in which it was. `cut_by_feeds`: it is a part of a draw in which
-    there were feeds of several joints. `is_unfed`: wire decides, and none was pushed in it.
+    there were feeds of several joints. `is_unfed`: wire decides, and none was pushed in it. `late_s`: how much later than its edges
+    the temperature shows it.
     """
 
     start_s: float
@@ -46,6 +47,7 @@ class Draw:
     loss: float | None = None
     cut_by_feeds: bool = False
     is_unfed: bool = False
+    late_s: float = 0.0
 
     @property
     def kind(self) -> str:
@@ -75,7 +77,7 @@ def draws_of(part: Flow, model: ThermalModel, settings: Taken) -> list[Draw]:
 
 def _draws(part: Flow, model: ThermalModel, together: Sequence[Sequence[Span]]) -> list[Draw]:
     """Each of these contacts as a draw."""
-    flow, period, noise = part.flow, part.stretch.period_s, model.noise
+    flow, period, noise, late_s = part.flow, part.stretch.period_s, model.noise, model.delay.moved_s
     beside = max(round(2 * noise.smooth_s / period), 1)
     first = np.array([some[0].first for some in together], dtype=np.int64)
     last = np.array([some[-1].last for some in together], dtype=np.int64)
@@ -92,5 +94,5 @@ def _draws(part: Flow, model: ThermalModel, together: Sequence[Sequence[Span]]) 
         cut = ENDS if some[-1].last >= len(flow) - 2 else BEGINS if some[0].first <= 1 else None
         dwell = sum(span.end_s - span.start_s for span in some)
         confidence = round(confidence * (0.5 if few else 1.0), 3)
-        found.append(Draw(start_s, end_s, dwell, heat, peak, len(some), confidence, cut, None, model.loss))
+        found.append(Draw(start_s, end_s, dwell, heat, peak, len(some), confidence, cut, None, model.loss, late_s=late_s))
     return found

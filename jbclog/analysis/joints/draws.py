@@ -66,8 +66,12 @@ class Flow:
 
 
 def flows(stretch: Stretch, model: ThermalModel, ready: Flags) -> Flow:
-    """The flow of a stretch; what flows before the tip is ready goes into the tip."""
-    return Flow(stretch, np.where(ready, flow_of(stretch, model.values, model.noise.smooth_s), 0.0))
+    """The flow of a stretch; what flows before the tip is ready goes into the tip.
+
+    A temperature that is shown late belongs to the power of then; the stretch of the flow is as early as that power.
+    """
+    flow = flow_of(stretch.power_later(model.delay.rows), model.values, model.noise.smooth_s)
+    return Flow(stretch.earlier(model.delay.moved_s), np.where(ready, flow, 0.0))
 
 
 def find_spans(part: Flow, noise: Noise, expected_every_s: float | None = None) -> list[Span]:

@@ -21,12 +21,13 @@ that its capacity is not known, there is a model only if all capacities that a t
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from jbclog.analysis.joints.delay import delay_of
 from jbclog.analysis.joints.draws import Flow, find_spans
 from jbclog.analysis.joints.heat_up_end import Readied
 from jbclog.analysis.joints.mixture import USUAL_CAPACITY, USUAL_LOSS, Rows, first_estimates
@@ -88,9 +89,11 @@ class Identified:
 def identify(parts: Sequence[Readied]) -> Identified:
     """The thermal model of the tip in these stretches."""
     parts = windows(parts)
-    rows = [_part(part) for part in parts]
-    if not rows:
+    if not parts:
         return Identified(None, "Temperature and power of a working tool were never read together.")
+    delay = delay_of(parts)
+    parts = [Readied(part.stretch.power_later(delay.rows), part.ready) for part in parts]
+    rows = [_part(part) for part in parts]
     stretches = [part.stretch for part in parts]
     read = _Reading(temperature_noise(stretches), power_noise(stretches))
     usable = np.concatenate([one.usable for one in rows])
@@ -102,7 +105,8 @@ def identify(parts: Sequence[Readied]) -> Identified:
     begun.sort(key=lambda one: -one.score)
     tried = [_tried(rows, usable, known, one.fit.values, read, ROUNDS - 1) for one in begun[:FINALISTS]]
     best = max(tried, key=lambda one: one.score)
-    return _judged(rows, best.rest, best.fit, best.noise, read)
+    found = _judged(rows, best.rest, best.fit, best.noise, read)
+    return found if found.model is None else replace(found, model=replace(found.model, delay=delay))
 
 
 def _starts(estimates: list[Floats]) -> list[Floats]:

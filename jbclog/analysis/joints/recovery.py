@@ -114,8 +114,9 @@ class _Tip:
 
 @dataclass(frozen=True, slots=True)
 class _Seen:
-    """Of each joint: setpoint (NaN: not known), until when it can be watched and why not for longer (None: the next draw).
+    """Of each joint, when the temperature shows it: setpoint (NaN: not known), until when it can be watched and why not longer.
 
+    Of `cuts`, None is the next draw.
     `first`, `last` and `touched` are places of its readings: the first, behind the last, and behind the last of its contact.
     """
 
@@ -132,14 +133,15 @@ class _Seen:
 
 
 def _seen(series: Series, track: Track, draws: Sequence[Draw], every: Sequence[Draw], fed: Sequence[Draw]) -> _Seen:
-    starts, ends = np.array([draw.start_s for draw in draws]), np.array([draw.end_s for draw in draws])
+    late = np.array([draw.late_s for draw in draws])
+    starts, ends = np.array([draw.start_s for draw in draws]) + late, np.array([draw.end_s for draw in draws]) + late
     setpoints = setting_in_force(series.seconds, series.rows.setting)
     rows = np.clip(np.searchsorted(series.seconds, starts + 1e-6) - 1, 0, None)
-    following = np.array(sorted({draw.start_s for draw in every if draw.heat is not None}))
+    following = np.array(sorted({draw.start_s + draw.late_s for draw in every if draw.heat is not None}))
     stops, cuts = _stops(series, starts, ends, following, np.array([draw.start_s for draw in fed]))
     before = np.clip(track.last(starts) - 1, 0, None)  # the reading at the start, or the one before it
-    late = starts - track.seconds[before] > series.gap_s if len(track.seconds) else np.ones(len(starts), dtype=np.bool_)
-    broken = late | track.has_gap(starts, np.maximum(ends, starts + series.period_s))
+    unread = starts - track.seconds[before] > series.gap_s if len(track.seconds) else np.ones(len(starts), dtype=np.bool_)
+    broken = unread | track.has_gap(starts, np.maximum(ends, starts + series.period_s))
     last, touched = track.last(stops), track.last(ends)
     return _Seen(starts, ends, setpoints[rows], stops, cuts, before, last, touched, broken, track.has_gap(starts, stops))
 
@@ -283,6 +285,7 @@ def _energies(series: Series, seen: _Seen, whole: Places, after: _After, draws: 
     starts = seen.starts[whole]
     ends = np.maximum(starts + np.nan_to_num(after.recovery), seen.ends[whole])
     loss = np.array([np.nan if (one := draws[number].loss) is None else one for number in whole.tolist()])
-    energies = power.area_between(starts, ends) - loss * above_air.area_between(starts, ends)
-    is_known = ~np.isnan(after.recovery) & ~power.has_gap(starts, ends) & ~above_air.has_gap(starts, ends)
+    late = np.array([draws[number].late_s for number in whole.tolist()])
+    energies = power.area_between(starts - late, ends - late) - loss * above_air.area_between(starts, ends)
+    is_known = ~np.isnan(after.recovery) & ~power.has_gap(starts - late, ends - late) & ~above_air.has_gap(starts, ends)
     return np.where(is_known, energies, np.nan)

@@ -10,7 +10,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from bisect import bisect_right
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import ceil, floor
 
 import numpy as np
@@ -186,6 +186,17 @@ class Stretch:
     def take(self, rows: slice) -> Stretch:
         columns = (self.seconds[rows], self.temperature[rows], self.power[rows], self.setting[rows])
         return Stretch(self.period_s, *columns)
+
+    def power_later(self, rows: int) -> Stretch:
+        """The same with its power so many rows later; before that it was what it was first."""
+        if not rows or not len(self):
+            return self
+        power = np.concatenate([np.full(min(rows, len(self)), self.power[0]), self.power[:-rows]])
+        return replace(self, power=power)
+
+    def earlier(self, seconds: float) -> Stretch:
+        """The same rows, so much earlier."""
+        return replace(self, seconds=self.seconds - seconds) if seconds else self
 
 
 BRIDGED_S = 0.5

@@ -61,6 +61,21 @@ class Noise:
 
 
 @dataclass(frozen=True, slots=True)
+class Delay:
+    """By how many seconds the temperature is shown later than the power, and one standard deviation; or why it is not known.
+
+    `rows`: by how many rows the power is moved so that both belong together; the model's `lag_s` is what is left then.
+    `moved_s`: by how much joints come earlier than the temperature shows them. Both are 0 where no delay is certain.
+    """
+
+    seconds: float | None = None
+    uncertainty_s: float | None = None
+    why: str | None = None
+    rows: int = 0
+    moved_s: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
 class ThermalModel:
     """A tip as its own record shows it. `uncertainties` are one standard deviation of the four, in their order.
 
@@ -75,6 +90,7 @@ class ThermalModel:
     noise: Noise
     temperature_noise: float
     rest_s: float
+    delay: Delay = Delay()
 
     @property
     def values(self) -> Floats:

@@ -24,6 +24,7 @@ from jbclog.analysis.verdict.idle import Block, Floats
 WINDOW_S, BESIDE_S = 1200.0, 90.0
 MOST_WINDOWS: Final = 6
 SAME_S: Final = 1e-4  # moments nearer than this are one: an edge lies so far before a row, never on it
+EARLIER_S: Final = 1.0  # a draw may begin before the first row, where the temperature is shown late
 COLUMNS: Final = ("seconds", "temperature", "power", "setting", "working")
 CODES: Final = ("tool", "port_error")
 
@@ -81,7 +82,7 @@ class Windows:
             return
         if self._end_s == -inf:
             first_s = float(piece.seconds[0])
-            self._begin_s, self._end_s = first_s - SAME_S, self._edge(first_s)
+            self._begin_s, self._end_s = first_s - EARLIER_S, self._edge(first_s)
         self._pieces.append(piece)
         while float(self._pieces[-1].seconds[-1]) > self._end_s + BESIDE_S:
             self._show(joined(self._pieces))

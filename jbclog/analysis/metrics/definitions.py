@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final
 
+from jbclog.analysis.joints.delay import LEAST_S as LEAST_DELAY_S
 from jbclog.analysis.joints.draw import SURE_DWELL_S, SURE_HEAT, SURE_PEAK
 from jbclog.analysis.joints.parameters import LEAST_DWELL_S, MERGE_GAP_S, RECOVERED_WITHIN_C
 from jbclog.analysis.joints.recovery import BACK_FOR_S
@@ -119,6 +120,13 @@ DEFINITIONS: Final = (
         TIP,
     ),
     Definition("tip_loss_permille_per_k", "‰/K", "Heat that the tip gives to the air, per K above 25 °C; the same.", TIP),
+    Definition(
+        "temperature_delay_s",
+        "s",
+        "By how much the station shows the temperature later than the power (negative: earlier). Joints come earlier by it where "
+        f"it is at least {LEAST_DELAY_S:g} s and twice its standard uncertainty, which is the resolution.",
+        TIP,
+    ),
     Definition("power_mean_permille", "‰", "Mean of the power readings while the tool works."),
     Definition("energy_permille_s", "‰·s", "Integral of the power over the whole record (trapezoids)."),
     Definition(

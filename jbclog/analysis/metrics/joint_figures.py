@@ -18,6 +18,7 @@ from jbclog.analysis.joints.figure import Figure, no_figure
 from jbclog.analysis.joints.joints import Found
 from jbclog.analysis.joints.recovery import Joint
 from jbclog.analysis.joints.series import RESOLUTION_C, RESOLUTION_PERMILLE
+from jbclog.analysis.joints.thermal import Delay
 from jbclog.analysis.metrics.tip import Totals
 from jbclog.analysis.verdict.bounds import censored_quantile
 from jbclog.analysis.verdict.evidence import not_read
@@ -129,14 +130,23 @@ def _recovered(found: Found) -> Figure:
 
 
 def _model(found: Found) -> list[Figure]:
-    """The tip's own heat capacity and loss, their resolution twice the standard uncertainty; where there was one tool."""
+    """The tip's own heat capacity and loss and the temperature's delay, their resolution twice the standard uncertainty.
+
+    Only where there was one tool.
+    """
     names = (("tip_capacity_permille_s_per_k", "‰·s/K"), ("tip_loss_permille_per_k", "‰/K"))
     model = found.model
     if model is None:
         why = found.heat_why or f"{len(found.models)} tools were used."
-        return [no_figure(name, unit, why) for name, unit in names]
+        return [no_figure(name, unit, why) for name, unit in (*names, ("temperature_delay_s", "s"))]
     values = zip(names, (model.capacity, model.loss), model.uncertainties, strict=False)
-    return [Figure(name, value, unit, 1, None, 2 * unsure) for (name, unit), value, unsure in values]
+    return [*(Figure(name, value, unit, 1, None, 2 * unsure) for (name, unit), value, unsure in values), _delay(model.delay)]
+
+
+def _delay(delay: Delay) -> Figure:
+    if delay.seconds is None or delay.uncertainty_s is None:
+        return no_figure("temperature_delay_s", "s", delay.why or "It was not looked for.")
+    return Figure("temperature_delay_s", delay.seconds, "s", 1, None, 2 * delay.uncertainty_s)
 
 
 def _share(some: Sequence[object], joints: Sequence[Joint]) -> float:

@@ -51,6 +51,12 @@ VERSIONS: Final = (
         frozenset(OF_JOINTS),
         gone=frozenset(OF_JOINTS),
     ),
+    Version(
+        5,
+        "joints are placed by the power where the station shows the temperature later than the power",
+        frozenset(OF_JOINTS),
+        gone=frozenset(OF_JOINTS),
+    ),
 )
 RULES: Final = VERSIONS[-1].number
 """By which runs are judged from now on."""

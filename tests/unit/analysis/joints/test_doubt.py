@@ -64,9 +64,9 @@ def test_joints_that_hang_on_a_limit_have_no_number_but_a_range(faint: Series) -
 
 
 def test_what_noise_makes_of_a_low_limit_is_no_doubt() -> None:
-    """A minute of rest, a joint, and five more minutes of rest: lower limits find noise, as often upside down."""
-    found = find_joints(soldered([(70.0, 71.2)], 370.0, noise_c=0.5))
-    assert (len(found.joints), found.why) == (1, None)
+    """Thirteen minutes with four joints and much noise: half the limit finds it four times, and as often upside down."""
+    found = find_joints(soldered([(15.0 + 200 * number, 16.2 + 200 * number) for number in range(4)], 800.0, noise_c=1.8))
+    assert (len(found.joints), found.why) == (4, None)
 
 
 def test_the_range_of_a_long_record_is_that_of_its_windows_on_the_whole() -> None:

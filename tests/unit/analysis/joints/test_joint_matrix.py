@@ -1,4 +1,4 @@
-"""Joints of every length, gap and rate on five plants and three tips (`joint_matrix`).
+"""Joints of every length, gap and rate on six plants and three tips (`joint_matrix`).
 
 On the third plant and the fifth nothing is tuned.
 

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
-from scripted_tip import after, soldered
+from scripted_tip import after, shown_late, soldered
 
 from jbclog.analysis.joints.heat_up_end import Readied, continued, readied
 from jbclog.analysis.joints.joints import Found, find_joints
@@ -38,6 +38,8 @@ def record(name: str) -> Series:
         return soldered([*UNEVEN, LONG, (435.0, 436.0)], 450.0, hz=5.0, settings=changes)
     if name == "dense":
         return soldered([(15 + 1.5 * n, 16 + 1.5 * n) for n in range(120)], 230.0)
+    if name == "late":
+        return shown_late(soldered(UNEVEN[:40], 200.0), 4)
     return after(soldered(UNEVEN[:35], 160.0), soldered(UNEVEN[:30], 150.0, rated_w=60.0), 6.0)  # another tool
 
 
@@ -70,7 +72,7 @@ def texts(found: Found) -> list[str | None]:
 
 @settings(max_examples=6, deadline=None, phases=[Phase.explicit, Phase.generate])  # shrinking takes minutes
 @given(
-    st.sampled_from(["uneven", "dense", "exchanged"]),
+    st.sampled_from(["uneven", "dense", "late", "exchanged"]),
     st.lists(st.integers(1, 5000), max_size=30),
     st.lists(st.integers(1, 5000), max_size=5),
     st.integers(20, 400),
