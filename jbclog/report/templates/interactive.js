@@ -655,6 +655,12 @@
     });
     for (const over of ["pointerup", "pointercancel", "pointerleave"]) host.addEventListener(over, (touch) => fingers.delete(touch.pointerId));
 
+    host.addEventListener("click", (tap) => {
+      if (tap.pointerType !== "touch") return;
+      cursor = second(tap.clientX);
+      setTimeout(point, 0); // after uPlot, for which a finger that is lifted leaves the chart
+    });
+
     function resized() {
       panels.forEach((u, key) => u.setSize({ width: host.clientWidth, height: height(key) }));
       show(from, to, cursor === null ? undefined : cursor);

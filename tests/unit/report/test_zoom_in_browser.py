@@ -240,6 +240,7 @@ def test_a_phone_moves_pinches_and_taps(phone: View, rows: pd.DataFrame) -> None
     phone.page.touch([(phone.x(tick / HZ), y)])
     phone.page.until(f"document.querySelector('{VALUE}').textContent.includes('°C')")
     assert f"temperature {rows.loc[tick, 'temperature_c']} °C" in phone.text()
+    phone.page.until("document.querySelectorAll('.zoom .u-cursor-x:not(.u-off)').length === 3")  # a line in every panel
 
 
 def test_beyond_the_share_of_a_port_readings_stand_around_the_alarm_and_extremes_elsewhere(
