@@ -25,7 +25,6 @@ from jbclog.guard.single_guard import NAME as LOCK
 from jbclog.guard.supervisor import REPLACED_AT_MOST, GuardSupervisor
 from jbclog.guard.watch import RENEW_S
 
-READY_S = 0.5
 HEAVY = ("pydantic", "pyarrow", "pandas", "numpy", "asyncio", "typer", "rich", "sqlite3", "tomllib", "multiprocessing", "http")
 PACKAGES = ("record", "session.run", "session.scheduler", "config", "analysis", "sim", "cli", "app", "core.rows")
 
@@ -54,19 +53,6 @@ def test_it_imports_next_to_nothing() -> None:
     code = f"import sys, jbclog.guard.__main__\nprint(*[name for name in {names!r} if name in sys.modules])"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=200)
     assert done.stdout.split() == []
-
-
-def test_it_is_there_at_once(tmp_path: Path) -> None:
-    def took(folder: Path) -> float:
-        folder.mkdir()
-        began = time.monotonic()
-        guard = GuardProcess(folder)
-        guard.await_ready()
-        seconds = time.monotonic() - began
-        guard.end()
-        return seconds
-
-    assert min(took(tmp_path / str(trial)) for trial in range(3)) < READY_S
 
 
 def test_a_file_of_the_users_does_not_pass_for_a_module(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
