@@ -29,11 +29,11 @@ def alarms(
 ) -> None:
     """Show a run's alarms as episodes, or acknowledge one.
 
-    Each as three witnesses have it: A the station's flag, B our samples with the alarm's delay and a dead band, C every sample
-    beyond the limit. Onset and end are intervals between two readings. On what they do not agree is said in a sentence, and
-    below stand floods, chatter and stale alarms of each station. Ends with 1 while an alarm of A or B is not acknowledged.
+    Each as three sources have it: A the station's flag, B our samples with the alarm's delay and a deadband, C every sample
+    beyond the limit. Onset and end are intervals between two readings. Where the three disagree, a sentence says how; floods,
+    chatter and stale alarms of each station follow. Ends with 1 while an alarm of A or B is not acknowledged.
 
-    `ack` writes who, when and why to annotations.jsonl, for the whole incident and for good; the record stays as it is.
+    `ack` writes who, when and why to annotations.jsonl, for the whole incident; the record stays as it is.
 
     \b
     Example:

@@ -15,19 +15,19 @@ from jbclog.core.errors import UsageError
 @ends_with_errors_told
 def annotate(
     run: Path = options.RUN,
-    text: str | None = typer.Argument(None, metavar="TEXT", help="What is to be said of it.", show_default=False),
-    by: str | None = typer.Option(None, "--by", metavar="WHO", help="Who says so.", show_default=False),
+    text: str | None = typer.Argument(None, metavar="TEXT", help="The note.", show_default=False),
+    by: str | None = typer.Option(None, "--by", metavar="WHO", help="Who writes it.", show_default=False),
     reason: str | None = typer.Option(None, "--reason", metavar="TEXT", help="Why.", show_default=False),
     unit: str | None = typer.Option(
-        None, "--unit", metavar="SERIAL", help="In place of TEXT: a unit of this run, told late.", show_default=False
+        None, "--unit", metavar="SERIAL", help="In place of TEXT: a unit of this run, added late.", show_default=False
     ),
     as_json: bool = options.AS_JSON,
 ) -> None:
-    """Say something of a sealed run, for good.
+    """Add a permanent note to a sealed run.
 
-    The record itself never changes. What is said later is added to annotations.jsonl in the run's folder, each line with the
-    hash of the one before it; `check` finds what was changed there. Nothing can be taken back: say what is right behind it.
-    Prints the new head: a note of it elsewhere proves the last line too. Without TEXT it shows what was said so far.
+    The record itself never changes. Each note is added to annotations.jsonl in the run's folder, each line with the
+    hash of the one before it; `check` finds what was changed there. Nothing can be removed: correct a note with another one.
+    Prints the new head: a note of it elsewhere proves the last line too. Without TEXT it shows the notes so far.
     With --unit the run is found by that serial, and its joints are that unit's where no other is known.
 
     \b

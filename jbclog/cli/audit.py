@@ -82,10 +82,10 @@ def audit(
     Made for a timer. Nothing but questions can go out, and none that clears anything. A counter counts when two of at most three
     reads agree. A station that a run has is not asked: its counters are taken from the run's record. What was read is put at the
     end of the ledger at once; what was worked since the first audit is summed over resets and roll-overs. With --runs, each error
-    that a run saw counts once, at the next audit, and `jbclog verify` tells when a tip was verified last.
+    that a run saw counts once, at the next audit, and `jbclog verify` gives the date of the last verification.
 
     Ends with 1 where something is due or suspect, 3 where a station did not answer, 4 where the ledger is damaged or could not be
-    written; what was read is told all the same.
+    written; what was read is shown all the same.
 
     \b
     Example:

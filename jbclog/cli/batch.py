@@ -24,7 +24,7 @@ def batch(
     resume: bool = typer.Option(
         False,
         "--resume",
-        help="Go on with what was interrupted, and show first what will be done; never begins anew.",
+        help="Resume what was interrupted, and show first what will be done; never begins anew.",
     ),
     anew: bool = typer.Option(False, "--anew", help="Give up a batch that was interrupted, and begin a new one."),
     line: Path | None = typer.Option(
@@ -38,12 +38,12 @@ def batch(
     out: Path = options.OUT,
     as_json: bool = options.AS_JSON,
 ) -> None:
-    """Carry out a queue of jobs on the stations of a line.
+    """Run a queue of jobs on the stations of a line.
 
     In turn on one station, side by side on different ones; each job is a run with a folder of its own. Every file is checked
-    before the first job begins. Ctrl-C ends the jobs that run, with their tools safe. A batch that was interrupted or killed
-    goes on where it was when it is started again; a job that was half done is done again as a new run. On stdout: a table of
-    the jobs, what came of them, and their runs' folders.
+    before the first job begins. Ctrl-C ends the jobs that run, with their tools safe. Start a batch that was interrupted
+    or killed again, and it resumes; a job that was half done is recorded again as a new run. On stdout: a table of the jobs,
+    their results, and their runs' folders.
 
     \b
     Example:

@@ -1,4 +1,4 @@
-"""`jbclog doctor`: what is wrong with this machine's set-up?"""
+"""`jbclog doctor`: diagnose this machine's setup."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def doctor(
     out: Path = typer.Option(Path("runs"), "--out", "-o", metavar="DIR", help="The folder that runs are to be recorded in."),
     as_json: bool = options.AS_JSON,
 ) -> None:
-    """Say what is wrong with this machine's set-up, and its remedy.
+    """Diagnose this machine's setup and suggest fixes.
 
     Looks at the folder for runs, the clock and the USB serial ports; with a line file, at each of its stations, with questions
     only. A port that a run or another program holds is left alone. Ends with 1 where there is a finding.

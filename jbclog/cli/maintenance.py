@@ -29,7 +29,9 @@ PART = typer.Option(None, "--tip", "--part", metavar="ID", help="The new tip, ca
 
 @ends_with_errors_told
 def maintenance(
-    word: str = typer.Argument(..., metavar="done|list", help="Tell what was done, or list what was told.", show_default=False),
+    word: str = typer.Argument(
+        ..., metavar="done|list", help="Record what was done, or list what was recorded.", show_default=False
+    ),
     station: str | None = STATION,
     task: str | None = TASK,
     part: str | None = PART,
@@ -44,10 +46,10 @@ def maintenance(
     tasks: Path | None = typer.Option(None, "--tasks", metavar="FILE", help="The tasks file, for tasks of other names."),
     as_json: bool = options.AS_JSON,
 ) -> None:
-    """Tell the ledger what was done to a station, or list it.
+    """Record maintenance done on a station, or list it.
 
-    `done` puts a fact at the end of the ledger, with who told it and when; `jbclog audit` counts a task's life from there. The
-    tasks counters-reset and station-replaced tell what happened to the counters themselves. Nothing is changed or taken back: a
+    `done` appends to the ledger what was done, by whom and when; `jbclog audit` counts a task's service interval from there. The
+    tasks counters-reset and station-replaced record what happened to the counters themselves. Nothing is changed or taken back: a
     mistake is put right by one more line.
 
     \b

@@ -47,7 +47,7 @@ def replay(
 
     Each answers as it did then: with the same bytes after the same time, corrupt, late, or not at all; a link that was lost
     is lost again. No answer from behind a recorded write is given before that write comes; a question that comes once more
-    than then gets the last answer before it, and at the end it is told how often. DIR/line.toml is the line file for `run`;
+    than then gets the last answer before it, and the end shows how often. DIR/line.toml is the line file for `run`;
     its path is the first line of stdout, and the call that records the run again stands on stderr.
 
     With --speed time goes faster for the stations and, by DIR/line.toml, for the recorder: patience, periods and durations
@@ -56,7 +56,7 @@ def replay(
 
     A run recorded from served stations has the same settings, counters and kinds of events, and on each tick the same fast
     signals. What may differ: times, how late a tick was and how long its scan took; the row of a slow signal's reading, and
-    whether the last one falls behind the end, for a slow signal is read when the wire has room, which is a matter of a
+    whether the last one falls behind the end, for a slow signal is read when the link has time, which is a matter of a
     millisecond; and with corrupt, late or lost answers, the few ticks at which such a slow reading takes the time of the next.
     Of a run with --rate max the number of rows may differ.
 

@@ -40,7 +40,7 @@ def run(
     units: str | None = typer.Option(
         None,
         metavar="-|FILE",
-        help="Serials of units, a line each, read while the run goes on: what a barcode reader types (-), a pipe or a device. "
+        help="Serials of units, a line each, read during the run: what a barcode reader types (-), a pipe or a device. "
         "Of a plain file all lines are units from the start.",
         show_default=False,
     ),

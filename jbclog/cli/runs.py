@@ -33,7 +33,7 @@ def runs(
     operator: str | None = typer.Option(None, metavar="NAME", help="Who ran it."),
     order: str | None = typer.Option(None, metavar="NUMBER", help="The work order."),
     product: str | None = typer.Option(None, metavar="NAME", help="What was made."),
-    unit: str | None = typer.Option(None, metavar="SERIAL", help="A unit: named, read meanwhile, or told later."),
+    unit: str | None = typer.Option(None, metavar="SERIAL", help="A unit: named, read during the run, or added later."),
     wire_lot: str | None = typer.Option(None, metavar="LOT", help="The solder wire's lot."),
     flux_lot: str | None = typer.Option(None, metavar="LOT", help="The flux's lot."),
     tip: str | None = typer.Option(None, metavar="ID", help="A tip."),

@@ -40,7 +40,7 @@ def trend(
     """Show a metric over many runs: control chart, capability.
 
     A value a run and port, from its record. Control limits want 20 runs, capability 30 and a stated limit; where the values are
-    too few, alike from run to run, below their resolution or not stable, the figure is refused, and why is said. Such figures
+    too few, alike from run to run, below their resolution or not stable, the figure is refused with the reason. Such figures
     describe what was recorded; none says that a joint is good.
 
     \b

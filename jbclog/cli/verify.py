@@ -40,7 +40,7 @@ def verify(
     out: Path = typer.Option(Path("runs"), "--out", "-o", metavar="DIR", help="The folder of runs, in which it is kept."),
     as_json: bool = options.AS_JSON,
 ) -> None:
-    """Check a tip against an external thermometer, for good.
+    """Record a tip verification against an external thermometer.
 
     Hold the thermometer to the tip while this reads the station's own temperature, twelve times in six seconds; a tip that does
     not work, or moves by more than 3 °C, is refused. PASS where reading and station, and reading and setting, are within

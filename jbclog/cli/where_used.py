@@ -36,7 +36,7 @@ def where_used(
 
     The last verification that failed is the bad one. Every run that was on between the last that passed before it and the next
     that passed after it is shown with its units, where they are known. Ends with 1 where a manifest, or the file of
-    verifications, cannot be read: nobody can say then that these are all.
+    verifications, cannot be read: the list may then miss some.
 
     \b
     Example:
