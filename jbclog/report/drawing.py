@@ -1,6 +1,6 @@
 """A drawing as plain marks: lines, areas, fields and words, in points from the upper left corner, in the order in which they lie.
 
-What a figure or a sheet shows is collected here once; `svg.py` and `pdf_file.py` write it down. Ours and not a plotting library's,
+What a figure shows is collected here once; `svg.py` writes it down. Ours and not a plotting library's,
 because that took nine tenths of a report's time and its figures need nothing but these four. NaN breaks a line.
 """
 
@@ -57,7 +57,7 @@ Mark = Shape | Words
 
 @dataclass(slots=True)
 class Drawing:
-    """A figure or a sheet."""
+    """A figure."""
 
     width: float
     height: float
@@ -107,19 +107,9 @@ class Drawing:
         if text:
             self.marks.append(Words(x, y, text, points, colour, bold, align, of))
 
-    def add(self, other: Drawing, x: float, y: float) -> None:
-        """Another drawing's marks, its corner at `x` and `y`."""
-        self.marks += [_moved(mark, x, y) for mark in other.marks]
-
     def _add(self, parts: Sequence[Floats], fill: str | None, stroke: Stroke | None, of: str) -> None:
         if parts:
             self.marks.append(Shape(list(parts), fill, stroke, of))
-
-
-def _moved(mark: Mark, x: float, y: float) -> Mark:
-    if isinstance(mark, Words):
-        return Words(mark.x + x, mark.y + y, mark.text, mark.points, mark.colour, mark.bold, mark.align, mark.of)
-    return Shape([part + np.array((x, y)) for part in mark.parts], mark.fill, mark.stroke, mark.of)
 
 
 def _corners(x: float, y: float, width: float, height: float) -> Floats:

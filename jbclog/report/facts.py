@@ -238,6 +238,12 @@ class Facts:
     to_sign: list[dict[str, str]]
     reproduce: str
 
+    @property
+    def is_crowd(self) -> bool:
+        return sum(len(station.ports) for station in self.stations) > CROWD
+
+
+CROWD = 12  # with more ports than these each has one figure, and a closer one only where something happened
 
 NOT_CLAIMED = (
     "That a solder joint is good: joints are found in temperatures and powers, which do not show the solder.",

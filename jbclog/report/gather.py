@@ -21,6 +21,7 @@ from jbclog.record.chains import short_head
 from jbclog.record.manifest import Manifest, manifest_sha256
 from jbclog.report.alarms import alarm_facts
 from jbclog.report.facts import (
+    CROWD,
     NOT_CLAIMED,
     NOT_CLAIMED_SHORT,
     REPRODUCE,
@@ -36,7 +37,6 @@ from jbclog.report.joint_words import jointed, never_back_at
 from jbclog.report.joints import Joints, unit_rows
 from jbclog.report.marks import happenings
 from jbclog.report.overview import Overview
-from jbclog.report.paper_figures import Plates
 from jbclog.report.ports import Context
 from jbclog.report.stations import station_report
 from jbclog.report.style import NARROW, WIDE
@@ -49,22 +49,18 @@ from jbclog.report.verdict import verdict_facts
 from jbclog.report.zoom import share
 
 MOST_ROWS = 200_000  # of several stations at once in memory
-CROWD = 12  # with more ports than these each has one figure, and a closer one only where something happened
 COLUMNS = ("time", "tick", "port", "late_us", "quality", "reasons", "temperature_c", "power_permille", "status", "set_c")
 
 
-def gather(run: Run, joints: Joints, plates: Plates) -> Facts:
-    """Everything that the report of `run` says; what is to be printed is drawn onto `plates`.
-
-    Raises `RecordError`.
-    """
+def gather(run: Run, joints: Joints) -> Facts:
+    """Everything that the report of `run` says. Raises `RecordError`."""
     manifest, folder = run.manifest, run.folder
     events, settings_left = event_rows(run.events()), setting_rows(run.settings())
     ledger, reasons = ledger_rows(manifest.ledger)
     head = manifest_sha256(folder)
-    overview = plates.overview_from(manifest.t0_utc or 0.0)
+    overview = Overview(round((manifest.t0_utc or 0.0) * 1e6))
     verdict, said = verdict_facts(folder, manifest), read_annotations(folder)
-    stations = list(_stations(run, joints, plates, verdict))
+    stations = list(_stations(run, joints, overview, verdict))
     names = [facts.name for facts in manifest.stations]
     rows = jointed({"stations": [asdict(station) for station in stations]})
     said_first = 1 if is_cut_off(manifest) else 0
@@ -117,7 +113,7 @@ def gather(run: Run, joints: Joints, plates: Plates) -> Facts:
     )
 
 
-def _stations(run: Run, joints: Joints, plates: Plates, verdict: VerdictFacts) -> Iterator[StationReport]:
+def _stations(run: Run, joints: Joints, overview: Overview, verdict: VerdictFacts) -> Iterator[StationReport]:
     """One station after the other."""
     manifest, folder = run.manifest, run.folder
     t0_utc_us = round((manifest.t0_utc or 0.0) * 1e6)
@@ -130,7 +126,7 @@ def _stations(run: Run, joints: Joints, plates: Plates, verdict: VerdictFacts) -
         manifest.ledger,
         is_cut_off(manifest),
         tuple(steps_of(folder)),
-        plates,
+        overview,
         joints,
         {(one.station, one.port): one for one in manifest.verifications},
         verdict.rules,

@@ -19,7 +19,7 @@ from jbclog.analysis.run_metrics import joints_and_metrics
 from jbclog.analysis.verdict.bounds import censored_quantile
 from jbclog.record.manifest import manifest_sha256
 from jbclog.report.facts import Figure, JointFacts
-from jbclog.report.joint_chart import Charted, Floats, charted, draw_chart
+from jbclog.report.joint_chart import Floats, charted, draw_chart
 from jbclog.report.joint_words import never_back
 from jbclog.report.style import NARROW, WIDE
 from jbclog.report.svg import svg_text
@@ -85,7 +85,7 @@ def joints_of(run: Run) -> Joints:
     return Joints(table, as_bytes(table, manifest_sha256(run.folder)), metrics, serials, taken)
 
 
-def joint_facts(found: Joints, station: str, port: int, file: str) -> tuple[JointFacts, Charted] | None:
+def joint_facts(found: Joints, station: str, port: int, file: str) -> JointFacts | None:
     """The figures of one port and its chart, whose file begins with `file`; None for what makes no joints."""
     told, joints = found.told(station, port), found.of_port(station, port)
     if OF_JOINTS not in told or not told[AT_WORK]["n"]:
@@ -103,7 +103,7 @@ def joint_facts(found: Joints, station: str, port: int, file: str) -> tuple[Join
     never = never_back(
         int(late.sum()), int(np.count_nonzero(~joints["recovered"].is_null().to_numpy())), _value(figures, "joint_deficit_c")
     )
-    return JointFacts(figures, len(recovery), taken, never, chart.signals, *chart.why, figure), chart
+    return JointFacts(figures, len(recovery), taken, never, chart.signals, *chart.why, figure)
 
 
 def _value(figures: Mapping[str, Row], name: str) -> float | None:

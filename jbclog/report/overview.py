@@ -17,7 +17,6 @@ from jbclog.report.drawing import Drawing, Stroke
 from jbclog.report.panel import Panel
 from jbclog.report.scale import Scale, duration_text, time_marks
 from jbclog.report.style import Format
-from jbclog.report.text_metrics import drawable
 from jbclog.report.trace import JOINED_PERIODS, Envelope, Floats, Mark, Span, Trace, envelope, merged, runs, widened
 
 REACH_C = 40.0
@@ -64,7 +63,6 @@ class Overview:
         alarms = sum(mark.kind == "alarm" for mark in trace.marks)
         read = "–" if coverage_percent is None else f"{np.floor(coverage_percent * 10) / 10:g} %"
         words = cold or (f"{read}, {alarms} alarm{'s' * (alarms > 1)}" if alarms else read)
-        name = drawable(name)
         shown = name if len(name) <= LONGEST_NAME else f"{name[: LONGEST_NAME - 7]}…{name[-6:]}"
         self.strips.append(
             Strip(shown, curve, trace.gaps, list(trace.marks), trace.start, trace.end, words, bool(alarms or cold), far, bool(cold))

@@ -1,189 +1,405 @@
-"""Sheets of A4 that are filled from top to bottom: text, tables and figures, for `report.pdf`.
+"""`report.pdf`: what its sheets say, in the order of the page; `templates/report.typ` says how it looks.
 
-Inches from the sheet's upper left corner; text is measured with the font that draws it, so nothing runs over an edge.
+Made of the same facts as the page. What is too long for paper is left to the tables, and a line says how much.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field
-from datetime import datetime
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict
+from datetime import UTC, datetime
 from typing import Final
 
-from jbclog.report import style
-from jbclog.report.drawing import Align, Drawing, Stroke, Words
-from jbclog.report.pdf_file import pdf_file
-from jbclog.report.text_metrics import LACKING, drawable, width_in
+from jbclog.core.text import cleaned
+from jbclog.report import joint_words
+from jbclog.report.alarms import WITNESSES
+from jbclog.report.facts import Facts, Figure, PortFacts, StationReport
+from jbclog.report.joint_words import jointed, remark
+from jbclog.report.page import ENDINGS, RESULT_SIGNS, SIGNS, kept_by, place
+from jbclog.report.repeated_events import told_once
+from jbclog.report.safety import short
+from jbclog.report.scale import duration_text
+from jbclog.report.text import bound_text, clock, interval, measured, number, stamp, together
+from jbclog.report.typeset import LACKING, LACKING_MEANS, drawable, pdf_of
 
-WIDTH, HEIGHT = 8.27, 11.69
-SIDE, TOP, BOTTOM = 0.6, 0.55, 0.65
-INNER: Final = WIDTH - 2 * SIDE
-LEADING = 1.35  # of a line, in font sizes
-GAP_IN = 0.1  # between columns
-LAST = 0.27  # of the width, for the column of sentences
+MOST_REASONS: Final = 6
+MOST_ROWS: Final = 120  # of rules, events, settings
+MOST_INCIDENTS, MOST_UNITS = 60, 60
+UNKNOWN: Final = datetime(1970, 1, 1, tzinfo=UTC)
+BOUNDS: Final = (
+    "Bound: how well an estimated figure is known, with 95 % confidence, corrected for autocorrelation; counts need none."
+)
+WITNESSED: Final = (
+    "A the station's flag, B our samples with the alarm's delay and a dead band, C every sample beyond the limit, which alone is "
+    "no alarm. Began: between two readings."
+)
+FOUND: Final = f"{joint_words.NOTE} All joints are in tables/joints.csv and joints.parquet."
 
+# Heads of tables; ">" sets a column to the right.
+SUMMARY = ("Rule", ">Limit", ">Kept by", ">Worst", ">95 % bound", "Where", "Result")
+RULES = ("Rule", "Where", ">Limit", ">Observed", ">95 % bound", "Result", "In words")
+STATIONS = (
+    *("Station", "Model", "Port", ">Readings", ">Longest gap", ">Idle error", ">Idle sd", ">Alarms"),
+    *("Tip verified", "Safe state", "Tool"),
+)
+JOINTS = (
+    *("Where", ">Joints", ">Back before next", ">Deficit", ">Median recovery", ">95 % recovery"),
+    *(">Idle error", ">Depth", ">Dwell", ">Heat"),
+)
+BEFORE_IDLE = (("recovered_before_next_percent", "%"), ("joint_deficit_c", "°C"), ("recovery_s", "s"), ("recovery_p95_s", "s"))
+BEHIND_IDLE = (("joint_depth_c", "°C"), ("joint_dwell_s", "s"))
+UNITS = (">Joints", ">Median recovery", ">Slowest", ">n", ">Not back before next", "Unit")
+ALARMS = ("No.", "Where", "What", "Began, UTC", ">Lasted", ">Peak", "Source", "Acknowledged")
+FIGURES = ("Station", "Witness", ">Alarms", ">Most in 10 min", ">Floods", ">Fleeting", ">Stale", ">Apart", "Chattering")
+EVENTS = ("UTC", "Not before", "Where", "Severity", "Kind", "In words")
+SETTINGS = ("Where", "Setting", "Tool", ">Asked", ">Written", ">Read back", "Unit", "Outcome")
+COUNTERS = ("Where", "Counter", ">At the start", ">At the end", ">Difference", "Unit", "")
+SAFE = ("Where", "Outcome", ">Last temperature", "Meaning")
+ANNOTATIONS = ("UTC", "Who", "Kind", "What and why")
 
-@dataclass(frozen=True, slots=True)
-class Type:
-    """A size and weight of letters."""
-
-    points: float
-    bold: bool = False
-    colour: str = style.INK
-
-    @property
-    def line_in(self) -> float:
-        return self.points * LEADING / 72
-
-
-@dataclass(frozen=True, slots=True)
-class Cell:
-    """A text in a table, and how it is set."""
-
-    text: str
-    type: Type
-    right: bool = False
-
-
-def wrapped(text: str, type_: Type, room_in: float) -> list[str]:
-    """The text in lines that fit; a word that is longer than a line is cut into pieces."""
-    lines = [""]
-    for word in text.split(" "):
-        longer = f"{lines[-1]} {word}" if lines[-1] else word
-        if width_in(longer, type_.points, type_.bold) <= room_in:
-            lines[-1] = longer
-            continue
-        pieces = _pieces(word, type_, room_in)
-        lines = [*lines, *pieces] if lines[-1] else pieces if len(lines) == 1 else [*lines[:-1], *pieces]
-    return lines
-
-
-def _pieces(word: str, type_: Type, room_in: float) -> list[str]:
-    pieces = [""]
-    for letter in word:
-        if pieces[-1] and width_in(pieces[-1] + letter, type_.points, type_.bold) > room_in:
-            pieces.append("")
-        pieces[-1] += letter
-    return pieces
+Row = Mapping[str, object]
+Part = dict[str, object]
 
 
-@dataclass(slots=True)
-class Paper:
-    """Sheets, and how far the last one is filled."""
-
-    sheets: list[Drawing] = field(default_factory=list)
-    y: float = HEIGHT
-
-    @property
-    def sheet(self) -> Drawing:
-        return self.sheets[-1]
-
-    def need(self, inches: float) -> None:
-        """Go on to a new sheet where there is not that much left."""
-        if self.y + inches > HEIGHT - BOTTOM:
-            self.sheets.append(Drawing(72 * WIDTH, 72 * HEIGHT))
-            self.y = TOP
-
-    def skip(self, inches: float) -> None:
-        self.y += inches
-
-    def put(self, text: str, x: float, type_: Type, *, right: bool = False, down: float = 0.0) -> None:
-        """One line at `x`, as high as the sheet is filled; it does not fill it."""
-        base, shown = 72 * (self.y + down) + type_.points, drawable(text, bold=type_.bold)
-        align: Align = "right" if right else "left"
-        self.sheet.words(72 * x, base, shown, type_.points, type_.colour, bold=type_.bold, align=align)
-
-    def draw(self, drawing: Drawing, x: float = SIDE) -> None:
-        """A figure, as high as the sheet is filled; it fills it."""
-        self.sheet.add(drawing, 72 * x, 72 * self.y)
-        self.skip(drawing.height / 72)
-
-    def say(self, text: str, type_: Type, x: float = SIDE, room: float = INNER) -> None:
-        """A paragraph."""
-        for line in wrapped(text, type_, room):
-            self.need(type_.line_in)
-            self.put(line, x, type_)
-            self.skip(type_.line_in)
-
-    def rule(self, colour: str = style.INK, points: float = 0.6, start: float = SIDE, end: float = WIDTH - SIDE) -> None:
-        """A line across, as high as the sheet is filled."""
-        y = 72 * self.y
-        self.sheet.line([72 * start, 72 * end], [y, y], Stroke(colour, points))
-
-    def block(self, x: float, width: float, height: float, face: str, edge: Stroke | None = None) -> None:
-        """A coloured field behind all that is on the sheet, below where that is filled to."""
-        ground = Drawing(self.sheet.width, self.sheet.height)
-        ground.field(72 * x, 72 * self.y, 72 * width, 72 * height, face, edge)
-        self.sheet.marks[:0] = ground.marks
-
-    def heading(self, text: str, keep_in: float = 1.0) -> None:
-        """A headline with a rule above it, kept together with what follows."""
-        type_ = Type(11, bold=True)
-        self.need(type_.line_in + 0.2 + keep_in)
-        self.skip(0.14)
-        self.rule()
-        self.skip(0.07)
-        self.put(text, SIDE, type_)
-        self.skip(type_.line_in + 0.04)
-
-    def table(self, head: Sequence[Cell], rows: Sequence[Sequence[Cell]]) -> None:
-        """A table whose last column takes what room is left and is wrapped; its head is set again on each sheet."""
-        edges = _columns([head, *rows])
-        self._row(head, edges, style.INK)
-        for row in rows:
-            height = max(
-                len(wrapped(cell.text, cell.type, room)) * cell.type.line_in for cell, (_, room) in zip(row, edges, strict=True)
-            )
-            before = len(self.sheets)
-            self.need(height + 0.05)
-            if len(self.sheets) > before:
-                self._row(head, edges, style.INK)
-            self._row(row, edges, style.GRID)
-
-    def _row(self, row: Sequence[Cell], edges: Sequence[tuple[float, float]], colour: str) -> None:
-        most = 0.0
-        for cell, (x, room) in zip(row, edges, strict=True):
-            for number, line in enumerate(wrapped(cell.text, cell.type, room)):
-                down = 0.02 + number * cell.type.line_in
-                self.put(line, x + room if cell.right else x, cell.type, right=cell.right, down=down)
-                most = max(most, down + cell.type.line_in)
-        self.skip(most + 0.02)
-        self.rule(colour, 0.5)
+def report_pdf(facts: Facts) -> bytes:
+    """The whole document. The same run gives the same bytes: no time of making, no random names. Raises `RecordError`."""
+    ended = facts.ended or facts.started
+    return pdf_of(_data(facts), UNKNOWN if ended is None else datetime.fromisoformat(ended))
 
 
-def _columns(rows: Sequence[Sequence[Cell]]) -> list[tuple[float, float]]:
-    """Left edge and width of each: as wide as its texts, the widest no wider than there is room for; the last has the rest."""
-    wishes = [max(width_in(row[i].text, row[i].type.points, row[i].type.bold) for row in rows) for i in range(len(rows[0]))]
-    room = INNER - GAP_IN * (len(wishes) - 1) - min(wishes[-1], LAST * INNER)
-    most = _widest(wishes[:-1], room)
-    edges, x = [], SIDE
-    for wish in wishes[:-1]:
-        edges.append((x, min(wish, most) + 0.01))
-        x += min(wish, most) + 0.01 + GAP_IN
-    return [*edges, (x, WIDTH - SIDE - x)]
+def _data(facts: Facts) -> dict[str, object]:
+    """All that the template needs: texts that are clean and can be drawn, and the figures' SVG by their files."""
+    shown = _drawable(cleaned(_content(facts)))
+    assert isinstance(shown, dict)
+    drawings = {figure.file: drawable(figure.wide) for figure in _figures(facts)}
+    if LACKING in f"{shown}{drawings}":
+        shown["sections"][-1]["parts"].append(_text(LACKING_MEANS, "quiet"))
+    return {**shown, "drawings": drawings}
 
 
-def _widest(wishes: Sequence[float], room: float) -> float:
-    """How wide a column may be so that all of them fit: only the widest give something up."""
-    left = room
-    for number, wish in enumerate(sorted(wishes)):
-        share = left / (len(wishes) - number)
-        if wish > share:
-            return share
-        left -= wish
-    return max(wishes, default=room)
+def _drawable(value: object) -> object:
+    if isinstance(value, str):
+        return drawable(value)
+    if isinstance(value, dict):
+        return {key: _drawable(one) for key, one in value.items()}
+    return [_drawable(one) for one in value] if isinstance(value, list) else value
 
 
-def lacks_letters(sheets: Sequence[Drawing]) -> bool:
-    """Whether anything on them stands for a letter that could not be drawn."""
-    return any(isinstance(mark, Words) and LACKING in mark.text for sheet in sheets for mark in sheet.marks)
+def _content(facts: Facts) -> dict[str, object]:
+    """`front`: sections of the first sheet, left out from the first on where they leave no space to sign; they follow then."""
+    ended = facts.ended or facts.started
+    dated = UNKNOWN if ended is None else datetime.fromisoformat(ended).astimezone(UTC)
+    reasons = [[RESULT_SIGNS.get(one.result, ""), together(one.text)] for one in facts.verdict.reasons[:MOST_REASONS]]
+    left = len(facts.verdict.reasons) - len(reasons)
+    incomplete = None if facts.lost is None or facts.exit_status == "lost" else f"Incomplete: {facts.lost}"
+    return {
+        "title": f"{facts.verdict.word} · {facts.run}",
+        "dated": [dated.year, dated.month, dated.day, dated.hour, dated.minute, dated.second],
+        "foot": f"{facts.run} · head {facts.head} · {facts.verdict.word}",
+        "run": facts.run,
+        "word": facts.verdict.word,
+        "sign": SIGNS.get(facts.verdict.word, ("", ""))[1],
+        "reasons": [*reasons, *([["…", f"and {left} more, below"]] if left > 0 else [])],
+        "notes": [text for text in (incomplete, facts.verdict.by_rules) if text is not None],
+        "head": _head(facts),
+        "claims": "; ".join(facts.not_claimed_short),
+        "to_sign": facts.to_sign,
+        "front": [*_glance(facts), *_rests_on(facts)],
+        "sections": [one for one in _sections(facts) if one["parts"]],
+    }
 
 
-def pdf_bytes(sheets: Sequence[Drawing], foot: str, title: str, dated: datetime) -> bytes:
-    """The sheets as a PDF, each with its foot and number: the same sheets give the same bytes."""
-    type_ = Type(6.5, colour=style.QUIET)
-    for number, sheet in enumerate(sheets, 1):
-        paper = Paper([sheet], HEIGHT - 0.45)
-        paper.put(foot, SIDE, type_)
-        paper.put(f"{number} of {len(sheets)}", WIDTH - SIDE, type_, right=True)
-    return pdf_file(sheets, title, dated)
+def _head(facts: Facts) -> list[list[str]]:
+    """Who, what and when."""
+    recipes = [
+        [f"Recipe {one['name']}", f"revision {one['revision']}, SHA-256 {str(one['sha256'])[:24]}…"] for one in facts.recipes
+    ]
+    said = [[str(name).replace("_", " ").capitalize(), str(value)] for name, value in facts.metadata.items()]
+    length = "not known" if facts.duration_s is None else duration_text(facts.duration_s)
+    return [
+        ["Line", str(facts.line.get("name", "not known"))],
+        *recipes,
+        *said,
+        ["Start, UTC", stamp(facts.started)],
+        ["End, UTC", stamp(facts.ended)],
+        ["Duration", f"{length}, {ENDINGS.get(facts.exit_status or '', 'end not known')}"],
+    ]
+
+
+def _sections(facts: Facts) -> Iterator[Part]:
+    """What follows the first sheet, in the order of the page."""
+    yield _section("Stations", _table(STATIONS, [_port(station, port) for station in facts.stations for port in station.ports]))
+    yield _section("Joints", *_joints(facts))
+    yield _section("Alarms", *_alarms(facts))
+    for station in facts.stations:
+        yield _section(f"{station.name}: {_model(station)}", *_drawn(facts, station))
+    yield _section("Every rule that was not kept", *_unkept(facts))
+    graver = [_event(one) for one in told_once([event for event in facts.events if event["severity"] != "info"])]
+    yield _section("What happened", *_some(EVENTS, graver, MOST_ROWS, "tables/events.csv"))
+    asked = [_setting(row) for row in facts.settings if row["requested"] is not None]
+    yield _section("Settings that were asked for", *_some(SETTINGS, asked, MOST_ROWS, "tables/settings.csv"))
+    moved = [_counter(row) for row in facts.counters if row["difference"] != 0]
+    yield _section("Counters that moved or were not read twice", *_some(COUNTERS, moved, MOST_ROWS, "tables/counters.csv"))
+    yield _section("Readings that were not all read", *_lost(facts))
+    yield _section("Safe state at the end", _table(SAFE, [_left(one, port) for one in facts.stations for port in one.ports]))
+    said = [
+        _row([stamp(str(one["time"])), str(one["who"]), str(one["kind"]), f"{one['what']} ({one['why']})"])
+        for one in facts.annotations
+    ]
+    yield _section("Said since", *_some(ANNOTATIONS, said, len(said), ""))
+    yield _section("What this record does not claim", _list(facts.not_claimed))
+    yield _section("Provenance", *map(_text, _provenance(facts)))
+
+
+def _provenance(facts: Facts) -> list[str]:
+    return [
+        f"Manifest SHA-256 {facts.manifest_sha256}",
+        f"Data SHA-256 {facts.data_sha256}",
+        f"Run before on this line: {facts.previous}",
+        f"Made by jbclog {facts.jbclog}. Reproduce: {facts.reproduce}",
+        f"Compare: jbclog check RUN --head {facts.head}",
+    ]
+
+
+# -- the verdict ----------------------------------------------------------------------------------------------------------------
+
+
+def _glance(facts: Facts) -> list[Part]:
+    return [] if facts.overview is None else [_section("At a glance", _figure(facts.overview))]
+
+
+def _rests_on(facts: Facts) -> list[Part]:
+    """All rules where they are few, else one line for each limit."""
+    rules, lines = facts.verdict.rules, facts.verdict.summary
+    if not rules:
+        return []
+    table = _table(SUMMARY, [_line(one) for one in lines]) if lines else _table(RULES, [_rule(one) for one in rules])
+    kept = sum(rule["result"] == "pass" for rule in rules)
+    note = f"{kept} of {len(rules)} rules kept. {BOUNDS} {kept_by(rules)}"
+    return [_section("What the verdict rests on", table, _text(note, "quiet"))]
+
+
+def _unkept(facts: Facts) -> list[Part]:
+    """In full what a summary has in a line."""
+    unkept = [_rule(one) for one in facts.verdict.rules if one["result"] not in ("pass", "not applicable")]
+    return _some(RULES, unkept, MOST_ROWS, "tables/rules.csv") if facts.verdict.summary else []
+
+
+def _line(line: Row) -> Part:
+    result, unit = str(line["result"]), str(line["unit"])
+    words = [str(line["name"]).replace("_", " "), measured(line["limit"], unit), f"{line['kept']} of {line['of']}"]
+    words += [measured(line["worst"], unit), bound_text(line["bound"], unit), place(line), _result(result)]
+    return _row(words, result)
+
+
+def _rule(rule: Row) -> Part:
+    result, unit = str(rule["result"]), str(rule["unit"])
+    words = [str(rule["name"]).replace("_", " "), place(rule) or "run", measured(rule["limit"], unit)]
+    words += [measured(rule["observed"], unit), bound_text(rule.get("bound"), unit), _result(result), str(rule["text"])]
+    return _row(words, result)
+
+
+def _result(result: str) -> str:
+    return f"{RESULT_SIGNS.get(result, '')} {result}"
+
+
+# -- stations -------------------------------------------------------------------------------------------------------------------
+
+
+def _model(station: StationReport) -> str:
+    return f"{station.model or 'model not known'}{f' (accepted as {station.family})' if station.model_accepted else ''}"
+
+
+def _port(station: StationReport, port: PortFacts) -> Part:
+    words = [station.name, _model(station), str(port.port), measured(port.recorded.coverage_percent, "%")]
+    words += [measured(port.recorded.longest_gap_s, "s"), measured(_round(port.tip.idle_error_c), "°C")]
+    words += [measured(_round(port.tip.idle_sd_c), "°C"), _count(port), short(port.verification), port.left, port.tool or "–"]
+    return _row(words)
+
+
+def _count(port: PortFacts) -> str:
+    """How many alarms; none are claimed where nothing was read, or nothing that has alarms."""
+    counts = port.states is None and port.air is None and port.recorded.coverage_percent is not None
+    return str(port.alarms) if counts or port.alarms else "–"
+
+
+def _left(station: StationReport, port: PortFacts) -> Part:
+    words = [f"{station.name} · port {port.port}", port.left, measured(_round(port.last_temperature_c), "°C"), port.left_means]
+    return _row(words, "fail" if port.left_warns else "")
+
+
+def _drawn(facts: Facts, station: StationReport) -> list[Part]:
+    """The figures of a station, each port's first below its name."""
+    parts: list[Part] = []
+    for port in station.ports:
+        figures = _of_port(facts, port)
+        parts += [_figure(one, "" if n else f"{station.name}, port {port.port}") for n, one in enumerate(figures)]
+    return parts
+
+
+def _figures(facts: Facts) -> list[Figure]:
+    """Every figure on paper."""
+    ports = [figure for station in facts.stations for port in station.ports for figure in _of_port(facts, port)]
+    return ports if facts.overview is None else [facts.overview, *ports]
+
+
+def _of_port(facts: Facts, port: PortFacts) -> list[Figure]:
+    """Those of a port; of a crowd only charts on which something stands out."""
+    joints = port.joints
+    if joints is None or joints.chart is None or not (joints.signals or joints.never_back or not facts.is_crowd):
+        return port.figures
+    return [*port.figures, joints.chart]
+
+
+# -- joints and alarms ----------------------------------------------------------------------------------------------------------
+
+
+def _joints(facts: Facts) -> list[Part]:
+    """The joints by port and by unit; nothing where no tool makes any."""
+    rows = jointed({"stations": [asdict(station) for station in facts.stations]})
+    if not rows:
+        return []
+    parts = [_text(f"{FOUND} {' '.join(joint_words.found_with(rows))}", "quiet"), _table(JOINTS, [_joint(row) for row in rows])]
+    return [
+        *parts,
+        _list([f"{place(row)}: {remark(row)}" for row in rows]),
+        *_some(UNITS, [_unit(row) for row in facts.units], MOST_UNITS, "tables/units.csv"),
+    ]
+
+
+def _joint(row: Row) -> Part:
+    joints = row["joints"]
+    assert isinstance(joints, Mapping)
+    figures = joints["figures"]
+    words = [place(row), joint_words.count(row), *(measured(figures[name]["value"], unit) for name, unit in BEFORE_IDLE)]
+    words += [joint_words.idle(row), *(measured(figures[name]["value"], unit) for name, unit in BEHIND_IDLE), joint_words.heat(row)]
+    return _row(words)
+
+
+def _unit(row: Row) -> Part:
+    seconds = [measured(row[name], "s") for name in ("recovery_p50_s", "recovery_slowest_s")]
+    unit = str(row["unit"] or "none on the bench, or not known")
+    return _row([number(row["joints"]), *seconds, number(row["recovery_n"]), number(row["not_recovered"]), unit])
+
+
+def _alarms(facts: Facts) -> Iterator[Part]:
+    """Episodes, on what the witnesses do not agree, and the figures."""
+    alarms = facts.alarms
+    for text in facts.annotations_wrong:
+        yield _text(f"{text}. What was said since is not vouched for.", "fail")
+    if not alarms.incidents:
+        yield _text("No temperature that was read is beyond a limit, and no flag counts.")
+        return
+    head = f"Acknowledged as of head {facts.annotations_head[:24]} of annotations.jsonl."
+    yield _text(f"{WITNESSED} {head if facts.annotations else 'Nothing was acknowledged.'}", "quiet")
+    ordered = [_alarm(one) for one in sorted(alarms.incidents, key=lambda one: not one["is_alarm"])]
+    yield from _some(ALARMS, ordered, MOST_INCIDENTS, "tables/alarms.csv")
+    yield from [_list(alarms.findings[:MOST_INCIDENTS])] if alarms.findings else []
+    yield from _some(FIGURES, [_flood(one) for one in alarms.figures], len(alarms.figures), "")
+
+
+def _alarm(one: Row) -> Part:
+    limit = "" if one["limit_c"] is None else f", {'above' if one['side'] == 'high' else 'below'} {measured(one['limit_c'], '°C')}"
+    lasted = "–" if one["seconds"] is None else f"{number(one['seconds'], 1)} s"
+    words = [str(one["number"]), place(one), f"{one['side']}{limit}", interval(one, "onset_earliest", "onset"), lasted]
+    words += [measured(one["peak_c"], "°C"), str(one["witnesses"]), _acknowledged(one)]
+    return _row(words, "fail" if one["waiting"] else "" if one["is_alarm"] else "quiet")
+
+
+def _acknowledged(one: Row) -> str:
+    if one["acknowledged_by"] is not None:
+        return f"{one['acknowledged_by']}, {stamp(str(one['acknowledged_at']))}: {one['acknowledged_why']}"
+    return "not acknowledged" if one["waiting"] else "–"
+
+
+def _flood(one: Row) -> Part:
+    apart, chattering, floods = one["apart"], one["chattering"], one["floods"]
+    assert isinstance(apart, Mapping)
+    assert isinstance(chattering, Mapping)
+    assert isinstance(floods, list)
+    between = "–" if apart["value"] is None else duration_text(float(apart["value"]))
+    words = [str(one["station"]), f"{one['detector']} {WITNESSES[str(one['detector'])]}", str(one["count"])]
+    words += [str(one["most_in_10_min"]), str(len(floods)), str(one["fleeting"]), str(one["stale"]), between]
+    return _row([*words, ", ".join(f"{name} ({count} in a minute)" for name, count in chattering.items()) or "–"])
+
+
+# -- what was read, set and counted ---------------------------------------------------------------------------------------------
+
+
+def _event(event: Row) -> Part:
+    times = [clock(_or_none(event["time"]), with_day=True), clock(_or_none(event["earliest"]), with_day=True)]
+    often = f" {event['times']} times until {clock(_or_none(event['until']), with_day=True)}." if "times" in event else ""
+    words = [*times, place(event) or "run", str(event["severity"]), str(event["kind"]), f"{event['text']}{often}"]
+    return _row(words, "grave" if event["severity"] in ("error", "critical") else "")
+
+
+def _setting(row: Row) -> Part:
+    numbers = [number(row[name]) for name in ("requested", "written", "readback")]
+    outcome = str(row["outcome"]) if row["nak"] is None else f"{row['outcome']} (N {row['nak']})"
+    look = "fail" if row["outcome"] in ("mismatch", "refused", "unconfirmed") else ""
+    return _row(
+        [place(row), str(row["setting"]).replace("_", " "), str(row["tool"] or ""), *numbers, str(row["unit"]), outcome], look
+    )
+
+
+def _counter(row: Row) -> Part:
+    numbers = [number(row[name], 1) for name in ("first", "last", "difference")]
+    return _row([place(row), str(row["counter"]).replace("_", " "), *numbers, str(row["unit"]), str(row["note"])])
+
+
+def _lost(facts: Facts) -> list[Part]:
+    """Due = read + each reason, of the signals that lack a reading."""
+    reasons = facts.ledger_reasons
+    head = ("Where", "Reading", ">Due", ">Read", *(f">{reason.replace('_', ' ')}" for reason in reasons))
+    rows = []
+    for row in facts.ledger:
+        why = row["reasons"]
+        assert isinstance(why, Mapping)
+        counts = [number(row["due"]), number(row["ok"]), *(number(why[one]) if one in why else "" for one in reasons)]
+        if row["due"] != row["ok"]:
+            rows.append(_row([place(row), str(row["signal"]).replace("_", " "), *counts]))
+    return _some(head, rows, MOST_ROWS, "tables/ledger.csv")
+
+
+# -- parts of a section ---------------------------------------------------------------------------------------------------------
+
+
+def _section(title: str, *parts: Part) -> Part:
+    return {"title": title, "parts": list(parts)}
+
+
+def _text(text: str, look: str = "") -> Part:
+    return {"kind": "text", "text": together(text), "look": look}
+
+
+def _list(items: Sequence[str]) -> Part:
+    return {"kind": "list", "items": [together(item) for item in items]}
+
+
+def _figure(figure: Figure, heading: str | None = None) -> Part:
+    """`heading` stands above the first figure of a port, is empty above its others, and None for one of the whole run."""
+    return {"kind": "figure", "file": figure.file, "caption": figure.caption, "alt": figure.alt, "heading": heading}
+
+
+def _table(head: Sequence[str], rows: Sequence[Part]) -> Part:
+    columns = [{"title": title.removeprefix(">"), "right": title.startswith(">")} for title in head]
+    return {"kind": "table", "columns": columns, "rows": list(rows)}
+
+
+def _some(head: Sequence[str], rows: Sequence[Part], most: int, file: str) -> list[Part]:
+    """The first rows in a table, and where the others are; nothing where there is none."""
+    more = [_text(f"{len(rows) - most} more are in {file}.", "quiet")] if len(rows) > most else []
+    return [_table(head, rows[:most]), *more] if rows else []
+
+
+def _row(words: Sequence[str], look: str = "") -> Part:
+    """Cells of a table; `look` names a colour of the template, such as a rule's result."""
+    return {"look": look, "cells": [together(word).replace(" port ", " port\u00a0") for word in words]}
+
+
+def _round(value: float | None) -> float | None:
+    return None if value is None else round(value, 2)
+
+
+def _or_none(value: object) -> str | None:
+    return None if value is None else str(value)

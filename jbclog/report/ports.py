@@ -11,15 +11,14 @@ import pandas as pd
 from jbclog.analysis.verdict import PortMeasure, judged_signals
 from jbclog.analysis.verdict.samples import Step
 from jbclog.core.rows import StationFacts, TipCheck
-from jbclog.report.facts import Figure, JointFacts, PortFacts, PowerFacts, RecordedFacts, TipFacts
-from jbclog.report.figure import caption, closer, closer_caption, description, draw, figure_svg
-from jbclog.report.joint_chart import draw_chart
+from jbclog.report.facts import Figure, PortFacts, PowerFacts, RecordedFacts, TipFacts
+from jbclog.report.figure import caption, closer, closer_caption, description, figure_svg
 from jbclog.report.joints import Joints, joint_facts
 from jbclog.report.marks import Happening, limits_of, marks_of
-from jbclog.report.paper_figures import Plates
+from jbclog.report.overview import Overview
 from jbclog.report.safety import left, verification_facts
 from jbclog.report.scale import moment
-from jbclog.report.style import NARROW, PRINT, WIDE
+from jbclog.report.style import NARROW, WIDE
 from jbclog.report.text import clean, iso
 from jbclog.report.trace import Floats, Grid, Limit, Span, Trace, air_facts, states_facts, tells_air, trace
 from jbclog.report.zoom import MOST_READINGS, zoom_of
@@ -41,7 +40,7 @@ class Context:
     ledger: Mapping[str, Mapping[str, PortLedger]]
     cut_off: bool
     steps: tuple[Step, ...]
-    plates: Plates
+    overview: Overview
     joints: Joints
     checks: Mapping[tuple[str, int], TipCheck]
     rules: Sequence[Mapping[str, object]]
@@ -62,8 +61,8 @@ def port_facts(facts: StationFacts, port: int, file: str, rows: pd.DataFrame, co
     ledger = context.ledger.get(facts.name, {}).get(str(port), {})
     celsius, status = facts.last_temperature_c.get(port, _last(drawn.temperature)), _last_word(rows["status"])
     how, recorded = left(facts, port, celsius, status, context.cut_off), _recorded(rows, drawn, measure, ledger, signals)
-    if context.plates.overview is not None and len(rows):
-        context.plates.overview.add(clean(f"{facts.name} · {port}"), drawn, recorded.coverage_percent, _cold(drawn, measure))
+    if len(rows):
+        context.overview.add(clean(f"{facts.name} · {port}"), drawn, recorded.coverage_percent, _cold(drawn, measure))
     check, has_tip = context.checks.get((facts.name, port)), not drawn.states and drawn.air is None
     figures = _figures(file, f"{facts.name}, port {port}", drawn, context) if len(rows) else []
     return PortFacts(
@@ -84,7 +83,7 @@ def port_facts(facts: StationFacts, port: int, file: str, rows: pd.DataFrame, co
         left_means=how.meaning,
         left_warns=how.warn,
         figures=figures,
-        joints=_joints(facts.name, port, file, context) if has_tip else None,
+        joints=joint_facts(context.joints, facts.name, port, file) if has_tip else None,
         verification=verification_facts(check, context.rules, facts.name, port) if has_tip or check is not None else None,
     )
 
@@ -181,20 +180,7 @@ def _figures(file: str, place: str, drawn: Trace, context: Context) -> list[Figu
         part, why = near
         text = closer_caption(part, why)
         figures.append(_figure(f"figures/{file}-closer.svg", text, f"{place}: {text}", part, context.crowded))
-    for one, what in zip(figures, (drawn, *([near[0]] if near else ())), strict=True):
-        context.plates.add(clean(place), one.caption, draw(what, PRINT))
     return figures
-
-
-def _joints(station: str, port: int, file: str, context: Context) -> JointFacts | None:
-    """The joints of a port; of a crowd only charts on which something stands out go onto paper."""
-    found = joint_facts(context.joints, station, port, file)
-    if found is None:
-        return None
-    facts, chart = found
-    if facts.chart is not None and (facts.signals or facts.never_back or not context.crowded):
-        context.plates.add(clean(f"{station}, port {port}, joints"), facts.chart.caption, draw_chart(chart, PRINT))
-    return facts
 
 
 def _figure(file: str, text: str, alt: str, drawn: Trace, crowded: bool) -> Figure:

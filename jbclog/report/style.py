@@ -101,4 +101,3 @@ class Format:
 
 WIDE: Final = Format("wide", 7.4, 3.5, 7.5, 800, 9, 80)
 NARROW: Final = Format("narrow", 3.9, 3.6, 7.5, 400, 5, 40)
-PRINT: Final = Format("print", 7.07, 2.4, 7, 800, 9, 80)

@@ -30,10 +30,10 @@ from jbclog.report.facts import Facts, Figure
 from jbclog.report.gather import gather
 from jbclog.report.joints import JOINTS, joints_of
 from jbclog.report.page import render
-from jbclog.report.paper_figures import Plates
-from jbclog.report.pdf import report_pdf
+from jbclog.report.paper import report_pdf
 from jbclog.report.spreadsheet import csv_tables
 from jbclog.report.text import cleaned
+from jbclog.report.typeset import typesetter
 
 DRAWINGS = ("wide", "narrow", "zoom")
 PAGE, DATA, PAPER, TABLES = "report.html", "report.json", "report.pdf", "tables"
@@ -89,13 +89,15 @@ def verified(folder: Path | str) -> Held:
 
 
 def _other_maker(folder: Path) -> str | None:
-    """Who made the report that is there, where that was another jbclog or one with other rules."""
+    """Who made the report that is there, where that was another jbclog or typst, or one with other rules."""
     try:
         before = read_json(folder / DATA, Kind.REPORT)
-        version, rules = before["jbclog"], before.get("rules", 1)
+        version, rules, paper_by = before["jbclog"], before.get("rules", 1), before.get("paper_by")
     except (OSError, ValueError, TypeError, KeyError, AttributeError, RecursionError):
         return None
-    return None if (version, rules) == (__version__, RULES) else f"jbclog {version!s:.20} with rules {rules!s:.10}"
+    if (version, rules, paper_by) == (__version__, RULES, typesetter()):
+        return None
+    return f"jbclog {version!s:.20} with rules {rules!s:.10}" + ("" if paper_by is None else f" and {paper_by!s:.20}")
 
 
 def _changed(folder: Path, manifest: Manifest) -> list[str]:
@@ -118,23 +120,23 @@ def _said_since(folder: Path) -> list[str]:
 
 def report_files(folder: Path) -> dict[str, bytes]:
     """Every file of a report by its name, as bytes. Raises `RecordError`, also for a run that is still open."""
-    run, plates = open_run(folder), Plates()
+    run = open_run(folder)
     if run.manifest.state != "sealed":
         raise RecordError(f"{folder} is still open: it is being recorded, or a crash left it so; `jbclog recover` finishes it")
     joints = joints_of(run)
-    facts = gather(run, joints, plates)
+    facts = gather(run, joints)
     document, figures = as_document(facts), figures_of(facts)
     drawn = {figure.file: (figure.wide, figure.narrow) for figure in figures}
     zooms = {figure.file: figure.zoom for figure in figures if figure.zoom is not None}
     files = {
         **{file: wide.encode() for file, (wide, _) in drawn.items()},
         PAGE: render(document, drawn, zooms).encode(),
-        PAPER: report_pdf(facts, plates),
+        PAPER: report_pdf(facts),
         JOINTS: joints.parquet,
         **{f"{TABLES}/{name}.csv": text.encode() for name, text in csv_tables(document, joints.rows()).items()},
     }
     written = {name: hashlib.sha256(content).hexdigest() for name, content in sorted(files.items())}
-    vouched = {**document, "vouched_in": ANNOTATIONS, "written": written}
+    vouched = {**document, "paper_by": typesetter(), "vouched_in": ANNOTATIONS, "written": written}
     return {**files, DATA: (json.dumps(vouched, indent=1, ensure_ascii=False, allow_nan=False) + "\n").encode()}
 
 

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
+from importlib.resources import files
 
 import numpy as np
+from fontTools.ttLib import TTFont
 from numpy.typing import NDArray
 
 from jbclog.report.drawing import Drawing, Shape, Words
@@ -12,7 +15,6 @@ from jbclog.report.figure import panels
 from jbclog.report.panel import Panel, lanes_of
 from jbclog.report.scale import COARSE
 from jbclog.report.style import Format
-from jbclog.report.text_metrics import face
 from jbclog.report.trace import Trace
 
 Floats = NDArray[np.float64]
@@ -47,9 +49,23 @@ def boxes(drawing: Drawing) -> list[Box]:
 
 
 def _box(mark: Words) -> Box:
-    wide = face(mark.bold).width(mark.text) * mark.points
+    wide = text_width(mark.text, mark.bold) * mark.points
     left = mark.x - {"left": 0.0, "middle": 0.5, "right": 1.0}[mark.align] * wide
     return Box(mark.text, left, left + wide, mark.y - 0.73 * mark.points, mark.y + 0.05 * mark.points)
+
+
+def text_width(text: str, bold: bool) -> float:
+    """How wide a text is in sizes of the font."""
+    advances, units = _advances(bold)
+    return sum(advances.get(ord(letter), 0) for letter in text) / units
+
+
+@cache
+def _advances(bold: bool) -> tuple[dict[int, int], int]:
+    name = "DejaVuSans-Bold.ttf" if bold else "DejaVuSans.ttf"
+    with TTFont(str(files("jbclog.report") / "vendor" / "dejavu" / name), lazy=True) as font:
+        widths = font["hmtx"].metrics
+        return {code: widths[glyph][0] for code, glyph in font.getBestCmap().items()}, font["head"].unitsPerEm
 
 
 def fields(drawing: Drawing, trace: Trace, form: Format) -> tuple[Panel, Panel, Panel]:

@@ -22,7 +22,7 @@ from jbclog.record.manifest import Metadata, read_manifest, write_manifest
 from jbclog.report.joint_chart import charted, draw_chart
 from jbclog.report.repeated_events import told_once
 from jbclog.report.safety import short, verification_facts
-from jbclog.report.style import NARROW, PRINT, WIDE
+from jbclog.report.style import NARROW, WIDE
 from jbclog.report.write import verify_report, write_report
 
 LIMITS = [limit("high", "380"), limit("low", "300")]
@@ -166,7 +166,7 @@ def course(count: int, seed: int = 3) -> np.ndarray:
     return np.random.default_rng(seed).normal(1.6, 0.1, count)
 
 
-@pytest.mark.parametrize("form", [WIDE, NARROW, PRINT])
+@pytest.mark.parametrize("form", [WIDE, NARROW])
 @pytest.mark.parametrize("count", [5, 40, 5000])
 def test_the_chart_of_the_recovery_has_its_labels_apart_and_inside(form: Any, count: int) -> None:
     drawing = draw_chart(charted(course(count), 0.01), form)

@@ -8,21 +8,24 @@ import os
 import re
 import subprocess
 import sys
-import zlib
-from datetime import UTC, datetime
+from datetime import datetime
+from importlib.resources import files
 from pathlib import Path
 
+import pikepdf
+import pypdfium2
 import pytest
-from drawn import boxes, texts
+from fontTools.ttLib import TTFont
 from make_run import make_run
+from pdf_read import faults, page_texts
 from sealed_run import alarm, limit, samples, seal, station, table
 
+from jbclog.core.text import clean
 from jbclog.record.annotations import append
 from jbclog.record.manifest import Metadata
 from jbclog.report import style
-from jbclog.report.paper import HEIGHT, WIDTH, Cell, Paper, Type, pdf_bytes, wrapped
-from jbclog.report.text_metrics import LACKING, drawable, width_in
-from jbclog.report.write import write_report
+from jbclog.report.typeset import FONTS, LACKING, LACKING_MEANS, drawable, typesetter
+from jbclog.report.write import verified, write_report
 
 MAKE = "import sys; from jbclog.report.write import write_report; write_report(sys.argv[1])"
 MADE = ("report.html", "report.pdf", "report.json", "figures", "tables")
@@ -57,9 +60,12 @@ def test_it_holds_no_time_of_making_and_no_name_of_a_machine(tmp_path: Path) -> 
     data = (run / "report.pdf").read_bytes()
     assert data.startswith(b"%PDF-")
     ended = json.loads((run / "report.json").read_text("utf-8"))["ended"]
-    assert re.findall(rb"/CreationDate \(([^)]*)\)", data) == [f"D:{re.sub(r'[-:T]', '', ended)[:14]}Z".encode()]
-    assert not re.search(rb"/(ModDate|Producer|Author)", data)
-    assert b"/JavaScript" not in data
+    stamp = re.sub(r"[-:T]", "", ended)[:14]
+    with pikepdf.open(run / "report.pdf") as pdf, pdf.open_metadata() as meta:
+        assert {str(pdf.docinfo[name])[:16] for name in ("/CreationDate", "/ModDate")} == {f"D:{stamp}"}
+        assert "/Author" not in pdf.docinfo
+        dates = {datetime.fromisoformat(str(meta[f"xmp:{name}"])).timestamp() for name in ("CreateDate", "ModifyDate")}
+    assert dates == {int(datetime.fromisoformat(ended).timestamp())}
     assert str(tmp_path).encode() not in data
 
 
@@ -85,39 +91,94 @@ def test_the_data_s_hash_is_that_of_the_list_of_files(tmp_path: Path) -> None:
     assert facts["data_sha256"] == hashlib.sha256(text.encode()).hexdigest()
 
 
-@pytest.mark.parametrize("text", ["a word and another " * 20, "x" * 400, "", "μ °C ‰ → ✓ " * 30])
-def test_no_line_is_wider_than_its_room(text: str) -> None:
-    type_ = Type(8)
-    lines = wrapped(text, type_, 2.0)
-    assert all(width_in(line, 8, bold=False) <= 2.0 for line in lines)
-    assert re.sub(r"\s", "", "".join(lines)) == re.sub(r"\s", "", text)
-
-
-def test_a_long_table_goes_over_sheets_with_its_head_on_each() -> None:
-    type_ = Type(7)
-    paper = Paper()
-    rows = [[Cell(f"row {n}", type_), Cell("1.5 °C", type_, right=True), Cell("a sentence " * 12, type_)] for n in range(120)]
-    paper.heading("Rules")
-    paper.table([Cell("Rule", type_), Cell("Limit", type_, right=True), Cell("In words", type_)], rows)
-    sheets = [texts(sheet) for sheet in paper.sheets]
-    assert len(sheets) > 2
-    assert all(sheet.count("In words") == 1 for sheet in sheets)
-    assert [word for sheet in sheets for word in sheet if word.startswith("row ")] == [f"row {n}" for n in range(120)]
-    placed = [box for sheet in paper.sheets for box in boxes(sheet)]
-    assert max(box.bottom for box in placed) < 72 * (HEIGHT - 0.45)  # nothing runs into the foot
-    assert max(box.right for box in placed) < 72 * (WIDTH - 0.59)
-    assert b"/Count %d\n" % len(sheets) in pdf_bytes(paper.sheets, "foot", "title", datetime(2026, 9, 21, tzinfo=UTC))
-
-
-def test_sheets_are_a4_and_letters_are_in_the_file(tmp_path: Path) -> None:
-    run = seal(tmp_path, [station(rows=300)], table(samples(300)))
+def test_it_is_pdf_a_2a_for_a_reader_that_is_not_typst(tmp_path: Path) -> None:
+    run = make_run(tmp_path, 30)
     write_report(run)
     data = (run / "report.pdf").read_bytes()
-    (width, height) = map(float, re.findall(rb"/MediaBox \[ ?0 0 ([\d.]+) ([\d.]+)", data)[0])
-    assert (width / 72 * 25.4, height / 72 * 25.4) == pytest.approx((210, 297), abs=0.2)
-    assert b"FontFile2" in data
-    streams = [zlib.decompress(part) for part in re.findall(rb"stream\r?\n(.*?)\r?\nendstream", data, re.S) if part[:1] == b"x"]
-    assert streams
+    assert faults(data) == []
+    with pikepdf.open(run / "report.pdf") as pdf:
+        assert {(round(float(page.mediabox[2])), round(float(page.mediabox[3]))) for page in pdf.pages} == {(595, 842)}
+        fonts = {str(one.BaseFont) for one in pdf.objects if isinstance(one, pikepdf.Dictionary) and "/BaseFont" in one}
+    assert {font.split("+")[1] for font in fonts} == {"DejaVuSans", "DejaVuSans-Bold"}
+
+
+def test_pages_are_numbered_and_parts_come_in_the_order_of_the_page(tmp_path: Path) -> None:
+    run = make_run(tmp_path, 30)
+    write_report(run)
+    sheets = page_texts((run / "report.pdf").read_bytes())
+    assert [re.findall(r"page (\d+) of (\d+)", sheet) for sheet in sheets] == [
+        [(str(number), str(len(sheets)))] for number in range(1, len(sheets) + 1)
+    ]
+    order = ["jbclog process record", "What the verdict rests on", "Reviewed", "Contents"]
+    whole = "\n".join(sheets)
+    places = [whole.index(text) for text in order]
+    assert places == sorted(places)
+    listed = re.findall(r"^(.+?) ?\.[ .]*\d+$", whole[places[-1] :], re.M)
+    with pikepdf.open(run / "report.pdf") as pdf, pdf.open_outline() as outline:
+        titles = [one.title for one in outline.root]
+    assert [one for one in listed if one in titles] == titles
+    html = (run / "report.html").read_text("utf-8")
+    on_page = re.findall(r"<h2>([^<]+?) ?<", html)
+    both = [one for one in on_page if one in titles]
+    assert len(both) >= 6
+    assert [one for one in titles if one in both] == both
+
+
+def test_text_from_outside_is_shown_and_never_evaluated(tmp_path: Path) -> None:
+    said = Metadata('#read("/etc/passwd")', "= a heading", "$ x^2 $ *bold* <label> @ref", ("\\#panic()", "{nb} // no"))
+    run = seal(tmp_path, [station(rows=300)], table(samples(300)), metadata=said)
+    write_report(run)
+    data = (run / "report.pdf").read_bytes()
+    front = page_texts(data)[0]
+    for text in ('#read("/etc/passwd")', "= a heading", "$ x^2 $ *bold* <label> @ref", "\\#panic()", "{nb} // no"):
+        assert text in front.replace("\n", " "), front
+    with pikepdf.open(run / "report.pdf") as pdf, pdf.open_outline() as outline:
+        assert "a heading" not in {one.title for one in outline.root}
+    assert "root:" not in front
+
+
+def test_a_name_without_a_blank_stays_on_the_sheet(tmp_path: Path) -> None:
+    run = seal(tmp_path, [station(rows=300)], table(samples(300)), metadata=Metadata("W" * 200, "x" * 80))
+    write_report(run)
+    document = pypdfium2.PdfDocument((run / "report.pdf").read_bytes())
+    words = document[0].get_textpage()
+    right = max(words.get_charbox(number)[2] for number in range(words.count_chars()))
+    assert right <= 595.3 - 0.59 * 72
+    assert words.get_text_range().count("W") >= 200
+    document.close()
+
+
+def test_a_long_table_goes_over_sheets_with_its_head_on_each(tmp_path: Path) -> None:
+    alarms = [alarm(second) for second in range(10, 290, 2)]
+    run = seal(tmp_path, [station(rows=300, hz=1.0)], table(samples(300, hz=1.0)), alarms, [limit("high", "380")])
+    write_report(run)
+    sheets = page_texts((run / "report.pdf").read_bytes())
+    there = [sheet for sheet in sheets if re.search("Severity", sheet)]
+    assert len(there) >= 2
+    assert all(sheet.count("Not before") == 1 for sheet in there)
+    found = [int(one) for sheet in there for one in re.findall(r"^\d\d-\d\d 14:\d\d:(\d\d)\.", sheet, re.M)]
+    assert len(found) == 120
+    assert f"{len(alarms) - 120} more are in tables/events.csv." in " ".join(sheets)
+
+
+def test_the_fonts_are_those_that_their_source_names() -> None:
+    folder = Path(str(files("jbclog.report") / "vendor" / "dejavu"))
+    stated = json.loads((folder / "source.json").read_text("utf-8"))["sha256"]
+    assert {name: hashlib.sha256((folder / name).read_bytes()).hexdigest() for name in stated} == stated
+
+
+def test_every_letter_that_is_kept_can_be_set(tmp_path: Path) -> None:
+    known = []
+    for name in FONTS:
+        with TTFont(str(files("jbclog.report") / "vendor" / "dejavu" / name), lazy=True) as font:
+            known.append({chr(code) for code in font.getBestCmap()})
+    letters = {letter for letter in known[0] & known[1] if clean(letter) == letter}
+    assert len(letters) > 5000
+    assert drawable("".join(letters)) == "".join(letters)
+    assert {letter for letter in map(chr, range(0x20, 0x3000)) if drawable(letter) == letter and letter > "\x7f"} <= letters
+    run = seal(tmp_path, [station(rows=300)], table(samples(300)), metadata=Metadata(" ".join(sorted(letters))))
+    write_report(run)
+    assert faults((run / "report.pdf").read_bytes()) == []
 
 
 def test_the_colours_of_a_figure_differ_in_grey() -> None:
@@ -133,23 +194,39 @@ def test_the_colours_of_a_figure_differ_in_grey() -> None:
 def test_letters_that_the_font_lacks_are_told_and_not_lost_in_silence(tmp_path: Path) -> None:
     assert drawable("王 ΔT ✓") == f"{LACKING} ΔT ✓"
     run = seal(tmp_path, [station(rows=300)], table(samples(300)), metadata=Metadata("王小明", "4711", "µ-board"))
-    write_report(run)  # a warning would be an error here
+    write_report(run)
     assert "王小明" in (run / "report.html").read_text("utf-8")
+    whole = " ".join(page_texts((run / "report.pdf").read_bytes()))
+    assert 3 * LACKING in whole
+    assert LACKING_MEANS in " ".join(whole.split())
 
 
 @pytest.mark.parametrize("stations", [1, 12])
-def test_who_signs_has_the_verdict_its_rules_and_the_places_on_the_first_sheet(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, stations: int
-) -> None:
-    seen: list[list[str]] = []
-    monkeypatch.setattr("jbclog.report.paper.pdf_file", lambda sheets, *_: seen.extend(map(texts, sheets)) or b"%PDF-")
+def test_who_signs_has_the_verdict_its_rules_and_the_places_on_the_first_sheet(tmp_path: Path, stations: int) -> None:
     names = [f"dde-{number}" for number in range(1, stations + 1)]
     columns = [samples(300, name, port, 5.0, seed) for seed, name in enumerate(names) for port in (1, 2)]
     facts = [station(name, (1, 2), 300, 5.0) for name in names]
     rules = [limit(side, text, station_name=name) for name in names for side, text in (("high", "380"), ("low", "300"))]
-    write_report(seal(tmp_path, facts, table(*columns), [alarm(12, "dde-1")], rules))
-    assert {"What the verdict rests on", "Reviewed", "Approved", "Signature"} <= set(seen[0])
-    assert sum(sheet.count("At a glance") for sheet in seen) == 1
-    assert sum(sheet.count("What the verdict rests on") for sheet in seen) == 1
-    assert sum(sheet.count("Reviewed") for sheet in seen) == 1
-    assert ("At a glance" in seen[0]) == (stations == 1)
+    run = seal(tmp_path, facts, table(*columns), [alarm(12, "dde-1")], rules)
+    write_report(run)
+    sheets = page_texts((run / "report.pdf").read_bytes())
+    for text in ("REJECT", "What the verdict rests on", "Reviewed", "Approved", "Signature"):
+        assert text in sheets[0], text
+    own = [re.sub(r"(?m)^.*(\. ){3}.*$", "", sheet) for sheet in sheets]  # without the lines of the contents
+    assert sum(sheet.count("At a glance\n") for sheet in own) == 1
+    assert sum(sheet.count("What the verdict rests on\n") for sheet in own) == 1
+    assert sum(sheet.count("Reviewed") for sheet in own) == 1
+    assert ("At a glance" in own[0]) == (stations == 1)
+
+
+@pytest.mark.parametrize(("paper_by", "names"), [("typst 0.1.0", 1), (typesetter(), 0)])
+def test_a_report_that_another_typesetter_made_is_held_against_its_hashes(tmp_path: Path, paper_by: str, names: int) -> None:
+    run = seal(tmp_path, [station(rows=300)], table(samples(300)))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("jbclog.report.write.typesetter", lambda: paper_by)
+        write_report(run)
+    held = verified(run)
+    assert held.differing == []
+    assert sum(paper_by in note for note in held.notes) == names
+    (run / "report.pdf").write_bytes(b"%PDF-")
+    assert any("report.pdf" in text for text in verified(run).differing)

@@ -1,0 +1,87 @@
+"""Sets `report.pdf` with typst: `templates/report.typ` says how it looks, what it says comes as JSON.
+
+Text from outside stays data: the template never evaluates it. The fonts are in the package and no other is used, so the same data
+give the same bytes on every machine. PDF/A-2a: tagged, and readable without this machine's fonts for as long as it has to be kept.
+"""
+
+from __future__ import annotations
+
+import json
+import struct
+from collections.abc import Mapping
+from datetime import datetime
+from functools import cache
+from importlib.metadata import version
+from importlib.resources import files
+from pathlib import Path
+from typing import Final
+from unicodedata import category
+
+import typst
+
+from jbclog.core.errors import RecordError
+from jbclog.core.text import HIDDEN
+
+PROFILE: Final = "a-2a"
+FONTS: Final = ("DejaVuSans.ttf", "DejaVuSans-Bold.ttf")
+LACKING: Final = "\u25af"
+LACKING_MEANS: Final = f"{LACKING} stands for a letter that the font of this paper lacks; report.html and report.json have it."
+FULL_UNICODE: Final = (3, 10)  # platform and encoding of a font's table of 32-bit characters
+
+
+def pdf_of(data: Mapping[str, object], dated: datetime) -> bytes:
+    """The document that the template makes of `data`. Raises `RecordError`."""
+    inputs = {"data": json.dumps(data, ensure_ascii=False)}
+    compiler = typst.Compiler(_template(), str(_home()), _fonts(), sys_inputs=inputs)
+    try:
+        made = compiler.compile(format="pdf", pdf_standards=PROFILE, timestamp=round(dated.timestamp()))
+    except typst.TypstError as error:
+        raise RecordError(f"report.pdf cannot be made: {error.message}") from error
+    assert isinstance(made, bytes)
+    return made
+
+
+@cache
+def typesetter() -> str:
+    """What sets the paper, with its version, by which the bytes may differ."""
+    return f"typst {version('typst')}"
+
+
+def drawable(text: str) -> str:
+    """The text with `LACKING` for each letter that the fonts lack."""
+    lacking = () if text.isascii() else set(text) - _letters()
+    return text.translate(dict.fromkeys(map(ord, lacking), LACKING)) if lacking else text
+
+
+def _home() -> Path:
+    return Path(str(files("jbclog.report") / "vendor" / "dejavu"))
+
+
+@cache
+def _template() -> bytes:
+    return (files("jbclog.report") / "templates" / "report.typ").read_bytes()
+
+
+@cache
+def _fonts() -> typst.Fonts:
+    return typst.Fonts(include_system_fonts=False, include_embedded_fonts=False, font_paths=[str(_home())])
+
+
+@cache
+def _letters() -> frozenset[str]:
+    """What both weights can show, and the end of a line, which a figure's SVG has."""
+    regular, bold = (_in_font(_home() / name) for name in FONTS)
+    return (regular & bold) | {"\n"}
+
+
+def _in_font(path: Path) -> frozenset[str]:
+    """What a font has of what `clean` lets through, by its table of 32-bit characters (OpenType: cmap, format 12)."""
+    data = path.read_bytes()
+    tables = {data[at : at + 4]: struct.unpack_from(">I", data, at + 8)[0] for at in range(12, 12 + 16 * data[5], 16)}
+    cmap = tables[b"cmap"]
+    kinds = (struct.unpack_from(">HHI", data, cmap + 4 + 8 * number) for number in range(data[cmap + 3]))
+    (place,) = (cmap + offset for *kind, offset in kinds if tuple(kind) == FULL_UNICODE)
+    (groups,) = struct.unpack_from(">I", data, place + 12)
+    spans = (struct.unpack_from(">II", data, place + 16 + 12 * number) for number in range(groups))
+    letters = frozenset(chr(code) for first, last in spans for code in range(first, last + 1))
+    return frozenset(letter for letter in letters if category(letter) not in HIDDEN)
