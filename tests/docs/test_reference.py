@@ -119,7 +119,7 @@ def test_the_check_bytes_are_right() -> None:
 KIND = re.compile(r"[a-z_]+(?:\.[a-z_]+)+")
 SETTINGS = set(COMMAND_OF)
 NO_KINDS = {"guard.lock"}
-ENDS_OF_FILES = {"html", "json", "jsonl", "parquet", "pdf", "toml", "txt"}
+ENDS_OF_FILES = {"html", "json", "jsonl", "parquet", "pdf", "toml", "txt", "typ"}
 PATTERNS = {
     "read": ("timeout", "bcc", "format", "implausible"),
     "alarm": ("high", "low"),
