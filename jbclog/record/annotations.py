@@ -20,6 +20,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import asdict, dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -96,6 +97,8 @@ def append(folder: Path, *, who: str, what: str, why: str, kind: str = NOTE, utc
         return line_of(asdict(Annotation(seq, time, kind, texts["who"], texts["what"], texts["why"], previous)))
 
     try:
+        with suppress(FileNotFoundError):
+            read_foreign(folder / NAME, Kind.ANNOTATIONS)  # which refuses what nobody has time to read
         return add_line(folder / NAME, first, _parsed, made)
     except OSError as error:
         raise RecordError(f"{folder / NAME} cannot be written: {error.strerror or error}") from error

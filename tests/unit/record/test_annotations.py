@@ -160,3 +160,11 @@ def test_what_nobody_said_or_with_no_reason_counts_for_nothing_though_its_hash_i
     (run / NAME).write_bytes(line_of({**said, **changed}) + b"\n")
     assert read(run).said == []
     assert read(run).complaints() == ["annotations.jsonl: line 1 is no annotation, or was changed"]
+
+
+def test_nothing_is_added_to_a_file_of_millions_of_lines(run: Path) -> None:
+    """To look through them would take half a minute."""
+    (run / NAME).write_bytes(b"\n" * 200_000)
+    with pytest.raises(RecordError, match="200000 lines"):
+        say(run)
+    assert (run / NAME).read_bytes() == b"\n" * 200_000
