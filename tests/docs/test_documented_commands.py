@@ -22,8 +22,8 @@ from jbclog.core.rows import SAMPLE_COLUMNS
 INSTALLING = ("python3 -m", ".venv/bin/jupyter", "sudo ", "ls -l /dev/serial")
 SHORTER = {
     "--duration 3m &": "--duration 60s 2>killed.err &",
-    "sleep 20": """until [ "$(grep -c 'sampled at' killed.err)" = 4 ]; do sleep 0.2; done; sleep 3""",
-    "sleep 3\n": "until grep -q . runs/*/guard.jsonl 2>/dev/null; do sleep 0.2; done; sleep 3\n",
+    "sleep 20": """until [ "$(grep -c 'sampled at' killed.err)" = 4 ]; do sleep 0.2; done; sleep 4""",
+    "sleep 3\n": "for i in {1..150}; do ! grep -q '[^ ]' runs/*/guard.jsonl 2>/dev/null || break; sleep 0.2; done; sleep 3\n",
     "--duration 3m": "--duration 3s",
     "--duration 1m": "--duration 3s",
     "/dev/serial/by-id/ADAPTER": "$PWD/virtual/dde-1",
