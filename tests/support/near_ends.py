@@ -51,7 +51,10 @@ class PairPort:
     def read(self, timeout_s: float) -> bytes:
         if self.is_closed:
             raise LinkError("closed")
-        return self.read_now() if select.select([self.near], [], [], timeout_s)[0] else b""
+        try:
+            return self.read_now() if select.select([self.near], [], [], timeout_s)[0] else b""
+        except (OSError, ValueError) as error:  # another thread has closed it meanwhile
+            raise LinkError("closed") from error
 
     def close(self) -> None:
         time.sleep(self._close_s)

@@ -32,6 +32,7 @@ ALLOWED = {
     "cli/demo.py:read_text": "files of this package",
     "report/page.py:read_text": "files of this package",
     "report/page.py:read_bytes": "files of this package",
+    "report/typeset.py:read_bytes": "fonts of this package",
     "cli/streams.py:open": "the three streams by their numbers, and the null device",
     "cli/streams.py:os.open": "the null device",
     "guard/messages.py:os.open": "the null device",
