@@ -52,9 +52,10 @@ class PairPort:
         if self.is_closed:
             raise LinkError("closed")
         try:
-            return self.read_now() if select.select([self.near], [], [], timeout_s)[0] else b""
+            came = select.select([self.near], [], [], timeout_s)[0]
         except (OSError, ValueError) as error:  # another thread has closed it meanwhile
             raise LinkError("closed") from error
+        return self.read_now() if came else b""
 
     def close(self) -> None:
         time.sleep(self._close_s)
