@@ -187,16 +187,16 @@ def _station_plan(recording: Recording, spec: StationSpec, wanted: RunOptions) -
 # -- reproduce ----------------------------------------------------------------------------------------------------------------
 # A recorded run lived through once more, without any port and as fast as the machine can, and held against the first time.
 #
-# Each session is told what it was told then (`drive.told`) and so does the same, and the tables come out the same, to the
-# microsecond. Where the program is not the same any more and asks something else, its session goes on with the tape as its
-# station (`sim.tape`) on a virtual clock.
+# Each session receives what it received then (`transport.session_history`) and so does the same, and the tables come out the
+# same, to the microsecond. Where the program is not the same any more and asks something else, its session continues with the
+# capture as its station (`sim.tape`) on a virtual clock.
 
 GRACE_S = 5.0  # that a session which left its tape may still take once the tape is over
 
 
 @dataclass(frozen=True, slots=True)
 class Again:
-    """What living through a run once more came to, and which sessions left their tapes where."""
+    """The result of reproducing a run, and which sessions left their captures where."""
 
     result: Result
     left: Mapping[str, Astray]

@@ -70,26 +70,26 @@ def batch(
         for text in (*beginning(shift), *(intentions(shift) if resume else ())):
             note(text)
         shown = shown_by(shift, quiet=as_json)  # a table from here on
-        foreman = shift.foreman(shown, means)
-        code = _carry_out(foreman, shown)
+        executor = shift.executor(shown, means)
+        code = _carry_out(executor, shown)
         if as_json:
             tell_json(facts(shift, out, code))
         else:
             tell(*table(shift, out))
             note(f"journal: {shift.journal.folder / NAME}; exit code {code}")
-        foreman.finish()
+        executor.finish()
         note(shift.standing.closing)
     raise typer.Exit(code)
 
 
-def _carry_out(foreman: BatchExecutor, shown: Lines | Screen) -> int:
+def _carry_out(executor: BatchExecutor, shown: Lines | Screen) -> int:
     """As far as it goes; give the exit code. What follows are last words, which no signal ends."""
     from jbclog.app.run.runner import heard
     from jbclog.transport.event_loop import Signals
 
     with Signals(heard(), for_good=True) as signals:
-        signals.tell(foreman.interrupt)
+        signals.tell(executor.interrupt)
         try:
-            return foreman.work().value
+            return executor.work().value
         finally:
             shown.close()

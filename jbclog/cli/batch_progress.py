@@ -1,4 +1,4 @@
-"""What a batch shows: while it goes on, and what it came to."""
+"""What a batch shows: while it runs, and its result."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a run came to, as sentences for the terminal: the findings, the verdict's reasons."""
+"""The result of a run, as sentences for the terminal: the findings, the verdict's reasons."""
 
 from __future__ import annotations
 

@@ -239,7 +239,7 @@ def of_program(error: BaseException) -> str:
 
 
 # -- outcome ------------------------------------------------------------------------------------------------------------------
-# What a run came to: one exit code and the sentences behind it (docs/reference/exit-codes.md).
+# The result of a run: one exit code and the sentences behind it (docs/reference/exit-codes.md).
 
 
 class Exit(IntEnum):

@@ -81,7 +81,7 @@ def _keep(left: Sequence[StationLease], lease_writer: LeaseWriter, action_log: A
 
 
 def _guard(recorder: Recorder, lease_writer: LeaseWriter, action_log: ActionLog) -> tuple[Sequence[StationLease], Collection[str]]:
-    """Watch, and take over where it comes to that; give what is left that may be hot, and what was told over a flooded link.
+    """Watch, and take over where it comes to that; return what may still be hot, and the stations ordered over a flooded link.
 
     A guard that failed may have lost a lease. It answers no more, so that the recorder replaces it within 1.25 s, and watches
     until then: a recorder that dies first has nobody else.

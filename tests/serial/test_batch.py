@@ -23,7 +23,7 @@ KILLED_BATCH = str(Path(__file__).parents[1] / "support" / "killed_batch.py")
 
 
 def test_killed_and_started_again_every_job_is_done_once(bench: Bench, tmp_path: Path) -> None:
-    """A job is killed, then the foreman: nothing is lost, nothing done twice, and what was half done is told."""
+    """A job is killed, then the executor: nothing is lost, nothing done twice, and what was half done is told."""
     line, wire = bench
     jobs = write_batch(tmp_path, line, seconds=2.5, count=3)
     out = tmp_path / "runs"
@@ -93,7 +93,9 @@ def test_whatever_is_killed_when_every_job_is_done_once(
 ) -> None:
     trial = disturbed(tmp_path, bench[0], random.Random(seed), kills=4)
     kills, runs = trial.kills, trial.runs()
-    counted(batches=1, sittings=trial.sittings, foremen_killed=kills["foreman"], jobs_killed=kills["job"], terminated=kills["term"])
+    counted(
+        batches=1, sittings=trial.sittings, killed=kills["executor"], jobs_killed=kills["job"], terminated=kills["term"]
+    )
     not_once = sum(" was done " in fault for fault in trial.wrong)
     counted(runs=len(runs), runs_half_done=runs.count("half done"), jobs_not_done_once=not_once, wrong=len(trial.wrong))
     assert trial.wrong == []

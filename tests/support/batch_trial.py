@@ -1,4 +1,4 @@
-"""A batch on real ports that is disturbed: its foreman and its jobs are killed, it is started again until it is finished.
+"""A batch on real ports that is disturbed: its executor and its jobs are killed, it is started again until it is finished.
 
 What must hold is looked for in the runs' own manifests, not in the batch's journal: every job done exactly once, what was cut off
 told as half done, no two runs of a station at the same time.
@@ -105,16 +105,16 @@ def disturbed(folder: Path, line: Path, dice: random.Random, kills: int) -> Tria
 
 
 def _strike(trial: Trial, batch: subprocess.Popen[str], dice: random.Random) -> None:
-    what = dice.choice(["foreman", "foreman", "job", "both", "term"])
+    what = dice.choice(["executor", "executor", "job", "both", "term"])
     if what in ("job", "both"):
         victims = list(running(trial.out))
         if victims:
             with suppress(ProcessLookupError):
                 os.kill(dice.choice(victims), signal.SIGKILL)
             trial.kills["job"] += 1
-    if batch.poll() is None and what in ("foreman", "both"):
+    if batch.poll() is None and what in ("executor", "both"):
         batch.kill()
-        trial.kills["foreman"] += 1
+        trial.kills["executor"] += 1
     elif batch.poll() is None and what == "term":
         batch.send_signal(signal.SIGTERM)
         trial.kills["term"] += 1

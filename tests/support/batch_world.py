@@ -1,6 +1,6 @@
-"""A world for a foreman, made of plain values: its own time, jobs that end as they are told to, a foreman that can be killed.
+"""A world for a executor, made of plain values: its own time, jobs that end as they are told to, a executor that can be killed.
 
-Every step that a foreman does (a line of its journal, a process) is counted, and it can be killed before and behind each. The jobs
+Every step that a executor does (a line of its journal, a process) is counted, and it can be killed before and behind each. The jobs
 go on meanwhile, as processes do.
 """
 
@@ -26,7 +26,7 @@ STATES = {0: State.DONE, 1: State.NOT_FINE, 130: State.HALF, 143: State.HALF}
 
 
 class Killed(BaseException):
-    """The foreman, with -9."""
+    """The executor, with -9."""
 
 
 @dataclass(frozen=True)
@@ -76,7 +76,7 @@ class World:
 
     @contextmanager
     def step(self) -> Iterator[None]:
-        """Something is done; the foreman can be killed before it and behind it."""
+        """Something is done; the executor can be killed before it and behind it."""
         self._count()
         yield
         self._count()
@@ -109,7 +109,7 @@ class World:
     def process(self, name: str, attempt: int) -> Process | None:
         return next((one for one in self.processes if (one.name, one.attempt) == (name, attempt)), None)
 
-    def foreman(self) -> BatchExecutor:
+    def executor(self) -> BatchExecutor:
         return Whole(in_turn(self.turns), Memory(self), WorldHands(self), Unseen(), Means(lambda: self.now, self.pause))
 
 

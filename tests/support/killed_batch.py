@@ -1,6 +1,6 @@
 """`jbclog batch`, killed with SIGKILL at a chosen step: ``python tests/support/killed_batch.py STEP batch ...``.
 
-A step is what the foreman leaves behind or does to others: a sync, a new folder, a rename, a process; it can be killed before each
+A step is what the executor leaves behind or does to others: a sync, a new folder, a rename, a process; it can be killed before each
 and behind it. Nothing of this is in the product, and the jobs, which are processes of their own, do not know of it.
 """
 

@@ -1,7 +1,7 @@
 """A job in a process of its own: ``python -m jbclog.app.batch.child PAPERS DESCRIPTOR``. It does what `jbclog run` does.
 
 It holds the lock of its papers, whose open descriptor it was given, and tells in them what people are to see. It is in a session
-of its own: what happens to the foreman, or to the terminal, does not happen to it.
+of its own: what happens to the executor, or to the terminal, does not happen to it.
 """
 
 from __future__ import annotations

@@ -49,7 +49,7 @@ class Unseen:
 
 @dataclass(frozen=True, slots=True)
 class Means:
-    """What the foreman needs of the world: the time now, seconds since 1970 UTC, and a pause."""
+    """What the executor needs of the world: the time now, seconds since 1970 UTC, and a pause."""
 
     utc: Callable[[], float]
     pause: Callable[[], None]
@@ -96,14 +96,14 @@ class BatchExecutor:
     # -- before -------------------------------------------------------------------------------------------------------------
 
     def _take_up(self) -> None:
-        """What ran when the last foreman went is followed where it still runs, and written down where it has ended."""
+        """Follow what still runs of the last executor's jobs, and write down what has ended."""
         self.settle()
         self._note(Kind.SITTING, "The batch is gone on with." if self.standing.sittings else "The batch begins.")
         for job in self.standing.running():
             self._shown.told(f"{job.name} still runs, and is followed")
 
     def settle(self) -> list[str]:
-        """Write down what came of the jobs that have ended since the last foreman went; give those that still run."""
+        """Write down the results of jobs that have ended since the last executor ended; return those that still run."""
         running = self.standing.running()
         for job in running:
             if not self._hands.runs(*_attempt(job)):

@@ -48,7 +48,7 @@ class Came:
 
 
 class Processes(Protocol):
-    """What the foreman does things with; a test has others."""
+    """How the executor acts on processes; a test has others."""
 
     def start(self, name: str, attempt: int) -> None:
         """Start the job. Raises OSError."""

@@ -1,4 +1,4 @@
-"""From a jobs file to a foreman at work: a batch that was not finished is gone on with, else a new one begins."""
+"""From a jobs file to an executor at work: resumes a batch that was not finished, else begins a new one."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class Shift:
     def standing(self) -> BatchState:
         return self.journal.standing
 
-    def foreman(self, shown: Shown, means: Means) -> BatchExecutor:
+    def executor(self, shown: Shown, means: Means) -> BatchExecutor:
         return BatchExecutor(self.turns, self.journal, self.hands, shown, means)
 
     def what_will_be_done(self) -> Iterator[tuple[JobState, str]]:
@@ -67,7 +67,7 @@ def take(orders: Orders, out: Path, means: Means, zone: Zone, *, resume: bool, a
         if not anew:
             _expect_same(orders, last)
             return _shift(orders, last, is_new=False)
-        _shift(orders, last, is_new=False).foreman(Unseen(), means).abandon()
+        _shift(orders, last, is_new=False).executor(Unseen(), means).abandon()
     if resume:
         ended = "none was begun" if last is None else f"the last one was finished at {last.standing.last}"
         raise UsageError(f"{orders.file.path}: there is no batch to go on with, {ended}; without --resume a new one begins")

@@ -1,4 +1,4 @@
-"""One foreman for a jobs file, and never a second: locks of the system, which end with their holder."""
+"""One executor for a jobs file, and never a second: locks of the system, which end with their holder."""
 
 from __future__ import annotations
 

@@ -133,5 +133,5 @@ def test_gone_on_with_after_midnight_a_job_keeps_its_moment() -> None:
     """What it waits for was written down when the batch began: no other day's 15:00."""
     bench = World([Turn("a", frozenset({"s1"}), at=at("15:00"))], lambda name, attempt: Fate())
     began = bench.now = bench.now + 86_400.0  # killed at once, started again the day after
-    bench.foreman().work()
+    bench.executor().work()
     assert [process.began for process in bench.processes] == [began]

@@ -42,7 +42,7 @@ def starts(of: World) -> list[str]:
 
 def test_on_one_station_jobs_come_in_turn_and_on_different_ones_side_by_side() -> None:
     bench = world(turn("a", "dde-1"), turn("b", "dde-1"), turn("c", "ucr-1"))
-    assert bench.foreman().work() is Exit.FINE
+    assert bench.executor().work() is Exit.FINE
     assert starts(bench) == ["a", "c", "b"]
     assert [process.began - NIGHT for process in bench.processes] == [0, 0, 10]
     assert states(bench) == dict.fromkeys("abc", "done")
@@ -50,13 +50,13 @@ def test_on_one_station_jobs_come_in_turn_and_on_different_ones_side_by_side() -
 
 def test_a_job_on_several_stations_waits_for_all_and_keeps_its_place() -> None:
     bench = world(turn("a", "s1"), turn("both", "s1", "s2"), turn("c", "s2"))
-    bench.foreman().work()
+    bench.executor().work()
     assert starts(bench) == ["a", "both", "c"]
 
 
 def test_a_job_that_waits_for_one_behind_it_lets_it_go_first() -> None:
     bench = world(turn("last", "s1", after=("first",)), turn("first", "s1"))
-    assert bench.foreman().work() is Exit.FINE
+    assert bench.executor().work() is Exit.FINE
     assert starts(bench) == ["first", "last"]
 
 
@@ -69,7 +69,7 @@ def test_a_circle_is_found_with_its_way() -> None:
 
 def test_a_job_waits_for_its_time_and_holds_its_place() -> None:
     bench = world(turn("a", "s1", at=read_at("15:00")), turn("b", "s1"), turn("c", "s2"))
-    bench.foreman().work()  # the night begins at 14:13:20 UTC
+    bench.executor().work()  # the night begins at 14:13:20 UTC
     assert starts(bench) == ["c", "a", "b"]
     assert 0 <= bench.processes[1].began - (NIGHT + 2800) < 2
 
@@ -79,15 +79,15 @@ def test_a_job_waits_for_its_time_and_holds_its_place() -> None:
 
 def test_stop_begins_nothing_more_and_lets_what_runs_run() -> None:
     bench = world(turn("a", "s1", on_failure=STOP), turn("b", "s2"), turn("c", "s1"), a=Fate(3, 2.0))
-    assert bench.foreman().work() is Exit.STATION
+    assert bench.executor().work() is Exit.STATION
     assert states(bench) == {"a": "failed", "b": "done", "c": "waiting"}
     assert bench.disk[-1].kind == Kind.CLOSE
 
 
 def test_started_again_a_line_that_was_stopped_does_what_stopped_it_and_the_rest() -> None:
     bench = world(turn("a", "s1", on_failure=STOP), turn("b", "s2"), turn("c", "s1"), a=Fate(3, 2.0))
-    bench.foreman().work()
-    assert bench.foreman().work() is Exit.FINE
+    bench.executor().work()
+    assert bench.executor().work() is Exit.FINE
     assert starts(bench) == ["a", "b", "a", "c"]
     assert states(bench) == dict.fromkeys("abc", "done")
     assert bench.disk[-1].kind == Kind.FINISH
@@ -95,8 +95,8 @@ def test_started_again_a_line_that_was_stopped_does_what_stopped_it_and_the_rest
 
 def test_a_rejected_job_that_stopped_the_line_was_made_and_is_not_made_again() -> None:
     bench = world(turn("a", "s1", on_failure=STOP), turn("c", "s1"), a=Fate(1, 2.0))
-    bench.foreman().work()
-    assert bench.foreman().work() is Exit.NOT_FINE
+    bench.executor().work()
+    assert bench.executor().work() is Exit.NOT_FINE
     assert starts(bench) == ["a", "c"]
 
 
@@ -104,14 +104,14 @@ def test_skip_leaves_out_what_waits_for_it_and_what_waits_for_that() -> None:
     bench = world(
         turn("a", "s1", on_failure=SKIP), turn("b", "s1", after=("a",)), turn("c", "s1", after=("b",)), turn("d", "s1"), a=Fate(4)
     )
-    assert bench.foreman().work() is Exit.RECORD
+    assert bench.executor().work() is Exit.RECORD
     assert states(bench) == {"a": "failed", "b": "skipped", "c": "skipped", "d": "done"}
     assert bench.disk[-1].kind == Kind.FINISH
 
 
 def test_continue_goes_on_as_if() -> None:
     bench = world(turn("a", "s1"), turn("b", "s1", after=("a",)), a=Fate(CRASH))
-    assert bench.foreman().work() is Exit.RECORD
+    assert bench.executor().work() is Exit.RECORD
     assert states(bench) == {"a": "half done", "b": "done"}
 
 
@@ -120,7 +120,7 @@ def test_continue_goes_on_as_if() -> None:
 )
 def test_the_exit_code_is_the_most_severe(ends: tuple[int | str, int | str], code: int) -> None:
     bench = world(turn("a", "s1"), turn("b", "s2"), a=Fate(ends[0]), b=Fate(ends[1]))
-    assert bench.foreman().work() == code
+    assert bench.executor().work() == code
 
 
 def test_what_this_machine_could_not_start_is_no_fault_of_a_station() -> None:
@@ -130,7 +130,7 @@ def test_what_this_machine_could_not_start_is_no_fault_of_a_station() -> None:
         raise OSError(errno.ENOSPC, "No space left on device")
 
     bench.watch = full
-    assert bench.foreman().work() is Exit.RECORD
+    assert bench.executor().work() is Exit.RECORD
     assert standing_of(bench.disk).jobs["a"].text == "it could not be started: No space left on device"
 
 
@@ -140,29 +140,29 @@ def test_what_this_machine_could_not_start_is_no_fault_of_a_station() -> None:
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 143)])
 def test_a_signal_ends_what_runs_and_begins_nothing_more(number: signal.Signals, code: int) -> None:
     bench = world(turn("a", "s1"), turn("b", "s1"))
-    foreman = bench.foreman()
-    foreman.interrupt(number)
+    executor = bench.executor()
+    executor.interrupt(number)
     bench.fates = lambda name, attempt: Fate(0, 100.0)
-    assert foreman.work() == code
+    assert executor.work() == code
     assert starts(bench) == []
-    bench.watch = lambda name: foreman.interrupt(number)
-    foreman = bench.foreman()
-    assert foreman.work() == code
+    bench.watch = lambda name: executor.interrupt(number)
+    executor = bench.executor()
+    assert executor.work() == code
     assert states(bench) == {"a": "half done", "b": "waiting"}
     bench.watch, bench.fates = (lambda name: None), (lambda name, attempt: FINE)
-    assert bench.foreman().work() is Exit.FINE
+    assert bench.executor().work() is Exit.FINE
     assert starts(bench) == ["a", "a", "b"]
 
 
 @pytest.mark.parametrize("policy", OnFailure)
 def test_the_only_job_cut_short_is_left_to_be_gone_on_with(policy: OnFailure) -> None:
     bench = world(turn("a", "s1", on_failure=policy), a=Fate(0, 100.0))
-    foreman = bench.foreman()
-    bench.watch = lambda name: foreman.interrupt(signal.SIGTERM)
-    assert foreman.work() is Exit.TERMINATED
+    executor = bench.executor()
+    bench.watch = lambda name: executor.interrupt(signal.SIGTERM)
+    assert executor.work() is Exit.TERMINATED
     assert bench.disk[-1].kind == Kind.CLOSE
     bench.watch = lambda name: None
-    assert bench.foreman().work() is Exit.FINE
+    assert bench.executor().work() is Exit.FINE
     assert starts(bench) == ["a", "a"]
 
 
@@ -172,9 +172,9 @@ def test_what_died_while_nobody_looked_is_told_and_done_again(policy: OnFailure,
     bench = world(turn("a", "s1", on_failure=policy), turn("b", "s1", after=("a",)), a=Fate(dies, 30.0))
     bench.kill_at = 6  # when it runs
     with pytest.raises(Killed):
-        bench.foreman().work()
+        bench.executor().work()
     bench.go_on(60.0)
-    assert bench.foreman().work() is Exit.FINE
+    assert bench.executor().work() is Exit.FINE
     assert starts(bench) == ["a", "a", "b"]
     told = [attempt.state.value for attempt in standing_of(bench.disk).jobs["a"].attempts]
     assert told == ["half done" if dies == CRASH else "failed", "done"]
@@ -182,9 +182,9 @@ def test_what_died_while_nobody_looked_is_told_and_done_again(policy: OnFailure,
 
 def test_killed_before_it_could_tell_what_came_of_it_it_tells_it_and_does_nothing_again() -> None:
     bench = world(turn("a", "s1"), turn("b", "s1"), b=Fate(1))
-    assert BatchExecutor.work(bench.foreman()) is Exit.NOT_FINE  # and there it dies
+    assert BatchExecutor.work(bench.executor()) is Exit.NOT_FINE  # and there it dies
     assert not standing_of(bench.disk).is_finished
-    assert bench.foreman().work() is Exit.NOT_FINE
+    assert bench.executor().work() is Exit.NOT_FINE
     assert starts(bench) == ["a", "b"]
     assert standing_of(bench.disk).is_finished
 
@@ -192,9 +192,9 @@ def test_killed_before_it_could_tell_what_came_of_it_it_tells_it_and_does_nothin
 def test_a_worse_end_wins_over_the_signal() -> None:
     bench = world(turn("a", "s1"), turn("b", "s2", after=("a",)), a=Fate(5, 1.0))
     bench.fates = lambda name, attempt: Fate(5, 1.0) if name == "a" else Fate(0, 50.0)
-    foreman = bench.foreman()
-    bench.watch = lambda name: foreman.interrupt(signal.SIGINT) if name == "b" else None
-    assert foreman.work() is Exit.UNSAFE
+    executor = bench.executor()
+    bench.watch = lambda name: executor.interrupt(signal.SIGINT) if name == "b" else None
+    assert executor.work() is Exit.UNSAFE
 
 
 # -- whatever ends how, whoever is killed when ----------------------------------------------------------------------------------
@@ -236,11 +236,11 @@ def each_job_comes_to_one_end(
     bench.watch = lambda name: expect_its_turn(bench, turns, name)
     for number in range(MOST_SITTINGS):
         bench.kill_at = bench.steps + kills.pop() if kills else None
-        foreman = bench.foreman()
+        executor = bench.executor()
         if number == 2 and signal_at % 3 == 0:
-            foreman.interrupt(signal.SIGTERM)
+            executor.interrupt(signal.SIGTERM)
         try:
-            foreman.work()
+            executor.work()
         except Killed:
             if meanwhile[0] == "power cut":
                 bench.power_cut()
@@ -307,17 +307,17 @@ def test_killed_at_each_step_in_turn_it_comes_to_the_same_as_undisturbed(turns: 
     """With jobs that go on meanwhile: what was done, skipped and failed is the same as if nobody had been killed."""
     fates = {(name, number): ends[(NAMES.index(name) * 4 + number) % len(ends)] for name in NAMES for number in range(1, 40)}
     whole = World(turns, lambda name, attempt: fates[name, attempt])
-    whole.foreman().work()
+    whole.executor().work()
     for kill_at in range(1, whole.steps + 1):
         bench = World(turns, lambda name, attempt: fates[name, attempt])
         bench.kill_at = kill_at
         with pytest.raises(Killed):
-            bench.foreman().work()
+            bench.executor().work()
         bench.kill_at = None
-        foreman = bench.foreman()
-        foreman.work()
+        executor = bench.executor()
+        executor.work()
         assert bench.wrong == []
-        assert_goes_on(bench, foreman.standing)
+        assert_goes_on(bench, executor.standing)
 
 
 def assert_goes_on(bench: World, standing: BatchState) -> None:
