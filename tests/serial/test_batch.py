@@ -81,7 +81,7 @@ def test_killed_at_each_step_every_job_is_done_once(bench: Bench, tmp_path: Path
     again = jbclog("batch", jobs, "--out", out, *(["--resume"] if is_told else []), timeout=200)
     assert again.returncode == 0 or (is_told and "was finished at" in again.stderr), again.stderr
     wrong = faults(Trial(out))
-    counted(foremen_killed=1, wrong=len(wrong))
+    counted(executors_killed=1, wrong=len(wrong))
     assert wrong == []
 
 
@@ -94,7 +94,7 @@ def test_whatever_is_killed_when_every_job_is_done_once(
     trial = disturbed(tmp_path, bench[0], random.Random(seed), kills=4)
     kills, runs = trial.kills, trial.runs()
     counted(
-        batches=1, sittings=trial.sittings, killed=kills["executor"], jobs_killed=kills["job"], terminated=kills["term"]
+        batches=1, sittings=trial.sittings, executors_killed=kills["executor"], jobs_killed=kills["job"], terminated=kills["term"]
     )
     not_once = sum(" was done " in fault for fault in trial.wrong)
     counted(runs=len(runs), runs_half_done=runs.count("half done"), jobs_not_done_once=not_once, wrong=len(trial.wrong))
