@@ -39,24 +39,24 @@ def _on_the_examples(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.parametrize("notebook", [FOLLOW, JOINTS, CAPABILITY, AUDIT], ids=lambda path: path.stem)
-def test_each_opens_with_its_question_and_ends_with_what_is_not_claimed(notebook: Path) -> None:
+def test_each_opens_with_its_question_and_ends_with_its_limitations(notebook: Path) -> None:
     cells = json.loads(notebook.read_text("utf-8"))["cells"]
     texts = ["".join(cell["source"]) for cell in cells if cell["cell_type"] == "markdown"]
     assert re.search(r"\*\*Question: [^*]+\?\*\*", texts[0])
-    assert texts[-1].startswith("## What is not claimed")
+    assert texts[-1].startswith("## Limitations")
 
 
-def test_following_an_alarm_tells_who_saw_what() -> None:
+def test_following_an_alarm_shows_which_detector_reported_what() -> None:
     node = executed(FOLLOW)
     found = shown(node, "findings")
-    assert re.findall(r"incident (\d): seen by ([ABC and]+)", found) == [
+    assert re.findall(r"incident (\d): detected by ([ABC and]+)", found) == [
         ("1", "A and B and C"),
         ("2", "C"),
         ("3", "A and B and C"),
         ("4", "B and C"),
         ("5", "A"),
     ]
-    assert "the station waits 1.50 s before it calls it an alarm" in found
+    assert "the station's delay is 1.50 s" in found
     assert "an answer to the flags was lost meanwhile" in found
     assert "no sample is beyond 380 °C" in found
     story = shown(node, "story").split("incident ")
@@ -68,9 +68,9 @@ def test_following_an_alarm_tells_who_saw_what() -> None:
 
 def test_joints_are_held_against_the_feeders_own_count() -> None:
     node = executed(JOINTS)
-    assert "18 joints with wire were found, the feeder counted 19 feeds: +1." in shown(node, "feeder")
+    assert "18 joints with solder wire found, the feeder counted 19 feeds: +1." in shown(node, "feeder")
     assert re.search(r"Two witnesses: feeder 19, heat (\d+|not known)\.", shown(node, "feeder"))
-    assert "Nothing was read from 79.6 s to 84.3 s" in shown(node, "feeder")
+    assert "No readings from 79.6 s to 84.3 s" in shown(node, "feeder")
     assert re.search(r"^joints +<NA>", shown(node, "metrics"), re.MULTILINE)  # one was made in the gap
     assert re.search(r"^recovery_s +1\.\d", shown(node, "metrics"), re.MULTILINE)
     for cell in ("course", "laid", "scatter"):
@@ -97,7 +97,7 @@ def test_capability_is_given_where_it_means_something_and_refused_elsewhere() ->
 
 def test_the_audit_is_right_where_it_commits_itself() -> None:
     node = executed(AUDIT)
-    assert "lines of the ledger that are damaged: 0" in shown(node, "open")
+    assert "damaged lines of the ledger: 0" in shown(node, "open")
     supposed = shown(node, "marks")
     assert re.search(r"dde-1 +reset +reset_or_other_unit +28\n", supposed)  # two resets of seven counters at two ports
     assert re.search(r"dde-2 +replaced +counters_of_another +14\n", supposed)
@@ -105,7 +105,7 @@ def test_the_audit_is_right_where_it_commits_itself() -> None:
     due = shown(node, "due")
     assert re.search(r"ucr-1 +1 +Change the handpiece .* due ", due)
     assert re.search(r"Change the tip +\d+ to \d+ +fine +20\d\d-\d\d-\d\d +20\d\d-\d\d-\d\d +20\d\d-\d\d-\d\d", due)
-    assert len(re.findall(r"Verify the tip temperature +at least \d+ +overdue", due)) == 4  # nobody told when it was done
+    assert len(re.findall(r"Verify the tip temperature +at least \d+ +overdue", due)) == 4  # without a last service date
     truth = notebook_data.simulated()["ucr-1"]
     used_up = BEGIN + timedelta(hours=truth.when((1, "plugged_h"), 3200 + truth.true((1, "plugged_h"), truth.moments[0])))
     begin, end = (date.fromisoformat(day) for day in re.findall(r"\d{4}-\d\d-\d\d", shown(node, "believed")))
