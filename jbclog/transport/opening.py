@@ -16,7 +16,6 @@ from collections.abc import Callable
 from queue import Queue
 
 import serial
-
 from jbclog.core.errors import LinkError, PortBusy, PortForbidden, PortMissing, UsageError
 from jbclog.core.wire import SCHEMES, LineFormat, scheme_of
 from jbclog.transport.port import BROKEN, SLICE_S, DescriptorPort, ObjectPort, Port, give_back, lost

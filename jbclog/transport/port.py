@@ -20,7 +20,6 @@ from collections.abc import Callable
 from typing import Final, Protocol
 
 import serial
-
 from jbclog.core.errors import LinkError
 
 # -- port ---------------------------------------------------------------------------------------------------------------------

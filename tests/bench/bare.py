@@ -9,9 +9,9 @@ import threading
 import time
 from dataclasses import dataclass, field
 
-import serial
 from common import HZ, LINE, cpu_s, percentile
 
+import serial
 from jbclog.protocol.client.robot import Station
 from jbclog.protocol.commands.family import FAMILIES
 

@@ -17,13 +17,12 @@ from tempfile import TemporaryDirectory
 
 from common import Claim, at_most, in_own_process, is_short, judge, show
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "support"))
-from audit_fleet import Fleet
-
+sys.path.insert(0, str(Path(__file__).parents[1]))
 from jbclog.config.tasks_file import load_tasks
 from jbclog.maintenance.counter_totals.observed import Entry
 from jbclog.maintenance.fleet_of_ledger import fleet_of
 from jbclog.maintenance.ledger import add, read_book
+from support.fleets.audit_fleet import Fleet
 
 TASKS = Path(__file__).parents[2] / "profiles" / "tasks" / "bench.toml"
 LIMIT_S, LIMIT_MB, RATIO = 15.0, 600.0, 20.0

@@ -20,18 +20,18 @@ from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "support"))
+sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import numpy as np
 import pandas as pd
 import pyarrow as pa
 from common import at_least, at_most, cpu_s, in_own_process, is_short, judge, show
-from sealed_run import samples, seal, station, table
 
 from jbclog.analysis.run import open_run
 from jbclog.analysis.runs import open_runs
 from jbclog.record.conclude import sealed_file
 from jbclog.record.manifest import read_manifest, write_manifest
+from support.records.sealed_run import samples, seal, station, table
 
 STATIONS, HOUR_ROWS = 32, 36_000
 DAY_H, MONTH_H = 24, 720

@@ -17,9 +17,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "support"))
+sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from sealed_run import alarm, limit, lose, samples, seal, station, table
+from support.records.sealed_run import alarm, limit, lose, samples, seal, station, table
 
 ROWS = 8 * 3600 * 10
 LIMIT_S = 8.0

@@ -1,8 +1,9 @@
 from __future__ import annotations
 
 import pytest
-from command import jbclog
-from newcomer import Demo
+
+from support.command import jbclog
+from support.readers.texts import Demo
 
 
 @pytest.fixture(scope="session")

@@ -6,8 +6,9 @@ import re
 from pathlib import Path
 
 import pytest
-from kept_texts import TEXTS
-from readme import ROOT
+
+from support.readers.repository import TEXTS
+from support.readers.texts import ROOT
 
 FOLDER = ROOT / "docs" / "decisions"
 TEMPLATE, *RECORDS = sorted(FOLDER.glob("[0-9]*.md"))

@@ -7,11 +7,11 @@ import re
 from pathlib import Path
 
 import pytest
-from readme import DOCS, FENCE, ROOT
-from verbs import calls, wrong
 
 from jbclog.analysis.spc.nelson import ALL_TESTS, DEFAULT_TESTS, FALSE_ALARMS
 from jbclog.core.foreign.files import GIB, KIB, LIMITS, MIB, Kind
+from support.readers.command_line import calls, wrong
+from support.readers.texts import DOCS, FENCE, ROOT
 
 TESTS = ROOT / "tests"
 PAGES = sorted(DOCS.rglob("*.md"))

@@ -12,12 +12,11 @@ from os import environ
 from pathlib import Path
 
 import pytest
-from command import started, until
-from newcomer import Demo
-from readme import DOCS, FENCE, ROOT, blocks
 
 from jbclog.config.line import load_line
 from jbclog.core.rows import SAMPLE_COLUMNS
+from support.command import started, until
+from support.readers.texts import DOCS, FENCE, ROOT, Demo, blocks
 
 INSTALLING = ("python3 -m", ".venv/bin/jupyter", "sudo ", "ls -l /dev/serial")
 SHORTER = {

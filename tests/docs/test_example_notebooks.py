@@ -8,16 +8,16 @@ import tarfile
 from datetime import date, timedelta
 from pathlib import Path
 
-import notebook_data
 import pytest
-from audit_fleet import BEGIN
-from counted import look
-from notebook_runs import HOME, executed, has_picture, run_here, shown
-from sealed_run import samples, seal, station, table
 
 from jbclog.maintenance.counter_totals.tracing import histories, traces_of
 from jbclog.maintenance.ledger import add, read_book
 from jbclog.record.check import check
+from support.fleets.audit_fleet import BEGIN
+from support.fleets.counters import look
+from support.readers.notebook_runs import HOME, executed, has_picture, run_here, shown
+from support.records import notebook_data
+from support.records.sealed_run import samples, seal, station, table
 
 DATA = HOME / "data"
 FOLLOW, JOINTS, CAPABILITY, AUDIT = (next(HOME.glob(f"0{number}_*.ipynb")) for number in range(2, 6))

@@ -10,12 +10,12 @@ from importlib import import_module
 from pathlib import Path
 
 import pytest
-from command import jbclog
 from typer.testing import CliRunner
-from verbs import HELP, VERBS, calls, wrong
 
 import jbclog as package
 from jbclog.cli.app import app
+from support.command import jbclog
+from support.readers.command_line import HELP, VERBS, calls, wrong
 
 LOADED_BY_HELP = """
 import sys

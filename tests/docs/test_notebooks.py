@@ -7,9 +7,10 @@ from pathlib import Path
 
 import nbformat
 import pytest
-from make_run import make_run
-from notebook_runs import NOTEBOOKS, executed, has_picture, shown
-from sealed_run import samples, seal, station, table
+
+from support.readers.notebook_runs import NOTEBOOKS, executed, has_picture, shown
+from support.records.sealed_run import samples, seal, station, table
+from support.records.small_run import make_run
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*:DeprecationWarning")  # of the kernel's own making, not ours
 

@@ -6,19 +6,6 @@ import re
 from pathlib import Path
 
 import pytest
-from configuration_page import FILES, keys
-from configuration_words import FAULTS, MEANINGS
-from exit_codes_page import MEANINGS as CODES
-from manifest_page import MEANINGS as MANIFEST
-from manifest_page import keys as manifest_keys
-from other_files_page import CSV
-from other_files_page import MEANINGS as OTHERS
-from other_files_page import keys as other_keys
-from pages import PAGES, REFERENCE
-from readme import ROOT
-from tables_page import MEANINGS as COLUMNS
-from tables_page import OUTCOME, QUALITY, meaning, tables
-from verdict_page import RESULTS, RULES
 
 from jbclog.analysis.verdict.acceptance import LIMIT_NAMES
 from jbclog.analysis.verdict.rule import Result
@@ -27,8 +14,21 @@ from jbclog.config.sim_spec import KEYS_OF_FAULT
 from jbclog.core.errors import Exit
 from jbclog.core.rows import OUTCOMES, QUALITIES
 from jbclog.report.audit.files import COLUMNS as COLUMNS_OF_AUDIT
+from support.pages.all_pages import PAGES, REFERENCE
+from support.pages.configuration import FILES, keys
+from support.pages.configuration_words import FAULTS, MEANINGS
+from support.pages.exit_codes import MEANINGS as CODES
+from support.pages.manifest import MEANINGS as MANIFEST
+from support.pages.manifest import keys as manifest_keys
+from support.pages.other_files import CSV
+from support.pages.other_files import MEANINGS as OTHERS
+from support.pages.other_files import keys as other_keys
+from support.pages.tables import MEANINGS as COLUMNS
+from support.pages.tables import OUTCOME, QUALITY, meaning, tables
+from support.pages.verdict import RESULTS, RULES
+from support.readers.texts import ROOT
 
-MAKE = "python tests/support/pages.py"
+MAKE = "python tests/support pages"
 
 
 @pytest.mark.parametrize("path", PAGES, ids=lambda path: path.name)

@@ -6,12 +6,11 @@ import re
 import tomllib
 
 import pytest
-from command import jbclog
-from newcomer import Demo
-from readme import DOCS, PROSE, README, ROOT, blocks, commands, links, rows, section
-from verbs import VERBS, calls, wrong
 
 import jbclog as package
+from support.command import jbclog
+from support.readers.command_line import VERBS, calls, wrong
+from support.readers.texts import DOCS, PROSE, README, ROOT, Demo, blocks, commands, links, rows, section
 
 INSTALL = "python3 -m venv --without-pip .venv && python3 -m pip --python .venv install "
 MOST_WORDS = 1300

@@ -9,13 +9,13 @@ from operator import xor
 from pathlib import Path
 
 import pytest
-from kept_texts import TEXTS
-from readme import ROOT
 
 from jbclog.analysis.alarms.state_machine import News
 from jbclog.config.recipe import COMMAND_OF
 from jbclog.protocol.commands.decisions import DECISIONS
 from jbclog.protocol.commands.family import FAMILIES
+from support.readers.repository import TEXTS
+from support.readers.texts import ROOT
 
 REFERENCE = ROOT / "docs" / "reference"
 PAGES = sorted(REFERENCE.glob("*.md"))

@@ -14,9 +14,9 @@ from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
-from readme import ROOT
 
 import jbclog
+from support.readers.texts import ROOT
 
 CI = ROOT / ".ci"
 LOCK = (CI / "requirements.lock").read_text(encoding="utf-8")

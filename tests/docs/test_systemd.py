@@ -5,12 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from unit_file import UNIT, analyzed, command, exposed, unit
-from verbs import wrong
 
 from jbclog.app.audit.timers import HARDENED
 from jbclog.app.safe_state import ASKED_S, DONE_S, GUARD_S, KILLED_S
 from jbclog.guard.process import TAKEN_OVER_S
+from support.readers.command_line import wrong
+from support.readers.unit_file import UNIT, analyzed, command, exposed, unit
 
 
 @pytest.mark.parametrize(("key", "verb"), [("ExecStart", "run"), ("ExecStopPost", "safe")])

@@ -5,7 +5,8 @@ from __future__ import annotations
 import re
 
 import pytest
-from readme import ROOT
+
+from support.readers.texts import ROOT
 
 PAGE = (ROOT / "docs" / "explanation" / "threat-model.md").read_text(encoding="utf-8")
 NAMED = sorted(set(re.findall(r"`([\w/]+/test_\w+\.py)`", PAGE)))
@@ -31,6 +32,6 @@ def test_its_links_lead_somewhere(page: str) -> None:
 
 
 def test_the_threshold_of_the_unit_is_the_one_that_the_page_states() -> None:
-    from unit_file import MOST_EXPOSED
+    from support.readers.unit_file import MOST_EXPOSED
 
     assert f"at most {MOST_EXPOSED / 10:.1f} by a test" in PAGE

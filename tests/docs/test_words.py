@@ -5,8 +5,9 @@ from __future__ import annotations
 import re
 
 import pytest
-from kept_texts import TEXTS
-from readme import ROOT
+
+from support.readers.repository import TEXTS
+from support.readers.texts import ROOT
 
 FORBIDDEN = {
     "a path of somebody's machine": re.compile(r"(?<![\w.:/~$}-])/(?:home|root|Users|work|mnt|srv|workspace)/\w"),

@@ -6,8 +6,9 @@ import shutil
 import subprocess
 from pathlib import Path
 
-import failing_run
 import pytest
+
+from support.faults import failing_run
 
 COMPILER = shutil.which("cc") or shutil.which("gcc")
 

@@ -11,7 +11,6 @@ import threading
 from collections.abc import Callable
 from pathlib import Path
 
-import few_rows
 import pytest
 
 from jbclog.analysis.run import open_run
@@ -19,6 +18,7 @@ from jbclog.core.errors import RecordError
 from jbclog.record import folder as folders
 from jbclog.record.folder import create_run
 from jbclog.record.seal import seal_rows
+from support.records import few_rows
 
 PROCESSES, NAMES = 100, 16
 

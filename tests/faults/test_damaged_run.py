@@ -12,12 +12,8 @@ import warnings
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-import few_rows
 import pandas as pd
 import pytest
-from altered import Altered, Count, bits_flipped, bytes_replaced, percents_cut_off, pieces_moved, sectors_zeroed
-from make_run import make_run
-from small_wire import HEAD, write_wire
 
 from jbclog.analysis.run import open_run
 from jbclog.core.errors import RecordError
@@ -33,6 +29,18 @@ from jbclog.record.recover import Outcome, recover, recover_all
 from jbclog.record.schema import TABLES
 from jbclog.record.seal import seal_rows
 from jbclog.report.write import report_files
+from support.faults.altered_files import (
+    Altered,
+    Count,
+    bits_flipped,
+    bytes_replaced,
+    percents_cut_off,
+    pieces_moved,
+    sectors_zeroed,
+)
+from support.links.small_wire import HEAD, write_wire
+from support.records import few_rows
+from support.records.small_run import make_run
 
 Shown = dict[str, pd.DataFrame | str]
 STATION = HEAD.station

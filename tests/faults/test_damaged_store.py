@@ -9,13 +9,13 @@ import shutil
 from collections.abc import Callable
 from pathlib import Path
 
-import few_rows
 import pytest
 
 from jbclog.core.errors import RecordError
 from jbclog.record.check import check
 from jbclog.record.manifest import read_manifest
 from jbclog.record.recover import recover
+from support.records import few_rows
 
 ROWS = 30
 Alteration = Callable[[bytearray, int], None]

@@ -11,11 +11,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from altered import Altered, Count, bits_flipped, bytes_replaced, cut_off, pieces_moved, sectors_zeroed
-from small_wire import BLOCKS, HEAD, ROWS, answer, write_wire
-from taped import recorded, relived
 from typer.testing import CliRunner
-from virtual_run import line_text
 
 from jbclog.app.replay import open_recording
 from jbclog.cli.app import app
@@ -44,6 +40,10 @@ from jbclog.record.capture_file import Block, blocks
 from jbclog.record.conclude import sealed_file
 from jbclog.record.manifest import Manifest, write_manifest
 from jbclog.record.sealed_files import losses
+from support.faults.altered_files import Altered, Count, bits_flipped, bytes_replaced, cut_off, pieces_moved, sectors_zeroed
+from support.links.small_wire import BLOCKS, HEAD, ROWS, answer, write_wire
+from support.virtual.captured_run import recorded, relived
+from support.virtual.virtual_run import line_text
 
 SINGLE_OF_0_1 = gzip.compress  # format 1: the whole file in one member
 

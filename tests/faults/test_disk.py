@@ -12,18 +12,19 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
-import few_rows
 import pytest
-from small_disk import small_disk
 
 from jbclog.record.check import check
 from jbclog.record.manifest import read_manifest
 from jbclog.record.recover import recover
+from support import HERE as SUPPORT
+from support.faults.small_disk import small_disk
+from support.records import few_rows
 
 RECORDER = """
 import json, resource, sys, time
 from pathlib import Path
-import few_rows
+from support.records import few_rows
 from jbclog.core.errors import RecordError
 from jbclog.record import store as keeping
 from jbclog.record.folder import create_run
@@ -54,7 +55,7 @@ print(json.dumps([str(store.folder), acknowledged, [str(error) for error in told
 def recorded(out: Path, *, rows: int, limit: int = 0, reserve: int = 65536, give_up: bool = True) -> tuple[Path, int, list[str]]:
     """A recorder in a process of its own; its folder, the rows that were acknowledged, what it was told of failures."""
     program = RECORDER.format(out=str(out), rows=rows, limit=limit, reserve=reserve, give_up=give_up)
-    places = os.pathsep.join([str(Path(few_rows.__file__).parent), os.environ.get("PYTHONPATH", "")])
+    places = os.pathsep.join([str(SUPPORT.parent), os.environ.get("PYTHONPATH", "")])
     environment = os.environ | {"PYTHONPATH": places}
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False, env=environment)
     assert done.returncode == 0, done.stderr

@@ -17,17 +17,17 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-from command import is_sampling, jbclog, until
-from guarded import begun, only_run
-from invariants import Ended, violations
-from killed_run import folders
-from served_line import ServedLine
-from small_disk import small_disk
-from station_log import heard_in
 
 from jbclog.record.check import check
 from jbclog.record.manifest import read_manifest
 from jbclog.record.recover import recover
+from support.command import is_sampling, jbclog, until
+from support.faults.guarded import begun, only_run
+from support.faults.killed_run import folders
+from support.faults.small_disk import small_disk
+from support.oracles.invariants import Ended, violations
+from support.virtual.served_line import ServedLine
+from support.virtual.station_log import heard_in
 
 SEED = random.randrange(1 << 32)
 TOOLS = 6

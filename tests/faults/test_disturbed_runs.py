@@ -11,10 +11,11 @@ from collections.abc import Callable
 from random import Random
 
 import pytest
-from account import wrong_values
-from injector import FORGING, KINDS, Deed, Injector
-from sane import assert_memory_is_bounded, assert_sane, must_end_within
-from virtual_run import RECIPE, VirtualRun, line_text, prepare
+
+from support.links.injector import FORGING, KINDS, Deed, Injector
+from support.oracles.account import wrong_values
+from support.oracles.sane import assert_memory_is_bounded, assert_sane, must_end_within
+from support.virtual.virtual_run import RECIPE, VirtualRun, line_text, prepare
 
 SECONDS = 12
 QUESTIONS, STARTED = 2000, 180  # that a run asks at the most; after so many it samples

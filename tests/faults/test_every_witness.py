@@ -15,12 +15,6 @@ from random import Random
 
 import pandas as pd
 import pytest
-from account import assert_account_holds
-from command import jbclog
-from page_omega import PageOmega
-from served_line import ServedLine
-from several import line
-from virtual_run import VirtualRun, line_text, prepare
 
 from jbclog.core.io_requests import Steps
 from jbclog.core.rows import COLUMN, StationFacts
@@ -29,6 +23,12 @@ from jbclog.record.manifest import read_manifest
 from jbclog.session.run.context import StationTask
 from jbclog.session.run.sampling import SUSPENDED_S
 from jbclog.transport.virtual import Peer
+from support.command import jbclog
+from support.oracles.account import assert_account_holds
+from support.oracles.printed_omega import PageOmega
+from support.virtual.lines import line
+from support.virtual.served_line import ServedLine
+from support.virtual.virtual_run import VirtualRun, line_text, prepare
 
 CAMPAIGN = 400
 SLICE = 6

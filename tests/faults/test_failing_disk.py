@@ -17,8 +17,10 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
-import failing_run
 import pytest
+
+from support import program
+from support.faults import failing_run
 
 SEED = random.randrange(1 << 32)
 FAULTS = [("EIO", 0), ("EIO", 1), ("ENOSPC", 0), ("ENOSPC", 1)]
@@ -28,7 +30,7 @@ NAMES = ["one-error", "errors-from-then-on", "no-room-once", "no-room-from-then-
 def outcomes(library: Path, home: Path, scenario: str, fault: tuple[str, int], first: int, stride: int) -> list[dict[str, object]]:
     """What came of operations FIRST, FIRST + STRIDE ... that failed."""
     places = os.pathsep.join([*(path for path in sys.path if path), os.environ.get("PYTHONPATH", "")])
-    command = [sys.executable, failing_run.__file__, scenario, home, *fault, first, stride]
+    command = [*program("faults.failing_run"), scenario, home, *fault, first, stride]
     environment = {**os.environ, "LD_PRELOAD": str(library), "PYTHONPATH": places}
     done = subprocess.run(list(map(str, command)), capture_output=True, text=True, check=False, env=environment)
     assert done.returncode == 0, done.stderr

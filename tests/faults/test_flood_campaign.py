@@ -22,15 +22,15 @@ from typing import Final
 
 import pandas as pd
 import pytest
-from command import WireLog
-from flooders import Flooded, Flooders
-from flooding import SHAPES
-from several import line
-from virtual_run import RECIPE
 
 from jbclog.record.check import check
 from jbclog.record.manifest import read_manifest
 from jbclog.sim.process import SimProcess
+from support.command import WireLog
+from support.links.flooders import Flooded, Flooders
+from support.links.flooding import SHAPES
+from support.virtual.lines import line
+from support.virtual.virtual_run import RECIPE
 
 STATIONS: Final = 4
 SECONDS: Final = 5

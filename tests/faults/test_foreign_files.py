@@ -8,17 +8,17 @@ from collections import defaultdict
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-import few_rows
 import pytest
-from bombs import BOMBS
-from foreign_matrix import OF_A_FOLDER, SPECIAL, VERBS, Ended, Pairs, put, table, words_of
-from make_run import make_run
 
 from jbclog.core.errors import RecordError
 from jbclog.record.annotations import append
 from jbclog.record.manifest import NAME
 from jbclog.record.recover import recover
 from jbclog.report.write import write_report
+from support.campaigns.foreign_matrix import OF_A_FOLDER, SPECIAL, VERBS, Ended, Pairs, put, table, words_of
+from support.faults.bombs import BOMBS
+from support.records import few_rows
+from support.records.small_run import make_run
 
 GOOD, BAD, CRASHED = "good", "bad", "crashed"
 WIRE_NAME = "wire/a.tsv.gz"

@@ -23,12 +23,9 @@ from pathlib import Path
 from random import Random
 from typing import Any
 
-import few_rows
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from mutations import CORPUS, JUNK, altered, cases, corpus, json_cases
-from small_wire import ROWS
 
 from jbclog.config.line import parse_line
 from jbclog.config.load_recipe import parse_recipe
@@ -53,6 +50,9 @@ from jbclog.record.recover import recover
 from jbclog.record.schema import TABLES
 from jbclog.record.sealed_files import losses
 from jbclog.record.store_reader import StoreReader
+from support.faults.mutations import CORPUS, JUNK, altered, cases, corpus, json_cases
+from support.links.small_wire import ROWS
+from support.records import few_rows
 
 MANY = int(os.environ.get("JBCLOG_FUZZ", "20000"))
 

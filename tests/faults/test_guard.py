@@ -17,12 +17,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-import broken_session
 import pytest
-import slow_disk
-from command import until
-from guarded import TOLD_S, TOOLS, Blow, begun, ended, events, guard_of, guard_that_is_there, only_run, running, told_after
-from served_line import EXTRACTING, FOUR_TOOLS, ServedLine
 
 from jbclog.analysis.run import open_run
 from jbclog.guard.lease import NAME as LEASE
@@ -32,6 +27,23 @@ from jbclog.record.check import check
 from jbclog.record.manifest import Manifest, read_manifest
 from jbclog.record.recover import recover
 from jbclog.session.safety.secure import ALLOWED_S
+from support import program
+from support.command import until
+from support.faults import slow_disk
+from support.faults.guarded import (
+    TOLD_S,
+    TOOLS,
+    Blow,
+    begun,
+    ended,
+    events,
+    guard_of,
+    guard_that_is_there,
+    only_run,
+    running,
+    told_after,
+)
+from support.virtual.served_line import EXTRACTING, FOUR_TOOLS, ServedLine
 
 BLOWS = 200
 BUSY_S = 60.0
@@ -299,7 +311,7 @@ def test_a_disk_that_stalls_is_no_reason(line: ServedLine, tmp_path: Path) -> No
 @contextmanager
 def slow_run(line: ServedLine, out: Path, seconds: float) -> Iterator[subprocess.Popen[str]]:
     """A run that has put all tools to work, on a disk that takes 1.5 s for each sync for so long."""
-    command = [sys.executable, slow_disk.__file__, seconds, "run", line.recipe, "--line", line.path, "--out", out]
+    command = [*program("faults.slow_disk"), seconds, "run", line.recipe, "--line", line.path, "--out", out]
     run = subprocess.Popen(list(map(str, command)), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     try:
         assert until(lambda: line.at_work() == TOOLS)
@@ -354,7 +366,7 @@ def test_where_no_guard_can_be_started_nothing_is(line: ServedLine, tmp_path: Pa
 
 
 def test_a_fault_of_the_program_leaves_nothing_hot_and_its_record_whole(line: ServedLine, tmp_path: Path) -> None:
-    command = [sys.executable, broken_session.__file__, "ale-1", "run", line.recipe, "--line", line.path, "--out", tmp_path]
+    command = [*program("faults.broken_session"), "ale-1", "run", line.recipe, "--line", line.path, "--out", tmp_path]
     now = time.monotonic()
     run = subprocess.run(list(map(str, command)), capture_output=True, text=True, timeout=200, check=False)
     assert (line.at_work(), line.motor("ale-1")) == (0, False)

@@ -19,14 +19,8 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
-import few_rows
-import odd_host
 import pandas as pd
 import pytest
-from command import is_sampling, jbclog, until
-from invariants import Ended, violations
-from served_line import RECIPE, Order, ServedLine
-from station_log import heard_in
 from typer.testing import CliRunner
 
 from jbclog.analysis.run import open_run
@@ -34,9 +28,15 @@ from jbclog.cli.app import app
 from jbclog.record.check import check
 from jbclog.record.manifest import Manifest, read_manifest
 from jbclog.sim.port import WORKING
+from support import program
+from support.command import is_sampling, jbclog, until
+from support.oracles.invariants import Ended, violations
+from support.records import few_rows
+from support.virtual.served_line import RECIPE, Order, ServedLine
+from support.virtual.station_log import heard_in
 
 PROGRAM = [sys.executable, "-c", "from jbclog.cli import main; main()"]
-ODD = [sys.executable, odd_host.__file__]
+ODD = program("faults.odd_host")
 RATE_HZ = 2  # which fits however late this machine lets answers be
 SOON_S = 60.0  # other tests have the processors, too
 ENDS_S = 30.0

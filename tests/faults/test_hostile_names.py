@@ -14,11 +14,6 @@ from itertools import cycle, islice, product
 from pathlib import Path
 
 import pytest
-import recorded_run
-from each_row import each_row
-from hostile_names import ALLOWED_NAME, HOSTILE, Acting, steers
-from make_run import make_run
-from recorded_run import RecordedRun
 from typer.testing import CliRunner
 
 import jbclog
@@ -34,6 +29,11 @@ from jbclog.record.folder import create_run
 from jbclog.record.manifest import DIGEST, END, NAME
 from jbclog.sim.setup import virtual_station
 from jbclog.sim.virtual import VirtualStation
+from support.campaigns.each_row import each_row
+from support.faults.hostile_names import ALLOWED_NAME, HOSTILE, Acting, steers
+from support.records.small_run import make_run
+from support.virtual import recorded_run
+from support.virtual.recorded_run import RecordedRun
 
 PACKAGE = Path(jbclog.__file__).parent
 every_text = pytest.mark.parametrize("text", HOSTILE.values(), ids=HOSTILE)

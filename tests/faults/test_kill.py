@@ -7,19 +7,20 @@ from __future__ import annotations
 
 import json
 import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
-import crash
 import pytest
+
+from support import program
+from support.faults import crash
 
 SCENARIOS = sorted(crash.SCENARIOS)
 
 
 def killed(tmp_path: Path, *arguments: str) -> list[dict[str, object]]:
     """What was left after each kill."""
-    command = [sys.executable, crash.__file__, arguments[0], str(tmp_path), *arguments[1:]]
+    command = program("faults.crash", arguments[0], tmp_path, *arguments[1:])
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     return [json.loads(line) for line in done.stdout.splitlines()]

@@ -20,18 +20,18 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
-import crash
-import killed_run
 import pytest
-from command import until
-from invariants import Ended, violations
-from killed_run import Death, differences, keepsake, killed, sealed_rows, told_and_not_kept, told_late
-from served_line import ServedLine
-from station_log import heard_in
 
 from jbclog.record.check import check
 from jbclog.record.manifest import read_manifest
 from jbclog.record.recover import recover
+from support import program
+from support.command import until
+from support.faults import crash, killed_run
+from support.faults.killed_run import Death, differences, keepsake, killed, sealed_rows, told_and_not_kept, told_late
+from support.oracles.invariants import Ended, violations
+from support.virtual.served_line import ServedLine
+from support.virtual.station_log import heard_in
 
 SEED = random.randrange(1 << 32)
 LEAST_STEPS = 40  # that every recovery takes
@@ -136,8 +136,8 @@ def at_steps(series: Series, first: int, stride: int, last: int = 10_000) -> int
     kills = 0
     for step in range(first, last, stride):
         notes = series.home / f"death-{step}"
-        program = [sys.executable, killed_run.__file__, str(step), str(notes)]
-        death = series.kill(f"step {step}", series.command(*program), lambda passed: passed > 60, notes)
+        command = program("faults.killed_run", step, notes)
+        death = series.kill(f"step {step}", series.command(*command), lambda passed: passed > 60, notes)
         if not death.was_killed:
             break
         kills += 1
@@ -205,7 +205,7 @@ def recover_killed(cut_off: tuple[Path, killed_run.Rows], home: Path, first: int
     for step in range(first, last, stride):
         folder = Path(shutil.copytree(base, home / str(step) / base.name))
         notes = home / f"death-{step}"
-        command = [sys.executable, killed_run.__file__, str(step), str(notes), "recover", str(folder)]
+        command = program("faults.killed_run", step, notes, "recover", folder)
         done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=200)
         killed_it = done.returncode == -signal.SIGKILL
         assert killed_it or done.returncode in (0, 4, 5), done.stderr

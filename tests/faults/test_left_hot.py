@@ -16,9 +16,6 @@ from pathlib import Path
 
 import pandas as pd
 import pytest
-from command import jbclog, until
-from guarded import TOOLS, Blow, ended, events, guard_that_is_there, only_run, running, told_after
-from served_line import ServedLine
 
 from jbclog import open_run
 from jbclog.guard import lease_registry
@@ -28,6 +25,9 @@ from jbclog.record.annotations import read
 from jbclog.record.check import check
 from jbclog.record.guard_actions import DIARY
 from jbclog.record.manifest import read_manifest
+from support.command import jbclog, until
+from support.faults.guarded import TOOLS, Blow, ended, events, guard_that_is_there, only_run, running, told_after
+from support.virtual.served_line import ServedLine
 
 HOT_C = 300
 

@@ -9,10 +9,11 @@ from collections.abc import Callable, Sequence
 from random import Random
 
 import pytest
-from account import assert_account_holds, wrong_values
-from sane import assert_memory_is_bounded, assert_sane, assert_writes_are_few, must_end_within
-from slices import first
-from virtual_run import RECIPE, VirtualRun, line_text, prepare
+
+from support.campaigns.slices import first
+from support.oracles.account import assert_account_holds, wrong_values
+from support.oracles.sane import assert_memory_is_bounded, assert_sane, assert_writes_are_few, must_end_within
+from support.virtual.virtual_run import RECIPE, VirtualRun, line_text, prepare
 
 SECONDS = 25
 COMMANDS = ("tip_temperature", "power", "status", "alarm_flags", "selected_temperature", "tool", "work_hours", "model")

@@ -12,9 +12,10 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 
 import pytest
-from account import assert_account_holds
-from spoilt import BENCHES, asked, clean, corruptions, decided, places, spoilt
-from virtual_run import VirtualRun
+
+from support.faults.altered_answers import BENCHES, asked, clean, corruptions, decided, places, spoilt
+from support.oracles.account import assert_account_holds
+from support.virtual.virtual_run import VirtualRun
 
 TELLING_OF_DOUBT = {"read.doubted", "read.implausible", "protocol.anomaly"}
 """An answer with two bits of its addresses turned over is one in their other order (docs/reference/contradictions.md, B-6)."""

@@ -7,8 +7,6 @@ What then passes is counted here, and an error is asked for twice before it is b
 from __future__ import annotations
 
 import pytest
-from corrupted import flipped
-from omega_talk import framed
 
 from jbclog.core.errors import StationError
 from jbclog.core.io_requests import Heard
@@ -18,6 +16,8 @@ from jbclog.protocol.client.omega import OmegaStation
 from jbclog.protocol.commands.command import Command
 from jbclog.protocol.commands.family import FAMILIES
 from jbclog.protocol.omega import OmegaReader
+from support.clients.corrupted import flipped
+from support.clients.omega_talk import framed
 
 COMMANDS = FAMILIES["omega"].commands
 A, B, F, G = (COMMANDS[name] for name in ("information", "temperature_control", "set_temperature_state", "mode"))

@@ -6,7 +6,6 @@ from collections.abc import Callable, Sequence
 from random import Random
 
 import pytest
-from omega_talk import framed
 
 from jbclog.core.clock import VirtualClock
 from jbclog.core.errors import StationError
@@ -16,6 +15,7 @@ from jbclog.core.wire import LineFormat
 from jbclog.protocol.client.omega import OmegaStation
 from jbclog.protocol.commands.family import FAMILIES
 from jbclog.transport.virtual import VirtualDriver
+from support.clients.omega_talk import framed
 
 COMMANDS = FAMILIES["omega"].commands
 ASKED = [COMMANDS[name] for name in ("information", "temperature_control", "set_temperature_state", "mode")]

@@ -11,14 +11,14 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from command import jbclog
-from outside_bench import FAMILIES, KINDS, Cable, Habits, Served, cable, line_file
-from outside_runs import AIR, TIP, Outcome, eight, virtual, wrong_values
-from sane import assert_memory_is_bounded
 
 from jbclog import open_run
 from jbclog.core.clock import VirtualClock
 from jbclog.core.rows import COLUMN
+from support.command import jbclog
+from support.oracles.outside_bench import FAMILIES, KINDS, Cable, Habits, Served, cable, line_file
+from support.oracles.outside_runs import AIR, TIP, Outcome, eight, virtual, wrong_values
+from support.oracles.sane import assert_memory_is_bounded
 
 FOUR = ("dde", "nae", "hde", "jtse")
 HOW_OFTEN = re.compile(r"in \d+ (try|tries|writes?)\b|only \d+ of 12 questions|silent for 10 s in step \d|not start because")

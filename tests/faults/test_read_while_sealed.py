@@ -9,9 +9,7 @@ import time
 import warnings
 from pathlib import Path
 
-import few_rows
 import pytest
-from beside_sealing import READING, Sealing, meanwhile
 
 from jbclog.analysis.run import open_run
 from jbclog.analysis.run_alarms import stations_of
@@ -20,6 +18,8 @@ from jbclog.record.conclude import conclude
 from jbclog.record.manifest import Manifest, read_manifest, write_manifest
 from jbclog.record.recover import recover
 from jbclog.record.seal import seal_rows
+from support.faults.beside_sealing import READING, Sealing, meanwhile
+from support.records import few_rows
 
 ROWS = 60
 READER = """

@@ -11,14 +11,14 @@ from functools import cache
 from pathlib import Path
 
 import pytest
-from command import jbclog
-from invariants import Kept, kept_in, lateness, violations_of
-from several import fault, line
-from virtual_run import RECIPE, VirtualRun, prepare
 
 from jbclog.core.rows import COLUMN
 from jbclog.record.check import check
 from jbclog.sim.process import SimProcess
+from support.command import jbclog
+from support.oracles.invariants import Kept, kept_in, lateness, violations_of
+from support.virtual.lines import fault, line
+from support.virtual.virtual_run import RECIPE, VirtualRun, prepare
 
 STATIONS, HANGS = 16, "dde-9"
 MOVED_MS = 1.0

@@ -18,11 +18,11 @@ from pathlib import Path
 from statistics import median
 
 import pytest
-from invariants import counted as readings_in
-from invariants import kept_in
-from soak import FLOOD, RECIPES, Soak, kinds_of
 
 from jbclog.config.line import load_line
+from support.campaigns.soak import FLOOD, RECIPES, Soak, kinds_of
+from support.oracles.invariants import counted as readings_in
+from support.oracles.invariants import kept_in
 
 SOAK_S = float(os.environ.get("JBCLOG_SOAK_S", "3600"))
 STATIONS = 16

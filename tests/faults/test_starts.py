@@ -12,9 +12,6 @@ from collections.abc import Callable, Iterator
 from random import Random
 
 import pytest
-from lossy_wire import ACCIDENTS, LossyWire
-from sane import assert_memory_is_bounded, must_end_within
-from virtual_run import RECIPE, VirtualRun, prepare
 
 from jbclog.core.io_requests import Steps
 from jbclog.core.quantities import text_of
@@ -22,6 +19,9 @@ from jbclog.core.rows import SettingRow, StationFacts
 from jbclog.protocol.commands.status import STAND, WORKING
 from jbclog.session.run.context import StationTask
 from jbclog.sim.virtual import VirtualStation
+from support.links.lossy_wire import ACCIDENTS, LossyWire
+from support.oracles.sane import assert_memory_is_bounded, must_end_within
+from support.virtual.virtual_run import RECIPE, VirtualRun, prepare
 
 STATIONS = 8
 FAMILIES = ("dde", "nae", "ucr", "hde")

@@ -17,8 +17,9 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
-from served_line import ServedLine
-from starved import ALWAYS, RECORDER, TAKING_OVER, WATCHING, Starving
+
+from support.faults.starved import ALWAYS, RECORDER, TAKING_OVER, WATCHING, Starving
+from support.virtual.served_line import ServedLine
 
 SEED = random.randrange(1 << 32)
 OF_THE_SLICE = 1106854856  # the recorder's 25th request, a beat to its guard

@@ -16,17 +16,16 @@ from dataclasses import dataclass, field
 from random import Random
 
 import pytest
-from account import reasons_in
-from invariants import violations_of
-from odd_answers import say
-from sane import assert_memory_is_bounded, must_end_within
-from several import fault, line
-from slices import first
-from virtual_run import RECIPE, VirtualRun, prepare
 
 from jbclog.core.rows import COLUMN
 from jbclog.sim.port import WORKING
 from jbclog.sim.virtual import VirtualStation
+from support.campaigns.slices import first
+from support.oracles.account import reasons_in
+from support.oracles.invariants import violations_of
+from support.oracles.sane import assert_memory_is_bounded, must_end_within
+from support.virtual.lines import fault, line, say
+from support.virtual.virtual_run import RECIPE, VirtualRun, prepare
 
 GOING_ON = RECIPE + 'on_difference = "continue"\n\n[sampling]\ncounters_every_s = 10\n'
 STOPPING = RECIPE + "\n[sampling]\ncounters_every_s = 10\n"

@@ -12,12 +12,12 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from command import until
-from guarded import TOOLS, begun, ended, guard_of, guard_that_is_there, only_run
-from served_line import ServedLine
 
 from jbclog.record.check import check
 from jbclog.record.recover import recover
+from support.command import until
+from support.faults.guarded import TOOLS, begun, ended, guard_of, guard_that_is_there, only_run
+from support.virtual.served_line import ServedLine
 
 AT_WORK_S = 2.0
 

@@ -18,7 +18,6 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 import pytest
-from make_run import make_run
 from typer.testing import CliRunner
 
 from jbclog.cli.app import app
@@ -33,6 +32,7 @@ from jbclog.record.ledger import ledger_of
 from jbclog.record.manifest import DIGEST, END, OF_0_1, manifest_sha256, read_manifest, write_manifest
 from jbclog.record.parts import part_paths
 from jbclog.report.write import verify_report, write_report
+from support.records.small_run import make_run
 
 STRIDE = 1499
 

@@ -12,9 +12,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import pytest
-from recorded_run import Nobody, _sealed_here
-from several import fault
-from virtual_run import RECIPE, line_text
 
 from jbclog.app.run.plan import Plan, RunOptions, make_plan
 from jbclog.app.run.run_record import RunRecord
@@ -24,6 +21,9 @@ from jbclog.record.manifest import read_manifest
 from jbclog.session.run.station_run import run_station
 from jbclog.sim.setup import virtual_station
 from jbclog.transport.virtual import VirtualDriver
+from support.virtual.lines import fault
+from support.virtual.recorded_run import Nobody, _sealed_here
+from support.virtual.virtual_run import RECIPE, line_text
 
 DAY_S, HOUR_S = 86400.0, 3600.0
 OUT_EVERY_S, OUT_S = 5 * HOUR_S, 60.0

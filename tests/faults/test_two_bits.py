@@ -10,13 +10,13 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import pytest
-from corrupted import flipped, taken, taken_by_omega, taken_of_two_bits
-from golden import FRAMES, Golden, manual_003
-from readme import ROOT
 
 from jbclog.core.quantities import Value
 from jbclog.protocol.commands.command import Command
 from jbclog.protocol.commands.family import FAMILIES
+from support.clients.corrupted import flipped, taken, taken_by_omega, taken_of_two_bits
+from support.golden import FRAMES, Golden, manual_003
+from support.readers.texts import ROOT
 
 FAMILIES_OF = {"000": ("soldering",), "001": ("jtse",), "002": ("dde", "ale", "ucr"), "004": ("ucr",)}
 RECORD = " ".join((ROOT / "docs/decisions/0017-decisive-values-are-read-twice.md").read_text(encoding="utf-8").split())

@@ -1,7 +1,8 @@
 """Campaign 3, the wire: random tapes of all link faults, on every family, over thousands of hours of a virtual clock.
 
 ``pytest -n0 -s -m campaign tests/faults/test_wire_campaign.py`` plays `HOURS` virtual hours from tape `FIRST` on (both from the
-environment: WIRE_HOURS, WIRE_FIRST) and prints the numbers; ``python tests/support/wire_tapes.py NUMBER`` plays one tape again.
+environment: WIRE_HOURS, WIRE_FIRST) and prints the numbers;
+``python tests/support campaigns.wire_tapes NUMBER`` plays one tape again.
 A default run plays the first few. Of each tape must hold: scheduled = ok + each reason, to the row; no value that differs from the
 plant but those that the wire forged so that no receiver can tell, which it counts itself: recorded = injected; every write is on
 the recipe's list; every flag that the station told is told or not known; what was heated rests or is told of.
@@ -15,13 +16,13 @@ from dataclasses import replace
 from random import Random
 
 import pytest
-from believed import judge_rows
-from damage import DAMAGES, jbc_holds, omega_holds
-from noisy_wire import ALL_KINDS, OF_ANY_PROTOCOL, Tape
-from sane import assert_memory_is_bounded
-from wire_tapes import Played, Tally, campaign, judge, play
 
 from jbclog.core.rows import COLUMN
+from support.campaigns.wire_tapes import Played, Tally, campaign, judge, play
+from support.links.damage import DAMAGES, jbc_holds, omega_holds
+from support.links.noisy_wire import ALL_KINDS, OF_ANY_PROTOCOL, Tape
+from support.oracles.believed import judge_rows
+from support.oracles.sane import assert_memory_is_bounded
 
 HOURS, FIRST = float(os.environ.get("WIRE_HOURS", "2000")), int(os.environ.get("WIRE_FIRST", "0"))
 SHORT = (7, 15, 18, 22)  # brisk ones

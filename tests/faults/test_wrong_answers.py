@@ -15,10 +15,8 @@ from itertools import count
 from random import Random
 
 import pytest
-from golden import framed
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from injector import FORGING, KINDS, Deed, Injector
 
 from jbclog.core.clock import VirtualClock
 from jbclog.core.errors import StationError, StationSilent
@@ -28,6 +26,8 @@ from jbclog.core.wire import LineFormat
 from jbclog.protocol.client.robot import Station
 from jbclog.protocol.commands.family import FAMILIES
 from jbclog.transport.virtual import VirtualDriver
+from support.golden import framed
+from support.links.injector import FORGING, KINDS, Deed, Injector
 
 DDE = FAMILIES["dde"].commands
 ASKED = [

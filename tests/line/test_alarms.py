@@ -7,10 +7,10 @@ nothing, these tests latch it by hand.
 from __future__ import annotations
 
 import pytest
-from account import reasons_in
-from virtual_run import RECIPE, VirtualRun, line_text, prepare
 
 from jbclog.core.rows import COLUMN, EventRow
+from support.oracles.account import reasons_in
+from support.virtual.virtual_run import RECIPE, VirtualRun, line_text, prepare
 
 AT_TEMPERATURE_S = 10.0  # long after the tip has reached its setting
 ONE_PORT = "ports = [1]"

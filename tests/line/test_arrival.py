@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import pytest
-from odd_answers import first_sample_s, say
-from virtual_run import RECIPE, VirtualRun, line_text, prepare
+
+from support.virtual.lines import first_sample_s, say
+from support.virtual.virtual_run import RECIPE, VirtualRun, line_text, prepare
 
 NEAR_LIMIT = RECIPE.replace("limit_c = 250", "limit_c = 320")
 

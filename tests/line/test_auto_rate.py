@@ -8,11 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from command import PROFILES, RECIPE
 from typer.testing import CliRunner
-from virtual_run import RECIPE as SETTINGS
-from virtual_run import VirtualRun, line_text, prepare
-from virtual_run import order_for as order_of
 
 from jbclog.app.run.plan import Plan, RunOptions, make_plan
 from jbclog.cli.app import app
@@ -27,6 +23,10 @@ from jbclog.protocol.commands.family import FAMILIES
 from jbclog.session.run.context import PortState, SessionContext
 from jbclog.session.run.pace import choose_pace, readings_for
 from jbclog.session.scheduler import AUTO_RATES_HZ, CEILING, KEPT_BY_AUTO, Demand
+from support.command import PROFILES, RECIPE
+from support.virtual.virtual_run import RECIPE as SETTINGS
+from support.virtual.virtual_run import VirtualRun, line_text, prepare
+from support.virtual.virtual_run import order_for as order_of
 
 AUTO = SETTINGS + '\n[sampling]\nrate_hz = "auto"\n'
 

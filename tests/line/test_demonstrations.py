@@ -5,14 +5,14 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from demonstration import RUNS, TABLES, profiles, tables_of
-from taped import relived
 
 from jbclog.config.line import load_line
 from jbclog.protocol.commands.family import FAMILIES
 from jbclog.record.capture import is_done, mend, read_rows, wire_paths
+from support.records.demonstration import RUNS, TABLES, profiles, tables_of
+from support.virtual.captured_run import relived
 
-ANEW = "after a change to what sessions ask: python tests/support/demonstration.py {name}, and read what git shows"
+ANEW = "after a change to what sessions ask: python tests/support records.demonstration {name}, and read what git shows"
 MOST_BYTES = 400_000
 DEMONSTRATIONS = sorted(path.name for path in RUNS.iterdir())
 
@@ -42,7 +42,7 @@ def test_it_shows_the_station_with_its_trouble(name: str) -> None:
 
 def test_every_profile_and_every_family_has_one() -> None:
     missing = profiles().keys() - set(DEMONSTRATIONS)
-    assert not missing, f"python tests/support/demonstration.py {' '.join(missing)}"
+    assert not missing, f"python tests/support records.demonstration {' '.join(missing)}"
     shown = {load_line(RUNS / name / "line.toml").stations[0].family for name in DEMONSTRATIONS}
     assert shown >= FAMILIES.keys()
 

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import pytest
-from account import reasons_of
-from hot_air import hot_air
-from odd_answers import first_sample_s, marks, one_port, say
-from said import let_say
 
 from jbclog.core.rows import COLUMN
+from support.oracles.account import reasons_of
+from support.virtual.answers import let_say
+from support.virtual.lines import first_sample_s, hot_air, marks, one_port, say
 
 
 def test_an_answer_that_the_next_one_contradicts_is_marked() -> None:

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import pytest
-from virtual_run import RECIPE, VirtualRun, line_text, prepare
 
 from jbclog.analysis.alarms import Detector, LiveAlarms, flag_episodes
 from jbclog.core.rows import COLUMN, EventRow
+from support.virtual.virtual_run import RECIPE, VirtualRun, line_text, prepare
 
 GOES_ON = RECIPE + 'on_difference = "continue"\n'
 

@@ -5,10 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
-from account import assert_account_holds, reasons_in
-from flooding import FALSE_C, SHAPES, flood
-from several import line
-from virtual_run import Memory, VirtualRun, prepare
 
 from jbclog.analysis.verdict.rules import NOT_AS_PLANNED
 from jbclog.core.clock import UtcOffset, VirtualClock
@@ -20,6 +16,10 @@ from jbclog.session.run.identify import LONGEST_AFTER_FLOOD_S
 from jbclog.session.run.station_run import run_station
 from jbclog.transport.session_history import Astray, Step, keeping, reliving
 from jbclog.transport.virtual import Peer, VirtualDriver
+from support.links.flooding import FALSE_C, SHAPES, flood
+from support.oracles.account import assert_account_holds, reasons_in
+from support.virtual.lines import line
+from support.virtual.virtual_run import Memory, VirtualRun, prepare
 
 FAST = 100_000.0  # bytes a second
 every_shape = pytest.mark.parametrize("shape", SHAPES)

@@ -5,9 +5,6 @@ from __future__ import annotations
 import json
 
 import pytest
-from account import assert_account_holds, reasons_in, wrong_values
-from hot_air import AIR, hot_air, plant
-from virtual_run import VirtualRun, line_text, prepare
 
 from jbclog.core.errors import WriteForbidden
 from jbclog.core.quantities import Value
@@ -17,6 +14,9 @@ from jbclog.guard.run_guard import lease_of
 from jbclog.protocol.commands.command import Command
 from jbclog.session.run.setting import listed
 from jbclog.sim.hotair import AirFace, AirStation
+from support.oracles.account import assert_account_holds, reasons_in, wrong_values
+from support.virtual.lines import AIR, hot_air, plant
+from support.virtual.virtual_run import VirtualRun, line_text, prepare
 
 
 def fault(kind: str, **keys: object) -> str:

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import pytest
-from hot_air import hot_air, plant
-from virtual_run import VirtualRun, line_text, prepare
 
 from jbclog.core.wire import LineFormat
 from jbclog.protocol.commands.family import FAMILIES
 from jbclog.session.run.identify import SAID
 from jbclog.session.run.pace import readings_for
+from support.virtual.lines import hot_air, plant
+from support.virtual.virtual_run import VirtualRun, line_text, prepare
 
 AWAY = "\n[[station.sim.fault]]\nkind = 'dropout'\nat_s = 4\nfor_s = 3\n"
 HOURS = 120

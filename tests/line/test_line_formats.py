@@ -10,12 +10,12 @@ from itertools import product
 from pathlib import Path
 
 import pytest
-from virtual_run import Heard, VirtualRun, line_text, prepare
 
 from jbclog.app.run.plan import RunOptions, StationPlan, make_plan
 from jbclog.config.line import parse_line
 from jbclog.core.errors import Problems
 from jbclog.core.rows import COLUMN
+from support.virtual.virtual_run import Heard, VirtualRun, line_text, prepare
 
 RATES = (1200, 2400, 4800, 9600, 19200, 38400, 57600, 115200, 230400, 250000, 460800, 500000)
 FORMATS = tuple(f"8{parity}{stop}" for parity, stop in product("NEO", (1, 2)))

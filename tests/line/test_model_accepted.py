@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import pytest
-from virtual_run import RECIPE, VirtualRun, prepare
 
 from jbclog.core.errors import Problems
 from jbclog.guard.run_guard import lease_of
+from support.virtual.virtual_run import RECIPE, VirtualRun, prepare
 
 LINE = """[line]
 name = "bench"

@@ -5,11 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from virtual_run import RECIPE, VirtualRun, prepare
 
 from jbclog.app.run.plan import Metadata, Plan, RunOptions, make_plan
 from jbclog.protocol.commands.family import FAMILIES
 from jbclog.protocol.commands.ranges import longest_countdown_s
+from support.virtual.virtual_run import RECIPE, VirtualRun, prepare
 
 LINE = """[line]
 name = "old"

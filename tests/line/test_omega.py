@@ -5,12 +5,12 @@ from __future__ import annotations
 from bisect import bisect_left, bisect_right
 
 import pytest
-from account import assert_account_holds, reasons_in
-from virtual_run import Memory, VirtualRun, prepare
 
 from jbclog.core.rows import COLUMN, SIGNAL_COLUMNS, Severity
 from jbclog.protocol.commands.omega import ConditionRecord, SetTemperature
 from jbclog.sim.virtual import Reply
+from support.oracles.account import assert_account_holds, reasons_in
+from support.virtual.virtual_run import Memory, VirtualRun, prepare
 
 LINE = '[line]\nname = "test"\n[[station]]\nname = "omega-1"\nurl = "omega-1"\nfamily = "omega"\n{keys}\n[station.sim]\n{sim}\n'
 HEAD = '[recipe]\nname = "test"\nrevision = 1\nfamilies = ["omega"]\n'

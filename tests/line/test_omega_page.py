@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import pytest
-from account import assert_account_holds, reasons_in
-from command import PROFILES
-from page_omega import PageOmega
-from virtual_run import VirtualRun, prepare
+
+from support.command import PROFILES
+from support.oracles.account import assert_account_holds, reasons_in
+from support.oracles.printed_omega import PageOmega
+from support.virtual.virtual_run import VirtualRun, prepare
 
 LINE = '[line]\nname = "test"\n[[station]]\nname = "omega-1"\nurl = "omega-1"\nfamily = "omega"\n'
 HEAD = '[recipe]\nname = "test"\nrevision = 1\nfamilies = ["omega"]\n'

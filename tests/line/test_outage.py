@@ -7,12 +7,12 @@ from collections.abc import Sequence
 from itertools import pairwise
 
 import pytest
-from account import assert_account_holds, reasons_in, wrong_values
-from virtual_run import RECIPE, VirtualRun, line_text, prepare
 
 from jbclog.core.rows import COLUMN
 from jbclog.protocol.commands.family import FAMILIES
 from jbclog.protocol.commands.status import STAND, WORKING
+from support.oracles.account import assert_account_holds, reasons_in, wrong_values
+from support.virtual.virtual_run import RECIPE, VirtualRun, line_text, prepare
 
 GOING_ON = RECIPE + 'on_difference = "continue"\n'
 

@@ -11,8 +11,6 @@ from functools import cache
 from pathlib import Path
 
 import pytest
-from command import PROFILES, RECIPE
-from recorded_run import RecordedRun
 from typer.testing import CliRunner
 
 from jbclog.analysis.run import open_run
@@ -24,6 +22,8 @@ from jbclog.protocol.commands.family import FAMILIES
 from jbclog.record.check import check
 from jbclog.record.manifest import read_manifest
 from jbclog.session.scheduler import AUTO_RATES_HZ
+from support.command import PROFILES, RECIPE
+from support.virtual.recorded_run import RecordedRun
 
 LINES = sorted((PROFILES / "lines").glob("*.toml"))
 SECONDS = 180.0  # long enough for a bound of every tip's idle error

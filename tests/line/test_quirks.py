@@ -12,8 +12,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import pytest
-from hot_air import hot_air
-from virtual_run import RECIPE, VirtualRun, line_text, prepare
 
 import jbclog
 from jbclog.config.line import StationSpec
@@ -31,6 +29,8 @@ from jbclog.sim.omega import OMEGA_QUIRKS
 from jbclog.sim.quirks import QUIRKS
 from jbclog.sim.virtual import VirtualStation
 from jbclog.transport.virtual import VirtualDriver
+from support.virtual.lines import hot_air
+from support.virtual.virtual_run import RECIPE, VirtualRun, line_text, prepare
 
 SECONDS = 14.0
 HOT_C, HOLDING_W = 350.0, 9.81

@@ -5,14 +5,14 @@ from __future__ import annotations
 from itertools import pairwise
 
 import pytest
-from account import assert_account_holds, wrong_values
-from virtual_run import RECIPE, VirtualRun, line_text, prepare
 
 from jbclog.core.errors import StartRefused
 from jbclog.core.rows import COLUMN
 from jbclog.session.run.context import PortState
 from jbclog.session.run.pace import choose_pace
 from jbclog.session.scheduler import CEILING
+from support.oracles.account import assert_account_holds, wrong_values
+from support.virtual.virtual_run import RECIPE, VirtualRun, line_text, prepare
 
 PERIOD_S = {"alarm_high": 2, "port_error": 2, "set_c": 5, "tool": 5, "station_error": 5, "transistor_c": 10, "transformer_c": 10}
 STATION_WIDE = ("station_error", "transformer_c")

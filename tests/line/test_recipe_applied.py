@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import pytest
-from odd_answers import say
-from virtual_run import RECIPE, VirtualRun, is_cold_in_extractor, line_text, prepare
 
 from jbclog.core.quantities import OFF
 from jbclog.core.rows import SettingRow
 from jbclog.protocol.commands.family import FAMILIES
 from jbclog.protocol.commands.status import STAND, WORKING
 from jbclog.session.run.setting import REPEATS
+from support.virtual.lines import say
+from support.virtual.virtual_run import RECIPE, VirtualRun, is_cold_in_extractor, line_text, prepare
 
 ALL_FAMILIES = 'families = ["soldering", "dde", "nae", "dme", "hde", "ucr", "ale"]'
 TOOL_2, TOOL_3 = (FAMILIES["dde"].tool_name(code) for code in (2, 3))

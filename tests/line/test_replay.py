@@ -6,13 +6,13 @@ from dataclasses import fields
 from pathlib import Path
 
 import pytest
-from taped import RECIPE_FILE, recorded, relived
-from virtual_run import RECIPE, Memory, line_text
 
 from jbclog.core.rows import COLUMN
 from jbclog.protocol.client import timing
 from jbclog.record.capture import read_rows, wire_path
 from jbclog.session.run.context import StationTask
+from support.virtual.captured_run import RECIPE_FILE, recorded, relived
+from support.virtual.virtual_run import RECIPE, Memory, line_text
 
 FAULT = "[[station.sim.fault]]\nkind = "
 TROUBLE = {

@@ -17,9 +17,10 @@ from functools import cache
 from pathlib import Path
 
 import pytest
-from odd_answers import say, turn_over
-from taped import kept, recorded_again
-from virtual_run import RECIPE, Memory, VirtualRun, line_text
+
+from support.virtual.captured_run import kept, recorded_again
+from support.virtual.lines import say, turn_over
+from support.virtual.virtual_run import RECIPE, Memory, VirtualRun, line_text
 
 HOST_S = 0.0003
 SPEEDS = (1, 3, 10)

@@ -19,12 +19,12 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
-from taped import kept, recorded_again
-from virtual_run import RECIPE, Memory, VirtualRun, line_text
 
 from jbclog.core.rows import COLUMN
 from jbclog.sim.device import WireLog
 from jbclog.sim.virtual import Reply, VirtualStation
+from support.virtual.captured_run import kept, recorded_again
+from support.virtual.virtual_run import RECIPE, Memory, VirtualRun, line_text
 
 FAST = ("temperature_c", "power_permille", "status", "cooling", "desoldering", "quality")
 SLOW = ("set_c", "tool", "port_error", "station_error", "alarm_high", "alarm_low", "transformer_c", "transistor_c")

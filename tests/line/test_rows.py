@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import pytest
-from account import assert_account_holds, reasons_in, wrong_values
-from hot_air import AIR
-from virtual_run import RECIPE, VirtualRun, line_text, prepare
 
 from jbclog.core.rows import COLUMN, SampleRow
 from jbclog.protocol.commands.family import FAMILIES, ROBOT
+from support.oracles.account import assert_account_holds, reasons_in, wrong_values
+from support.virtual.lines import AIR
+from support.virtual.virtual_run import RECIPE, VirtualRun, line_text, prepare
 
 ALL_FAMILIES = 'families = ["soldering", "dde", "nae", "dme", "hde", "ucr", "ale"]'
 GOING_ON = RECIPE + 'on_difference = "continue"\n'

@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import pytest
-from account import assert_account_holds
-from listed_writes import strange_writes
-from virtual_run import RECIPE, Memory, VirtualRun, is_cold_in_extractor, line_text, prepare
 
 from jbclog.core.errors import RecordError
 from jbclog.core.io_requests import Steps
@@ -16,6 +13,9 @@ from jbclog.session.run.context import SessionContext
 from jbclog.session.run.scan import Scanner
 from jbclog.sim.port import STAND as STANDING
 from jbclog.sim.port import Port
+from support.oracles.account import assert_account_holds
+from support.oracles.listed_writes import strange_writes
+from support.virtual.virtual_run import RECIPE, Memory, VirtualRun, is_cold_in_extractor, line_text, prepare
 
 ALE_RECIPE = RECIPE + "\n[feeder]\nlength_mm = 7.5\n"
 APPLIED_S = 1.2  # by then the recipe is on the station and the tools are at work

@@ -5,13 +5,13 @@ from __future__ import annotations
 from contextlib import suppress
 
 import pytest
-from account import assert_account_holds
-from virtual_run import VirtualRun, line_text, prepare
 
 from jbclog.core.errors import LinkError
 from jbclog.core.io_requests import Ask, Heard, Listen, Reopen, Steps, Wait
 from jbclog.core.rows import COLUMN
 from jbclog.session.run.sampling import Standstill
+from support.oracles.account import assert_account_holds
+from support.virtual.virtual_run import VirtualRun, line_text, prepare
 
 SLOW = 'turnaround_ms = 200.0\n[[station.sim.fault]]\nkind = "silence"\nat_s = 60\nfor_s = 60\nevery = 2\n'
 

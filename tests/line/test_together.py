@@ -9,7 +9,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import pytest
-from virtual_run import RECIPE, Heard, Tap, VirtualRun, is_cold_in_extractor, prepare
 
 from jbclog.core.errors import Exit, exit_code, findings
 from jbclog.core.io_requests import Steps
@@ -18,6 +17,7 @@ from jbclog.protocol.commands.status import STAND, WORKING
 from jbclog.session.run.context import StationTask
 from jbclog.sim.virtual import VirtualStation
 from jbclog.transport.start_barrier import SILENT_S
+from support.virtual.virtual_run import RECIPE, Heard, Tap, VirtualRun, is_cold_in_extractor, prepare
 
 NAMES = ("a", "b", "c")
 STATION = """

@@ -5,15 +5,15 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from recorded_run import RecordedRun
-from several import fault
-from verdict_corpus import ONLY_COVERAGE, SOLDERING, STATION, WORKING, StallingClock
 
 from jbclog.analysis.rejudge import held
 from jbclog.analysis.run import open_run
 from jbclog.analysis.verdict import RULES
 from jbclog.app.run.plan import Plan, RunOptions, make_plan
 from jbclog.app.run.run_record import Result
+from support.records.verdict_corpus import ONLY_COVERAGE, SOLDERING, STATION, WORKING, StallingClock
+from support.virtual.lines import fault
+from support.virtual.recorded_run import RecordedRun
 
 STAND = '\n[run]\nstatus = "stand"\n'
 NEVER = "\n[acceptance]\ncoverage_percent = 99.5\nat_work_percent = 0\n"

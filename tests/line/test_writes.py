@@ -7,8 +7,6 @@ from contextlib import nullcontext
 from pathlib import Path
 
 import pytest
-from listed_writes import strange_writes
-from virtual_run import RECIPE, Heard, VirtualRun, line_text, prepare
 
 from jbclog.config.recipe_settings import condition_of
 from jbclog.core.errors import WriteForbidden
@@ -17,6 +15,8 @@ from jbclog.protocol.commands.family import FAMILIES
 from jbclog.session.run import station_run as chapters
 from jbclog.session.run.context import SessionContext
 from jbclog.session.run.setting import WRITES, listed
+from support.oracles.listed_writes import strange_writes
+from support.virtual.virtual_run import RECIPE, Heard, VirtualRun, line_text, prepare
 
 PROFILES = Path(__file__).parents[2] / "profiles"
 LINES = {path.stem: path for path in sorted((PROFILES / "lines").glob("*.toml")) if path.stem != "bench"}

@@ -4,9 +4,9 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from command import BENCH, WireLog
 
 from jbclog.sim.process import SimProcess
+from support.command import BENCH, WireLog
 
 
 @pytest.fixture

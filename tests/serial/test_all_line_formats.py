@@ -11,14 +11,14 @@ from itertools import product
 from pathlib import Path
 
 import pytest
-from command import jbclog
-from far_ends import terminal
 
 from jbclog.config.line import load_line
 from jbclog.core.wire import BAUDRATES, LineFormat
 from jbclog.sim.links import line_set
 from jbclog.sim.process import SimProcess
 from jbclog.transport.opening import open_port
+from support.command import jbclog
+from support.links.far_ends import terminal
 
 FORMATS = tuple(f"8{parity}{stop}" for parity, stop in product("NEO", (1, 2)))
 

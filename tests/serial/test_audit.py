@@ -11,8 +11,6 @@ from datetime import UTC, date, datetime, timedelta
 from pathlib import Path
 
 import pytest
-from command import RECIPE, WireLog, is_sampling, started, until
-from small_disk import small_disk
 from typer.testing import CliRunner, Result
 
 from jbclog.analysis.run import open_run
@@ -27,6 +25,8 @@ from jbclog.record.live import LiveStore
 from jbclog.record.manifest import LineFile, Manifest, write_manifest
 from jbclog.sim.process import SimProcess
 from jbclog.transport.blocking import Port
+from support.command import RECIPE, WireLog, is_sampling, started, until
+from support.faults.small_disk import small_disk
 
 STATIONS = ("dde-1", "ucr-1", "jtse-1")
 SOURCE = '[line]\nname = "bench"\n' + "".join(

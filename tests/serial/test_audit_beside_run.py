@@ -8,7 +8,6 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
-from command import RECIPE, WireLog, is_sampling, jbclog, started, until
 from typer.testing import CliRunner
 
 from jbclog.app.audit import survey
@@ -18,6 +17,7 @@ from jbclog.maintenance.counter_totals.observed import Observation
 from jbclog.maintenance.ledger import read_book
 from jbclog.sim.process import SimProcess
 from jbclog.transport.blocking import Port
+from support.command import RECIPE, WireLog, is_sampling, jbclog, started, until
 
 SOURCE = """[line]
 name = "bench"

@@ -7,19 +7,18 @@ import os
 import random
 import signal
 import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from batch_trial import Trial, disturbed, faults, recording, write_batch
-from command import WireLog, is_sampling, jbclog, started, until
 
 from jbclog.record.check import check
+from support import program
+from support.command import WireLog, is_sampling, jbclog, started, until
+from support.faults.batch_trial import Trial, disturbed, faults, recording, write_batch
 
 Bench = tuple[Path, WireLog]
 STAND = "WPS100001"
-KILLED_BATCH = str(Path(__file__).parents[1] / "support" / "killed_batch.py")
 
 
 def test_killed_and_started_again_every_job_is_done_once(bench: Bench, tmp_path: Path) -> None:
@@ -73,7 +72,7 @@ def test_a_signal_ends_what_runs_with_its_tools_safe(bench: Bench, tmp_path: Pat
 @pytest.mark.parametrize("step", range(1, 110, 3))
 def test_killed_at_each_step_every_job_is_done_once(bench: Bench, tmp_path: Path, step: int, counted: Callable[..., None]) -> None:
     jobs, out = write_batch(tmp_path, bench[0], seconds=1.0, count=3), tmp_path / "runs"
-    killed = [sys.executable, KILLED_BATCH, str(step), "batch", str(jobs), "--out", str(out)]
+    killed = program("faults.killed_batch", step, "batch", jobs, "--out", out)
     first = subprocess.run(killed, capture_output=True, text=True, timeout=200, check=False)
     if first.returncode >= 0:
         pytest.fail(f"it was finished before step {step}")

@@ -7,11 +7,11 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from command import RECIPE, WireLog, is_sampling, jbclog, started, until
 from typer.testing import CliRunner, Result
 
 from jbclog.cli.app import app
 from jbclog.sim.process import SimProcess
+from support.command import RECIPE, WireLog, is_sampling, jbclog, started, until
 
 Bench = tuple[Path, WireLog]
 OUTAGE = "[[station.sim.fault]]\nkind = 'dropout'\nat_s = 2.5\nfor_s = 3600\n"

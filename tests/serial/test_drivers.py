@@ -7,7 +7,6 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
-from virtual_run import RECIPE, Memory, order_for
 
 from jbclog.config.line import Line, StationSpec, load_line
 from jbclog.config.load_recipe import parse_recipe
@@ -23,6 +22,7 @@ from jbclog.transport import blocking
 from jbclog.transport.opening import open_port
 from jbclog.transport.port import Port
 from jbclog.transport.reactor import Reactor
+from support.virtual.virtual_run import RECIPE, Memory, order_for
 
 DDE = FAMILIES["dde"].commands
 STATION = '[[station]]\nname = "{name}"\nurl = "{name}"\nfamily = "dde"\nports = [1]\n[station.sim]\n{sim}\n'

@@ -11,13 +11,13 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-from command import RECIPE, jbclog
 from typer.testing import CliRunner, Result
 
 from jbclog.cli.app import app
 from jbclog.config.line import load_line
 from jbclog.record.check import check
 from jbclog.sim.process import SimProcess
+from support.command import RECIPE, jbclog
 
 
 @contextmanager

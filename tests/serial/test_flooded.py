@@ -16,12 +16,12 @@ from pathlib import Path
 
 import pandas as pd
 import pytest
-from command import WireLog, jbclog, started, until
-from flooders import Flooded, Flooders
-from several import line
-from virtual_run import RECIPE
 
 from jbclog.sim.process import SimProcess
+from support.command import WireLog, jbclog, started, until
+from support.links.flooders import Flooded, Flooders
+from support.virtual.lines import line
+from support.virtual.virtual_run import RECIPE
 
 FOR_EVER = 1e6
 MOST_MB = 400

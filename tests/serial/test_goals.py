@@ -10,13 +10,13 @@ from pathlib import Path
 from typing import IO
 
 import pytest
-from command import is_sampling, jbclog, until
 
 from jbclog.analysis.run import open_run
 from jbclog.core.rows import Goal
 from jbclog.record.check import check
 from jbclog.record.manifest import Manifest, read_manifest
 from jbclog.sim.process import SimProcess
+from support.command import is_sampling, jbclog, until
 
 STATION = """
 [[station]]

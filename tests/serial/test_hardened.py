@@ -1,4 +1,4 @@
-"""The units' commands, allowed no more than the units allow: system calls, addresses, rights, folders (`support/confined.py`)."""
+"""The units' commands, allowed no more than the units allow: system calls, addresses, rights, folders (`faults.confined`)."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
-import confined
 import pytest
-from command import RECIPE, WireLog, is_sampling, until
-from unit_file import UNIT
 
 from jbclog.app.audit.timers import Timed, service_text
 from jbclog.record.check import check
 from jbclog.record.manifest import read_manifest
+from support import program
+from support.command import RECIPE, WireLog, is_sampling, until
+from support.readers.unit_file import UNIT
 
 Confine = Callable[..., list[str]]
 JBCLOG = ("-c", "from jbclog.cli import main; main()")
@@ -30,14 +30,14 @@ def state(tmp_path: Path) -> Path:
         pytest.skip("needs root and systemd-analyze (Debian package systemd)")
     folder = tmp_path / "state"
     folder.mkdir()
-    tried = output([sys.executable, confined.__file__, str(UNIT), str(folder), "true"])
+    tried = output(program("faults.confined", UNIT, folder, "true"))
     if tried.returncode != 0:  # a container that may not
         pytest.skip(f"needs a root that may unshare and mount: {tried.stderr}")
     return folder
 
 
 def under(unit: Path, folder: Path, *words: str | Path) -> list[str]:
-    return [sys.executable, confined.__file__, str(unit), str(folder), sys.executable, *map(str, words)]
+    return program("faults.confined", unit, folder, sys.executable, *words)
 
 
 def output(command: list[str]) -> subprocess.CompletedProcess[str]:

@@ -6,7 +6,8 @@ import re
 from pathlib import Path
 
 import pytest
-from command import RECIPE, WireLog, jbclog
+
+from support.command import RECIPE, WireLog, jbclog
 
 # an attempt that was refused is a line too, so for pandas its inner rooms are looked for
 HEAVY = (

@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-import serial
 
+import serial
 from jbclog.config.line import load_line
 from jbclog.protocol.frame import Frame
 from jbclog.sim.process import SimProcess

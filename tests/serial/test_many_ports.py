@@ -8,11 +8,11 @@ import resource
 from collections.abc import Iterator
 
 import pytest
-from far_ends import Terminal, terminal
 
 from jbclog.core.errors import LinkError, UsageError
 from jbclog.core.wire import LineFormat
 from jbclog.transport.opening import BESIDE, EACH_PORT, allow_ports, open_port
+from support.links.far_ends import Terminal, terminal
 
 LINE = LineFormat()
 MANY = 300

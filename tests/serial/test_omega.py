@@ -8,10 +8,10 @@ from pathlib import Path
 
 import pandas as pd
 import pytest
-from command import PROFILES, jbclog
 
 from jbclog.record.check import check
 from jbclog.sim.process import SimProcess
+from support.command import PROFILES, jbclog
 
 LINE = """
 [line]

@@ -6,12 +6,12 @@ import json
 from pathlib import Path
 
 import pandas as pd
-from command import jbclog
-from page_omega import PageOmega, served
 from typer.testing import CliRunner
 
 from jbclog.cli.app import app
 from jbclog.record.check import check
+from support.command import jbclog
+from support.oracles.printed_omega import PageOmega, served
 
 RECIPE = '[recipe]\nname = "states"\nrevision = 1\nfamilies = ["omega"]\n[acceptance]\ncoverage_percent = 90\nlongest_gap_s = 5\n'
 

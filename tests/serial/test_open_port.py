@@ -17,17 +17,17 @@ from threading import Event, Thread
 from threading import enumerate as enumerate_threads
 
 import pytest
-import serial
-from command import until
-from far_ends import Server, Terminal, open_descriptors, rfc2217_server, server, terminal
-from serial import rfc2217
 
+import serial
 from jbclog.core.errors import LinkError, PortBusy, PortForbidden, PortMissing
 from jbclog.core.wire import LineFormat
 from jbclog.transport import opening
 from jbclog.transport.opening import MOST_WAITING, make_ready, open_port
 from jbclog.transport.port import ObjectPort, Port
 from jbclog.transport.system_ports import holder_of, in_words
+from serial import rfc2217
+from support.command import until
+from support.links.far_ends import Server, Terminal, open_descriptors, rfc2217_server, server, terminal
 
 LINE = LineFormat()
 EVERY_BYTE = bytes(range(256))

@@ -15,7 +15,6 @@ from pathlib import Path
 
 import pandas as pd
 import pytest
-from command import RECIPE, is_sampling, jbclog, started, until
 from typer.testing import CliRunner
 
 from jbclog.analysis.run import Run, open_run
@@ -24,6 +23,7 @@ from jbclog.record.capture import read_rows, wire_path
 from jbclog.record.check import check
 from jbclog.record.manifest import read_manifest
 from jbclog.sim.process import SimProcess
+from support.command import RECIPE, is_sampling, jbclog, started, until
 
 LINE = """
 [line]

@@ -12,10 +12,10 @@ from pathlib import Path
 
 import pandas as pd
 import pytest
-from command import started, until
-from served_line import ServedLine
 
 from jbclog.record.check import check
+from support.command import started, until
+from support.virtual.served_line import ServedLine
 
 OUT_S, FOR_S, RUN_S = 2.5, 2.5, 8
 STATION = """

@@ -13,12 +13,12 @@ from pathlib import Path
 
 import pandas as pd
 import pytest
-from command import RECIPE, WireLog, is_sampling, jbclog, started, until
 
 from jbclog.core.rows import SAMPLE_COLUMNS
 from jbclog.record.check import check
 from jbclog.record.manifest import read_manifest
 from jbclog.sim.process import SimProcess
+from support.command import RECIPE, WireLog, is_sampling, jbclog, started, until
 
 Bench = tuple[Path, WireLog]
 STAND = "WPS100001"

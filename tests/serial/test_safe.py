@@ -12,11 +12,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-from command import jbclog, until
-from guarded import begun, only_run
-from served_line import FOUR_TOOLS, Order, ServedLine
 from typer.testing import CliRunner
-from unit_file import command
 
 from jbclog.app import safe_state
 from jbclog.cli.app import app
@@ -27,6 +23,10 @@ from jbclog.record.manifest import read_manifest
 from jbclog.session.safety.secure import ALLOWED_S
 from jbclog.sim.port import HIBERNATION, WORKING
 from jbclog.transport.opening import open_port
+from support.command import jbclog, until
+from support.faults.guarded import begun, only_run
+from support.readers.unit_file import command
+from support.virtual.served_line import FOUR_TOOLS, Order, ServedLine
 
 TOOLS = 6
 

@@ -16,8 +16,6 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-from command import BENCH, RECIPE, WireLog, is_sampling, jbclog, started, until
-from far_ends import Terminal, terminal
 
 from jbclog.app.discovery import search
 from jbclog.config.line import load_line
@@ -25,6 +23,8 @@ from jbclog.core.wire import LineFormat
 from jbclog.session.discovery.diagnosis import diagnose
 from jbclog.session.discovery.found import PortReport, ScanPlan, Trial
 from jbclog.sim.process import SimProcess
+from support.command import BENCH, RECIPE, WireLog, is_sampling, jbclog, started, until
+from support.links.far_ends import Terminal, terminal
 
 Bench = tuple[Path, WireLog]
 NAMES = ("dde-1", "dde-2", "ucr-1", "ale-1")

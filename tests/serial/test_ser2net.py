@@ -16,10 +16,10 @@ from pathlib import Path
 
 import pandas as pd
 import pytest
-from command import RECIPE, WireLog, is_sampling, jbclog, started, until
 
 from jbclog.record.check import check
 from jbclog.sim.process import SimProcess
+from support.command import RECIPE, WireLog, is_sampling, jbclog, started, until
 
 pytestmark = pytest.mark.skipif(shutil.which("ser2net") is None, reason="ser2net is not installed")
 

@@ -16,8 +16,8 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-import serial
 
+import serial
 from jbclog.config.line import load_line
 from jbclog.core.errors import UsageError
 from jbclog.protocol.frame import Frame

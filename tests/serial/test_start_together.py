@@ -6,12 +6,12 @@ from pathlib import Path
 
 import pandas as pd
 import pytest
-from command import RECIPE, WireLog, jbclog
-from taped import relived
 
 from jbclog.record.check import check
 from jbclog.record.manifest import Manifest, read_manifest
 from jbclog.sim.process import SimProcess
+from support.command import RECIPE, WireLog, jbclog
+from support.virtual.captured_run import relived
 
 STATION = """
 [[station]]

@@ -14,8 +14,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from command import until
-from served_line import ServedLine
 
 from jbclog.core.wire import LineFormat
 from jbclog.guard import __main__ as guard_itself
@@ -31,6 +29,8 @@ from jbclog.guard.takeover import TakeOver
 from jbclog.guard.watch import FAILED
 from jbclog.sim.port import SLEEP, STAND, WORKING
 from jbclog.transport.opening import open_port
+from support.command import until
+from support.virtual.served_line import ServedLine
 
 SOFTWARE = "8886666"
 BUSY_S = 0.7

@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections import deque
 
 import pytest
-from command import until
-from far_ends import terminal
 
 from jbclog.core.errors import LinkError
 from jbclog.core.wire import LineFormat, Passed
 from jbclog.transport.opening import open_port
 from jbclog.transport.port import Port, unread
 from jbclog.transport.session_history import Tee
+from support.command import until
+from support.links.far_ends import terminal
 
 
 def test_every_byte_is_kept_in_order_with_its_moment() -> None:

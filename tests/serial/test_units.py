@@ -15,11 +15,11 @@ from pathlib import Path
 from typing import IO
 
 import pytest
-from command import RECIPE, WireLog, is_sampling, jbclog, until
 
 from jbclog.analysis.run import open_run
 from jbclog.record.check import check
 from jbclog.record.manifest import Manifest, read_manifest
+from support.command import RECIPE, WireLog, is_sampling, jbclog, until
 
 Bench = tuple[Path, WireLog]
 

@@ -12,13 +12,13 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
-import serial
-from far_ends import Terminal, open_descriptors, rfc2217_server, server, terminal
 
+import serial
 from jbclog.core.errors import LinkError
 from jbclog.core.wire import LineFormat
 from jbclog.transport.opening import open_port
 from jbclog.transport.port import BROKEN, CLOSE_S, DescriptorPort, ObjectPort, Port, give_back
+from support.links.far_ends import Terminal, open_descriptors, rfc2217_server, server, terminal
 
 LINE = LineFormat()
 QUESTION = b"\x020001RTT1\x03c"

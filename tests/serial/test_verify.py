@@ -5,13 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from command import WireLog, jbclog
 from typer.testing import CliRunner
 
 from jbclog.cli.app import app
 from jbclog.maintenance.verification import read_book
 from jbclog.session.manual import read
 from jbclog.sim.process import SimProcess
+from support.command import WireLog, jbclog
 
 SAID = ("--instrument", "TC-7", "--due", "2099-03-01", "--tip", "T-17", "--by", "A. Rossi")
 SIM = "joints_per_minute = 0\nsensor_error_c = 9\nnoise_c = 0.4\nambient_c = 60"

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import pytest
-from each_row import each_row
+
+from support.campaigns.each_row import each_row
 
 
 def test_every_row_is_tried_and_each_that_fails_is_named() -> None:

@@ -5,12 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from invariants import Ended, Kept, _common, _due, _unlisted, kept_in, violations, violations_of
-from recorded_run import RecordedRun
-from virtual_run import RECIPE, Heard, VirtualRun, line_text, prepare
 
 from jbclog.app.run.plan import RunOptions, make_plan
 from jbclog.core.rows import COLUMN
+from support.oracles.invariants import Ended, Kept, _common, _due, _unlisted, kept_in, violations, violations_of
+from support.virtual.recorded_run import RecordedRun
+from support.virtual.virtual_run import RECIPE, Heard, VirtualRun, line_text, prepare
 
 SIM = "joints_per_minute = 20\nnoise_c = 2.0\n"
 

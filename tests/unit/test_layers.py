@@ -10,10 +10,10 @@ import sys
 from pathlib import Path
 
 import pytest
-from readme import ROOT
-from syntax import parsed
 
 import jbclog
+from support.readers.repository import parsed
+from support.readers.texts import ROOT
 
 PACKAGE = Path(jbclog.__file__).parent
 HEAVY = ("pandas", "matplotlib", "jinja2")

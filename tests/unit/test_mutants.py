@@ -10,8 +10,9 @@ from collections import Counter
 from pathlib import Path
 from types import SimpleNamespace
 
-import mutants
 import pytest
+
+from support.campaigns import mutants
 
 BEFORE = """
 LIMIT_S = 2.0
@@ -143,7 +144,7 @@ def test_mutants_are_tried_where_they_are_made_and_those_that_nobody_notices_sur
         "jbclog/session/__init__.py": "",
         "jbclog/session/run/__init__.py": "",
         "tests/unit/guard/test_code.py": TESTS,
-        "tests/support/mutants.py": (mutants.HERE / "tests/support/mutants.py").read_text(),
+        "tests/support/campaigns/mutants.py": (mutants.HERE / "tests/support/campaigns/mutants.py").read_text(),
         "pyproject.toml": '[tool.pytest.ini_options]\naddopts = ["--import-mode=importlib"]\nmarkers = ["campaign"]\n',
     }.items():
         (place / name).parent.mkdir(parents=True, exist_ok=True)
@@ -151,7 +152,7 @@ def test_mutants_are_tried_where_they_are_made_and_those_that_nobody_notices_sur
     mine = {"cwd": place, "check": True, "timeout": 200, "capture_output": True}
     for words in (["init", "-q"], ["add", "-A"], ["-c", "user.name=a", "-c", "user.email=b", "commit", "-qm", "x"]):
         subprocess.run(["git", *words], **mine)
-    tool = [sys.executable, "tests/support/mutants.py"]
+    tool = [sys.executable, "tests/support/campaigns/mutants.py"]
     for words in (["cover", work], ["run", work, "session", "100"]):
         subprocess.run([*tool, *words], **mine)
     rows = {tuple(row["mutant"][1:3]): row["outcome"] for row in mutants.rows_of(work, "session")}

@@ -11,13 +11,13 @@ from pathlib import Path
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from make_run import make_run
 from typer.testing import CliRunner
 
 from jbclog.cli import output
 from jbclog.cli.app import app
 from jbclog.core.text import clean, csv_text, json_line
 from jbclog.record.check import check
+from support.records.small_run import make_run
 
 ENDS = "\n\r\v\f\x1c\x1d\x1e\x85\u2028\u2029"
 HOSTILE = st.text(st.one_of(st.sampled_from(ENDS + "\x1b\x9b\u202e\u2066\u200b\ufeff\ud800\t\0"), st.characters()), max_size=60)

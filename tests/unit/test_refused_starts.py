@@ -11,9 +11,6 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-from few_rows import table
-from recorded_run import Nobody, RecordedRun
-from virtual_run import RECIPE, line_text
 
 from jbclog.app.run.plan import Metadata, Plan, RunOptions, make_plan
 from jbclog.app.run.run_record import Result
@@ -27,6 +24,9 @@ from jbclog.record.find_runs import Filter, Found, find
 from jbclog.record.manifest import read_manifest
 from jbclog.record.parts import row_groups
 from jbclog.transport.opening import open_port
+from support.records.few_rows import table
+from support.virtual.recorded_run import Nobody, RecordedRun
+from support.virtual.virtual_run import RECIPE, line_text
 
 SAID = Metadata("A. Rossi", "88123", units=("SN-1",), tags={"shift": "1"})
 

@@ -5,14 +5,9 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-import make_run
 import pandas as pd
 import pytest
-from alarm_series import STATION, Series, being_recorded, random_series, recorded
-from by_hand import Ended
-from recorded_run import RecordedRun
 from typer.testing import CliRunner
-from virtual_run import RECIPE, line_text
 
 from jbclog.analysis.alarms import Detector
 from jbclog.analysis.run import open_run
@@ -20,6 +15,11 @@ from jbclog.analysis.run_alarms import TABLE
 from jbclog.app.run.plan import RunOptions, make_plan
 from jbclog.cli.app import app
 from jbclog.record.annotations import append, read
+from support.records import small_run
+from support.records.alarm_series import STATION, Series, being_recorded, random_series, recorded
+from support.virtual.manual import Ended
+from support.virtual.recorded_run import RecordedRun
+from support.virtual.virtual_run import RECIPE, line_text
 
 
 def jbclog(*words: str | Path) -> Ended:
@@ -136,7 +136,7 @@ def test_a_fault_of_the_evaluation_does_not_end_the_recording(tmp_path: Path, mo
 
 def test_a_record_from_before_there_were_episodes(tmp_path: Path) -> None:
     """Its facts have no rules: nobody evaluated, so nothing is missing. Its delay was not read: no alarm on samples."""
-    found = open_run(make_run.make_run(tmp_path)).alarm_findings()
+    found = open_run(small_run.make_run(tmp_path)).alarm_findings()
     assert [len(one.by[Detector.STATION]) for one in found.incidents] == [1]
     assert found.live == []
 

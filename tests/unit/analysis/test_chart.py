@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from many_runs import many_runs, one_run
 from typer.testing import CliRunner, Result
 
 from jbclog.analysis import spc
@@ -21,6 +20,7 @@ from jbclog.analysis.run import Run, open_run
 from jbclog.analysis.spc.refusal import there_are
 from jbclog.cli.app import app
 from jbclog.record.manifest import read_manifest, write_manifest
+from support.records.many_runs import many_runs, one_run
 
 STEADY = np.random.default_rng(15).lognormal(0.3, 0.5, 60)
 

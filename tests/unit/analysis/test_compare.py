@@ -7,12 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from shutil import copytree
 
-import few_rows
-import make_run
 import pytest
-from hostile_names import HOSTILE, MOVES
-from many_runs import one_run, told
-from sealed_run import RECIPE, limit
 from typer.testing import CliRunner, Result
 
 from jbclog.analysis import spc
@@ -21,6 +16,10 @@ from jbclog.analysis.run import open_run
 from jbclog.cli.app import app
 from jbclog.core.errors import RecordError, UsageError
 from jbclog.record.manifest import read_manifest, write_manifest
+from support.faults.hostile_names import HOSTILE, MOVES
+from support.records import few_rows, small_run
+from support.records.many_runs import one_run, told
+from support.records.sealed_run import RECIPE, limit
 
 ROWS = 1200
 
@@ -78,7 +77,7 @@ def test_the_other_way_round_the_signs_are_the_other_way_round(home: Path) -> No
 
 
 def test_stations_that_only_one_has_are_said(home: Path, tmp_path: Path) -> None:
-    found = compare(open_run(runs(home)[0]), open_run(make_run.make_run(tmp_path, 20.0)))
+    found = compare(open_run(runs(home)[0]), open_run(small_run.make_run(tmp_path, 20.0)))
     assert ("station ale-1", "not in it", "recorded") in [(one.what, one.first, one.second) for one in found.facts]
     assert found.alarms["second"].sum() > 0
     assert set(found.alarms["first"]) == {0}

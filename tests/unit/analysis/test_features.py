@@ -11,10 +11,6 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-import sealed_run
-from alarm_series import Series, being_recorded
-from recorded_run import RecordedRun
-from virtual_run import RECIPE, line_text
 
 from jbclog.analysis import run_metrics
 from jbclog.analysis.joint_table import JOINTS_SCHEMA
@@ -25,6 +21,10 @@ from jbclog.app.run.plan import RunOptions, make_plan
 from jbclog.record.annotations import vouch
 from jbclog.record.manifest import manifest_sha256
 from jbclog.report.write import write_report
+from support.records import sealed_run
+from support.records.alarm_series import Series, being_recorded
+from support.virtual.recorded_run import RecordedRun
+from support.virtual.virtual_run import RECIPE, line_text
 
 FEEDER = "\n[feeder]\nmode = 'discontinuous'\nlength_mm = 5.0\nspeed_mm_s = 10.0\n"
 OMEGA = "[recipe]\nname = 'states'\nrevision = 1\nfamilies = ['omega']\n[sampling]\nrate_hz = 1\n"

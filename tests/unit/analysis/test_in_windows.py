@@ -8,8 +8,6 @@ from math import nan
 
 import numpy as np
 import pytest
-from long_run import LongRun
-from made_series import line, made, rest, steps
 
 from jbclog.analysis import run_metrics
 from jbclog.analysis.joints import values
@@ -18,6 +16,8 @@ from jbclog.analysis.joints.port_rows import COLUMNS, Clock, kind_of, series_of
 from jbclog.analysis.joints.windows import Windows
 from jbclog.analysis.metrics.measures import PortFigures, measure_port
 from jbclog.analysis.run_metrics import joint_count, joints_and_metrics
+from support.records.long_run import LongRun
+from support.records.made_series import line, made, rest, steps
 
 HALF_A_DAY_S, TWO_DAYS_S = 43_200.0, 172_800.0
 MOST_BYTES, MOST_BYTES_AT_10_HZ = 2e6, 20e6

@@ -9,8 +9,6 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.compute as pc
 import pytest
-from recorded_run import RecordedRun
-from virtual_run import RECIPE, line_text
 
 from jbclog.analysis.joints.joints import Found, find_joints
 from jbclog.analysis.joints.parameters import Asked
@@ -19,6 +17,8 @@ from jbclog.analysis.run import Run, open_run
 from jbclog.analysis.run_metrics import joint_count, joints_and_metrics
 from jbclog.app.run.joint_counter import ENDED_S
 from jbclog.app.run.plan import RunOptions, make_plan
+from support.virtual.recorded_run import RecordedRun
+from support.virtual.virtual_run import RECIPE, line_text
 
 SECONDS = 120.0
 

@@ -6,13 +6,9 @@ import shutil
 from dataclasses import replace
 from pathlib import Path
 
-import made_series
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
-from made_series import joints_at
-from recorded_run import RecordedRun
-from virtual_run import RECIPE, line_text
 
 from jbclog import __version__
 from jbclog.analysis.joints import evidence as evidence_of
@@ -28,6 +24,10 @@ from jbclog.record.manifest import Manifest, read_manifest, write_manifest
 from jbclog.record.parts import part_paths
 from jbclog.report import write
 from jbclog.report.write import verify_report, write_report
+from support.records import made_series
+from support.records.made_series import joints_at
+from support.virtual.recorded_run import RecordedRun
+from support.virtual.virtual_run import RECIPE, line_text
 
 FEEDER = "\n[feeder]\nmode = 'discontinuous'\nlength_mm = 5.0\nspeed_mm_s = 10.0\n"
 ASKED = "\n[acceptance]\nrecovery_p95_s = 2.0\njoints_against_counter_percent = 2\n"

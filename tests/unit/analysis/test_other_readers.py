@@ -12,13 +12,13 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 import duckdb
-import make_run
 import pandas as pd
 import polars as pl
 import pytest
 
 import jbclog
 from jbclog.record.schema import SCHEMAS, TABLES
+from support.records import small_run
 
 Cells = list[dict[str, object]]
 Read = Callable[[Path], Cells]
@@ -27,7 +27,7 @@ Read = Callable[[Path], Cells]
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> jbclog.Run:
     """With drop-outs, nulls of every kind, two parts of samples."""
-    return jbclog.open_run(make_run.make_run(tmp_path_factory.mktemp("runs"), 40.0))
+    return jbclog.open_run(small_run.make_run(tmp_path_factory.mktemp("runs"), 40.0))
 
 
 def told(run: jbclog.Run, table: str) -> Cells:

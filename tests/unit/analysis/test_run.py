@@ -7,8 +7,6 @@ import warnings
 from datetime import UTC, datetime
 from pathlib import Path
 
-import few_rows
-import make_run
 import pandas as pd
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -21,11 +19,12 @@ from jbclog.record.manifest import Manifest
 from jbclog.record.recover import recover
 from jbclog.record.schema import SCHEMAS
 from jbclog.record.seal import seal_rows
+from support.records import few_rows, small_run
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return make_run.make_run(tmp_path_factory.mktemp("runs"), 40.0)
+    return small_run.make_run(tmp_path_factory.mktemp("runs"), 40.0)
 
 
 @pytest.fixture

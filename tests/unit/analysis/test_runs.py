@@ -7,18 +7,16 @@ from collections.abc import Iterator
 from html.parser import HTMLParser
 from pathlib import Path
 
-import few_rows
-import make_run
 import pandas as pd
 import pyarrow as pa
 import pytest
-import sealed_run
-from hostile_names import HOSTILE, MOVES
 
 import jbclog
 from jbclog.core.errors import RecordError, UsageError
 from jbclog.record import find_runs
 from jbclog.record.manifest import Metadata
+from support.faults.hostile_names import HOSTILE, MOVES
+from support.records import few_rows, sealed_run, small_run
 
 
 @pytest.fixture(scope="module")
@@ -26,7 +24,7 @@ def home(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Three runs: two of one line with two stations, one of another order."""
     out = tmp_path_factory.mktemp("runs")
     for _ in range(2):
-        make_run.make_run(out, 20.0)
+        small_run.make_run(out, 20.0)
     rows = sealed_run.samples(700)
     said = Metadata("A. Rossi", "88123", "controller", units=["SN-1"], tags={"shift": "late"})
     sealed_run.seal(out, [sealed_run.station(rows=700)], sealed_run.table(rows), metadata=said)
@@ -101,7 +99,7 @@ def test_metrics_and_joints_name_their_run(home: Path) -> None:
 
 
 def test_a_folder_that_cannot_be_read_is_named_and_the_others_are_there(tmp_path: Path) -> None:
-    make_run.make_run(tmp_path, 5.0)
+    small_run.make_run(tmp_path, 5.0)
     (tmp_path / "20260921T141320Z-bench-aaaa").mkdir()
     runs = jbclog.open_runs(tmp_path)
     assert (len(runs), len(runs.unreadable)) == (1, 1)

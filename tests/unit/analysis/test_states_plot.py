@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from sealed_run import samples, seal, station, table
 
 import jbclog
+from support.records.sealed_run import samples, seal, station, table
 
 
 def test_states_are_bars_for_as_long_as_they_held_and_gaps_are_hatched(tmp_path: Path) -> None:

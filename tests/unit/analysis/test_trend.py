@@ -12,7 +12,6 @@ from shutil import copytree
 import numpy as np
 import pandas as pd
 import pytest
-from many_runs import many_runs, one_run, told
 from typer.testing import CliRunner, Result
 
 from jbclog.analysis import run_metrics, spc
@@ -22,6 +21,7 @@ from jbclog.analysis.trend import metric_unit, title_of, trends
 from jbclog.cli.app import app
 from jbclog.core.errors import UsageError
 from jbclog.record.manifest import NAME, read_manifest, write_manifest
+from support.records.many_runs import many_runs, one_run, told
 
 STEADY = list(np.random.default_rng(5).normal(1.5, 0.8, 32))
 

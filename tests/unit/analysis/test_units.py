@@ -6,18 +6,18 @@ from pathlib import Path
 
 import pandas as pd
 import pytest
-import told_events
-from few_rows import T0
 
 from jbclog.analysis.run import open_run
 from jbclog.record.annotations import append
 from jbclog.record.manifest import Metadata
+from support.records import event_run
+from support.records.few_rows import T0
 
 READ = [(10, "unit.begin", "SN-1"), (20, "unit.end", "SN-1"), (30, "unit.begin", "SN-2")]
 
 
 def run_with(out: Path, told: list[tuple[int, str, str]], named: list[str], *, is_open: bool = False) -> Path:
-    return told_events.run_with(out, told, Metadata(units=named), crashes=is_open)
+    return event_run.run_with(out, told, Metadata(units=named), crashes=is_open)
 
 
 def moments(*seconds: float) -> pd.Series:

@@ -6,12 +6,12 @@ from pathlib import Path
 
 import pandas as pd
 import pytest
-from make_run import make_run
-from taped import recorded
-from virtual_run import line_text
 
 from jbclog.analysis.run import Run, open_run
 from jbclog.core.errors import RecordError
+from support.records.small_run import make_run
+from support.virtual.captured_run import recorded
+from support.virtual.virtual_run import line_text
 
 
 def test_every_byte_with_its_time_in_utc(tmp_path: Path) -> None:

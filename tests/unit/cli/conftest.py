@@ -5,10 +5,10 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from by_hand import Bench, Make
 
 from jbclog.app import connection
 from jbclog.app.run.runner import CUT_SHORT
+from support.virtual.manual import Bench, Make
 
 
 @pytest.fixture(autouse=True)

@@ -7,11 +7,11 @@ import subprocess
 import sys
 
 import pytest
-from by_hand import Make, station_text
 from typer.testing import CliRunner
 
 from jbclog.cli.app import app
 from jbclog.protocol.commands.family import FAMILIES
+from support.virtual.manual import Make, station_text
 
 AS_INSTALLED = "import sys; sys.argv[0] = 'jbclog'; from jbclog.cli import main; main()"
 BENCH = (station_text("dde-1", "dde"), station_text("ale-1", "ale"), station_text("x", "auto", sim='model = "UCR245"'))

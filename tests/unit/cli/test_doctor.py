@@ -7,11 +7,11 @@ from pathlib import Path
 
 import pytest
 from typer.testing import CliRunner
-from uart_ports import Cable, Silence, means, station_cable
 
 from jbclog.app import discovery, doctor
 from jbclog.cli.app import app
 from jbclog.core.wire import LineFormat
+from support.links.uart_ports import Cable, Silence, means, station_cable
 
 LINE = '[line]\nname = "x"\n[[station]]\nname = "s-1"\nurl = "/dev/ttyJBC"\nfamily = "dde"\n'
 

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import pytest
-from by_hand import Bench, Make
 
 from jbclog.app import safe_state
 from jbclog.sim.port import WORKING
+from support.virtual.manual import Bench, Make
 
 DIE = """[[station]]
 name = "s-1"

@@ -6,8 +6,6 @@ import json
 import re
 
 import pytest
-from by_hand import Make, station_text
-from page_omega import PageOmega
 from typer.testing import CliRunner
 
 from jbclog.app import connection
@@ -16,6 +14,8 @@ from jbclog.core.errors import WriteForbidden
 from jbclog.core.io_requests import Steps
 from jbclog.protocol.commands.family import FAMILIES
 from jbclog.session.manual.contact import meet
+from support.oracles.printed_omega import PageOmega
+from support.virtual.manual import Make, station_text
 
 TOOLS = "tools = { 1 = 2, 2 = 1 }"
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 import json
 
 import pytest
-from by_hand import Bench, Make, says, station_text
 
 from jbclog.protocol.commands.ranges import TEMPERATURES
 from jbclog.session.manual.read import APART, settled
+from support.virtual.manual import Bench, Make, says, station_text
 
 DDE = station_text("dde-1", "dde", sim="tools = { 1 = 2, 2 = 1 }\ncounters = { work_hours = 120 }")
 JTSE = station_text("jtse-1", "jtse")

@@ -5,12 +5,12 @@ from __future__ import annotations
 import json
 
 import pytest
-from by_hand import Bench, Make, says, station_text
 
 from jbclog.app import safe_state
 from jbclog.core.errors import LinkError
 from jbclog.protocol.commands.robot import TOOLS_002
 from jbclog.sim.port import WORKING
+from support.virtual.manual import Bench, Make, says, station_text
 
 STAND = "WPS100001"
 T210, T245 = TOOLS_002[1], TOOLS_002[2]

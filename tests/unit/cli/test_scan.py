@@ -7,13 +7,13 @@ from pathlib import Path
 
 import pytest
 from typer.testing import CliRunner
-from uart_ports import Cable, Echo, Silence, means, station_cable
 
 from jbclog.app import discovery
 from jbclog.cli.app import app
 from jbclog.cli.scan import _addresses, _ports
 from jbclog.core.errors import UsageError
 from jbclog.core.wire import LineFormat
+from support.links.uart_ports import Cable, Echo, Silence, means, station_cable
 
 
 @pytest.mark.parametrize(

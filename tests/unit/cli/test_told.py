@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from sealed_run import station
-
 from jbclog.analysis.verdict import Result, Rule
 from jbclog.cli.output import wrapped
 from jbclog.cli.run_wording import reasons_told
 from jbclog.core.errors import Exit, Finding, in_order, tools_text
+from support.records.sealed_run import station
 
 
 def rule(name: str, place: tuple[str, int | None] | tuple[None, None], result: Result, text: str) -> dict[str, object]:

@@ -8,14 +8,14 @@ from datetime import UTC, date, datetime, timedelta
 from pathlib import Path
 
 import pytest
-from by_hand import Bench, Ended, Make, says, station_text
-from hostile_names import HOSTILE, MOVES
 from typer.testing import CliRunner
 
 from jbclog.cli.app import app
 from jbclog.core.rows import StationFacts
 from jbclog.maintenance.verification import NAME, Given, keep, own_of, read_book, verify
 from jbclog.record.manifest import LineFile, Manifest, Metadata, iso, write_manifest
+from support.faults.hostile_names import HOSTILE, MOVES
+from support.virtual.manual import Bench, Ended, Make, says, station_text
 
 SAID = ("--instrument", "TC-7", "--due", "2099-03-01", "--tip", "T-17", "--by", "A. Rossi")
 

@@ -7,13 +7,13 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from by_hand import Bench, Ended, Make, station_text
 
 from jbclog.app import connection
 from jbclog.core.errors import LinkError, PortBusy
 from jbclog.core.wire import LineFormat
 from jbclog.protocol.commands.family import FAMILIES
 from jbclog.transport.port import Port
+from support.virtual.manual import Bench, Ended, Make, station_text
 
 TOOLS = "tools = { 1 = 2, 2 = 1 }"
 STAND = "jbclog write dde-1 status stand --port 1 --line"

@@ -7,11 +7,11 @@ import socket
 from pathlib import Path
 
 import pytest
-from few_rows import table
 from typer.testing import CliRunner
 
 from jbclog.cli.app import app
 from jbclog.record.manifest import read_manifest
+from support.records.few_rows import table
 
 LINE = '[line]\nname = "bench"\n[[station]]\nname = "dde-1"\nurl = "nowhere"\nfamily = "dde"\nports = [1]\n'
 RECIPE = '[recipe]\nname = "job"\nrevision = 1\nfamilies = ["dde"]\n'

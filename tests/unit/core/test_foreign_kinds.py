@@ -8,17 +8,17 @@ import sqlite3
 from collections.abc import Callable
 from pathlib import Path
 
-import bombs
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-import sealed_run
 
 from jbclog.core.foreign.database import NotAStore, open_database
 from jbclog.core.foreign.files import LIMITS, LINES, Kind, NotReadable, open_foreign, read_foreign
 from jbclog.core.foreign.json_reader import expect_moment, json_of
 from jbclog.core.foreign.tables import GROUP_BYTES, MIB, open_table, read_small
 from jbclog.record.parts import ROWS_A_GROUP, write_part
+from support.faults import bombs
+from support.records import sealed_run
 
 MADE: dict[str, Callable[[Path], object]] = {
     "a pipe": os.mkfifo,

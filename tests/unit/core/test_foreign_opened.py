@@ -10,9 +10,9 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from syntax import parsed
 
 import jbclog
+from support.readers.repository import parsed
 
 PACKAGE = Path(jbclog.__file__).parent
 HOME = ("core", "foreign")

@@ -7,7 +7,6 @@ import math
 import re
 
 import pytest
-from each_row import each_row
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -29,6 +28,7 @@ from jbclog.core.quantities import (
     Word,
     text_of,
 )
+from support.campaigns.each_row import each_row
 
 CELSIUS = Whole("°C")
 OFFSET = Whole("°C", minus="-.")

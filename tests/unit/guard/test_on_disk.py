@@ -14,7 +14,6 @@ from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
-import few_rows
 import pytest
 
 from jbclog.core.errors import RecordError
@@ -28,6 +27,7 @@ from jbclog.guard.single_guard import only_one
 from jbclog.record import annotations, conclude, guard_actions
 from jbclog.record.check import check
 from jbclog.record.recover import recover
+from support.records import few_rows
 
 
 def lease(name: str = "dde-1", *ports: int) -> StationLease:

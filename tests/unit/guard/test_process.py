@@ -13,8 +13,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from command import until
-from guarded import guard_process
 
 import jbclog
 from jbclog.core.errors import StartRefused
@@ -24,6 +22,8 @@ from jbclog.guard.process import UNANSWERED_MOST, GuardLost, GuardProcess
 from jbclog.guard.single_guard import NAME as LOCK
 from jbclog.guard.supervisor import REPLACED_AT_MOST, GuardSupervisor
 from jbclog.guard.watch import RENEW_S
+from support.command import until
+from support.faults.guarded import guard_process
 
 HEAVY = ("pydantic", "pyarrow", "pandas", "numpy", "asyncio", "typer", "rich", "sqlite3", "tomllib", "multiprocessing", "http")
 PACKAGES = ("record", "session.run", "session.scheduler", "config", "analysis", "sim", "cli", "app", "core.rows")
@@ -207,10 +207,10 @@ def test_a_second_one_ends_where_the_first_goes_on(guard: GuardProcess, tmp_path
 
 def test_leases_told_to_one_that_had_not_begun_to_watch_are_kept(tmp_path: Path) -> None:
     """A guard that replaces another one, and whose recorder dies before it is there: the leases are in its pipe."""
-    code = "import os, sys; sys.path[:0] = sys.argv[2:]; from guarded import guard_process; from pathlib import Path; "
-    code += "guard = guard_process(Path(sys.argv[1])); guard.stdin.write(sys.stdin.buffer.read()); guard.stdin.flush(); os._exit(0)"
+    code = "import os, pathlib, sys; sys.path[:0] = sys.argv[2:]; from support.faults.guarded import guard_process; "
+    code += "guard = guard_process(pathlib.Path(sys.argv[1])); guard.stdin.write(sys.stdin.buffer.read()); guard.stdin.flush(); os._exit(0)"
     (tmp_path / "live.lock").touch()
-    support = str(Path(__file__).parents[2] / "support")
+    support = str(Path(__file__).parents[2])
     command = [sys.executable, "-c", code, str(tmp_path), support]
     subprocess.run(command, input=UNKNOWN.to_json().encode() + b"\n", check=True, timeout=200)
     assert until(lambda: (tmp_path / "guard.jsonl").exists() and "guard.took_over" in (tmp_path / "guard.jsonl").read_text(), 60)

@@ -7,10 +7,10 @@ import random
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from slices import first
 
 from jbclog.guard.lease import StationLease
 from jbclog.guard.watch import BEAT, END, FAILED, GRACE_S, HUNG_S, OVERSLEPT_S, RENEW_S, Verdict, Watch
+from support.campaigns.slices import first
 
 
 def lease(*ports: int, feeds: bool = False) -> StationLease:

@@ -13,10 +13,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from audit_fleet import BATCHES, SHIFTS, Fleet, Used
-from audit_score import TRUTH_YEARS, DueScore, due_score, due_score_of, odometer_score
-from exchange_fleet import BEGIN as EXCHANGE_BEGIN
-from exchange_fleet import Model, Places, contract, workshop
+
+from support.fleets.audit_fleet import BATCHES, SHIFTS, Fleet, Used
+from support.fleets.audit_score import TRUTH_YEARS, DueScore, due_score, due_score_of, odometer_score
+from support.fleets.exchange_fleet import BEGIN as EXCHANGE_BEGIN
+from support.fleets.exchange_fleet import Model, Places, contract, workshop
 
 DAILY, WEEKLY, MONTHLY = 24.0, 168.0, 730.0
 TUNED = (11, 12, 14, 1201, 1202)

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import pytest
-from counted import look
 
 from jbclog.maintenance.fleet_of_ledger import drifts
+from support.fleets.counters import look
 
 
 def test_an_odd_one_out_is_told_with_how_many_have_what() -> None:

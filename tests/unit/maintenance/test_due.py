@@ -8,13 +8,13 @@ from dataclasses import replace
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from looked import at, seen, series, told, traced
 
 from jbclog.config.tasks_file import Task
 from jbclog.maintenance.counter_totals.observed import Fact
 from jbclog.maintenance.counter_totals.span import Interval
 from jbclog.maintenance.counter_totals.totals import Trace
 from jbclog.maintenance.due import DAY, WEEK, Pace, State, Step, TaskState, forecast, pace_of, states_of, used_since
+from support.fleets.looks import at, seen, series, told, traced
 
 TIP = Task("tip-change", "Change the tip", "work_h", 100.0)
 CHECK = Task("check", "Verify", "days", 30.0)

@@ -9,9 +9,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from math import inf
 
-import fleets
 import pytest
-from hostile_names import HOSTILE
 
 from jbclog.cli.audit_end import lines
 from jbclog.maintenance.counter_totals.observed import Count, Standing
@@ -19,6 +17,8 @@ from jbclog.maintenance.counter_totals.span import Interval
 from jbclog.maintenance.due import State
 from jbclog.maintenance.fleet import USUAL, Finding, FleetAudit, StationAudit, exit_code, findings
 from jbclog.report.audit.files import COLUMNS, SCHEMA, plain_audit, sheet_of
+from support.faults.hostile_names import HOSTILE
+from support.fleets import fleets
 
 every_fleet = pytest.mark.parametrize("make", fleets.ALL.values(), ids=fleets.ALL)
 

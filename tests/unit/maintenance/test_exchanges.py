@@ -10,8 +10,9 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import pytest
-from exchange_fleet import Model, Places, contract, workshop
-from exchange_score import ExchangeScore, exchange_score
+
+from support.fleets.exchange_fleet import Model, Places, contract, workshop
+from support.fleets.exchange_score import ExchangeScore, exchange_score
 
 Counted = Callable[..., None]
 KNOWN = {"weekly": 0.9, "monthly": 0.7}

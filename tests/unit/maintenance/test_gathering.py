@@ -6,7 +6,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from looked import at, seen, told
 
 from jbclog.config.tasks_file import parse_tasks
 from jbclog.maintenance.counter_totals.observed import Entry, Observation, Standing
@@ -16,6 +15,7 @@ from jbclog.maintenance.due import State
 from jbclog.maintenance.fleet import FleetAudit, StationAudit
 from jbclog.maintenance.fleet_of_ledger import fleet_of
 from jbclog.maintenance.ledger import add, read_book
+from support.fleets.looks import at, seen, told
 
 WEEK = 168.0
 TASKS = parse_tasks('[[task]]\nname = "tip-change"\ncounter = "work_h"\nlife_h = 100\n[[task]]\nname = "check"\nlife_days = 30\n')

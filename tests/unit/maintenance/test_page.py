@@ -7,14 +7,14 @@ from collections.abc import Callable
 from dataclasses import fields, is_dataclass, replace
 from itertools import cycle
 
-import fleets
 import pytest
-from hostile_names import HOSTILE, Acting
 
 from jbclog.maintenance.due import State
 from jbclog.maintenance.fleet import FleetAudit
 from jbclog.report.audit.overview import at_a_glance
 from jbclog.report.audit.page import page_of
+from support.faults.hostile_names import HOSTILE, Acting
+from support.fleets import fleets
 
 every_fleet = pytest.mark.parametrize("make", fleets.ALL.values(), ids=fleets.ALL)
 

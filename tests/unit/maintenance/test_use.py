@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from math import inf
 
 import pytest
-from counted import ago, look, then, went
 
 from jbclog.maintenance.counter_totals.observed import Observation
 from jbclog.maintenance.counter_totals.span import Interval
@@ -14,6 +13,7 @@ from jbclog.maintenance.counter_totals.totals import Join, Trace
 from jbclog.maintenance.fleet import UseFigure
 from jbclog.maintenance.use import NO_JOINTS, Past, poisson_bounds, use_of, whole, within
 from jbclog.maintenance.weeks import weeks_of
+from support.fleets.counters import ago, look, then, went
 
 WEEKLY = [7.0 * week for week in range(60, -1, -1)]
 

@@ -1,11 +1,11 @@
-"""OMEGA's frames as they are written; how they are read is in `tests/wire/test_omega.py`."""
+"""OMEGA's frames as they are written; how they are read is in `tests/unit/protocol/frame/test_omega.py`."""
 
 from __future__ import annotations
 
 import pytest
-from golden import manual_003
 
 from jbclog.protocol.omega import LONGEST, encode, only_reads, sum_of
+from support.golden import manual_003
 
 
 @pytest.mark.parametrize("golden", [*manual_003.FRAMES, *manual_003.BY_HAND], ids=lambda golden: f"{golden.where} {golden.text}")

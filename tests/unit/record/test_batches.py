@@ -7,13 +7,13 @@ import subprocess
 import sys
 from dataclasses import replace
 
-import few_rows
 import pyarrow as pa
 import pytest
 
 from jbclog.core.rows import COLUMN
 from jbclog.record.batches import MOST_BYTES, MOST_ROWS, Batch, Damaged, NotRows, decode, encode
 from jbclog.record.schema import SCHEMAS
+from support.records import few_rows
 
 
 def values(count: int) -> list[object]:

@@ -8,12 +8,10 @@ from dataclasses import replace
 from datetime import timedelta
 from pathlib import Path
 
-import few_rows
 import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 import pytest
-from make_run import make_run
 
 from jbclog.core.errors import RecordError
 from jbclog.record.annotations import append
@@ -21,6 +19,8 @@ from jbclog.record.check import check
 from jbclog.record.conclude import files_of
 from jbclog.record.manifest import Manifest, manifest_sha256, read_manifest, write_manifest
 from jbclog.record.parts import part_paths
+from support.records import few_rows
+from support.records.small_run import make_run
 
 
 @pytest.fixture

@@ -10,11 +10,11 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 import pytest
-from make_run import make_run
 
 from jbclog.record.compare import MOST_TOLD, compare_records
 from jbclog.record.manifest import read_manifest, write_manifest
 from jbclog.record.parts import part_paths
+from support.records.small_run import make_run
 
 Change = Callable[[pa.Table], pa.Table]
 

@@ -10,9 +10,7 @@ import sqlite3
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-import few_rows
 import pytest
-from few_rows import begun, hand_over
 
 from jbclog.core.errors import RecordError
 from jbclog.core.locks import FolderLock, Witness, witness
@@ -24,6 +22,8 @@ from jbclog.record.manifest import Manifest, read_manifest
 from jbclog.record.recover import recover
 from jbclog.record.seal import seal_rows
 from jbclog.record.store import RESERVE, RESERVE_BYTES, Notes, Segment
+from support.records import few_rows
+from support.records.few_rows import begun, hand_over
 
 
 def failed(code: int) -> sqlite3.OperationalError:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-import few_rows
 import pytest
 
 from jbclog.guard.action_log import NAME, ActionLog
@@ -15,6 +14,7 @@ from jbclog.record.guard_actions import DIARY
 from jbclog.record.manifest import read_manifest
 from jbclog.record.parts import row_groups
 from jbclog.record.recover import recover
+from support.records import few_rows
 
 
 @pytest.fixture

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import few_rows
 import pytest
 
 from jbclog.core.rows import COLUMN, CounterRow, SampleRow, StationFacts, quality_of, reasons_text
 from jbclog.record.ledger import disagreements, ledger_of
 from jbclog.record.live import LiveStore
 from jbclog.record.seal import seal_rows
+from support.records import few_rows
 
 
 def row(tick: int, port: int, reasons: dict[str, str] | None = None, **values: object) -> SampleRow:

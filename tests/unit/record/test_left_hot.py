@@ -8,7 +8,6 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
-import few_rows
 import pytest
 from typer.testing import CliRunner
 
@@ -23,6 +22,7 @@ from jbclog.record.guard_actions import DIARY, LEASE
 from jbclog.record.manifest import Manifest, read_manifest, write_manifest
 from jbclog.record.parts import row_groups
 from jbclog.record.recover import Outcome, recover
+from support.records import few_rows
 
 TOUCHED = replace(few_rows.facts(), touched=[1, 2], asked_safe_state="stand")
 FEEDS = replace(TOUCHED, touched=[1], may_feed=True)

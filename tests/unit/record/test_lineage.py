@@ -7,11 +7,11 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from make_run import make_run
 
 from jbclog.record.chains import HEAD, is_head, previous_run, short_head
 from jbclog.record.check import check
 from jbclog.record.manifest import LineFile, Manifest, Previous, manifest_sha256, read_manifest, write_manifest
+from support.records.small_run import make_run
 
 NAMES = ("20260921T141318Z-bench-aaaa", "20260921T141319Z-bench-aaab", "20260921T141320Z-bench-aaac")
 

@@ -10,9 +10,7 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
 
-import few_rows
 import pytest
-from few_rows import begun, hand_over
 
 from jbclog.core.errors import RecordError
 from jbclog.core.rows import COLUMN, EventRow, Journal, Severity
@@ -26,6 +24,8 @@ from jbclog.record.parts import part_paths
 from jbclog.record.seal import seal_in_child, seal_rows
 from jbclog.record.store import RESERVE, RESERVE_BYTES, Notes, Segment, segments
 from jbclog.record.store_reader import StoreReader
+from support.records import few_rows
+from support.records.few_rows import begun, hand_over
 
 
 def finished(store: LiveStore) -> Path:

@@ -5,13 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from make_run import make_run
 from typer.testing import CliRunner
 
 from jbclog.cli.app import app
 from jbclog.core.foreign.files import NotReadable
 from jbclog.record.folder import joints_asked, recipe_copy, recipe_texts
 from jbclog.record.manifest import read_manifest
+from support.records.small_run import make_run
 
 
 @pytest.fixture

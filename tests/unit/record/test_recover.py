@@ -10,9 +10,7 @@ import sqlite3
 from collections.abc import Callable
 from pathlib import Path
 
-import few_rows
 import pytest
-from small_wire import write_wire
 
 from jbclog.core.errors import RecordError
 from jbclog.record.check import check
@@ -25,6 +23,8 @@ from jbclog.record.recover import Outcome, recover, recover_all
 from jbclog.record.schema import TABLES
 from jbclog.record.seal import seal_rows
 from jbclog.record.store import META, Segment, segments
+from support.links.small_wire import write_wire
+from support.records import few_rows
 
 JUDGED = '[recipe]\nname = "a"\n\n[acceptance]\ncoverage_percent = 99.5\n'
 PLAIN = '[recipe]\nname = "a"\n'

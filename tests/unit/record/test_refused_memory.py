@@ -7,7 +7,6 @@ import subprocess
 import sys
 from pathlib import Path
 
-import few_rows
 import pytest
 
 from jbclog.core import errors
@@ -15,18 +14,19 @@ from jbclog.core.errors import RecordError
 from jbclog.record import live
 from jbclog.record.batches import BARE
 from jbclog.record.chains import COLUMNS, breaks
+from support.records import few_rows
 
-SUPPORT = Path(__file__).parents[2] / "support"
+SUPPORT = Path(__file__).parents[2]
 
 
 @pytest.mark.parametrize("many", [1, 100])
 def test_nothing_that_was_handed_over_is_lost_or_stored_twice(tmp_path: Path, many: int) -> None:
-    """At each request of a commit in turn (`support/refused_commit.py`)."""
+    """At each request of a commit in turn (`support/faults/refused_commit.py`)."""
     pytest.importorskip("_testcapi")
     command = [
         sys.executable,
         "-c",
-        "import sys; sys.path[:0] = [sys.argv.pop(1)]; import refused_commit as r; r.main_of(sys.argv)",
+        "import sys; sys.path[:0] = [sys.argv.pop(1)]; import support.faults.refused_commit as r; r.main_of(sys.argv)",
     ]
     done = subprocess.run(
         [*command, str(SUPPORT), str(tmp_path), str(many), "1"], capture_output=True, text=True, check=False, timeout=120

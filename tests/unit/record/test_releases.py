@@ -10,7 +10,6 @@ import shutil
 from pathlib import Path
 
 import pytest
-from release_corpus import HOME, SECONDS, TABLES, noted
 from typer.testing import CliRunner
 
 from jbclog.analysis.run import open_run
@@ -19,6 +18,7 @@ from jbclog.record.annotations import read
 from jbclog.record.check import check
 from jbclog.record.recover import Outcome, recover
 from jbclog.report.write import write_report
+from support.records.release_corpus import HOME, SECONDS, TABLES, noted
 
 RELEASES = sorted(path.name for path in HOME.iterdir())
 every_release = pytest.mark.parametrize("release", RELEASES)

@@ -9,7 +9,6 @@ from contextlib import contextmanager
 from pathlib import Path
 from types import CodeType, FrameType
 
-import few_rows
 import pytest
 
 from jbclog.record import batches, chains, live
@@ -17,6 +16,7 @@ from jbclog.record.batches import decode
 from jbclog.record.chains import breaks
 from jbclog.record.guard_actions import plain_events
 from jbclog.record.live import RowBuffer
+from support.records import few_rows
 
 RUN, ROWS = "run", 3
 OURS = {module.__file__ for module in (batches, chains, live)}

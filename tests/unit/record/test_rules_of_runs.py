@@ -9,7 +9,6 @@ from pathlib import Path
 
 import pytest
 from typer.testing import CliRunner
-from verdict_corpus import HOME, judged, unpack
 
 from jbclog.analysis import rejudge
 from jbclog.analysis.rejudge import held, judge_again
@@ -18,6 +17,7 @@ from jbclog.analysis.verdict.versions import Version
 from jbclog.cli.app import app
 from jbclog.record.manifest import read_manifest, write_manifest
 from jbclog.report.write import verified, write_report
+from support.records.verdict_corpus import HOME, judged, unpack
 
 ARCHIVES = sorted(HOME.glob("*/*.tar.xz"))
 every_run = pytest.mark.parametrize("archive", ARCHIVES, ids=lambda path: f"{path.parent.name}-{path.name.split('.')[0]}")

@@ -9,7 +9,6 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
-import few_rows
 import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
@@ -24,6 +23,7 @@ from jbclog.record.parts import part_paths, part_through, through, write_part
 from jbclog.record.schema import SCHEMAS, TABLES
 from jbclog.record.seal import seal_rows
 from jbclog.record.store import Segment
+from support.records import few_rows
 
 
 def concluded(folder: Path) -> Manifest:

@@ -5,21 +5,21 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-import told_events
-from few_rows import T0
-from told_events import Told
 
 from jbclog.record.annotations import append, late_serials, only_unit, units_of
 from jbclog.record.check import check
 from jbclog.record.manifest import Metadata, Unit, iso, read_manifest, write_manifest
 from jbclog.record.recover import recover
+from support.records import event_run
+from support.records.event_run import Told
+from support.records.few_rows import T0
 
 CALM: list[Told] = [(1, "unit.begin", "SN-1"), (5, "unit.again", "SN-1"), (9, "unit.end", "SN-1"), (9, "unit.begin", "SN-2")]
 
 
 def run_with(out: Path, told: list[Told], *, crashes: bool = False) -> Path:
     """A run with these events: second, kind, serial."""
-    return told_events.run_with(out, told, Metadata(order="88123", units=["SN-0"]), crashes=crashes)
+    return event_run.run_with(out, told, Metadata(order="88123", units=["SN-0"]), crashes=crashes)
 
 
 def at(second: int) -> str:

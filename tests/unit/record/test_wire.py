@@ -11,10 +11,8 @@ from pathlib import Path
 
 import pandas as pd
 import pytest
-from few_rows import abandoned
 from hypothesis import given
 from hypothesis import strategies as st
-from make_run import make_run
 
 from jbclog.core.errors import RecordError
 from jbclog.core.wire import Passed, Row, Told
@@ -25,6 +23,8 @@ from jbclog.record.capture_recorder import WireRecorder
 from jbclog.record.check import check
 from jbclog.record.manifest import Manifest, read_manifest, write_manifest
 from jbclog.record.recover import recover
+from support.records.few_rows import abandoned
+from support.records.small_run import make_run
 
 HEAD = Head("dde-1", "/dev/ttyUSB0", "tht.toml", 8123.480001251, 1_790_000_000.25, 90.0, "fit", jbclog="0.1.0")
 QUESTION, ANSWER = b"\x020001RSMN\x03\x02", b"\x020100ASMN DDE\x03U"

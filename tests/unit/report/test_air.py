@@ -7,9 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from drawn import corners, fields, shapes, texts, values
 from numpy.typing import NDArray
-from sealed_run import RECIPE, lose, micros, samples, seal, station, table
 
 from jbclog.analysis.verdict import Evidence, Limits, judge
 from jbclog.core.rows import StationFacts
@@ -20,6 +18,8 @@ from jbclog.report.panel import lanes_of
 from jbclog.report.style import WIDE
 from jbclog.report.trace import Grid, Trace, trace
 from jbclog.report.write import verify_report, write_report
+from support.readers.drawn import corners, fields, shapes, texts, values
+from support.records.sealed_run import RECIPE, lose, micros, samples, seal, station, table
 
 HEAD = [("Set", "320 °C"), ("Air, min–max", "320 to 320 °C"), ("Idle error ± sd", "0.0 ± 0.0 °C")]
 

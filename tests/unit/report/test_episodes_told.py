@@ -11,8 +11,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from drawn import boxes, shapes, texts
-from sealed_run import alarm, limit, lose, micros, samples, seal, station, table
 
 from jbclog.analysis.run import open_run
 from jbclog.analysis.run_alarms import ACKNOWLEDGED
@@ -24,6 +22,8 @@ from jbclog.report.repeated_events import told_once
 from jbclog.report.safety import short, verification_facts
 from jbclog.report.style import NARROW, WIDE
 from jbclog.report.write import verify_report, write_report
+from support.readers.drawn import boxes, shapes, texts
+from support.records.sealed_run import alarm, limit, lose, micros, samples, seal, station, table
 
 LIMITS = [limit("high", "380"), limit("low", "300")]
 

@@ -11,13 +11,13 @@ from xml.etree import ElementTree
 import numpy as np
 import pandas as pd
 import pytest
-import sealed_run
-from drawn import boxes, corners, fields, shapes, texts, values
 
 from jbclog.report.figure import closer, draw, figure_svg
 from jbclog.report.scale import round_marks, spread
 from jbclog.report.style import NARROW, WIDE, Format
 from jbclog.report.trace import Grid, Limit, Mark, Span, Trace, trace
+from support.readers.drawn import boxes, corners, fields, shapes, texts, values
+from support.records import sealed_run
 
 
 def port(rows: int = 600, **columns: object) -> Trace:

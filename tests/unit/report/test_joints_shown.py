@@ -12,9 +12,6 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 import pytest
-from made_series import lose
-from scripted_tip import Contact, soldered
-from sealed_run import seal, station, table
 
 from jbclog.analysis.joints.series import Series
 from jbclog.analysis.rejudge import judge_again
@@ -31,6 +28,9 @@ from jbclog.report.style import WIDE
 from jbclog.report.trace import BACK, CUT_OFF, LATE, Grid, Span, Trace
 from jbclog.report.verdict import summary
 from jbclog.report.write import write_report
+from support.plants.scripted_tip import Contact, soldered
+from support.records.made_series import lose
+from support.records.sealed_run import seal, station, table
 
 HZ = 10.0
 RECIPE = """[recipe]

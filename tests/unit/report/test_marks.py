@@ -5,12 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from sealed_run import alarm, limit, micros, samples, seal, station, table
 
 from jbclog.analysis.run import open_run
 from jbclog.core.rows import EventRow, SettingRow, Severity
 from jbclog.report.marks import happenings, limits_of, marks_of
 from jbclog.report.trace import Span
+from support.records.sealed_run import alarm, limit, micros, samples, seal, station, table
 
 
 def event(second: float, kind: str, port: int | None = 1, name: str | None = "dde-1", **more: object) -> EventRow:

@@ -16,9 +16,6 @@ import pikepdf
 import pypdfium2
 import pytest
 from fontTools.ttLib import TTFont
-from make_run import make_run
-from pdf_read import faults, page_texts
-from sealed_run import alarm, limit, samples, seal, station, table
 
 from jbclog.core.text import clean
 from jbclog.record.annotations import append
@@ -26,6 +23,9 @@ from jbclog.record.manifest import Metadata
 from jbclog.report import style
 from jbclog.report.typeset import FONTS, LACKING, LACKING_MEANS, drawable, typesetter
 from jbclog.report.write import verified, write_report
+from support.readers.pdf_read import faults, page_texts
+from support.records.sealed_run import alarm, limit, samples, seal, station, table
+from support.records.small_run import make_run
 
 MAKE = "import sys; from jbclog.report.write import write_report; write_report(sys.argv[1])"
 MADE = ("report.html", "report.pdf", "report.json", "figures", "tables")

@@ -6,12 +6,12 @@ import csv
 from pathlib import Path
 
 import pytest
-from make_run import make_run
-from sealed_run import alarm, samples, seal, station, table
 
 from jbclog.core.text import clean, harmless
 from jbclog.report.spreadsheet import TABLES
 from jbclog.report.write import write_report
+from support.records.sealed_run import alarm, samples, seal, station, table
+from support.records.small_run import make_run
 
 
 def rows(run: Path, name: str) -> list[dict[str, str]]:

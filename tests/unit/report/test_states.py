@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from sealed_run import samples, seal, station, table
 
 from jbclog.core.rows import StationFacts
 from jbclog.record.check import check
 from jbclog.report.write import write_report
+from support.records.sealed_run import samples, seal, station, table
 
 STATES = ("solder_shortage", "preparing", "in_range")
 RECIPE = '[recipe]\nname = "omega"\nrevision = 1\nfamilies = ["omega"]\n[acceptance]\n'

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from sealed_run import limit, micros, samples, seal, station, table
-
 from jbclog.analysis.run import open_run
 from jbclog.core.rows import CounterRow, EventRow, Severity
 from jbclog.report.tables import MOST_EVENTS, by_station, counter_rows, event_rows, ledger_rows, setting_rows
+from support.records.sealed_run import limit, micros, samples, seal, station, table
 
 
 def test_of_too_many_events_the_gravest_are_kept_in_order_and_the_rest_is_counted(tmp_path: Path) -> None:

@@ -14,8 +14,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from make_run import begin, make_run
-from sealed_run import RECIPE, alarm, limit, lose, micros, samples, seal, station, table
 
 from jbclog.core.errors import RecordError
 from jbclog.core.rows import CounterRow, EventRow, SettingRow, Severity
@@ -26,6 +24,8 @@ from jbclog.record.manifest import LineFile, Lost, Metadata, read_manifest, writ
 from jbclog.report.page import SCRIPTS
 from jbclog.report.verdict import without_urls
 from jbclog.report.write import verify_report, write_report
+from support.records.sealed_run import RECIPE, alarm, limit, lose, micros, samples, seal, station, table
+from support.records.small_run import begin, make_run
 
 ELEMENTS = {
     *("html", "head", "meta", "title", "style", "body", "main", "section", "footer", "div", "p", "span", "b", "small", "a", "code"),

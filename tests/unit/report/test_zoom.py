@@ -15,14 +15,14 @@ import pandas as pd
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from readme import ROOT
-from sealed_run import alarm, limit, lose, samples, seal, station, table
-from zoom_data import Numbers, ZoomData, zoom_data
 
 from jbclog.report import zoom
 from jbclog.report.trace import BACK, CUT_OFF, LATE, Grid, Mark, Span, Trace, trace
 from jbclog.report.write import write_report
 from jbclog.report.zoom import FARTHEST, LEAST_SPANS, LONGEST_WORD, MOST_READINGS, share, varints, zoom_of
+from support.readers.texts import ROOT
+from support.readers.zoom_data import Numbers, ZoomData, zoom_data
+from support.records.sealed_run import alarm, limit, lose, samples, seal, station, table
 
 UPLOT = files("jbclog.report").joinpath("vendor", "uplot")
 VALUES = {"temperature_c": "temperature_c", "power_permille": "power_permille"}

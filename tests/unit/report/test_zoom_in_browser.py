@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from browser import PROGRAM, Chromium, Page, chromium
-from sealed_run import alarm, limit, lose, samples, seal, station, table
 
 from jbclog.report import zoom
 from jbclog.report.write import report_files, write_report
+from support.readers.browser import PROGRAM, Chromium, Page, chromium
+from support.records.sealed_run import alarm, limit, lose, samples, seal, station, table
 
 pytestmark = pytest.mark.skipif(PROGRAM is None, reason="chromium is not installed")
 

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
-from virtual_run import RECIPE
 
 from jbclog.config.load_recipe import parse_recipe
 from jbclog.config.recipe import Recipe
@@ -15,6 +14,7 @@ from jbclog.core.wire import BAUDRATES, LineFormat
 from jbclog.protocol.commands.family import FAMILIES
 from jbclog.session.run.pace import readings_for, too_fast
 from jbclog.session.scheduler import CEILING, Demand, Grid, Reading, SlowReadings, read_wire_s
+from support.virtual.virtual_run import RECIPE
 
 DDE = FAMILIES["dde"]
 LINE = LineFormat(19200, "8N1")

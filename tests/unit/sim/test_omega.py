@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from omega_talk import framed
 
 from jbclog.config.line import parse_line
 from jbclog.core.errors import UsageError
@@ -13,6 +12,7 @@ from jbclog.protocol.commands.omega import ConditionRecord
 from jbclog.sim.omega import SLOWEST_S, WARM_UP_S, VirtualOmega, seconds_of, usual
 from jbclog.sim.setup import virtual_station
 from jbclog.sim.virtual import VirtualStation
+from support.clients.omega_talk import framed
 
 LINE = '[line]\nname = "t"\n[[station]]\nname = "omega-1"\nurl = "x"\nfamily = "{family}"\n[station.sim]\n{sim}\n'
 ON = 1000.0

@@ -5,11 +5,11 @@ from __future__ import annotations
 import time
 
 import pytest
-from near_ends import PairPort, ThreadedPort
 
 from jbclog.core.errors import LinkError
 from jbclog.core.io_requests import Ask, Heard, Listen, Reopen, Steps, Wait
 from jbclog.transport import blocking
+from support.links.near_ends import PairPort, ThreadedPort
 
 KINDS = pytest.mark.parametrize("kind", [PairPort, ThreadedPort], ids=["descriptor", "thread"])
 

@@ -9,12 +9,12 @@ from contextlib import contextmanager, suppress
 from itertools import pairwise
 
 import pytest
-from near_ends import PairPort, ThreadedPort
 
 from jbclog.core.io_requests import Ask, Heard, Listen, Reopen, Steps, Wait
 from jbclog.transport import blocking
 from jbclog.transport.port import MOST_AT_ONCE, MOST_KEPT, MOST_READS, REST_S, Budget
 from jbclog.transport.reactor import Reactor
+from support.links.near_ends import PairPort, ThreadedPort
 
 every_kind = pytest.mark.parametrize("kind", [PairPort, ThreadedPort])
 every_piece = pytest.mark.parametrize("piece", [b"x", b"\x020100ATT100077\x03\x52" * 500], ids=["single bytes", "whole kilobytes"])

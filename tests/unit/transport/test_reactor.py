@@ -8,11 +8,11 @@ import time
 from collections.abc import Callable
 
 import pytest
-from near_ends import PairPort, ThreadedPort
 
 from jbclog.core.errors import LinkError
 from jbclog.core.io_requests import Ask, Listen, Reopen, RunEnded, Steps, Wait
 from jbclog.transport.reactor import Reactor
+from support.links.near_ends import PairPort, ThreadedPort
 
 KINDS = pytest.mark.parametrize("kind", [PairPort, ThreadedPort], ids=["descriptor", "thread"])
 LONG_S = 30.0  # nobody waits that long

@@ -6,7 +6,12 @@ import random
 import time
 
 import pytest
-from alarm_series import (
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from jbclog.analysis.alarms import BEFORE_ALL, Change, Detector, Episode, LiveAlarms, Rows, Rules, SampledEpisodes, State
+from jbclog.analysis.alarms.port_watch import PortWatch
+from support.records.alarm_series import (
     PERIOD_S,
     SETTINGS,
     STATION,
@@ -20,11 +25,6 @@ from alarm_series import (
     sample_row,
     setting_rows,
 )
-from hypothesis import given, settings
-from hypothesis import strategies as st
-
-from jbclog.analysis.alarms import BEFORE_ALL, Change, Detector, Episode, LiveAlarms, Rows, Rules, SampledEpisodes, State
-from jbclog.analysis.alarms.port_watch import PortWatch
 
 B, C = Detector.SAMPLES, Detector.AFTERWARDS
 

@@ -8,12 +8,12 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from made_series import made
 
 from jbclog.analysis.joints.series import Cycles, Series
 from jbclog.analysis.joints.solder_wire import Wire
 from jbclog.analysis.metrics.measures import measure_port
 from jbclog.analysis.verdict.idle import Block
+from support.records.made_series import made
 
 
 def any_series(seed: int) -> Series:

@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scripted_tip import shown_late, soldered
 
 from jbclog.analysis.joints.delay import LEAST_S, delay_of
 from jbclog.analysis.joints.heat_up_end import readied
@@ -14,6 +13,7 @@ from jbclog.analysis.joints.joints import Found, find_joints
 from jbclog.analysis.joints.series import Series, stretches
 from jbclog.analysis.joints.thermal import Delay
 from jbclog.analysis.metrics.measures import measure_port
+from support.plants.scripted_tip import shown_late, soldered
 
 CONTACTS = [(15.0 + 3.1 * number, 16.0 + 3.1 * number + 0.2 * (number % 4)) for number in range(20)]
 

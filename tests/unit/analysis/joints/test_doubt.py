@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scripted_tip import soldered
 
 from jbclog.analysis.joints import joints as finding
 from jbclog.analysis.joints.doubt import MOST_DOUBT, MOST_DOUBT_SLOW, Doubt, _same, why_not_known
@@ -16,6 +15,7 @@ from jbclog.analysis.joints.joints import Found, find_joints
 from jbclog.analysis.joints.parameters import Asked
 from jbclog.analysis.joints.series import Series
 from jbclog.analysis.metrics.measures import measure_port
+from support.plants.scripted_tip import soldered
 
 EACH_FIVE = [(15.0 + 5 * number, 16.2 + 5 * number) for number in range(20)]
 

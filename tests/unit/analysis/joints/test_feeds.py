@@ -7,8 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from made_series import Floats, joints_at, made, rest
-from scripted_tip import soldered
 
 from jbclog.analysis.joints.feed_events import feed_events
 from jbclog.analysis.joints.feeds import feeds_of
@@ -18,6 +16,8 @@ from jbclog.analysis.joints.parameters import Asked
 from jbclog.analysis.joints.port_rows import cycles_of
 from jbclog.analysis.joints.series import Cycles, Series
 from jbclog.analysis.metrics.measures import measure_port
+from support.plants.scripted_tip import soldered
+from support.records.made_series import Floats, joints_at, made, rest
 
 STARTS = [10.0 + 6 * number for number in range(18)]  # joints of 1.5 s
 FEEDS = [(start + 0.3, start + 0.9) for start in STARTS]

@@ -8,13 +8,13 @@ from __future__ import annotations
 from dataclasses import replace
 from itertools import pairwise
 
-import fifth_plant
-import joint_matrix
 import numpy as np
 import pytest
-from fifth_plant import BEFORE_S, BOARD_C, EVERY, STEP_S, WIRE_ON_TIP, Lived, Load
-from joint_matrix import Cell
-from third_plant import Floats, Script, Trial
+
+from support.plants import fifth_plant, joint_matrix
+from support.plants.fifth_plant import BEFORE_S, BOARD_C, EVERY, STEP_S, WIRE_ON_TIP, Lived, Load
+from support.plants.joint_matrix import Cell
+from support.plants.third_plant import Floats, Script, Trial
 
 CELLS = [
     Cell("fifth", *place)

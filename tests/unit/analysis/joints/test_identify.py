@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import joint_matrix
 import pytest
-from joint_matrix import series_of
 
 from jbclog.analysis.joints.joints import find_joints
+from support.plants import joint_matrix
+from support.plants.joint_matrix import series_of
 
 
 @pytest.mark.parametrize(("tip", "capacity"), [("small", 1000 * 0.45 / 75), ("large", 1000 * 3.5 / 250)])

@@ -10,12 +10,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 
-import joint_matrix
 import numpy as np
 import pytest
-import third_plant
-from joint_matrix import Cell, Said, judged
-from third_plant import Script, Trial, Truth
+
+from support.plants import joint_matrix, third_plant
+from support.plants.joint_matrix import Cell, Said, judged
+from support.plants.third_plant import Script, Trial, Truth
 
 REPEATS = 3  # 432 trials a plant; the first third of them (`repeat` 0) was fixed before anything was run
 SLICE = [Cell("third", tip, *place) for tip in joint_matrix.TIPS for place in ((0.5, 2.0), (0.8, 1.0), (2.0, 1.2), (1.0, 0.5))]

@@ -6,14 +6,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from made_series import lose
-from scripted_tip import after, soldered
 
 from jbclog.analysis.joints.figure import Figure
 from jbclog.analysis.joints.joints import find_joints
 from jbclog.analysis.joints.parameters import Asked
 from jbclog.analysis.joints.series import Series
 from jbclog.analysis.metrics.measures import measure_port
+from support.plants.scripted_tip import after, soldered
+from support.records.made_series import lose
 
 EACH_FIVE = [(15.0 + 5 * number, 16.2 + 5 * number) for number in range(20)]
 

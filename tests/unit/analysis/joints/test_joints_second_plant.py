@@ -8,12 +8,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import pytest
-from joint_score import Score, all_of, overlap, told, worst_tenth
-from second_plant import CAMPAIGN_SEEDS, SEEDS, Trial, trials
-from second_record import scores, series_of
 
 from jbclog.analysis.joints.joints import find_joints
 from jbclog.analysis.joints.recovery import Joint
+from support.plants.joint_score import Score, all_of, overlap, told, worst_tenth
+from support.plants.second_plant import CAMPAIGN_SEEDS, SEEDS, Trial, trials
+from support.plants.second_record import scores, series_of
 
 RATES = (10.0, 5.0, 2.0, 1.0)
 LEAST = {10.0: 0.99, 5.0: 0.98, 2.0: 0.96, 1.0: 0.90}

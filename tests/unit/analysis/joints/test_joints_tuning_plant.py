@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import pytest
-from joint_score import all_of, told
-from second_record import scores, series_of
-from tuning_plant import SEEDS, trial
 
 from jbclog.analysis.joints.joints import find_joints
 from jbclog.sim.tip import CAPACITY_J_PER_K, Tip
+from support.plants.joint_score import all_of, told
+from support.plants.second_record import scores, series_of
+from support.plants.tuning_plant import SEEDS, trial
 
 
 def test_joints_of_the_tuning_plant() -> None:

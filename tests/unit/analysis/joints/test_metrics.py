@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from made_series import Floats, joints_at, line, lose, made, rest, steps
 
 from jbclog.analysis.joints.figure import Figure
 from jbclog.analysis.joints.joints import find_joints
@@ -15,6 +14,7 @@ from jbclog.analysis.joints.series import Cycles, Series
 from jbclog.analysis.joints.solder_wire import Wire
 from jbclog.analysis.metrics.definitions import DEFINITIONS
 from jbclog.analysis.metrics.measures import measure_port
+from support.records.made_series import Floats, joints_at, line, lose, made, rest, steps
 
 
 def figures(series: Series, kind: str = "tip", wire: Wire | None = None) -> dict[str, Figure]:

@@ -13,7 +13,6 @@ import numpy as np
 import pytest
 from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
-from scripted_tip import after, shown_late, soldered
 
 from jbclog.analysis.joints.heat_up_end import Readied, continued, readied
 from jbclog.analysis.joints.joints import Found, find_joints
@@ -22,6 +21,7 @@ from jbclog.analysis.joints.series import Series, Stretch
 from jbclog.analysis.joints.sweeps import joints_in
 from jbclog.analysis.joints.windows import WINDOW_S, rows_of
 from jbclog.analysis.verdict.idle import Block
+from support.plants.scripted_tip import after, shown_late, soldered
 
 UNEVEN = [(15 + 4 * n + 0.3 * (n % 3), 16.2 + 4 * n + 0.3 * (n % 5)) for n in range(60)]
 LONG = (262.0, 430.0)  # longer than a window of these tests with what is beside it

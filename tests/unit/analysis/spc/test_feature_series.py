@@ -10,12 +10,12 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from feature_series import SHAPES, Floats, healthy
-from feature_series import unstable as unstable_series
 from scipy import stats
 
 from jbclog.analysis.spc import Capability, Refused, capability, individuals, phase_one
 from jbclog.analysis.spc.refusal import rate_of_nine, unstable
+from support.records.feature_series import SHAPES, Floats, healthy
+from support.records.feature_series import unstable as unstable_series
 
 Series = list[tuple[str, Floats, float | None]]
 SLICE, CAMPAIGN = range(70_000, 70_003), range(80_000, 80_200)

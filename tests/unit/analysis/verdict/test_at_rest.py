@@ -6,10 +6,10 @@ from functools import cache
 
 import numpy as np
 import pytest
-import second_plant as plant
-from second_plant import BOARD_C, Contact, Script, Trial, Truth, plants_of, simulate
 
 from jbclog.analysis.verdict.idle import Block, Floats, idle_readings
+from support.plants import second_plant as plant
+from support.plants.second_plant import BOARD_C, Contact, Script, Trial, Truth, plants_of, simulate
 
 SEEDS = tuple(range(71_001, 71_005))
 SECONDS, SET_C, FIRST_S = 240.0, 350.0, 20.0

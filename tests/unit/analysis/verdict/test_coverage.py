@@ -11,10 +11,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
-from courses import Course, Floats, bounds_of, idle_of, in_pieces, moments, noisy, ringing, slow, told
 
 from jbclog.analysis import spc
 from jbclog.analysis.verdict.bounds import Known
+from support.plants.idle_courses import Course, Floats, bounds_of, idle_of, in_pieces, moments, noisy, ringing, slow, told
 
 LENGTHS_S = (30, 45, 60, 120, 300, 900)
 RATES = (10.0, 5.0, 2.0, 1.0)

@@ -5,11 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from recorded_run import RecordedRun
-from virtual_run import RECIPE, line_text
 
 from jbclog.analysis.run import open_run
 from jbclog.app.run.plan import RunOptions, make_plan
+from support.virtual.recorded_run import RecordedRun
+from support.virtual.virtual_run import RECIPE, line_text
 
 LIMITS = "\n[acceptance]\nidle_error_c = 5\nidle_sd_c = 5\n"
 FAULT = '[[station.sim.fault]]\nat_s = {at_s}\nkind = "tool"\nport = 1\ncode = {code}\n'

@@ -3,12 +3,12 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from audit_bench import MakeBench, See, wanted
-from by_hand import Bench
 
 from jbclog.app import connection
 from jbclog.app.audit import survey
 from jbclog.maintenance.counter_totals.observed import Observation
+from support.virtual.audit_bench import MakeBench, See, wanted
+from support.virtual.manual import Bench
 
 
 @pytest.fixture

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import pytest
-from audit_bench import AUDIT, MakeBench, See, count
-from by_hand import says, station_text
 
 from jbclog.maintenance.counter_totals.observed import Count, Standing
 from jbclog.protocol.commands.family import FAMILIES
+from support.virtual.audit_bench import AUDIT, MakeBench, See, count
+from support.virtual.manual import says, station_text
 
 COUNTED = "[station.sim.counters]\nplugged_hours = 1234\nwork_hours = 812\nsleep_cycles = 99\n"
 ROBOT_OFF = "robot_mode = false"

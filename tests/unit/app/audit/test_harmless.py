@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import pytest
-from talk import framed
 
 from jbclog.app.audit.questions import harmless_for
 from jbclog.protocol.commands.family import FAMILIES
+from support.clients.talk import framed
 
 DDE, OMEGA = FAMILIES["dde"], FAMILIES["omega"]
 

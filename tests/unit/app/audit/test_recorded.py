@@ -8,8 +8,6 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import pytest
-from audit_bench import AUDIT, MakeBench, count, wanted
-from by_hand import station_text
 
 from jbclog.app import connection
 from jbclog.app.audit import survey
@@ -24,6 +22,8 @@ from jbclog.record.live import LiveStore
 from jbclog.record.manifest import Manifest, read_manifest, write_manifest
 from jbclog.record.seal import seal_rows
 from jbclog.session.manual.contact import Target
+from support.virtual.audit_bench import AUDIT, MakeBench, count, wanted
+from support.virtual.manual import station_text
 
 NOW = datetime(2026, 11, 21, 6, 17, tzinfo=UTC)
 URL = "/dev/serial/by-id/usb-1"

@@ -8,10 +8,10 @@ import subprocess
 from pathlib import Path
 
 import pytest
-from unit_file import analyzed, exposed
-from verbs import wrong
 
 from jbclog.app.audit.timers import HOUR, MINUTE, UNIT, Timed, cron_line, program, service_text, timer_text, timers_lines
+from support.readers.command_line import wrong
+from support.readers.unit_file import analyzed, exposed
 
 WORDS = ("--line", "/etc/jbclog/bench 3.toml", "--ledger", "/var/lib/jbclog/100%/$HOME/it's.jsonl")
 FOLDERS = ("/var/lib/jbclog/100%/$HOME", '/var/lib/the "pages"')

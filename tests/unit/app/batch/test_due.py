@@ -8,9 +8,9 @@ from datetime import UTC, datetime
 from zoneinfo import ZoneInfo
 
 import pytest
-from batch_world import Fate, World
 
 from jbclog.config.job_order import At, SystemZone, Turn, Zone, due, due_times, read_at
+from support.faults.batch_world import Fate, World
 
 ROME = "Europe/Rome"  # in 2026: 02:00 becomes 03:00 on 29 March, 03:00 becomes 02:00 on 25 October
 

@@ -10,7 +10,6 @@ import time
 from dataclasses import replace
 from pathlib import Path
 
-import few_rows
 import pytest
 
 from jbclog.app.batch.child import ORDER
@@ -23,6 +22,7 @@ from jbclog.app.run.runner import Job
 from jbclog.record.check import check
 from jbclog.record.manifest import Manifest, Metadata, read_manifest, write_manifest
 from jbclog.record.recover import recover
+from support.records import few_rows
 
 
 def came(hands: SystemProcesses) -> Came:

@@ -6,8 +6,6 @@ import shutil
 from pathlib import Path
 
 import pytest
-from command import BENCH, PROFILES
-from recorded_run import RecordedRun
 
 from jbclog.app.batch.child import ORDER
 from jbclog.app.batch.job_dir import Now
@@ -17,6 +15,8 @@ from jbclog.cli.batch_progress import so_far
 from jbclog.config.job_order import OnFailure
 from jbclog.config.jobs_file import END_ALLOWED, JobsFile, load_jobs, parse_jobs
 from jbclog.core.errors import Problems
+from support.command import BENCH, PROFILES
+from support.virtual.recorded_run import RecordedRun
 
 BATCHES = sorted((PROFILES / "batches").glob("*.toml"))
 RECIPES = PROFILES / "recipes"

@@ -12,7 +12,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from command import BENCH, PROFILES
 
 from jbclog.app.batch.executor import Means
 from jbclog.app.batch.job_dir import JobDir
@@ -25,6 +24,7 @@ from jbclog.app.batch.state import Entry, Kind, standing_of
 from jbclog.config.job_order import SystemZone
 from jbclog.config.jobs_file import load_jobs
 from jbclog.core.errors import JbclogError, Problems, RecordError, UsageError
+from support.command import BENCH, PROFILES
 
 NIGHT = 1_790_000_000.0
 RECIPE = PROFILES / "recipes" / "sac305-smd.toml"

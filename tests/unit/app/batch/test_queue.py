@@ -7,7 +7,6 @@ import signal
 from collections import Counter
 
 import pytest
-from batch_world import CRASH, NIGHT, STILLBORN, Fate, Killed, World
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -15,6 +14,7 @@ from jbclog.app.batch.executor import BatchExecutor
 from jbclog.app.batch.state import RECORDED, BatchState, Kind, State, standing_of, whats_next
 from jbclog.config.job_order import At, OnFailure, Turn, circle, in_turn, read_at
 from jbclog.core.errors import Exit
+from support.faults.batch_world import CRASH, NIGHT, STILLBORN, Fate, Killed, World
 
 STOP, SKIP, CONTINUE = OnFailure.STOP, OnFailure.SKIP, OnFailure.CONTINUE
 FINE = Fate()

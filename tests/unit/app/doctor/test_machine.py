@@ -12,7 +12,6 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-from far_ends import terminal
 
 from jbclog.app import doctor
 from jbclog.app.discovery import search
@@ -30,6 +29,7 @@ from jbclog.app.doctor import (
 from jbclog.core.errors import PortBusy
 from jbclog.session.discovery.found import Finding, ScanPlan
 from jbclog.transport.system_ports import UsbPort
+from support.links.far_ends import terminal
 
 NOW = 1_795_000_000.0  # November 2026
 Usage = namedtuple("Usage", "total used free")

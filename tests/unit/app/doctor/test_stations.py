@@ -5,13 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from page_omega import PageOmega
-from uart_ports import Cable, Echo, Silence, means, station_cable
 
 from jbclog.app.doctor import Fine, Looked, look_at_stations
 from jbclog.config.line import parse_line
 from jbclog.core.wire import LineFormat
 from jbclog.session.discovery.found import Finding
+from support.links.uart_ports import Cable, Echo, Silence, means, station_cable
+from support.oracles.printed_omega import PageOmega
 
 PLACE = Path("/place/line.toml")
 

@@ -6,8 +6,6 @@ import re
 from pathlib import Path
 
 import pytest
-from taped import recorded
-from virtual_run import line_text
 
 from jbclog.app.replay import Recording, limits, open_recording, plan_of, serve
 from jbclog.app.run.plan import RunOptions, make_plan, orders
@@ -16,6 +14,8 @@ from jbclog.core.clock import VirtualClock
 from jbclog.core.errors import Problems, RecordError, UsageError
 from jbclog.core.rows import StationFacts
 from jbclog.record.manifest import Manifest, Metadata, write_manifest
+from support.virtual.captured_run import recorded
+from support.virtual.virtual_run import line_text
 
 
 @pytest.fixture

@@ -8,7 +8,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import pytest
-from virtual_run import RECIPE, VirtualRun, line_text, prepare
 
 from jbclog.app.run import goals as goals_of_a_run
 from jbclog.app.run.goals import Goals, JointCount, Uncounted
@@ -18,6 +17,7 @@ from jbclog.app.run.unit_feed import LOOK_EVERY_S, UnitFeed
 from jbclog.core.errors import Exit, Problems, exit_code, findings
 from jbclog.core.rows import Goal, Severity
 from jbclog.transport.typed_lines import Source
+from support.virtual.virtual_run import RECIPE, VirtualRun, line_text, prepare
 
 
 @dataclass

@@ -6,12 +6,12 @@ import math
 from dataclasses import replace
 
 import pytest
-from looked import WHO, at, last, rules, seen, series, told, traced
 
 from jbclog.config.task_names import REPLACED, RESET
 from jbclog.maintenance.counter_totals.judging import RULES
 from jbclog.maintenance.counter_totals.span import Elapsed, Interval
 from jbclog.maintenance.counter_totals.totals import Kind
+from support.fleets.looks import WHO, at, last, rules, seen, series, told, traced
 
 DAY, WEEK = 24.0, 168.0
 

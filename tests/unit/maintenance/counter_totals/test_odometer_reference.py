@@ -7,10 +7,10 @@ from itertools import product
 
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from looked import last, rules, seen, traced
 
 from jbclog.maintenance.counter_totals.observed import Observation
 from jbclog.maintenance.counter_totals.totals import Trace
+from support.fleets.looks import last, rules, seen, traced
 
 FASTEST = {"plugged_h": None, "work_h": None, "sleep_cycles": 60.0}
 HOURS = st.one_of(st.integers(0, 40), st.integers(0, 9000), st.integers(99_900, 99_999))

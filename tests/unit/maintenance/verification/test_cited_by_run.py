@@ -6,14 +6,14 @@ from datetime import UTC, date, datetime, timedelta
 from pathlib import Path
 
 import pytest
-from recorded_run import RecordedRun
-from virtual_run import RECIPE, line_text
 
 from jbclog.app.run.plan import Metadata, RunOptions, make_plan
 from jbclog.core.clock import VirtualClock
 from jbclog.maintenance.verification import NAME, Given, keep, own_of, read_book, verify
 from jbclog.record.check import check
 from jbclog.record.manifest import Manifest, read_manifest
+from support.virtual.recorded_run import RecordedRun
+from support.virtual.virtual_run import RECIPE, line_text
 
 ASKED = RECIPE + "\n[acceptance]\nverification_days = 30\n"
 

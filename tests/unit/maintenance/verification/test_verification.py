@@ -8,7 +8,6 @@ from datetime import UTC, date, datetime, timedelta
 from pathlib import Path
 
 import pytest
-from hostile_names import HOSTILE
 
 from jbclog.core.errors import RecordError, UsageError
 from jbclog.maintenance.verification import (
@@ -25,6 +24,7 @@ from jbclog.maintenance.verification import (
     unstable,
     verify,
 )
+from support.faults.hostile_names import HOSTILE
 
 NOW = datetime(2026, 11, 21, 8, 0, tzinfo=UTC)
 OWN = own_of([350.0] * 12, 350.0, 0.0, "T245", "DDE")

@@ -6,13 +6,13 @@ from collections import Counter
 from collections.abc import Callable
 
 import pytest
-from talk import Talk
 
 from jbclog.core.errors import Refusal, StationSilent
 from jbclog.core.io_requests import Steps
 from jbclog.protocol.client.robot import Station
 from jbclog.protocol.client.timing import BACK_S, NOT_ACKNOWLEDGED, restart
 from jbclog.protocol.commands.family import FAMILIES
+from support.clients.talk import Talk
 
 ORDER = FAMILIES["dde"].commands["restart"]
 ANSWERS = {"RSMN": "ASMN  DDE", "RSER": "ASER00000", "RMAT": "AMAT00500"}

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections import Counter
 
 import pytest
-from talk import Talk
 
 from jbclog.core.errors import AnswerTimeout, ImplausibleAnswer
 from jbclog.core.quantities import OFF, Value
 from jbclog.protocol.client.confirmed_reads import ANSWERS, agreed, borne_out
 from jbclog.protocol.commands.family import FAMILIES
+from support.clients.talk import Talk
 
 DDE = FAMILIES["dde"].commands
 LIMIT, HOURS, DELAY = DDE["alarm_high_limit"], DDE["plugged_hours"], DDE["alarm_high_delay"]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import pytest
-from omega_talk import PROMPT_S, OmegaTalk, Turn, framed
 
 from jbclog.core.errors import AnswerCorrupt, AnswerFormat, AnswerTimeout, Ignored, NotSupported, StationError, StationSilent
 from jbclog.core.io_requests import Steps, Wait
@@ -13,6 +12,7 @@ from jbclog.protocol.client.make import client_for
 from jbclog.protocol.client.omega import ALLOWED_S, COMPLETION_S, GONE_S, OmegaStation
 from jbclog.protocol.commands.family import FAMILIES
 from jbclog.protocol.commands.omega import UNTOLD, ConditionRecord
+from support.clients.omega_talk import PROMPT_S, OmegaTalk, Turn, framed
 
 COMMANDS = FAMILIES["omega"].commands
 A, B, F, G = (COMMANDS[name] for name in ("information", "temperature_control", "set_temperature_state", "mode"))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import pytest
-from talk import Answer, Talk, framed
 
 from jbclog.core.errors import (
     AnswerCorrupt,
@@ -21,6 +20,7 @@ from jbclog.core.io_requests import Heard, Steps
 from jbclog.core.quantities import Value
 from jbclog.protocol.client.robot import Station
 from jbclog.protocol.commands.family import FAMILIES
+from support.clients.talk import Answer, Talk, framed
 
 ALE = FAMILIES["ale"].commands
 TIP, STATUS, FLAGS, SELECT = ALE["tip_temperature"], ALE["status"], ALE["alarm_flags"], ALE["selected_temperature"]

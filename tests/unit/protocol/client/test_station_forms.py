@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import pytest
-from talk import Answer, Talk, framed
 
 from jbclog.core.errors import AnswerFormat, NotReceived, NotSupported, Refusal, StationError, StationSilent
 from jbclog.core.io_requests import Steps
@@ -11,6 +10,7 @@ from jbclog.core.quantities import OFF, Value
 from jbclog.protocol.client.dialogue import LEAST_S, MOST_S, QUIET_S
 from jbclog.protocol.client.robot import Station
 from jbclog.protocol.commands.family import FAMILIES
+from support.clients.talk import Answer, Talk, framed
 
 ALE, UCR = FAMILIES["ale"].commands, FAMILIES["ucr"].commands
 PROBE = ("RSMN", "ASMN  ALE")

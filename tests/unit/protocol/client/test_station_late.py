@@ -10,7 +10,6 @@ from collections import Counter
 from collections.abc import Callable
 
 import pytest
-from talk import PROMPT_S, Answer, Talk, framed
 
 from jbclog.core.errors import LinkFlooded, StationError, StationSilent
 from jbclog.core.io_requests import Steps
@@ -18,6 +17,7 @@ from jbclog.core.wire import LineFormat
 from jbclog.protocol.client.dialogue import LEAST_S, QUIET_S, UNMEASURED_S, least_s
 from jbclog.protocol.client.robot import Station
 from jbclog.protocol.commands.family import FAMILIES
+from support.clients.talk import PROMPT_S, Answer, Talk, framed
 
 DDE = FAMILIES["dde"].commands
 TIP, MODEL, SELECTED = DDE["tip_temperature"], DDE["model"], DDE["selected_temperature"]

@@ -5,13 +5,13 @@ from __future__ import annotations
 from itertools import count
 
 import pytest
-from talk import Answer, Talk
 
 from jbclog.core.io_requests import Steps
 from jbclog.core.wire import LineFormat
 from jbclog.protocol.client.robot import Station
 from jbclog.protocol.client.timing import LEAST_ANSWERED, READS, ResponseTime, response_time
 from jbclog.protocol.commands.family import FAMILIES
+from support.clients.talk import Answer, Talk
 
 ANSWERS = {"RSER": "ASER00000", "RTT1": "ATT100183"}
 Measured = tuple[ResponseTime | None, int]

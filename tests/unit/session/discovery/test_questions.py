@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import pytest
-from talk import framed
 
 from jbclog.protocol.commands.command import Effect, Scope
 from jbclog.protocol.commands.family import FAMILIES, ROBOT
 from jbclog.session.discovery.probe import is_harmless, question_text
+from support.clients.talk import framed
 
 HOST = {"source": 0, "target": 1}
 

@@ -6,9 +6,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from page_omega import PageOmega
-from talk import framed
-from uart_ports import Cable, Coming, Echo, Silence, means, station_cable
 
 from jbclog.app.discovery import search, text_of
 from jbclog.config.line import parse_line
@@ -18,6 +15,9 @@ from jbclog.core.wire import BAUDRATES, LineFormat
 from jbclog.session.discovery.diagnosis import diagnose
 from jbclog.session.discovery.found import ADDRESSES, THOROUGH, USUAL, PortReport, ScanPlan, StationFound, Trial, plan_for
 from jbclog.session.discovery.probe import is_harmless
+from support.clients.talk import framed
+from support.links.uart_ports import Cable, Coming, Echo, Silence, means, station_cable
+from support.oracles.printed_omega import PageOmega
 
 ALL = tuple(dict.fromkeys((*ADDRESSES, *range(1, 100))))
 

@@ -6,9 +6,7 @@ import json
 from pathlib import Path
 
 import pytest
-from talk import framed
 from typer.testing import CliRunner
-from uart_ports import Cable, Coming, FarEnd, means, says, station_cable
 
 from jbclog.app import discovery
 from jbclog.app.doctor import Fine, look_at_stations
@@ -17,6 +15,8 @@ from jbclog.config.line import load_line, parse_line
 from jbclog.core.wire import LineFormat
 from jbclog.session.discovery.diagnosis import diagnose
 from jbclog.session.discovery.found import LEARNING_S, PortReport, ScanPlan, StationFound
+from support.clients.talk import framed
+from support.links.uart_ports import Cable, Coming, FarEnd, means, says, station_cable
 
 OTHERWISE = {"SMN": "  EEE", "SVR": "9.99", "SER": "00005", "CT2": "00000", "CT1": "00004"}
 

@@ -9,7 +9,6 @@ from random import Random
 from typing import Any
 
 import pytest
-from making_safe import ASKED_AT, Cable, Silent, station, task
 
 from jbclog.core.errors import AnswerTimeout, LinkError
 from jbclog.core.io_requests import Ask, Heard, Listen, Steps, Wait
@@ -21,6 +20,7 @@ from jbclog.session.safety.tools import FAILED, SENT, VERIFIED, Task
 from jbclog.sim.hotair import AirFace
 from jbclog.sim.port import SLEEP, WORKING, Port
 from jbclog.sim.virtual import VirtualStation
+from support.clients.making_safe import ASKED_AT, Cable, Silent, station, task
 
 
 def written(device: VirtualStation) -> list[object]:

@@ -1,0 +1,1 @@
+"""Counters of a fleet of stations over years, with the truth beside them."""

@@ -1,0 +1,1 @@
+"""Links between a recorder and a station: ports, cables with bits, noise, floods."""

@@ -1,0 +1,1 @@
+"""Models and rules written without the code that they check."""

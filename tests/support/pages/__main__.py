@@ -1,0 +1,5 @@
+"""Writes the pages anew."""
+
+from support.pages.all_pages import main
+
+main()

@@ -1,0 +1,39 @@
+"""docs/reference/exit-codes.md: what the shell sees, and which code wins."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from jbclog.core.errors import SEVEREST_FIRST, Exit
+from support.pages.md_table import MADE, table
+
+MEANINGS: Mapping[Exit, str] = {
+    Exit.FINE: "Fine.",
+    Exit.NOT_FINE: "It ended, and something is not fine. `run`, `batch`: a verdict other than ACCEPT or NOT JUDGED, an alarm, a "
+    "setting that changed, fewer units or joints than demanded. `audit`: something is due. `check`, `report --verify`, `doctor`: a "
+    "finding. `alarms`: an alarm that nobody acknowledged. `safe --wait`: a tool that is still warm.",
+    Exit.USAGE: "Wrong usage, recipe, line or jobs file. Nothing was sent.",
+    Exit.STATION: "A station did not answer at the start, is not in Robot mode, refused the recipe or cannot keep the rate; the "
+    "run then starts on none (with `--allow-missing`, only if none starts). Or a station was disconnected at the end, or another "
+    "run holds a port.",
+    Exit.RECORD: "The record is incomplete: crash, disk, hashes.",
+    Exit.UNSAFE: "A tool could not be put in its safe state. The last lines name station, port and last temperature.",
+    Exit.INTERRUPTED: "SIGINT (Ctrl-C) before a stated end (duration, units or joints). Record closed, tools safe.",
+    Exit.TERMINATED: "The same by SIGTERM or SIGHUP.",
+}
+
+RULES = """
+- Ctrl-C in a run without a stated end is its normal end.
+- A connection that was lost and came back is an event and lowers the coverage; it has no exit code.
+- An alarm counts while the tool is working, from its first arrival within 10 °C of its setpoint on. A flag that the first reading
+  finds is `alarm.before_run` and does not count.
+- An internal error of jbclog ends with 1; `JBCLOG_TRACEBACK=1` shows where it is.
+"""
+
+
+def page() -> str:
+    """The whole page."""
+    rows = [(str(int(one)), MEANINGS[one]) for one in Exit]
+    order = ", ".join(str(int(one)) for one in SEVEREST_FIRST)
+    wins = f"Where several apply, the most severe wins, in this order: {order}."
+    return f"{MADE}\n\n# Exit codes\n\n{table(('code', 'meaning'), rows)}\n\n{wins}\n{RULES}"

@@ -1,0 +1,78 @@
+"""docs/reference/python.md: the public names of `jbclog` and `jbclog.spc`, their signatures and docstrings."""
+
+from __future__ import annotations
+
+import inspect
+import re
+from collections.abc import Iterable
+from types import ModuleType
+
+import jbclog
+import jbclog.spc
+from support.pages.md_table import MADE
+
+INTRODUCTION = """
+`import jbclog` is light: pandas and matplotlib load when something first needs them. Everything else below `jbclog` may change with
+any release. [Tables and columns](tables.md) has the columns of the DataFrames.
+"""
+
+WIDTH = 110
+
+
+def page() -> str:
+    """The whole page."""
+    parts = [
+        f"{MADE}\n\n# Python\n{INTRODUCTION}",
+        *_module(jbclog),
+        f"## jbclog.spc\n\n{inspect.getdoc(jbclog.spc)}",
+        *_module(jbclog.spc),
+    ]
+    return "\n\n".join(part.strip() for part in parts) + "\n"
+
+
+def _module(module: ModuleType) -> Iterable[str]:
+    level = "##" if module is jbclog else "###"
+    for name in sorted(module.__all__, key=lambda one: (inspect.isclass(getattr(module, one)), one)):
+        thing = getattr(module, name)
+        if inspect.isclass(thing) or inspect.isfunction(thing):
+            yield f"{level} {name}\n\n{_signature(name, thing)}{_text(thing)}"
+            if inspect.isclass(thing) and module is jbclog:
+                yield from _members(thing)
+
+
+def _members(one: type) -> Iterable[str]:
+    for name, member in vars(one).items():
+        if name.startswith("_"):
+            continue
+        if isinstance(member, property):
+            yield f"### {one.__name__}.{name}\n\n{_text(member)}"
+        elif inspect.isfunction(member) or isinstance(member, staticmethod):
+            yield f"### {one.__name__}.{name}\n\n{_signature(name, getattr(one, name))}{_text(member)}"
+
+
+def _signature(name: str, thing: object) -> str:
+    """Without the types' quotes; a class that only errors or jbclog make has none."""
+    if inspect.isclass(thing) and (issubclass(thing, Exception) or thing in (jbclog.Run, jbclog.Runs)):
+        return ""
+    assert callable(thing)
+    parameters = list(_parameters(inspect.signature(thing)))
+    given = inspect.signature(thing).return_annotation
+    back = "" if given is inspect.Signature.empty or inspect.isclass(thing) else f" -> {given}".replace("'", "")
+    line = f"{name}({', '.join(parameters)}){back}"
+    if len(line) > WIDTH:
+        line = f"{name}(\n    " + ",\n    ".join(parameters) + f",\n){back}"
+    return f"```text\n{line}\n```\n\n"
+
+
+def _parameters(signature: inspect.Signature) -> Iterable[str]:
+    is_marked = False
+    for one in signature.parameters.values():
+        if one.kind is one.KEYWORD_ONLY and not is_marked:
+            is_marked = True
+            yield "*"
+        if one.name != "self":
+            yield re.sub(r": '([^']*)'", r": \1", str(one))
+
+
+def _text(thing: object) -> str:
+    return (inspect.getdoc(thing) or "").strip()

@@ -1,0 +1,1 @@
+"""What the program writes, read without it: pages, PDF, figures, texts of the repository."""

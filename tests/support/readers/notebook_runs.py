@@ -1,0 +1,48 @@
+"""Notebooks, executed from top to bottom as somebody with a fresh clone does."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import matplotlib as mpl
+import nbformat
+from matplotlib import pyplot
+from nbclient import NotebookClient
+from nbformat import NotebookNode
+
+mpl.use("agg")
+HOME = Path(__file__).parents[3] / "notebooks"
+NOTEBOOKS = sorted(HOME.glob("*.ipynb"))
+
+
+def executed(notebook: Path, folder: Path = HOME) -> NotebookNode:
+    """The notebook after all of its cells ran in `folder`. Raises where one fails."""
+    node = nbformat.read(notebook, as_version=4)
+    NotebookClient(node, timeout=250, resources={"metadata": {"path": str(folder)}}).execute()
+    return node
+
+
+def run_here(notebook: Path) -> None:
+    """Its cells in this process, which is quicker and takes warnings for errors; nothing that they show is kept."""
+    cells = json.loads(notebook.read_text("utf-8"))["cells"]
+    known: dict[str, object] = {"display": print}
+    for cell in (one for one in cells if one["cell_type"] == "code"):
+        code = "".join(line for line in cell["source"] if not line.startswith("%"))
+        exec(compile(code, f"{notebook.name}: {cell['id']}", "exec"), known)
+    for number in pyplot.get_fignums():
+        pyplot.figure(number).canvas.draw()
+    pyplot.close("all")
+
+
+def shown(node: NotebookNode, cell: str) -> str:
+    """What the cell of that id showed, as text."""
+    return "\n".join(str(out.get("text", out.get("data", {}).get("text/plain", ""))) for out in _outputs(node, cell))
+
+
+def has_picture(node: NotebookNode, cell: str) -> bool:
+    return any("image/png" in out.get("data", {}) for out in _outputs(node, cell))
+
+
+def _outputs(node: NotebookNode, cell: str) -> list[NotebookNode]:
+    return next(one for one in node.cells if one.id == cell).outputs

@@ -1,0 +1,1 @@
+"""Run folders and series of samples made without a station, and the recorded runs that the repository keeps."""

@@ -1,0 +1,193 @@
+"""Sealed runs with their verdicts and reports as a release gives them, kept as data: no later jbclog may call them changed.
+
+``python tests/support records.verdict_corpus NAME`` makes them in tests/data/verdicts/NAME, with `noted.json` beside them: what
+each was judged. Made once for each version of the rules, by the package of that day, and never made again. (Those of rules-1 were
+made by the package of commit 9c5b716.)
+
+Each is a small run of virtual stations on a clock that jumps, packed. Between them they have every verdict and most families.
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+import sys
+import tarfile
+import tempfile
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from jbclog.app.run.plan import Metadata, RunOptions, make_plan
+from jbclog.core.clock import VirtualClock
+from jbclog.record.annotations import append
+from jbclog.record.manifest import read_manifest
+from jbclog.record.recover import recover
+from jbclog.report.write import write_report
+from support.virtual.lines import fault
+from support.virtual.recorded_run import RecordedRun
+
+HOME = Path(__file__).parents[2] / "data" / "verdicts"
+CUT_OFF = Path(__file__).parents[2] / "data" / "releases" / "after-0.1.0" / "open"
+PROFILES = Path(__file__).parents[3] / "profiles" / "recipes"
+EPOCH_S = 1_790_000_000.0
+
+STATION = """
+[[station]]
+name = "{family}-1"
+url = "{family}-1"
+family = "{family}"
+
+[station.sim]
+seed = 4
+turnaround_ms = 1.0
+{sim}
+"""
+SOLDERING = """[recipe]
+name = "{name}"
+revision = 1
+families = ["soldering", "dde", "nae", "dme", "hde", "ucr", "ale"]
+
+[temperature]
+select_c = 350
+
+[sleep]
+delay_min = 5
+
+[hibernation]
+delay_min = 30
+
+[alarm.high]
+limit_c = 390
+delay_s = 1.6
+"""
+WORKING = '\n[run]\nstatus = "working"\n'
+ASKED = "\n[acceptance]\ncoverage_percent = {coverage}\nlongest_gap_s = 5\nidle_error_c = 15\nidle_sd_c = 5\nalarms_max = 0\n"
+ONLY_COVERAGE = "\n[acceptance]\ncoverage_percent = 99.5\n"
+OF_JOINTS = ASKED + "recovery_p95_s = 4\njoints_against_counter_percent = 5\n"
+HOT_AIR = """[recipe]
+name = "air"
+revision = 1
+families = ["jtse"]
+
+[air]
+mode = "manual"
+flow_permille = 600
+temperature_c = 330
+
+[run]
+status = "on"
+
+[acceptance]
+coverage_percent = 99.5
+longest_gap_s = 1
+idle_error_c = 10
+"""
+
+
+class StallingClock(VirtualClock):
+    """One that stands still for the program `for_s` at each of these seconds: the host was busy with something else."""
+
+    def __init__(self, at_s: Sequence[float], for_s: float) -> None:
+        super().__init__()
+        self._at, self._for_s = [self.monotonic() + second for second in at_s], for_s
+
+    def advance_to(self, moment: float) -> None:
+        while self._at and self._at[0] <= moment:
+            moment = max(moment, self._at.pop(0) + self._for_s)
+        super().advance_to(moment)
+
+
+@dataclass(frozen=True)
+class Wish:
+    """One run: its station, its recipe, and what befalls it."""
+
+    family: str
+    recipe: str
+    seconds: float
+    hz: float
+    sim: str = ""
+    stalls_s: tuple[float, ...] = ()
+    has_report: bool = True
+
+
+def _soldering(name: str, *parts: str, coverage: float = 99.5) -> str:
+    return "".join([SOLDERING, *parts]).format(name=name, coverage=coverage)
+
+
+RUNS = {
+    "accepted": Wish("nae", _soldering("accepted", WORKING, ASKED), 60.0, 4.0, "tool = 2"),
+    "deviations": Wish(
+        "ale",
+        _soldering("deviations", WORKING, OF_JOINTS, coverage=95),
+        220.0,
+        4.0,
+        "joints_per_minute = 20\nfeed_each_joint = true\n" + fault("dropout", at_s=100.0, for_s=2.0),
+    ),
+    "rejected": Wish("jtse", HOT_AIR, 40.0, 4.0, "tool = 1\n" + fault("dropout", at_s=25.0, for_s=3.0)),
+    "inconclusive": Wish("soldering", _soldering("inconclusive", WORKING, ASKED), 14.0, 2.0, "tool = 2", has_report=False),
+    "not_judged": Wish("omega", (PROFILES / "omega-point.toml").read_text().split("[acceptance]")[0], 20.0, 1.0),
+    "cold": Wish("dde", _soldering("cold", ONLY_COVERAGE), 40.0, 4.0),
+    "busy_host": Wish("ucr", _soldering("busy", WORKING, ONLY_COVERAGE), 48.5, 4.0, "tool = 2", (15.0, 25.0, 35.0), False),
+}
+OMEGA_SIM = 'settings = { condition_101 = "0065 0  003 014 064 005 064  008 01E 050 005 064  00A 000 000 00A 0C8" }'
+
+
+def record(name: str, home: Path) -> Path:
+    """Record one of `RUNS` below `home`; give its folder."""
+    wish = RUNS[name]
+    sim = wish.sim or (OMEGA_SIM if wish.family == "omega" else "")
+    line, recipe = home / "line.toml", home / f"{name}.toml"
+    line.write_text('[line]\nname = "bench"\n' + STATION.format(family=wish.family, sim=sim))
+    recipe.write_text(wish.recipe)
+    said = Metadata("M. Weber", "WO-88123", "PCB-4711 rev C", ("SN-001",), {"shift": "B"})
+    plan = make_plan(RunOptions(line, recipe, duration_s=wish.seconds, rate=wish.hz, metadata=said))
+    folder = RecordedRun(plan, home / "runs", StallingClock(wish.stalls_s, 0.6)).result.folder
+    append(folder, who="A. Rossi", what="SN-001 was scrapped", why="cracked joint", utc_s=EPOCH_S + 1000)
+    if wish.has_report:
+        write_report(folder)
+    return folder
+
+
+def cut_off(home: Path) -> Path:
+    """The run that a kill left open, finished by `recover`."""
+    (left,) = CUT_OFF.iterdir()
+    folder = Path(shutil.copytree(left, home / left.name))
+    recover(folder)
+    write_report(folder)
+    return folder
+
+
+def judged(folder: Path) -> dict[str, object]:
+    """Its verdict and the result of each rule, as its manifest says."""
+    manifest = read_manifest(folder)
+    rules = [" ".join(str(rule[key]) for key in ("name", "station", "port", "result")) for rule in manifest.verdict_rules]
+    return {"verdict": manifest.verdict, "exit_code": manifest.exit_code, "rules": rules}
+
+
+def pack(folder: Path, archive: Path) -> None:
+    with tarfile.open(archive, "w:xz") as out:
+        out.add(folder, folder.name)
+
+
+def unpack(archive: Path, out: Path) -> Path:
+    """The run in it, below `out`."""
+    with tarfile.open(archive) as kept:
+        kept.extraction_filter = getattr(tarfile, "data_filter", None)  # Python before 3.11.4 has none
+        kept.extractall(out)
+        return out / kept.getnames()[0]
+
+
+def main(name: str) -> None:
+    home, noted = HOME / name, {}
+    home.mkdir(parents=True)
+    for one in [*RUNS, "cut_off"]:
+        with tempfile.TemporaryDirectory() as aside:
+            folder = cut_off(Path(aside)) if one == "cut_off" else record(one, Path(aside))
+            noted[one] = judged(folder)
+            pack(folder, home / f"{one}.tar.xz")
+    (home / "noted.json").write_text(json.dumps(noted, indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    main(sys.argv[1])

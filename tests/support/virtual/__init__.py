@@ -1,0 +1,1 @@
+"""Virtual stations: runs in memory on a clock that jumps, and lines served to a process."""

@@ -1,0 +1,160 @@
+"""Runs on a virtual clock whose wires are kept as `run --wire` keeps them, and runs lived through once more from that."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from random import Random
+
+from jbclog.app.replay import Recording, open_recording, plan_of, relive, station_of
+from jbclog.app.run.plan import orders
+from jbclog.core.clock import UtcOffset, VirtualClock
+from jbclog.core.io_requests import Steps
+from jbclog.core.rows import StationFacts
+from jbclog.core.wire import Passed, Told
+from jbclog.record.capture import Head
+from jbclog.record.capture_recorder import Keep, WireRecorder
+from jbclog.record.manifest import Manifest, write_manifest
+from jbclog.session.run.context import SessionContext, StationTask
+from jbclog.session.run.station_run import run_station
+from jbclog.sim.replayed_station import TapeStation
+from jbclog.transport.session_history import Astray, keeping
+from jbclog.transport.virtual import Peer, VirtualDriver
+from support.virtual.virtual_run import RECIPE, Memory, VirtualRun, prepare
+
+RECIPE_FILE = "recipe.toml"
+WRITE_EVERY_S = 0.5
+
+
+class TapedCable:
+    """A cable of the virtual driver, with what passes through it noted as a `Tee` and the reactor would."""
+
+    def __init__(self, cable: Peer, keep: Keep) -> None:
+        self._cable = cable
+        self._keep = keep
+        self._coming: list[tuple[float, bytes]] = []
+
+    def receive(self, data: bytes, now: float) -> Sequence[tuple[float, bytes]]:
+        self._keep(Passed(now, "sent", data))
+        replies = self._cable.receive(data, now)
+        self._coming = sorted([*self._coming, *replies], key=lambda reply: reply[0])
+        return replies
+
+    def hung_up(self, now: float) -> bool:
+        return self._cable.hung_up(now)
+
+    def told(self, row: Told) -> None:
+        """Note what came up to this moment, or became of the link; then what the session is told."""
+        now, reopened = row.at_s, row.wish == "reopen"
+        if row.what == "broke":
+            self._keep(Passed(now, "failed" if reopened else "lost", text=row.text))
+        elif row.what == "told" and reopened:
+            self._coming = []
+            self._keep(Passed(now, "opened"))
+        for at_s, data in self._coming:
+            if at_s <= now:
+                self._keep(Passed(at_s, "heard", data))
+        self._coming = [one for one in self._coming if one[0] > now]
+        self._keep(row)
+
+
+def recorded(
+    folder: Path,
+    line: str,
+    recipe: str = RECIPE,
+    duration_s: float | None = 10.0,
+    rate: float | str | None = None,
+    arrange: Callable[[VirtualRun], None] = lambda run: None,
+    *,
+    allow_omega_write: bool = False,
+) -> VirtualRun:
+    """Run to the end, and have the wires in `folder`, with line file and recipe. `arrange` sees the run before it goes."""
+    (folder / "recipes").mkdir(parents=True)
+    (folder / "line.toml").write_text(line)
+    (folder / "recipes" / RECIPE_FILE).write_text(recipe)
+    wires, clock = WireRecorder(folder), VirtualClock()
+
+    def pulled(order: StationTask, session: Steps[StationFacts], cable: Peer) -> tuple[Steps[StationFacts], Peer]:
+        given = order.duration_s, order.rate, order.allow_omega_write
+        head = Head(order.name, order.url, RECIPE_FILE, order.t0, clock.utc(), *given)
+        taped = TapedCable(cable, wires.begin(head))
+        return keeping(session, taped.told, lambda: run.driver.clock.monotonic()), taped
+
+    def write() -> None:
+        wires.write()
+        run.driver.at(run.driver.clock.monotonic() + WRITE_EVERY_S, write)
+
+    run = prepare(line, recipe, duration_s, rate, allow_omega_write=allow_omega_write, pulled=pulled)
+    write()
+    arrange(run)
+    run.go()
+    wires.close()
+    assert wires.troubles() == []
+    return run
+
+
+def kept(folder: Path, line: str, **keys: object) -> Memory:
+    """A run with its wires and its manifest in `folder`; what it told."""
+    run = recorded(folder, line, **keys)  # type: ignore[arg-type]
+    write_manifest(folder, Manifest(folder.name, state="sealed", stations=[context.facts for context in run.contexts.values()]))
+    return run.memory
+
+
+def relived(folder: Path) -> tuple[Memory, dict[str, Astray]]:
+    """A recorded run once more: what its sessions tell, and where they left the recording, if they did."""
+    recording = open_recording(folder)
+    memory, clock = Memory(), VirtualClock(recording.first.t0_mono, recording.first.t0_utc)
+    return memory, relive(recording, desks_of(recording, memory, clock), clock)
+
+
+def desks_of(recording: Recording, memory: Memory, clock: VirtualClock) -> list[SessionContext]:
+    return [SessionContext(order, memory, UtcOffset(clock)) for order in orders(plan_of(recording), clock.monotonic())]
+
+
+class Handing:
+    """A taped station behind a port: each answer comes a little before or after its moment, and some come much later, as on a
+    host that does other things."""
+
+    def __init__(self, station: TapeStation, most_s: float, stalls: Sequence[float] = (), seed: int = 1) -> None:
+        """`stalls`: seconds that every hundredth answer is held up, one after the other, again from the first."""
+        self.station = station
+        self._most_s = most_s
+        self._stalls = stalls
+        self._count = 0
+        self._random = Random(seed)
+
+    def receive(self, data: bytes, now: float) -> Sequence[tuple[float, bytes]]:
+        return [
+            (at + self._random.uniform(-self._most_s, self._most_s) + self._stall(), said)
+            for at, said in self.station.receive(data, now)
+        ]
+
+    def _stall(self) -> float:
+        self._count += 1
+        number, rest = divmod(self._count, 100)
+        return self._stalls[number % len(self._stalls)] if self._stalls and not rest else 0.0
+
+    def hung_up(self, now: float) -> bool:
+        return self.station.hung_up(now)
+
+
+def recorded_again(
+    folder: Path, most_s: float = 0.0, stalls: Sequence[float] = (), longer_s: float = 0.0
+) -> tuple[Memory, dict[str, TapeStation]]:
+    """A recorded run, served and recorded again by sessions that know nothing of it; each answer up to `most_s` early or late.
+
+    The new run has the rates that came of the recorded one, and goes on `longer_s` longer.
+    """
+    recording, clock = open_recording(folder), VirtualClock(5000.0)
+    replay = recording.replay
+    memory, driver, stations = Memory(), VirtualDriver(clock), dict[str, TapeStation]()
+    for order in orders(plan_of(recording), clock.monotonic()):
+        rate, name = replay.rate_hz.get(order.name, order.rate), order.name
+        longer = None if order.duration_s is None else order.duration_s + longer_s
+        order = replace(order, rate=rate, duration_s=longer, is_replay=True, begin=replay.begin(name))
+        context = SessionContext(order, memory, UtcOffset(clock))
+        stations[name] = station_of(recording, name)
+        driver.add(run_station(context), Handing(stations[name], most_s, stalls))
+    driver.run()
+    return memory, stations
