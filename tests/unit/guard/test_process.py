@@ -208,7 +208,8 @@ def test_a_second_one_ends_where_the_first_goes_on(guard: GuardProcess, tmp_path
 def test_leases_told_to_one_that_had_not_begun_to_watch_are_kept(tmp_path: Path) -> None:
     """A guard that replaces another one, and whose recorder dies before it is there: the leases are in its pipe."""
     code = "import os, pathlib, sys; sys.path[:0] = sys.argv[2:]; from support.faults.guarded import guard_process; "
-    code += "guard = guard_process(pathlib.Path(sys.argv[1])); guard.stdin.write(sys.stdin.buffer.read()); guard.stdin.flush(); os._exit(0)"
+    code += "guard = guard_process(pathlib.Path(sys.argv[1])); "
+    code += "guard.stdin.write(sys.stdin.buffer.read()); guard.stdin.flush(); os._exit(0)"
     (tmp_path / "live.lock").touch()
     support = str(Path(__file__).parents[2])
     command = [sys.executable, "-c", code, str(tmp_path), support]
