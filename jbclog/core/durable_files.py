@@ -6,7 +6,7 @@ import fcntl
 import hashlib
 import json
 import os
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -128,10 +128,10 @@ def chain_in(data: bytes, first: str, parse: Parse[L], *, what: str, of_first: s
     lines = lines_in(data)
     found: Chain[L] = Chain(head=sha256(lines[-1]) if lines else first)
     previous, seq = first, 0
-    for number, line in enumerate(lines, 1):
-        said = parse(line)
+    parsed = [parse(line) for line in lines]
+    for number, (line, said) in enumerate(zip(lines, parsed, strict=True), 1):
         if said is None:
-            if not _is_vouched_for(lines, number, parse):
+            if not _is_vouched_for(lines, number, parsed):
                 found.wrong.append((number, _unreadable(data, lines, number, what)))
         elif said.prev_sha256 != previous:
             found.wrong.append((number, _broken(number, of_first)))
@@ -142,7 +142,7 @@ def chain_in(data: bytes, first: str, parse: Parse[L], *, what: str, of_first: s
             found.said.append(said)
             found.hashes.append(previous)
             seq = said.seq
-    if data and not data.endswith(b"\n") and lines and parse(lines[-1]) is not None:
+    if data and not data.endswith(b"\n") and lines and parsed[-1] is not None:
         found.wrong.append((len(lines), "has lost its end"))
     return found
 
@@ -159,12 +159,19 @@ def _unreadable(data: bytes, lines: list[bytes], number: int, what: str) -> str:
     return f"is no {what}, or was changed"
 
 
-def _is_vouched_for(lines: list[bytes], number: int, parse: Parse[L]) -> bool:
+def first_faults(wrong: list[tuple[int, str]], most: int = 100) -> list[tuple[int, str]]:
+    """The first faults of a file, and one entry for all later ones: a file of nothing but faults must not fill a page."""
+    if len(wrong) <= most:
+        return wrong
+    return [*wrong[:most], (wrong[most][0], f"is wrong, too, as {len(wrong) - most - 1} later lines are")]
+
+
+def _is_vouched_for(lines: list[bytes], number: int, parsed: Sequence[L | None]) -> bool:
     """Whether this one was cut off, and the line behind, which was written after that, carries its hash.
 
     One that is whole was not cut off: it was changed, whoever wrote behind it since.
     """
-    behind = parse(lines[number]) if number < len(lines) else None
+    behind = parsed[number] if number < len(lines) else None
     return behind is not None and behind.prev_sha256 == sha256(lines[number - 1]) and not _is_whole(lines[number - 1])
 
 

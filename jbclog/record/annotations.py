@@ -29,7 +29,7 @@ from typing import Final
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from jbclog.core.durable_files import add_line, chain_in, fields_of, line_of, lines_in, sha256
+from jbclog.core.durable_files import add_line, chain_in, fields_of, first_faults, line_of, lines_in, sha256
 from jbclog.core.errors import RecordError
 from jbclog.core.foreign.files import Kind, read_foreign
 from jbclog.core.foreign.json_reader import json_of
@@ -121,12 +121,13 @@ def read(folder: Path) -> Annotations:
         raise RecordError(f"{folder / NAME} cannot be read: {error.strerror or error}") from error
     found = chain_in(data, first, _parsed, what="annotation", of_first="the manifest")
     lines = lines_in(data)
-    last = next((line for line in reversed(lines) if (said := _parsed(line)) is None or said.kind != VOUCHED), None)
+    vouching = {link for said, link in zip(found.said, found.hashes, strict=True) if said.kind == VOUCHED}
+    links = [sha256(line) for line in lines]
     return Annotations(
         [said for said in found.said if said.kind != VOUCHED],
-        found.wrong,
-        first if last is None else sha256(last),
-        frozenset({first, *map(sha256, lines)}),
+        first_faults(found.wrong),
+        next((link for link in reversed(links) if link not in vouching), first),
+        frozenset({first, *links}),
         next((_report_in(said) for said in reversed(found.said) if said.kind == VOUCHED), None),
     )
 

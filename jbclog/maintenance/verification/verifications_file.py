@@ -13,7 +13,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Final, cast
 
-from jbclog.core.durable_files import add_line, chain_in, fields_of, line_of, sha256, sync_folder
+from jbclog.core.durable_files import add_line, chain_in, fields_of, first_faults, line_of, sha256, sync_folder
 from jbclog.core.errors import RecordError
 from jbclog.core.foreign.files import Kind, read_foreign
 from jbclog.core.foreign.json_reader import Misfit, build
@@ -75,7 +75,7 @@ def read_book(out: Path) -> Book:
         return Book()
     except OSError as error:
         raise RecordError(f"{out / NAME} cannot be read: {error.strerror or error}") from error
-    return Book(found.said, found.hashes, found.wrong, found.head)
+    return Book(found.said, found.hashes, first_faults(found.wrong), found.head)
 
 
 def _parsed(line: bytes) -> Verification | None:

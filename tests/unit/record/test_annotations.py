@@ -168,3 +168,14 @@ def test_nothing_is_added_to_a_file_of_millions_of_lines(run: Path) -> None:
     with pytest.raises(RecordError, match="200000 lines"):
         say(run)
     assert (run / NAME).read_bytes() == b"\n" * 200_000
+
+
+def test_a_file_of_damaged_lines_gives_a_hundred_faults_and_their_number(run: Path) -> None:
+    head = say(run)
+    with (run / NAME).open("ab") as file:
+        file.write(b"{{{\n" * 3000)
+    found = read(run)
+    assert [number for number, _ in found.wrong] == list(range(2, 103))
+    assert found.wrong[-1][1] == f"is wrong, too, as {3000 - 101} later lines are"
+    assert head in found.links
+    assert found.head not in (head, manifest_sha256(run))
