@@ -21,7 +21,7 @@ from typing import Final, cast
 
 from jbclog.core.errors import RecordError
 from jbclog.core.foreign.files import Kind, expect_answer, read_foreign
-from jbclog.core.foreign.json_reader import Misfit, build, expect_year, json_of
+from jbclog.core.foreign.json_reader import Misfit, build, expect_period, expect_year, json_of
 from jbclog.core.locks import is_held
 from jbclog.record.annotations import NAME as ANNOTATIONS
 from jbclog.record.annotations import late_serials
@@ -221,6 +221,8 @@ def summary_of(folder: Path, wanted: Filter = ALL) -> Found | Unreadable | None:
             return Unreadable(folder, "its manifest is of a newer jbclog, or none")
         if told.started is not None:
             expect_year(datetime.fromisoformat(told.started).year)
+        for station in told.stations:
+            expect_period(station.period_s)
         return _found(folder, told, changed)
     except FileNotFoundError:
         return Unreadable(folder, "it has no manifest: cut off at its very start, or no run; `jbclog recover` finishes it")

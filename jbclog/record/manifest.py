@@ -13,7 +13,7 @@ from typing import Final, cast
 from jbclog.core.durable_files import write_whole
 from jbclog.core.errors import RecordError
 from jbclog.core.foreign.files import Kind, read_foreign
-from jbclog.core.foreign.json_reader import Misfit, build, expect_moment, expect_year, json_of, read_json
+from jbclog.core.foreign.json_reader import Misfit, build, expect_moment, expect_period, expect_year, json_of, read_json
 from jbclog.core.rows import Goal, StationFacts, TipCheck
 from jbclog.record.schema import SCHEMA_VERSION
 
@@ -218,6 +218,8 @@ def read_manifest(folder: Path) -> Manifest:
         for time in (manifest.started, manifest.ended):
             _expect_time(time)
         expect_moment(manifest.t0_utc)
+        for station in manifest.stations:
+            expect_period(station.period_s)
         return manifest
     except FileNotFoundError:
         raise RecordError(f"{folder} has no manifest; it is no run, or one that was cut off at its very start") from None

@@ -25,6 +25,7 @@ WHOLE: Final = 1 << 62
 LONGEST: Final = 20  # digits
 LARGEST: Final = 1e18
 FIRST_S, LAST_S = 0.0, 7_258_118_400.0  # 1970 to 2200, in seconds: pandas' times end in 2262
+LEAST_PERIOD_S, MOST_PERIOD_S = 1e-6, 1e6  # far beyond what `rate_hz` allows
 YEARS: Final = range(1970, 2200)
 
 
@@ -81,6 +82,12 @@ def expect_moment(seconds: float | None) -> None:
     """Raise ValueError unless `seconds` since 1970 are a moment that a calendar has."""
     if seconds is not None and not FIRST_S <= seconds < LAST_S:
         raise ValueError(f"{seconds:g} s is no time between {YEARS[0]} and {YEARS[-1]}")
+
+
+def expect_period(seconds: float | None) -> None:
+    """Raise ValueError unless `seconds` can be the time between two samples; None is a run without a fixed rate."""
+    if seconds is not None and not LEAST_PERIOD_S <= seconds <= MOST_PERIOD_S:
+        raise ValueError(f"{seconds:g} s is no sampling period ({LEAST_PERIOD_S:g} to {MOST_PERIOD_S:g} s)")
 
 
 def expect_year(year: int) -> None:

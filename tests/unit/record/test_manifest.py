@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import pytest
@@ -12,11 +12,13 @@ from jbclog.core import durable_files
 from jbclog.core.errors import RecordError
 from jbclog.core.foreign.json_reader import Misfit, build
 from jbclog.core.rows import Goal, StationFacts
+from jbclog.record.find_runs import ALL, Unreadable, summary_of
 from jbclog.record.manifest import (
     LineFile,
     Lost,
     Manifest,
     Metadata,
+    NoManifest,
     Previous,
     RecipeFile,
     SealedFile,
@@ -159,3 +161,13 @@ def test_what_utf_8_cannot_write_is_a_question_mark_and_the_digest_holds(tmp_pat
     write_manifest(tmp_path, Manifest("r", stations=[StationFacts("a", "/dev/b\udcff/a", "dde")]))
     assert read_manifest(tmp_path).stations[0].url == "/dev/b?/a"
     assert wrong_digest(tmp_path) is None
+
+
+@pytest.mark.parametrize("period_s", [0, -0.1, 1e-300, 1e7])
+def test_a_period_that_no_run_can_have_makes_it_no_manifest(tmp_path: Path, period_s: float) -> None:
+    write_manifest(tmp_path, replace(FULL, stations=[StationFacts("a", "url", "dde", period_s=period_s)]))
+    with pytest.raises(NoManifest, match="is no sampling period"):
+        read_manifest(tmp_path)
+    found = summary_of(tmp_path, ALL)
+    assert isinstance(found, Unreadable)
+    assert "is no sampling period" in found.why
