@@ -141,7 +141,7 @@ LIMITS: Final[Mapping[Kind, int]] = MappingProxyType(
 """The greatest size of each kind in bytes. Text kinds are read whole, the others piece by piece."""
 
 LINES: Final[Mapping[Kind, int]] = MappingProxyType(
-    dict.fromkeys((Kind.ANNOTATIONS, Kind.VERIFICATIONS, Kind.DAMAGE, Kind.LEASE), 100_000)
+    {Kind.ANNOTATIONS: 20_000} | dict.fromkeys((Kind.VERIFICATIONS, Kind.DAMAGE, Kind.LEASE), 100_000)
 )
 """The most lines of a kind: a file of nothing but line ends costs a hundred times its size."""
 
