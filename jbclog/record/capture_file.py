@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import json
-import mmap
 import os
 import struct
 import zlib
 from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from math import isfinite
 from pathlib import Path
@@ -105,6 +103,7 @@ FIELD_BYTES: Final = HEAD.size - 16
 PIECE: Final = 1 << 16
 MOST_BYTES: Final = 64 << 20  # unpacked, of one block: three times what a recorder keeps waiting, and no more of a hostile one
 MOST_LINE: Final = 1 << 20
+SEARCHED: Final = 4 << 20  # bytes at a time
 LEVEL, WINDOW, MEMORY = 6, 13, 7  # of zlib: as small as 9 and 15 nearly, in a quarter of the memory
 
 
@@ -182,39 +181,54 @@ def _crc(head: bytes) -> int:
 
 def blocks(path: Path) -> Iterator[Block | Gap]:
     """What the file holds, in order; what cannot be proven is a gap. Raises OSError."""
-    with _mapped(path) as data:
-        if data is not None:
+    with open_foreign(path, Kind.WIRE) as file:
+        data = _Bytes(file.fileno())
+        if len(data):
             labels = _labels(data)
             first = next(labels, None)
             yield from _singles(data) if first is None else _numbered(data, first, labels)
 
 
-@contextmanager
-def _mapped(path: Path) -> Iterator[mmap.mmap | None]:
-    """The bytes of a file; None where it is empty."""
-    with open_foreign(path, Kind.WIRE) as file:
-        if not os.fstat(file.fileno()).st_size:
-            yield None
-            return
-        with mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
-            yield data
+class _Bytes:
+    """The bytes of an open file, a slice at a time. Mapped, they would count as memory, and a file that shrinks would end us."""
+
+    def __init__(self, descriptor: int) -> None:
+        self._descriptor = descriptor
+        self._size = os.fstat(descriptor).st_size
+
+    def __len__(self) -> int:
+        return self._size
+
+    def __getitem__(self, wanted: slice) -> bytes:
+        start, stop, _ = wanted.indices(self._size)
+        return os.pread(self._descriptor, max(stop - start, 0), start)
 
 
-def _labels(data: mmap.mmap) -> Iterator[_Label]:
+def _labels(data: _Bytes) -> Iterator[_Label]:
     """Every sound head of a block, wherever it stands."""
-    at = data.find(FIXED)
-    while at >= 0:
+    for at in _places_of_heads(data):
         head = data[at : at + HEAD.size]
-        if len(head) == HEAD.size and HEAD.unpack(head)[-1] == _crc(head):
+        if len(head) == HEAD.size and head.startswith(FIXED) and HEAD.unpack(head)[-1] == _crc(head):
             yield _Label(at, *HEAD.unpack(head)[4:8])
-        at = data.find(FIXED, at + 1)
 
 
-def _numbered(data: mmap.mmap, first: _Label, labels: Iterator[_Label]) -> Iterator[Block | Gap]:
+def _places_of_heads(data: _Bytes) -> Iterator[int]:
+    """Wherever a head may begin. Pieces overlap, so that none is cut in two."""
+    sought = FIXED[:4]  # no zeros: `find` steps over what cannot be part of it, and zeros are what large hostile files have
+    for start in range(0, len(data), SEARCHED - len(sought) + 1):
+        piece = data[start : start + SEARCHED]
+        at = piece.find(sought)
+        while at >= 0:
+            yield start + at
+            at = piece.find(sought, at + 1)
+
+
+def _numbered(data: _Bytes, first: _Label, labels: Iterator[_Label]) -> Iterator[Block | Gap]:
     """The blocks whose heads and contents are sound, and gaps for all between them."""
     end, number, line, why = 0, 0, 1, ""
     for label in _chain(first, labels):
-        text = _text(data[label.at : label.at + label.length]) if label.kin == first.kin and label.number >= number else None
+        is_next = label.kin == first.kin and label.number >= number and label.length <= MOST_BYTES
+        text = _text(data[label.at : label.at + label.length]) if is_next else None
         if text is None:
             why = why or _doubt(label, first, number)
             continue
@@ -251,7 +265,7 @@ def _text(member: bytes) -> str | None:
 # -- format 1 --------------------------------------------------------------------------------------------------------------
 
 
-def _singles(data: mmap.mmap) -> Iterator[Block | Gap]:
+def _singles(data: _Bytes) -> Iterator[Block | Gap]:
     """A file with a single check sum for all: nothing of it is given before that was seen to hold."""
     end = _sound_end(data)
     if end is None:
@@ -266,7 +280,7 @@ def _singles(data: mmap.mmap) -> Iterator[Block | Gap]:
         yield Gap(end, len(data), line, None, "stands behind its end")
 
 
-def _unpacked(data: mmap.mmap) -> Iterator[tuple[bytes, int | None]]:
+def _unpacked(data: _Bytes) -> Iterator[tuple[bytes, int | None]]:
     """The first member in small pieces, and at last where it ends, if it ends as it should. Raises zlib.error."""
     unpacker = zlib.decompressobj(16 + zlib.MAX_WBITS)
     for place in range(0, len(data), PIECE):
@@ -279,7 +293,7 @@ def _unpacked(data: mmap.mmap) -> Iterator[tuple[bytes, int | None]]:
             return
 
 
-def _sound_end(data: mmap.mmap) -> int | None:
+def _sound_end(data: _Bytes) -> int | None:
     """Where the first member ends; None where it is not sound, or holds what are no lines of text."""
     end, rest = None, b""
     try:
@@ -293,7 +307,7 @@ def _sound_end(data: mmap.mmap) -> int | None:
     return None if rest else end
 
 
-def _lines(data: mmap.mmap) -> Iterator[str]:
+def _lines(data: _Bytes) -> Iterator[str]:
     rest = b""
     for piece, _ in _unpacked(data):
         whole, rest = _split(rest + piece)

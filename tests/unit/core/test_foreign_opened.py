@@ -41,7 +41,6 @@ ALLOWED = {
     "transport/system_ports.py:read_text": "the kernel's own, below /proc",
     "core/locks.py:read_text": "the kernel's own, below /proc",
     "transport/typed_lines.py:open": "a source of units, which is a pipe or a device by its nature; it is polled",
-    "record/capture_file.py:mmap": "of a file that `open_foreign` opened",
     "record/capture.py:open": "looked at by `expect_regular` in the line before",
     "core/durable_files.py:os.open": "what was just written, to sync it; to add a line, looked at by `expect_opened`",
     "record/parts.py:ParquetFile": "the part that was written the moment before, to compare it",

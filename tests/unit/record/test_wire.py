@@ -18,7 +18,7 @@ from jbclog.core.errors import RecordError
 from jbclog.core.wire import Passed, Row, Told
 from jbclog.record import capture_recorder
 from jbclog.record.capture import Head, count_rows, is_done, mend, read_head, read_rows, read_to_hole, wire_path, wire_paths
-from jbclog.record.capture_file import FIXED, WINDOW, line_of, row_of
+from jbclog.record.capture_file import FIXED, WINDOW, Gap, blocks, line_of, row_of
 from jbclog.record.capture_recorder import WireRecorder
 from jbclog.record.check import check
 from jbclog.record.manifest import Manifest, read_manifest, write_manifest
@@ -319,3 +319,20 @@ def test_trouble_with_one_wire_leaves_the_others(tmp_path: Path) -> None:
 
 def test_the_window_is_one_that_every_reader_has() -> None:
     assert WINDOW <= zlib.MAX_WBITS
+
+
+def test_a_large_file_without_a_block_takes_little_memory(tmp_path: Path) -> None:
+    path = tmp_path / "a.tsv.gz"
+    with path.open("wb") as file:
+        file.truncate(300 << 20)
+    Path("/proc/self/clear_refs").write_text("5")  # the peak begins anew
+    before = peak_kib()
+    (gap,) = blocks(path)
+    assert isinstance(gap, Gap)
+    assert (gap.start, gap.end) == (0, 300 << 20)
+    assert peak_kib() - before < 64 << 10
+
+
+def peak_kib() -> int:
+    (line,) = (line for line in Path("/proc/self/status").read_text().splitlines() if line.startswith("VmHWM"))
+    return int(line.split()[1])
