@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+from typing import Final
+
 import typer
 
 from jbclog import __version__
@@ -32,6 +35,9 @@ from jbclog.cli.trend import trend
 from jbclog.cli.verify import verify
 from jbclog.cli.where_used import where_used
 from jbclog.cli.write import write
+from jbclog.core.errors import Exit
+
+NO_MEMORY: Final = b"jbclog: memory was refused; `jbclog recover` finishes the record\n"
 
 app = typer.Typer(
     name="jbclog",
@@ -73,6 +79,13 @@ app.command(cls=WriteCommand)(write)
 
 
 def main() -> None:
-    """The entry point of the command `jbclog`."""
+    """Run the command `jbclog`.
+
+    Memory can be refused once more while a refusal is handled. Ending then needs none: no exception and no text are made.
+    """
     make_usable()
-    app()
+    try:
+        app()
+    except MemoryError:
+        os.write(2, NO_MEMORY)
+        os._exit(Exit.RECORD)

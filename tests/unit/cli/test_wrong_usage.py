@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
+from jbclog.cli import main
 from jbclog.cli.app import app
 from jbclog.record.manifest import read_manifest
 from support.records.few_rows import table
@@ -198,3 +199,21 @@ def test_a_link_to_itself_is_no_internal_error(place: Path, words: tuple[str, ..
     assert ended.exit_code in range(1, 5)
     assert "internal error" not in ended.stderr
     assert "error: " in ended.stderr
+
+
+def test_memory_that_is_refused_to_the_end_is_one_line_and_exit_code_4(
+    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    def refused() -> None:
+        raise MemoryError
+
+    def ended(code: int) -> None:
+        raise SystemExit(code)
+
+    monkeypatch.setattr("jbclog.cli.app.app", refused)
+    monkeypatch.setattr("jbclog.cli.app.make_usable", lambda: None)
+    monkeypatch.setattr("os._exit", ended)
+    with pytest.raises(SystemExit) as end:
+        main()
+    assert end.value.code == 4
+    assert capfd.readouterr().err == "jbclog: memory was refused; `jbclog recover` finishes the record\n"
