@@ -11,6 +11,12 @@ from math import inf
 import pandas as pd
 
 from jbclog import __version__
+from jbclog.analysis.figures.canvas import svg_text
+from jbclog.analysis.figures.from_samples import AIR_COLUMNS as AIR
+from jbclog.analysis.figures.from_samples import STATE_COLUMNS as STATES
+from jbclog.analysis.figures.from_samples import has_air
+from jbclog.analysis.figures.marks import happenings
+from jbclog.analysis.figures.style import NARROW, WIDE
 from jbclog.analysis.rejudge import is_cut_off, own_version
 from jbclog.analysis.run import Run
 from jbclog.analysis.verdict import RULES, judged_signals, measure
@@ -35,16 +41,10 @@ from jbclog.report.facts import (
 )
 from jbclog.report.joint_words import jointed, never_back_at
 from jbclog.report.joints import Joints, unit_rows
-from jbclog.report.marks import happenings
 from jbclog.report.overview import Overview
 from jbclog.report.ports import Context
 from jbclog.report.stations import station_report
-from jbclog.report.style import NARROW, WIDE
-from jbclog.report.svg import svg_text
 from jbclog.report.tables import by_station, counter_rows, event_rows, ledger_rows, setting_rows
-from jbclog.report.trace import AIR_COLUMNS as AIR
-from jbclog.report.trace import STATE_COLUMNS as STATES
-from jbclog.report.trace import tells_air
 from jbclog.report.verdict import verdict_facts
 from jbclog.report.zoom import share
 
@@ -159,7 +159,7 @@ def _rows(facts: StationFacts) -> float:
 
 def _columns(facts: StationFacts) -> tuple[str, ...]:
     columns = COLUMNS if "temperature_c" in judged_signals(facts) else (*COLUMNS, *STATES)
-    return (*columns, *AIR) if tells_air(facts) else columns
+    return (*columns, *AIR) if has_air(facts) else columns
 
 
 def _overview(overview: Overview) -> Figure | None:

@@ -12,27 +12,27 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from jbclog.analysis.charts import too_many_late
+from jbclog.analysis.figures import style
+from jbclog.analysis.figures.axes import Label, bars, dots, labelled, panel, size_pt, ticked, valued
+from jbclog.analysis.figures.canvas import new_figure, styled
+from jbclog.analysis.figures.curves import Floats, envelope
+from jbclog.analysis.figures.style import Format, Look
+from jbclog.analysis.figures.ticks import round_values
 from jbclog.analysis.spc import Chart, Refused, control_chart
-from jbclog.report import style
-from jbclog.report.drawing import Drawing, Stroke
-from jbclog.report.panel import Panel
-from jbclog.report.scale import Scale, round_marks
-from jbclog.report.style import Format
-from jbclog.report.trace import envelope
 
-Floats = NDArray[np.float64]
-
-LEFT, RIGHT, TOP, BOTTOM, BETWEEN = 36.0, 62.0, 12.0, 19.0, 15.0
+LEFT, RIGHT, TOP, BOTTOM, BETWEEN = 38.0, 62.0, 12.0, 19.0, 15.0
 UPPER_PT, LOWER_PT = 74.0, 34.0  # the heights of individuals, and of deficits and moving ranges
 FEWEST: Final = 5  # joints from which on a chart says more than a row of numbers
 MOST_DOTS: Final = 300
 ARROW_PT: Final = 5.0
-LIMIT = Stroke(style.ALARM, 0.9, (4.4, 1.7))
-CENTRE = Stroke(style.INK, 0.7)
-JOINED = Stroke(style.TEMPERATURE_BAND, 0.7)
+LIMIT: Final[Look] = {"color": style.ALARM, "linewidth": 0.9, "dashes": (4.4, 1.7)}
+CENTRE: Final[Look] = {"color": style.INK, "linewidth": 0.7}
+JOINED: Final[Look] = {"color": style.TEMPERATURE_BAND, "linewidth": 0.7}
+ARROW: Final[Look] = {"color": style.ALARM, "linewidth": 0.9}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -111,119 +111,117 @@ def charted(recovery: Floats, resolution: float | None, deficits: Floats | None 
     return Charted(numbers, seconds, len(recovery), found, none if deficits is None else deficits, waited)
 
 
-def draw_chart(one: Charted, form: Format) -> Drawing:
-    """The drawing: the deficits where they are known, the recoveries, and where these have limits their moving ranges."""
+def draw_chart(one: Charted, form: Format) -> Figure:
+    """Return the deficits where they are known, the recoveries, and where these have limits their moving ranges."""
     deficits = np.flatnonzero(~np.isnan(one.deficits))
     heights = [*([LOWER_PT] if len(deficits) else []), UPPER_PT, *([] if one.chart is None else [LOWER_PT])]
-    drawing = Drawing(form.width_pt, TOP + sum(heights) + BETWEEN * (len(heights) - 1) + BOTTOM)
-    last = max(float(one.joints), 2.0)
-    x = Scale(0.5, last + 0.5, LEFT, form.width_pt - RIGHT)
-    marks = [(mark, f"{mark:g}") for mark in round_marks(1, last, form.time_marks)]
+    with styled():
+        figure = new_figure(form.width_pt, TOP + sum(heights) + BETWEEN * (len(heights) - 1) + BOTTOM)
+        panels = _panels(figure, heights, max(float(one.joints), 2.0), form)
+        rows = iter(panels)
+        if len(deficits):
+            _deficits(next(rows), deficits.astype(np.float64) + 1, one.deficits[deficits], form)
+        _recoveries(next(rows), one, form)
+        if one.chart is not None:
+            _ranges(next(rows), one, one.chart[1], form)
+    return figure
+
+
+def _panels(figure: Figure, heights: list[float], last: float, form: Format) -> list[Axes]:
+    """Return the panels, one below the other, with the number of the joint on their axis."""
     tops = [TOP + sum(heights[:row]) + BETWEEN * row for row in range(len(heights))]
-    panels = [_panel(drawing, form, x, top, height) for top, height in zip(tops, heights, strict=True)]
-    moments, rows = [mark for mark, _ in marks], iter(panels)
-    if len(deficits):
-        _deficits(next(rows), deficits.astype(np.float64) + 1, one.deficits[deficits], moments)
-    _recoveries(next(rows), one, moments)
-    if one.chart is not None:
-        lower = next(rows)
-        _row(lower, one.numbers[1:], one.chart[1].points, one.chart[1], [], moments)
-        lower.headed("Difference to the one before in s")
-    panels[-1].timed(marks)
-    return drawing
+    width = form.width_pt - LEFT - RIGHT
+    panels = [panel(figure, LEFT, top, width, height) for top, height in zip(tops, heights, strict=True)]
+    numbers = round_values(1, last, form.time_marks)
+    for axes in panels:
+        axes.set_xlim(0.5, last + 0.5)
+        ticked(axes, np.array(numbers), [f"{number:g}" for number in numbers], is_lowest=axes is panels[-1])
+    return panels
 
 
-def _deficits(place: Panel, numbers: Floats, celsius: Floats, marks: list[float]) -> None:
-    """How far below its setpoint the tip began each joint; 0 is on the scale, so that a small one looks small."""
-    panel = _grounded(place, np.append(celsius, [0.0, 5.0]), marks)
-    middle = float(np.median(celsius))
-    _level(panel, middle, CENTRE)
-    panel.labelled([(middle, f"median {middle:.1f}", style.INK)])
-    _points_of(panel, numbers, celsius, "deficit")
-    panel.headed("Below the setpoint at the start in °C")
+def _deficits(axes: Axes, numbers: Floats, celsius: Floats, form: Format) -> None:
+    """Draw how far below its setpoint the tip began each joint; 0 is on the scale, so that a small deficit looks small."""
+    _scale(axes, np.append(celsius, [0.0, 5.0]))
+    _median(axes, celsius, 1, form)
+    _points_of(axes, numbers, celsius, "deficit")
+    axes.set_title("Below the setpoint at the start in °C")
 
 
-def _recoveries(place: Panel, one: Charted, marks: list[float]) -> None:
+def _recoveries(axes: Axes, one: Charted, form: Format) -> None:
     limits = None if one.chart is None else one.chart[0]
-    _row(place, one.numbers, one.seconds, limits, one.signalling, marks, one.late)
-    place.headed("Recovery in s, by number of the joint")
+    late = one.late[1]
+    arrows = late + (1.5 * ARROW_PT / size_pt(axes)[1] * float(np.ptp(late)) if len(late) else 0.0)
+    _scale(axes, np.concatenate([one.seconds, _edges(limits), late, arrows]))
+    if len(one.seconds):
+        _lines(axes, one.seconds, limits, form)
+        _points_of(axes, one.numbers, one.seconds, "recovery")
+    _late(axes, *one.late)
+    dots(axes, one.numbers[one.signalling], one.seconds[one.signalling], 4.2, style.ALARM, "signal")
+    axes.set_title("Recovery in s, by number of the joint")
 
 
-def _panel(drawing: Drawing, form: Format, x: Scale, top: float, height: float) -> Panel:
-    return Panel(drawing, form, LEFT, top, x.end - LEFT, height, x, Scale(0.0, 1.0, top + height, top))
+def _ranges(axes: Axes, one: Charted, chart: Chart, form: Format) -> None:
+    _scale(axes, np.concatenate([chart.points, _edges(chart)]))
+    _lines(axes, chart.points, chart, form)
+    _points_of(axes, one.numbers[1:], chart.points, "recovery")
+    axes.set_title("Difference to the one before in s")
 
 
-def _row(
-    place: Panel,
-    numbers: Floats,
-    values: Floats,
-    chart: Chart | None,
-    signalling: list[int],
-    marks: list[float],
-    late: tuple[Floats, Floats] = (np.empty(0), np.empty(0)),
-) -> None:
-    limits = np.empty(0) if chart is None else np.array([chart.lower[0], chart.upper[0]])
-    arrows = late[1] + (1.5 * ARROW_PT / place.height * float(np.ptp(late[1])) if len(late[1]) else 0.0)
-    panel = _grounded(place, np.concatenate([values, limits, late[1], arrows]), marks)
-    if len(values):
-        _lines(panel, values, chart)
-        _points_of(panel, numbers, values, "recovery")
-    _late(panel, *late)
-    for where in signalling:
-        panel.drawing.dots(panel.x.at([numbers[where]]), panel.y.at([values[where]]), 4.2, style.ALARM, "signal")
+def _edges(chart: Chart | None) -> Floats:
+    return np.empty(0) if chart is None else np.array([chart.lower[0], chart.upper[0]])
 
 
-def _grounded(place: Panel, values: Floats, marks: list[float]) -> Panel:
-    """The field with a scale that holds these values."""
-    air = max(0.08 * float(np.ptp(values)), 0.02)
-    panel = place.scaled(float(values.min()) - air, float(values.max()) + air)
-    steps = round_marks(panel.y.low, panel.y.high, 4 if panel.height > LOWER_PT else 2, whole=False)
-    panel.ruled(marks, steps)
-    panel.numbered(steps)
-    panel.framed()
-    return panel
+def _scale(axes: Axes, values: Floats) -> None:
+    """Set a scale that holds these values."""
+    margin = max(0.08 * float(np.ptp(values)), 0.02)
+    axes.set_ylim(float(values.min()) - margin, float(values.max()) + margin)
+    is_high = size_pt(axes)[1] > 1.5 * LOWER_PT
+    valued(axes, round_values(*axes.get_ylim(), 4 if is_high else 2, whole=False))
 
 
-def _late(panel: Panel, numbers: Floats, seconds: Floats) -> None:
-    """An arrow upwards from the time that each of these joints had."""
+def _late(axes: Axes, numbers: Floats, seconds: Floats) -> None:
+    """Draw an arrow upwards from the time that each of these joints had."""
     if not len(numbers):
         return
     if len(numbers) > MOST_DOTS:
         curve = envelope(numbers, seconds, MOST_DOTS, float("inf"))
         numbers, seconds = curve.seconds, curve.low
-    x, y = panel.x.at(numbers), panel.y.at(seconds)
-    panel.drawing.bars(x, y, y - ARROW_PT, Stroke(style.ALARM, 0.9), "late")
-    head = np.column_stack([x - 1.4, x, x + 1.4, np.full(len(x), np.nan)]).ravel()
-    tips = np.column_stack([y - ARROW_PT + 1.6, y - ARROW_PT, y - ARROW_PT + 1.6, np.full(len(x), np.nan)]).ravel()
-    panel.drawing.line(head, tips, Stroke(style.ALARM, 0.9), "late")
+    (wide, high), (left, right), (low, top) = size_pt(axes), axes.get_xlim(), axes.get_ylim()
+    across, up, none = (right - left) / wide, (top - low) / high, np.full(len(numbers), np.nan)  # of a point
+    tips = seconds + ARROW_PT * up
+    bars(axes, numbers, seconds, tips, "late", **ARROW)
+    x = np.column_stack([numbers - 1.4 * across, numbers, numbers + 1.4 * across, none])
+    y = np.column_stack([tips - 1.6 * up, tips, tips - 1.6 * up, none])
+    axes.plot(x.ravel(), y.ravel(), gid="late", **ARROW)
 
 
-def _lines(panel: Panel, values: Floats, chart: Chart | None) -> None:
-    """Centre and limits with their figures; without limits the median."""
+def _lines(axes: Axes, values: Floats, chart: Chart | None, form: Format) -> None:
+    """Draw centre and limits with their values; without limits the median."""
     if chart is None:
-        middle = float(np.median(values))
-        _level(panel, middle, CENTRE)
-        panel.labelled([(middle, f"median {middle:.2f}", style.INK)])
+        _median(axes, values, 2, form)
         return
-    middle_name = "mean" if chart.distribution == "normal" or chart.name != "individuals" else "median"
-    ends = [(float(chart.upper[0]), "limit"), (chart.centre, middle_name), (float(chart.lower[0]), "limit")]
+    middle = "mean" if chart.distribution == "normal" or chart.name != "individuals" else "median"
+    ends = [(float(chart.upper[0]), "limit"), (chart.centre, middle), (float(chart.lower[0]), "limit")]
+    labels: list[Label] = []
     for value, name in ends:
-        _level(panel, value, LIMIT if name == "limit" else CENTRE)
-    told = [one for one in ends if one[0] > 0 or one[1] != "limit"]
-    panel.labelled([(value, f"{name} {value:.2f}", style.ALARM if name == "limit" else style.INK) for value, name in told])
+        axes.axhline(value, gid="limit", **(LIMIT if name == "limit" else CENTRE))
+        if value > 0 or name != "limit":
+            labels.append((value, f"{name} {value:.2f}", style.ALARM if name == "limit" else style.INK))
+    labelled(axes, labels, form.font_pt)
 
 
-def _level(panel: Panel, value: float, stroke: Stroke) -> None:
-    y = panel.y.place(value)
-    panel.drawing.line([panel.left, panel.right], [y, y], stroke, "limit")
+def _median(axes: Axes, values: Floats, digits: int, form: Format) -> None:
+    middle = float(np.median(values))
+    axes.axhline(middle, gid="limit", **CENTRE)
+    labelled(axes, [(middle, f"median {middle:.{digits}f}", style.INK)], form.font_pt)
 
 
-def _points_of(panel: Panel, numbers: Floats, values: Floats, of: str) -> None:
+def _points_of(axes: Axes, numbers: Floats, values: Floats, of: str) -> None:
+    """Draw each point, or of more than are seen apart the least, greatest and mean of each stretch."""
     if len(values) <= MOST_DOTS:
-        panel.drawing.line(panel.x.at(numbers), panel.y.at(values), JOINED)
-        panel.drawing.dots(panel.x.at(numbers), panel.y.at(values), 2.0, style.TEMPERATURE, of)
+        axes.plot(numbers, values, gid="joined", **JOINED)
+        dots(axes, numbers, values, 2.0, style.TEMPERATURE, of)
         return
     curve = envelope(numbers, values, MOST_DOTS, float("inf"))
-    at = panel.x.at(curve.seconds)
-    panel.drawing.bars(at, panel.y.at(curve.low), panel.y.at(curve.high), Stroke(style.TEMPERATURE_BAND, 1.0), of)
-    panel.drawing.dots(at, panel.y.at(curve.mean), 1.6, style.TEMPERATURE, of)
+    bars(axes, curve.seconds, curve.low, curve.high, of, color=style.TEMPERATURE_BAND, linewidth=1.0)
+    dots(axes, curve.seconds, curve.mean, 1.6, style.TEMPERATURE, of)

@@ -12,6 +12,10 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.compute as pc
 
+from jbclog.analysis.figures.canvas import svg_text
+from jbclog.analysis.figures.curves import Floats, Span
+from jbclog.analysis.figures.style import NARROW, WIDE
+from jbclog.analysis.figures.trace import BACK, CUT_OFF, LATE
 from jbclog.analysis.joint_table import FILE as JOINTS
 from jbclog.analysis.joint_table import JOINTS_SCHEMA, as_bytes
 from jbclog.analysis.run import Run
@@ -19,12 +23,9 @@ from jbclog.analysis.run_metrics import joints_and_metrics
 from jbclog.analysis.verdict.bounds import censored_quantile
 from jbclog.record.manifest import manifest_sha256
 from jbclog.report.facts import Figure, JointFacts
-from jbclog.report.joint_chart import Floats, charted, draw_chart
+from jbclog.report.joint_chart import charted, draw_chart
 from jbclog.report.joint_words import never_back
-from jbclog.report.style import NARROW, WIDE
-from jbclog.report.svg import svg_text
 from jbclog.report.text import iso
-from jbclog.report.trace import BACK, CUT_OFF, LATE, Span
 
 __all__ = ["COLUMNS", "JOINTS", "Joints", "joint_facts", "joints_of", "unit_rows"]
 
@@ -85,8 +86,8 @@ def joints_of(run: Run) -> Joints:
     return Joints(table, as_bytes(table, manifest_sha256(run.folder)), metrics, serials, taken)
 
 
-def joint_facts(found: Joints, station: str, port: int, file: str) -> JointFacts | None:
-    """The figures of one port and its chart, whose file begins with `file`; None for what makes no joints."""
+def joint_facts(found: Joints, station: str, port: int, file: str, *, crowded: bool = False) -> JointFacts | None:
+    """Return the figures of one port and its chart, whose file begins with `file`; None for what makes no joints."""
     told, joints = found.told(station, port), found.of_port(station, port)
     if OF_JOINTS not in told or not told[AT_WORK]["n"]:
         return None
@@ -96,7 +97,8 @@ def joint_facts(found: Joints, station: str, port: int, file: str) -> JointFacts
     chart = charted(recovery, resolution if isinstance(resolution, float) else None, deficits, np.where(late, had, np.nan))
     figure = None
     if chart.is_worth_it:
-        wide, narrow = (svg_text(draw_chart(chart, form)) for form in (WIDE, NARROW))
+        wide = svg_text(draw_chart(chart, WIDE))
+        narrow = wide if crowded else svg_text(draw_chart(chart, NARROW))
         figure = Figure(f"figures/{file}-joints.svg", chart.caption, f"{station}, port {port}: {chart.caption}", wide, narrow)
     figures = {name: told[name] for name in METRICS if name in told}
     taken = next(({**row} for row in found.taken if row["station"] == station and row["port"] == port), {})

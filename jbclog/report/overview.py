@@ -7,17 +7,22 @@ is hatched, alarms and errors are bars. Collected while the samples of a port ar
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
+from jbclog.analysis.figures import style
+from jbclog.analysis.figures.axes import BESIDE_PT, panel, rectangles, size_pt
+from jbclog.analysis.figures.canvas import new_figure, styled
+from jbclog.analysis.figures.curves import Envelope, Floats, Span, dates, envelope, merged, runs, widened
+from jbclog.analysis.figures.style import Format
+from jbclog.analysis.figures.ticks import duration_text, time_marks
+from jbclog.analysis.figures.trace import JOINED_PERIODS, Mark, Trace
 from jbclog.analysis.verdict.idle import setting_in_force
-from jbclog.report import style
-from jbclog.report.drawing import Drawing, Stroke
-from jbclog.report.panel import Panel
-from jbclog.report.scale import Scale, duration_text, time_marks
-from jbclog.report.style import Format
-from jbclog.report.trace import JOINED_PERIODS, Envelope, Floats, Mark, Span, Trace, envelope, merged, runs, widened
 
 REACH_C = 40.0
 FAR_S = 10.0
@@ -96,43 +101,88 @@ class Overview:
             f"Hatched: not read; red: alarm; violet: error{further}. On the right: readings that are there.{never}"
         )
 
-    def draw(self, form: Format) -> Drawing:
-        """The strips."""
-        drawing = Drawing(form.width_pt, 72 * self.height_in)
-        panel, high = self._panel(drawing, form), 72 * self.strip_in
-        marks = time_marks(self.t0_utc_us, panel.x.low, panel.x.high, max(4, form.time_marks - 2))
-        panel.ruled([second for second, _ in marks])
-        points = min(form.font_pt, 0.72 * high)
-        for row, strip in enumerate(self.strips):
-            _draw(panel, panel.top + row * high, high, strip, points)
-        panel.timed(marks)
-        return drawing
+    def draw(self, form: Format) -> Figure:
+        """Return the strips as a figure."""
+        with styled():
+            figure = new_figure(form.width_pt, 72 * self.height_in)
+            axes, high = self._panel(figure, form), 72 * self.strip_in
+            points = min(form.font_pt, 0.72 * high)
+            axes.set_yticks([row + 0.5 for row in range(len(self.strips))], [strip.name for strip in self.strips])
+            axes.tick_params(axis="y", labelsize=points, labelcolor=style.INK)
+            for row, strip in enumerate(self.strips):
+                _Row(axes, row, strip, self.t0_utc_us, form, points).draw()
+        return figure
 
-    def _panel(self, drawing: Drawing, form: Format) -> Panel:
-        left = 9 + LETTER_PT * max(len(strip.name) for strip in self.strips)
-        width, high = form.width_pt - left - FIGURES_PT, 72 * len(self.strips) * self.strip_in
+    def _panel(self, figure: Figure, form: Format) -> Axes:
+        """Return the panel of all strips; a strip is 1 high, the first is at the top."""
+        left, count = 9 + LETTER_PT * max(len(strip.name) for strip in self.strips), len(self.strips)
+        axes = panel(figure, left, TOP_PT, form.width_pt - left - FIGURES_PT, 72 * count * self.strip_in)
         start, end = min(strip.start for strip in self.strips), max(strip.end for strip in self.strips)
-        x, y = Scale(start, end, left, left + width), Scale(0.0, 1.0, TOP_PT + high, TOP_PT)
-        return Panel(drawing, form, left, TOP_PT, width, high, x, y)
+        marks = time_marks(self.t0_utc_us, start, end, max(4, form.time_marks - 2))
+        axes.set_xlim(*dates(self.t0_utc_us, [start, end]).tolist())
+        axes.set_ylim(count, 0)
+        axes.set_xticks(dates(self.t0_utc_us, [second for second, _ in marks]), [label for _, label in marks])
+        axes.grid(visible=False, axis="y")
+        axes.spines[:].set_visible(False)
+        axes.hlines(range(1, count + 1), 0, 1, transform=axes.get_yaxis_transform(), color=style.GRID, linewidth=0.6)
+        return axes
 
 
-def _draw(panel: Panel, top: float, high: float, strip: Strip, points: float) -> None:
-    middle, curve, drawing = top + high / 2, strip.curve, panel.drawing
-    least_s = (panel.x.high - panel.x.low) / panel.form.stretches * 1.5
-    drawing.line(panel.x.at([strip.start, strip.end]), [middle, middle], Stroke(style.NO_DATA, 0.5))
-    low, high_y = (middle - 0.42 * high * side / REACH_C for side in (curve.low, curve.high))
-    drawing.area(panel.x.at(curve.seconds), low, high_y, style.TEMPERATURE, Stroke(style.TEMPERATURE, 0.5), strip.name)
-    for span in strip.far:
-        _far_field(panel, top, high, span)
-    for gap in merged((gap for gap in strip.gaps if gap.seconds >= least_s), least_s):
-        hatch = style.hatch(gap.word, gap.seconds > 4 * least_s)
-        _bar(panel, top, high, gap, style.NO_DATA_TINT if hatch else style.NO_DATA, hatch)
-    for mark in strip.marks:
-        _bar(panel, top, high, widened(mark.span, 2 * least_s), style.MARK_COLOURS[mark.kind], None)
-    drawing.line([panel.left, panel.right], [top + high, top + high], style.HAIR)
-    base = middle + 0.36 * points
-    panel.told_left(strip.name, middle, points, style.INK)
-    drawing.words(panel.right + 4, base, strip.words, points, style.ALARM if strip.is_bad else style.QUIET, bold=strip.is_bad)
+@dataclass(frozen=True, slots=True)
+class _Row:
+    """A strip in its row of the panel."""
+
+    axes: Axes
+    row: int
+    strip: Strip
+    t0_utc_us: int
+    form: Format
+    points: float
+
+    def draw(self) -> None:
+        strip, middle = self.strip, self.row + 0.5
+        x = dates(self.t0_utc_us, strip.curve.seconds)
+        low, high = (middle - 0.42 * side / REACH_C for side in (strip.curve.low, strip.curve.high))
+        self.axes.plot(dates(self.t0_utc_us, [strip.start, strip.end]), [middle, middle], color=style.NO_DATA, linewidth=0.5)
+        look = {"facecolor": style.TEMPERATURE, "edgecolor": style.TEMPERATURE, "linewidth": 0.5}
+        self.axes.fill_between(x, low, high, gid=strip.name, zorder=2.1, **look)
+        self._far()
+        self._gaps()
+        for kind, colour in style.MARK_COLOURS.items():
+            spans = [widened(mark.span, 2 * self._least_s) for mark in strip.marks if mark.kind == kind]
+            self._fill(spans, kind, facecolor=colour, zorder=2.6)
+        look = {"color": style.ALARM if strip.is_bad else style.QUIET, "weight": "bold" if strip.is_bad else "normal"}
+        place = (1 + BESIDE_PT / size_pt(self.axes)[0], middle)
+        self.axes.text(
+            *place, strip.words, fontsize=self.points, va="center_baseline", transform=self.axes.get_yaxis_transform(), **look
+        )
+
+    @property
+    def _least_s(self) -> float:
+        """The shortest time that is wide enough to be seen."""
+        left, right = self.axes.get_xlim()
+        return (right - left) * 86400 / self.form.stretches * 1.5
+
+    def _fill(self, spans: Sequence[Span], of: str, **look: Any) -> None:
+        places = [(*dates(self.t0_utc_us, [one.start, one.end]).tolist(), self.row + 0.06, self.row + 0.94) for one in spans]
+        rectangles(self.axes, places, of, **look)
+
+    def _gaps(self) -> None:
+        gaps = merged((gap for gap in self.strip.gaps if gap.seconds >= self._least_s), self._least_s)
+        for gap in gaps:
+            hatch = style.hatch(gap.word, gap.seconds > 4 * self._least_s)
+            face = style.NO_DATA_TINT if hatch else style.NO_DATA
+            self._fill([gap], "gap", facecolor=face, edgecolor=style.NO_DATA, hatch=hatch, zorder=2.5)
+
+    def _far(self) -> None:
+        """Draw a field with the temperature in it, where that fits."""
+        self._fill(self.strip.far, "far", facecolor=FAR_TINT, zorder=2.2)
+        (left, right), wide = self.axes.get_xlim(), size_pt(self.axes)[0]
+        for span in self.strip.far:
+            if span.seconds / 86400 / (right - left) * wide > LETTER_PT * len(span.word):
+                middle = float(dates(self.t0_utc_us, (span.start + span.end) / 2))
+                look = {"fontsize": min(self.points, self.form.font_pt), "ha": "center", "va": "center_baseline"}
+                self.axes.text(middle, self.row + 0.5, span.word, zorder=2.3, **look)
 
 
 def _far(trace: Trace, away: Floats) -> list[Span]:
@@ -146,20 +196,3 @@ def _celsius(trace: Trace, span: Span) -> str:
     inside = trace.temperature[(trace.seconds >= span.start) & (trace.seconds < span.end)]
     low, high = np.nanmin(inside), np.nanmax(inside)
     return f"{low:.0f} °C" if low == high else f"{low:.0f} to {high:.0f} °C"
-
-
-def _far_field(panel: Panel, top: float, high: float, span: Span) -> None:
-    """A field with the temperature in it, where there is room for that."""
-    a, b = panel.x.at([span.start, span.end]).tolist()
-    points = min(panel.form.font_pt, 0.6 * high)
-    panel.drawing.field(a, top + 0.06 * high, b - a, 0.88 * high, FAR_TINT)
-    if b - a > LETTER_PT * len(span.word):
-        panel.drawing.words((a + b) / 2, top + high / 2 + 0.36 * points, span.word, points, style.INK, align="middle")
-
-
-def _bar(panel: Panel, top: float, high: float, span: Span, face: str, hatch: str | None) -> None:
-    a, b = panel.x.at([span.start, span.end]).tolist()
-    place = (a, top + 0.06 * high, b - a, 0.88 * high)
-    panel.drawing.field(*place, face)
-    if hatch is not None:
-        panel.drawing.hatched(*place, hatch, style.HATCHING)

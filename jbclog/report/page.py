@@ -19,12 +19,12 @@ from urllib.parse import quote
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
+from jbclog.analysis.figures.ticks import duration_text
 from jbclog.analysis.verdict.rules import CONFIDENCE
 from jbclog.report import joint_words
 from jbclog.report.alarms import WITNESSES
 from jbclog.report.joint_words import jointed, remark
 from jbclog.report.safety import short
-from jbclog.report.scale import duration_text
 from jbclog.report.text import bound_text, clock, interval, measured, number, stamp, together
 
 PLAIN_IN_ADDRESS = " !$'()*+,-./:;=@_?[]{}|^~"

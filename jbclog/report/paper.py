@@ -10,6 +10,7 @@ from dataclasses import asdict
 from datetime import UTC, datetime
 from typing import Final
 
+from jbclog.analysis.figures.ticks import duration_text
 from jbclog.core.text import cleaned
 from jbclog.report import joint_words
 from jbclog.report.alarms import WITNESSES
@@ -18,7 +19,6 @@ from jbclog.report.joint_words import jointed, remark
 from jbclog.report.page import ENDINGS, RESULT_SIGNS, SIGNS, kept_by, place
 from jbclog.report.repeated_events import told_once
 from jbclog.report.safety import short
-from jbclog.report.scale import duration_text
 from jbclog.report.text import bound_text, clock, interval, measured, number, stamp, together
 from jbclog.report.typeset import LACKING, LACKING_MEANS, drawable, pdf_of
 

@@ -8,19 +8,36 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pandas as pd
 
+from jbclog.analysis.figures.canvas import svg_text
+from jbclog.analysis.figures.curves import Floats, Span
+from jbclog.analysis.figures.from_samples import (
+    BOTH,
+    CLOGGED,
+    CONTROL,
+    FLOW,
+    OUT_OF_RANGE,
+    PREPARING,
+    SHORTAGE,
+    SOLDER,
+    SUCTION,
+    TEMPERATURE,
+    has_air,
+    trace,
+)
+from jbclog.analysis.figures.marks import Happening, limits_of, marks_of
+from jbclog.analysis.figures.port import draw
+from jbclog.analysis.figures.style import NARROW, WIDE
+from jbclog.analysis.figures.ticks import moment
+from jbclog.analysis.figures.trace import Air, Grid, Limit, Trace
 from jbclog.analysis.verdict import PortMeasure, judged_signals
 from jbclog.analysis.verdict.samples import Step
 from jbclog.core.rows import StationFacts, TipCheck
-from jbclog.report.facts import Figure, PortFacts, PowerFacts, RecordedFacts, TipFacts
-from jbclog.report.figure import caption, closer, closer_caption, description, figure_svg
+from jbclog.report.captions import caption, closer, closer_caption, description
+from jbclog.report.facts import AirFacts, Figure, PortFacts, PowerFacts, RecordedFacts, StatesFacts, TipFacts
 from jbclog.report.joints import Joints, joint_facts
-from jbclog.report.marks import Happening, limits_of, marks_of
 from jbclog.report.overview import Overview
 from jbclog.report.safety import left, verification_facts
-from jbclog.report.scale import moment
-from jbclog.report.style import NARROW, WIDE
 from jbclog.report.text import clean, iso
-from jbclog.report.trace import Floats, Grid, Limit, Span, Trace, air_facts, states_facts, tells_air, trace
 from jbclog.report.zoom import MOST_READINGS, zoom_of
 
 MOST_GAPS = 50
@@ -52,7 +69,7 @@ def port_facts(facts: StationFacts, port: int, file: str, rows: pd.DataFrame, co
     """One port, from its rows of `samples`; its figures' files begin with `file`."""
     signals, grid = judged_signals(facts), Grid(context.t0_utc_us, facts.period_s, context.steps)
     drawn = replace(
-        trace(rows, grid, of_states="temperature_c" not in signals, of_air=tells_air(facts)),
+        trace(rows, grid, of_states="temperature_c" not in signals, of_air=has_air(facts)),
         limits=limits_of(context.settings, facts.name, port, context.t0_utc_us),
         marks=marks_of(context.happenings, facts.name, port),
         joints=context.joints.spans(facts.name, port),
@@ -71,8 +88,8 @@ def port_facts(facts: StationFacts, port: int, file: str, rows: pd.DataFrame, co
         recorded=recorded,
         tip=_tip(drawn, measure),
         power=_power(drawn, context.joints.told(facts.name, port)),
-        states=states_facts(drawn.states) if drawn.states else None,
-        air=None if drawn.air is None else air_facts(drawn.air),
+        states=_states_facts(drawn.states) if drawn.states else None,
+        air=None if drawn.air is None else _air_facts(drawn.air),
         alarms=sum(mark.kind == "alarm" for mark in drawn.marks),
         doubtful_alarms=sum(mark.kind == "unconfirmed" for mark in drawn.marks),
         safe_state=facts.safe_state.get(port),
@@ -83,7 +100,7 @@ def port_facts(facts: StationFacts, port: int, file: str, rows: pd.DataFrame, co
         left_means=how.meaning,
         left_warns=how.warn,
         figures=figures,
-        joints=joint_facts(context.joints, facts.name, port, file) if has_tip else None,
+        joints=joint_facts(context.joints, facts.name, port, file, crowded=context.crowded) if has_tip else None,
         verification=verification_facts(check, context.rules, facts.name, port) if has_tip or check is not None else None,
     )
 
@@ -93,6 +110,31 @@ def _cold(drawn: Trace, measure: PortMeasure | None) -> str | None:
     if measure is None or measure.heat.arrived_s is not None or not np.any(~np.isnan(drawn.setting)):
         return None
     return "not reached" if measure.heat.stretches else "not at work"
+
+
+def _states_facts(lanes: Mapping[str, list[Span]]) -> StatesFacts:
+    """Return for how many seconds each unwanted state held; None where it was never read."""
+    return StatesFacts(
+        shortage_s=_held_s(lanes[SOLDER], SHORTAGE, BOTH),
+        clogged_s=_held_s(lanes[SOLDER], CLOGGED, BOTH),
+        preparing_s=_held_s(lanes[CONTROL], PREPARING),
+        out_of_range_s=_held_s(lanes[TEMPERATURE], OUT_OF_RANGE),
+    )
+
+
+def _held_s(spans: list[Span], *words: str) -> float | None:
+    return float(np.sum([span.seconds for span in spans if span.word in words])) if spans else None
+
+
+def _air_facts(air: Air) -> AirFacts:
+    """Return the figures of hot air."""
+    known, flow = air.external[~np.isnan(air.external)], air.lanes.get(FLOW, [])
+    return AirFacts(
+        flow_permille=float(flow[-1].word.removesuffix(" ‰")) if flow else None,
+        external_least_c=float(known.min()) if len(known) else None,
+        external_greatest_c=float(known.max()) if len(known) else None,
+        suctions=len(air.lanes.get(SUCTION, [])),
+    )
 
 
 def _recorded(
@@ -185,5 +227,5 @@ def _figures(file: str, place: str, drawn: Trace, context: Context) -> list[Figu
 
 def _figure(file: str, text: str, alt: str, drawn: Trace, crowded: bool) -> Figure:
     """In both sizes, or in the wide one alone, which a phone scrolls."""
-    wide = figure_svg(drawn, WIDE)
-    return Figure(file, text, alt, wide, wide if crowded else figure_svg(drawn, NARROW))
+    wide = svg_text(draw(drawn, WIDE))
+    return Figure(file, text, alt, wide, wide if crowded else svg_text(draw(drawn, NARROW)))

@@ -16,9 +16,10 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from jbclog.analysis.figures.curves import Floats, Span
+from jbclog.analysis.figures.trace import JOINED_PERIODS, LATE, SETTING_JOINED_S, Limit, Trace
 from jbclog.core.text import clean
-from jbclog.report.figure import closer
-from jbclog.report.trace import JOINED_PERIODS, LATE, SETTING_JOINED_S, Floats, Limit, Span, Trace
+from jbclog.report.captions import closer
 
 Ints = NDArray[np.int64]
 

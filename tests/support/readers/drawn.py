@@ -1,83 +1,104 @@
-"""What lies on a drawing, read back: its texts and their boxes, and values from places by a panel's scale."""
+"""What is in a figure, read back from its artists: texts and their boxes, lines and areas in the units of their axes."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cache
-from importlib.resources import files
 
 import numpy as np
-from fontTools.ttLib import TTFont
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.collections import PolyCollection
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import PathPatch
+from matplotlib.text import Text
 from numpy.typing import NDArray
 
-from jbclog.report.drawing import Drawing, Shape, Words
-from jbclog.report.figure import panels
-from jbclog.report.panel import Panel, lanes_of
-from jbclog.report.scale import COARSE
-from jbclog.report.style import Format
-from jbclog.report.trace import Trace
+from jbclog.analysis.figures.canvas import styled
 
 Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class Box:
-    """Where a text is, in points; `top` above `bottom`, which is smaller further up."""
+    """Where a text is, in points from the lower left corner."""
 
     text: str
     left: float
     right: float
-    top: float
     bottom: float
+    top: float
 
 
-def texts(drawing: Drawing) -> list[str]:
-    return [mark.text for mark in drawing.marks if isinstance(mark, Words)]
+def texts(figure: Figure) -> list[str]:
+    return [one.get_text() for one in _texts(figure)]
 
 
-def shapes(drawing: Drawing, of: str) -> list[Shape]:
-    return [mark for mark in drawing.marks if isinstance(mark, Shape) and mark.of == of]
+def boxes(figure: Figure) -> list[Box]:
+    """The letters of each text, without the space above and below them."""
+    return [_box(one) for one in _texts(figure)]
 
 
-def corners(drawing: Drawing, of: str) -> Floats:
-    """Every corner of these shapes: a row of x and y each."""
-    return np.concatenate([part for shape in shapes(drawing, of) for part in shape.parts] or [np.empty((0, 2))])
+def _texts(figure: Figure) -> Iterator[Text]:
+    with styled():
+        FigureCanvasAgg(figure).draw()
+    for one in figure.findobj(Text):
+        assert isinstance(one, Text)
+        if one.get_text() and one.get_visible() and _is_shown(one):
+            yield one
 
 
-def boxes(drawing: Drawing) -> list[Box]:
-    return [_box(mark) for mark in drawing.marks if isinstance(mark, Words)]
+def _is_shown(one: Text) -> bool:
+    """Labels of ticks outside the axis and of an axis that is left out are there and not drawn."""
+    axes = one.axes
+    if axes is None:
+        return True
+    for axis in (axes.xaxis, axes.yaxis):
+        ticks = axis.get_major_ticks()
+        if any(one in (tick.label1, tick.label2) for tick in ticks):
+            shown = axis._update_ticks() if axis.get_visible() else []  # type: ignore[attr-defined]  # no public list of them
+            return any(one is tick.label1 and tick.label1.get_visible() for tick in shown)
+    return True
 
 
-def _box(mark: Words) -> Box:
-    wide = text_width(mark.text, mark.bold) * mark.points
-    left = mark.x - {"left": 0.0, "middle": 0.5, "right": 1.0}[mark.align] * wide
-    return Box(mark.text, left, left + wide, mark.y - 0.73 * mark.points, mark.y + 0.05 * mark.points)
+def _box(one: Text) -> Box:
+    extent, points = one.get_window_extent(), one.get_fontsize()
+    middle = (extent.y0 + extent.y1) / 2
+    return Box(one.get_text(), extent.x0, extent.x1, middle - 0.4 * points, middle + 0.4 * points)
 
 
-def text_width(text: str, bold: bool) -> float:
-    """How wide a text is in sizes of the font."""
-    advances, units = _advances(bold)
-    return sum(advances.get(ord(letter), 0) for letter in text) / units
+def artists(figure: Figure, of: str) -> list[Artist]:
+    return [one for one in figure.findobj() if one.get_gid() == of and not isinstance(one, Text)]
 
 
-@cache
-def _advances(bold: bool) -> tuple[dict[int, int], int]:
-    name = "DejaVuSans-Bold.ttf" if bold else "DejaVuSans.ttf"
-    with TTFont(str(files("jbclog.report") / "vendor" / "dejavu" / name), lazy=True) as font:
-        widths = font["hmtx"].metrics
-        return {code: widths[glyph][0] for code, glyph in font.getBestCmap().items()}, font["head"].unitsPerEm
+def parts(figure: Figure, of: str) -> list[Floats]:
+    """Each line between two breaks, each rectangle or area: a row of x and y for each corner, in the units of its axes."""
+    return [part for one in artists(figure, of) for part in _parts(one)]
 
 
-def fields(drawing: Drawing, trace: Trace, form: Format) -> tuple[Panel, Panel, Panel]:
-    """The panels that a figure of this trace has: temperature, power, lanes."""
-    return panels(drawing, trace, lanes_of(trace, form), form)
+def corners(figure: Figure, of: str) -> Floats:
+    return np.concatenate(parts(figure, of) or [np.empty((0, 2))])
 
 
-def values(panel: Panel, y: Floats) -> Floats:
-    """The values that lie at these heights."""
-    one = panel.y
-    places, known = [one.start, one.end], [one.low, one.high]
-    if one.knee is not None:
-        places.insert(1, one.start + COARSE * (one.end - one.start))
-        known.insert(1, one.knee)
-    return np.interp(-y, [-place for place in places], known)
+def _parts(one: Artist) -> list[Floats]:
+    if isinstance(one, Line2D):
+        points = np.asarray(one.get_xydata(), dtype=np.float64)
+        known = (~np.isnan(points).any(axis=1)).astype(np.int8)
+        edges = np.flatnonzero(np.diff(known, prepend=0, append=0)).reshape(-1, 2)
+        return [points[a:b] for a, b in edges if b - a > 1]
+    if isinstance(one, PathPatch):
+        return list(np.asarray(one.get_path().vertices, dtype=np.float64).reshape(-1, 5, 2))
+    assert isinstance(one, PolyCollection)
+    return [np.asarray(path.vertices, dtype=np.float64) for path in one.get_paths()]
+
+
+def panel(figure: Figure, place: int) -> Axes:
+    """A panel, the uppermost first."""
+    return figure.axes[place]
+
+
+def seconds(t0_utc_us: int, days: Floats) -> Floats:
+    """Days since 1970 as seconds of a run."""
+    return days * 86400 - t0_utc_us / 1e6

@@ -9,16 +9,17 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from jbclog.analysis.figures.from_samples import trace
+from jbclog.analysis.figures.lanes import lanes_of
+from jbclog.analysis.figures.port import draw
+from jbclog.analysis.figures.style import WIDE
+from jbclog.analysis.figures.trace import Grid, Trace
 from jbclog.analysis.verdict import Evidence, Limits, judge
 from jbclog.core.rows import StationFacts
 from jbclog.protocol.commands.family import FAMILIES
 from jbclog.record.ledger import ledger_of
-from jbclog.report.figure import draw
-from jbclog.report.panel import lanes_of
-from jbclog.report.style import WIDE
-from jbclog.report.trace import Grid, Trace, trace
 from jbclog.report.write import verify_report, write_report
-from support.readers.drawn import corners, fields, shapes, texts, values
+from support.readers.drawn import artists, corners, panel, texts
 from support.records.sealed_run import RECIPE, lose, micros, samples, seal, station, table
 
 HEAD = [("Set", "320 °C"), ("Air, min–max", "320 to 320 °C"), ("Idle error ± sd", "0.0 ± 0.0 °C")]
@@ -69,17 +70,17 @@ def test_the_work_is_drawn_and_named_beside_the_air() -> None:
     one = drawn(columns())
     drawing = draw(one, WIDE)
     assert {"Air temperature in °C, and that of the work", "set 320", "work"} <= {*texts(drawing)}
-    panel = fields(drawing, one, WIDE)[0]
-    assert values(panel, corners(drawing, "external")[:, 1]).max() == pytest.approx(160)
-    assert panel.y.low < 60
-    assert panel.y.high > 320
+    assert corners(drawing, "external")[:, 1].max() == pytest.approx(160)
+    low, high = panel(drawing, 0).get_ylim()
+    assert low < 60
+    assert high > 320
 
 
 def test_without_a_thermocouple_nothing_is_drawn_of_the_work() -> None:
     drawing = draw(drawn(columns() | {"external_c": np.full(600, np.nan)}), WIDE)
     assert {"Air temperature in °C", "set 320"} <= {*texts(drawing)}
     assert "work" not in texts(drawing)
-    assert not shapes(drawing, "external")
+    assert not artists(drawing, "external")
 
 
 def test_a_closer_look_holds_the_same_of_its_part() -> None:

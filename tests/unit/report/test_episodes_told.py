@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from jbclog.analysis.figures.style import NARROW, WIDE
 from jbclog.analysis.run import open_run
 from jbclog.analysis.run_alarms import ACKNOWLEDGED
 from jbclog.core.rows import EventRow, Severity, TipCheck
@@ -20,9 +21,8 @@ from jbclog.record.manifest import Metadata, read_manifest, write_manifest
 from jbclog.report.joint_chart import charted, draw_chart
 from jbclog.report.repeated_events import told_once
 from jbclog.report.safety import short, verification_facts
-from jbclog.report.style import NARROW, WIDE
 from jbclog.report.write import verify_report, write_report
-from support.readers.drawn import boxes, shapes, texts
+from support.readers.drawn import boxes, parts, texts
 from support.records.sealed_run import alarm, limit, lose, micros, samples, seal, station, table
 
 LIMITS = [limit("high", "380"), limit("low", "300")]
@@ -171,15 +171,15 @@ def course(count: int, seed: int = 3) -> np.ndarray:
 def test_the_chart_of_the_recovery_has_its_labels_apart_and_inside(form: Any, count: int) -> None:
     drawing = draw_chart(charted(course(count), 0.01), form)
     placed = boxes(drawing)
-    assert all(box.left >= 0 and box.right <= drawing.width and box.bottom <= drawing.height for box in placed)
+    assert all(box.left >= 0 and box.right <= form.width_pt and box.bottom >= 0 for box in placed)
     for number, one in enumerate(placed):
         for other in placed[:number]:
             across, down = (
                 min(one.right, other.right) - max(one.left, other.left),
-                min(one.bottom, other.bottom) - max(one.top, other.top),
+                min(one.top, other.top) - max(one.bottom, other.bottom),
             )
             assert min(across, down) < 0.5, (one.text, other.text)
-    assert len(shapes(drawing, "recovery")) >= 1
+    assert len(parts(drawing, "recovery")) >= 1
 
 
 def test_a_point_out_of_the_ordinary_is_marked_and_counted() -> None:
@@ -188,7 +188,7 @@ def test_a_point_out_of_the_ordinary_is_marked_and_counted() -> None:
     chart = charted(recovery, 0.01)
     assert chart.signals is not None
     assert 30 in chart.signalling
-    assert len([part for shape in shapes(draw_chart(chart, WIDE), "signal") for part in shape.parts]) >= chart.signals
+    assert len(parts(draw_chart(chart, WIDE), "signal")) >= chart.signals
     assert "out of the ordinary (" in chart.caption
 
 

@@ -13,22 +13,23 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
+from jbclog.analysis.figures import style
+from jbclog.analysis.figures.curves import Span
+from jbclog.analysis.figures.port import draw
+from jbclog.analysis.figures.style import WIDE
+from jbclog.analysis.figures.trace import BACK, CUT_OFF, LATE, Grid, Trace
 from jbclog.analysis.joints.series import Series
 from jbclog.analysis.rejudge import judge_again
 from jbclog.analysis.verdict.rules import JUDGED_BARE
 from jbclog.record.manifest import read_manifest
-from jbclog.report import style
-from jbclog.report.drawing import Drawing, Shape
-from jbclog.report.figure import draw
 from jbclog.report.joint_chart import charted, draw_chart
 from jbclog.report.joint_words import never_back
 from jbclog.report.joints import Joints, unit_rows
 from jbclog.report.page import KEPT, kept_by
-from jbclog.report.style import WIDE
-from jbclog.report.trace import BACK, CUT_OFF, LATE, Grid, Span, Trace
 from jbclog.report.verdict import summary
 from jbclog.report.write import write_report
 from support.plants.scripted_tip import Contact, soldered
+from support.readers.drawn import parts, seconds
 from support.records.made_series import lose
 from support.records.sealed_run import seal, station, table
 
@@ -104,10 +105,6 @@ def both(folder: Path) -> tuple[str, dict[str, Any]]:
     return one.page, one.port
 
 
-def shapes(drawing: Drawing, of: str) -> int:
-    return sum(len(mark.parts) for mark in drawing.marks if isinstance(mark, Shape) and mark.of == of)
-
-
 @pytest.fixture(scope="module")
 def calm(tmp_path_factory: pytest.TempPathFactory) -> Told:
     return told(sealed(tmp_path_factory.mktemp("calm"), soldered(CALM, 90.0)))
@@ -169,18 +166,15 @@ def test_joints_without_recovery_are_marked_apart(dense: Told) -> None:
 
 
 def test_the_marks_lie_where_the_joints_are() -> None:
-    seconds = np.arange(600) / HZ
+    ticks = np.arange(600) / HZ
     joints = [Span(10.0, 11.0, BACK), Span(20.0, 22.0, LATE), Span(30.0, 31.0, CUT_OFF)]
     level = np.full(600, 350.0)
-    one = Trace(Grid(0, 1 / HZ), 1 / HZ, seconds, level, level, level, [Span(0.0, 60.0, "working")], [], joints=joints)
+    one = Trace(Grid(0, 1 / HZ), 1 / HZ, ticks, level, level, level, [Span(0.0, 60.0, "working")], [], joints=joints)
     drawing = draw(one, WIDE)
-    (frame,) = [mark.parts[0] for mark in drawing.marks if isinstance(mark, Shape) and mark.of == "frame"][:1]
-    left, foot, right = frame[0][0], frame[1][1], frame[2][0]
     for joint in joints:
-        (bar,) = [mark.parts[0] for mark in drawing.marks if isinstance(mark, Shape) and mark.of == f"joint {joint.word}"]
-        places = [left + (right - left) * second / 60 for second in (joint.start, joint.end)]
-        assert [bar[:, 0].min(), bar[:, 0].max()] == pytest.approx(places, abs=0.5)
-        assert bar[:, 1].max() == pytest.approx(foot)
+        (bar,) = parts(drawing, f"joint {joint.word}")
+        assert sorted({*seconds(0, bar[:, 0]).round(3)}) == pytest.approx([joint.start, joint.end])
+        assert bar[:, 1].min() == 0  # at the foot
     heights = {word: style.JOINT_HEIGHTS[word] for word in (BACK, LATE)}
     assert heights[LATE] > heights[BACK]  # also on a grey printer
     assert one.between(15.0, 25.0).joints == [joints[1]]
@@ -193,8 +187,8 @@ def test_deficit_and_recovery_stand_one_below_the_other_and_a_joint_that_was_fol
     assert "Recovery in s" in chart
     deficits, had = np.full(8, 20.0), np.where(np.arange(8) < 6, 1.8, np.nan)
     drawing = draw_chart(charted(np.where(np.isnan(had), 1.2, np.nan), 0.1, deficits, had), WIDE)
-    assert shapes(drawing, "late") == 6 + 6  # a stem and a head each
-    assert shapes(drawing, "deficit") == 8
+    assert len(parts(drawing, "late")) == 6 + 6  # a stem and a head each
+    assert len(parts(drawing, "deficit")) == 8
 
 
 def test_no_limits_where_too_many_joints_have_no_recovery() -> None:

@@ -9,10 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from jbclog.analysis.figures.from_samples import trace
+from jbclog.analysis.figures.trace import Grid
 from jbclog.analysis.run import open_run
 from jbclog.app.run.plan import RunOptions, make_plan
 from jbclog.report.overview import Overview
-from jbclog.report.trace import Grid, trace
 from jbclog.report.write import write_report
 from support.records.verdict_corpus import ONLY_COVERAGE, SOLDERING, STATION, WORKING
 from support.virtual.lines import fault

@@ -17,10 +17,10 @@ import pypdfium2
 import pytest
 from fontTools.ttLib import TTFont
 
+from jbclog.analysis.figures import style
 from jbclog.core.text import clean
 from jbclog.record.annotations import append
 from jbclog.record.manifest import Metadata
-from jbclog.report import style
 from jbclog.report.typeset import FONTS, LACKING, LACKING_MEANS, drawable, typesetter
 from jbclog.report.write import verified, write_report
 from support.readers.pdf_read import faults, page_texts

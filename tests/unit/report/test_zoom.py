@@ -16,8 +16,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from jbclog.analysis.figures.curves import Span
+from jbclog.analysis.figures.from_samples import trace
+from jbclog.analysis.figures.trace import BACK, CUT_OFF, LATE, Grid, Mark, Trace
 from jbclog.report import zoom
-from jbclog.report.trace import BACK, CUT_OFF, LATE, Grid, Mark, Span, Trace, trace
 from jbclog.report.write import write_report
 from jbclog.report.zoom import FARTHEST, LEAST_SPANS, LONGEST_WORD, MOST_READINGS, share, varints, zoom_of
 from support.readers.texts import ROOT

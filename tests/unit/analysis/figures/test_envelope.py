@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from jbclog.report.trace import envelope, lone
+from jbclog.analysis.figures.curves import envelope, lone
 
 EIGHT_HOURS = 288_000
 

@@ -1,15 +1,16 @@
-"""What the figures look like: colours that survive colour blindness and a grey printer.
+"""Colours, hatches and sizes of the figures; `figures.mplstyle` has the rest.
 
-Colours after Okabe and Ito. No meaning rests on colour alone: lines differ in their dashes, spans in their hatching,
-and each is labelled where it stands.
+Colours follow Okabe and Ito, so that colour-blind readers and grey printers keep them apart. No meaning rests on colour alone:
+lines differ in their dashes, spans in their hatching, and each is labelled where it stands.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
-from jbclog.report.drawing import Stroke
+Look = dict[str, Any]
+"""How an artist is drawn, as matplotlib takes it."""
 
 INK: Final = "#1c2733"
 QUIET: Final = "#5d6b7a"
@@ -27,14 +28,12 @@ POWER_BAND: Final = "#efc98a"
 NO_DATA: Final = "#8d99a6"
 NO_DATA_TINT: Final = "#f4f6f8"
 
-LINES: Final = {
-    "set": Stroke(SETTING, 0.7, (3.0, 1.4)),
-    "high": Stroke(ALARM, 1.1, (1.2, 1.4)),
-    "low": Stroke(ALARM, 1.1, (4.4, 1.7, 1.1, 1.7)),
+LINES: Final[dict[str, Look]] = {
+    "set": {"color": SETTING, "linewidth": 0.7, "dashes": (3.0, 1.4)},
+    "high": {"color": ALARM, "linewidth": 1.1, "dashes": (1.2, 1.4)},
+    "low": {"color": ALARM, "linewidth": 1.1, "dashes": (4.4, 1.7, 1.1, 1.7)},
 }
-HAIR: Final = Stroke(GRID, 0.6)
-EDGE: Final = Stroke(NO_DATA, 0.6)
-HATCHING: Final = Stroke(NO_DATA, 0.6)
+"""How the setting and the limits are drawn, as `Axes.plot` takes it."""
 
 STATUS_SHADES: Final = {
     "working": "#3d5166",
@@ -51,7 +50,7 @@ STATUS_SHADES: Final = {
     "out of range": "#3d5166",
     "ok": "#c3ced8",
 }
-OTHER_SHADE: Final = "#e1e7ec"  # of a lane whose words are not ours: a flow
+OTHER_SHADE: Final = "#e1e7ec"  # of words that are not in this table: a flow
 GRAVE_STATES: Final = frozenset({"shortage", "clogged", "both"})
 ALWAYS_SEEN: Final = frozenset({"suction", *GRAVE_STATES})
 DARK_STATUS: Final = frozenset({"working", "on", "suction", "preparing", "out of range", *GRAVE_STATES})
@@ -61,7 +60,7 @@ HATCH_ELSE: Final = "///"
 
 
 def hatch(word: str, wide: bool) -> str | None:
-    """The hatching of missing data by its reason; a sliver is plain."""
+    """Return the hatching of missing data by its reason; None for a sliver."""
     return HATCHES.get(word, HATCH_ELSE) if wide else None
 
 
@@ -75,7 +74,7 @@ COARSER_TINT: Final = "#f1f3f5"
 
 @dataclass(frozen=True, slots=True)
 class Format:
-    """One size of a figure: inches, the font in points, and how much fits."""
+    """A size of a figure: inches, font in points, and how much fits."""
 
     name: str
     width_in: float
@@ -83,7 +82,7 @@ class Format:
     font_pt: float
     stretches: int
     time_marks: int
-    most_dots: int  # readings of a setting that can still be told apart
+    most_dots: int  # readings of a setting that are still apart
 
     @property
     def width_pt(self) -> float:
@@ -95,7 +94,7 @@ class Format:
 
     @property
     def line_pt(self) -> float:
-        """From one line of text to the next."""
+        """The distance of two lines of text."""
         return 1.25 * self.font_pt
 
 

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 
+from jbclog.analysis.figures.curves import Span
+from jbclog.analysis.figures.marks import happenings, limits_of, marks_of
 from jbclog.analysis.run import open_run
 from jbclog.core.rows import EventRow, SettingRow, Severity
-from jbclog.report.marks import happenings, limits_of, marks_of
-from jbclog.report.trace import Span
 from support.records.sealed_run import alarm, limit, micros, samples, seal, station, table
 
 

@@ -1,4 +1,4 @@
-"""From the event and settings tables to what a figure marks: alarms, errors, and the limits in force."""
+"""From events and settings to what a figure marks: alarms, errors, and the limits in force."""
 
 from __future__ import annotations
 
@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
-from jbclog.report.trace import Limit, Mark, Span
+from jbclog.analysis.figures.curves import Span
+from jbclog.analysis.figures.trace import Limit, Mark
 
 COUNTED = ("error", "critical")
 ERRORS = ("station.error", "port.error", "robot.off")
@@ -30,7 +31,7 @@ class Happening:
 
 
 def happenings(events: pd.DataFrame, t0_utc_us: int) -> list[Happening]:
-    """All events on the time axis. A step of the wall clock moves later events back by its size."""
+    """Return all events on the time axis. A step of the wall clock moves later events back by its size."""
     stepped, out = 0.0, []
     for event in events.to_dict("records"):
         if event["kind"] == "clock.step" and not pd.isna(event["value"]):
@@ -43,7 +44,7 @@ def happenings(events: pd.DataFrame, t0_utc_us: int) -> list[Happening]:
 
 
 def marks_of(all_of_run: Iterable[Happening], station: str, port: int) -> list[Mark]:
-    """Alarms (earliest to latest moment) and errors (until they were gone) of one port, those of its station included."""
+    """Return alarms (earliest to latest moment) and errors (until they were gone) of one port and of its station."""
     own = [one for one in all_of_run if one.station == station and one.port in (None, port)]
     alarms = [Mark(Span(one.start, one.end, one.kind.removeprefix("alarm.")), "alarm") for one in own if is_alarm(one)]
     doubtful = [Mark(Span(one.start, one.end, one.raw or ""), "unconfirmed") for one in own if one.kind == "alarm.unconfirmed"]
@@ -52,12 +53,12 @@ def marks_of(all_of_run: Iterable[Happening], station: str, port: int) -> list[M
 
 
 def is_alarm(one: Happening) -> bool:
-    """Whether it is an alarm that counts."""
+    """Return whether it is an alarm that counts."""
     return one.kind in ("alarm.high", "alarm.low") and one.severity in COUNTED
 
 
 def _error(one: Happening, later: Sequence[Happening]) -> Mark:
-    """From the error's earliest moment to when the next reading said something else, or its own time."""
+    """Return the error from its earliest moment to the reading that ended or changed it, else to its own time."""
     following = (one.kind, ENDS[one.kind])
     end = next((other.end for other in later if other.kind in following and other.port == one.port), one.end)
     word = one.kind.replace(".", " ") if one.code is None else f"{one.kind.replace('.', ' ')} {one.code}"
@@ -65,7 +66,7 @@ def _error(one: Happening, later: Sequence[Happening]) -> Mark:
 
 
 def limits_of(settings: pd.DataFrame, station: str, port: int, t0_utc_us: int) -> list[Limit]:
-    """The limits of one port as they were read back, each from the moment of its reading on; not those of an alarm that is off."""
+    """Return the confirmed limits of one port, each from its reading on; without those of an alarm that is off."""
     own = settings[(settings["station"] == station) & (settings["port"] == port) & settings["readback"].notna()]
     limits = [_limit(own, side, t0_utc_us) for side in ("high", "low") if not _is_off(own, side)]
     return [limit for limit in limits if limit.seconds and not np.isnan(limit.celsius).all()]

@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import pytest
 
-from jbclog.report.scale import duration_text, time_marks
+from jbclog.analysis.figures.ticks import duration_text, time_marks
 
 NOON = 1_790_164_800_000_000  # 2026-09-23 12:00 UTC
 

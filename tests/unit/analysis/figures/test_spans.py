@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from jbclog.report.trace import Span, merged, missing_ticks, runs, widened
+from jbclog.analysis.figures.curves import Span, merged, missing_ticks, runs, widened
 
 
 def test_runs_of_the_same_word() -> None:

@@ -1,0 +1,114 @@
+"""What every figure has: panels at places in points, round times, labels at the right edge, rectangles, dots and bands."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import Any, Final
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import PathPatch
+from matplotlib.path import Path
+from numpy.typing import ArrayLike
+
+from jbclog.analysis.figures import style
+from jbclog.analysis.figures.curves import Floats
+from jbclog.analysis.figures.ticks import spread
+
+Label = tuple[float, str, str]
+"""A value, the text beside it and its colour."""
+
+SQUARE: Final = np.array([(-0.5, -0.5), (0.5, -0.5), (0.5, 0.5), (-0.5, 0.5), (-0.5, -0.5)])
+BESIDE_PT: Final = 4.0  # from the edge of a panel to its labels
+LINE: Final = 1.25  # from one line of text to the next, in font sizes
+LETTER: Final = 0.62  # width of a letter, in font sizes
+
+
+def panel(figure: Figure, left: float, top: float, width: float, height: float) -> Axes:
+    """Add a panel; its place counts in points from the upper left corner."""
+    wide, high = figure.get_size_inches() * 72
+    axes = figure.add_axes((left / wide, 1 - (top + height) / high, width / wide, height / high))
+    axes.set_autoscale_on(False)
+    axes.patch.set_visible(False)
+    for axis in (axes.xaxis, axes.yaxis):
+        axis.set_label_coords(0, 0)  # there are no axis labels; searching a place for them takes a fifth of the time
+    return axes
+
+
+def size_pt(axes: Axes) -> tuple[float, float]:
+    """Return width and height of a panel."""
+    scale = 72 / axes.get_figure(root=True).dpi
+    return axes.bbox.width * scale, axes.bbox.height * scale
+
+
+def ticked(axes: Axes, places: Floats, labels: Sequence[str], *, is_lowest: bool) -> None:
+    """Set the ticks of the x axis; panels above the lowest have only their grid, as one line, which is four times as fast."""
+    if is_lowest:
+        axes.set_xticks(places, labels)
+        return
+    axes.xaxis.set_visible(False)
+    look = {"color": style.GRID, "linewidth": 0.6, "zorder": 0.5, "transform": axes.get_xaxis_transform()}
+    bars(axes, places, np.zeros(len(places)), np.ones(len(places)), "grid", **look)
+
+
+def valued(axes: Axes, values: Sequence[float]) -> None:
+    """Set the ticks on the left."""
+    axes.set_yticks(values, [f"{value:g}".replace("-", "\u2212") for value in values])
+
+
+def labelled(axes: Axes, labels: Sequence[Label], points: float) -> None:
+    """Write texts beside the right edge at the height of their values, pushed apart until none covers another."""
+    wide, high = size_pt(axes)
+    ordered = sorted(labels)
+    wished = [float(y) * high for y in _share_of_height(axes, [value for value, _, _ in ordered])]
+    for y, (_, text, colour) in zip(spread(wished, LINE * points, 0.0, high), ordered, strict=True):
+        place = (1 + BESIDE_PT / wide, y / high)
+        axes.text(*place, text, color=colour, fontsize=points, va="center_baseline", transform=axes.transAxes)
+
+
+def _share_of_height(axes: Axes, values: Sequence[float]) -> Floats:
+    """Return where values lie, from 0 at the foot to 1 at the top."""
+    if not len(values):
+        return np.empty(0)
+    left = axes.get_xlim()[0]
+    places = axes.transLimits.transform(axes.transScale.transform([(left, value) for value in values]))
+    return np.clip(places[:, 1], 0.0, 1.0)
+
+
+def rectangles(axes: Axes, places: Iterable[tuple[float, float, float, float]], of: str, **look: Any) -> None:
+    """Draw rectangles (left, right, bottom, top) of one look as one patch."""
+    corners = [((a, low), (b, low), (b, high), (a, high), (a, low)) for a, b, low, high in places]
+    if corners:
+        _add(axes, np.array(corners, dtype=np.float64), of, look)
+
+
+def dots(axes: Axes, x: ArrayLike, y: ArrayLike, points: float, colour: str, of: str) -> None:
+    """Draw a square of so many points at each place that is known, also as one patch."""
+    places = np.column_stack([np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64)])
+    known = places[~np.isnan(places).any(axis=1)]
+    if not len(known):
+        return
+    side = points / 72 * axes.get_figure(root=True).dpi
+    corners = axes.transData.transform(known)[:, None, :] + side * SQUARE
+    inside = axes.transData.inverted().transform(corners.reshape(-1, 2)).reshape(-1, 5, 2)
+    _add(axes, inside, of, {"facecolor": colour, "zorder": 2.4})
+
+
+def _add(axes: Axes, corners: Floats, of: str, look: dict[str, Any]) -> None:
+    codes = [Path.MOVETO, Path.LINETO, Path.LINETO, Path.LINETO, Path.CLOSEPOLY] * len(corners)
+    look = {"linewidth": 0, "zorder": 1.0, **look}
+    axes.add_artist(PathPatch(Path(corners.reshape(-1, 2), codes), gid=of, **look))
+
+
+def bars(axes: Axes, x: ArrayLike, low: ArrayLike, high: ArrayLike, of: str, **look: Any) -> None:
+    """Draw an upright line at each place, all as one line with breaks."""
+    at = np.asarray(x, dtype=np.float64)
+    ends = np.column_stack([np.asarray(low, dtype=np.float64), np.asarray(high, dtype=np.float64), np.full(len(at), np.nan)])
+    if len(at):
+        axes.plot(np.repeat(at, 3), ends.ravel(), gid=of, **look)
+
+
+def steps(x: Floats, y: Floats) -> tuple[Floats, Floats]:
+    """Return a line on which each value holds until the next."""
+    return np.repeat(x, 2)[1:], np.repeat(y, 2)[:-1]

@@ -1,0 +1,76 @@
+"""Figures as objects of matplotlib in one style, and as SVG. Never pyplot: it keeps figures for the whole process.
+
+The style is matplotlib's defaults and `figures.mplstyle` over them, so that a user's matplotlibrc changes nothing in a report.
+"""
+
+from __future__ import annotations
+
+import re
+import warnings
+from contextlib import AbstractContextManager
+from functools import cache
+from importlib.resources import files
+from io import StringIO
+from typing import Final
+
+from matplotlib import rc_context, rc_params_from_file
+from matplotlib.backends.backend_svg import FigureCanvasSVG
+from matplotlib.figure import Figure
+
+STYLE: Final = "figures.mplstyle"
+NOT_OURS: Final = ("backend", "backend_fallback", "interactive", "timezone", "toolbar", "webagg")
+FONTS: Final = "'DejaVu Sans',Verdana,'Bitstream Vera Sans',Roboto,Arial,sans-serif"
+NO_METADATA: Final = dict.fromkeys(("Creator", "Date", "Format", "Type"))  # a date would change the bytes
+
+DEFAULT_STYLE_ENDS: Final = "</defs>"
+SHORTER: Final = (
+    (re.compile(r"</?g[^>]*>"), ""),
+    (re.compile(r' transform="rotate\(-?0 [^"]*\)"'), ""),
+    (re.compile(r"font-family: [^;\"]*(; )?"), ""),  # the root element has it
+    (re.compile(r">\s+<"), ">\n<"),
+    (re.compile(r"xlink:href"), "href"),  # without a namespace, as SVG 2 has it
+)
+PATH: Final = re.compile(r' d="([^"]*)"')
+LATER_DIGITS: Final = re.compile(r"(?<=\.\d\d)\d+")
+
+
+def styled() -> AbstractContextManager[None]:
+    """Apply the style while a figure is made or written."""
+    return rc_context(_style())
+
+
+@cache
+def _style() -> dict[str, object]:
+    values = rc_params_from_file(str(files("jbclog.analysis.figures") / STYLE))
+    return {name: value for name, value in values.items() if not name.startswith(NOT_OURS)}
+
+
+def new_figure(width_pt: float, height_pt: float) -> Figure:
+    """Return an empty figure of this size."""
+    return Figure(figsize=(width_pt / 72, height_pt / 72), dpi=72)
+
+
+def svg_text(figure: Figure) -> str:
+    """Return the figure as an SVG document. The same figure gives the same text."""
+    width, height = figure.get_size_inches() * 72
+    size = f'width="{width:g}pt" height="{height:g}pt"'
+    return f'<svg xmlns="http://www.w3.org/2000/svg" {size} font-family="{FONTS}"{svg_body(figure)}'
+
+
+def svg_body(figure: Figure) -> str:
+    """Return the drawing from its viewBox to the end of the element, without what only editors read: groups, ids and defaults."""
+    text = StringIO()
+    with styled(), warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # letters that the font lacks: the reader's fonts have them
+        FigureCanvasSVG(figure).print_svg(text, metadata=NO_METADATA)
+    body = text.getvalue().partition(DEFAULT_STYLE_ENDS)[2].removesuffix("</svg>\n")
+    for pattern, instead in SHORTER:
+        body = pattern.sub(instead, body)
+    width, height = figure.get_size_inches() * 72
+    return f' viewBox="0 0 {width:g} {height:g}" stroke-linejoin="round">{PATH.sub(_shorter, body)}</svg>\n'
+
+
+def _shorter(path: re.Match[str]) -> str:
+    """To a hundredth of a point; a line command is understood behind another."""
+    data = LATER_DIGITS.sub("", path[1])
+    return f' d="{" ".join((data if "C" in data or "Q" in data else data.replace("L ", "")).split())}"'

@@ -1,0 +1,142 @@
+"""Curves and spans as they are drawn: every excursion kept, nothing joined across a gap.
+
+A run of eight hours has 288 000 samples a port and a page some 900 columns. The samples are cut into stretches of equal time;
+of each the curve keeps its least, its greatest and its mean value.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Floats = NDArray[np.float64]
+
+
+def dates(t0_utc_us: int, seconds: ArrayLike) -> Floats:
+    """Return seconds of a run as matplotlib counts time: days since 1970, UTC."""
+    return (t0_utc_us / 1e6 + np.asarray(seconds, dtype=np.float64)) / 86400
+
+
+@dataclass(frozen=True, slots=True)
+class Envelope:
+    """A curve to draw. NaN breaks the line. `low`, `high` and `mean` are the same array where nothing was left out."""
+
+    seconds: Floats
+    low: Floats
+    high: Floats
+    mean: Floats
+
+    @property
+    def whole(self) -> bool:
+        """Whether every sample is in the curve."""
+        return self.low is self.high
+
+
+def envelope(seconds: Floats, values: Floats, stretches: int, joined_s: float) -> Envelope:
+    """Return the curve of `values` (NaN: none) over `seconds`, at most `stretches` × 2 points wide.
+
+    Samples further apart than `joined_s` are not joined by a line.
+    """
+    there = ~np.isnan(values)
+    at, value = seconds[there], values[there]
+    if len(at) <= 2 * stretches:
+        return _every_sample(at, value, joined_s)
+    width = (at[-1] - at[0]) / stretches
+    number = np.minimum(((at - at[0]) / width).astype(np.int64), stretches - 1)
+    first = np.flatnonzero(np.diff(number, prepend=-1))
+    counts = np.diff(np.append(first, len(number)))
+    middle = (at[first] + at[np.append(first[1:], len(at)) - 1]) / 2
+    low, high = np.minimum.reduceat(value, first), np.maximum.reduceat(value, first)
+    mean = np.add.reduceat(value, first) / counts
+    gaps = np.flatnonzero(np.diff(number[first]) > max(1.0, np.ceil(joined_s / width)))
+    return _broken(middle, low, high, mean, gaps)
+
+
+def _every_sample(at: Floats, value: Floats, joined_s: float) -> Envelope:
+    gaps = np.flatnonzero(np.diff(at) > joined_s)
+    seconds, drawn = _insert(at, gaps, at), _insert(value, gaps, None)
+    return Envelope(seconds, drawn, drawn, drawn)
+
+
+def _broken(middle: Floats, low: Floats, high: Floats, mean: Floats, gaps: NDArray[np.int64]) -> Envelope:
+    return Envelope(_insert(middle, gaps, middle), _insert(low, gaps, None), _insert(high, gaps, None), _insert(mean, gaps, None))
+
+
+def _insert(values: Floats, gaps: NDArray[np.int64], times: Floats | None) -> Floats:
+    """Insert a point behind the first edge of each gap: NaN, or for times the edge itself."""
+    return np.insert(values, gaps + 1, np.nan if times is None else times[gaps])
+
+
+def lone(curve: Envelope) -> Envelope:
+    """Return the points without a neighbour on either side, which no line reaches: they are drawn as dots."""
+    absent = np.isnan(curve.mean)
+    before, after = np.append(True, absent[:-1]), np.append(absent[1:], True)
+    alone = ~absent & before & after
+    return Envelope(curve.seconds[alone], curve.low[alone], curve.high[alone], curve.mean[alone])
+
+
+@dataclass(frozen=True, slots=True)
+class Span:
+    """From `start` to `end`, in seconds of the run, with the word for what held."""
+
+    start: float
+    end: float
+    word: str
+
+    @property
+    def seconds(self) -> float:
+        return self.end - self.start
+
+
+def runs(seconds: Floats, words: Sequence[str | None] | NDArray[np.object_], period_s: float) -> list[Span]:
+    """Return runs of samples with the same word; None and a missing tick end a span. Each lasts to the tick after its last."""
+    codes, names = _coded(words)
+    if not len(codes):
+        return []
+    breaks = (np.diff(codes) != 0) | (np.diff(seconds) > 1.5 * period_s)
+    first = np.append(0, np.flatnonzero(breaks) + 1)
+    last = np.append(first[1:], len(codes)) - 1
+    return [
+        Span(float(seconds[a]), float(seconds[b]) + period_s, names[codes[a]])
+        for a, b in zip(first, last, strict=True)
+        if codes[a] >= 0
+    ]
+
+
+def _coded(words: Sequence[str | None] | NDArray[np.object_]) -> tuple[NDArray[np.int64], list[str]]:
+    """Return numbers for words, which are fast to compare; -1 for None."""
+    names: dict[str, int] = {}
+    codes = [-1 if word is None else names.setdefault(word, len(names)) for word in words]
+    return np.array(codes, dtype=np.int64), list(names)
+
+
+def missing_ticks(seconds: Floats, period_s: float, word: str = "skipped") -> list[Span]:
+    """Return where ticks have no rows at all: the host stood still."""
+    edges = np.flatnonzero(np.diff(seconds) > 1.5 * period_s)
+    return [Span(float(seconds[i]) + period_s, float(seconds[i + 1]), word) for i in edges]
+
+
+def merged(spans: Iterable[Span], nearer_than_s: float) -> list[Span]:
+    """Return spans, those of one word that are too close to be seen apart as one."""
+    out: list[Span] = []
+    for span in sorted(spans, key=lambda span: (span.start, span.end, span.word)):
+        if out and out[-1].word == span.word and span.start - out[-1].end < nearer_than_s:
+            out[-1] = replace(out[-1], end=max(out[-1].end, span.end))
+        else:
+            out.append(span)
+    return out
+
+
+def widened(span: Span, least_s: float) -> Span:
+    """Return the span, wide enough to be seen."""
+    lacking = max(0.0, least_s - span.seconds) / 2
+    return replace(span, start=span.start - lacking, end=span.end + lacking)
+
+
+def within(spans: Iterable[Span], start: float, end: float) -> list[Span]:
+    """Return the parts of spans between `start` and `end`."""
+    cut = [replace(span, start=max(span.start, start), end=min(span.end, end)) for span in spans]
+    return [span for span in cut if span.seconds > 0]

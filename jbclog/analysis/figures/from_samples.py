@@ -1,0 +1,135 @@
+"""From rows of `samples` to the trace of a port: readings, states, hot air, and why data are missing."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from jbclog.analysis.figures.curves import Floats, Span, merged, missing_ticks, runs
+from jbclog.analysis.figures.trace import Air, Grid, Trace
+from jbclog.core.rows import StationFacts
+
+STATE_COLUMNS = ("solder_shortage", "clogged", "preparing", "in_range")
+SOLDER, CONTROL, TEMPERATURE = "solder", "control", "temperature"
+SHORTAGE, CLOGGED, BOTH = "shortage", "clogged", "both"
+OK, PREPARING, READY, IN_RANGE, OUT_OF_RANGE = "ok", "preparing", "ready", "in range", "out of range"
+SIGNAL = "external_c"
+AIR_COLUMNS = ("cooling", "desoldering", SIGNAL, "set_flow_permille")
+FLOW, SUCTION, COOLING, OFF = "flow", "suction", "cooling", "off"
+AWAY = ("disconnected", "robot_off")
+FLOW_JOINED_S = 15.0  # it is due each 5 s; two losses are bridged in the drawing, and only there
+
+
+def trace(samples: pd.DataFrame, grid: Grid, *, of_states: bool = False, of_air: bool = False) -> Trace:
+    """Return the trace of one port from its rows of `samples`, in the order of their ticks.
+
+    `of_states`: it reports states and no temperature; `of_air`: it is hot air.
+    """
+    utc = samples["time"].to_numpy(dtype="datetime64[us]").astype(np.int64).astype(np.float64)
+    seconds = grid.seconds(_floats(samples["tick"]), utc)
+    temperature = _floats(samples["temperature_c"])
+    period_s = grid.period_s or _typical(seconds)
+    words = samples["quality"].astype(object)
+    is_read = any_state_read(samples) if of_states else ~np.isnan(temperature)
+    why = [None if there else _why(word) for there, word in zip(is_read, words, strict=True)]
+    skipped = missing_ticks(seconds, period_s) if grid.period_s else []
+    return Trace(
+        grid,
+        period_s,
+        seconds,
+        temperature,
+        _floats(samples["power_permille"]),
+        _floats(samples["set_c"]),
+        runs(seconds, status_words(samples) if of_air else _texts(samples["status"]), period_s),
+        sorted([*runs(seconds, why, period_s), *skipped], key=lambda span: span.start),
+        states=state_lanes(samples, seconds, period_s) if of_states else {},
+        air=air_of(samples, seconds, period_s) if of_air else None,
+        reasons=_texts(samples["reasons"]) if "reasons" in samples else np.empty(0, dtype=object),
+    )
+
+
+def _texts(column: pd.Series[str]) -> NDArray[np.object_]:
+    """Return the texts of a column, None where there is none."""
+    texts = column.astype(object)
+    return np.asarray(texts.where(texts.notna(), None).to_numpy(), dtype=object)
+
+
+def _why(quality: str) -> str:
+    """Return the reason of a row without a temperature; in a row that is ok it was not due."""
+    return "not due" if quality == "ok" else quality
+
+
+def _typical(seconds: Floats) -> float:
+    """Return the usual step; a run of one row is drawn as one second."""
+    return float(np.median(np.diff(seconds))) if len(seconds) > 1 else 1.0
+
+
+def any_state_read(samples: pd.DataFrame) -> list[bool]:
+    """Return for each row whether any state was read."""
+    return [bool(there) for there in samples[list(STATE_COLUMNS)].notna().any(axis=1)]
+
+
+def state_lanes(samples: pd.DataFrame, seconds: Floats, period_s: float) -> dict[str, list[Span]]:
+    """Return the lanes by name, each with a word for what held; nothing where it was not read."""
+    short, clogged = (_flags(samples, name) for name in ("solder_shortage", "clogged"))
+    solder = [_solder(one, other) for one, other in zip(short, clogged, strict=True)]
+    control = [_flag_word(one, PREPARING, READY) for one in _flags(samples, "preparing")]
+    warm = [_flag_word(one, IN_RANGE, OUT_OF_RANGE) for one in _flags(samples, "in_range")]
+    words = {SOLDER: solder, CONTROL: control, TEMPERATURE: warm}
+    return {name: runs(seconds, these, period_s) for name, these in words.items()}
+
+
+def _flags(samples: pd.DataFrame, name: str) -> list[bool | None]:
+    return [None if pd.isna(flag) else bool(flag) for flag in samples[name].astype(object)]
+
+
+def _flag_word(flag: bool | None, yes: str, no: str) -> str | None:
+    return None if flag is None else yes if flag else no
+
+
+def _solder(short: bool | None, clogged: bool | None) -> str | None:
+    if short is None or clogged is None:
+        return None
+    return {(False, False): OK, (True, False): SHORTAGE, (False, True): CLOGGED, (True, True): BOTH}[short, clogged]
+
+
+def has_air(facts: StationFacts) -> bool:
+    """Return whether it is a hot air station, by its signals."""
+    return SIGNAL in facts.signals
+
+
+def air_of(samples: pd.DataFrame, seconds: Floats, period_s: float) -> Air:
+    """Return the air of one port."""
+    sucking = [SUCTION if flag is True else None for flag in _flags(samples, "desoldering")]
+    lanes = {FLOW: _flow(samples, seconds, period_s), SUCTION: runs(seconds, sucking, period_s)}
+    return Air(_floats(samples[SIGNAL]), {name: spans for name, spans in lanes.items() if spans})
+
+
+def status_words(samples: pd.DataFrame) -> list[str | None]:
+    """Return the status as read; an off tool that cools is "cooling"."""
+    words = samples["status"].astype(object)
+    return [_word(word, cools) for word, cools in zip(words, _flags(samples, "cooling"), strict=True)]
+
+
+def _word(word: object, cools: bool | None) -> str | None:
+    if pd.isna(word):  # type: ignore[call-overload]  # one cell
+        return None
+    return COOLING if word == OFF and cools else str(word)
+
+
+def _flow(samples: pd.DataFrame, seconds: Floats, period_s: float) -> list[Span]:
+    """Return where the flow was read; equal readings close to each other are joined, but not across an outage."""
+    flow = _floats(samples["set_flow_permille"])
+    read = ~np.isnan(flow)
+    outages = np.cumsum(samples["quality"].astype(object).isin(AWAY).to_numpy(dtype=bool))[read]
+    readings = zip(seconds[read], flow[read], strict=True)
+    spans = [Span(float(at), float(at) + period_s, f"{value:.0f} ‰") for at, value in readings]
+    edges = [0, *(np.flatnonzero(np.diff(outages)) + 1), len(spans)]
+    return [span for a, b in pairwise(edges) for span in merged(spans[a:b], FLOW_JOINED_S)]
+
+
+def _floats(column: pd.Series[int]) -> Floats:
+    return np.asarray(column.to_numpy(dtype=np.float64, na_value=np.nan), dtype=np.float64)

@@ -1,0 +1,113 @@
+"""One port of a run as a figure shows it: curves, spans, limits and marks on the run's time axis."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from jbclog.analysis.figures.curves import Floats, Span, dates, within
+from jbclog.analysis.verdict.samples import Step, Unstepped
+
+JOINED_PERIODS = 1.5  # samples further apart than this are not joined by a line
+BACK, LATE, CUT_OFF = "back", "late", "cut off"  # whether the tip was back before the next joint
+SETTING_JOINED_S = 15.0  # the setting is due each 5 s; two losses are bridged in the drawing, and only there
+
+
+@dataclass(frozen=True, slots=True)
+class Grid:
+    """The time axis of a run. `period_s` is None with ``--rate max``: then the UTC of the rows is used, less its steps."""
+
+    t0_utc_us: int
+    period_s: float | None
+    steps: tuple[Step, ...] = ()
+
+    def seconds(self, ticks: Floats, utc_us: Floats) -> Floats:
+        """Return rows with these ticks and times as seconds of the run."""
+        if self.period_s:
+            return ticks * self.period_s
+        if self.steps:
+            return Unstepped(self.steps).of(utc_us / 1e6) - self.t0_utc_us / 1e6
+        return (utc_us - self.t0_utc_us) / 1e6
+
+
+@dataclass(frozen=True, slots=True)
+class Limit:
+    """An alarm limit as confirmed: the seconds from which each value held, and °C; NaN while it was off."""
+
+    side: str  # "high" or "low"
+    seconds: tuple[float, ...]
+    celsius: tuple[float, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Mark:
+    """An alarm, an unconfirmed alarm or an error, from its earliest possible moment on."""
+
+    span: Span
+    kind: str
+
+
+@dataclass(frozen=True, slots=True)
+class Air:
+    """Hot air on the rows of a trace: °C of the work (NaN where nothing was read), and lanes by name."""
+
+    external: Floats
+    lanes: dict[str, list[Span]]
+
+    def between(self, rows: np.ndarray[tuple[int], np.dtype[np.bool_]], start: float, end: float) -> Air:
+        """Return the part of these `rows`, from `start` to `end`."""
+        lanes = {name: within(spans, start, end) for name, spans in self.lanes.items()}
+        return Air(self.external[rows], {name: spans for name, spans in lanes.items() if spans})
+
+
+@dataclass(frozen=True, slots=True)
+class Trace:
+    """One port. Values are NaN where nothing was read."""
+
+    grid: Grid
+    period_s: float
+    seconds: Floats
+    temperature: Floats
+    power: Floats
+    setting: Floats
+    status: list[Span]
+    gaps: list[Span]
+    limits: Sequence[Limit] = ()
+    marks: Sequence[Mark] = field(default_factory=tuple)
+    states: Mapping[str, list[Span]] = field(default_factory=dict)  # lanes of a station without a temperature
+    air: Air | None = None  # of hot air
+    joints: Sequence[Span] = ()  # their words are `BACK`, `LATE`, `CUT_OFF`
+    reasons: NDArray[np.object_] = field(default_factory=lambda: np.empty(0, dtype=object))  # of each row, or None
+
+    @property
+    def start(self) -> float:
+        return float(self.seconds[0]) if len(self.seconds) else 0.0
+
+    @property
+    def end(self) -> float:
+        return float(self.seconds[-1]) + self.period_s if len(self.seconds) else self.period_s
+
+    def dates(self, seconds: ArrayLike) -> Floats:
+        """Return seconds of the run as matplotlib counts time."""
+        return dates(self.grid.t0_utc_us, seconds)
+
+    def between(self, start: float, end: float) -> Trace:
+        """Return the part from `start` to `end`."""
+        rows = (self.seconds >= start) & (self.seconds <= end)
+        return replace(
+            self,
+            seconds=self.seconds[rows],
+            temperature=self.temperature[rows],
+            power=self.power[rows],
+            setting=self.setting[rows],
+            status=within(self.status, start, end),
+            gaps=within(self.gaps, start, end),
+            marks=[mark for mark in self.marks if mark.span.end >= start and mark.span.start <= end],
+            states={name: within(spans, start, end) for name, spans in self.states.items()},
+            air=None if self.air is None else self.air.between(rows, start, end),
+            joints=within(self.joints, start, end),
+            reasons=self.reasons[rows] if len(self.reasons) else self.reasons,
+        )

@@ -1,0 +1,95 @@
+"""What a figure shows, in words, and the minute of a long run that gets a figure of its own."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+
+from jbclog.analysis.figures.style import WIDE
+from jbclog.analysis.figures.ticks import duration_text, moment
+from jbclog.analysis.figures.trace import LATE, Trace
+
+WINDOW_S: Final = 60.0
+LONG_S: Final = 180.0  # single joints are seen in the first figure of a shorter run
+MOST_GAPS_NAMED: Final = 3
+
+
+def closer(trace: Trace) -> tuple[Trace, str] | None:
+    """Return one minute of the trace and why that one; None for a short run."""
+    if trace.end - trace.start <= LONG_S:
+        return None
+    middle, why = _moment(trace)
+    start = min(max(middle - WINDOW_S / 2, trace.start), trace.end - WINDOW_S)
+    return trace.between(start, start + WINDOW_S), why
+
+
+def _moment(trace: Trace) -> tuple[float, str]:
+    for kind, why in (("alarm", "the first alarm"), ("unconfirmed", "the first doubtful alarm"), ("error", "the first error")):
+        first = next((mark for mark in trace.marks if mark.kind == kind), None)
+        if first is not None:
+            return (first.span.start + first.span.end) / 2, why
+    hottest = _hottest(trace)
+    return (hottest, "the hottest reading") if hottest is not None else ((trace.start + trace.end) / 2, "the middle of the run")
+
+
+def _hottest(trace: Trace) -> float | None:
+    """Return when the tip was hottest; None where it was never read."""
+    if np.isnan(trace.temperature).all():
+        return None
+    return float(trace.seconds[int(np.nanargmax(trace.temperature))])
+
+
+def caption(trace: Trace) -> str:
+    """Return the day, what the band means, and the longest gaps by name."""
+    parts = [f"{_day(trace)}, times in UTC."]
+    read = int(np.count_nonzero(~np.isnan(trace.setting)))
+    if read:
+        parts.append(f"Setpoint shown where it was read{', as dots' if read <= WIDE.most_dots else ''}.")
+    if len(trace.seconds) > 2 * WIDE.stretches:
+        stretch = (trace.end - trace.start) / WIDE.stretches
+        parts.append(f"Line: mean, band: min–max of every {duration_text(stretch)}.")
+    if trace.joints:
+        parts.append(joints_marked(trace))
+    gaps = sorted(trace.gaps, key=lambda gap: (-round(gap.seconds, 6), gap.start))
+    named = [
+        f"{gap.word.replace('_', ' ')} {duration_text(gap.seconds)} at {_clock(trace, gap.start)}" for gap in gaps[:MOST_GAPS_NAMED]
+    ]
+    if named:
+        more = len(gaps) - len(named)
+        parts.append(f"No data: {', '.join(named)}{f' and {more} more' if more else ''}.")
+    return " ".join(parts)
+
+
+def closer_caption(part: Trace, why: str) -> str:
+    """Return which minute it is and why that one."""
+    joints = f" {joints_marked(part)}" if part.joints else ""
+    return f"Closer: {_clock(part, part.start)} to {_clock(part, part.end)}, around {why}.{joints}"
+
+
+def joints_marked(trace: Trace) -> str:
+    """Return what the bars at the foot of the temperature are."""
+    count, late = len(trace.joints), sum(one.word == LATE for one in trace.joints)
+    bars = f"Bars at the foot: {count} joint{'s' * (count != 1)}"
+    return f"{bars}; high and red: {late} after which the next one came before the tip was back." if late else f"{bars}."
+
+
+def description(place: str, trace: Trace) -> str:
+    """Return the text for readers who do not see the figure."""
+    if trace.states:
+        return f"{place}: its states over {duration_text(trace.end - trace.start)}, {len(trace.gaps)} gaps."
+    known = trace.temperature[~np.isnan(trace.temperature)]
+    seen = f"from {known.min():g} to {known.max():g} °C" if len(known) else "never read"
+    alarms = sum(mark.kind == "alarm" for mark in trace.marks)
+    length = duration_text(trace.end - trace.start)
+    what = "tip" if trace.air is None else "air"
+    joints = f"{len(trace.joints)} joints, " if trace.joints else ""
+    return f"{place}: {what} temperature {seen} over {length}, {joints}{alarms} alarms, {len(trace.gaps)} gaps, power below."
+
+
+def _day(trace: Trace) -> str:
+    return moment(trace.grid.t0_utc_us + round(trace.start * 1e6)).strftime("%Y-%m-%d")
+
+
+def _clock(trace: Trace, seconds: float) -> str:
+    return moment(trace.grid.t0_utc_us + round(seconds * 1e6)).strftime("%H:%M:%S")

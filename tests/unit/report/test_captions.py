@@ -1,0 +1,33 @@
+"""The minute of a long run that gets a figure of its own."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from jbclog.analysis.figures.curves import Span
+from jbclog.analysis.figures.from_samples import trace
+from jbclog.analysis.figures.trace import Grid, Mark, Trace
+from jbclog.report.captions import closer
+from support.records import sealed_run
+
+
+def port(rows: int = 600, **columns: object) -> Trace:
+    """The trace of a port that was recorded for `rows` ticks."""
+    return trace(sealed_run.table(sealed_run.samples(rows) | columns).to_pandas(), Grid(sealed_run.micros(0), 0.1))
+
+
+def test_a_long_run_gets_a_closer_look_at_its_first_alarm() -> None:
+    long = replace(port(6000), marks=[Mark(Span(300, 302, "high"), "alarm")])
+    near = closer(long)
+    assert near is not None
+    assert near[1] == "the first alarm"
+    assert near[0].start == pytest.approx(271, abs=0.1)
+    assert near[0].end == pytest.approx(331, abs=0.2)
+    assert closer(port(600)) is None
+    hottest = closer(port(6000, temperature_c=np.concatenate([[900.0], np.full(5999, 350.0)])))
+    assert hottest is not None
+    assert hottest[1] == "the hottest reading"
+    assert hottest[0].start == 0
