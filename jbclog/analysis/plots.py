@@ -1,4 +1,4 @@
-"""Charts, comparisons and trends drawn with matplotlib."""
+"""Pictures of comparisons, trends and charts, in the style of all figures."""
 
 from __future__ import annotations
 
@@ -13,191 +13,207 @@ from matplotlib.figure import Figure
 from jbclog.analysis import spc
 from jbclog.analysis.charts import Charted, Counted, Ranked
 from jbclog.analysis.compare import Comparison
-from jbclog.analysis.plot import thinned
+from jbclog.analysis.figures.canvas import styled
+from jbclog.analysis.figures.curves import Floats, envelope
+from jbclog.analysis.figures.style import ALARM, EXTERNAL, QUIET, TEMPERATURE, WIDE, Look
+from jbclog.analysis.figures.trace import JOINED_PERIODS
 from jbclog.analysis.run import Run
 from jbclog.analysis.trend import Trend, title_of
-from jbclog.analysis.verdict.idle import Floats
 from jbclog.core.errors import UsageError
 
-# -- compare plot -------------------------------------------------------------------------------------------------------------
-# Two runs in one picture: a panel a port, both temperatures over the seconds since the first reading was due.
+HIGH_IN: Final = 2.3  # of a panel
+PARETO_IN: Final = 3.2
+DPI: Final = 130
+COLOURS: Final = (TEMPERATURE, ALARM)  # of the first and the second run
+COLUMNS: Final = ["time", "tick", "temperature_c"]
+MOST_NAMES: Final = 12
+MOST_BARS: Final = 12
+LIMIT: Final[Look] = {"color": ALARM, "linewidth": 1.1, "linestyle": (0, (4.4, 1.7))}  # one that somebody stated
+EDGE: Final[Look] = {"color": QUIET, "linewidth": 0.8, "linestyle": (0, (2, 2))}  # one that follows from the values
+RING: Final[Look] = {"linestyle": "none", "marker": "o", "markerfacecolor": "none", "markeredgecolor": ALARM, "zorder": 4}
 
-COMPARE_WIDE, COMPARE_HIGH = 9.5, 3.0  # inches of a panel
-COLOURS: Final = ("#0072b2", "#e69f00")  # told apart by the colour-blind, and in grey by their lightness
-COLUMNS: Final = ["time", "tick", "temperature_c", "set_c"]
+
+def _panels(count: int) -> tuple[Figure, list[Axes]]:
+    figure = Figure(figsize=(WIDE.width_in, HIGH_IN * count + 0.2), layout="constrained", dpi=DPI)
+    return figure, list(figure.subplots(count, 1, squeeze=False)[:, 0])
+
+
+# -- compare ------------------------------------------------------------------------------------------------------------------
 
 
 def overlay(found: Comparison) -> Figure:
-    """A panel for each port that both have. Raises `UsageError` where there is none."""
+    """Return a panel for each port that both runs have: mean and min–max of both over the seconds since the first reading was due.
+
+    Raises `UsageError` where there is none.
+    """
     places = [(one.station, one.port) for one in found.idle]
     if not places:
-        raise UsageError(f"{found.first.name} and {found.second.name} have no port in common that tells a temperature")
-    figure = Figure(figsize=(COMPARE_WIDE, COMPARE_HIGH * len(places)), layout="constrained")
-    for axes, (station, port) in zip(figure.subplots(len(places), 1, squeeze=False)[:, 0], places, strict=True):
-        for run, colour in zip((found.first, found.second), COLOURS, strict=True):
-            _line(axes, run, station, port, colour)
-        axes.set_title(f"{station} port {port}", loc="left", fontsize=10)
-        axes.set_ylabel("°C")
-        axes.set_xlabel("seconds since the first reading was due", fontsize=8)
-        axes.spines[["top", "right"]].set_visible(False)
-        axes.legend(loc="lower right", bbox_to_anchor=(1, 1), frameon=False, ncols=2, fontsize=8, borderaxespad=0.2)
+        raise UsageError(f"{found.first.name} and {found.second.name} have no port with a temperature in common")
+    with styled():
+        figure, panels = _panels(len(places))
+        for axes, (station, port) in zip(panels, places, strict=True):
+            axes.margins(y=0.06)
+            for run, colour in zip((found.first, found.second), COLOURS, strict=True):
+                _line(axes, run, station, port, colour)
+            axes.set_title(f"{station} port {port}: temperature in °C")
+            axes.set_xlabel("seconds since the first reading was due")
+            axes.legend(loc="lower right", bbox_to_anchor=(1, 1), ncols=2, borderaxespad=0.2)
     return figure
 
 
 def _line(axes: Axes, run: Run, station: str, port: int, colour: str) -> None:
-    rows = thinned(run.samples(station, port, columns=COLUMNS))
+    rows = run.samples(station, port, columns=COLUMNS)
     if not len(rows):
         return
-    seconds = _seconds(run, station, rows)
-    celsius = rows["temperature_c"].to_numpy(dtype=np.float64, na_value=np.nan)
-    axes.plot(seconds, celsius, color=colour, linewidth=0.9, alpha=0.85, label=run.name)
+    seconds, celsius = _seconds(run, station, rows), rows["temperature_c"].to_numpy(dtype=np.float64, na_value=np.nan)
+    step = float(np.median(np.diff(seconds))) if len(seconds) > 1 else 1.0
+    curve = envelope(seconds, np.asarray(celsius, dtype=np.float64), WIDE.stretches, JOINED_PERIODS * step)
+    if not curve.whole:
+        axes.fill_between(curve.seconds, curve.low, curve.high, color=colour, alpha=0.3, linewidth=0)
+    axes.plot(curve.seconds, curve.mean, color=colour, label=run.name)
 
 
 def _seconds(run: Run, station: str, rows: pd.DataFrame) -> Floats:
-    """On the run's grid; with ``--rate max``, which has none, since the first row."""
+    """Return times on the run's grid; with ``--rate max``, which has none, since the first row."""
     facts = run.manifest.station(station)
     if facts is not None and facts.period_s:
         return np.asarray(rows["tick"] * facts.period_s, dtype=np.float64)
     return np.asarray((rows["time"] - rows["time"].iloc[0]).dt.total_seconds(), dtype=np.float64)
 
 
-# -- trend plot ---------------------------------------------------------------------------------------------------------------
-# Trends as a picture: a panel a port, the points, the control limits, the stated limits, signals ringed.
-
-TREND_WIDE, TREND_HIGH = 9.5, 2.9  # inches of a panel
-BLUE, ORANGE, GREY = "#0072b2", "#d55e00", "#595959"  # told apart by the colour-blind, and in grey by their lightness
-MOST_NAMES: Final = 12
+# -- trend --------------------------------------------------------------------------------------------------------------------
 
 
 def trend_figure(trends: Sequence[Trend], lower: float | None = None, upper: float | None = None) -> Figure:
-    """A panel for each trend. Raises `UsageError` where there is nothing to show."""
+    """Return a panel for each trend: points, control limits, stated limits, signals ringed. Raises `UsageError` without trends."""
     if not trends:
-        raise UsageError("there is no run with this metric; nothing to show")
-    figure = Figure(figsize=(TREND_WIDE, TREND_HIGH * len(trends) + 0.2), layout="constrained")
-    panels = figure.subplots(len(trends), 1, squeeze=False, sharex=False)
-    for axes, trend in zip(panels[:, 0], trends, strict=True):
-        _panel(axes, trend, lower, upper)
+        raise UsageError("no run has this metric; nothing to show")
+    with styled():
+        figure, panels = _panels(len(trends))
+        for axes, trend in zip(panels, trends, strict=True):
+            _trend(axes, trend, lower, upper)
     return figure
 
 
-def _panel(axes: Axes, trend: Trend, lower: float | None, upper: float | None) -> None:
+def _trend(axes: Axes, trend: Trend, lower: float | None, upper: float | None) -> None:
     at = np.array([place for place, point in enumerate(trend.points) if point.value is not None], dtype=np.float64)
-    values = trend.values
-    axes.plot(at, values, color=BLUE, marker="o", markersize=3.5, linewidth=0.9, zorder=3)
     for limit in (lower, upper):
         if limit is not None:
-            axes.axhline(limit, color=ORANGE, linewidth=1.2, linestyle=(0, (6, 3)))
-            axes.text(1.005, limit, "limit", transform=axes.get_yaxis_transform(), color=ORANGE, fontsize=8, va="center")
-    if isinstance(trend.chart, spc.Refused):
-        note = f"No control limits. {trend.chart.text}"
-    else:
-        note = _limits(axes, trend, trend.chart[0], at)
-    axes.set_title(f"{trend.station} port {trend.port}: {title_of(trend.metric)}", loc="left", fontsize=10)
-    axes.text(0.0, -0.24, note, transform=axes.transAxes, fontsize=8, color=GREY, va="top", wrap=True)
-    axes.set_ylabel(trend.unit)
+            axes.axhline(limit, **LIMIT)
+            axes.text(1.005, limit, "limit", transform=axes.get_yaxis_transform(), color=ALARM, va="center")
+    chart = None if isinstance(trend.chart, spc.Refused) else trend.chart[0]
+    _points(axes, at, trend.values, chart)
+    note = f"No control limits. {trend.chart.text}" if isinstance(trend.chart, spc.Refused) else _note(trend.chart[0])
+    axes.set_title(f"{trend.station} port {trend.port}: {title_of(trend.metric)} in {trend.unit}")
+    axes.text(0.0, -0.24, note, transform=axes.transAxes, color=QUIET, va="top", wrap=True)
     missing = [place for place, point in enumerate(trend.points) if point.value is None]
-    axes.plot(missing, np.zeros(len(missing)) + 0.02, "x", color=GREY, markersize=4, transform=axes.get_xaxis_transform())
+    axes.plot(missing, np.full(len(missing), 0.02), "x", color=QUIET, markersize=4, transform=axes.get_xaxis_transform())
     _names(axes, trend)
-    axes.spines[["top", "right"]].set_visible(False)
 
 
-def _limits(axes: Axes, trend: Trend, chart: spc.Chart, at: Floats) -> str:
-    axes.axhline(chart.centre, color=GREY, linewidth=0.8)
-    for edge in (chart.lower, chart.upper):
-        axes.plot(at, edge, color=GREY, linewidth=0.8, linestyle=(0, (2, 2)))
-    ringed = sorted({one.last for one in chart.signals})
-    axes.plot(at[ringed], trend.values[ringed], "o", markersize=9, markerfacecolor="none", markeredgecolor=ORANGE, zorder=4)
-    told = f"{len(ringed)} point{'s' * (len(ringed) > 1)} with a signal (ringed)" if ringed else "no signal"
-    return f"Grey: mean {chart.centre:.3g} and control limits (individuals, moving range); {told}."
+def _note(chart: spc.Chart) -> str:
+    ringed = len(_signals(chart))
+    found = f"{ringed} point{'s' * (ringed > 1)} with a signal (ringed)" if ringed else "no signal"
+    return f"Grey: mean {chart.centre:.3g} and control limits (individuals, moving range); {found}."
 
 
 def _names(axes: Axes, trend: Trend) -> None:
-    """Some of the runs by their start, as many as can be read."""
+    """Name some of the runs by their start, as many as can be read."""
     count = len(trend.points)
     places = range(0, count, max(1, -(-count // MOST_NAMES)))
     starts = [trend.points[place].started for place in places]
-    axes.set_xticks(places, ["" if start is None else f"{start:%m-%d}\n{start:%H:%M}" for start in starts], fontsize=7)
+    axes.set_xticks(places, ["" if start is None else f"{start:%m-%d}\n{start:%H:%M}" for start in starts])
     axes.set_xlim(-0.5, count - 0.5)
 
 
-# -- chart plot ---------------------------------------------------------------------------------------------------------------
-# Charts drawn: a panel for each, capability's probability plot beside the values; a Pareto as bars.
+def _points(axes: Axes, at: Floats, values: Floats, chart: spc.Chart | None) -> None:
+    """Draw values in their order; with a chart its centre, its limits and rings around its signals."""
+    axes.margins(x=0.01, y=0.08)
+    axes.plot(at, values, color=TEMPERATURE, marker="o", markersize=2.5, linewidth=0.7)
+    if chart is None:
+        return
+    axes.axhline(chart.centre, color=QUIET, linewidth=0.8)
+    for edge in (chart.lower, chart.upper):
+        axes.step(at, edge, where="mid", **EDGE)
+    signals = _signals(chart)
+    axes.plot(at[signals], values[signals], markersize=7, **RING)
 
-MOST_BARS = 12
+
+def _signals(chart: spc.Chart) -> list[int]:
+    return sorted({one.last for one in chart.signals})
+
+
+# -- charts -------------------------------------------------------------------------------------------------------------------
 
 
 def chart_figure(found: Sequence[Charted | Counted | Ranked]) -> Figure:
-    """All of it, one below the other. Raises `UsageError` where there is nothing to show."""
+    """Return all charts, one below the other. Raises `UsageError` where there is nothing to show."""
     if not found:
         raise UsageError("there are no values of this metric; nothing to show")
-    figure = Figure(figsize=(TREND_WIDE, (TREND_HIGH + 1.2) * len(found)), layout="constrained")
-    for part, one in zip(figure.subfigures(len(found), 1, squeeze=False)[:, 0], found, strict=True):
-        if isinstance(one, Charted):
-            panels = part.subplots(2, 2, width_ratios=(3, 1))
-            _values(panels, one)
-        elif isinstance(one, Counted):
-            axes = part.subplots()
-            axes.set_title(f"{one.metric} ({one.kind})", loc="left", fontsize=10)
-            _points(axes, one.counts / one.sizes, None if isinstance(one.chart, spc.Refused) else one.chart)
-        else:
-            _bars(part.subplots(), one)
+    with styled():
+        figure = Figure(figsize=(WIDE.width_in, PARETO_IN * len(found)), layout="constrained", dpi=DPI)
+        for part, one in zip(figure.subfigures(len(found), 1, squeeze=False)[:, 0], found, strict=True):
+            if isinstance(one, Charted):
+                _values(part.subplots(2, 2, width_ratios=(3, 1)), one)
+            elif isinstance(one, Counted):
+                _counts(part.subplots(), one)
+            else:
+                _bars(part.subplots(), one)
     return figure
+
+
+def _counts(axes: Axes, one: Counted) -> None:
+    axes.set_title(f"{one.metric} ({one.kind})")
+    _points(axes, _numbers(one.counts), one.counts / one.sizes, None if isinstance(one.chart, spc.Refused) else one.chart)
+
+
+def _numbers(values: Floats) -> Floats:
+    return np.arange(1, len(values) + 1, dtype=np.float64)
 
 
 def _values(panels: np.ndarray, one: Charted) -> None:
     series, charts = one.series, () if isinstance(one.charts, spc.Refused) else one.charts
-    title = f"{series.station} port {series.port}: {series.metric}"
+    title = f"{series.station} port {series.port}: {series.metric} in {one.scale or series.unit}"
     for place in range(2):
         axes = panels[place, 0]
         if place < len(charts):
-            _points(axes, charts[place].points, charts[place])
-            axes.set_title(f"{title}, {charts[place].name}" if place == 0 else charts[place].name, loc="left", fontsize=10)
+            _points(axes, _numbers(charts[place].points), charts[place].points, charts[place])
+            axes.set_title(f"{title}, {charts[place].name}" if place == 0 else charts[place].name)
         elif place == 0:
-            _points(axes, series.values, None)
-            axes.set_title(f"{title}. No limits", loc="left", fontsize=10)
+            _points(axes, _numbers(series.values), series.values, None)
+            axes.set_title(f"{title}. No limits")
         else:
             axes.set_axis_off()
-        axes.set_ylabel(one.scale or series.unit, fontsize=8)
     if one.fixed is not None and one.kind == "imr":
         for edge in (one.fixed.lower[0], one.fixed.upper[0]):
-            panels[0, 0].axhline(edge, color=ORANGE, linewidth=1.2, linestyle=(0, (6, 3)))
+            panels[0, 0].axhline(edge, **LIMIT)
     panels[1, 1].set_axis_off()
     _probability(panels[0, 1], one)
 
 
-def _points(axes: Axes, points: np.ndarray, chart: spc.Chart | None) -> None:
-    at = np.arange(1, len(points) + 1)
-    axes.plot(at, points, color=BLUE, marker="o", markersize=2.5, linewidth=0.7)
-    axes.spines[["top", "right"]].set_visible(False)
-    if chart is None:
-        return
-    axes.axhline(chart.centre, color=GREY, linewidth=0.8)
-    for edge in (chart.lower, chart.upper):
-        axes.step(at, edge, where="mid", color=GREY, linewidth=0.8, linestyle=(0, (2, 2)))
-    ringed = sorted({one.last for one in chart.signals})
-    axes.plot(at[ringed], points[ringed], "o", markersize=7, markerfacecolor="none", markeredgecolor=ORANGE)
-
-
 def _probability(axes: Axes, one: Charted) -> None:
-    """Ordered values against normal scores, and the line of the distribution that fits."""
+    """Draw ordered values against normal scores, and the line of the distribution that fits."""
     if len(one.series.values) < 2:
         axes.set_axis_off()
         return
+    axes.margins(0.05)
     plot = spc.probability_plot(one.series.values, resolution=one.series.resolution)
-    axes.plot(plot.scores, plot.values, ".", color=BLUE, markersize=3)
+    axes.plot(plot.scores, plot.values, ".", color=TEMPERATURE, markersize=3)
     if plot.line is not None:
-        axes.plot(plot.scores, plot.line, color=ORANGE, linewidth=1)
-    axes.set_title(plot.distribution or "no distribution fits", loc="left", fontsize=8)
-    axes.set_xlabel("normal score", fontsize=8)
-    axes.spines[["top", "right"]].set_visible(False)
+        axes.plot(plot.scores, plot.line, color=ALARM, linewidth=1)
+    axes.set_title(plot.distribution or "no distribution fits")
+    axes.set_xlabel("normal score")
 
 
 def _bars(axes: Axes, one: Ranked) -> None:
+    """Draw counts as bars, the most frequent first, and their running share as a line."""
     rows = one.rows[:MOST_BARS]
-    axes.bar(range(len(rows)), [count for _, count, _, _ in rows], color=BLUE)
-    axes.set_xticks(range(len(rows)), [name for name, *_ in rows], rotation=30, ha="right", fontsize=7)
-    axes.set_title(f"{one.metric}, {one.total}", loc="left", fontsize=10)
+    axes.bar(range(len(rows)), [count for _, count, _, _ in rows], color=TEMPERATURE)
+    axes.set_xticks(range(len(rows)), [name for name, *_ in rows], rotation=30, ha="right")
+    axes.set_title(f"{one.metric}, {one.total}")
+    axes.grid(visible=False, axis="x")
     beside = axes.twinx()
-    beside.plot(range(len(rows)), [so_far for *_, so_far in rows], color=ORANGE, marker="o", markersize=3)
+    beside.plot(range(len(rows)), [so_far for *_, so_far in rows], color=EXTERNAL, marker="o", markersize=3)
     beside.set_ylim(0, 105)
-    beside.set_ylabel("% up to here", fontsize=8)
+    beside.set_ylabel("% up to here")
+    beside.grid(visible=False)

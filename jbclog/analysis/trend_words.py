@@ -6,13 +6,12 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 from html import escape
-from io import StringIO
 from typing import Final
 
-import matplotlib as mpl
 from matplotlib.figure import Figure
 
 from jbclog.analysis import spc
+from jbclog.analysis.figures.canvas import svg_text
 from jbclog.analysis.run import table, text
 from jbclog.analysis.trend import Point, Trend, metric_text, title_of
 
@@ -107,7 +106,7 @@ def page(trends: Sequence[Trend], metric: str, figure: Figure) -> str:
     title = f"{text(title_of(metric).capitalize())} over {len({row[0] for row in cells})} runs"
     head = "<meta charset='utf-8'><meta name='viewport' content='width=device-width'>"
     claim = "<p>Figures describe what was recorded. None of them says that a joint is good.</p>"
-    body = f"<h1>{title}</h1><p>{escape(metric_text(metric))}</p>{_svg(figure)}{said}{values}{claim}"
+    body = f"<h1>{title}</h1><p>{escape(metric_text(metric))}</p>{svg_text(figure)}{said}{values}{claim}"
     style = f"<title>{title}</title><style>{STYLE}</style>"
     return f"<!doctype html><html lang='en'><head>{head}{style}</head><body>{body}</body></html>\n"
 
@@ -120,11 +119,3 @@ def _cells(trend: Trend, point: Point) -> tuple[object, ...]:
 
 def _shown(line: str) -> str:
     return "".join(sign if sign.isprintable() else "�" for sign in line)
-
-
-def _svg(figure: Figure) -> str:
-    """The picture as an element of a page; the same picture has the same text."""
-    out = StringIO()
-    with mpl.rc_context({"svg.hashsalt": "jbclog", "svg.fonttype": "path"}):
-        figure.savefig(out, format="svg", metadata={"Date": None, "Creator": None})
-    return out.getvalue().partition("<svg")[2].join(("<svg", ""))

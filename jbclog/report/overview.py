@@ -19,7 +19,7 @@ from jbclog.analysis.figures import style
 from jbclog.analysis.figures.axes import BESIDE_PT, panel, rectangles, size_pt
 from jbclog.analysis.figures.canvas import new_figure, styled
 from jbclog.analysis.figures.curves import Envelope, Floats, Span, dates, envelope, merged, runs, widened
-from jbclog.analysis.figures.style import Format
+from jbclog.analysis.figures.style import Format, Look
 from jbclog.analysis.figures.ticks import duration_text, time_marks
 from jbclog.analysis.figures.trace import JOINED_PERIODS, Mark, Trace
 from jbclog.analysis.verdict.idle import setting_in_force
@@ -144,8 +144,8 @@ class _Row:
         x = dates(self.t0_utc_us, strip.curve.seconds)
         low, high = (middle - 0.42 * side / REACH_C for side in (strip.curve.low, strip.curve.high))
         self.axes.plot(dates(self.t0_utc_us, [strip.start, strip.end]), [middle, middle], color=style.NO_DATA, linewidth=0.5)
-        look = {"facecolor": style.TEMPERATURE, "edgecolor": style.TEMPERATURE, "linewidth": 0.5}
-        self.axes.fill_between(x, low, high, gid=strip.name, zorder=2.1, **look)
+        look: Look = {"facecolor": style.TEMPERATURE, "edgecolor": style.TEMPERATURE, "linewidth": 0.5}
+        self.axes.fill_between(x, low, high, gid="strip", zorder=2.1, **look)
         self._far()
         self._gaps()
         for kind, colour in style.MARK_COLOURS.items():
@@ -181,7 +181,7 @@ class _Row:
         for span in self.strip.far:
             if span.seconds / 86400 / (right - left) * wide > LETTER_PT * len(span.word):
                 middle = float(dates(self.t0_utc_us, (span.start + span.end) / 2))
-                look = {"fontsize": min(self.points, self.form.font_pt), "ha": "center", "va": "center_baseline"}
+                look: Look = {"fontsize": min(self.points, self.form.font_pt), "ha": "center", "va": "center_baseline"}
                 self.axes.text(middle, self.row + 0.5, span.word, zorder=2.3, **look)
 
 

@@ -13,6 +13,7 @@ from dataclasses import asdict
 from pathlib import Path
 
 from jbclog import __version__
+from jbclog.analysis.figures.canvas import drawn_by
 from jbclog.analysis.rejudge import Held, held
 from jbclog.analysis.run import open_run
 from jbclog.analysis.verdict import RULES
@@ -89,15 +90,21 @@ def verified(folder: Path | str) -> Held:
 
 
 def _other_maker(folder: Path) -> str | None:
-    """Who made the report that is there, where that was another jbclog or typst, or one with other rules."""
+    """Return who made the report, where that was another jbclog, typst or matplotlib, or one with other rules."""
     try:
         before = read_json(folder / DATA, Kind.REPORT)
-        version, rules, paper_by = before["jbclog"], before.get("rules", 1), before.get("paper_by")
+        version, rules = before["jbclog"], before.get("rules", 1)
+        tools = [before.get(name) for name in _tools()]
     except (OSError, ValueError, TypeError, KeyError, AttributeError, RecursionError):
         return None
-    if (version, rules, paper_by) == (__version__, RULES, typesetter()):
+    if [version, rules, *tools] == [__version__, RULES, *_tools().values()]:
         return None
-    return f"jbclog {version!s:.20} with rules {rules!s:.10}" + ("" if paper_by is None else f" and {paper_by!s:.20}")
+    return ", ".join([f"jbclog {version!s:.20} with rules {rules!s:.10}", *(f"{tool!s:.20}" for tool in tools if tool is not None)])
+
+
+def _tools() -> dict[str, str]:
+    """Return what sets the paper and draws the figures, by its key in `report.json`."""
+    return {"paper_by": typesetter(), "drawn_by": drawn_by()}
 
 
 def _changed(folder: Path, manifest: Manifest) -> list[str]:
@@ -136,7 +143,7 @@ def report_files(folder: Path) -> dict[str, bytes]:
         **{f"{TABLES}/{name}.csv": text.encode() for name, text in csv_tables(document, joints.rows()).items()},
     }
     written = {name: hashlib.sha256(content).hexdigest() for name, content in sorted(files.items())}
-    vouched = {**document, "paper_by": typesetter(), "vouched_in": ANNOTATIONS, "written": written}
+    vouched = {**document, **_tools(), "vouched_in": ANNOTATIONS, "written": written}
     return {**files, DATA: (json.dumps(vouched, indent=1, ensure_ascii=False, allow_nan=False) + "\n").encode()}
 
 

@@ -38,8 +38,13 @@ def panel(figure: Figure, left: float, top: float, width: float, height: float) 
 
 def size_pt(axes: Axes) -> tuple[float, float]:
     """Return width and height of a panel."""
-    scale = 72 / axes.get_figure(root=True).dpi
-    return axes.bbox.width * scale, axes.bbox.height * scale
+    return axes.bbox.width / _dot_pt(axes), axes.bbox.height / _dot_pt(axes)
+
+
+def _dot_pt(axes: Axes) -> float:
+    """Return how many pixels a point has."""
+    figure = axes.get_figure(root=True)
+    return 1.0 if figure is None else figure.dpi / 72
 
 
 def ticked(axes: Axes, places: Floats, labels: Sequence[str], *, is_lowest: bool) -> None:
@@ -73,14 +78,14 @@ def _share_of_height(axes: Axes, values: Sequence[float]) -> Floats:
         return np.empty(0)
     left = axes.get_xlim()[0]
     places = axes.transLimits.transform(axes.transScale.transform([(left, value) for value in values]))
-    return np.clip(places[:, 1], 0.0, 1.0)
+    return np.asarray(np.clip(places[:, 1], 0.0, 1.0), dtype=np.float64)
 
 
-def rectangles(axes: Axes, places: Iterable[tuple[float, float, float, float]], of: str, **look: Any) -> None:
+def rectangles(to: Axes | Figure, places: Iterable[tuple[float, float, float, float]], of: str, **look: Any) -> None:
     """Draw rectangles (left, right, bottom, top) of one look as one patch."""
     corners = [((a, low), (b, low), (b, high), (a, high), (a, low)) for a, b, low, high in places]
     if corners:
-        _add(axes, np.array(corners, dtype=np.float64), of, look)
+        _add(to, np.array(corners, dtype=np.float64), of, look)
 
 
 def dots(axes: Axes, x: ArrayLike, y: ArrayLike, points: float, colour: str, of: str) -> None:
@@ -89,16 +94,15 @@ def dots(axes: Axes, x: ArrayLike, y: ArrayLike, points: float, colour: str, of:
     known = places[~np.isnan(places).any(axis=1)]
     if not len(known):
         return
-    side = points / 72 * axes.get_figure(root=True).dpi
-    corners = axes.transData.transform(known)[:, None, :] + side * SQUARE
+    corners = axes.transData.transform(known)[:, None, :] + points * _dot_pt(axes) * SQUARE
     inside = axes.transData.inverted().transform(corners.reshape(-1, 2)).reshape(-1, 5, 2)
     _add(axes, inside, of, {"facecolor": colour, "zorder": 2.4})
 
 
-def _add(axes: Axes, corners: Floats, of: str, look: dict[str, Any]) -> None:
+def _add(to: Axes | Figure, corners: Floats, of: str, look: dict[str, Any]) -> None:
     codes = [Path.MOVETO, Path.LINETO, Path.LINETO, Path.LINETO, Path.CLOSEPOLY] * len(corners)
     look = {"linewidth": 0, "zorder": 1.0, **look}
-    axes.add_artist(PathPatch(Path(corners.reshape(-1, 2), codes), gid=of, **look))
+    to.add_artist(PathPatch(Path(corners.reshape(-1, 2), codes), gid=of, **look))
 
 
 def bars(axes: Axes, x: ArrayLike, low: ArrayLike, high: ArrayLike, of: str, **look: Any) -> None:

@@ -11,9 +11,9 @@ from contextlib import AbstractContextManager
 from functools import cache
 from importlib.resources import files
 from io import StringIO
-from typing import Final
+from typing import Any, Final
 
-from matplotlib import rc_context, rc_params_from_file
+from matplotlib import __version__, rc_context, rc_params_from_file
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
@@ -40,14 +40,19 @@ def styled() -> AbstractContextManager[None]:
 
 
 @cache
-def _style() -> dict[str, object]:
+def _style() -> dict[Any, Any]:
     values = rc_params_from_file(str(files("jbclog.analysis.figures") / STYLE))
     return {name: value for name, value in values.items() if not name.startswith(NOT_OURS)}
 
 
-def new_figure(width_pt: float, height_pt: float) -> Figure:
-    """Return an empty figure of this size."""
-    return Figure(figsize=(width_pt / 72, height_pt / 72), dpi=72)
+def drawn_by() -> str:
+    """Return the name and version of what draws: another version may give other bytes."""
+    return f"matplotlib {__version__}"
+
+
+def new_figure(width_pt: float, height_pt: float, dpi: float = 72) -> Figure:
+    """Return an empty figure of this size; `dpi` is that of a picture in pixels."""
+    return Figure(figsize=(width_pt / 72, height_pt / 72), dpi=dpi)
 
 
 def svg_text(figure: Figure) -> str:
@@ -62,7 +67,7 @@ def svg_body(figure: Figure) -> str:
     text = StringIO()
     with styled(), warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # letters that the font lacks: the reader's fonts have them
-        FigureCanvasSVG(figure).print_svg(text, metadata=NO_METADATA)
+        FigureCanvasSVG(figure).print_svg(text, metadata=NO_METADATA)  # type: ignore[no-untyped-call]  # it has no types
     body = text.getvalue().partition(DEFAULT_STYLE_ENDS)[2].removesuffix("</svg>\n")
     for pattern, instead in SHORTER:
         body = pattern.sub(instead, body)

@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from jbclog.analysis.figures import style
 from jbclog.analysis.figures.axes import LETTER, rectangles, size_pt
 from jbclog.analysis.figures.curves import Span, merged, widened, within
-from jbclog.analysis.figures.style import Format
+from jbclog.analysis.figures.style import Format, Look
 from jbclog.analysis.figures.ticks import duration_text
 from jbclog.analysis.figures.trace import Trace
 
@@ -98,5 +98,5 @@ def _word(axes: Axes, row: int, name: str, span: Span, trace: Trace, form: Forma
     is_light = (name in MARKED and not is_gap) or span.word in style.DARK_STATUS
     middle = float(trace.dates((span.start + span.end) / 2))
     box = {"facecolor": "white", "edgecolor": "none", "pad": 1.0} if is_gap else None
-    look = {"fontsize": points, "color": "white" if is_light else style.INK, "bbox": box}
+    look: Look = {"fontsize": points, "color": "white" if is_light else style.INK, "bbox": box}
     axes.text(middle, row + 0.5, text, ha="center", va="center_baseline", gid=name, **look)

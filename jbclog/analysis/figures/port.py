@@ -17,7 +17,7 @@ from jbclog.analysis.figures.axes import Label, bars, dots, labelled, panel, rec
 from jbclog.analysis.figures.canvas import new_figure, styled
 from jbclog.analysis.figures.curves import Envelope, Floats, Span, envelope, lone, merged, widened
 from jbclog.analysis.figures.lanes import LANE_PT, Lane, draw_lanes, lanes_of, least_seen_s
-from jbclog.analysis.figures.style import Format
+from jbclog.analysis.figures.style import Format, Look
 from jbclog.analysis.figures.ticks import round_values, time_marks
 from jbclog.analysis.figures.trace import JOINED_PERIODS, SETTING_JOINED_S, Trace
 
@@ -99,7 +99,7 @@ def _scale(axes: Axes, trace: Trace) -> None:
     if knee is not None:
         axes.set_yscale("function", functions=_bent(low, knee, high))
         axes.axhspan(low, knee, facecolor=style.COARSER_TINT, linewidth=0, zorder=0.1, gid="coarser")
-        look = {"ha": "right", "va": "center_baseline", "color": style.QUIET, "fontsize": "medium", "zorder": 3}
+        look: Look = {"ha": "right", "va": "center_baseline", "color": style.QUIET, "fontsize": "medium", "zorder": 3}
         axes.text(1 - 3 / size_pt(axes)[0], COARSE / 2, "coarser scale", transform=axes.transAxes, **look)
     valued(axes, round_values(low, high, 5) if knee is None else _bent_values(low, knee, high))
 

@@ -55,8 +55,8 @@ GRAVE_STATES: Final = frozenset({"shortage", "clogged", "both"})
 ALWAYS_SEEN: Final = frozenset({"suction", *GRAVE_STATES})
 DARK_STATUS: Final = frozenset({"working", "on", "suction", "preparing", "out of range", *GRAVE_STATES})
 
-HATCHES: Final = {"disconnected": "xxx", "skipped": "---", "no_tool": "...", "robot_off": "+++"}
-HATCH_ELSE: Final = "///"
+HATCHES: Final = {"disconnected": "xxxx", "skipped": "----", "no_tool": "||||", "robot_off": "++++"}  # dots would be 40 kB
+HATCH_ELSE: Final = "////"
 
 
 def hatch(word: str, wide: bool) -> str | None:

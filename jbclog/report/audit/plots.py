@@ -1,19 +1,25 @@
-"""The drawings of an audit's page: SVG written plainly, of numbers only, so that nothing from outside can be in it.
+"""The drawings of an audit's page, of numbers only: nothing in them comes from outside.
 
-Colours after Okabe and Ito, told apart by the colour-blind and as greys on paper; none carries a meaning alone: known parts are
-filled, possible parts are pale with an outline, and each drawing stands beside its figure in words.
+Colours follow Okabe and Ito, so that colour-blind readers and grey printers keep them apart; none carries a meaning alone: known
+parts are filled, possible parts are pale with an outline, and each drawing stands beside its figure in words.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from datetime import date
 from math import ceil, isfinite, log10
 from typing import Final
 
+import numpy as np
 from markupsafe import Markup
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.transforms import Affine2D
 
+from jbclog.analysis.figures.axes import bars, panel, rectangles, valued
+from jbclog.analysis.figures.canvas import new_figure, styled, svg_body
 from jbclog.core.text import clean
 from jbclog.maintenance.counter_totals.span import Interval
 from jbclog.maintenance.due import Due, State
@@ -32,80 +38,113 @@ SPENT: Final = (WORK, "#7da7cd", "#d6e4f1", "#ffffff")
 """Worked, otherwise, slept, no tool: each a lighter grey than the one before."""
 
 BAR: Final = (150, 14)
-FULL_AT, MOST = 100.0, 150.0  # pixels of a whole life; as far as a bar goes
+FULL_AT, MOST = 100.0, 150.0  # pixels of a whole interval; as far as a bar goes
 AXIS: Final = (250, 14)
 AHEAD_DAYS: Final = 365
 MONTHS: Final = ("Jan", "Feb", "Mar", "Apr", "May", "Jun", "Jul", "Aug", "Sep", "Oct", "Nov", "Dec")
 
 
-def svg(width: float, height: float, label: str, parts: Iterable[str], style: str = "") -> Markup:
-    """A drawing with what it says to those who do not see it."""
-    head = f'<svg class="{style}" viewBox="0 0 {width:g} {height:g}" width="{width:g}" height="{height:g}" role="img" aria-label="'
-    return Markup(head) + clean(label) + Markup('">' + "".join(parts) + "</svg>")  # escaped; the parts are our numbers
+@dataclass(slots=True)
+class _Sketch:
+    """A small drawing in pixels, the first row at the top."""
+
+    width: float
+    height: float
+    figure: Figure = field(init=False)
+    pixels: Affine2D = field(init=False)
+
+    def __post_init__(self) -> None:
+        with styled():
+            self.figure = new_figure(self.width, self.height)
+        self.pixels = Affine2D().scale(1, -1).translate(0, self.height)
+
+    def fill(self, places: Iterable[tuple[float, float, float, float]], colour: str, outline: str = "none") -> None:
+        """Fill rectangles: left, top, width and height of each."""
+        ends = [(x, x + max(width, 0), y + height, y) for x, y, width, height in places]
+        edge = 0.8 if outline != "none" else 0
+        rectangles(self.figure, ends, "", facecolor=colour, edgecolor=outline, linewidth=edge, transform=self.pixels)
+
+    def line(self, x: Sequence[float], y: Sequence[float], colour: str, width: float = 1) -> None:
+        self.figure.add_artist(Line2D(x, y, color=colour, linewidth=width, transform=self.pixels, zorder=1))  # as the areas
+
+    def text(self, x: float, y: float, text: str, points: float, align: str = "left") -> None:
+        self.figure.text(x, y, text, fontsize=points, ha=align, color=QUIET, transform=self.pixels)
+
+    def arrow(self, x: float, y: float, colour: str) -> None:
+        self.line([x - 6, x, x - 6], [y - 5, y, y + 5], colour, 2)
+
+    def svg(self, label: str, look: str) -> Markup:
+        return _svg(self.figure, label, look)
 
 
-def _rect(x: float, y: float, width: float, height: float, fill: str, outline: str = "") -> str:
-    edge = f' stroke="{outline}" stroke-width="0.8"' if outline else ""
-    return f'<rect x="{x:.1f}" y="{y:.1f}" width="{max(width, 0):.1f}" height="{height:.1f}" fill="{fill}"{edge}/>'
+def _svg(figure: Figure, label: str, look: str) -> Markup:
+    """Return a drawing as an element of the page, with what it shows for those who do not see it."""
+    figure.patch.set_visible(False)
+    width, height = figure.get_size_inches() * 72
+    head = f'<svg class="{look}" width="{width:g}" height="{height:g}" role="img" aria-label="'
+    return Markup(head) + clean(label) + Markup('"' + svg_body(figure))  # the label is escaped; the rest are our numbers
 
 
-def _line(x1: float, y1: float, x2: float, y2: float, colour: str, width: float = 1) -> str:
-    return f'<path d="M{x1:.1f} {y1:.1f}L{x2:.1f} {y2:.1f}" stroke="{colour}" stroke-width="{width:g}" fill="none"/>'
-
-
-def _text(x: float, y: float, text: str, size: float, anchor: str = "start", colour: str = QUIET) -> str:
-    return f'<text x="{x:.1f}" y="{y:.1f}" font-size="{size:g}" text-anchor="{anchor}" fill="{colour}">{text}</text>'
-
-
-def _arrow(x: float, y: float, colour: str) -> str:
-    path = f"M{x - 6:.1f} {y - 5:.1f}L{x:.1f} {y:.1f}L{x - 6:.1f} {y + 5:.1f}"
-    return f'<path d="{path}" fill="none" stroke="{colour}" stroke-width="2"/>'
-
-
-# -- how much of a life is used ----------------------------------------------------------------------------------------------
+# -- the used part of a service interval --------------------------------------------------------------------------------------
 
 
 def bar(percent: Interval | None, state: State, label: str) -> Markup:
-    """A life: filled as far as it is surely used, pale as far as it may be, a line where it is all used up."""
+    """Return a service interval: filled as far as surely used, pale as far as it may be, a line at its end."""
     width, height = BAR
-    fill, pale = FILLS[state]
+    sketch, (fill, pale) = _Sketch(width, height), FILLS[state]
     if percent is None:
-        return svg(
-            width, height, label, [_rect(0.5, 3, FULL_AT, 8, "none", LINE), _text(FULL_AT / 2, 11, "?", 10, "middle")], "bar"
-        )
+        sketch.fill([(0.5, 3, FULL_AT, 8)], "none", LINE)
+        sketch.text(FULL_AT / 2, 11, "?", 10, "center")
+        return sketch.svg(label, "bar")
     low, high = min(percent.low, MOST), min(percent.high, MOST)
-    parts = [_rect(0.5, 3, FULL_AT, 8, PALE, LINE), _rect(low, 3, high - low, 8, pale, fill if high - low > 2 else "")]
-    parts += [_rect(0, 3, low, 8, fill), _line(FULL_AT, 0, FULL_AT, height, INK, 1.4)]
-    return svg(width, height, label, [*parts, _arrow(width - 1, height / 2, INK)] if percent.high > MOST else parts, "bar")
+    sketch.fill([(0.5, 3, FULL_AT, 8)], PALE, LINE)
+    sketch.fill([(low, 3, high - low, 8)], pale, fill if high - low > 2 else "none")
+    sketch.fill([(0, 3, low, 8)], fill)
+    sketch.line([FULL_AT, FULL_AT], [0, height], INK, 1.4)
+    if percent.high > MOST:
+        sketch.arrow(width - 1, height / 2, INK)
+    return sketch.svg(label, "bar")
 
 
-# -- when it is due ----------------------------------------------------------------------------------------------------------
+# -- when it is due -----------------------------------------------------------------------------------------------------------
 
 
 def months(now: str) -> Markup:
-    """The heads of the months ahead, for the column of due ranges."""
-    width = AXIS[0]
-    found = [
-        _text(_ahead(first, now) * width + 2, 10, MONTHS[first.month - 1], 10.5) for first in _firsts(now) if first.month % 3 == 1
-    ]
-    return svg(width, 13, "the twelve months ahead", found, "axis")
+    """Return the names of the months ahead, for the head of the column of due ranges."""
+    sketch = _Sketch(AXIS[0], 13)
+    for first in _firsts(now):
+        if first.month % 3 == 1:
+            sketch.text(_ahead(first, now) * AXIS[0] + 2, 10, MONTHS[first.month - 1], 10.5)
+    return sketch.svg("the twelve months ahead", "axis")
 
 
 def due(range_: Due | None, state: State, now: str, label: str) -> Markup:
-    """From P10 to P90, the mark in it at P50; an arrow where it reaches beyond a year, an outline where there is no range."""
+    """Return the range from P10 to P90 with a mark at P50; an arrow where it reaches beyond a year, no bar without a range."""
     width, height = AXIS
-    marks = [_line(_ahead(first, now) * width, 0, _ahead(first, now) * width, height, LINE, 0.8) for first in _firsts(now)]
-    parts = [_line(0, height / 2, width, height / 2, LINE, 0.8), *marks, _line(0.7, 0, 0.7, height, INK, 1.4)]
+    sketch = _Sketch(width, height)
+    sketch.line([0, width], [height / 2, height / 2], LINE, 0.8)
+    firsts = [_ahead(first, now) * width for first in _firsts(now)]
+    sketch.line(*_upright(firsts, [0.0] * len(firsts), [height] * len(firsts)), LINE, 0.8)
+    sketch.line([0.7, 0.7], [0, height], INK, 1.4)
     if range_ is None or range_.p10 is None:
-        return svg(width, height, label, parts, "axis")
+        return sketch.svg(label, "axis")
     fill, pale = FILLS[state]
     begin, middle, end = (1.5 if one is None else _ahead(_date(one), now) for one in (range_.p10, range_.p50, range_.p90))
     left, right = (min(max(at, 0.0), 1.0) * width for at in (begin, end))
     if begin < 1:
-        parts.append(_rect(left, 3, max(right - left, 3), 8, pale, fill))
+        sketch.fill([(left, 3, max(right - left, 3), 8)], pale, fill)
     if 0 <= middle < 1:
-        parts.append(_rect(middle * width - 1, 1.5, 2.4, 11, fill))
-    return svg(width, height, label, [*parts, _arrow(width - 1, height / 2, fill)] if end > 1 else parts, "axis")
+        sketch.fill([(middle * width - 1, 1.5, 2.4, 11)], fill)
+    if end > 1:
+        sketch.arrow(width - 1, height / 2, fill)
+    return sketch.svg(label, "axis")
+
+
+def _upright(x: Sequence[float], low: Sequence[float], high: Sequence[float]) -> tuple[list[float], list[float]]:
+    """Return upright lines as one line with breaks."""
+    none = float("nan")
+    ends = [(a, b, none) for a, b in zip(low, high, strict=True)]
+    return [at for at in x for _ in range(3)], [y for end in ends for y in end]
 
 
 def _ahead(when: date, now: str) -> float:
@@ -117,107 +156,96 @@ def _date(text: str) -> date:
 
 
 def _firsts(now: str) -> list[date]:
-    """The first of each month of the year ahead."""
+    """Return the first of each month of the year ahead."""
     today = _date(now)
     begun = today.year * 12 + today.month
     return [date((begun + month) // 12, (begun + month) % 12 + 1, 1) for month in range(12)]
 
 
-# -- how it was used ---------------------------------------------------------------------------------------------------------
+# -- use ----------------------------------------------------------------------------------------------------------------------
 
 
 def spent(work: float, sleep: float, no_tool: float, label: str) -> Markup:
-    """What the hours plugged in were spent on, in per cent: worked, otherwise, slept, without a tool."""
+    """Return the hours plugged in, in per cent: worked, otherwise, slept, without a tool."""
     width, height = 170.0, 12.0
     shares = (work, max(100 - work - sleep - no_tool, 0.0), sleep, no_tool)
-    scale, at, parts = width / max(sum(shares), 1.0), 0.0, []
+    sketch, scale, at = _Sketch(width, height), width / max(sum(shares), 1.0), 0.0
     for share, fill in zip(shares, SPENT, strict=True):
-        parts.append(_rect(at, 1, share * scale, height - 2, fill))
+        sketch.fill([(at, 1, share * scale, height - 2)], fill)
         at += share * scale
-    return svg(width, height, label, [*parts, _rect(0.4, 1, width - 0.8, height - 2, "none", QUIET)], "spent")
+    sketch.fill([(0.4, 1, width - 0.8, height - 2)], "none", QUIET)
+    return sketch.svg(label, "spent")
 
 
 def course(weeks: Sequence[Week], most: float, label: str) -> Markup:
-    """A year of weeks as columns, `most` hours a day at the top; pale where long times without a reading were spread evenly."""
-    width, height = 3.0 * len(weeks), 26.0
-    columns = [_Column(3.0 * at, 2.2, week, height - 1, (height - 1) / most, height - 1) for at, week in enumerate(weeks)]
-    return svg(width, height, label, [*_drawn(columns), _line(0, height - 0.5, width, height - 0.5, LINE)], "course")
+    """Return a year of weeks as columns, `most` hours a day at the top; pale where long times without a reading were spread."""
+    height = 26.0
+    sketch = _Sketch(3.0 * len(weeks), height)
+    for colour, places in _columns(weeks, most):
+        scale = (height - 1) / most
+        sketch.fill([(3 * at, height - 1 - hours * scale, 2.2, hours * scale) for at, hours in places], colour)
+    sketch.line([0, sketch.width], [height - 0.5, height - 0.5], LINE)
+    return sketch.svg(label, "course")
 
 
-@dataclass(frozen=True, slots=True)
-class _Column:
-    """A week's hours a day as a column that stands on `bottom`, `most` high at most; nothing where they are not known."""
-
-    x: float
-    width: float
-    week: Week
-    bottom: float
-    scale: float
-    most: float
-
-    @property
-    def path(self) -> str:
-        if self.week.per_day is None:
-            return ""
-        tall = min(self.week.per_day.middle * self.scale, self.most)
-        return f"M{self.x:.1f} {self.bottom:g}v{-tall:.1f}h{self.width:.1f}v{tall:.1f}z"
-
-    @property
-    def whisker(self) -> str:
-        """How well it is known, where that can be seen."""
-        hours = self.week.per_day
-        if hours is None or hours.width * self.scale < 3:
-            return ""
-        low, high = (self.bottom - min(end * self.scale, self.most) for end in (hours.low, hours.high))
-        return f"M{self.x + self.width / 2:.1f} {low:.1f}V{high:.1f}"
-
-
-def _drawn(columns: Sequence[_Column]) -> list[str]:
-    """All columns of a kind as one path, which is a fifth of as many rectangles."""
-    kinds = (
-        (WORK, [one for one in columns if not one.week.is_spread]),
-        (WORK_PALE, [one for one in columns if one.week.is_spread]),
-    )
-    return [f'<path d="{path}" fill="{fill}"/>' for fill, ones in kinds if (path := "".join(one.path for one in ones))]
+def _columns(weeks: Sequence[Week], most: float) -> list[tuple[str, list[tuple[int, float]]]]:
+    """Return the hours a day of the weeks that are known, with their number, by colour; `most` at most."""
+    known = [(at, min(week.per_day.middle, most), week.is_spread) for at, week in enumerate(weeks) if week.per_day is not None]
+    kinds = ((WORK, False), (WORK_PALE, True))
+    return [(colour, [(at, hours) for at, hours, spread in known if spread == pale]) for colour, pale in kinds]
 
 
 def fleet_course(weeks: Sequence[tuple[Week, int]], of: int, wide: bool) -> Markup:
-    """The fleet's year: port hours a day, week by week, with an axis; pale where few of its stations are known.
+    """Return the year of the fleet: port hours a day, week by week, with an axis; pale where few of its stations are known.
 
-    `weeks` are sums over the stations that are known that week, with how many those are.
+    `weeks` are sums over the stations that are known that week, with their number.
     """
-    width, height, left, bottom = (940.0, 190.0, 44.0, 160.0) if wide else (360.0, 190.0, 34.0, 160.0)
-    size, room = 12.0, (width - left) / max(len(weeks), 1)
+    width, left = (940.0, 44.0) if wide else (360.0, 34.0)
     most = scale_of(week for week, _ in weeks)
-    parts = [part for share in (0.0, 0.5, 1.0) for part in _level(share * most, bottom - share * 145, left, width, size)]
     shown = [replace(week, is_spread=week.is_spread or known < 0.75 * of) for week, known in weeks]
-    columns = [_Column(left + (at + 0.1) * room, room * 0.8, week, bottom, 145 / most, 150) for at, week in enumerate(shown)]
-    parts += [*_drawn(columns), f'<path d="{"".join(one.whisker for one in columns)}" stroke="{INK}"/>']
-    for at, week in enumerate(shown):
-        parts += _month(left + at * room, bottom, week.begin, shown[max(at - 1, 0)].begin, size, wide)
-    label = f"port hours worked a day, week by week, {len(weeks)} weeks"
-    return svg(width, height, label, parts, "wide" if wide else "narrow")
+    with styled():
+        figure = new_figure(width, 190)
+        axes = panel(figure, left, 15, width - left, 145)
+        axes.set_xlim(0, max(len(weeks), 1))
+        axes.set_ylim(0, most)
+        axes.spines[:].set_visible(False)
+        valued(axes, [0.0, most / 2, most])
+        axes.grid(axis="y", color=LINE, linewidth=0.8, clip_on=False)
+        axes.grid(visible=False, axis="x")
+        axes.tick_params(labelsize=12)
+        for colour, places in _columns(shown, most):
+            rectangles(axes, [(at + 0.1, at + 0.9, 0, hours) for at, hours in places], "weeks", facecolor=colour, clip_on=False)
+        middles, low, high = np.array(_doubtful(shown, most), dtype=np.float64).reshape(-1, 3).T
+        bars(axes, middles, low, high, "doubt", color=INK, linewidth=1, clip_on=False)
+        begins = _month_begins(shown, wide)
+        axes.set_xticks(list(begins), list(begins.values()), ha="left")
+        bars(axes, list(begins), [0.0] * len(begins), [-5 / 145 * most] * len(begins), "month", color=QUIET, clip_on=False)
+    return _svg(figure, f"port hours worked a day, week by week, {len(weeks)} weeks", "wide" if wide else "narrow")
+
+
+def _doubtful(weeks: Sequence[Week], most: float) -> list[tuple[float, float, float]]:
+    """Return place, least and greatest hours a day of the weeks that are not known well, where that is seen."""
+    known = [(at + 0.5, week.per_day) for at, week in enumerate(weeks) if week.per_day is not None]
+    return [(at, min(hours.low, most), min(hours.high, most)) for at, hours in known if hours.width >= 3 / 145 * most]
+
+
+def _month_begins(weeks: Sequence[Week], wide: bool) -> dict[int, str]:
+    """Return the weeks with which a month begins, and its name; on a narrow page each third month."""
+    found = {}
+    for at, week in enumerate(weeks):
+        month = int(week.begin[5:7])
+        if week.begin[:7] != weeks[max(at - 1, 0)].begin[:7] and (wide or month % 3 == 1):
+            found[at] = f" {MONTHS[month - 1]}{f' {week.begin[:4]}' if month == 1 else ''}"
+    return found
 
 
 def scale_of(weeks: Iterable[Week]) -> float:
-    """A round number of hours a day above what was surely worked in any week; what may have been is cut off there."""
+    """Return a round number of hours a day above what was surely worked in any week; what may have been is cut off there."""
     return nice(1.1 * max((week.per_day.low for week in weeks if week.per_day is not None), default=1.0))
 
 
-def _level(value: float, y: float, left: float, width: float, size: float) -> list[str]:
-    return [_line(left, y, width, y, LINE, 0.8), _text(left - 5, y + 4, f"{value:g}", size, "end")]
-
-
-def _month(x: float, bottom: float, begin: str, before: str, size: float, wide: bool) -> list[str]:
-    month = int(begin[5:7])
-    if begin[:7] == before[:7] or not (wide or month % 3 == 1):
-        return []
-    year = f" {begin[:4]}" if month == 1 else ""
-    return [_line(x, bottom, x, bottom + 5, QUIET), _text(x + 2, bottom + 17, MONTHS[month - 1] + year, size)]
-
-
 def nice(value: float) -> float:
-    """The next round number above."""
+    """Return the next round number above."""
     if not isfinite(value) or value <= 0:
         return 1.0
     ten = 10.0 ** ceil(log10(value) - 1)

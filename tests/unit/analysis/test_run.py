@@ -9,10 +9,8 @@ from pathlib import Path
 
 import pandas as pd
 import pytest
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 import jbclog
-from jbclog.analysis.plot import POINTS, set_line, thinned
 from jbclog.core.errors import RecordError, UsageError
 from jbclog.record.conclude import conclude
 from jbclog.record.manifest import Manifest
@@ -196,40 +194,23 @@ def test_every_look_at_a_run_while_it_is_sealed_sees_each_row_once(tmp_path: Pat
 # -- the plot ----------------------------------------------------------------------------------------------------------------
 
 
-def test_the_plot_shows_each_port_with_its_gap(run: jbclog.Run, tmp_path: Path) -> None:
+def test_the_plot_shows_each_port_with_its_gap_as_the_report_does(run: jbclog.Run, tmp_path: Path) -> None:
     figure = run.plot()
-    titles = [axes.get_title(loc="left") for axes in figure.axes if axes.get_title(loc="left")]
-    assert titles == ["ale-1 port 1", "dde-1 port 1", "dde-1 port 2"]
-    gaps = [len(axes.patches) for axes in figure.axes if axes.get_title(loc="left")]
-    assert gaps == [1, 0, 0]
+    assert [text.get_text() for text in figure.texts] == ["ale-1 port 1", "dde-1 port 1", "dde-1 port 2"]
+    ports = [[axes for axes in figure.axes if axes.get_label() == text.get_text()] for text in figure.texts]
+    assert [len(panels) for panels in ports] == [3, 3, 3]  # temperature, power, lanes
+    gaps = [sum(one.get_gid() == "gap" for axes in panels for one in axes.patches) for panels in ports]
+    assert gaps == [2, 0, 0]
     figure.savefig(tmp_path / "run.png")
     assert (tmp_path / "run.png").stat().st_size > 10_000
 
 
-def test_the_legend_stands_above_the_curves(run: jbclog.Run) -> None:
-    figure = run.plot()
-    FigureCanvasAgg(figure).draw()
-    for axes in figure.axes:
-        legend = axes.get_legend()
-        assert legend is None or legend.get_window_extent().y0 >= axes.get_window_extent().y1 - 1
-
-
-def test_the_setting_is_joined_only_where_it_stood_still() -> None:
-    times = pd.Series(pd.date_range("2026-11-21", periods=4, freq="5s", tz="UTC"))
-    setting = pd.DataFrame({"time": times, "set_c": pd.Series([350, 350, 360, 360], dtype="Int64"), "outages": [0, 0, 0, 7]})
-    _, celsius = set_line(setting)
-    assert [None if pd.isna(value) else value for value in celsius] == [350, 350, None, 360, None, 360]
-
-
-def test_no_excursion_disappears_from_a_long_run() -> None:
-    count = 20 * POINTS
-    temperatures = pd.Series([350] * count, dtype="Int64")
-    temperatures[7777], temperatures[55_555] = 412, 201
-    temperatures[60_000:60_100] = pd.NA
-    rows = pd.DataFrame({"temperature_c": temperatures})
-    few = thinned(rows)["temperature_c"]
-    assert len(few) <= 2 * POINTS + 1
-    assert (few.max(), few.min(), few.isna().sum()) == (412, 201, 1)
+def test_times_can_be_marked_in_the_plot(run: jbclog.Run) -> None:
+    axes = run.plot("dde-1", 1).axes[0]
+    start, stop = pd.to_datetime(axes.get_xlim(), unit="D", utc=True)
+    times = run.samples("dde-1", 1)["time"]
+    assert abs((start - times.iloc[0]).total_seconds()) < 1
+    assert abs((stop - times.iloc[-1]).total_seconds()) < 1
 
 
 def test_nothing_to_plot(run: jbclog.Run) -> None:

@@ -1,12 +1,15 @@
-"""The plot of a station that tells states and no temperature."""
+"""The plot of a station with states and without a temperature."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 import jbclog
+from jbclog.analysis.figures import style
+from support.readers.drawn import parts
 from support.records.sealed_run import samples, seal, station, table
 
 
@@ -23,13 +26,11 @@ def test_states_are_bars_for_as_long_as_they_held_and_gaps_are_hatched(tmp_path:
         columns[name][50:55] = np.nan
     facts = station("omega-1", rows=rows, hz=1.0)
     facts.family, facts.signals = "omega", ["solder_shortage", "preparing", "in_range"]
-    (axes,) = jbclog.open_run(seal(tmp_path, [facts], table(columns))).plot().axes
-    assert [label.get_text() for label in axes.get_yticklabels()] == ["in range", "preparing", "clogged", "solder shortage"]
-    spans = {
-        round(path.vertices[:, 1].mean()): np.ptp(path.vertices[:, 0]) * 86400
-        for one in axes.collections
-        for path in one.get_paths()
-    }
-    assert round(spans[3], 2) == 10
-    assert {*spans} == {0, 3}
-    assert [patch.get_hatch() for patch in axes.patches] == ["///"]
+    figure = jbclog.open_run(seal(tmp_path, [facts], table(columns))).plot()
+    (axes,) = figure.axes
+    assert [label.get_text() for label in axes.get_yticklabels()] == ["solder", "control", "temperature", "no data"]
+    lengths = [np.ptp(part[:, 0]) * 86400 for part in parts(figure, "solder")]
+    assert sorted(round(length) for length in lengths) == [5, 10, 10, 10, 30]  # two are the shortage, drawn over the rest again
+    (gap,) = parts(figure, "no data")
+    assert np.ptp(gap[:, 0]) * 86400 == pytest.approx(5, abs=0.01)
+    assert style.HATCH_ELSE in [patch.get_hatch() for patch in axes.patches]

@@ -18,6 +18,7 @@ import pytest
 from fontTools.ttLib import TTFont
 
 from jbclog.analysis.figures import style
+from jbclog.analysis.figures.canvas import drawn_by
 from jbclog.core.text import clean
 from jbclog.record.annotations import append
 from jbclog.record.manifest import Metadata
@@ -219,14 +220,22 @@ def test_who_signs_has_the_verdict_its_rules_and_the_places_on_the_first_sheet(t
     assert ("At a glance" in own[0]) == (stations == 1)
 
 
-@pytest.mark.parametrize(("paper_by", "names"), [("typst 0.1.0", 1), (typesetter(), 0)])
-def test_a_report_that_another_typesetter_made_is_held_against_its_hashes(tmp_path: Path, paper_by: str, names: int) -> None:
+@pytest.mark.parametrize(
+    ("tool", "made_by", "names"),
+    [
+        ("typesetter", "typst 0.1.0", 1),
+        ("typesetter", typesetter(), 0),
+        ("drawn_by", "matplotlib 3.0.0", 1),
+        ("drawn_by", drawn_by(), 0),
+    ],
+)
+def test_a_report_of_other_tools_is_compared_by_its_hashes(tmp_path: Path, tool: str, made_by: str, names: int) -> None:
     run = seal(tmp_path, [station(rows=300)], table(samples(300)))
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("jbclog.report.write.typesetter", lambda: paper_by)
+        patch.setattr(f"jbclog.report.write.{tool}", lambda: made_by)
         write_report(run)
     held = verified(run)
     assert held.differing == []
-    assert sum(paper_by in note for note in held.notes) == names
+    assert sum(made_by in note for note in held.notes) == names
     (run / "report.pdf").write_bytes(b"%PDF-")
     assert any("report.pdf" in text for text in verified(run).differing)

@@ -15,7 +15,7 @@ from jbclog.analysis.figures.canvas import svg_text
 from jbclog.analysis.figures.curves import Span
 from jbclog.analysis.figures.from_samples import trace
 from jbclog.analysis.figures.port import draw
-from jbclog.analysis.figures.style import NARROW, WIDE, Format
+from jbclog.analysis.figures.style import HATCHES, NARROW, WIDE, Format
 from jbclog.analysis.figures.ticks import round_values, spread
 from jbclog.analysis.figures.trace import Grid, Limit, Mark, Trace
 from support.readers.drawn import boxes, corners, panel, parts, seconds, texts
@@ -114,7 +114,7 @@ def test_gaps_are_hatched_by_reason_and_single_lost_readings_do_not_hide_an_eigh
     short = draw(one, WIDE)
     gaps = parts(short, "gap")
     assert len(gaps) == 4  # both, over the temperature and over the power
-    hatched = [patch for patch in short.findobj(PathPatch) if patch.get_hatch() == "xxx"]
+    hatched = [patch for patch in short.findobj(PathPatch) if patch.get_hatch() == HATCHES["disconnected"]]
     assert len(hatched) == 3  # and in the lane; a sliver has none
     slivers = [np.ptp(seconds(T0, gap[:, 0])) for gap in gaps]
     assert min(slivers) >= 1.4 * 20 / 800
