@@ -19,7 +19,7 @@ import pyarrow.compute as pc
 
 from jbclog.core.errors import RecordError, UsageError
 from jbclog.core.foreign.tables import bounds_of
-from jbclog.core.wire import Passed
+from jbclog.core.wire import LinkRow
 from jbclog.record.annotations import BEGIN, END, late_serials, only_unit
 from jbclog.record.capture import Hole, read_head, rows_and_holes, wire_path
 from jbclog.record.find_runs import ending
@@ -342,7 +342,7 @@ class Run:
             raise RecordError(f"{self.folder}: what passed over the wire of {station} was not kept; it takes `run --wire`")
         head = read_head(path)
         rows = [*rows_and_holes(path)]
-        passed = [row for row in rows if isinstance(row, Passed)]
+        passed = [row for row in rows if isinstance(row, LinkRow)]
         for hole in (row for row in rows if isinstance(row, Hole)):
             warnings.warn(f"{path}: {hole.told(head)}", stacklevel=2)
         table = pd.DataFrame(passed, columns=["time", "what", "data", "text"])

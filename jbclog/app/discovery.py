@@ -26,7 +26,7 @@ from jbclog.transport import blocking
 from jbclog.transport.opening import open_port
 from jbclog.transport.port import Port
 from jbclog.transport.read_only import ReadOnly
-from jbclog.transport.system_ports import in_words_all, lasting_name, sharers_of
+from jbclog.transport.system_ports import lasting_name, processes_text, sharers_of
 
 # -- scan ports ---------------------------------------------------------------------------------------------------------------
 # Scans of several ports side by side: the composition root of `scan`, and of what `doctor` asks of a line.
@@ -94,7 +94,7 @@ def _open(report: PortReport, dial: Dial, means: Means) -> Port:
         raise PortBusy(f"{report.url} belongs to the run {run}; wait for its end, or end it")
     sharers = [] if report.tried else sharers_of(report.url)
     if sharers:
-        raise PortBusy(f"{report.url} is open in {in_words_all(sharers)}; end that, or take another port", sharers[0])
+        raise PortBusy(f"{report.url} is open in {processes_text(sharers)}; end that, or take another port", sharers[0])
     return _Counted(ReadOnly(means.open_port(report.url, dial.line), is_harmless), report, dial.line)
 
 

@@ -22,7 +22,7 @@ from jbclog.protocol.commands.family import FAMILIES, OMEGA, Family
 from jbclog.record.port_owner import run_of, run_that_holds
 from jbclog.session.discovery.diagnosis import FIRMLY, diagnose
 from jbclog.session.discovery.found import ADDRESSES, BY_SERVER, USUAL, Finding, PortReport, ScanPlan, StationFound, Trial
-from jbclog.transport.system_ports import UsbPort, in_words, in_words_all, latency_timer, locker_of, sharers_of, usb_ports
+from jbclog.transport.system_ports import UsbPort, latency_timer, locker_of, process_text, processes_text, sharers_of, usb_ports
 
 # -- result -------------------------------------------------------------------------------------------------------------------
 # What was looked at: fine, or a finding.
@@ -144,10 +144,10 @@ def look_at_holder(where: str, url: str) -> Looked | None:
     if run is not None:
         return Fine("port.run", where, f"the run {run} records it; it was not disturbed")
     if process is not None and process != os.getpid():
-        return Finding("port.busy", where, f"it is in use by {in_words(process)}", "end that program")
+        return Finding("port.busy", where, f"it is in use by {process_text(process)}", "end that program")
     sharers = sharers_of(url)
     if sharers:
-        what = f"it is open in {in_words_all(sharers)} too, which keeps nobody out: of what comes, each gets a part"
+        what = f"it is open in {processes_text(sharers)} too, which keeps nobody out: of what comes, each gets a part"
         return Finding("port.shared", where, what, "end that program")
     return None
 

@@ -6,10 +6,8 @@ import os
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import islice
-from math import floor, inf
+from math import inf
 from pathlib import Path
-from statistics import median
 
 from jbclog.app.run.plan import Metadata, Plan, RunOptions, StationPlan, station_plan
 from jbclog.app.run.run_record import Observer, Result, RunRecord
@@ -19,7 +17,7 @@ from jbclog.core.clock import VirtualClock
 from jbclog.core.errors import UsageError
 from jbclog.core.io_requests import Steps
 from jbclog.core.rows import NoJournal, StationFacts
-from jbclog.core.wire import Row, Told
+from jbclog.core.wire import CaptureRow, ResultRow
 from jbclog.record import sealed_files
 from jbclog.record.capture import Head, read_exchanges, read_to_hole, wire_path, wire_paths
 from jbclog.record.compare import Compared, Comparison, compare_records
@@ -28,12 +26,12 @@ from jbclog.record.manifest import NAME, Lost, Manifest, read_manifest
 from jbclog.record.schema import TABLES
 from jbclog.session.run.context import AS_FAST_AS_POSSIBLE, SessionContext
 from jbclog.session.run.station_run import run_station
-from jbclog.sim.recorded_wire import Exchange, Ticks, exchanges
+from jbclog.sim.recorded_wire import Ticks
 from jbclog.sim.replayed_station import TapeStation
 from jbclog.sim.serve import Server
 from jbclog.sim.setup import Tcp, set_up
 from jbclog.sim.virtual import Reply
-from jbclog.transport.session_history import ENDS, Astray, reliving, steps_of
+from jbclog.transport.session_history import ERROR_OF_RESULT, Divergence, replay_steps, replayed
 from jbclog.transport.virtual import VirtualDriver
 
 # -- recording ----------------------------------------------------------------------------------------------------------------
@@ -90,14 +88,14 @@ class Recording:
         for row in self.tape(station):
             if row.at_s >= ticks.first_s:
                 break
-            last_s = row.at_s if isinstance(row, Told) and row.what == "told" else last_s
+            last_s = row.at_s if isinstance(row, ResultRow) and row.what == "told" else last_s
         return ticks.first_s - last_s
 
-    def tape(self, station: str, first: int = 0) -> Iterator[Row]:
+    def tape(self, station: str, first: int = 0) -> Iterator[CaptureRow]:
         """The rows of a station's wire from number `first` on, up to where something of it is missing."""
         return read_to_hole(wire_path(self.folder, station), first)
 
-    def exchanges(self, station: str) -> Iterator[Row]:
+    def exchanges(self, station: str) -> Iterator[CaptureRow]:
         """The rows of a station's wire as far as each question has what came of it."""
         return read_exchanges(wire_path(self.folder, station))
 
@@ -199,7 +197,7 @@ class Again:
     """The result of reproducing a run, and which sessions left their captures where."""
 
     result: Result
-    left: Mapping[str, Astray]
+    left: Mapping[str, Divergence]
 
     @property
     def cut_off(self) -> list[str]:
@@ -279,7 +277,7 @@ def compare(recording: Recording, again: Again) -> Held | None:
 # -- the second life -----------------------------------------------------------------------------------------------------------
 
 
-def relive(recording: Recording, contexts: Iterable[SessionContext], clock: VirtualClock) -> dict[str, Astray]:
+def relive(recording: Recording, contexts: Iterable[SessionContext], clock: VirtualClock) -> dict[str, Divergence]:
     """Run the sessions of `contexts` on what was recorded; give where they left it, by station, if they did."""
     driver = VirtualDriver(clock)
     lives = [_Life(recording, context) for context in contexts]
@@ -294,22 +292,22 @@ class _Life:
 
     def __init__(self, recording: Recording, context: SessionContext) -> None:
         self.name = context.name
-        self.astray: Astray | None = None
+        self.astray: Divergence | None = None
         self._context = context
         self._tape = partial(recording.tape, context.name)
         self._ticks = recording.ticks(context.name)
         self._station: TapeStation | None = None
 
     def steps(self) -> Steps[object]:
-        return reliving(run_station(self._context), steps_of(self._tape()), self._left)
+        return replayed(run_station(self._context), replay_steps(self._tape()), self._left)
 
     def receive(self, data: bytes, now: float) -> list[Reply]:
         return self._station.receive(data, now) if self._station else []
 
-    def hung_up(self, now: float) -> bool:
-        return self._station is not None and self._station.hung_up(now)
+    def is_unplugged(self, now: float) -> bool:
+        return self._station is not None and self._station.is_unplugged(now)
 
-    def _left(self, astray: Astray) -> tuple[float, str]:
+    def _left(self, astray: Divergence) -> tuple[float, str]:
         self.astray = astray
         if astray.step is None:
             self._context.journal = NoJournal()  # what a session does that is given up was not recorded
@@ -319,106 +317,38 @@ class _Life:
         return _end(rest())
 
 
-def _end(rows: Iterable[Row]) -> tuple[float, str]:
+def _end(rows: Iterable[CaptureRow]) -> tuple[float, str]:
     """When and why a session was ended then; at the latest some seconds after its tape."""
     at_s = 0.0
     for row in rows:
         at_s = row.at_s
-        if row.what in ENDS:
+        if row.what in ERROR_OF_RESULT:
             return at_s, row.text
     return at_s + GRACE_S, "the recording is over"
 
 
 # -- serving ------------------------------------------------------------------------------------------------------------------
-# A recorded run served on ports as virtual stations, at its own pace or another, and how fast that can be.
-#
-# Faster means that time itself goes faster: the line file for the run says so (`[replay]`), and the recorder's clock goes
-# as many times as fast as the stations'. Rates, patience, slow signals' periods and durations then stand to each other as
-# they did, and the tables come out the same. What does not get faster is this host.
 
-HANDING_S = 0.0003  # that bytes take from one program to another and back through a pseudo-terminal, beside the wire's time
-SHORTEST_S = 0.0006  # the shortest time from question to answer that can be kept
-MOST_HZ = 1500.0  # questions that two programs on one host hand over in a second with time to spare
-LOOKED_AT = 2000  # exchanges of each tape, from its beginning
+HANDING_S = 0.0003  # time to pass bytes to another program and back through a pseudo-terminal, in addition to the recorded time
 
 
-def serve(recording: Recording, folder: Path, tcp: Tcp | None = None, speed: float = 1.0) -> tuple[Server, list[TapeStation]]:
-    """Make ports appear in `folder` (or on TCP) behind which the recorded stations answer as they did, `speed` times as fast.
+def serve(recording: Recording, folder: Path, tcp: Tcp | None = None) -> tuple[Server, list[TapeStation]]:
+    """Create ports in `folder` (or on TCP) behind which the recorded stations answer as they did.
 
-    The line file in `folder` names the recipes that ran, the rates that came of it, and the speed. Raises `UsageError`
-    where a link cannot be made or the speed cannot be kept.
+    The line file in `folder` names the recipes of the run and the rates that it chose. Raises `UsageError` where a link cannot be
+    made.
     """
-    expect_possible(recording, speed)
     specs = tuple(_served(recording, spec) for spec in recording.stations)
-    stations = [station_of(recording, spec.name, speed, HANDING_S) for spec in specs]
+    stations = [station_of(recording, spec.name, HANDING_S) for spec in specs]
     line = recording.line.model_copy(update={"stations": specs})
-    return set_up(line, folder, tcp, stations=stations, replay=recording.replay.model_copy(update={"speed": speed})), stations
+    return set_up(line, folder, tcp, stations=stations, replay=recording.replay), stations
 
 
-def station_of(recording: Recording, name: str, speed: float = 1.0, early_s: float = 0.0) -> TapeStation:
-    """The recorded station of that name."""
-    return TapeStation(name, partial(recording.exchanges, name), speed, early_s, recording.ticks(name))
+def station_of(recording: Recording, name: str, early_s: float = 0.0) -> TapeStation:
+    """Return the recorded station of that name."""
+    return TapeStation(name, partial(recording.exchanges, name), early_s, recording.ticks(name))
 
 
 def _served(recording: Recording, spec: StationSpec) -> StationSpec:
-    """The station as its line file for the replay has it: as then, with the recipe that ran."""
+    """Return the station for the line file of the replay, with the recipe of the run."""
     return spec.model_copy(update={"recipe": recording.recipe_path(spec.name)})
-
-
-# -- how fast ----------------------------------------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True, slots=True)
-class Limit:
-    """A speed that cannot be passed, and why."""
-
-    speed: float
-    why: str
-
-
-def expect_possible(recording: Recording, speed: float) -> None:
-    """Raises `UsageError` where the tables could not come out the same at that speed; it says which could, and why."""
-    if speed != 1.0 and not recording.is_paced:
-        raise UsageError(
-            f"--speed {speed:g}: this run was recorded with --rate max, so its rows are as many as the line could carry; "
-            "it can be served at its own pace only"
-        )
-    limit = min(limits(recording), key=lambda one: one.speed, default=None)
-    if limit is not None and speed > max(limit.speed, 1.0):
-        raise UsageError(f"--speed {speed:g} cannot be kept, and other tables would come of it: {limit.why}")
-
-
-def limits(recording: Recording) -> Iterator[Limit]:
-    """What limits the speed: the shortest answers, and all questions together."""
-    asked_hz = 0.0
-    for spec in recording.stations:
-        tape = list(islice(exchanges(recording.exchanges(spec.name)), LOOKED_AT))
-        answered_s = [one.replies[0][0] for one in tape if one.replies]
-        asked_hz += _hz(tape)
-        if answered_s:
-            yield _shortest(spec.name, median(answered_s))
-    if asked_hz:
-        yield _most(asked_hz)
-
-
-def _hz(tape: list[Exchange]) -> float:
-    """Questions a second."""
-    span_s = tape[-1].at_s - tape[0].at_s if tape else 0.0
-    return len(tape) / span_s if span_s > 0 else 0.0
-
-
-def _shortest(name: str, answer_s: float) -> Limit:
-    speed = _rounded(answer_s / SHORTEST_S)
-    why = f"{name} answered after {answer_s * 1000:.1f} ms, and {SHORTEST_S * 1000:g} ms is the shortest that this host can keep"
-    return Limit(speed, f"{why}. --speed {max(speed, 1.0):g} is possible")
-
-
-def _most(asked_hz: float) -> Limit:
-    speed = _rounded(MOST_HZ / asked_hz)
-    why = f"the stations were asked {asked_hz:.0f} times a second, and {MOST_HZ:g} is what two programs can hand over on this host"
-    return Limit(speed, f"{why}. --speed {max(speed, 1.0):g} is possible")
-
-
-def _rounded(speed: float) -> float:
-    """Down to a tenth."""
-    return floor(speed * 10) / 10

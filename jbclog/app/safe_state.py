@@ -24,7 +24,7 @@ from typing import Final
 
 from jbclog.app import connection
 from jbclog.config.line import Line
-from jbclog.core.errors import JbclogError, RecordError, of_program
+from jbclog.core.errors import JbclogError, RecordError, unexpected_error_text
 from jbclog.core.locks import is_held
 from jbclog.guard import open_leases
 from jbclog.guard.lease import StationLease
@@ -82,14 +82,14 @@ def _one(made: StationMadeSafe) -> None:
         except JbclogError as error:
             made.problem = f"{_reason(error, made.target)}; its tools may be hot: switch the station off"
         except Exception as error:  # one station's must not be the end of the others'
-            made.problem = f"internal error, {of_program(error)}; its tools may be hot: switch the station off"
+            made.problem = f"internal error, {unexpected_error_text(error)}; its tools may be hot: switch the station off"
         if made.is_safe or made.family is not None or means.clock.monotonic() > end:
             return
         means.sleep(AGAIN_S)
         made.problem = None
 
 
-def _open(target: Target) -> blocking.Port:
+def _open(target: Target) -> blocking.DriverPort:
     return connection.means.open_port(target.url, target.line)
 
 

@@ -87,7 +87,7 @@ def _carry_out(executor: BatchExecutor, shown: Lines | Screen) -> int:
     from jbclog.app.run.runner import heard
     from jbclog.transport.event_loop import Signals
 
-    with Signals(heard(), for_good=True) as signals:
+    with Signals(heard(), stay_ignored=True) as signals:
         signals.tell(executor.interrupt)
         try:
             return executor.work().value

@@ -13,7 +13,7 @@ from typing import ParamSpec
 import typer
 
 from jbclog.cli.streams import point_to_null, writes_unicode
-from jbclog.core.errors import JbclogError, Problems, of_program
+from jbclog.core.errors import JbclogError, Problems, unexpected_error_text
 from jbclog.core.text import clean, json_line
 
 P = ParamSpec("P")
@@ -77,7 +77,7 @@ def ends_with_errors_told(verb: Callable[P, None]) -> Callable[P, None]:
         except Exception as error:
             if os.environ.get("JBCLOG_TRACEBACK"):
                 raise
-            note(f"jbclog: internal error, {of_program(error)} (JBCLOG_TRACEBACK=1 shows where; please report it)")
+            note(f"jbclog: internal error, {unexpected_error_text(error)} (JBCLOG_TRACEBACK=1 shows where; please report it)")
             raise typer.Exit(INTERNAL_ERROR) from error
 
     return told

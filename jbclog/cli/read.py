@@ -115,7 +115,7 @@ class _Named(_Seen):
         if self._as_json:
             one = self._places and self._is_only_one(self._places[0])
             tell_json(self._facts[0] if one else {"station": target.name, "values": self._facts})
-        if command.asked_once and not self.failed:
+        if command.sent_once and not self.failed:
             note(f"note: reading {command.name} has cleared it in the station")
 
     def _is_only_one(self, place: Place) -> bool:

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from jbclog.core.rows import EventRow
     from jbclog.session.run.context import SessionContext
     from jbclog.sim.replayed_station import TapeStation
-    from jbclog.transport.session_history import Astray
+    from jbclog.transport.session_history import Divergence
 
 SERVED_IN = Path("replayed")
 DOUBTFUL = "The recording is not as it was made: what follows rests on those blocks of it alone whose own check sums hold."
@@ -35,9 +35,6 @@ def replay(
         None, "--dir", metavar="DIR", help=f"Where the ports and the line file are made.  [default: {SERVED_IN}]"
     ),
     tcp: str | None = typer.Option(None, metavar="HOST:PORT", help="Serve on TCP, a port a station from this one on."),
-    speed: float | None = typer.Option(
-        None, min=0.1, max=1000.0, metavar="FACTOR", help="Let time go so many times as fast as then.  [default: 1]"
-    ),
     out: Path | None = typer.Option(
         None, "--record", metavar="DIR", help="Serve nothing: live through the run at once, record that below DIR, and compare."
     ),
@@ -49,10 +46,6 @@ def replay(
     is lost again. No answer from behind a recorded write is given before that write comes; a question that comes once more
     than then gets the last answer before it, and the end shows how often. DIR/line.toml is the line file for `run`;
     its path is the first line of stdout, and the call that records the run again stands on stderr.
-
-    With --speed time goes faster for the stations and, by DIR/line.toml, for the recorder: patience, periods and durations
-    keep their proportions, and the new run's times go so many times as fast from its start on. A speed that the recording
-    or this host does not allow is refused, with the one that is possible.
 
     A run recorded from served stations has the same settings, counters and kinds of events, and on each tick the same fast
     signals. What may differ: times, how late a tick was and how long its scan took; the row of a slow signal's reading, and
@@ -74,8 +67,8 @@ def replay(
 
     if not is_folder(run):
         raise UsageError(f"{run}: there is no such folder; runs are in `runs/`, or where --out put them")
-    if out is not None and (folder, tcp, speed) != (None, None, None):
-        raise UsageError("--record serves nothing: leave out --dir, --tcp and --speed")
+    if out is not None and (folder, tcp) != (None, None):
+        raise UsageError("--record serves nothing: leave out --dir and --tcp")
     recording = open_recording(run)
     doubts = recording.doubts
     for text in doubts:
@@ -83,7 +76,7 @@ def replay(
     if doubts:
         note(DOUBTFUL)
     if out is None:
-        _serve(recording, folder or SERVED_IN, tcp, speed or 1.0)
+        _serve(recording, folder or SERVED_IN, tcp)
     else:
         raise typer.Exit(_record(recording, out, doubts, as_json=as_json))
 
@@ -91,7 +84,7 @@ def replay(
 # -- on ports -------------------------------------------------------------------------------------------------------------------
 
 
-def _serve(recording: Recording, folder: Path, tcp: str | None, speed: float) -> None:
+def _serve(recording: Recording, folder: Path, tcp: str | None) -> None:
     from jbclog.app.replay import serve
     from jbclog.config.line import is_this_host
     from jbclog.sim.setup import SERVED_LINE, tcp_of
@@ -99,7 +92,7 @@ def _serve(recording: Recording, folder: Path, tcp: str | None, speed: float) ->
     served_on = tcp_of(tcp) if tcp else None
     if served_on is not None and not is_this_host(served_on[0]):
         raise UsageError(f"--tcp {tcp}: a recorded run is served on this machine only, as 127.0.0.1:PORT")
-    server, stations = serve(recording, folder, served_on, speed)
+    server, stations = serve(recording, folder, served_on)
     server.stop_on_signals()
     tell(str(folder / SERVED_LINE))
     count = len(stations)
@@ -196,7 +189,7 @@ def _tell_held(held: Held) -> None:
         note("no proof: the wires kept less than the run" if held.uncompared else "no proof: a session left its recording")
 
 
-def _told(name: str, astray: Astray, recording: Recording) -> str:
+def _told(name: str, astray: Divergence, recording: Recording) -> str:
     after = f"{astray.at_s - recording.first.t0_mono:.1f} s after the run's start"
     if astray.is_cut_off:
         return f"{name}: the recording ends {after}, before its session did"

@@ -18,7 +18,7 @@ from jbclog.core.errors import Exit, in_order, tools_text
 if TYPE_CHECKING:
     from jbclog.app.run.plan import Plan, RunOptions
     from jbclog.app.run.run_record import Result
-    from jbclog.transport.typed_lines import Source
+    from jbclog.transport.typed_lines import LineSource
 
 MOST_REASONS = 12  # told on the terminal; all of them are in the manifest and the report
 
@@ -82,7 +82,7 @@ def run(
     raise typer.Exit(code)
 
 
-def record(wanted: RunOptions, out: Path, units: Source | None = None, *, as_json: bool) -> int:
+def record(wanted: RunOptions, out: Path, units: LineSource | None = None, *, as_json: bool) -> int:
     """Carry out the one job that there is, as a batch does each of its own, and tell what came of it; give the exit code."""
     from jbclog.app.run.runner import Job, carry_out
     from jbclog.cli.progress import BackgroundObserver, observer

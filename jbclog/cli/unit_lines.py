@@ -12,7 +12,7 @@ from jbclog.cli.output import is_terminal
 from jbclog.core.errors import UsageError
 
 if TYPE_CHECKING:
-    from jbclog.transport.typed_lines import Line, Source
+    from jbclog.transport.typed_lines import LineSource, TypedLine
 
 LONGEST_LIST: Final = 1_000_000  # bytes of a plain file
 KEYBOARD: Final = 0
@@ -27,7 +27,7 @@ def listed(name: str | None) -> list[str]:
     return list(dict.fromkeys(_serial(name, line) for line in lines_of_file(name, LONGEST_LIST)))
 
 
-def _serial(name: str, line: Line) -> str:
+def _serial(name: str, line: TypedLine) -> str:
     """Raises `UsageError` where it could not be kept or shown as it is: a file can be corrected before anything is sent."""
     if not line.is_clear or not line.is_whole:
         raise UsageError(f"--units {name}: {line.text:.60}: too long for a serial, or it holds what does not show")
@@ -35,7 +35,7 @@ def _serial(name: str, line: Line) -> str:
     return line.text
 
 
-def source_of(name: str | None) -> Source | None:
+def source_of(name: str | None) -> LineSource | None:
     """What serials are read from while the run goes on. Raises `UsageError`."""
     from jbclog.transport.typed_lines import is_plain_file, open_source
 
@@ -43,7 +43,7 @@ def source_of(name: str | None) -> Source | None:
 
 
 @contextmanager
-def unshown(source: Source | None) -> Iterator[None]:
+def unshown(source: LineSource | None) -> Iterator[None]:
     """While a table is shown, what a barcode reader types must not stand in it: it is told as events."""
     if source is None or source.name != "stdin" or not source.is_typed or not is_terminal() or not _is_ours():
         yield

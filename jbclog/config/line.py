@@ -199,12 +199,11 @@ class Head(Table):
 class Replay(Table):
     """What `jbclog replay` writes into the line file for the run: the stations are a recorded run, and this is its pace.
 
-    `speed` is how many times as fast as then time goes, for the stations and for the recorder; `rate_hz` are the rates
-    that came of the recorded run, by station, `first_tick` the number of the first tick and `first_in_s` how long after the
-    last question before it that was due.
+    `rate_hz` are the rates of the recorded run, by station, `first_tick` the number of the first tick and `first_in_s` the time
+    from the last request before it until it was due. `speed` is 1; other speeds existed before release 3.
     """
 
-    speed: float = Field(1.0, ge=0.1, le=1000.0, description="from 0.1 to 1000")
+    speed: float = Field(1.0, ge=1.0, le=1.0, description="1")
     rate_hz: dict[str, Annotated[float, Field(gt=0, le=1000)]] = Field({}, description="Hz by the stations' names")
     first_tick: dict[str, Annotated[int, Field(ge=0)]] = Field({}, description="numbers by the stations' names")
     first_in_s: dict[str, Annotated[float, Field(ge=0, le=3600)]] = Field({}, description="seconds by the stations' names")
@@ -389,7 +388,7 @@ def _replay(replay: Replay | None) -> str:
         "first_in_s": replay.first_in_s,
     }
     lines = (f"{key} = {{ {_by_name(values)} }}\n" for key, values in tables.items())
-    return f"\n[replay]\nspeed = {replay.speed!r}\n{''.join(lines)}"
+    return f"\n[replay]\n{''.join(lines)}"
 
 
 def _by_name(values: Mapping[str, float]) -> str:

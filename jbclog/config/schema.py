@@ -174,7 +174,7 @@ def _seconds(value: object) -> float | Off:
 
 def _limit(value: object) -> int:
     if value == "off":
-        raise said('"off" is not allowed; no manual prints how a limit is taken back: use delay_s = "off"')
+        raise said('"off" is not allowed; no manual prints how to clear a limit: use delay_s = "off"')
     if isinstance(value, bool) or not isinstance(value, int):
         raise said(f"{shown(value)} is not allowed; whole °C in steps of 5")
     return value

@@ -1,4 +1,4 @@
-"""Files that survive a power cut: whole or not there, and lines in a chain that are only ever added."""
+"""Files that survive a power cut (complete or absent), and append-only files of hash-chained JSON lines."""
 
 from __future__ import annotations
 
@@ -15,11 +15,9 @@ from typing import Final, Generic, Protocol, TypeVar
 from jbclog.core.foreign.files import Kind, expect_opened
 from jbclog.core.foreign.json_reader import json_of
 
-# -- durable files ------------------------------------------------------------------------------------------------------------
-
 
 def sync_folder(folder: Path) -> None:
-    """Make what was created, renamed or removed in `folder` last. Raises OSError."""
+    """Sync `folder`: creations, renames and removals in it survive a power cut. Raises OSError."""
     descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
     try:
         os.fsync(descriptor)
@@ -28,7 +26,7 @@ def sync_folder(folder: Path) -> None:
 
 
 def sync_file(path: Path) -> None:
-    """Make the contents of `path` last. Raises OSError; then the file must not be believed."""
+    """Sync the contents of `path`. After an OSError the file must not be trusted."""
     descriptor = os.open(path, os.O_RDONLY)
     try:
         os.fsync(descriptor)
@@ -37,11 +35,11 @@ def sync_file(path: Path) -> None:
 
 
 def write_whole(path: Path, data: bytes) -> None:
-    """Put `data` at `path`: whoever looks finds the old file or the new one. Raises OSError."""
+    """Replace `path` atomically by `data`, synced. Raises OSError."""
     aside = path.with_name(f".{path.name}.tmp")
     try:
         aside.unlink(missing_ok=True)
-        with aside.open("xb") as file:  # never through a link that somebody has put there
+        with aside.open("xb") as file:  # never through somebody else's link
             file.write(data)
         sync_file(aside)
         aside.replace(path)
@@ -52,7 +50,7 @@ def write_whole(path: Path, data: bytes) -> None:
 
 
 def write_new(path: Path, data: bytes) -> None:
-    """Put `data` at `path`, where nothing is yet, and see that it lasts. Raises OSError, and then leaves nothing there."""
+    """Create `path` with `data`, synced. Raises OSError, and then leaves no file."""
     with path.open("xb") as file:
         try:
             file.write(data)
@@ -64,18 +62,15 @@ def write_new(path: Path, data: bytes) -> None:
     sync_folder(path.absolute().parent)
 
 
-# -- chained lines ------------------------------------------------------------------------------------------------------------
-# Files of JSON lines that are only ever added to, each line with the SHA-256 of the one before it and its own.
+# Hash-chained lines: each line of JSON carries the SHA-256 of the line before it and its own.
 #
-# A line changed, moved or taken out from between shows. That the *last* lines are gone does not show by itself: it takes the head,
-# the hash of the last line, to stand elsewhere. A line that a crash cut off was never acknowledged: it is told, counts for nothing,
-# and the next line is put behind it and vouches for it.
-#
-# Loads nothing heavy, so that a guard and a safe verb can write such files too.
+# A line that was changed, moved or removed from the middle breaks the chain. Missing last lines show only by comparison with
+# the head, the hash of the last line, kept elsewhere. A line that a crash cut off was never acknowledged: it is reported, does
+# not count, and the next line carries its hash.
 
 
-class Linked(Protocol):
-    """What every kind of line has: its number from 1, and the hash of the line before it."""
+class ChainedLine(Protocol):
+    """A parsed line: its number from 1, and the hash of the line before it."""
 
     @property
     def seq(self) -> int: ...
@@ -84,14 +79,14 @@ class Linked(Protocol):
     def prev_sha256(self) -> str: ...
 
 
-L = TypeVar("L", bound=Linked)
+L = TypeVar("L", bound=ChainedLine)
 Parse = Callable[[bytes], L | None]
-"""What a line says; None where it is not, to the byte, what would have been written."""
+"""Parses a line; None unless it is exactly, byte for byte, what jbclog writes."""
 
 
 @dataclass(frozen=True, slots=True)
-class Chain(Generic[L]):
-    """The lines that can be read with their hashes, what is wrong (line, sentence), and the hash of the last line (`head`)."""
+class LineChain(Generic[L]):
+    """The readable lines with their hashes, problems as (line number, text), and the hash of the last line (`head`)."""
 
     said: list[L] = field(default_factory=list)
     hashes: list[str] = field(default_factory=list)
@@ -100,33 +95,29 @@ class Chain(Generic[L]):
 
 
 def sha256(data: bytes) -> str:
-    """As it stands in the next line."""
     return hashlib.sha256(data).hexdigest()
 
 
 def line_of(fields: Mapping[str, object]) -> bytes:
-    """As it stands in the file: the fields, and behind them the hash of what they are without it."""
+    """Format a line: the fields, then the hash of the line without it."""
     own = sha256(json.dumps(fields, ensure_ascii=False).encode())
     return json.dumps({**fields, "sha256": own}, ensure_ascii=False).encode()
 
 
 def fields_of(line: bytes) -> dict[str, object]:
-    """The fields of a line without its hash. Raises ValueError, TypeError, AttributeError, KeyError or RecursionError."""
+    """Parse a line without its hash. Raises ValueError, TypeError, AttributeError, KeyError or RecursionError."""
     fields: dict[str, object] = json_of(line, in_utf8=True)
     fields.pop("sha256")
     return fields
 
 
-# -- reading ----------------------------------------------------------------------------------------------------------------
+def chain_in(data: bytes, first: str, parse: Parse[L], *, what: str, of_first: str) -> LineChain[L]:
+    """Parse every line of `data` and list where the chain breaks.
 
-
-def chain_in(data: bytes, first: str, parse: Parse[L], *, what: str, of_first: str) -> Chain[L]:
-    """Every line of `data`, and where the chain does not hold.
-
-    `first` is what the first line must carry, `of_first` whose hash that is; `what` is what a line is called.
+    `first` is the hash that the first line must carry, `of_first` names what it is the hash of, `what` names a line.
     """
     lines = lines_in(data)
-    found: Chain[L] = Chain(head=sha256(lines[-1]) if lines else first)
+    found: LineChain[L] = LineChain(head=sha256(lines[-1]) if lines else first)
     previous, seq = first, 0
     parsed = [parse(line) for line in lines]
     for number, (line, said) in enumerate(zip(lines, parsed, strict=True), 1):
@@ -160,23 +151,20 @@ def _unreadable(data: bytes, lines: list[bytes], number: int, what: str) -> str:
 
 
 def first_faults(wrong: list[tuple[int, str]], most: int = 100) -> list[tuple[int, str]]:
-    """The first faults of a file, and one entry for all later ones: a file of nothing but faults must not fill a page."""
+    """Return the first faults of a file, and one entry for all later ones: a file of nothing but faults must not fill a page."""
     if len(wrong) <= most:
         return wrong
     return [*wrong[:most], (wrong[most][0], f"is wrong, too, as {len(wrong) - most - 1} later lines are")]
 
 
 def _is_vouched_for(lines: list[bytes], number: int, parsed: Sequence[L | None]) -> bool:
-    """Whether this one was cut off, and the line behind, which was written after that, carries its hash.
-
-    One that is whole was not cut off: it was changed, whoever wrote behind it since.
-    """
+    """Whether a crash cut off this line and the next one carries its hash. A complete line was changed, not cut off."""
     behind = parsed[number] if number < len(lines) else None
     return behind is not None and behind.prev_sha256 == sha256(lines[number - 1]) and not _is_whole(lines[number - 1])
 
 
 def _is_whole(line: bytes) -> bool:
-    """Whether it is JSON: the beginning of a line never is."""
+    """Whether it is JSON, which the beginning of a line never is."""
     try:
         json.loads(line)
     except (ValueError, RecursionError):
@@ -185,18 +173,15 @@ def _is_whole(line: bytes) -> bool:
 
 
 def lines_in(data: bytes) -> list[bytes]:
-    """Line by line; what a crash cut off is the last one."""
+    """Split into lines; the last one may be cut off by a crash."""
     lines = data.split(b"\n")
     return lines[:-1] if not lines[-1] else lines
 
 
-# -- writing ----------------------------------------------------------------------------------------------------------------
-
-
 def add_line(path: Path, first: str, parse: Parse[L], make: Callable[[int, str], bytes]) -> str:
-    """Put a line at the end of `path`, made where it is not there; give its hash when it is on the disk. Raises OSError.
+    """Append a line to `path`, created if missing; return its hash once it is on the disk. Raises OSError.
 
-    `make` is given the line's number and what it has to carry; it is called while nobody else can write.
+    `make` takes the line's number and the hash to carry; the file is locked meanwhile.
     """
     with _locked(path) as descriptor:
         before = os.pread(descriptor, os.fstat(descriptor).st_size, 0)
@@ -213,9 +198,9 @@ TAIL: Final = 1 << 20
 
 
 def add_lines(path: Path, first: str, parse: Parse[L], items: Iterable[Item], make: Callable[[Item, int, str], bytes]) -> None:
-    """Put a line for each item at the end of `path`, made where it is not there. Raises OSError.
+    """Append a line for each item to `path`, created if missing; all are on the disk on return. Raises OSError.
 
-    Reads the end of the file only, so that a long one costs no more. When it returns all lines are on the disk.
+    Reads only the end of the file, so that a long file costs no more.
     """
     with _locked(path) as descriptor:
         before = _end_of(descriptor, parse)
@@ -231,7 +216,7 @@ def add_lines(path: Path, first: str, parse: Parse[L], items: Iterable[Item], ma
 
 
 def _end_of(descriptor: int, parse: Parse[L]) -> bytes:
-    """The last lines of the file, at least one that can be read among them; the whole file where there is none."""
+    """Return the last lines of the file with at least one readable line; the whole file where there is none."""
     size = os.fstat(descriptor).st_size
     if size > TAIL:
         tail = os.pread(descriptor, TAIL, size - TAIL).partition(b"\n")[2]
@@ -242,7 +227,7 @@ def _end_of(descriptor: int, parse: Parse[L]) -> bytes:
 
 @contextmanager
 def _locked(path: Path) -> Iterator[int]:
-    """The file, made where it is not there, for one writer at a time. Never through a link."""
+    """Open the file, created if missing, locked for one writer. Never follows a link."""
     flags = os.O_RDWR | os.O_APPEND | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK
     descriptor = os.open(path, flags, 0o666)
     try:
@@ -254,7 +239,7 @@ def _locked(path: Path) -> Iterator[int]:
 
 
 def _add(descriptor: int, before: bytes, line: bytes) -> None:
-    """Put the line at the end, on a line of its own also behind one that was cut off, and see that it lasts."""
+    """Append the line, on a new line even after one that was cut off, and sync."""
     data = memoryview((b"" if not before or before.endswith(b"\n") else b"\n") + line + b"\n")
     while data:
         data = data[os.write(descriptor, data) :]

@@ -1,36 +1,35 @@
-"""Every error that jbclog raises, and the exit code that a run comes to.
+"""The errors that jbclog raises, and the exit code of a run.
 
 ::
 
     JbclogError
-    ├── UsageError                  exit 2: a wrong file, name or option; nothing was sent
+    ├── UsageError                  exit 2: wrong file, name or option; nothing was sent
     │   └── Problems                several of them, each with file, line and key
-    ├── LinkError (OSError)         the cable, the port or the server is gone
-    │   ├── PortBusy                somebody else holds the port
-    │   ├── PortForbidden           this user may not open it
+    ├── LinkError (OSError)         the cable, port or server is gone
+    │   ├── PortBusy                another process holds the port
+    │   ├── PortForbidden           this user may not open the port
     │   ├── PortMissing             there is no such port
-    │   ├── LinkFlooded             far more bytes come over it than answers are due
-    │   └── OtherStation            what answers is not the station that the run began with
-    ├── StationError                the link works, the station did not give what was asked
+    │   ├── LinkFlooded             far more bytes arrive than answers are due
+    │   └── OtherStation            the station differs from the one that the run started with
+    ├── StationError                the link works, one request got no usable answer
     │   ├── AnswerTimeout (TimeoutError)
-    │   │   └── StationSilent       nothing answers any more, probes included
-    │   ├── AnswerCorrupt           an answer came, its check byte was wrong
-    │   ├── AnswerFormat            an answer came that no answer to this question can be
-    │   ├── ImplausibleAnswer       well-formed, and not believable
-    │   └── Refusal                 the station said N
-    │       ├── NotReceived         1, 2: it did not understand the frame
+    │   │   └── StationSilent       no answer any more, to probes neither
+    │   ├── AnswerCorrupt           wrong check byte
+    │   ├── AnswerFormat            a frame that cannot answer this request
+    │   ├── ImplausibleAnswer       well-formed, value not credible
+    │   └── Refusal                 the station answered N
+    │       ├── NotReceived         1, 2: frame not understood
     │       ├── OutOfRange          3
-    │       ├── NotSupported        4: it does not know the command
-    │       │   └── Ignored         OMEGA: it says nothing to what it refuses, and answered what was asked next
-    │       ├── RobotModeOff        5: nobody switched Robot mode on
+    │       ├── NotSupported        4: unknown command
+    │       │   └── Ignored         OMEGA: no answer to this request, an answer to the next
+    │       ├── RobotModeOff        5
     │       └── ModelUnknown        6
     ├── StartRefused                exit 3: the station, the recipe or the rate does not fit
-    ├── WriteForbidden              something was to be written that nobody asked for; it was not sent
-    ├── RecordError                 exit 4: the record could not be kept whole
-    └── Unsafe                      exit 5: a tool could not be put in its safe state
+    ├── WriteForbidden              a write that the run does not allow; it was not sent
+    ├── RecordError                 exit 4: the record is, or would become, incomplete
+    └── Unsafe                      exit 5: a tool is not in its safe state
 
-Alarms and faults *of a station* are not here: they are rows in `events`. An exception is for what the
-program cannot do.
+Alarms and faults *of a station* are rows in `events`, not errors.
 """
 
 from __future__ import annotations
@@ -43,24 +42,22 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:  # the guard loads no rows
     from jbclog.core.rows import Goal, StationFacts
 
-# -- errors -------------------------------------------------------------------------------------------------------------------
-
 
 class JbclogError(Exception):
-    """The root. `exit_code` is what a command ends with when nothing catches it (docs/reference/exit-codes.md)."""
+    """Base class. `exit_code` is that of a command that ends by this error (docs/reference/exit-codes.md)."""
 
     exit_code = 1
 
 
 class UsageError(JbclogError):
-    """A wrong file, name or option. Nothing was sent to any station."""
+    """A wrong file, name or option. Nothing was sent to a station."""
 
     exit_code = 2
 
 
 @dataclass(frozen=True, slots=True)
 class Problem:
-    """One thing wrong in a file: where it stands, what is wrong, what to do."""
+    """One mistake in a file: where, what, and how to fix it."""
 
     file: str
     line: int | None
@@ -73,7 +70,7 @@ class Problem:
 
 
 class Problems(UsageError):
-    """All problems of the files given, at once."""
+    """All problems of the given files."""
 
     def __init__(self, problems: list[Problem]) -> None:
         super().__init__("\n".join(str(problem) for problem in problems))
@@ -81,14 +78,14 @@ class Problems(UsageError):
 
 
 class LinkError(JbclogError, OSError):
-    """The port is gone: every kind of exception that pyserial throws at a pulled cable becomes this one."""
+    """The port is gone: covers every exception that pyserial raises for a lost cable."""
 
     exit_code = 3
     reason = "disconnected"
 
 
 class PortBusy(LinkError):
-    """Another program holds the port. `process` is its number, where that can be found out."""
+    """Another process holds the port; `process` is its id, if known."""
 
     def __init__(self, text: str, process: int | None = None) -> None:
         super().__init__(text)
@@ -96,17 +93,17 @@ class PortBusy(LinkError):
 
 
 class PortForbidden(LinkError):
-    """The system does not let this user open the port."""
+    """The system does not allow this user to open the port."""
 
 
 class PortMissing(LinkError):
-    """There is no port of that name: unplugged, or named otherwise."""
+    """No port has that name: unplugged or renamed."""
 
 
 class LinkFlooded(LinkError):
-    """At least `came` bytes came over the link in `seconds`, where answers of `due` bytes were due and `limit` is the most.
+    """At least `came` bytes arrived within `seconds`; answers of `due` bytes were due and `limit` is the maximum.
 
-    More may have been sent: a port that brings too much is not read without pause.
+    The true number may be higher: a flooded port is read with pauses.
     """
 
     def __init__(self, came: int, due: int, seconds: float, limit: int) -> None:
@@ -119,7 +116,7 @@ class LinkFlooded(LinkError):
 
 
 class OtherStation(LinkError):
-    """What answers is, by what it says of itself, not the station that the run began with, or not since `since` (monotonic)."""
+    """The station's identity differs from the one that the run started with, at the latest since `since` (monotonic)."""
 
     def __init__(self, text: str, since: float) -> None:
         super().__init__(text)
@@ -127,20 +124,20 @@ class OtherStation(LinkError):
 
 
 class StationError(JbclogError):
-    """One question got no usable answer. `reason` is the word that stands in the record."""
+    """One request got no usable answer. `reason` stands in the record."""
 
     exit_code = 3
     reason = "format"
 
 
 class AnswerTimeout(StationError, TimeoutError):
-    """No answer within the time that bytes and turnaround need."""
+    """No answer within transmission time plus response time."""
 
     reason = "timeout"
 
 
 class StationSilent(AnswerTimeout):
-    """Nothing answers any more: neither the question nor the probes after it."""
+    """No answer any more, neither to the request nor to the probes after it."""
 
 
 class AnswerCorrupt(StationError):
@@ -150,13 +147,13 @@ class AnswerCorrupt(StationError):
 
 
 class AnswerFormat(StationError):
-    """A whole frame that cannot be the answer: other code, address, length or digits."""
+    """A complete frame that cannot be the answer: other code, address, length or digits."""
 
     reason = "format"
 
 
 class ImplausibleAnswer(StationError):
-    """A well-formed answer whose value cannot be true."""
+    """A well-formed answer with a value that cannot be true."""
 
     reason = "implausible"
 
@@ -169,7 +166,7 @@ class Refusal(StationError):
         self.code = code
 
     @property
-    def reason(self) -> str:  # type: ignore[override]  # the code belongs into the word
+    def reason(self) -> str:  # type: ignore[override]  # it contains the code
         return f"nak{self.code}"
 
 
@@ -186,9 +183,9 @@ class NotSupported(Refusal):
 
 
 class Ignored(NotSupported):
-    """OMEGA's way to refuse: no answer, while the next question was answered. Nothing tells why (manual 003, 11.2)."""
+    """OMEGA's refusal: no answer, but one to the next request. The reason is not known (manual 003, 11.2)."""
 
-    reason = "timeout"  # in the record it is what it looks like
+    reason = "timeout"  # as the record shows it
 
     def __init__(self, text: str) -> None:
         super().__init__(0, text)
@@ -207,13 +204,13 @@ class ModelUnknown(Refusal):
 
 
 class StartRefused(JbclogError):
-    """A station's run cannot begin: wrong identity, recipe refused, rate does not fit."""
+    """A station's run cannot start: wrong identity, refused recipe, or a rate that does not fit."""
 
     exit_code = 3
 
 
 class WriteForbidden(JbclogError):
-    """What is no question, over a port that is open for reading only; or what is not on a run's list. A fault of this program."""
+    """A write over a port open for reading only, or one that the run does not list. A fault of this program."""
 
 
 class RecordError(JbclogError):
@@ -223,27 +220,23 @@ class RecordError(JbclogError):
 
 
 class Unsafe(JbclogError):
-    """A tool that the run touched could not be put in its safe state."""
+    """A tool that the run touched is not in its safe state."""
 
     exit_code = 5
 
 
 def cause(error: BaseException) -> str:
-    """What `error` says, or what it means where it says nothing, as `MemoryError` does."""
+    """Return the text of `error`, or its meaning if it has none, as `MemoryError` has."""
     return str(error) or ("memory was refused" if isinstance(error, MemoryError) else "it gives no reason")
 
 
-def of_program(error: BaseException) -> str:
-    """``MemoryError: memory was refused``: an error that no rule of this program expects, with its cause in words."""
+def unexpected_error_text(error: BaseException) -> str:
+    """Format an unexpected error with its type: ``MemoryError: memory was refused``."""
     return f"{type(error).__name__}: {cause(error)}"
 
 
-# -- outcome ------------------------------------------------------------------------------------------------------------------
-# The result of a run: one exit code and the sentences behind it (docs/reference/exit-codes.md).
-
-
 class Exit(IntEnum):
-    """What the shell sees."""
+    """Exit codes of the commands (docs/reference/exit-codes.md)."""
 
     FINE = 0
     NOT_FINE = 1
@@ -256,7 +249,7 @@ class Exit(IntEnum):
 
 
 class Status(StrEnum):
-    """How a run ended, in the manifest's words."""
+    """How a run ended; values as in the manifest."""
 
     SUCCESS = "success"
     ABORTED = "aborted"
@@ -264,15 +257,41 @@ class Status(StrEnum):
     LOST = "lost"
 
 
+class StationOutcome(StrEnum):
+    """How a station's part of a run ended; values as in the manifest."""
+
+    RUNNING = "running"  # not ended, or the record does not contain the end
+    COMPLETED = "completed"
+    STOPPED = "stopped"  # a setting had changed during the run
+    REFUSED = "refused"  # before sampling
+    GONE = "gone"  # no answer at the start or at the end
+    NOT_STARTED = "not_started"  # it was ready, another station was not
+    LEFT_OUT = "left_out"  # it was not ready, and the run was allowed to start without it
+    FAILED = "failed"
+
+
+class SafetyResult(StrEnum):
+    """Whether a touched tool is in its safe state; values as in the manifest."""
+
+    VERIFIED = "verified"  # read back
+    SENT = "sent"  # not read back
+    FAILED = "failed"
+
+
 FINE_VERDICTS = (None, "ACCEPT", "NOT JUDGED")
-NEVER_BEGUN = ("left_out", "not_started", "refused", "gone", "failed")  # of which none, if alone, makes a run
+NEVER_SAMPLED = (
+    StationOutcome.LEFT_OUT,
+    StationOutcome.NOT_STARTED,
+    StationOutcome.REFUSED,
+    StationOutcome.GONE,
+    StationOutcome.FAILED,
+)
 SEVEREST_FIRST = (Exit.UNSAFE, Exit.RECORD, Exit.STATION, Exit.INTERRUPTED, Exit.TERMINATED, Exit.NOT_FINE)
-VERIFIED = "verified"  # a tool that was read back in its safe state
 
 
 @dataclass(frozen=True, slots=True)
-class Finding:
-    """One thing that was not fine, and the exit code that it alone would have."""
+class RunFinding:
+    """One thing that is not fine, and the exit code that it alone causes."""
 
     code: Exit
     text: str
@@ -285,60 +304,60 @@ def findings(
     record: str | None,
     cut_short: Exit | None,
     goals: Sequence[Goal] = (),
-) -> list[Finding]:
-    """Everything that was not fine. `record` says what the record lacks; `cut_short` which signal came before a stated end.
+) -> list[RunFinding]:
+    """Return everything that is not fine. `record`: what the record lacks; `cut_short`: a signal came before the stated end.
 
-    One of the `goals` is enough.
+    Meeting one of the `goals` is enough.
     """
-    found: list[Finding] = []
+    found: list[RunFinding] = []
     stations = list(stations)
     for facts in stations:
         found += _of_station(facts)
-    if all(facts.outcome in NEVER_BEGUN for facts in stations):
-        found += [Finding(Exit.STATION, facts.reason) for facts in stations if facts.outcome == "left_out"]
+    if all(facts.outcome in NEVER_SAMPLED for facts in stations):
+        found += [RunFinding(Exit.STATION, facts.reason) for facts in stations if facts.outcome == StationOutcome.LEFT_OUT]
     if record:
-        found.append(Finding(Exit.RECORD, record))
+        found.append(RunFinding(Exit.RECORD, record))
     if cut_short is not None:
-        found.append(Finding(cut_short, "the run was cut short by a signal before its stated end; the record is closed"))
+        found.append(RunFinding(cut_short, "the run was cut short by a signal before its stated end; the record is closed"))
     if not any(goal.is_met for goal in goals):
-        found += [Finding(Exit.NOT_FINE, goal.text.rstrip(".")) for goal in goals]
+        found += [RunFinding(Exit.NOT_FINE, goal.text.rstrip(".")) for goal in goals]
     if verdict not in FINE_VERDICTS:
-        found.append(Finding(Exit.NOT_FINE, f"the verdict is {verdict}"))
+        found.append(RunFinding(Exit.NOT_FINE, f"the verdict is {verdict}"))
     return found
 
 
-def _of_station(facts: StationFacts) -> Iterable[Finding]:
+def _of_station(facts: StationFacts) -> Iterable[RunFinding]:
     for text in facts.unsafe:
-        yield Finding(Exit.UNSAFE, text)
-    if facts.outcome in ("refused", "gone", "failed"):
-        yield Finding(Exit.STATION, facts.reason or f"{facts.name}: {facts.outcome}")
-    if facts.outcome == "stopped":
-        yield Finding(Exit.NOT_FINE, facts.reason)
+        yield RunFinding(Exit.UNSAFE, text)
+    if facts.outcome in (StationOutcome.REFUSED, StationOutcome.GONE, StationOutcome.FAILED):
+        yield RunFinding(Exit.STATION, facts.reason or f"{facts.name}: {facts.outcome}")
+    if facts.outcome == StationOutcome.STOPPED:
+        yield RunFinding(Exit.NOT_FINE, facts.reason)
     elif facts.settings_changed:
-        yield Finding(Exit.NOT_FINE, f"{facts.name}: {_count(facts.settings_changed, 'setting')} found changed during the run")
+        yield RunFinding(Exit.NOT_FINE, f"{facts.name}: {_count(facts.settings_changed, 'setting')} found changed during the run")
     if facts.alarms:
-        yield Finding(Exit.NOT_FINE, f"{facts.name}: {_count(facts.alarms, 'alarm')}")
+        yield RunFinding(Exit.NOT_FINE, f"{facts.name}: {_count(facts.alarms, 'alarm')}")
     if facts.unconfirmed_alarms:
-        yield Finding(Exit.NOT_FINE, f"{facts.name}: {_count(facts.unconfirmed_alarms, 'alarm')} that no temperature bears out")
+        yield RunFinding(Exit.NOT_FINE, f"{facts.name}: {_count(facts.unconfirmed_alarms, 'alarm')} that no temperature bears out")
 
 
 def _count(number: int, noun: str) -> str:
     return f"{number} {noun}{'' if number == 1 else 's'}"
 
 
-def in_order(found: Iterable[Finding]) -> list[Finding]:
-    """The findings for people, the most severe first."""
+def in_order(found: Iterable[RunFinding]) -> list[RunFinding]:
+    """Sort findings by severity, the most severe first."""
     return sorted(found, key=lambda finding: SEVEREST_FIRST.index(finding.code))
 
 
-def exit_code(found: Iterable[Finding]) -> Exit:
-    """The most severe code among the findings; 0 where there are none."""
+def exit_code(found: Iterable[RunFinding]) -> Exit:
+    """Return the most severe code, 0 for no findings."""
     codes = {one.code for one in found}
     return next((code for code in SEVEREST_FIRST if code in codes), Exit.FINE)
 
 
-def status(found: Iterable[Finding]) -> Status:
-    """How the run ended: cut short is aborted; a station, a record or a tool that failed is failed."""
+def status(found: Iterable[RunFinding]) -> Status:
+    """Return the status: aborted by a signal, or failed by a station, a record or a tool."""
     codes = {one.code for one in found}
     if codes & {Exit.UNSAFE, Exit.RECORD, Exit.STATION}:
         return Status.FAILED
@@ -346,9 +365,9 @@ def status(found: Iterable[Finding]) -> Status:
 
 
 def tools_text(stations: Iterable[StationFacts]) -> str:
-    """How the tools were left: ``6 tools are in their safe state, as read back``, or which are not."""
+    """Summarize the tools' states: ``6 tools are in their safe state, as read back``, or those that are not."""
     states = {(facts.name, port): facts.safe_state.get(port) for facts in stations for port in _touched(facts)}
-    unsafe = [f"{name} port {port}" for (name, port), state in states.items() if state != VERIFIED]
+    unsafe = [f"{name} port {port}" for (name, port), state in states.items() if state != SafetyResult.VERIFIED]
     if unsafe:
         return f"NOT known to be in their safe state: {', '.join(unsafe)}; {len(states) - len(unsafe)} of {len(states)} tools are"
     if not states:

@@ -1,8 +1,8 @@
-"""What a session wants done, and what it is told: the whole border between knowing and doing.
+"""The interface between sessions and drivers: requests that a session yields, and results that a driver sends back.
 
-A session is a generator. It yields one of the wishes below; a driver (`drive/`) does it and sends back a
-`Heard`. Where the link breaks, the driver throws `LinkError` into the session at the wish that failed; where
-the run is to end, or does not start, `RunEnded`. The session never waits, never opens anything and never asks for the time.
+A session is a generator. It yields a request; a driver (`transport`) carries it out and sends back an `IoResult`. Where the
+link breaks, the driver throws `LinkError` into the session at the failed request; to end a run, or not to start it,
+`RunEnded`. A session never waits, opens nothing and never reads a clock.
 """
 
 from __future__ import annotations
@@ -12,47 +12,46 @@ from typing import NamedTuple, TypeVar
 
 
 class Ask(NamedTuple):
-    """Send `data`, then give the first bytes that come, or none once `patience_s` is over."""
+    """Send `data`; the result is the first bytes that arrive, or none after `patience_s`."""
 
     data: bytes
     patience_s: float
 
 
 class Listen(NamedTuple):
-    """Give the next bytes that come, or none at `until` (monotonic seconds)."""
+    """The result is the next bytes that arrive, or none at `until` (monotonic seconds)."""
 
     until: float
 
 
 class Wait(NamedTuple):
-    """Sleep until `until` (monotonic seconds); give the bytes that came unasked meanwhile."""
+    """Sleep until `until` (monotonic seconds); the result is the bytes that arrived meanwhile."""
 
     until: float
 
 
 class Reopen(NamedTuple):
-    """Close the port and open it again; `LinkError` comes back where that fails."""
+    """Close the port and open it again; `LinkError` where that fails."""
 
 
 START_STEPS = 3
-"""Of a run's start, between which its sessions wait for each other: read and check; write what cannot heat; what can."""
+"""Steps of a run's start, at whose ends sessions wait for each other: read and check; write what cannot heat; the rest."""
 
 
 class Gather(NamedTuple):
-    """This session has done a step of the start: go on once all of the run's sessions have. `failure`: it could not, and why.
+    """This session has finished a step of the start; wait until all sessions of the run have. `failure`: why it could not.
 
-    `NotStarted` comes back, here or at a wish before, where another failed; `LeftOut` where the others waited for this one in vain.
+    `NotStarted` is thrown, here or at an earlier request, where another session failed; `LeftOut` where this one is too late.
     """
 
     step: int
     failure: str = ""
 
 
-class Heard(NamedTuple):
-    """What came back: the moment, the bytes (none: the time was over), and when the question left.
+class IoResult(NamedTuple):
+    """The result of a request: the moment, the bytes (none: timeout), and when the data of the last `Ask` left.
 
-    `late_s`: for how long the driver itself did not come round meanwhile, where it was noticeable. An answer that waited so
-    long to be heard, and one that the station took so long to give, look the same otherwise.
+    `late_s`: by how much the driver itself was late, if noticeable. Without it a late driver looks like a slow station.
     """
 
     now: float
@@ -62,34 +61,34 @@ class Heard(NamedTuple):
 
 
 class RunEnded(Exception):
-    """Thrown into a session to end it. It still puts its tools in their safe state before it returns."""
+    """Thrown into a session to end it. The session puts its tools in their safe state before it returns."""
 
 
 class NotStarted(RunEnded):
-    """The run does not start because of other stations, which the text names."""
+    """The run does not start because of the other stations that the text names."""
 
 
 class LeftOut(RunEnded):
-    """The run starts, or not, without this session, which the others have waited for; the text says how long."""
+    """The run does not wait for this session any longer; the text says how long it did."""
 
 
 T = TypeVar("T")
 Request = Ask | Listen | Wait | Reopen | Gather
-Steps = Generator[Request, Heard, T]
-"""A piece of a session: yields wishes, is sent what was heard, returns a `T`."""
+Steps = Generator[Request, IoResult, T]
+"""A part of a session: yields requests, is sent results, returns a `T`."""
 
 
-def relay(steps: Steps[T], do: Callable[[Request], Steps[Heard]]) -> Steps[T]:
-    """Pull `steps`, and have `do` see to each of its wishes. What goes wrong in that is for the steps, as from a driver."""
+def relay(steps: Steps[T], do: Callable[[Request], Steps[IoResult]]) -> Steps[T]:
+    """Pull `steps` and carry out its requests by `do`; an exception of `do` is thrown into `steps`, as a driver would."""
     try:
-        wish = next(steps)
+        request = next(steps)
         while True:
             try:
-                heard = yield from do(wish)
+                io_result = yield from do(request)
             except Exception as error:
-                wish = steps.throw(error)
+                request = steps.throw(error)
             else:
-                wish = steps.send(heard)
+                request = steps.send(io_result)
     except StopIteration as end:
         result: T = end.value
         return result

@@ -1,4 +1,4 @@
-"""Locks that end with their holder: on a file, and on a run's folder. Start with `lock_of` and `FolderLock`."""
+"""Locks that the system releases when their holder ends, on a file and on a run's folder. Start with `try_lock`, `FolderLock`."""
 
 from __future__ import annotations
 
@@ -15,14 +15,11 @@ from jbclog.core.errors import RecordError
 from jbclog.core.foreign.files import Kind, expect_regular
 from jbclog.core.foreign.json_reader import read_json
 
-# -- file lock ----------------------------------------------------------------------------------------------------------------
-# A lock of the system on a file that goes when its holder has done: it ends with its holder, however that ends.
 
+def try_lock(path: Path) -> int | None:
+    """Lock the file at `path`; return its descriptor, or None where another process holds or has just removed it.
 
-def lock_of(path: Path) -> int | None:
-    """The lock at `path`, taken; None where another holds it, or took it away with its file while it was being taken.
-
-    Whoever is given the descriptor removes the file and closes it. Raises OSError where no file can be opened there.
+    The caller removes the file and closes the descriptor. Raises OSError where the file cannot be opened.
     """
     descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK, 0o644)
     try:
@@ -36,10 +33,7 @@ def lock_of(path: Path) -> int | None:
 
 
 def is_locked(path: Path) -> bool:
-    """Whether a process holds the lock at `path` now; not where there is no such file. Takes nothing, changes nothing.
-
-    Raises OSError where there is one that cannot be opened.
-    """
+    """Whether a process holds the lock at `path`; changes nothing. Raises OSError where the file cannot be opened."""
     try:
         expect_regular(path, Kind.LOCK)
         descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK)
@@ -54,26 +48,20 @@ def is_locked(path: Path) -> bool:
     return False
 
 
-# -- folder lock --------------------------------------------------------------------------------------------------------------
-# One writer to a run's folder: the recorder, the child that seals for it, or who recovers it.
-#
-# A lock of the system (flock) on `live.lock` in the folder: it ends with its holder, however that ends, and is handed to
-# a child by handing over the open file. Who holds it stands inside, for the message that the next one gets, and what the
-# recorder says of its commits (`Witness`). This is a witness apart from the store: SQLite takes a damaged end of its log for
-# one that was never written, and would lose acknowledged rows without a word.
-
+# A run's folder has one writer: the recorder, its sealing child, or `recover`. The lock is an flock on `live.lock`, which a child
+# inherits with the descriptor. The file contains the holder's process id, for messages, and `CommitStatus`: SQLite takes a damaged
+# end of its log for one that was never written and would lose acknowledged rows silently.
 NAME = "live.lock"
 BOOT_ID = Path("/proc/sys/kernel/random/boot_id")
-WIDTH = 200  # what is written over is always written over as a whole, and so needs no room on a full disk
+WIDTH = 200  # bytes; overwritten as a whole, so that a full disk does not matter
 
 
 @dataclass(frozen=True, slots=True)
-class Witness:
-    """What a recorder says of its commits.
+class CommitStatus:
+    """What a recorder reports about its commits.
 
-    `last` is the number of the last batch committed; `since` when the last good commit began (seconds since 1970 UTC): what was
-    handed over before is safe; `risk_s` the longest that anything has had to wait to be safe; `unkept` how many rows are in no
-    commit, because the disk did not take them.
+    `last` is the number of the last committed batch; `since` when the last good commit began (seconds since 1970 UTC): rows handed
+    over before it are safe; `risk_s` the longest time that a row waited to be safe; `unkept` the number of rows without a commit.
     """
 
     last: int = 0
@@ -83,7 +71,7 @@ class Witness:
 
 
 class FolderLock:
-    """The lock of one folder, held. `descriptor` can be inherited by a child, which then holds it too."""
+    """The held lock of a folder. A child that inherits `descriptor` holds it too."""
 
     def __init__(self, folder: Path, descriptor: int) -> None:
         self.folder = folder
@@ -93,7 +81,7 @@ class FolderLock:
     def take(cls, folder: Path, patience_s: float = 0.5) -> FolderLock:
         """Take the lock.
 
-        Raises `RecordError` naming the holder where it is held for longer than `patience_s`, or where the disk has none to give.
+        Raises `RecordError`, which names the holder, where it is held for longer than `patience_s` or cannot be created.
         """
         end = time.monotonic() + patience_s
         while True:
@@ -103,7 +91,7 @@ class FolderLock:
             except OSError:
                 os.close(descriptor)
                 if time.monotonic() >= end:
-                    raise RecordError(f"{folder} is being written by {holder(folder)}; nothing was changed") from None
+                    raise RecordError(f"{folder} is being written by {holder_text(folder)}; nothing was changed") from None
                 time.sleep(0.05)
                 continue
             if _is_same_file(descriptor, folder / NAME):  # the last holder may have removed it meanwhile
@@ -113,39 +101,39 @@ class FolderLock:
     @classmethod
     def _signed(cls, folder: Path, descriptor: int) -> FolderLock:
         lock = cls(folder, descriptor)
-        lock.testify(witness(folder))
+        lock.write_status(commit_status(folder))
         return lock
 
     @property
     def name(self) -> str:
         return NAME
 
-    def testify(self, said: Witness) -> None:
-        """Note it. Not synced: it outlives a kill, and may lag after a power cut."""
+    def write_status(self, said: CommitStatus) -> None:
+        """Write the commit status. Not synced: it survives a kill, and may lag after a power cut."""
         text = json.dumps({"pid": os.getpid(), "boot": boot_id(), **asdict(said)})
-        with contextlib.suppress(OSError):  # a disk that fails has been told of already
+        with contextlib.suppress(OSError):  # a failing disk is reported elsewhere
             os.pwrite(self.descriptor, text.ljust(WIDTH).encode(), 0)
 
     @property
     def is_ours(self) -> bool:
-        """Whether the folder's path leads to it still, and not elsewhere or nowhere."""
+        """Whether the folder's path still leads to the locked file."""
         return not self.folder.is_symlink() and _is_same_file(self.descriptor, self.folder / NAME)
 
     def expect_ours(self) -> None:
-        """Raise `RecordError` where the folder's path leads elsewhere by now: through a link, or to another folder."""
+        """Raise `RecordError` where the folder was removed or replaced."""
         if self.is_ours:
             return
         if not os.path.lexists(self.folder):
-            raise RecordError(f"{self.folder} is not there any more: it was removed while the run went on")
-        raise RecordError(f"{self.folder} was replaced while the run went on; nothing is written where it leads now")
+            raise RecordError(f"{self.folder} was removed during the run")
+        raise RecordError(f"{self.folder} was replaced during the run; nothing is written to the new folder")
 
     def remove(self) -> None:
-        """Give the lock up for good: the run is finished, its folder needs none any more."""
+        """Remove the lock file and release the lock: the run is finished."""
         (self.folder / NAME).unlink(missing_ok=True)
         self.release()
 
     def release(self) -> None:
-        """Give the lock up. A child that inherited it goes on holding it."""
+        """Release the lock. A child that inherited it still holds it."""
         if self.descriptor >= 0:
             os.close(self.descriptor)
             self.descriptor = -1
@@ -160,28 +148,28 @@ def _opened(path: Path) -> int:
 
 @cache
 def boot_id() -> str:
-    """What tells one start of this machine from the next, or nothing where the system does not say."""
+    """Return an id of this boot, or "" where the system has none."""
     try:
         return BOOT_ID.read_text(encoding="ascii").strip()
     except OSError:
         return ""
 
 
-def holder(folder: Path) -> str:
-    """Who holds the folder's lock, in words."""
-    pid = recorder(folder)
+def holder_text(folder: Path) -> str:
+    """Describe the process that holds the folder's lock."""
+    pid = holder_pid(folder)
     return f"process {pid} or its sealing child" if pid else "another process"
 
 
-def recorder(folder: Path) -> int:
-    """The number of the process that took the folder's lock last; 0 where none says so."""
+def holder_pid(folder: Path) -> int:
+    """Return the id of the process that took the folder's lock last; 0 if unknown."""
     return int(_inside(folder, "pid"))
 
 
-def witness(folder: Path) -> Witness:
-    """What the last recorder said of its commits; nothing where none did, or where it cannot be read."""
+def commit_status(folder: Path) -> CommitStatus:
+    """Return the commit status that the last recorder wrote; zeros where none is readable."""
     since, risk_s = _inside(folder, "since"), _inside(folder, "risk_s")
-    return Witness(int(_inside(folder, "last")), since or None, risk_s, int(_inside(folder, "unkept")))
+    return CommitStatus(int(_inside(folder, "last")), since or None, risk_s, int(_inside(folder, "unkept")))
 
 
 def _inside(folder: Path, key: str) -> float:

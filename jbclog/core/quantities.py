@@ -1,9 +1,8 @@
-"""Values at the border: what five characters on the wire mean, and how a value is written as such.
+"""Values and their five characters on the serial line.
 
-A `Quantity` is one kind of value. `decode` takes the data field as text and gives a typed value or raises
-`ValueError`; `encode` does the reverse. A value is an `int`, a `float`, a `str`, a tuple of digits, or
-`OFF` where the manual prints 99999 for "disabled". Unknown is never a value here: whoever does not have
-one holds `None` and a reason.
+`Quantity.decode` turns the data field into a typed value or raises `ValueError`; `encode` does the reverse. A value is an `int`,
+a `float`, a `str`, a tuple of digits, or `OFF` where the manual prints 99999 for "disabled". Unknown is never a value here: use
+`None` and a reason.
 """
 
 from __future__ import annotations
@@ -15,7 +14,7 @@ from typing import Final, Protocol
 
 
 class Off(Enum):
-    """The one value of a delay that is switched off."""
+    """The value of a delay that is switched off."""
 
     OFF = "off"
 
@@ -26,21 +25,21 @@ class Off(Enum):
 OFF: Final = Off.OFF
 OFF_ON_WIRE: Final = "99999"
 MOST: Final = 99999  # of five digits
-HIGHEST_C: Final = 600  # an alarm limit above it is one that is not set: no station is made for more than 500 (002, factory)
+HIGHEST_C: Final = 600  # a higher alarm limit means "not set": no station heats above 500 (002, factory)
 
 
-class Record:
-    """A value of several fields at once; a class below it names them, and `str` of it is for people."""
+class CompoundValue:
+    """Base class of values with several fields; `str` is for people."""
 
     __slots__ = ()
 
 
-Value = int | float | str | Off | tuple[int, ...] | Record
-"""What a station can tell: a number, a name, off, the digits of a status word, or a record of several fields."""
+Value = int | float | str | Off | tuple[int, ...] | CompoundValue
+"""A number, a name, off, the digits of a status word, or several fields."""
 
 
 class Quantity(Protocol):
-    """One kind of value: its unit and the two directions of the border."""
+    """One kind of value: its unit, and how it is read and written."""
 
     @property
     def unit(self) -> str: ...
@@ -51,7 +50,7 @@ class Quantity(Protocol):
 
 
 def _digits(data: str, minus: str = "-") -> int:
-    """The whole number in `data`: a sign in the first place at most, no blank, no underscore, ASCII only."""
+    """Parse a whole number: a sign only in the first place, no blank, no underscore, ASCII only."""
     signed = data[:1] != "" and data[0] in minus
     body = data[1:] if signed else data
     if len(data) != 5 or not (body.isascii() and body.isdigit()):
@@ -77,7 +76,7 @@ def _whole(value: Value) -> int:
 class Whole:
     """A whole number in `unit`, zero-filled, minus in the first place: ``-0050`` (manual 002, "Frame Fields").
 
-    `minus` are the characters that are read as one; ``-`` is written.
+    `minus` are the characters read as a minus; ``-`` is written.
     """
 
     unit: str
@@ -92,7 +91,7 @@ class Whole:
 
 @dataclass(frozen=True, slots=True)
 class Unsigned:
-    """A whole number in `unit` that is never negative: a count, an hour, a power."""
+    """A whole number in `unit`, never negative: a count, an hour, a power."""
 
     unit: str
 
@@ -155,11 +154,9 @@ class AlarmDelay:
 
 @dataclass(frozen=True, slots=True)
 class AlarmLimit:
-    """A limit in °C. "Not set" has no printed wire value: 00000 and what no station can reach are read as OFF.
+    """A limit in °C. "Not set" has no printed wire value: 00000 and unreachable limits are read as OFF.
 
-    docs/reference/contradictions.md, B-23.
-
-    What lies outside the station's own limits is kept as it is; only the station knows those.
+    docs/reference/contradictions.md, B-23. A value outside the station's own limits is kept: only the station knows them.
     """
 
     unit: str = "°C"
@@ -170,9 +167,9 @@ class AlarmLimit:
 
     def encode(self, value: Value) -> str:
         if value is OFF:
-            raise ValueError("no manual prints how a limit is taken back; switch its delay off instead")
+            raise ValueError("no manual prints how to clear a limit; switch its delay off instead")
         if not 0 < _whole(value) <= HIGHEST_C:
-            raise ValueError(f"{value} {self.unit} is not allowed, it would be read back as not set; 1 to {HIGHEST_C} {self.unit}")
+            raise ValueError(f"{value} {self.unit} would be read back as not set; 1 to {HIGHEST_C} {self.unit}")
         return f"{value:05d}"
 
 
@@ -220,7 +217,7 @@ class HexLength:
 
 @dataclass(frozen=True, slots=True)
 class Text:
-    """Printable characters, filled with blanks on the left to five (manual 000, 4.8.28)."""
+    """Printable characters, padded on the left to five (manual 000, 4.8.28)."""
 
     unit: str = ""
 
@@ -238,7 +235,7 @@ class Text:
 
 @dataclass(frozen=True, slots=True)
 class Choice:
-    """A number that stands for a word: a mode. Only the numbers named are accepted when writing."""
+    """A number that stands for a mode. Only the named numbers can be written."""
 
     names: tuple[str, ...]
     unit: str = ""
@@ -257,9 +254,9 @@ class Choice:
 
 @dataclass(frozen=True, slots=True)
 class Number:
-    """A code whose meaning a table of the family gives: an error, a tool. Unknown codes are kept.
+    """A code that a table of the family explains: an error, a tool. Unknown codes are kept.
 
-    `printed_for` are pairs of a number that a manual misprints and the one that is meant. Above `most` there can be none.
+    `printed_for` are pairs of a number that a manual misprints and the intended one. `most` is the highest possible code.
     """
 
     unit: str = ""
@@ -277,8 +274,8 @@ class Number:
 
 
 @dataclass(frozen=True, slots=True)
-class Word:
-    """Five decimal digits that are read one by one; `highest` bounds each, from the left (docs/reference/protocol.md, Status word).
+class DigitWord:
+    """Five decimal digits, each with its own meaning and its maximum in `highest` (docs/reference/protocol.md, Status word).
 
     The value is the tuple of digits, most significant first.
     """
@@ -298,33 +295,33 @@ class Word:
         if not isinstance(value, tuple) or len(value) != 5:
             raise ValueError(f"{value!r} is not five digits")
         text = "".join(map(str, value))
-        Word.decode(self, text)
+        DigitWord.decode(self, text)
         return text
 
 
-class Flags(Word):
-    """Digits of which any but 0 sets a flag, where `highest` says that there is one (docs/reference/contradictions.md, B-24)."""
+class Flags(DigitWord):
+    """Digits where any value but 0 sets the flag, if `highest` defines one (docs/reference/contradictions.md, B-24)."""
 
     __slots__ = ()
 
     def decode(self, data: str) -> tuple[int, ...]:
         if len(data) == 5 and data.isascii() and data.isdigit():
             data = "".join(str(min(int(digit), top)) if top else digit for digit, top in zip(data, self.highest, strict=True))
-        return Word.decode(self, data)
+        return DigitWord.decode(self, data)
 
 
 def raw_share(permille: int, whole: int) -> int:
-    """What goes on the wire for `permille` of `whole` (docs/reference/configuration.md)."""
+    """Return the wire value for `permille` of `whole` (docs/reference/configuration.md)."""
     return round(permille * whole / 1000)
 
 
 def permille_of(raw: int, whole: int) -> int:
-    """The share that `raw` is of `whole`."""
+    """Return `raw` as a share of `whole` in permille."""
     return round(1000 * raw / whole)
 
 
 def text_of(value: Value) -> str:
-    """The value as the `settings` table and messages show it: ``350``, ``1.60``, ``off``, ``00001``."""
+    """Format a value for the `settings` table and messages: ``350``, ``1.60``, ``off``, ``00001``."""
     if isinstance(value, tuple):
         return "".join(map(str, value))
     if isinstance(value, float):

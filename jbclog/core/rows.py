@@ -1,8 +1,7 @@
-"""The rows of a record, as the session makes them: plain tuples, no Arrow, no I/O.
+"""The rows of a record as sessions make them: plain tuples, no Arrow, no I/O.
 
-A row of `samples` is a list in the order of `SAMPLE_COLUMNS`, because a run makes thousands a second of
-them; the other three are rare and are named tuples. What every column means is in docs/reference/tables.md;
-types and units for Parquet are in `record/schema.py`.
+A row of `samples` is a list in the order of `SAMPLE_COLUMNS`, because a run makes thousands a second. docs/reference/tables.md
+describes every column; `record/schema.py` has the types for Parquet.
 """
 
 from __future__ import annotations
@@ -10,6 +9,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Final, NamedTuple, Protocol
+
+from jbclog.core.errors import StationOutcome
 
 SampleRow = list[object]
 """One tick of one port, in the order of `SAMPLE_COLUMNS`."""
@@ -48,12 +49,6 @@ SAMPLE_COLUMNS: Final = (
 )
 COLUMN: Final = {name: place for place, name in enumerate(SAMPLE_COLUMNS)}
 SIGNAL_COLUMNS: Final = SAMPLE_COLUMNS[COLUMN["temperature_c"] :]
-FLAG_COLUMNS: Final = frozenset(
-    ["cooling", "desoldering", "alarm_high", "alarm_low", "feeding", "solder_shortage", "clogged", "preparing", "in_range"]
-)
-"""Held as `bool`."""
-TEXT_COLUMNS: Final = frozenset(["station", "quality", "reasons", "status", "motor"])
-"""Held as `str`; `motor` is ``off``, ``forward`` or ``backward``. All other columns hold `int`; `tool` is the code of R-CT."""
 
 _SHARED: Final = {
     "cooling": "status",
@@ -63,10 +58,10 @@ _SHARED: Final = {
     "clogged": "solder_shortage",
 }
 SIGNAL_OF_COLUMN: Final = {column: _SHARED.get(column, column) for column in SIGNAL_COLUMNS}
-"""The signal that fills a column: named by the first of the columns that one answer fills."""
+"""The signal that fills a column; a signal is named after the first column that its answer fills."""
 
 QUALITIES: Final = ("disconnected", "robot_off", "timeout", "bcc", "format", "nak", "implausible", "no_tool", "skipped", "ok")
-"""In the order in which the first that applies is taken (docs/reference/tables.md)."""
+"""A row's quality is the first that applies (docs/reference/tables.md)."""
 
 
 class Severity(StrEnum):
@@ -77,7 +72,7 @@ class Severity(StrEnum):
 
 
 class EventRow(NamedTuple):
-    """One fact. Times are UTC microseconds; `earliest` is the other end of the interval in which it happened."""
+    """One event. Times are UTC microseconds; `earliest` is the other end of the interval in which it happened."""
 
     time: int
     kind: str
@@ -92,8 +87,19 @@ class EventRow(NamedTuple):
     raw: str | None = None
 
 
+class SettingOutcome(StrEnum):
+    CONFIRMED = "confirmed"
+    UNCHANGED = "unchanged"
+    MISMATCH = "mismatch"
+    REFUSED = "refused"
+    UNCONFIRMED = "unconfirmed"
+    UNSUPPORTED = "unsupported"
+    READ = "read"
+    REPEATED = "repeated"
+
+
 class SettingRow(NamedTuple):
-    """The outcome of one setting on one station; values as text in the setting's unit."""
+    """The outcome of one setting on one station; values as text in the setting's unit, `outcome` one of `SettingOutcome`."""
 
     time: int
     station: str
@@ -108,11 +114,8 @@ class SettingRow(NamedTuple):
     outcome: str
 
 
-OUTCOMES: Final = ("confirmed", "unchanged", "mismatch", "refused", "unconfirmed", "unsupported", "read", "repeated")
-
-
 class CounterRow(NamedTuple):
-    """One reading of a counter. Where it failed `value` is None and `raw` is the reason in angle brackets."""
+    """One reading of a counter. If it failed, `value` is None and `raw` is the reason in angle brackets."""
 
     time: int
     station: str
@@ -124,23 +127,23 @@ class CounterRow(NamedTuple):
 
 
 class Journal(Protocol):
-    """Where a session puts what it has learnt. Each call returns at once; keeping it safe is the journal's work."""
+    """Takes a session's rows. Each call returns at once; storing them safely is the journal's job."""
 
     def sample(self, row: SampleRow) -> None: ...
 
     def event(self, event: EventRow, *, at_once: bool = False) -> None:
-        """`at_once`: commit now, because the station has already forgotten it (alarm flags)."""
+        """Record an event. `at_once`: commit now, because the station has already forgotten it (alarm flags)."""
 
     def setting(self, setting: SettingRow) -> None: ...
 
     def counter(self, counter: CounterRow) -> None: ...
 
     def facts(self, facts: StationFacts) -> None:
-        """What is now known of a station; replaces what was handed over before."""
+        """Replace what is known about a station."""
 
 
 class NoJournal:
-    """Takes everything and keeps nothing: for a session whose record has failed and whose tools are still hot."""
+    """A journal that drops everything: for a session whose record has failed and whose tools are still hot."""
 
     def sample(self, row: SampleRow) -> None: ...
 
@@ -154,24 +157,21 @@ class NoJournal:
 
 
 def quality_of(reasons: dict[str, str]) -> str:
-    """The row's quality: the first of `QUALITIES` among its reasons, ``nak3`` counting as ``nak``."""
+    """Return the row's quality: the first of `QUALITIES` among its reasons; ``nak3`` counts as ``nak``."""
     present = {"nak" if reason.startswith("nak") else reason for reason in reasons.values()}
     return next((quality for quality in QUALITIES if quality in present), "ok")
 
 
 def reasons_text(reasons: dict[str, str]) -> str | None:
-    """``power_permille=timeout;alarm_high=nak3``, or None when all is well."""
+    """Format reasons: ``power_permille=timeout;alarm_high=nak3``; None for none."""
     return ";".join(f"{column}={reason}" for column, reason in reasons.items()) or None
 
 
 @dataclass(slots=True)
 class StationFacts:
-    """What a run knows of one station, kept in the manifest; a session hands it over again when it learns more.
+    """What a run knows about one station; a session hands it over again whenever it learns more. It stands in the manifest.
 
-    `outcome` is ``running`` until the end, then ``completed``, ``stopped`` (by a setting found changed),
-    ``refused`` (before sampling), ``gone`` (did not answer at the start or at the end), ``not_started`` (it was ready, and another
-    station was not), ``left_out`` (it was not ready, and the run was allowed to start without it) or ``failed``.
-    `safe_state` maps a touched port to ``verified``, ``sent`` or ``failed``.
+    `outcome` is one of `StationOutcome`. `safe_state` maps a touched port to ``verified``, ``sent`` or ``failed``.
     """
 
     name: str
@@ -184,41 +184,41 @@ class StationFacts:
     format: str = "8N1"
     ports: list[int] = field(default_factory=list)
     tools: dict[int, str] = field(default_factory=dict)
-    turnaround_us: dict[str, float] = field(default_factory=dict)  # median, p99, n; faster_by, where the link is so
-    asked_rate: float | str | None = None  # Hz, auto, fit or max; None in records that do not say
-    rate_hz: float | None = None  # that came of it; None without pause, and in records that do not say
+    turnaround_us: dict[str, float] = field(default_factory=dict)  # median, p99, n; faster_by if a faster link setting exists
+    asked_rate: float | str | None = None  # Hz, auto, fit or max; None in older records
+    rate_hz: float | None = None  # the chosen rate; None without pause and in older records
     period_s: float | None = None
     recipe: str | None = None
     rated_power_w: float | None = None
-    signals: list[str] = field(default_factory=list)  # that its family tells; empty in records that do not say
+    signals: list[str] = field(default_factory=list)  # that its family supports; empty in older records
     not_supported: list[str] = field(default_factory=list)
     first_tick: int | None = None
     last_tick: int | None = None
     due: dict[str, dict[str, int]] = field(default_factory=dict)  # port -> signal -> readings due, as the session counted
-    watched: dict[str, dict[str, dict[str, int]]] = field(default_factory=dict)  # settings read again, without a column
-    skipped: int = 0  # ticks without rows: the host stood still
-    skipped_by_host: int | None = None  # rows of `skipped` for which the host was too late; None in records that do not say
+    watched: dict[str, dict[str, dict[str, int]]] = field(default_factory=dict)  # settings read again that have no column
+    skipped: int = 0  # ticks without rows, because the host was suspended or late
+    skipped_by_host: int | None = None  # rows of `skipped` that the host was too late for; None in older records
     garbage_bytes: int = 0
-    strays: dict[str, int] = field(default_factory=dict)  # frames that answered nothing: echo, address, code, late, unasked
-    anomalies: dict[int, int] = field(default_factory=dict)  # forms not as recommended, by B-number
-    doubted: dict[str, int] = field(default_factory=dict)  # answers that were not believed at once, by command
-    alarm_rules: dict[str, float] = field(default_factory=dict)  # by which samples are evaluated; empty in records without
+    strays: dict[str, int] = field(default_factory=dict)  # frames without a request, by kind: echo, address, code, late, unasked
+    anomalies: dict[int, int] = field(default_factory=dict)  # departures from the recommended form, by B-number
+    doubted: dict[str, int] = field(default_factory=dict)  # answers that were read again before being accepted, by command
+    alarm_rules: dict[str, float] = field(default_factory=dict)  # for evaluating samples; empty in older records
     alarms: int = 0  # that count (docs/reference/exit-codes.md)
     unconfirmed_alarms: int = 0
     settings_changed: int = 0
-    settings_repeated: int = 0  # writes at the start that were lost and followed by another
+    settings_repeated: int = 0  # writes at the start that were lost and sent again
     outages: int = 0
-    worst_slow_periods: float = 0.0  # the longest that a slow reading waited, in its own periods
+    worst_slow_periods: float = 0.0  # the longest wait of a slow reading, in its own periods
     touched: list[int] = field(default_factory=list)
-    outcome: str = "running"
+    outcome: str = StationOutcome.RUNNING
     reason: str = ""
-    asked_safe_state: str = ""  # what touched tools are to be put in
-    suction: list[int] = field(default_factory=list)  # ports of hot air whose suction is on, and is kept by a safe order
-    may_feed: bool = False  # a feeder may be running that is this run's to stop
+    asked_safe_state: str = ""  # target state of touched tools
+    suction: list[int] = field(default_factory=list)  # hot air ports whose suction is on and stays on in the safe state
+    may_feed: bool = False  # a feeder that this run has to stop may be running
     safe_state: dict[int, str] = field(default_factory=dict)
-    unsafe: list[str] = field(default_factory=list)  # a sentence for each tool or feeder that could not be made safe
+    unsafe: list[str] = field(default_factory=list)  # a sentence for each tool or feeder that is not safe
     last_temperature_c: dict[int, float] = field(default_factory=dict)
-    model_accepted: bool = False  # by the line file's key `model`, and borne out by reads; else the name proves the family
+    model_accepted: bool = False  # by the line file's key `model` and confirmed by reads; else the name proves the family
 
 
 UNITS, JOINTS = "units", "joints"
@@ -227,10 +227,10 @@ NOT_COUNTED: Final = "How many there were is not known: the record ends before t
 
 @dataclass(frozen=True, slots=True)
 class Goal:
-    """How many units or joints a run was to end with, and how many there were; kept in the manifest.
+    """How many units or joints a run was to end with, and how many it reached; kept in the manifest.
 
-    `what` is ``units`` or ``joints``. `reached` counts what is known: units that were finished, joints that were found, of all
-    stations together. It is None where nobody knows, or the run has not ended. `text` says it in a sentence.
+    `what` is ``units`` or ``joints``. `reached` counts finished units or detected joints of all stations; None if not known or
+    before the run's end. `text` is the same as a sentence.
     """
 
     what: str
@@ -245,11 +245,11 @@ class Goal:
 
 @dataclass(frozen=True, slots=True)
 class TipCheck:
-    """The tip verification that a port stood on when its run began, kept in the manifest (`verifying`).
+    """The tip verification in force on a port at the run's start, kept in the manifest (`maintenance.verification`).
 
-    `state`: ``pass`` or ``fail`` as the last valid one came out, ``other tip`` where that was of another tip than the one that
-    was named for the run, ``none``, or ``unreadable``. `days` is its age at the run's start; `adjust_c` is the station's
-    adjustment at that time, where it was read; `sha256` is that of its line.
+    `state`: ``pass`` or ``fail`` by the last valid verification, ``other tip`` if that was of another tip than the run names,
+    ``none``, or ``unreadable``. `days` is its age at the run's start; `adjust_c` the station's adjustment then, if read; `sha256`
+    that of its line.
     """
 
     station: str

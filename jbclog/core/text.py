@@ -1,4 +1,4 @@
-"""Text for people: on a page, in a table, in CSV."""
+"""Text for people: terminal, page, table, CSV."""
 
 from __future__ import annotations
 
@@ -10,19 +10,17 @@ import unicodedata
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Final
 
-# -- text ---------------------------------------------------------------------------------------------------------------------
-
 HIDDEN = ("Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp")
-"""Control, formatting (bidi among them), unpaired surrogates, private, unassigned, and what ends a line or a paragraph."""
-BLANKS = "\n\r\t\v\f\x85\u2028\u2029"  # they part words, and are shown as a space
-INSTEAD = "\ufffd"
+"""Unicode categories of control, formatting (bidi included), surrogate, private and unassigned characters and line separators."""
+BLANKS = "\n\r\t\v\f\x85\u2028\u2029"  # shown as a space
+REPLACEMENT = "\ufffd"
 
 
 def clean(text: str) -> str:
-    """One line of text from outside, disarmed, for every way out: terminal, log, CSV, HTML, PDF.
+    """Make untrusted text safe for every output (terminal, log, CSV, HTML, PDF): one line without invisible characters.
 
-    What ends a line is a space, so that no text makes a line of its own; what else does not show is `INSTEAD`, so that nothing can
-    move the cursor, turn the reading direction or hide a word, and two names that look alike are not the same by a sign in one.
+    A line end becomes a space, any other invisible character `REPLACEMENT`: nothing moves the cursor, turns the reading
+    direction or hides a word, and names that look alike cannot differ by an invisible character.
     """
     if text.isprintable():
         return text
@@ -30,11 +28,11 @@ def clean(text: str) -> str:
 
 
 def _shown(sign: str) -> str:
-    return " " if sign in BLANKS else INSTEAD if unicodedata.category(sign) in HIDDEN else sign
+    return " " if sign in BLANKS else REPLACEMENT if unicodedata.category(sign) in HIDDEN else sign
 
 
 def json_line(data: object, *, only_ascii: bool = False) -> str:
-    """`data` as JSON on one line, what `clean` would take out escaped: who reads the JSON gets it, and a terminal does not."""
+    """Format `data` as one line of JSON; invisible characters are escaped."""
     text = json.dumps(data, ensure_ascii=only_ascii, default=str)
     return text if text.isprintable() else "".join(_escaped(sign) for sign in text)
 
@@ -44,7 +42,7 @@ def _escaped(sign: str) -> str:
 
 
 def cleaned(value: object) -> object:
-    """The same structure with every text clean, keys as well."""
+    """Clean every text in a structure, keys included."""
     if isinstance(value, str):
         return clean(value)
     if isinstance(value, Mapping):
@@ -55,12 +53,12 @@ def cleaned(value: object) -> object:
 
 
 def stamp(text: str | None) -> str:
-    """``2026-11-21 01:30:00``, from `iso`."""
+    """Format an ISO time as ``2026-11-21 01:30:00``."""
     return "not known" if text is None else text[:19].replace("T", " ")
 
 
 def number(value: object, digits: int = 2) -> str:
-    """A number with a thin space between thousands and no zeros behind; nothing known is a dash, never zero."""
+    """Format a number with thin spaces between thousands and without trailing zeros; None is a dash, never zero."""
     if value is None:
         return "–"
     if not isinstance(value, int | float) or isinstance(value, bool):
@@ -75,19 +73,17 @@ _UNITS = re.compile(r"(?<=\d) (?=(?:°C|%|‰|ms|s|min|h|Hz|mm|Wh)(?!\w))")
 
 
 def together(text: str) -> str:
-    """A sentence in which no number is parted from its unit at the end of a line."""
+    """Join numbers and units by no-break spaces."""
     return _UNITS.sub("\u00a0", text)
 
 
-# -- csv ----------------------------------------------------------------------------------------------------------------------
-# CSV as spreadsheets read it: RFC 4180, UTF-8 with the mark by which they know it, and no cell that they would work out.
-
+# CSV for spreadsheets: RFC 4180, UTF-8 with a byte order mark, no cell that is evaluated as a formula.
 FORMULA: Final = ("=", "+", "-", "@", "\t", "\r", "\uff1d", "\uff0b", "\uff0d", "\uff20")
-MARK: Final = "\ufeff"
+BOM: Final = "\ufeff"
 
 
-def harmless(value: object) -> object:
-    """What a cell holds: one line, and never something that a spreadsheet would work out. Numbers stay numbers."""
+def csv_cell(value: object) -> object:
+    """Return a cell's content: one line that no spreadsheet evaluates. Numbers stay numbers."""
     if not isinstance(value, str):
         return value
     text = clean(value)
@@ -95,9 +91,9 @@ def harmless(value: object) -> object:
 
 
 def csv_text(columns: Sequence[str], rows: Iterable[Mapping[str, object]]) -> str:
-    """A table with its head; nothing stands where nothing is known."""
+    """Format a table with a header; an unknown value is an empty cell."""
     out = io.StringIO()
     writer = csv.writer(out)
-    writer.writerow([harmless(column) for column in columns])
-    writer.writerows([harmless(row.get(column)) for column in columns] for row in rows)
-    return MARK + out.getvalue()
+    writer.writerow([csv_cell(column) for column in columns])
+    writer.writerows([csv_cell(row.get(column)) for column in columns] for row in rows)
+    return BOM + out.getvalue()

@@ -1,4 +1,4 @@
-"""What is known of a wire: how long bytes take, whether two urls are one port, the rows of its record."""
+"""Serial lines: URLs and formats, whether two URLs are the same port, and the rows of a serial capture."""
 
 from __future__ import annotations
 
@@ -12,25 +12,22 @@ from functools import lru_cache
 from typing import Final, Literal, NamedTuple
 from urllib.parse import urlsplit
 
-# -- line format --------------------------------------------------------------------------------------------------------------
-# How long bytes take: the arithmetic of an asynchronous serial line, without any port.
-
 BAUDRATES = (1200, 2400, 4800, 9600, 19200, 38400, 57600, 115200, 230400, 250000, 460800, 500000)
 """The rates that manual 000 prints (2.1); the newer units have 19200 only."""
 
 _FORMAT = re.compile(r"8([NEO])([12])")
 
-AROUND = 4  # characters of a frame beside code and data: STX, header, ETX and check byte; of OMEGA's STX, ETX and two of the sum
-ADDRESSES = 4  # more of them where the line has addresses (manual 002, "Data Link Layer")
-CODE, DIGITS = 3, 5  # of the usual question and its answer
+FRAMING = 4  # characters of a frame besides code and data: STX, header, ETX, check byte; OMEGA: STX, ETX, two of the sum
+ADDRESSES = 4  # more on lines with addresses (manual 002, "Data Link Layer")
+CODE, DIGITS = 3, 5  # of the usual request and its answer
 
 
 SCHEMES: Final = ("socket", "rfc2217", "loop", "hwgrep")
-"""The kinds of url that may be opened. pyserial knows more; spy:// writes any file that its url names, alt:// loads code."""
+"""URL schemes that may be opened. pyserial knows more; spy:// writes any file that its URL names, alt:// loads code."""
 
 
 def scheme_of(url: str) -> str:
-    """The kind of port that a url names, in small letters; empty for a device."""
+    """Return a URL's scheme in lower case; "" for a device."""
     scheme, is_url, _ = url.partition("://")
     return scheme.lower() if is_url else ""
 
@@ -61,58 +58,55 @@ class LineFormat:
 
     @property
     def character_s(self) -> float:
-        """Seconds that one character takes: start bit, eight data bits, parity, stop bits."""
+        """Duration of one character: start bit, eight data bits, parity, stop bits."""
         return (9 + (self.parity != "N") + self.stop_bits) / self.baudrate
 
     def seconds(self, characters: int) -> float:
-        """Seconds that `characters` take."""
+        """Duration of `characters`."""
         return characters * self.character_s
 
     def read_s(self, addressed: bool = True) -> float:
-        """Seconds of one read and its five-digit answer, without turnaround: 14.06 ms at 19200 8N1."""
-        return self.seconds(2 * (AROUND + CODE + (ADDRESSES if addressed else 0)) + DIGITS)
+        """Duration of one read and its five-digit answer, without response time: 14.06 ms at 19200 8N1."""
+        return self.seconds(2 * (FRAMING + CODE + (ADDRESSES if addressed else 0)) + DIGITS)
 
-
-# -- same port ----------------------------------------------------------------------------------------------------------------
-# Whether two urls are one port: links to devices are followed, the names of hosts resolved.
 
 NETWORK: Final = ("socket", "rfc2217")
 LOOPBACK: Final = "loopback"  # localhost, 127.0.0.1 and ::1 are this computer
 
 
-class PortPlace(NamedTuple):
-    """Where a url leads: a path or a name, or a host with the number of its TCP port."""
+class PortAddress(NamedTuple):
+    """Where a URL leads: a device path or a name, or a host with its TCP port."""
 
     name: str
     number: int | None = None
 
-    def is_at(self, other: PortPlace) -> bool:
-        """Whether both are one port. Names of hosts are resolved only where all else is the same."""
+    def is_at(self, other: PortAddress) -> bool:
+        """Whether both are one port. Host names are resolved only where everything else is equal."""
         if self.number is None or self.number != other.number:
             return self == other
         return self.name == other.name or bool(_addresses(self.name) & _addresses(other.name))
 
 
-def place_of(url: str) -> PortPlace:
-    """Where `url` leads; options behind `?` and the case of letters in hosts and schemes mean nothing."""
+def port_address(url: str) -> PortAddress:
+    """Parse `url`; options after `?` and the case of host and scheme do not matter."""
     scheme, _, _ = url.partition("://")
     if scheme.lower() in NETWORK:
-        with suppress(ValueError):  # which it raises for what is no number
+        with suppress(ValueError):  # no number
             parts = urlsplit(url)
-            return PortPlace(parts.hostname or "", parts.port or 0)
-    with suppress(ValueError):  # which it raises for what can be no path
-        return PortPlace(os.path.realpath(url) if url.startswith("/") else url)
-    return PortPlace(url)
+            return PortAddress(parts.hostname or "", parts.port or 0)
+    with suppress(ValueError):  # not a path
+        return PortAddress(os.path.realpath(url) if url.startswith("/") else url)
+    return PortAddress(url)
 
 
 def is_one_port(url: str, other: str) -> bool:
-    """Whether two urls are one port."""
-    return url == other or place_of(url).is_at(place_of(other))
+    """Whether two URLs lead to the same port: device links are followed, host names resolved."""
+    return url == other or port_address(url).is_at(port_address(other))
 
 
 @lru_cache
 def _addresses(host: str) -> frozenset[str]:
-    """The addresses of a host, and its name: where nothing resolves it, it is like itself only."""
+    """Return a host's addresses and its name; a host that does not resolve equals only itself."""
     found = {host}
     with suppress(OSError, UnicodeError):
         found |= {_plain(str(where[0])) for *_, where in socket.getaddrinfo(host, None, type=socket.SOCK_STREAM)}
@@ -127,49 +121,42 @@ def _plain(address: str) -> str:
     return address
 
 
-# -- wire capture -------------------------------------------------------------------------------------------------------------
-# What passed over one wire, and what its session was told of it: the rows of a wire record, in the order they came in.
-#
-# A session knows nothing but what it is told (`core.io_requests`). Told the same again, byte for byte and moment for moment, it
-# does the same again; so these rows are enough to live through a run once more. `transport` notes what passed, `drive`
-# what was told, `record` keeps both, and a replay is made of them.
-#
-# All moments are monotonic seconds of the recorder.
+# A session depends on nothing but the results of its requests (`core.io_requests`), so bytes on the link and results are enough to
+# reproduce a run exactly. `transport` notes both, `record` stores them. All moments are monotonic seconds of the recorder.
 
-WishName = Literal["ask", "listen", "wait", "reopen", "gather"]
-PassedName = Literal["sent", "heard", "opened", "failed", "lost", "closed"]
-ToldName = Literal["told", "broke", "stopped", "not_started", "left_out", "done"]
+RequestName = Literal["ask", "listen", "wait", "reopen", "gather"]
+LinkRowKind = Literal["sent", "heard", "opened", "failed", "lost", "closed"]
+ResultKind = Literal["told", "broke", "stopped", "not_started", "left_out", "done"]
 
 
-class Passed(NamedTuple):
-    """Bytes that went one way at once, or a change of the link.
+class LinkRow(NamedTuple):
+    """Bytes in one direction, or a change of the link.
 
-    ``sent``: `data` is about to be handed over. ``heard``: `data` has come. ``opened``, ``failed`` (it could not be
-    opened), ``lost`` (it broke), ``closed``: `text` says more.
+    ``sent``: `data` is about to be written. ``heard``: `data` was read. ``opened``, ``failed`` (opening), ``lost``, ``closed``:
+    `text` has details.
     """
 
     at_s: float
-    what: PassedName
+    what: LinkRowKind
     data: bytes = b""
     text: str = ""
 
 
-class Told(NamedTuple):
-    """What the session was told, and the wish that this answered.
+class ResultRow(NamedTuple):
+    """The result of one of the session's requests.
 
-    ``told``: the moment and the next `size` bytes that had come; `sent_s` is when its question left, where it had asked
-    one; `late_s` by how much the recorder itself was seen to be late. ``broke``: the link, as `text` says. ``stopped``: the run
-    ends, as `text` says. ``not_started``: it does not start because of the stations that `text` names; ``left_out``: without
-    this one, as `text` says. ``done``: nothing, the session had ended.
+    ``told``: the next `size` bytes of those heard; `sent_s` is when the data of an ``ask`` left, `late_s` by how much the recorder
+    was late. ``broke``: link lost. ``stopped``: the run ends. ``not_started``: it does not start because of the stations in `text`;
+    ``left_out``: it starts without this one. ``done``: the session has ended. `text` has details.
     """
 
     at_s: float
-    what: ToldName
-    wish: WishName
+    what: ResultKind
+    request: RequestName
     size: int = 0
     sent_s: float = 0.0
     text: str = ""
     late_s: float = 0.0
 
 
-Row = Passed | Told
+CaptureRow = LinkRow | ResultRow

@@ -16,7 +16,7 @@ from collections.abc import Collection, Sequence
 from contextlib import suppress
 from pathlib import Path
 
-from jbclog.core.errors import RecordError, of_program
+from jbclog.core.errors import RecordError, unexpected_error_text
 from jbclog.guard.action_log import ActionLog
 from jbclog.guard.lease import StationLease
 from jbclog.guard.lease_writer import LeaseWriter
@@ -109,7 +109,7 @@ def _is_followed(watch: Watch, recorder: Recorder) -> bool:
 
 def _say_failed(error: Exception) -> None:
     with suppress(Exception):
-        say(f"the guard failed, {of_program(error)}")
+        say(f"the guard failed, {unexpected_error_text(error)}")
 
 
 def _watch(watch: Watch, lease_writer: LeaseWriter, *, answers: bool) -> Verdict:

@@ -84,7 +84,7 @@ class ActionLog:
     def _opened(self) -> Iterator[int]:
         descriptor = os.open(self._folder / NAME, FLAGS, 0o644)
         try:
-            expect_opened(descriptor, Kind.DIARY)
+            expect_opened(descriptor, Kind.ACTION_LOG)
             yield descriptor
         finally:
             os.close(descriptor)

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Final
 
 from jbclog.core.errors import RecordError
-from jbclog.core.locks import lock_of
+from jbclog.core.locks import try_lock
 
 NAME: Final = "guard.lock"
 AGAIN_S: Final = 0.02
@@ -29,7 +29,7 @@ def only_one(folder: Path, patience_s: float = 0.0) -> Iterator[None]:
 
 def _taken(folder: Path, end: float) -> int:
     while True:
-        descriptor = lock_of(folder / NAME)
+        descriptor = try_lock(folder / NAME)
         if descriptor is not None:
             return descriptor
         if time.monotonic() >= end:

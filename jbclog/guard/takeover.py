@@ -12,7 +12,7 @@ from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 
-from jbclog.core.errors import Refusal, UsageError, of_program
+from jbclog.core.errors import Refusal, UsageError, unexpected_error_text
 from jbclog.core.io_requests import Steps
 from jbclog.core.wire import LineFormat
 from jbclog.guard.action_log import ActionLog
@@ -78,7 +78,7 @@ class TakeOver:
         try:
             task = self._surely_secured(lease)
         except Exception as error:  # one station that cannot be saved must not keep the others from it
-            self._tell(lease, "guard.failed", CRITICAL, f"the guard failed, {of_program(error)}; {HOT}")
+            self._tell(lease, "guard.failed", CRITICAL, f"the guard failed, {unexpected_error_text(error)}; {HOT}")
             return
         if task.flood is not None and all(tool.reached == SENT for tool in task.tools):
             self.flooded.add(lease.name)

@@ -17,11 +17,11 @@ from functools import cache, lru_cache
 from pathlib import Path
 from typing import Final, cast
 
-from jbclog.core.durable_files import Chain, add_lines, chain_in, line_of, sha256, sync_folder
+from jbclog.core.durable_files import LineChain, add_lines, chain_in, line_of, sha256, sync_folder
 from jbclog.core.errors import RecordError, UsageError
 from jbclog.core.foreign.files import Kind, read_foreign
 from jbclog.core.foreign.json_reader import Misfit, build, json_of
-from jbclog.core.locks import lock_of
+from jbclog.core.locks import try_lock
 from jbclog.maintenance.counter_totals.observed import Count, Entry, Errors, Fact, Identity, Observation, Standing
 
 # -- gc pause -----------------------------------------------------------------------------------------------------------------
@@ -240,7 +240,7 @@ def read_book(path: Path) -> Book:
     except OSError as error:
         raise RecordError(f"{path} cannot be read: {_why(error)}") from error
     with uncollected():
-        found: Chain[Entry] = chain_in(data, FIRST, read_line, what="line of a ledger", of_first="a ledger's beginning")
+        found: LineChain[Entry] = chain_in(data, FIRST, read_line, what="line of a ledger", of_first="a ledger's beginning")
     return Book(path, found.said, found.wrong, found.head)
 
 
@@ -275,7 +275,7 @@ def auditing(path: Path) -> Iterator[None]:
     lock = path.with_name(path.name + LOCK)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        held = lock_of(lock)
+        held = try_lock(lock)
     except OSError as error:
         raise RecordError(f"{lock} cannot be made: {error.strerror or error}") from error
     if held is None:

@@ -1,4 +1,4 @@
-"""Frames of JBC's robot protocol, and the reader that finds them in a stream of bytes.
+"""Frames of JBC's robot protocol, and a reader that finds them in a stream of bytes.
 
 ::
 
@@ -8,9 +8,9 @@
     └─────┴────────┴────────┴───┴─────────┴──────────┴─────┴─────┘
       1      2        2       1   3 (TT: 2)  0, 5 or more  1     1
 
-The addresses are there on a line with addresses and not there on one without. H is R (read), W (write),
-A (answer) or N (refusal). BCC is the XOR of every byte from STX to ETX, one raw byte: it can be STX, ETX,
-XON, XOFF or NUL. Where the command ends and its data begins only the question tells, so `text` holds both.
+Addresses are optional, by the line's configuration. H is R (read), W (write), A (answer) or N (refusal). BCC is the XOR of every
+byte from STX to ETX, one raw byte: it can be STX, ETX, XON, XOFF or NUL. Only the request tells where the command ends and its
+data begins, so `text` has both.
 """
 
 from __future__ import annotations
@@ -20,21 +20,19 @@ from dataclasses import dataclass
 from functools import reduce
 from operator import xor
 
-# -- frame --------------------------------------------------------------------------------------------------------------------
-
 STX = 0x02
 ETX = 0x03
 HEADERS = "RWAN"
 
 
 def check_byte(covered: bytes) -> int:
-    """XOR of all bytes of `covered`, which starts at STX and ends with ETX."""
+    """XOR of all bytes of `covered`, from STX to ETX."""
     return reduce(xor, covered)
 
 
 @dataclass(frozen=True, slots=True)
 class Frame:
-    """A frame whose check byte holds. `source` and `target` are None on a line without addresses."""
+    """A frame with a correct check byte. `source` and `target` are None on a line without addresses."""
 
     header: str
     text: str
@@ -42,7 +40,7 @@ class Frame:
     target: int | None = None
 
     def encode(self) -> bytes:
-        """The bytes on the wire, check byte included."""
+        """Encode the frame, check byte included."""
         if self.header not in HEADERS or len(self.header) != 1:
             raise ValueError(f"{self.header!r} is not one of R, W, A, N")
         if not all(" " <= c <= "~" for c in self.text):
@@ -61,9 +59,9 @@ class Frame:
 
 
 def parse(content: bytes) -> Frame | None:
-    """The frame whose bytes between STX and ETX are `content`; None where they cannot be one.
+    """Parse the bytes between STX and ETX; None where they are not a frame.
 
-    A digit after STX means a frame with addresses, a header one without (docs/reference/contradictions.md, B-7).
+    A digit after STX means addresses, a header means none (docs/reference/contradictions.md, B-7).
     """
     if not content.isascii():
         return None
@@ -77,7 +75,7 @@ def parse(content: bytes) -> Frame | None:
 
 
 def only_reads(data: bytes) -> bool:
-    """Whether `data` is one whole frame with header R, its check byte good, and nothing before or behind it."""
+    """Whether `data` is exactly one complete read: header R and a correct check byte."""
     if len(data) < 4 or data[0] != STX or data[-2] != ETX or check_byte(data[:-1]) != data[-1]:
         return False
     content = data[1:-2]
@@ -85,23 +83,20 @@ def only_reads(data: bytes) -> bool:
     return frame is not None and frame.header == "R"
 
 
-# -- reader -------------------------------------------------------------------------------------------------------------------
-# Finds frames in a stream of bytes, however it is cut into chunks.
-#
-# The rules:
+# The reader's rules:
 #
 # 1. A frame is STX, `SHORTEST` to `LONGEST` printable characters, ETX, and one byte of any value: the check byte can be
-#    STX, ETX, XON, XOFF or NUL. All else is garbage, an STX without such an end included.
-# 2. Where the check byte or the shape does not hold, the frame is given as corrupt, and the search goes on behind it.
-# 3. Where the check byte is an STX, the search goes on with it: it may begin the next frame, whose STX stands for a check
-#    byte that was lost. That holds for good frames too: their own check byte may be an STX, and be lost.
-# 4. A frame is given with its last byte. Garbage is counted and dropped, and what is held for the next chunk can only be
-#    the beginning of a frame: `MOST_HELD` bytes at most.
+#    STX, ETX, XON, XOFF or NUL. Everything else is garbage, an STX without such an end included.
+# 2. A frame with a wrong check byte or shape is returned as corrupt, and the search continues after it.
+# 3. If the check byte is an STX, the search continues with it: it may begin the next frame, and the check byte may be lost. That
+#    holds for correct frames too, because their own check byte may be an STX.
+# 4. A frame is returned with its last byte. Garbage is counted and dropped; only the possible beginning of a frame is kept
+#    for the next chunk, at most `MOST_HELD` bytes.
 #
-# So the first good frame behind any garbage is given, whatever the garbage was.
+# So the first correct frame after any garbage is found.
 
-SHORTEST = 3  # characters between STX and ETX: the read of the transformer's temperature, RTT (manual 000, 4.8.34)
-LONGEST = 64  # the longest that is printed has 21: addresses, A, DL1 and 0x000000003E8 (manual 002, R-DLx)
+SHORTEST = 3  # characters between STX and ETX: RTT, the transformer's temperature (manual 000, 4.8.34)
+LONGEST = 64  # the longest printed text has 21: addresses, A, DL1 and 0x000000003E8 (manual 002, R-DLx)
 MOST_HELD = 1 + LONGEST + 1
 
 _FRAME = re.compile(rb"\x02([ -~]{%d,%d})\x03([\x00-\xff])" % (SHORTEST, LONGEST))
@@ -109,31 +104,31 @@ _BEGUN = re.compile(rb"\x02(?:[ -~]{0,%d}|[ -~]{%d,%d}\x03)\Z" % (LONGEST, SHORT
 
 
 @dataclass(frozen=True, slots=True)
-class Corrupt:
-    """Something framed like a frame whose check byte or shape does not hold; `raw` is all of it, check byte included."""
+class CorruptFrame:
+    """A frame with a wrong check byte or shape; `raw` is all of it, check byte included."""
 
     raw: bytes
 
 
 class FrameReader:
-    """Feed it bytes; it gives the frames in them. `garbage` counts the bytes that belonged to none, good or corrupt."""
+    """Finds frames in chunks of bytes. `garbage` counts the bytes outside of any frame, correct or corrupt."""
 
     def __init__(self) -> None:
         self._held = b""
-        self._lent = 0  # 1 where what is held begins with the check byte of a good frame
+        self._lent = 0  # 1 if the kept bytes begin with the check byte of a correct frame
         self.garbage = 0
 
     def reset(self) -> int:
-        """Forget what is held, as after a drain; give how many bytes that were."""
+        """Drop the kept bytes and return their number."""
         forgotten = len(self._held) - self._lent
         self.garbage += forgotten
         self._held, self._lent = b"", 0
         return forgotten
 
-    def feed(self, chunk: bytes) -> list[Frame | Corrupt]:
-        """All frames, good and corrupt, that `chunk` completes, in order."""
+    def feed(self, chunk: bytes) -> list[Frame | CorruptFrame]:
+        """Return the frames, correct and corrupt, that `chunk` completes."""
         stream = self._held + chunk
-        found: list[Frame | Corrupt] = []
+        found: list[Frame | CorruptFrame] = []
         place = 0
         while match := _FRAME.search(stream, place):
             self._drop(match.start() - place)
@@ -141,7 +136,7 @@ class FrameReader:
             is_stx = match[2][0] == STX
             place = match.end() - is_stx
             self._lent = int(is_stx and frame is not None)
-            found.append(frame or Corrupt(match[0]))
+            found.append(frame or CorruptFrame(match[0]))
         begun = _BEGUN.search(stream, place)
         kept = begun.start() if begun else len(stream)
         self._drop(kept - place)
@@ -155,6 +150,6 @@ class FrameReader:
 
 
 def _checked(match: re.Match[bytes]) -> Frame | None:
-    """The frame, if its check byte and its shape hold."""
+    """Return the frame, if check byte and shape are correct."""
     raw = match[0]
     return parse(match[1]) if check_byte(raw[:-1]) == raw[-1] else None

@@ -1,4 +1,4 @@
-"""One frame of Apollo Seiko's OMEGA and the reader that finds them in a stream (manual 003, 11.2).
+"""Frames of Apollo Seiko's OMEGA, and a reader that finds them in a stream (manual 003, 11.2).
 
 ::
 
@@ -8,34 +8,33 @@
     └─────┴──────────────────┴─────┴──────┴──────┘
        1         1 to 64        1      1      1
 
-SUM is the low eight bits of the sum of the text's characters, without STX and ETX, as two hexadecimal digits in capitals.
-The controller drops a frame whose SUM is wrong without a word.
+SUM is the low eight bits of the sum of the text's characters, without STX and ETX, as two capital hexadecimal digits. The
+controller ignores a frame with a wrong SUM.
 
-The reader's rules are those of JBC's (`frame.py`): what is not framed is garbage, what is framed and does not hold is given as
-corrupt, and an STX where a digit of the SUM belongs begins the next frame.
+The reader's rules are those of JBC's (`frame.py`); an STX in place of a digit of the SUM begins the next frame.
 """
 
 from __future__ import annotations
 
 import re
 
-from jbclog.protocol.frame import Corrupt
+from jbclog.protocol.frame import CorruptFrame
 
-LONGEST = 64  # the longest that is known has 51: D or c and a condition record (docs/reference/protocol.md)
+LONGEST = 64  # the longest known text has 51 characters: D or c and a condition record (docs/reference/protocol.md)
 MOST_HELD = 1 + LONGEST + 2
-ASKING = "ABCFG"  # the first letters of texts that ask and change nothing; D writes a condition, H runs one
+ASKING = "ABCFG"  # first letters of texts that only read; D writes a condition, H runs one
 
 _FRAME = re.compile(rb"\x02([ -~]{1,%d})\x03([^\x02][^\x02]|[^\x02]?(?=\x02))" % LONGEST, re.DOTALL)
 _BEGUN = re.compile(rb"\x02(?:[ -~]{0,%d}|[ -~]{1,%d}\x03[^\x02]?)\Z" % (LONGEST, LONGEST), re.DOTALL)
 
 
 def sum_of(text: bytes) -> bytes:
-    """The two characters behind ETX: ``F1`` for ``K12C``."""
+    """Return the two characters after ETX: ``F1`` for ``K12C``."""
     return b"%02X" % (sum(text) & 0xFF)
 
 
 def encode(text: str) -> bytes:
-    """The bytes on the wire of a frame with this main text. Raises `ValueError` where it can be none."""
+    """Encode a frame with this main text. Raises `ValueError` where it is not allowed."""
     if not 1 <= len(text) <= LONGEST or not all(" " <= c <= "~" for c in text):
         raise ValueError(f"{text!r} is not 1 to {LONGEST} characters of printable ASCII")
     content = text.encode()
@@ -43,15 +42,15 @@ def encode(text: str) -> bytes:
 
 
 def only_reads(data: bytes) -> bool:
-    """Whether `data` is one whole frame that asks, its SUM good, and nothing before or behind it."""
+    """Whether `data` is exactly one complete read with a correct SUM."""
     match = _FRAME.fullmatch(data)
     return match is not None and match[2] == sum_of(match[1]) and chr(match[1][0]) in ASKING
 
 
 class OmegaReader:
-    """Feed it bytes; it gives the main texts of the frames in them.
+    """Finds frames in chunks of bytes and returns their main texts.
 
-    `corrupt` counts the frames whose SUM does not hold, `garbage` the bytes that belonged to no frame, good or corrupt.
+    `corrupt` counts the frames with a wrong SUM, `garbage` the bytes outside of any frame.
     """
 
     def __init__(self) -> None:
@@ -60,16 +59,16 @@ class OmegaReader:
         self.garbage = 0
 
     def reset(self) -> int:
-        """Forget what is held, as after a drain; give how many bytes that were."""
+        """Drop the kept bytes and return their number."""
         forgotten = len(self._held)
         self.garbage += forgotten
         self._held = b""
         return forgotten
 
-    def feed(self, chunk: bytes) -> list[str | Corrupt]:
-        """What `chunk` completes, in order: texts of frames, and what was framed like one and does not hold."""
+    def feed(self, chunk: bytes) -> list[str | CorruptFrame]:
+        """Return what `chunk` completes, in order: texts of frames, and corrupt frames."""
         stream = self._held + chunk
-        found: list[str | Corrupt] = []
+        found: list[str | CorruptFrame] = []
         place = 0
         while match := _FRAME.search(stream, place):
             self.garbage += match.start() - place
@@ -81,8 +80,8 @@ class OmegaReader:
         self._held = stream[kept:]
         return found
 
-    def _checked(self, match: re.Match[bytes]) -> str | Corrupt:
+    def _checked(self, match: re.Match[bytes]) -> str | CorruptFrame:
         if match[2] == sum_of(match[1]):
             return match[1].decode("ascii")
         self.corrupt += 1
-        return Corrupt(match[0])
+        return CorruptFrame(match[0])

@@ -37,7 +37,7 @@ from typing import Final, cast
 from jbclog.core.errors import RecordError
 from jbclog.core.foreign.files import Kind, expect_regular, is_plain_folder, open_foreign
 from jbclog.core.foreign.json_reader import Misfit, build, expect_moment, json_of
-from jbclog.core.wire import Row
+from jbclog.core.wire import CaptureRow
 from jbclog.record.capture_file import FIXED, Block, Gap, blocks, row_of
 
 FOLDER: Final = "wire"
@@ -169,7 +169,7 @@ def _begun(first: bytes) -> bytes:
     return begun
 
 
-def rows_and_holes(path: Path) -> Iterator[Row | Hole]:
+def rows_and_holes(path: Path) -> Iterator[CaptureRow | Hole]:
     """All that can be proven of a wire, in order. Raises `RecordError` where a line that is proven is no row."""
     last: float | None = None
     open_gap: Gap | None = None
@@ -187,7 +187,7 @@ def rows_and_holes(path: Path) -> Iterator[Row | Hole]:
         yield Hole(open_gap, last, None)
 
 
-def _rows(path: Path, block: Block) -> Iterator[Row]:
+def _rows(path: Path, block: Block) -> Iterator[CaptureRow]:
     for number, line in enumerate(block.text.split("\n")[:-1], start=block.first_line):
         if (number == 1 and line + "\n" == COLUMNS) or f"\t{RUN}\t" in line:
             continue
@@ -204,26 +204,26 @@ def _blocks(path: Path) -> Iterator[Block | Gap]:
         raise RecordError(f"{path} cannot be read: {error.strerror or error}") from error
 
 
-def read_rows(path: Path) -> Iterator[Row]:
+def read_rows(path: Path) -> Iterator[CaptureRow]:
     """The rows of a wire that can be proven, one at a time; `holes` says what is missing between them."""
     return (row for row in rows_and_holes(path) if not isinstance(row, Hole))
 
 
-def read_to_hole(path: Path, first: int = 0) -> Iterator[Row]:
+def read_to_hole(path: Path, first: int = 0) -> Iterator[CaptureRow]:
     """The rows from number `first` on, up to where something is missing: what a session was told cannot be told on behind it."""
     return islice(_to_hole(path), first, None)
 
 
-def _to_hole(path: Path) -> Iterator[Row]:
+def _to_hole(path: Path) -> Iterator[CaptureRow]:
     for row in rows_and_holes(path):
         if isinstance(row, Hole):
             return
         yield row
 
 
-def read_exchanges(path: Path) -> Iterator[Row]:
+def read_exchanges(path: Path) -> Iterator[CaptureRow]:
     """The rows less those around a hole, from the last question before it to the first behind: their answers may lie in it."""
-    held: list[Row] = []
+    held: list[CaptureRow] = []
     is_whole = True
     for row in rows_and_holes(path):
         if isinstance(row, Hole):

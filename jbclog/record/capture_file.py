@@ -13,31 +13,31 @@ from pathlib import Path
 from typing import Final, cast, get_args
 
 from jbclog.core.foreign.files import Kind, open_foreign
-from jbclog.core.wire import Passed, PassedName, Row, Told, ToldName, WishName
+from jbclog.core.wire import CaptureRow, LinkRow, LinkRowKind, RequestName, ResultKind, ResultRow
 
 # -- capture rows -------------------------------------------------------------------------------------------------------------
 # Rows of a wire as lines of its file, and back to the bit.
 
 BYTES: Final = ("sent", "heard")
-PASSED: Final = get_args(PassedName)
-TOLD: Final = get_args(ToldName)
-WISHES: Final = get_args(WishName)
+PASSED: Final = get_args(LinkRowKind)
+TOLD: Final = get_args(ResultKind)
+WISHES: Final = get_args(RequestName)
 
 
-def line_of(row: Row) -> str:
+def line_of(row: CaptureRow) -> str:
     """A row as it stands in the file; moments with all the digits that tell them apart."""
-    if isinstance(row, Passed):
+    if isinstance(row, LinkRow):
         return f"{row.at_s!r}\t{row.what}\t{row.data.hex() or _escaped(row.text)}\n"
     if row.what != "told":
-        return f"{row.at_s!r}\t{row.what}\t{row.wish} {_escaped(row.text)}\n"
+        return f"{row.at_s!r}\t{row.what}\t{row.request} {_escaped(row.text)}\n"
     if row.late_s:
-        return f"{row.at_s!r}\ttold\t{row.wish} {row.size} {row.sent_s!r} {row.late_s!r}\n"
-    if row.wish == "ask":
+        return f"{row.at_s!r}\ttold\t{row.request} {row.size} {row.sent_s!r} {row.late_s!r}\n"
+    if row.request == "ask":
         return f"{row.at_s!r}\ttold\task {row.size} {row.sent_s!r}\n"
-    return f"{row.at_s!r}\ttold\t{row.wish} {row.size}\n"
+    return f"{row.at_s!r}\ttold\t{row.request} {row.size}\n"
 
 
-def row_of(line: str) -> Row:
+def row_of(line: str) -> CaptureRow:
     """The row in a line. Raises `ValueError` where it is none."""
     columns = line.rstrip("\n").split("\t")
     if len(columns) != 3:
@@ -45,9 +45,9 @@ def row_of(line: str) -> Row:
     at, what, data = columns
     moment = _finite(at)
     if what in BYTES:
-        return Passed(moment, cast(PassedName, what), bytes.fromhex(data))
+        return LinkRow(moment, cast(LinkRowKind, what), bytes.fromhex(data))
     if what in PASSED:
-        return Passed(moment, cast(PassedName, what), b"", _plain(data))
+        return LinkRow(moment, cast(LinkRowKind, what), b"", _plain(data))
     wish, _, rest = data.partition(" ")
     if what not in TOLD or wish not in WISHES:
         raise ValueError(f"{what} {wish} is not what a wire record tells")
@@ -55,8 +55,8 @@ def row_of(line: str) -> Row:
         size, sent, late, *more = *rest.split(" "), "", ""
         if any(more):
             raise ValueError(f"{rest} is more than a wire record tells")
-        return Told(moment, "told", cast(WishName, wish), _count(size), _finite(sent or "0"), late_s=_finite(late or "0"))
-    return Told(moment, cast(ToldName, what), cast(WishName, wish), text=_plain(rest))
+        return ResultRow(moment, "told", cast(RequestName, wish), _count(size), _finite(sent or "0"), late_s=_finite(late or "0"))
+    return ResultRow(moment, cast(ResultKind, what), cast(RequestName, wish), text=_plain(rest))
 
 
 def _finite(text: str) -> float:

@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import Final
 
 from jbclog.core.durable_files import sync_folder
-from jbclog.core.wire import Row
+from jbclog.core.wire import CaptureRow
 from jbclog.record.capture import COLUMNS, FOLDER, Head, head_line, wire_path
 from jbclog.record.capture_file import has_head, line_of, packed
 
@@ -31,7 +31,7 @@ MOST_ROWS: Final = 20_000  # waiting for one station: a minute and a half of a f
 BREATH_S: Final = 0.001  # after each wire: a thread that is always ready takes the sessions' turn at each of their reads
 LEAST_FREE: Final = 64 << 20  # bytes of the disk that are left to the record
 
-Keep = Callable[[Row], object]
+Keep = Callable[[CaptureRow], object]
 
 
 class Wire:
@@ -39,7 +39,7 @@ class Wire:
 
     def __init__(self, path: Path, head: Head) -> None:
         self.trouble: str | None = None
-        self._rows: deque[Row] = deque(maxlen=MOST_ROWS)
+        self._rows: deque[CaptureRow] = deque(maxlen=MOST_ROWS)
         self.keep: Keep = self._rows.append
         self._path = path
         self._head = head_line(head)

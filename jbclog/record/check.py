@@ -19,7 +19,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from jbclog.core.durable_files import lines_in, sha256
-from jbclog.core.errors import RecordError, of_program
+from jbclog.core.errors import RecordError, unexpected_error_text
 from jbclog.core.foreign.files import Kind, open_foreign, read_foreign
 from jbclog.core.foreign.json_reader import read_json
 from jbclog.core.rows import SIGNAL_COLUMNS, quality_of
@@ -241,7 +241,7 @@ def check(folder: Path, head: str | None = None) -> list[Finding]:
     try:
         return [*findings, *_ledger(folder, manifest), *_units(folder, manifest), *_events(folder, manifest), *_samples(folder)]
     except Exception as error:  # rows that no recorder wrote; what was found so far must not be lost over them
-        return [*findings, Finding("tables", f"cannot be checked further: {of_program(error)}")]
+        return [*findings, Finding("tables", f"cannot be checked further: {unexpected_error_text(error)}")]
 
 
 # -- files -----------------------------------------------------------------------------------------------------------

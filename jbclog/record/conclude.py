@@ -22,7 +22,7 @@ from jbclog.core.errors import RecordError
 from jbclog.core.foreign.files import Kind, open_foreign, read_foreign
 from jbclog.core.foreign.json_reader import Misfit, build, json_of
 from jbclog.core.foreign.tables import metadata_of, open_table
-from jbclog.core.locks import FolderLock, witness
+from jbclog.core.locks import FolderLock, commit_status
 from jbclog.core.rows import EventRow, Severity, StationFacts
 from jbclog.record import capture, guard_actions
 from jbclog.record.annotations import NAME as ANNOTATIONS
@@ -261,7 +261,7 @@ def stations_of(folder: Path, stock: StoreReader, manifest: Manifest) -> list[St
 
 def unkept_rows(stock: StoreReader) -> int:
     """How many rows the disk never took: as the store has it, or the recorder's last word where that did not come into it."""
-    return max(stock.dropped_rows, witness(stock.folder).unkept)
+    return max(stock.dropped_rows, commit_status(stock.folder).unkept)
 
 
 def known_stations(stock: StoreReader, known: list[StationFacts]) -> list[StationFacts]:

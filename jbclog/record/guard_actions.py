@@ -20,7 +20,7 @@ import pyarrow as pa
 from jbclog.core.errors import RecordError
 from jbclog.core.foreign.files import Kind, read_foreign
 from jbclog.core.foreign.json_reader import json_of
-from jbclog.core.locks import lock_of
+from jbclog.core.locks import try_lock
 from jbclog.core.rows import EventRow, Severity, StationFacts
 from jbclog.record.batches import decode, encode
 from jbclog.record.chains import Chain
@@ -42,7 +42,7 @@ def without_guard(folder: Path, patience_s: float) -> Iterator[None]:
     Raises `RecordError`.
     """
     end = time.monotonic() + patience_s
-    while (descriptor := lock_of(folder / LOCK)) is None:
+    while (descriptor := try_lock(folder / LOCK)) is None:
         if time.monotonic() >= end:
             raise RecordError(f"{folder}: its guard is at work; nothing was changed. Try again when it has ended")
         time.sleep(AGAIN_S)
@@ -69,7 +69,7 @@ def tidy(folder: Path) -> None:
     """Give back the room that the diary did not need; where nothing is in it there is none. Raises `OSError`."""
     path = folder / DIARY
     with suppress(FileNotFoundError):
-        written = read_foreign(path, Kind.DIARY).rstrip(BLANK)
+        written = read_foreign(path, Kind.ACTION_LOG).rstrip(BLANK)
         if not written:
             path.unlink()
             return
@@ -83,7 +83,7 @@ def tidy(folder: Path) -> None:
 def action_log(folder: Path) -> list[EventRow]:
     """The lines of the guard's diary that can be read, as events; nothing where no guard took over."""
     try:
-        lines = read_foreign(folder / DIARY, Kind.DIARY).decode(errors="replace").splitlines()
+        lines = read_foreign(folder / DIARY, Kind.ACTION_LOG).decode(errors="replace").splitlines()
     except FileNotFoundError:
         return []
     return [event for line in lines if (event := _event(line)) is not None]

@@ -29,7 +29,7 @@ from pathlib import Path
 from typing import Final
 
 from jbclog.core.errors import RecordError, cause
-from jbclog.core.locks import FolderLock, Witness
+from jbclog.core.locks import CommitStatus, FolderLock
 from jbclog.core.rows import CounterRow, EventRow, SampleRow, SettingRow, Severity, StationFacts
 from jbclog.record.batches import BARE, Batch, NotRows, encode, keep_pandas_out
 from jbclog.record.chains import Chain
@@ -256,7 +256,7 @@ class LiveStore:
         self._untold = PendingEvents(on_event)
         self._committing = threading.Lock()  # held for a whole commit
         self._commit_began: float | None = None  # monotonic seconds, while one goes on
-        self._witness = Witness()
+        self._witness = CommitStatus()
         self._safe_until = time.monotonic()  # all that was handed over before is safe
         self._wake = threading.Event()
         self._ending = False
@@ -402,11 +402,11 @@ class LiveStore:
             self._witness = replace(before, unkept=self.unkept_rows)
         else:
             self._safe_until = began
-            self._witness = Witness(
+            self._witness = CommitStatus(
                 self._intake.number, round(time.time() - (now - began), 3), max(before.risk_s, round(waited, 3)), self.dropped_rows
             )
         if self._lock is not None:
-            self._lock.testify(self._witness)
+            self._lock.write_status(self._witness)
 
     def _stored(self, closing: bool) -> bool:
         try:

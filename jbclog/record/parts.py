@@ -25,7 +25,7 @@ from jbclog.core.durable_files import sync_file, sync_folder, write_whole
 from jbclog.core.errors import RecordError
 from jbclog.core.foreign.files import Kind, is_plain_folder, read_foreign
 from jbclog.core.foreign.json_reader import Misfit, build, json_of
-from jbclog.core.foreign.tables import Table, metadata_of, open_table
+from jbclog.core.foreign.tables import ParquetTable, metadata_of, open_table
 from jbclog.record.schema import SCHEMAS, TABLES
 
 # -- damage -------------------------------------------------------------------------------------------------------------------
@@ -220,7 +220,7 @@ def groups_of(parts: Iterable[Path], columns: list[str] | None = None) -> Iterat
 
 
 @contextmanager
-def _opened(path: Path) -> Iterator[Table]:
+def _opened(path: Path) -> Iterator[ParquetTable]:
     """A part, its pages' check sums looked at; its footer, which has none, by what it must say. Raises `RecordError`."""
     with ExitStack() as opened:
         try:

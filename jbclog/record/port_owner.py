@@ -20,8 +20,8 @@ from typing import Final
 from jbclog.core.errors import RecordError
 from jbclog.core.foreign.files import NotReadable
 from jbclog.core.locks import NAME as LOCK
-from jbclog.core.locks import is_held, recorder
-from jbclog.core.wire import PortPlace, place_of
+from jbclog.core.locks import holder_pid, is_held
+from jbclog.core.wire import PortAddress, port_address
 
 RUNNING: Final = "running"
 
@@ -43,13 +43,13 @@ def runs_in_progress() -> Iterator[Path]:
 
 def runs_that_hold(urls: Collection[str]) -> list[Path]:
     """The folders of the runs in progress on this machine to which any of the ports at `urls` belongs now."""
-    wanted = [place_of(url) for url in urls]
+    wanted = [port_address(url) for url in urls]
     return [folder for folder in runs_in_progress() if _holds(folder, wanted)]
 
 
 def holds(folder: Path, urls: Collection[str]) -> bool:
     """Whether any of the ports at `urls` belongs to the run in `folder`, which is still in progress."""
-    return _is_recorded(folder) and _holds(folder, [place_of(url) for url in urls])
+    return _is_recorded(folder) and _holds(folder, [port_address(url) for url in urls])
 
 
 def why_held(urls: Mapping[str, str]) -> dict[str, str]:
@@ -68,7 +68,7 @@ def why_held(urls: Mapping[str, str]) -> dict[str, str]:
 
 def recorder_of(folder: Path) -> int | None:
     """The process that records the run in `folder`, as its lock says and the system bears out."""
-    process = recorder(folder)
+    process = holder_pid(folder)
     return process if process and folder in _folders_of(process) else None
 
 
@@ -100,7 +100,7 @@ def _is_recorded(folder: Path) -> bool:
     return False
 
 
-def _holds(folder: Path, wanted: Collection[PortPlace]) -> bool:
+def _holds(folder: Path, wanted: Collection[PortAddress]) -> bool:
     from jbclog.record.manifest import read_manifest
 
     ended = _ended(folder)  # before the manifest: where the store was removed meanwhile, that one says sealed
@@ -110,7 +110,7 @@ def _holds(folder: Path, wanted: Collection[PortPlace]) -> bool:
         return False  # it has not begun to ask anything
     if manifest.state != "open":
         return False
-    held = [place_of(facts.url) for facts in manifest.stations if facts.outcome == RUNNING and facts.name not in ended]
+    held = [port_address(facts.url) for facts in manifest.stations if facts.outcome == RUNNING and facts.name not in ended]
     return any(one.is_at(other) for one in held for other in wanted)
 
 

@@ -21,7 +21,7 @@ import pyarrow as pa
 
 from jbclog.core.errors import RecordError, Unsafe
 from jbclog.core.foreign.files import expect_answer
-from jbclog.core.locks import FolderLock, witness
+from jbclog.core.locks import FolderLock, commit_status
 from jbclog.core.rows import StationFacts
 from jbclog.record import capture, guard_actions, parts, sealed_files
 from jbclog.record.conclude import (
@@ -279,7 +279,7 @@ def _at_risk_s(folder: Path) -> float:
 
     A guard saw when the recorder ended, so with one it is known how long the last wait was.
     """
-    said = witness(folder)
+    said = commit_status(folder)
     ended = [event.time / 1e6 for event in guard_actions.action_log(folder) if event.kind == TOOK_OVER[0]]
     last = ended[0] - said.since if ended and said.since is not None else 0.0
     return math.ceil(max(AT_RISK_S, said.risk_s, last) * 10) / 10
@@ -322,7 +322,7 @@ def _lacking(path: Path) -> Iterator[str]:
 
 def _note_missing_end(folder: Path, last: int) -> None:
     """What the recorder said was committed, and is not in the store: the end of its log is gone."""
-    missing = witness(folder).last - last
+    missing = commit_status(folder).last - last
     if missing > 0:
         which = f"batches {last + 1} to {last + missing}"
         parts.note_damage(folder, [parts.Damage(which, None, "acknowledged, and missing from the live store", missing * AT_RISK_S)])

@@ -20,9 +20,9 @@ from dataclasses import dataclass
 from heapq import heapify, heappop, heappush
 from itertools import count
 
-from jbclog.core.wire import ADDRESSES, AROUND, LineFormat
+from jbclog.core.wire import ADDRESSES, FRAMING, LineFormat
 from jbclog.protocol.commands.command import Command, Scope
-from jbclog.protocol.commands.signals import Counter, Pace, Signal
+from jbclog.protocol.commands.signals import ReadInterval, Signal, UsageCounter
 
 KEPT_FOR_REPEATS = 0.05
 KEPT_BY_AUTO = 0.2
@@ -30,7 +30,7 @@ AUTO_RATES_HZ = (10.0, 5.0, 4.0, 2.0, 1.0, 0.5, 0.4, 0.2, 0.1, 0.05, 0.04, 0.02,
 CEILING = 3.0  # a slow reading may be this many of its periods old
 BEHIND_LETTERS = {Scope.STATION: 0, Scope.PORT: 1, Scope.TOOL: 2}  # characters for port and tool
 USUAL_DIGITS = 5  # of an answer whose length is not printed
-FIXED_PERIODS_S = {Pace.FIVE: 5.0, Pace.TEN: 10.0}
+FIXED_PERIODS_S = {ReadInterval.FIVE: 5.0, ReadInterval.TEN: 10.0}
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,7 +48,7 @@ class Reading:
     wire_s: float
     period_s: float | None
     columns: tuple[str, ...] = ()
-    counter: Counter | None = None
+    counter: UsageCounter | None = None
     is_identity: bool = False  # the model, or the software, of the station
 
     @property
@@ -57,11 +57,11 @@ class Reading:
         return self.counter is not None or self.is_identity
 
 
-def period_s(pace: Pace, alarms_every_s: float, counters_every_s: float) -> float | None:
+def period_s(pace: ReadInterval, alarms_every_s: float, counters_every_s: float) -> float | None:
     """Seconds between two readings of a pace; None for every tick."""
-    if pace is Pace.FAST:
+    if pace is ReadInterval.FAST:
         return None
-    chosen = {Pace.ALARMS: alarms_every_s, Pace.COUNTERS: counters_every_s}
+    chosen = {ReadInterval.ALARMS: alarms_every_s, ReadInterval.COUNTERS: counters_every_s}
     return chosen.get(pace) or FIXED_PERIODS_S[pace]
 
 
@@ -69,7 +69,7 @@ def read_wire_s(line: LineFormat, command: Command, addressed: bool) -> float:
     """Seconds that the bytes of a read and its usual answer take on the wire, without turnaround."""
     code = len(command.letters) + BEHIND_LETTERS[command.scope]
     digits = USUAL_DIGITS if command.answer_digits is None else command.answer_digits
-    return line.seconds(2 * (AROUND + code + (ADDRESSES if addressed else 0)) + digits)
+    return line.seconds(2 * (FRAMING + code + (ADDRESSES if addressed else 0)) + digits)
 
 
 @dataclass(frozen=True, slots=True)
@@ -264,7 +264,7 @@ def _urgency(slow: Slow) -> float:
 
 def readings_of(
     signals: Iterable[tuple[Signal, Command]],
-    counters: Iterable[tuple[Counter, Command]],
+    counters: Iterable[tuple[UsageCounter, Command]],
     ports: Sequence[int],
     line: LineFormat,
     addressed: bool,
@@ -276,12 +276,12 @@ def readings_of(
     for signal, command in signals:
         for port in ports if command.scope is Scope.PORT else ports[:1]:
             asks = port if command.scope is Scope.PORT else None
-            pace = period_s(signal.pace, alarms_every_s, counters_every_s)
-            found.append(Reading(signal.name, command, port, asks, read_wire_s(line, command, addressed), pace, signal.columns))
+            interval = period_s(signal.interval, alarms_every_s, counters_every_s)
+            found.append(Reading(signal.name, command, port, asks, read_wire_s(line, command, addressed), interval, signal.columns))
     for counter, command in counters:
         for port in ports:
-            wire, pace = read_wire_s(line, command, addressed), period_s(counter.pace, alarms_every_s, counters_every_s)
-            every_s = counters_every_s if pace is None else min(pace, counters_every_s)
+            wire, interval = read_wire_s(line, command, addressed), period_s(counter.interval, alarms_every_s, counters_every_s)
+            every_s = counters_every_s if interval is None else min(interval, counters_every_s)
             found.append(Reading(counter.name, command, port, port, wire, every_s, (), counter))
     return found
 

@@ -28,8 +28,8 @@ from jbclog.protocol.commands.omega import (
     ConditionNumber,
     ConditionRecord,
     SetTemperature,
-    Stored,
     StoredCondition,
+    StoredRecord,
     is_condition,
 )
 from jbclog.protocol.omega import OmegaReader, encode
@@ -55,7 +55,7 @@ FEEDS = (("feed1_mm", "feed1_mm_s"), ("feed2_mm", "feed2_mm_s"), ("feed3_mm", "f
 BACK = (("reverse1_mm", "reverse1_mm_s"), ("reverse2_mm", "reverse2_mm_s"), ("reverse3_mm", "reverse3_mm_s"))
 
 
-def usual(number: int) -> Stored:
+def usual(number: int) -> StoredRecord:
     """What is stored under a number that nobody has written yet."""
     if number == CLEANING:
         return Cleaning(0.5)
@@ -66,7 +66,7 @@ def usual(number: int) -> Stored:
 class OmegaPlant:
     """One controller and what it drives. Moments are monotonic seconds."""
 
-    def __init__(self, began: float, joints: Joints, stored: Mapping[int, Stored]) -> None:
+    def __init__(self, began: float, joints: Joints, stored: Mapping[int, StoredRecord]) -> None:
         self.stored = dict(stored)
         self.faults: set[str] = set()
         self._joints = joints
@@ -99,7 +99,7 @@ class OmegaPlant:
     def mode(self) -> str:
         return MODES[self.condition(301).mode]
 
-    def condition(self, number: int) -> Stored:
+    def condition(self, number: int) -> StoredRecord:
         return self.stored.get(number) or usual(number)
 
     def _at_work(self) -> list[tuple[float, float]]:
@@ -107,11 +107,11 @@ class OmegaPlant:
 
     # -- what it is told -------------------------------------------------------------------------------------------
 
-    def takes(self, value: Stored) -> bool:
+    def takes(self, value: StoredRecord) -> bool:
         """Whether every field is in its range."""
         return all(float(text) <= MOST_MM_S for _, unit, text in value.values() if unit == "mm/s")
 
-    def store(self, value: Stored) -> None:
+    def store(self, value: StoredRecord) -> None:
         self.stored[value.condition] = value
 
     def run(self, number: int, now: float) -> tuple[str, float]:
@@ -123,7 +123,7 @@ class OmegaPlant:
         return ("i", now + seconds_of(condition, first_stage=True)) if slides else ("h", self._run_to)
 
 
-def seconds_of(condition: Stored, *, first_stage: bool = False) -> float:
+def seconds_of(condition: StoredRecord, *, first_stage: bool = False) -> float:
     """How long its joint takes; only its first stage, of a slide."""
     if isinstance(condition, Cleaning):
         return condition.air_blow_s
@@ -170,12 +170,12 @@ class VirtualOmega:
         self._reader = OmegaReader()
         self._silent_until = float("-inf")
 
-    def hung_up(self, now: float) -> bool:
+    def is_unplugged(self, now: float) -> bool:
         """Whether the cable is out: there is no port to write to or read from."""
         return self.faults.unplugged(now)
 
     def next_plugging(self, now: float) -> float | None:
-        """When `hung_up` changes next, as far as is known."""
+        """When `is_unplugged` changes next, as far as is known."""
         return self.faults.next_plugging(now)
 
     def advance_to(self, moment: float) -> None:
@@ -186,7 +186,7 @@ class VirtualOmega:
 
     def receive(self, data: bytes, now: float) -> list[Reply]:
         """What it says to bytes that were written to its port at `now`: what answers them, and what comes of them later."""
-        if self.hung_up(now):
+        if self.is_unplugged(now):
             return []
         heard = self._pace.heard(len(data), now)
         return [reply for found in self._reader.feed(data) if isinstance(found, str) for reply in self._replies(found, heard)]
@@ -271,7 +271,7 @@ class VirtualOmega:
             at = after + late_s + len(sent) * self._character_s
         else:
             at = self._pace.said(len(sent), after + late_s + self._delay_s())
-        return [] if self.hung_up(at) else [Reply(at, sent)]
+        return [] if self.is_unplugged(at) else [Reply(at, sent)]
 
     def _delay_s(self) -> float:
         return self._random.uniform(0.0, SLOWEST_S) if self._turnaround_s is None else self._turnaround_s
@@ -298,10 +298,10 @@ def _number(data: str) -> int | None:
         return None
 
 
-def _stored(station: str, sim: SimSpec) -> dict[int, Stored]:
+def _stored(station: str, sim: SimSpec) -> dict[int, StoredRecord]:
     """What the line file lets it begin with, and one condition that sets a temperature, in tenths or in whole degrees."""
     set_temperature = SetTemperature(399, SET_C if IN_DEGREES in sim.quirks else 10 * SET_C, 0)
-    found: dict[int, Stored] = {set_temperature.condition: set_temperature}
+    found: dict[int, StoredRecord] = {set_temperature.condition: set_temperature}
     for name, told in sim.settings.items():
         try:
             value = RECORD.decode(str(told).replace(" ", ""))

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from math import floor, inf
 from typing import NamedTuple
 
-from jbclog.core.wire import Passed, Row
+from jbclog.core.wire import CaptureRow, LinkRow
 from jbclog.protocol import frame, omega
 from jbclog.protocol.commands.command import Effect
 from jbclog.protocol.commands.robot import READINGS
@@ -83,11 +83,11 @@ class _Stretches:
         return self._number
 
 
-def exchanges(rows: Iterable[Row], sampling_s: float | None = None) -> Iterator[Exchange]:
+def exchanges(rows: Iterable[CaptureRow], sampling_s: float | None = None) -> Iterator[Exchange]:
     """The exchanges on a tape, in order. What came before the first question belongs to none."""
     one, down_since, stretches = None, 0.0, _Stretches(sampling_s)
     for row in rows:
-        if not isinstance(row, Passed):
+        if not isinstance(row, LinkRow):
             continue
         if row.what == "sent":
             if one is not None:

@@ -25,7 +25,7 @@ from collections.abc import Callable, Iterable, Iterator
 from math import inf
 from statistics import median_low
 
-from jbclog.core.wire import Row
+from jbclog.core.wire import CaptureRow
 from jbclog.sim.recorded_wire import LOOK_S, Contents, Exchange, Looks, Ticks, exchanges, has_flags, is_write, looks
 from jbclog.sim.virtual import Reply
 
@@ -38,7 +38,7 @@ AGAIN = 3  # times that a question gets its last answer once more where nothing 
 
 
 class TapeStation:
-    """A station that plays `rows`. They are read when they are needed; `speed` divides all delays.
+    """A station that plays `rows`, which are read when they are needed.
 
     Recorded delays hold what it took to hand bytes over; who serves it on a port, where that is taken again, has each
     answer begin `early_s` before its time. `ticks` is the grid on which it was sampled, where that is known.
@@ -50,8 +50,7 @@ class TapeStation:
     def __init__(
         self,
         name: str,
-        rows: Callable[[], Iterable[Row]],
-        speed: float = 1.0,
+        rows: Callable[[], Iterable[CaptureRow]],
         early_s: float = 0.0,
         ticks: Ticks | None = None,
     ) -> None:
@@ -59,7 +58,6 @@ class TapeStation:
         self.strange = 0
         self.repeated: Counter[bytes] = Counter()
         self.left_out = 0
-        self._speed = speed
         self._early_s = early_s
         self._ticks = ticks
         first_s = ticks.first_s if ticks else None
@@ -83,18 +81,18 @@ class TapeStation:
 
     def receive(self, data: bytes, now: float) -> list[Reply]:
         """What comes back to `data` written at `now`: bytes, each with the moment at which they are there."""
-        if self.hung_up(now):
+        if self.is_unplugged(now):
             self._heard = b""
             return []
         replies = [reply for question in self._questions(data) for reply in self._replies(question, now)]
-        return [reply for reply in replies if not self.hung_up(reply.at)]
+        return [reply for reply in replies if not self.is_unplugged(reply.at)]
 
-    def hung_up(self, now: float) -> bool:
+    def is_unplugged(self, now: float) -> bool:
         """Whether the link is lost."""
         return any(begin <= now < end for begin, end in self._outages)
 
     def next_plugging(self, now: float) -> float | None:
-        """When `hung_up` changes next, as far as is known."""
+        """When `is_unplugged` changes next, as far as is known."""
         return min((moment for outage in self._outages for moment in outage if now < moment < inf), default=None)
 
     def _questions(self, data: bytes) -> Iterator[bytes]:
@@ -127,13 +125,13 @@ class TapeStation:
 
     def _delay_s(self, delay_s: float, behind_s: float) -> float:
         """What is left of a recorded delay: the client is to have the answer at its moment, and not still later."""
-        return max(max(delay_s - behind_s, LEFT * delay_s) / self._speed - self._early_s, 0.0)
+        return max(max(delay_s - behind_s, LEFT * delay_s) - self._early_s, 0.0)
 
     # -- the place on the tape ------------------------------------------------------------------------------------------
 
     def _time(self, now: float) -> float:
         """The client's time on the tape's clock."""
-        return now * self._speed + median_low(self._tick_offsets or self._offsets)
+        return now + median_low(self._tick_offsets or self._offsets)
 
     def _enter(self, question: bytes) -> None:
         """Go on to the stretch that begins with this question, where it begins one and is not waited for in this one."""
@@ -212,7 +210,7 @@ class TapeStation:
         """Whether the client asks the same right after it was answered."""
         last = self._last.get(question)
         answered_s = last.replies[-1][0] if last is not None and last.replies else 0.0
-        return question == self._asked and (now - self._asked_at) * self._speed - answered_s < LOOK_S
+        return question == self._asked and now - self._asked_at - answered_s < LOOK_S
 
     def _reach_due(self, question: bytes, now: float) -> bool:
         """Whether there is a next group, and the client is as far as that."""
@@ -221,7 +219,7 @@ class TapeStation:
             return self._reach(question, 1)
         gone_s = self._time(now) - last.at_s
         if question == self._asked:  # one more look at what it has just been told
-            gone_s = min(gone_s, (now - self._asked_at) * self._speed)
+            gone_s = min(gone_s, now - self._asked_at)
         far_s = last.at_s + max(gone_s, 0.0) / NEAR
         return self._reach(question, 1, far_s) and row[0].at_s <= far_s
 
@@ -272,7 +270,7 @@ class TapeStation:
     def _go_on(self, one: Exchange, now: float) -> None:
         """This exchange happens: the place on the tape, and the link, are what they were then."""
         self._last[one.question] = one
-        self._set_clock(one, one.at_s - now * self._speed)
+        self._set_clock(one, one.at_s - now)
         self._lose(one, now)
 
     def _set_clock(self, one: Exchange, offset: float) -> None:
@@ -288,4 +286,4 @@ class TapeStation:
     def _lose(self, one: Exchange, now: float) -> None:
         """Lose the link where it was lost after this exchange."""
         if one.lost_s is not None:
-            self._outages.append((now + one.lost_s / self._speed, now + one.back_s / self._speed))
+            self._outages.append((now + one.lost_s, now + one.back_s))

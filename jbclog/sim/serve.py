@@ -68,7 +68,7 @@ class Servable(Protocol):
 
     def receive(self, data: bytes, now: float) -> Sequence[Reply]: ...
 
-    def hung_up(self, now: float) -> bool: ...
+    def is_unplugged(self, now: float) -> bool: ...
 
     def next_plugging(self, now: float) -> float | None: ...
 
@@ -162,7 +162,7 @@ class Server:
             self._at(moment, partial(self._change_plug, one, moment))
 
     def _change_plug(self, one: Served, moment: float) -> None:
-        if one.station.hung_up(moment):
+        if one.station.is_unplugged(moment):
             one.link.pull_out()
             self._wire_file.note(monotonic(), one.station.name, "unplugged", b"")
         else:

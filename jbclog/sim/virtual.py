@@ -25,7 +25,7 @@ from jbclog.protocol.commands.command import Scope
 from jbclog.protocol.commands.family import FAMILIES, Family, family_of
 from jbclog.protocol.commands.hotair import AIR_STATUS
 from jbclog.protocol.commands.signals import DISPENSING_COUNTERS
-from jbclog.protocol.frame import Corrupt, Frame, FrameReader, check_byte
+from jbclog.protocol.frame import CorruptFrame, Frame, FrameReader, check_byte
 from jbclog.sim.device import WRONG_CHECK, WRONG_FORMAT, Answer, Device, Struck, WireLog
 from jbclog.sim.faults import OF_OMEGA, Tape, happen
 from jbclog.sim.hotair import PORT as AIR_PORT
@@ -197,12 +197,12 @@ class VirtualStation:
             raise TypeError(f"{self.name} is no soldering station")
         return face.plant
 
-    def hung_up(self, now: float) -> bool:
+    def is_unplugged(self, now: float) -> bool:
         """Whether the cable is out: there is no port to write to or read from."""
         return self.faults.unplugged(now)
 
     def next_plugging(self, now: float) -> float | None:
-        """When `hung_up` changes next, as far as is known."""
+        """When `is_unplugged` changes next, as far as is known."""
         return self.faults.next_plugging(now)
 
     def advance_to(self, moment: float) -> None:
@@ -213,13 +213,13 @@ class VirtualStation:
 
     def receive(self, data: bytes, now: float) -> list[Reply]:
         """What the station says to bytes that were written to its port at `now`."""
-        if self.hung_up(now):
+        if self.is_unplugged(now):
             return []
         heard = self._pace.heard(len(data), now)
         replies = (self._reply(found, heard) for found in self._frames(data))
         return [reply for reply in replies if reply is not None]
 
-    def _frames(self, data: bytes) -> Sequence[Frame | Corrupt]:
+    def _frames(self, data: bytes) -> Sequence[Frame | CorruptFrame]:
         """The frames in `data`; a chunk that is one whole known question is not taken apart again."""
         known = self._known.get(data)
         if known is not None and self._whole:
@@ -231,7 +231,7 @@ class VirtualStation:
             self._known[data] = frame
         return found
 
-    def _reply(self, found: Frame | Corrupt, heard: float) -> Reply | None:
+    def _reply(self, found: Frame | CorruptFrame, heard: float) -> Reply | None:
         """The reply to one frame; None where there is silence: another's address, the other framing, a restart."""
         frame = found if isinstance(found, Frame) else _remains(found.raw)
         if frame.target != self.device.identity.address:
@@ -239,7 +239,7 @@ class VirtualStation:
         self._let_faults_happen(heard)
         if not self.device.hears(heard):
             return None
-        if isinstance(found, Corrupt):
+        if isinstance(found, CorruptFrame):
             answer = self.device.refuse(frame.text, _why_corrupt(found.raw), heard)
             return self._send(self._addressed(answer, frame), [], heard)
         return self._answer(frame, heard)
@@ -275,7 +275,7 @@ class VirtualStation:
         if not sent:
             return None
         at = self._pace.said(len(sent), heard + late_s)
-        return None if self.hung_up(at) else Reply(at, sent)
+        return None if self.is_unplugged(at) else Reply(at, sent)
 
 
 @lru_cache(maxsize=4096)

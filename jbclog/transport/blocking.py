@@ -1,4 +1,4 @@
-"""One session, pulled in a plain loop on one port: for verbs that ask a thing or two, and to read what a driver does."""
+"""Runs one session in a plain loop on one port: for single commands, and the shortest driver to read."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ from typing import Protocol, TypeVar
 
 from jbclog.core.clock import Clock, SystemClock
 from jbclog.core.errors import LinkError
-from jbclog.core.io_requests import Ask, Gather, Heard, Listen, Request, Steps, Wait
+from jbclog.core.io_requests import Ask, Gather, IoResult, Listen, Request, Steps, Wait
 from jbclog.transport.port import REST_S, Budget
 
 T = TypeVar("T")
 
 
-class Port(Protocol):
-    """What a driver wants of an open port (`transport.Port` is one)."""
+class DriverPort(Protocol):
+    """What a driver needs of an open port (`transport.port.Port` is one)."""
 
     def fileno(self) -> int | None: ...
     def write(self, data: bytes) -> None: ...
@@ -23,62 +23,62 @@ class Port(Protocol):
     def close(self) -> None: ...
 
 
-OpenPort = Callable[[], Port]
+OpenPort = Callable[[], DriverPort]
 
 
 def run(steps: Steps[T], open_port: OpenPort, *, sleep: Callable[[float], None], clock: Clock | None = None) -> T:
-    """Pull `steps` to its end and give what it returns. Before its first `Reopen` it may only wait."""
-    puller = _Puller(open_port, sleep, clock or SystemClock())
-    heard: Heard | None = None
+    """Run `steps` to its end and return its result. Before its first `Reopen` it may only wait."""
+    puller = _Driver(open_port, sleep, clock or SystemClock())
+    heard: IoResult | None = None
     failure: LinkError | None = None
     try:
         while True:
             try:
-                wish = steps.throw(failure) if failure else steps.send(heard) if heard else next(steps)
+                request = steps.throw(failure) if failure else steps.send(heard) if heard else next(steps)
             except StopIteration as end:
                 result: T = end.value
                 return result
             heard, failure = None, None
             try:
-                heard = puller.do(wish)
+                heard = puller.do(request)
             except LinkError as error:
                 failure = error
     finally:
         puller.close()
 
 
-class _Puller:
-    """Does one wish at a time."""
+class _Driver:
+    """Carries out requests."""
 
     def __init__(self, open_port: OpenPort, sleep: Callable[[float], None], clock: Clock) -> None:
         self._open_port = open_port
         self._sleep = sleep
         self._now = clock.monotonic
-        self._port: Port | None = None
+        self._port: DriverPort | None = None
         self._sent = 0.0
         self._budget = Budget()
-        self._rests_until = 0.0  # a port that brings more than answers: a thread that never waits keeps the others from going on
+        self._rests_until = 0.0  # pause of a flooded port; without it this thread would starve the others
 
-    def do(self, wish: Request) -> Heard:
-        if isinstance(wish, Ask):
+    def do(self, request: Request) -> IoResult:
+        if isinstance(request, Ask):
             port = self._open()
             self._sent = self._now()
-            port.write(wish.data)
+            port.write(request.data)
             self._budget.asked()
-            return self._heard(self._read(port, self._sent + wish.patience_s))
-        if isinstance(wish, Listen):
-            return self._heard(self._read(self._open(), wish.until))
-        if isinstance(wish, Wait):
-            self._sleep(max(wish.until - self._now(), 0.0))
+            return self._heard(self._read(port, self._sent + request.patience_s))
+        if isinstance(request, Listen):
+            return self._heard(self._read(self._open(), request.until))
+        if isinstance(request, Wait):
+            self._sleep(max(request.until - self._now(), 0.0))
             return self._heard(self._unasked())
-        if isinstance(wish, Gather):  # with nobody: one session is all that there is
+        if isinstance(request, Gather):  # there are no other sessions
             return self._heard(self._unasked())
         self.close()
         self._port = self._open_port()
         return self._heard(b"")
 
-    def _read(self, port: Port, until: float) -> bytes:
-        """The next bytes, or none at `until`."""
+    def _read(self, port: DriverPort, until: float) -> bytes:
+        """Return the next bytes, or none at `until`."""
         if self._rests_until:
             self._sleep(max(min(self._rests_until, until) - self._now(), 0.0))
             self._rests_until = 0.0
@@ -94,16 +94,16 @@ class _Puller:
             self._rests_until = 0.0
 
     def _unasked(self) -> bytes:
-        """What came during a wait. A link that broke meanwhile is told at the next question."""
+        """Return the bytes that arrived during a wait. The next request reports a lost link."""
         try:
             return b"" if self._port is None else self._port.read_now()
         except LinkError:
             return b""
 
-    def _open(self) -> Port:
+    def _open(self) -> DriverPort:
         if self._port is None:
             raise LinkError("the port is not open")
         return self._port
 
-    def _heard(self, data: bytes) -> Heard:
-        return Heard(self._now(), data, self._sent)
+    def _heard(self, data: bytes) -> IoResult:
+        return IoResult(self._now(), data, self._sent)

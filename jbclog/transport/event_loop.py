@@ -1,9 +1,7 @@
-"""asyncio's event loop as the reactor needs it: exact waits, its lag, the system's signals.
+"""What the reactor adds to asyncio: exact waits, the loop's lag, signals.
 
-Waits that end when they should: epoll counts whole milliseconds and rounds up, which is late by half of one each time.
-
-Where the selector is epoll, the rest of a wait has select(), which counts microseconds and can watch one descriptor:
-epoll's own.
+epoll counts whole milliseconds and rounds up, so each wait ends half a millisecond late on average. Here the rest of a wait
+is left to select(), which counts microseconds and watches one descriptor: that of epoll.
 """
 
 from __future__ import annotations
@@ -17,33 +15,31 @@ from collections.abc import Callable, Collection
 from types import FrameType, TracebackType
 from typing import Final, Self
 
-# -- event loop ---------------------------------------------------------------------------------------------------------------
-
-WATCHED_BY_SELECT = 1024  # descriptors from here on select() cannot watch
+WATCHED_BY_SELECT = 1024  # select() cannot watch descriptors from here on
 
 if sys.platform == "linux":
 
     class _ExactEpoll(selectors.EpollSelector):
         def select(self, timeout: float | None = None) -> list[tuple[selectors.SelectorKey, int]]:
-            """What is ready, or nothing at the end of `timeout` seconds, or nothing before: asyncio asks again for the rest."""
+            """Return what is ready; nothing after `timeout` seconds or earlier, after which asyncio waits for the rest."""
             if timeout is None or timeout <= 0 or self.fileno() >= WATCHED_BY_SELECT:
                 return super().select(timeout)
             whole_ms = int(timeout * 1000)
             if whole_ms:
-                return super().select((whole_ms - 0.5) / 1000)  # which it rounds up
+                return super().select((whole_ms - 0.5) / 1000)  # rounded up by epoll
             return super().select(0) if select.select([self], [], [], timeout)[0] else []
 
 
 def exact_selector() -> selectors.BaseSelector | None:
-    """A selector for asyncio's loop; None for the loop's own where that is exact enough."""
+    """Return a selector for asyncio's loop; None where the loop's own is exact enough."""
     return _ExactEpoll() if sys.platform == "linux" else None
 
 
 class Readers:
-    """Calls back for every descriptor that has something to read.
+    """Calls back for every descriptor that is readable.
 
-    Where there is epoll, asyncio watches one descriptor only: an epoll of ours with all the others in it. A handle, a
-    context and a list entry for each answer would cost as much as reading it.
+    On Linux asyncio watches one descriptor only: an epoll of our own with all the others in it. asyncio's handle, context and list
+    entry for each answer would cost as much as reading it.
     """
 
     def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
@@ -54,7 +50,7 @@ class Readers:
             loop.add_reader(self._epoll.fileno(), self._call_ready)
 
     def add(self, descriptor: int, ready: Callable[[], None]) -> None:
-        """Call `ready` in the loop's thread whenever `descriptor` can be read, or is broken."""
+        """Call `ready` in the loop's thread whenever `descriptor` is readable or broken."""
         if self._epoll is None:
             self._loop.add_reader(descriptor, ready)
             return
@@ -62,7 +58,7 @@ class Readers:
         self._ready[descriptor] = ready
 
     def remove(self, descriptor: int) -> None:
-        """Before it is closed."""
+        """Stop watching `descriptor`; call it before closing the descriptor."""
         if self._epoll is None:
             self._loop.remove_reader(descriptor)
             return
@@ -70,7 +66,7 @@ class Readers:
         self._epoll.unregister(descriptor)
 
     def close(self) -> None:
-        """Before the loop is closed."""
+        """Release the epoll; call it before closing the loop."""
         if self._epoll is not None:
             self._loop.remove_reader(self._epoll.fileno())
             self._epoll.close()
@@ -79,38 +75,35 @@ class Readers:
         if self._epoll is None:
             return
         for descriptor, _ in self._epoll.poll(0):
-            ready = self._ready.get(descriptor)  # one of those called before may have taken it out
+            ready = self._ready.get(descriptor)  # an earlier callback may have removed it
             if ready is not None:
                 ready()
 
 
-# -- loop lag -----------------------------------------------------------------------------------------------------------------
-# Whether the loop comes round: a beat that is due at known moments, and by how much it came late.
-#
-# What a session hears late may be the station's or the computer's. Only the loop knows: a beat waits for no station.
-
 BEAT_S: Final = 0.05
-NOTED_S: Final = 0.005  # timers of a machine with time to spare are not later than this
+NOTED_S: Final = 0.005  # on a machine with time to spare timers are less late
 
 
-class Beat:
-    """Beats on `loop` each `BEAT_S`. Sessions may live on a clock that goes `speed` times as fast, and are late on that."""
+class LoopLag:
+    """Measures by how much the loop is late, with a timer each `BEAT_S`.
 
-    def __init__(self, loop: asyncio.AbstractEventLoop, speed: float = 1.0) -> None:
+    A session that receives bytes late cannot know whether the station or the computer was late; a timer waits for no station.
+    """
+
+    def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
         self._loop = loop
-        self._speed = speed
         self._late_s = 0.0
         self._due_s = float("inf")  # in the loop's time
 
     def start(self) -> None:
-        """Begin; to be called once, before the loop runs."""
+        """Start the timer; call it once, before the loop runs."""
         self._due_s = self._loop.time() + BEAT_S
         self._loop.call_at(self._due_s, self._beat)
 
     def late_s(self) -> float:
-        """For how long the loop has not come round so far, all times together, in the sessions' seconds."""
+        """Total time by which the loop was late so far."""
         late = self._loop.time() - self._due_s
-        return self._late_s + late * self._speed if late > NOTED_S else self._late_s
+        return self._late_s + late if late > NOTED_S else self._late_s
 
     def _beat(self) -> None:
         self._late_s = self.late_s()
@@ -118,27 +111,25 @@ class Beat:
         self._loop.call_at(self._due_s, self._beat)
 
 
-# -- signals ------------------------------------------------------------------------------------------------------------------
-# The system's signals, heard from the first moment on: one that comes before there is anybody to tell is told later.
-
-Tell = Callable[[signal.Signals], None]
+OnSignal = Callable[[signal.Signals], None]
 
 
 class Signals:
-    """Hears the signals `heard` and lets nothing come of those `ignored`, while a ``with`` lasts. In the main thread only.
+    """Handles the signals `heard` and ignores those in `ignored` during a ``with``, in the main thread only.
 
-    With `for_good` nothing comes of any of them afterwards either: what is left of the program is its last words.
+    Signals that arrive before `tell` are kept. With `stay_ignored` all of them stay ignored afterwards, while the program prints
+    its result.
     """
 
     def __init__(
-        self, heard: Collection[signal.Signals], ignored: Collection[signal.Signals] = (), *, for_good: bool = False
+        self, heard: Collection[signal.Signals], ignored: Collection[signal.Signals] = (), *, stay_ignored: bool = False
     ) -> None:
-        self._for_good = for_good
+        self._for_good = stay_ignored
         self._heard = heard
         self._ignored = ignored
         self._before: dict[signal.Signals, object] = {}
         self._early: list[signal.Signals] = []
-        self._tell: Tell | None = None
+        self._tell: OnSignal | None = None
 
     def __enter__(self) -> Self:
         for number in self._heard:
@@ -149,10 +140,10 @@ class Signals:
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
         for number, before in self._before.items():
-            signal.signal(number, signal.SIG_IGN if self._for_good else before)  # type: ignore[arg-type]  # it was there before
+            signal.signal(number, signal.SIG_IGN if self._for_good else before)  # type: ignore[arg-type]  # the previous handler
 
-    def tell(self, tell: Tell) -> None:
-        """Call `tell` for each that came so far and each that comes, between two instructions of the main thread."""
+    def tell(self, tell: OnSignal) -> None:
+        """Call `tell` for each signal so far and from now on, between two instructions of the main thread."""
         self._tell = tell
         while self._early:
             tell(self._early.pop(0))

@@ -1,8 +1,8 @@
-"""Opens ports: any URL that pyserial knows, for this program alone, as many as the system allows.
+"""Opens ports: any URL that pyserial knows, exclusively, as many as the system allows.
 
-pyserial finds, opens and sets up the port. From a device its descriptor is then taken over by a duplicate and
-pyserial's object closed, with the four pipe ends that it opens beside each device: lock and settings belong to what is
-open, not to the number, and stay. So each port costs one descriptor, not five.
+pyserial finds, opens and configures the port. The descriptor of a device is then duplicated and pyserial's object closed, with the
+four pipe ends that it opens for each device: lock and settings belong to the open file and stay. So a port costs one
+descriptor instead of five.
 """
 
 from __future__ import annotations
@@ -18,18 +18,15 @@ from queue import Queue
 import serial
 from jbclog.core.errors import LinkError, PortBusy, PortForbidden, PortMissing, UsageError
 from jbclog.core.wire import SCHEMES, LineFormat, scheme_of
-from jbclog.transport.port import BROKEN, SLICE_S, DescriptorPort, ObjectPort, Port, give_back, lost
-from jbclog.transport.system_ports import holder_of, in_words
+from jbclog.transport.port import BROKEN, SLICE_S, DescriptorPort, ObjectPort, Port, close_in_thread, link_lost
+from jbclog.transport.system_ports import holder_of, process_text
 
-# -- descriptors --------------------------------------------------------------------------------------------------------------
-# Descriptors: how many ports one process may hold open.
-
-EACH_PORT = 1  # `opening.py` frees the pipes that pyserial opens beside each device
-BESIDE = 160  # the record, the loop, the interpreter, and eight ports being opened with five each
+EACH_PORT = 1  # descriptors
+BESIDE = 160  # the record, the loop, the interpreter, and eight ports being opened with five descriptors each
 
 
 def allow_ports(ports: int) -> None:
-    """Raise this process's soft limit so that `ports` ports fit. Raises `UsageError` where the hard limit forbids it."""
+    """Raise this process's soft limit of open files for `ports` ports. Raises `UsageError` where the hard limit is too low."""
     try:
         import resource
     except ImportError:  # Windows has no such limit
@@ -50,26 +47,24 @@ def allow_ports(ports: int) -> None:
     )
 
 
-# -- opening ------------------------------------------------------------------------------------------------------------------
-
 try:
     import fcntl
     import termios
-except ImportError:  # Windows, which opens every port for one program alone
-    fcntl = termios = None  # type: ignore[assignment]  # told apart below
+except ImportError:  # Windows, which opens every port exclusively
+    fcntl = termios = None  # type: ignore[assignment]  # checked below
 
-HELD_BY_SYSTEM = 1 << 16  # bytes of a connection that wait to be read; a server that sends more has to wait
-MOST_WAITING = 4096  # bytes of an rfc2217 port
-WRITE_S = 1.0  # only for ports that pyserial writes to itself
+HELD_BY_SYSTEM = 1 << 16  # bytes of a connection's receive buffer; a server that sends more has to wait
+MOST_WAITING = 4096  # buffered bytes of an rfc2217 port
+WRITE_S = 1.0  # write time-out of ports that pyserial writes to
 PSEUDO_TERMINALS = "/dev/pts/"
 LOCKED = (errno.EBUSY, errno.EAGAIN)
 TOO_MANY = (errno.EMFILE, errno.ENFILE)
 
 
 def open_port(url: str, line: LineFormat, *, exclusive: bool = True) -> Port:
-    """Open `url` at the rate and format of `line`, for this program alone (a device; a socket's server decides itself).
+    """Open `url` at the rate and format of `line`, exclusively (a device; for a socket its server decides).
 
-    Raises `PortBusy`, which names who holds the port where that can be found out, and `LinkError` for all else.
+    Raises `PortBusy`, which names the holder if known, and `LinkError` for everything else.
     """
     opened = None
     _expect_port(url)
@@ -81,15 +76,15 @@ def open_port(url: str, line: LineFormat, *, exclusive: bool = True) -> Port:
         raise _refused(url, _device(opened, url), error) from error
     try:
         return _port(url, opened, exclusive)
-    except BaseException as error:  # whatever it is: a port that nobody holds would be locked all the same
-        give_back(opened.close)
+    except BaseException as error:  # a port left open would stay locked
+        close_in_thread(opened.close)
         if isinstance(error, OSError):
-            raise lost(url, "it went while it was opened", error) from error
+            raise link_lost(url, "lost while it was opened", error) from error
         raise
 
 
 def make_ready(url: str) -> None:
-    """Load what it takes to open such a port, and open nothing: when it must be opened the disk may be gone."""
+    """Load the modules that opening such a port needs, without opening it: later the disk may be gone."""
     with contextlib.suppress(*BROKEN, LinkError):
         _expect_port(url)
         serial.serial_for_url(url, do_not_open=True)
@@ -97,10 +92,10 @@ def make_ready(url: str) -> None:
 
 
 def _expect_port(url: str) -> None:
-    """Raise `LinkError` where the url is of a kind that is never opened: pyserial acts on some while it only parses them."""
+    """Raise `LinkError` for a URL scheme that is never opened: pyserial acts on some while parsing."""
     if "://" in url and scheme_of(url) not in SCHEMES:
         kinds = ", ".join(f"{scheme}://" for scheme in SCHEMES)
-        raise LinkError(f"{url}: it is no port that may be opened; give a device such as /dev/ttyUSB0, or one of {kinds}")
+        raise LinkError(f"{url}: not a port that may be opened; give a device such as /dev/ttyUSB0, or one of {kinds}")
 
 
 def _set_up(opened: serial.SerialBase, url: str, line: LineFormat, exclusive: bool) -> None:
@@ -108,28 +103,28 @@ def _set_up(opened: serial.SerialBase, url: str, line: LineFormat, exclusive: bo
     opened.stopbits = line.stop_bits
     opened.xonxoff = opened.rtscts = False  # check bytes can be XON and XOFF (docs/reference/protocol.md, Check byte)
     opened.timeout = SLICE_S
-    if not url.startswith("rfc2217:"):  # which knows no time-out of writing
+    if not url.startswith("rfc2217:"):  # it has no write time-out
         opened.write_timeout = WRITE_S
     if termios is not None:
-        opened.inter_byte_timeout = 0  # VMIN 1: "nothing there" and "hung up" become two different answers
+        opened.inter_byte_timeout = 0  # VMIN 1 distinguishes "no bytes" from "connection lost"
     if exclusive:
         opened.exclusive = True
 
 
 def _open(opened: serial.SerialBase, parity: str) -> None:
-    """A pseudo-terminal has no parity; where nothing else changes, the C library makes an error of that."""
+    """Open the port. A pseudo-terminal has no parity: the C library reports an error if nothing else changes."""
     _let_reader_end(opened)
     is_terminal = is_pseudo_terminal(str(opened.port))
     opened.parity = serial.PARITY_NONE if is_terminal else parity
     opened.open()  # type: ignore[attr-defined]  # every port has it, the stubs' base has not
     if is_terminal:
         with contextlib.suppress(*BROKEN):
-            opened.parity = parity  # odd leaves its mark there (`sim`)
+            opened.parity = parity  # a virtual station sees odd parity (`sim`)
 
 
 def _let_reader_end(opened: serial.SerialBase) -> None:
-    """pyserial's rfc2217 reads in a thread of its own, which answers a server that has gone with a traceback on stderr."""
-    loop = getattr(opened, "_telnet_read_loop", None)  # so named in every pyserial there has been
+    """Silence the reader thread of pyserial's rfc2217, which prints a traceback when the server is gone."""
+    loop = getattr(opened, "_telnet_read_loop", None)  # in every pyserial release so far
     if loop is None:
         return
 
@@ -137,21 +132,21 @@ def _let_reader_end(opened: serial.SerialBase) -> None:
         with contextlib.suppress(*BROKEN):
             loop()
 
-    opened._telnet_read_loop = read_on  # type: ignore[attr-defined]  # found on the object when it is opened
+    opened._telnet_read_loop = read_on  # type: ignore[attr-defined]  # pyserial looks it up on opening
 
 
 def is_pseudo_terminal(device: str) -> bool:
-    """Whether a program and no wire stands behind `device`, as with virtual stations."""
+    """Whether `device` leads to a program, as virtual stations do, not to a cable."""
     return os.path.realpath(device).startswith(PSEUDO_TERMINALS)
 
 
 def _device(opened: serial.SerialBase | None, url: str) -> str:
-    """The path behind the URL: hwgrep:// finds one."""
+    """Return the device path of a URL: hwgrep:// searches for one."""
     return str(getattr(opened, "port", None) or url)
 
 
 def _port(url: str, opened: serial.SerialBase, exclusive: bool) -> Port:
-    connection = getattr(opened, "_socket", None)  # so named in every pyserial there has been
+    connection = getattr(opened, "_socket", None)  # in every pyserial release so far
     descriptor = _descriptor(url, opened)
     if isinstance(connection, socket.socket):
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
@@ -162,7 +157,7 @@ def _port(url: str, opened: serial.SerialBase, exclusive: bool) -> Port:
 
 
 def _connected(url: str, opened: serial.SerialBase, connection: socket.socket, descriptor: int | None) -> Port:
-    """pyserial's own closing sleeps 0.3 s, and leaves the connection open where the server went first."""
+    """Wrap a connection. pyserial's own close sleeps 0.3 s, and leaves the connection open where the server closed first."""
 
     let_all_in = _bound(opened)
 
@@ -174,16 +169,16 @@ def _connected(url: str, opened: serial.SerialBase, connection: socket.socket, d
 
     if descriptor is None:
         return ObjectPort(url, opened, hang_up)
-    opened.is_open = False  # so that it does not close the connection a second time
+    opened.is_open = False  # pyserial must not close the connection again
     return DescriptorPort(url, descriptor, hang_up)
 
 
 def _bound(opened: serial.SerialBase) -> Callable[[], None]:
-    """pyserial's rfc2217 puts each byte into a queue without an end, in a thread of its own: let that wait where nobody reads.
+    """Bound the receive queue of pyserial's rfc2217, which its thread fills without limit; return how to unbound it on closing.
 
-    Gives what lets the thread go on, to its end, when the port is closed.
+    Otherwise the thread would wait forever on a full queue.
     """
-    queue = getattr(opened, "_read_buffer", None)  # so named in every pyserial there has been
+    queue = getattr(opened, "_read_buffer", None)  # in every pyserial release so far
     if not isinstance(queue, Queue):
         return lambda: None
     queue.maxsize = MOST_WAITING
@@ -199,7 +194,7 @@ def _bound(opened: serial.SerialBase) -> Callable[[], None]:
 def _device_port(url: str, opened: serial.SerialBase, descriptor: int, exclusive: bool) -> Port:
     if exclusive:
         _keep_others_out(descriptor)
-    with contextlib.suppress(*BROKEN):  # FTDI adapters hold an answer back for 16 ms unless told so
+    with contextlib.suppress(*BROKEN):  # by default FTDI adapters delay an answer by 16 ms
         opened.set_low_latency_mode(True)  # type: ignore[attr-defined]  # Linux only
     own = os.dup(descriptor)
     try:
@@ -211,7 +206,7 @@ def _device_port(url: str, opened: serial.SerialBase, descriptor: int, exclusive
 
 
 def _descriptor(url: str, opened: serial.SerialBase) -> int | None:
-    """The descriptor to watch, where there is one and pyserial does not stand between it and the bytes."""
+    """Return the descriptor to watch, if there is one and pyserial does not buffer its bytes."""
     if fcntl is None or url.startswith("spy:"):
         return None
     try:
@@ -222,9 +217,9 @@ def _descriptor(url: str, opened: serial.SerialBase) -> int | None:
 
 
 def _keep_others_out(descriptor: int) -> None:
-    """Beside pyserial's lock, which only asks: let the kernel refuse others (not root).
+    """Let the kernel refuse other processes (not root): pyserial's lock is only advisory.
 
-    Not on a pseudo-terminal: the mark outlives a killed recorder as long as the other end keeps the terminal open.
+    Not on a pseudo-terminal: the flag outlives a killed recorder as long as the other end is open.
     """
     with contextlib.suppress(OSError):
         if not os.ttyname(descriptor).startswith(PSEUDO_TERMINALS):
@@ -233,7 +228,7 @@ def _keep_others_out(descriptor: int) -> None:
 
 def _close_device(descriptor: int) -> None:
     with contextlib.suppress(OSError):
-        fcntl.ioctl(descriptor, termios.TIOCNXCL)  # another program may still have it open, and the mark would stay
+        fcntl.ioctl(descriptor, termios.TIOCNXCL)  # otherwise the flag stays while another process has it open
     os.close(descriptor)
 
 
@@ -241,23 +236,23 @@ def _refused(url: str, device: str, error: BaseException) -> LinkError:
     number = _number(error) or _number(error.__context__)
     if number in LOCKED or "lock" in str(error):
         process = holder_of(device)
-        return PortBusy(f"{url} is in use by {in_words(process)}; end that, or take another port", process)
+        return PortBusy(f"{url} is in use by {process_text(process)}; end that, or take another port", process)
     if number in TOO_MANY:
         return LinkError(f"{url}: this process may not open more files; raise the limit with `ulimit -n`")
     if number == errno.EACCES:
         return PortForbidden(f"{url}: no permission to open it; add the user to the group that owns the device (often dialout)")
     if number in (errno.ENOENT, errno.ENXIO, errno.ENODEV):
-        return PortMissing(f"{url}: there is no such port; see that it is plugged in")
+        return PortMissing(f"{url}: no such port; check that it is plugged in")
     if number == errno.ENOTTY:
-        return LinkError(f"{url}: it is no serial port; give a device such as /dev/ttyUSB0")
+        return LinkError(f"{url}: not a serial port; give a device such as /dev/ttyUSB0")
     if number == errno.ECONNREFUSED:
-        return LinkError(f"{url}: nobody listens there; see that the server runs")
-    if isinstance(error, ValueError | TypeError):  # pyserial could make nothing of it
-        return LinkError(f"{url}: it is no port; give a device such as /dev/ttyUSB0, or socket://HOST:PORT")
-    return LinkError(f"{url}: it cannot be opened: {error}")
+        return LinkError(f"{url}: connection refused; check that the server runs")
+    if isinstance(error, ValueError | TypeError):  # pyserial cannot parse it
+        return LinkError(f"{url}: not a port; give a device such as /dev/ttyUSB0, or socket://HOST:PORT")
+    return LinkError(f"{url}: cannot be opened: {error}")
 
 
 def _number(error: BaseException | None) -> int | None:
-    """The system's number of an error; termios has it as its first argument only."""
-    told = (getattr(error, "errno", None), *getattr(error, "args", ()))
-    return next((number for number in told if isinstance(number, int)), None)
+    """Return the error number; termios has it only as its first argument."""
+    numbers = (getattr(error, "errno", None), *getattr(error, "args", ()))
+    return next((number for number in numbers if isinstance(number, int)), None)

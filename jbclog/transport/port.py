@@ -1,8 +1,8 @@
-"""An open port: bytes in and out without waiting, and how much is taken at a time.
+"""An open port: reading and writing bytes without waiting, and limits for floods.
 
-pyserial opens and sets up a port; after that its descriptor is used directly. pyserial's own `read` waits in
-`select()`, which cannot watch a descriptor above 1023, and what it throws at a pulled cable is SerialException, OSError,
-termios.error, TypeError, ValueError or AttributeError, depending on where it was (docs/reference/faults.md, F-15).
+pyserial opens and configures a port; afterwards its descriptor is used directly. pyserial's own `read` waits in
+`select()`, which cannot watch a descriptor above 1023, and on a pulled cable raises SerialException, OSError, termios.error,
+TypeError, ValueError or AttributeError, depending on the moment (docs/reference/faults.md, F-15).
 
 One thread reads and writes a port; any thread may close it.
 """
@@ -22,12 +22,10 @@ from typing import Final, Protocol
 import serial
 from jbclog.core.errors import LinkError
 
-# -- port ---------------------------------------------------------------------------------------------------------------------
-
 MOST_AT_ONCE = 1024  # bytes of a read: many answers
-CLOSE_S = 0.2  # a driver may hang in close(); then a thread is left to wait for it
-SLICE_S = 0.02  # the time-out that a port without a descriptor is opened with; rfc2217 negotiates anew when it is changed
-CLOSED = -1  # in place of the descriptor: the system refuses it like any other that is gone
+CLOSE_S = 0.2  # close() of a driver may hang; then a thread is left waiting for it
+SLICE_S = 0.02  # time-out of a port without a descriptor; rfc2217 renegotiates when it changes
+CLOSED = -1  # replaces the descriptor of a closed port; the system refuses it
 
 try:
     import fcntl
@@ -35,9 +33,9 @@ try:
 
     BROKEN: tuple[type[Exception], ...] = (OSError, ValueError, TypeError, AttributeError, termios.error)
 except ImportError:  # Windows
-    fcntl = None  # type: ignore[assignment]  # told apart above
+    fcntl = None  # type: ignore[assignment]  # checked below
     BROKEN = (OSError, ValueError, TypeError, AttributeError)
-"""What pyserial throws when a port is unplugged, closed or gone; SerialException is an OSError."""
+"""What pyserial raises when a port is unplugged, closed or gone; SerialException is an OSError."""
 
 
 class Port(Protocol):
@@ -47,23 +45,23 @@ class Port(Protocol):
     def url(self) -> str: ...
 
     def fileno(self) -> int | None:
-        """A descriptor that can be watched for bytes to read, or None where the port has none."""
+        """Return a descriptor to watch for bytes, or None where the port has none."""
 
     def write(self, data: bytes) -> None:
-        """Hand all of `data` to the system, at once."""
+        """Write all of `data` without waiting."""
 
     def read_now(self) -> bytes:
-        """What is there, `MOST_AT_ONCE` bytes at the most; nothing where nothing is."""
+        """Return available bytes, at most `MOST_AT_ONCE`; maybe none."""
 
     def read(self, timeout_s: float) -> bytes:
-        """Wait for the first bytes, about `MOST_AT_ONCE` at the most; nothing where none came within `timeout_s`."""
+        """Wait for bytes and return about `MOST_AT_ONCE` at most; none after `timeout_s`."""
 
     def close(self) -> None:
-        """Give the port back. Never raises, never waits for long; twice is as good as once."""
+        """Close the port. Never raises and never waits long; may be called twice."""
 
 
-def give_back(*steps: Callable[[], object]) -> None:
-    """Do `steps` in a thread of their own and wait for the first, at most `CLOSE_S`. What is gone already is no matter."""
+def close_in_thread(*steps: Callable[[], object]) -> None:
+    """Run `steps` in a thread and wait for the first one, at most `CLOSE_S`. Errors of a port that is gone are ignored."""
     done = threading.Event()
 
     def work() -> None:
@@ -73,14 +71,14 @@ def give_back(*steps: Callable[[], object]) -> None:
             done.set()
 
     try:
-        _thread.start_new_thread(work, ())  # `Thread.start` waits for ever for one that is refused memory
+        _thread.start_new_thread(work, ())  # `Thread.start` never returns where the new thread gets no memory
     except (RuntimeError, MemoryError):
         work()
     done.wait(CLOSE_S)
 
 
 def unread(descriptor: int | None) -> int:
-    """How many bytes have come that nobody has read; 0 where the system does not say."""
+    """Return the number of received and unread bytes; 0 if not known."""
     if descriptor is None or fcntl is None:
         return 0
     try:
@@ -89,8 +87,8 @@ def unread(descriptor: int | None) -> int:
         return 0
 
 
-def lost(url: str, what: str, error: BaseException | None = None) -> LinkError:
-    """The one error of a link that is gone."""
+def link_lost(url: str, what: str, error: BaseException | None = None) -> LinkError:
+    """Return the error for a lost link."""
     return LinkError(f"{url}: {what}" + (f" ({_reason(error)})" if error is not None else ""))
 
 
@@ -100,10 +98,7 @@ def _reason(error: BaseException) -> str:
 
 
 class DescriptorPort:
-    """A port with a descriptor: a serial device or a socket. The descriptor does not block and is the port's own.
-
-    `let_go` gives it back.
-    """
+    """A port with its own non-blocking descriptor: a serial device or a socket. `let_go` closes it."""
 
     __slots__ = ("_descriptor", "_let_go", "url")
 
@@ -121,9 +116,9 @@ class DescriptorPort:
         except BlockingIOError:
             written = 0
         except OSError as error:
-            raise self._gone("it cannot be written to", error) from error
-        if written != len(data):  # a frame is far smaller than any buffer: nothing has drained this one for seconds
-            raise lost(self.url, f"the line is stuck: it took {written} of {len(data)} bytes")
+            raise self._gone("cannot be written to", error) from error
+        if written != len(data):  # a frame is far smaller than any buffer, so this one has not drained for seconds
+            raise link_lost(self.url, f"write buffer full: {written} of {len(data)} bytes accepted")
 
     def read_now(self) -> bytes:
         try:
@@ -131,9 +126,9 @@ class DescriptorPort:
         except BlockingIOError:
             return b""
         except OSError as error:
-            raise self._gone("it cannot be read", error) from error
-        if not data:  # with one byte as the least to read, a port that gives none is at its end
-            raise lost(self.url, "it was hung up: unplugged, or the server ended the connection")
+            raise self._gone("cannot be read", error) from error
+        if not data:  # readable, but no bytes: the end of the connection
+            raise link_lost(self.url, "connection lost (cable unplugged or server closed it)")
         return data
 
     def read(self, timeout_s: float) -> bytes:
@@ -141,25 +136,25 @@ class DescriptorPort:
         try:
             watched.register(self._descriptor, select.POLLIN)
         except ValueError as error:
-            raise lost(self.url, "the port is closed") from error
+            raise link_lost(self.url, "the port is closed") from error
         return self.read_now() if watched.poll(max(timeout_s, 0.0) * 1000) else b""
 
     def close(self) -> None:
         if self._descriptor != CLOSED:
             self._descriptor = CLOSED
-            give_back(self._let_go)
+            close_in_thread(self._let_go)
 
     def _gone(self, what: str, error: OSError) -> LinkError:
         if self._descriptor == CLOSED:
-            return lost(self.url, "the port is closed")
-        return lost(self.url, f"{what}; is it unplugged?", error)
+            return link_lost(self.url, "the port is closed")
+        return link_lost(self.url, f"{what}; is it unplugged?", error)
 
 
 class ObjectPort:
     """A port that only pyserial can read: rfc2217, loop, spy, and every port on Windows.
 
-    pyserial waits at most `SLICE_S` at a time, so that a time-out is met within that. `hang_up` ends what pyserial's own
-    closing would take long over.
+    pyserial waits in slices of `SLICE_S`, so time-outs are kept within that. `hang_up` ends a connection that pyserial would close
+    slowly.
     """
 
     __slots__ = ("_hang_up", "_opened", "url")
@@ -177,14 +172,14 @@ class ObjectPort:
         try:
             opened.write(data)
         except BROKEN as error:
-            raise self._gone("it cannot be written to", error) from error
+            raise self._gone("cannot be written to", error) from error
 
     def read_now(self) -> bytes:
         opened = self._object()
         try:
             return opened.read(min(waiting, MOST_AT_ONCE)) if (waiting := _waiting(opened)) else b""
         except BROKEN as error:
-            raise self._gone("it cannot be read", error) from error
+            raise self._gone("cannot be read", error) from error
 
     def read(self, timeout_s: float) -> bytes:
         until = time.monotonic() + timeout_s
@@ -198,24 +193,24 @@ class ObjectPort:
     def close(self) -> None:
         opened, self._opened = self._opened, None
         if opened is not None:
-            give_back(*filter(None, (self._hang_up, opened.close)))
+            close_in_thread(*filter(None, (self._hang_up, opened.close)))
 
     def _first(self) -> bytes:
         opened = self._object()
         try:
             return opened.read(1)
         except BROKEN as error:
-            raise self._gone("it cannot be read", error) from error
+            raise self._gone("cannot be read", error) from error
 
     def _object(self) -> serial.SerialBase:
         if self._opened is None:
-            raise lost(self.url, "the port is closed")
+            raise link_lost(self.url, "the port is closed")
         return self._opened
 
     def _gone(self, what: str, error: Exception) -> LinkError:
-        if self._opened is None:  # closed by another thread meanwhile: pyserial stumbles over what is missing
-            return lost(self.url, "the port is closed")
-        return lost(self.url, f"{what}; is it unplugged?", error)
+        if self._opened is None:  # closed by another thread meanwhile, which pyserial reports as any error
+            return link_lost(self.url, "the port is closed")
+        return link_lost(self.url, f"{what}; is it unplugged?", error)
 
 
 def _waiting(opened: serial.SerialBase) -> int:
@@ -223,23 +218,18 @@ def _waiting(opened: serial.SerialBase) -> int:
     return waiting
 
 
-# -- read budget --------------------------------------------------------------------------------------------------------------
-# How much of what comes over one port is taken at a time, so that a port that never falls silent costs the others nothing.
-#
-# An answer has some sixty bytes at the most. A read that gives `MOST_AT_ONCE`, and one more after `MOST_READS` that brought no
-# answer, are no station's: then the port is not read for `REST_S`. What comes meanwhile waits in the system, whose own limit stops
-# the sender; a serial device loses it. Of bytes that came unasked `MOST_KEPT` or a little more are kept, and then nothing is read
-# until the session has taken them.
-#
-# What a flood is, and what becomes of the link then, is for whoever speaks to the station.
+# Limits that keep a flooded port from taking time from the others. An answer has at most some sixty bytes. After a read of
+# `MOST_AT_ONCE` bytes, or after `MOST_READS` reads for one request, the port is not read for `REST_S`: the system's buffers then
+# block the sender, or a serial device loses bytes. About `MOST_KEPT` unsolicited bytes are kept; more are read once the session has
+# taken them. The protocol's client decides what a flood is and what happens to the link.
 
 MOST_KEPT: Final = MOST_AT_ONCE
-MOST_READS: Final = 64  # since the last question: more than an answer has bytes, should they come one by one
+MOST_READS: Final = 64  # for one request: more than an answer has bytes, should they arrive one by one
 REST_S: Final = 0.05
 
 
 class Budget:
-    """What one port may still give until it has to rest."""
+    """How much may be read from a port before it is paused."""
 
     __slots__ = ("_reads",)
 
@@ -247,10 +237,10 @@ class Budget:
         self._reads = 0
 
     def asked(self) -> None:
-        """A question goes out: its answer may come in pieces."""
+        """Reset for a new request: its answer may arrive in pieces."""
         self._reads = 0
 
     def is_spent(self, size: int) -> bool:
-        """Whether the port has to rest after a read that gave `size` bytes."""
+        """Whether to pause the port after a read of `size` bytes."""
         self._reads += 1
         return size >= MOST_AT_ONCE or self._reads > MOST_READS

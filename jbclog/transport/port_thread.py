@@ -1,4 +1,4 @@
-"""Ports without a descriptor to watch (rfc2217, Windows): a thread reads and hands its bytes over; the session does not know."""
+"""Reads ports without a descriptor to watch (rfc2217, Windows) in a thread."""
 
 from __future__ import annotations
 
@@ -7,18 +7,20 @@ import threading
 from collections.abc import Callable
 
 from jbclog.core.errors import LinkError
-from jbclog.transport.blocking import Port
+from jbclog.transport.blocking import DriverPort
 
-PUMP_S = 0.2  # how often a reading thread looks whether it is still wanted
+PUMP_S = 0.2  # how often the thread checks whether to stop
 
 
 class Pump:
-    """A thread that reads a port without a descriptor and hands its bytes to the loop, one piece at a time.
+    """A thread that reads a port and hands its bytes to the loop, one piece at a time.
 
-    It reads on when the loop has taken the last piece and does not want it to `rest`.
+    It reads the next piece once the loop has taken the last one and the pump is not paused by `rest`.
     """
 
-    def __init__(self, loop: asyncio.AbstractEventLoop, port: Port, take: Callable[[Pump, bytes, LinkError | None], None]) -> None:
+    def __init__(
+        self, loop: asyncio.AbstractEventLoop, port: DriverPort, take: Callable[[Pump, bytes, LinkError | None], None]
+    ) -> None:
         self._loop = loop
         self._port = port
         self._take = take
@@ -32,10 +34,10 @@ class Pump:
         self._may_read.set()
 
     def rest(self) -> None:
-        """Read nothing until `go_on`; to be called while a piece is taken."""
+        """Pause reading until `resume`; call it while a piece is taken."""
         self._rests = True
 
-    def go_on(self) -> None:
+    def resume(self) -> None:
         self._rests = False
         self._may_read.set()
 
@@ -63,4 +65,4 @@ class Pump:
         except RuntimeError:  # the loop is closed: the run is over
             self._wanted = False
         while self._wanted and not self._may_read.wait(PUMP_S):
-            pass  # a loop that is stopped takes nothing any more
+            pass  # a stopped loop takes nothing

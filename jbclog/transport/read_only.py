@@ -1,7 +1,7 @@
-"""A port that lets questions through and nothing else, whoever asks for it (docs/reference/faults.md, S-5).
+"""A port that lets reads through and refuses everything else (docs/reference/faults.md, S-5).
 
-What a question is the caller says, because that is a matter of the protocol: `protocol.frame.only_reads` for JBC's. All that
-is not known to be one is refused, so that a command that nobody thought of is refused too.
+The caller says what a read is, because that is a matter of the protocol: `protocol.frame.only_reads` for JBC's. Unknown bytes
+are refused, so a command that nobody thought of is refused too.
 """
 
 from __future__ import annotations
@@ -12,11 +12,11 @@ from jbclog.core.errors import WriteForbidden
 from jbclog.transport.port import Port
 
 OnlyReads = Callable[[bytes], bool]
-"""Whether these bytes, as they would be sent, ask and change nothing."""
+"""Whether these bytes read and change nothing."""
 
 
 class ReadOnly:
-    """A `Port` around a port. `write` raises `WriteForbidden` for bytes that `only_reads` does not know; none of them is sent."""
+    """A `Port` around a port. `write` raises `WriteForbidden`, and sends nothing, for bytes that `only_reads` does not accept."""
 
     def __init__(self, port: Port, only_reads: OnlyReads) -> None:
         self._port = port

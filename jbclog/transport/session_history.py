@@ -1,7 +1,7 @@
-"""What passed through a port and what its session was told, kept so that it can be lived through again.
+"""Capture what passes through a port and what its session receives, and replay a session from that.
 
-`keeping` wraps a session and notes what it is told; `reliving` tells it the same, to the bit, without any port. The two
-are each other's inverse: the second life gives the same rows, times included.
+`captured` wraps a session and notes the results of its requests; `replayed` sends it the same results without a port. The
+replayed session produces the same rows, times included.
 """
 
 from __future__ import annotations
@@ -13,38 +13,35 @@ from math import inf
 from typing import Literal, NamedTuple, Self, TypeVar
 
 from jbclog.core.errors import LinkError
-from jbclog.core.io_requests import Ask, Gather, Heard, LeftOut, Listen, NotStarted, Reopen, Request, RunEnded, Steps, Wait
-from jbclog.core.wire import Passed, Row, Told, ToldName, WishName
+from jbclog.core.io_requests import Ask, Gather, IoResult, LeftOut, Listen, NotStarted, Reopen, Request, RunEnded, Steps, Wait
+from jbclog.core.wire import CaptureRow, LinkRow, RequestName, ResultKind, ResultRow
 from jbclog.transport.port import Port, unread
 
-# -- tee ----------------------------------------------------------------------------------------------------------------------
-# A port that notes what passes through it: every byte with its moment and direction, and every change of the link.
-
-KeepWire = Callable[[Passed], object]
+KeepLinkRow = Callable[[LinkRow], object]
 
 
 class Tee:
-    """A `Port` around a port. `keep` is called in the thread that moves the bytes: a bounded deque's `append`.
+    """A `Port` around a port that passes every byte and every change of the link to `keep`, with its time.
 
-    A question is noted before it is handed over, so that it stands before its answer whoever reads that. What was read is noted
-    to the byte; what had come and was not read when the port is closed is counted there.
+    `keep` is called in the thread that moves the bytes and must be quick: a bounded deque's `append`. A request is noted
+    before it is written, so that it precedes its answer. On closing, the number of unread bytes is noted.
     """
 
-    def __init__(self, port: Port, keep: KeepWire, now: Callable[[], float] = time.monotonic) -> None:
+    def __init__(self, port: Port, keep: KeepLinkRow, now: Callable[[], float] = time.monotonic) -> None:
         self._port = port
         self._keep = keep
         self._now = now
         self._is_there = True
 
     @classmethod
-    def opened(cls, open_port: Callable[[], Port], keep: KeepWire, now: Callable[[], float] = time.monotonic) -> Self:
-        """Open a port and note that, or why it could not be opened, which is raised as it came."""
+    def opened(cls, open_port: Callable[[], Port], keep: KeepLinkRow, now: Callable[[], float] = time.monotonic) -> Self:
+        """Open a port and note it, or the failure, which is raised unchanged."""
         try:
             port = open_port()
         except LinkError as error:
-            keep(Passed(now(), "failed", text=str(error)))
+            keep(LinkRow(now(), "failed", text=str(error)))
             raise
-        keep(Passed(now(), "opened", text=port.url))
+        keep(LinkRow(now(), "opened", text=port.url))
         return cls(port, keep, now)
 
     @property
@@ -55,7 +52,7 @@ class Tee:
         return self._port.fileno()
 
     def write(self, data: bytes) -> None:
-        self._keep(Passed(self._now(), "sent", data))
+        self._keep(LinkRow(self._now(), "sent", data))
         try:
             self._port.write(data)
         except LinkError as error:
@@ -80,165 +77,173 @@ class Tee:
             self._end("lost", str(error))
             raise
         if data:
-            self._keep(Passed(self._now(), "heard", data))
+            self._keep(LinkRow(self._now(), "heard", data))
         return data
 
     def _end(self, how: Literal["lost", "closed"], text: str = "") -> None:
-        """Note the end of the link, once: a port that was lost is closed as well."""
+        """Note the end of the link, once: a lost port is closed as well."""
         if self._is_there:
             self._is_there = False
-            self._keep(Passed(self._now(), how, text=text))
+            self._keep(LinkRow(self._now(), how, text=text))
 
-
-# -- session history ----------------------------------------------------------------------------------------------------------
 
 T = TypeVar("T")
 
-NAMES: dict[type[Request], WishName] = {Ask: "ask", Listen: "listen", Wait: "wait", Reopen: "reopen", Gather: "gather"}
-THROWN: dict[type[Exception], ToldName] = {RunEnded: "stopped", NotStarted: "not_started", LeftOut: "left_out"}
-ENDS: dict[ToldName, type[RunEnded]] = {"stopped": RunEnded, "not_started": NotStarted, "left_out": LeftOut}
-ROUNDING_S = 1e-6  # a moment may come so much before its time, by the way in which it was reckoned
+REQUEST_NAMES: dict[type[Request], RequestName] = {Ask: "ask", Listen: "listen", Wait: "wait", Reopen: "reopen", Gather: "gather"}
+RESULT_OF_ERROR: dict[type[Exception], ResultKind] = {RunEnded: "stopped", NotStarted: "not_started", LeftOut: "left_out"}
+ERROR_OF_RESULT: dict[ResultKind, type[RunEnded]] = {"stopped": RunEnded, "not_started": NotStarted, "left_out": LeftOut}
+ROUNDING_S = 1e-6  # tolerance between a result's time and its deadline
 
-Keep = Callable[[Told], object]
+KeepResult = Callable[[ResultRow], object]
 
 
-def keeping(steps: Steps[T], keep: Keep, now: Callable[[], float]) -> Steps[T]:
-    """`steps`, with `keep` called for everything that they are told, before they hear it."""
+def captured(steps: Steps[T], keep: KeepResult, now: Callable[[], float]) -> Steps[T]:
+    """Run `steps` and pass every result to `keep` before `steps` receives it."""
     last = 0.0
     try:
-        wish = next(steps)
+        request = next(steps)
         while True:
-            name = NAMES[type(wish)]
+            name = REQUEST_NAMES[type(request)]
             try:
-                heard = yield wish
+                heard = yield request
             except (LinkError, RunEnded) as error:
-                keep(Told(now(), THROWN.get(type(error), "broke"), name, text=str(error)))
-                wish = steps.throw(error)
+                keep(ResultRow(now(), RESULT_OF_ERROR.get(type(error), "broke"), name, text=str(error)))
+                request = steps.throw(error)
             else:
                 last = heard.now
-                keep(Told(last, "told", name, len(heard.data), heard.sent, late_s=heard.late_s))
-                wish = steps.send(heard)
+                keep(ResultRow(last, "told", name, len(heard.data), heard.sent, late_s=heard.late_s))
+                request = steps.send(heard)
     except StopIteration as end:
-        keep(Told(max(last, now()), "done", "wait"))
+        keep(ResultRow(max(last, now()), "done", "wait"))
         result: T = end.value
         return result
 
 
-class Step(NamedTuple):
-    """One thing that a session was told: with the question that it had sent, if any, and the bytes it was given.
+class ReplayStep(NamedTuple):
+    """The result of one request, with the data that was sent for it, if any, and the bytes received.
 
-    `place` is the number of the first row that belongs to it.
+    `place` is the number of its first row.
     """
 
     place: int
-    told: Told
+    result: ResultRow
     asked: bytes
     data: bytes
 
     def __str__(self) -> str:
-        return "the end" if self.told.what == "done" else f"{self.told.wish} {self.asked!r}" if self.asked else self.told.wish
+        return (
+            "the end"
+            if self.result.what == "done"
+            else f"{self.result.request} {self.asked!r}"
+            if self.asked
+            else self.result.request
+        )
 
-    def answers(self, wish: Request) -> bool:
-        """Whether this can be what came of `wish`."""
-        told = self.told
-        if told.what == "done" or NAMES[type(wish)] != told.wish:
+    def answers(self, request: Request) -> bool:
+        """Whether this can be the result of `request`."""
+        result = self.result
+        if result.what == "done" or REQUEST_NAMES[type(request)] != result.request:
             return False
-        if isinstance(wish, Ask) and self.asked != wish.data and (self.asked or told.what == "told"):
+        if isinstance(request, Ask) and self.asked != request.data and (self.asked or result.what == "told"):
             return False
-        return told.what != "told" or bool(self.data) or told.at_s >= self._deadline(wish) - ROUNDING_S
+        return result.what != "told" or bool(self.data) or result.at_s >= self._deadline(request) - ROUNDING_S
 
-    def _deadline(self, wish: Request) -> float:
-        """The moment before which nothing is told without bytes."""
-        if isinstance(wish, Ask):
-            return self.told.sent_s + wish.patience_s
-        return wish.until if isinstance(wish, Listen | Wait) else 0.0
+    def _deadline(self, request: Request) -> float:
+        """The moment before which a result without bytes is impossible."""
+        if isinstance(request, Ask):
+            return self.result.sent_s + request.patience_s
+        return request.until if isinstance(request, Listen | Wait) else 0.0
 
 
-def steps_of(rows: Iterable[Row]) -> Iterator[Step]:
-    """The rows of a tape as what its session was told, one after the other."""
+def replay_steps(rows: Iterable[CaptureRow]) -> Iterator[ReplayStep]:
+    """Group the rows of a capture into the results that its session received, in order."""
     first, asked, came = 0, b"", b""
     for place, row in enumerate(rows):
-        if isinstance(row, Told):
-            yield Step(first, row, asked, came[: row.size])
+        if isinstance(row, ResultRow):
+            yield ReplayStep(first, row, asked, came[: row.size])
             first, asked, came = place + 1, b"", came[row.size :]
         elif row.what == "sent":
             asked = row.data
         elif row.what == "heard":
             came += row.data
         elif row.what == "opened":
-            came = b""  # what came over the last port and was not told is gone with it
+            came = b""  # unread bytes of the last port are lost with it
 
 
-class Astray(NamedTuple):
-    """Where a session left what was recorded: what it wished, and the step that does not answer it (None: none is left)."""
+class Divergence(NamedTuple):
+    """Where a session departed from its capture: its request, and the recorded result that does not fit (None: none is left)."""
 
     at_s: float
-    wish: Request
-    step: Step | None
+    request: Request
+    step: ReplayStep | None
 
     def __str__(self) -> str:
-        wished = f"{NAMES[type(self.wish)]} {self.wish.data!r}" if isinstance(self.wish, Ask) else NAMES[type(self.wish)]
+        wished = (
+            f"{REQUEST_NAMES[type(self.request)]} {self.request.data!r}"
+            if isinstance(self.request, Ask)
+            else REQUEST_NAMES[type(self.request)]
+        )
         return f"it would {wished}; recorded is {'nothing more' if self.step is None else self.step}"
 
     @property
     def is_cut_off(self) -> bool:
-        """Whether the recording ended before its session did."""
+        """Whether the capture ended before its session did."""
         return self.step is None
 
 
-Left = Callable[[Astray], tuple[float, str]]
-"""Is told that a session left the tape; gives the moment at which it is to be ended all the same, and why."""
+OnDivergence = Callable[[Divergence], tuple[float, str]]
+"""Called when a session departs from its capture; returns when to end it at the latest, and why."""
 
 
-def reliving(steps: Steps[T], tape: Iterable[Step], left: Left) -> Steps[T | None]:
-    """`steps`, told what `tape` says. The driver only hears of waits, so that its clock goes along.
+def replayed(steps: Steps[T], tape: Iterable[ReplayStep], left: OnDivergence) -> Steps[T | None]:
+    """Run `steps` on the results in `tape`. The driver sees only waits, so that its clock keeps pace.
 
-    A tape from before sessions waited for each other has no word of that: there nobody is waited for.
+    Captures of releases whose sessions did not wait for each other have no results of `Gather`; there nobody waits.
 
-    Where the session wishes what the tape does not answer, `left` is told, and the driver has to fulfil its wishes from
-    there on. Where the tape ends before its session did, the session is left as its recorder left it: it gives None.
+    Where a request does not match the capture, `left` is called and the driver carries out the requests from there on. Where the
+    capture ends first, the session is abandoned, as its recorder abandoned it: the result is None.
     """
     try:
-        wish, now = next(steps), 0.0
+        request, now = next(steps), 0.0
         for step in tape:
-            while isinstance(wish, Gather) and step.told.wish != "gather":
-                wish = steps.send(Heard(now, b"", 0.0))
-            if not step.answers(wish):
-                return (yield from _on_its_own(steps, wish, *left(Astray(now, wish, step))))
-            now = step.told.at_s
+            while isinstance(request, Gather) and step.result.request != "gather":
+                request = steps.send(IoResult(now, b"", 0.0))
+            if not step.answers(request):
+                return (yield from _on_its_own(steps, request, *left(Divergence(now, request, step))))
+            now = step.result.at_s
             yield Wait(now)
-            wish = _tell(steps, step)
+            request = _tell(steps, step)
     except StopIteration as end:
         result: T = end.value
         return result
-    left(Astray(now, wish, None))
+    left(Divergence(now, request, None))
     return None
 
 
-def _tell(steps: Steps[T], step: Step) -> Request:
-    told = step.told
-    if told.what == "broke":
-        return steps.throw(LinkError(told.text))
-    if told.what in ENDS:
-        return steps.throw(ENDS[told.what](told.text))
-    return steps.send(Heard(told.at_s, step.data, told.sent_s, told.late_s))
+def _tell(steps: Steps[T], step: ReplayStep) -> Request:
+    result = step.result
+    if result.what == "broke":
+        return steps.throw(LinkError(result.text))
+    if result.what in ERROR_OF_RESULT:
+        return steps.throw(ERROR_OF_RESULT[result.what](result.text))
+    return steps.send(IoResult(result.at_s, step.data, result.sent_s, result.late_s))
 
 
-def _on_its_own(steps: Steps[T], wish: Request, end_s: float, why: str) -> Steps[T]:
-    """Have the driver fulfil what is wished from `wish` on, over a port that is open as far as the session knows."""
-    if not isinstance(wish, Reopen):
-        with suppress(LinkError):  # the session hears of that at its next question
+def _on_its_own(steps: Steps[T], request: Request, end_s: float, why: str) -> Steps[T]:
+    """Let the driver carry out the requests from `request` on, over a port that is open as far as the session knows."""
+    if not isinstance(request, Reopen):
+        with suppress(LinkError):  # the session notices at its next request
             yield Reopen()
     try:
         while True:
             try:
-                # the others are on tapes of their own, and wait for nobody
-                heard = yield Wait(0.0) if isinstance(wish, Gather) else wish
+                # the others run on captures of their own and wait for nobody
+                heard = yield Wait(0.0) if isinstance(request, Gather) else request
             except (LinkError, RunEnded) as error:
-                wish = steps.throw(error)
+                request = steps.throw(error)
             else:
                 is_over, end_s = heard.now >= end_s, inf if heard.now >= end_s else end_s
-                wish = steps.throw(RunEnded(why)) if is_over else steps.send(heard)
+                request = steps.throw(RunEnded(why)) if is_over else steps.send(heard)
     except StopIteration as end:
         result: T = end.value
         return result

@@ -1,4 +1,4 @@
-"""One session and its port, pulled by the reactor: what is wished, what is heard, and what becomes of a port that breaks.
+"""Runs one session on its port for the reactor: carries out requests, hands over results, recovers from a lost port.
 
 Opening and closing a port can block, so both happen in the reactor's threads.
 """
@@ -10,8 +10,8 @@ from concurrent.futures import Future
 from typing import TYPE_CHECKING
 
 from jbclog.core.errors import LinkError, cause
-from jbclog.core.io_requests import Ask, Gather, Heard, Listen, Request, RunEnded, Steps, Wait
-from jbclog.transport.blocking import OpenPort, Port
+from jbclog.core.io_requests import Ask, Gather, IoResult, Listen, Request, RunEnded, Steps, Wait
+from jbclog.transport.blocking import DriverPort, OpenPort
 from jbclog.transport.port import MOST_KEPT, REST_S, Budget
 from jbclog.transport.port_thread import Pump
 
@@ -36,9 +36,9 @@ class SessionRunner:
         "_fileno",
         "_heard",
         "_is_ended",
+        "_is_ending",
         "_is_gathered",
         "_is_started",
-        "_is_told_to_end",
         "_is_watched",
         "_late_s",
         "_listening",
@@ -65,26 +65,26 @@ class SessionRunner:
         self._session = session
         self._send, self._throw = session.send, session.throw
         self._open_port = open_port
-        self._port: Port | None = None
+        self._port: DriverPort | None = None
         self._fileno: int | None = None
         self._pump: Pump | None = None
-        self._broken: LinkError | None = None  # found while nothing was asked; told at the next question
+        self._broken: LinkError | None = None  # found between requests; raised at the next one
         self._opening = False
         self._listening = False
         self._unasked = b""
         self._budget = Budget()
-        self._is_watched = False  # whether its port is read as soon as something comes
+        self._is_watched = False  # whether the port is read as soon as bytes arrive
         self._rest: asyncio.TimerHandle | None = None  # until when it is not
         self._sent = 0.0
         self._deadline = NEVER
-        self._armed = NEVER  # when the next alarm that counts will ring
-        self._failing: asyncio.Handle | None = None  # a broken link that the session has not been told of yet
-        self._ending: RunEnded | None = None  # the run's end, while a port is being opened
-        self._heard = 0.0  # when bytes last came
-        self._late_s = 0.0  # by which the loop had been late when the session was last told something
-        self._is_gathered = False  # it waits for the other sessions
+        self._armed = NEVER  # moment of the next valid alarm
+        self._failing: asyncio.Handle | None = None  # a scheduled failure
+        self._ending: RunEnded | None = None  # the run's end, deferred while the port is being opened
+        self._heard = 0.0  # when bytes last arrived
+        self._late_s = 0.0  # total lateness of the loop at the last result
+        self._is_gathered = False  # waits for the other sessions
         self._member = reactor.barrier.join(name, self)
-        self._is_told_to_end = False
+        self._is_ending = False
         self._is_started = False
         self._is_ended = False
 
@@ -94,11 +94,11 @@ class SessionRunner:
             self._resume(None)
 
     def end(self, why: str) -> None:
-        """Throw the run's end into the session, where it stands; once."""
-        self.start()  # a session that has not begun has nothing to throw into
-        if self._is_told_to_end or self._is_ended:
+        """Throw the run's end into the session, once."""
+        self.start()  # a generator that has not started cannot catch an exception
+        if self._is_ending or self._is_ended:
             return
-        self._is_told_to_end = True
+        self._is_ending = True
         self._end_with(RunEnded(why))
 
     def _end_with(self, error: RunEnded) -> None:
@@ -107,38 +107,34 @@ class SessionRunner:
         else:
             self._fail(error)
 
-    # -- the other sessions ----------------------------------------------------------------------------------------------
-
     def heard_at(self) -> float:
-        """When bytes last came."""
+        """When bytes last arrived."""
         return self._heard
 
-    def go_on(self) -> None:
-        """The other sessions are there, too."""
+    def resume(self) -> None:
+        """Resume after `Gather`: the other sessions are ready."""
         if self._is_gathered:
             self._is_gathered = False
-            self._tell(self._now(), self._take_unasked())
+            self._send_result(self._now(), self._take_unasked())
 
     def throw(self, error: RunEnded) -> None:
-        """The run does not start, or starts without this session."""
-        if not (self._is_ended or self._is_told_to_end):
+        """Called when the run does not start, or starts without this session."""
+        if not (self._is_ended or self._is_ending):
             self._end_with(error)
 
-    # -- pulling ---------------------------------------------------------------------------------------------------------
+    def _send_result(self, now: float, data: bytes) -> None:
+        before, self._late_s = self._late_s, self._reactor.loop_lag.late_s()
+        self._resume(IoResult(now, data, self._sent, self._late_s - before))
 
-    def _tell(self, now: float, data: bytes) -> None:
-        before, self._late_s = self._late_s, self._reactor.beat.late_s()
-        self._resume(Heard(now, data, self._sent, self._late_s - before))
-
-    def _resume(self, heard: Heard | None) -> None:
+    def _resume(self, heard: IoResult | None) -> None:
         try:
-            wish = self._send(heard)  # type: ignore[arg-type]  # the first send of a generator is None
+            request = self._send(heard)  # type: ignore[arg-type]  # the first send of a generator is None
         except StopIteration:
             self._finish()
         except Exception as broken:
             self._finish(broken)
         else:
-            self._do(wish)
+            self._do(request)
 
     def _fail(self, error: Exception) -> None:
         self._is_gathered = False
@@ -146,39 +142,39 @@ class SessionRunner:
             self._failing.cancel()
             self._failing = None
         try:
-            wish = self._throw(error)
+            request = self._throw(error)
         except StopIteration:
             self._finish()
         except Exception as broken:
             self._finish(broken)
         else:
-            self._do(wish)
+            self._do(request)
 
     def _fail_soon(self, error: LinkError) -> None:
-        """Not from within: a session that fails at once must not pile up."""
+        """Fail from the loop: direct recursion could become too deep."""
         self._listening, self._deadline = False, NEVER
         self._failing = self._loop.call_soon(self._fail, error)
 
-    def _do(self, wish: Request) -> None:
-        kind = type(wish)
+    def _do(self, request: Request) -> None:
+        kind = type(request)
         if kind is Ask:
-            self._ask(wish)  # type: ignore[arg-type]  # told by its type
+            self._ask(request)  # type: ignore[arg-type]  # narrowed by `kind`
         elif kind is Listen:
-            self._await(wish.until, listening=True)  # type: ignore[union-attr]
+            self._await(request.until, listening=True)  # type: ignore[union-attr]
         elif kind is Wait:
-            self._await(wish.until, listening=False)  # type: ignore[union-attr]
+            self._await(request.until, listening=False)  # type: ignore[union-attr]
         elif kind is Gather:
             self._listening, self._deadline, self._is_gathered = False, NEVER, True
-            self._reactor.barrier.gather(self._member, wish)  # type: ignore[arg-type]
+            self._reactor.barrier.gather(self._member, request)  # type: ignore[arg-type]
         else:
             self._reopen()
 
-    def _ask(self, wish: Ask) -> None:
+    def _ask(self, request: Ask) -> None:
         try:
             if self._port is None:
                 raise self._broken or LinkError("the port is not open")
-            self._sent = sent = self._now()  # before writing: after it this thread may have to wait for its turn to go on
-            self._port.write(wish.data)
+            self._sent = sent = self._now()  # before writing: afterwards this thread may have to wait for the GIL
+            self._port.write(request.data)
         except LinkError as error:
             self._drop_port()
             self._fail_soon(error)
@@ -187,7 +183,7 @@ class SessionRunner:
         self._budget.asked()
         if not self._is_watched:
             self._watch()
-        self._arm(sent + wish.patience_s)
+        self._arm(sent + request.patience_s)
 
     def _await(self, until: float, *, listening: bool) -> None:
         if listening and self._port is None:
@@ -200,19 +196,17 @@ class SessionRunner:
             self._watch()
         self._arm(until)
 
-    # -- time ------------------------------------------------------------------------------------------------------------
-
     def _arm(self, deadline: float) -> None:
-        """Wake at `deadline`. An alarm that is set for an earlier moment is left: it sets itself again."""
+        """Wake at `deadline`. An earlier alarm stays; it re-arms when it rings."""
         self._deadline = deadline
         if deadline < self._armed:
             self._armed = deadline
             self._reactor.wake_at(deadline, self)
 
     def on_time(self, armed: float) -> None:
-        """An alarm rings that was set for the moment `armed`."""
+        """Handle the alarm that was set for `armed`."""
         if armed != self._armed:
-            return  # an earlier one was set since
+            return  # superseded by an earlier one
         self._armed = NEVER
         now, deadline = self._now(), self._deadline
         if now < deadline:
@@ -220,9 +214,7 @@ class SessionRunner:
             return
         self._deadline = NEVER
         self._listening = False
-        self._tell(now, self._take_unasked())
-
-    # -- bytes -----------------------------------------------------------------------------------------------------------
+        self._send_result(now, self._take_unasked())
 
     def _on_readable(self) -> None:
         port = self._port
@@ -244,7 +236,7 @@ class SessionRunner:
         if self._listening:
             self._listening = False
             self._deadline = NEVER
-            self._tell(now, data)
+            self._send_result(now, data)
         else:
             self._unasked += data
             if len(self._unasked) >= MOST_KEPT:
@@ -271,7 +263,7 @@ class SessionRunner:
             return
         self._is_watched = True
         if self._pump is not None:
-            self._pump.go_on()
+            self._pump.resume()
         elif self._fileno is not None:
             self._reactor.readers.add(self._fileno, self._on_readable)
 
@@ -292,21 +284,19 @@ class SessionRunner:
             self._deadline = NEVER
             self._fail(error)
 
-    # -- the port --------------------------------------------------------------------------------------------------------
-
     def _reopen(self) -> None:
         closing = self._drop_port()
         self._deadline, self._listening, self._opening = NEVER, False, True
         future = self._reactor.openers.submit(self._open_after, closing)
         future.add_done_callback(lambda done: self._loop.call_soon_threadsafe(self._on_opened, done))
 
-    def _open_after(self, closing: Future[None] | None) -> Port:
+    def _open_after(self, closing: Future[None] | None) -> DriverPort:
         """In a thread: a port is locked as long as it is open."""
         if closing is not None:
             closing.result()
         return self._open_port()
 
-    def _on_opened(self, done: Future[Port]) -> None:
+    def _on_opened(self, done: Future[DriverPort]) -> None:
         self._opening = False
         error = done.exception()
         if error is None:
@@ -319,9 +309,9 @@ class SessionRunner:
         elif error is not None:
             self._fail(LinkError(f"opening the port failed: {cause(error)}"))
         else:
-            self._tell(self._now(), b"")
+            self._send_result(self._now(), b"")
 
-    def _take_port(self, port: Port) -> None:
+    def _take_port(self, port: DriverPort) -> None:
         self._port, self._broken, self._unasked = port, None, b""
         self._fileno = port.fileno()
         if self._fileno is None:

@@ -1,13 +1,13 @@
-"""Where the sessions of a run wait for each other while it starts: none goes on to the next step before all are done with this one.
+"""Where the sessions of a run wait for each other at the start: none begins a step before all have finished the previous one.
 
-One object for all sessions of a driver; what it needs of each is in `Member`. It does no I/O and never resumes a session from
-within: it asks the driver to do so. The rules:
+One object for all sessions of a driver; `Member` has what it needs of each. It does no I/O and never resumes a session
+directly, but asks the driver to. The rules:
 
-1. A step is over when each session has done it, failed at it, or was silent for `SILENT_S` while all others had done it.
-2. Where one failed the run does not start: `NotStarted` is thrown into all that did not. Up to step two that waits until the step
-   is over, so that every failure is known; in the last one, in which tools are heated, nobody waits.
-3. Where the run may go on without (`goes_on`), the others do.
-4. Once the run is to end, or the last step is over, nobody waits any more.
+1. A step is over when each session has finished it, failed at it, or was silent for `SILENT_S` while all others had finished.
+2. If one failed, the run does not start: `NotStarted` is thrown into the others. Up to step two this waits for the end of the
+   step, so that every failure is known; in the last step, which heats tools, it happens at once.
+3. With `allow_missing` the others start without it.
+4. Once the run is ending, or the last step is over, nobody waits.
 """
 
 from __future__ import annotations
@@ -24,13 +24,13 @@ class Waiting(Protocol):
     """A driver's end of one session."""
 
     def heard_at(self) -> float:
-        """When something last came from its station (monotonic seconds); any earlier moment where nothing ever did."""
+        """When bytes last came from its station (monotonic seconds); an earlier moment if none ever did."""
 
-    def go_on(self) -> None:
+    def resume(self) -> None:
         """Answer the session's `Gather`."""
 
     def throw(self, error: RunEnded) -> None:
-        """Throw `error` into the session, wherever it stands."""
+        """Throw `error` into the session."""
 
 
 class Member:
@@ -41,21 +41,23 @@ class Member:
     def __init__(self, name: str, waiting: Waiting) -> None:
         self.name = name
         self.waiting = waiting
-        self.is_waiting = False  # it has done the step
-        self.is_out = False  # it failed, was left out, or has ended
+        self.is_waiting = False  # has finished the step
+        self.is_out = False  # has failed, was left out, or has ended
         self.failure = ""
 
 
 class Barrier:
-    """`now` gives the moment, `at` has something done at one, in the drivers' own loop: both in monotonic seconds."""
+    """`now` returns the time, `at` schedules a call in the driver's loop; both in monotonic seconds."""
 
-    def __init__(self, now: Callable[[], float], at: Callable[[float, Callable[[], None]], None], *, goes_on: bool = False) -> None:
+    def __init__(
+        self, now: Callable[[], float], at: Callable[[float, Callable[[], None]], None], *, allow_missing: bool = False
+    ) -> None:
         self._now = now
         self._at = at
-        self._goes_on = goes_on
+        self._goes_on = allow_missing
         self._members: list[Member] = []
         self._step = 1
-        self._last_done = 0.0  # when a session was last done with the step, or failed at it
+        self._last_done = 0.0  # when a session last finished the step or failed at it
         self._is_over = False
         self._is_armed = False
 
@@ -64,30 +66,28 @@ class Barrier:
         self._members.append(member)
         return member
 
-    def gather(self, member: Member, wish: Gather) -> None:
-        """`member` is done with a step, or failed at it; a session that failed does not wait for the others."""
-        if self._is_over or wish.failure:
-            self._soon(member.waiting.go_on)
+    def gather(self, member: Member, request: Gather) -> None:
+        """Note that `member` has finished a step or failed at it; one that failed does not wait for the others."""
+        if self._is_over or request.failure:
+            self._soon(member.waiting.resume)
         if self._is_over:
             return
         self._last_done = self._now()
-        if wish.failure:
-            member.is_out, member.failure = True, wish.failure
+        if request.failure:
+            member.is_out, member.failure = True, request.failure
         else:
             member.is_waiting = True
         self._look()
 
     def ended(self, member: Member) -> None:
-        """The session has ended, so nobody waits for it."""
+        """Note the end of a session: nobody waits for it."""
         member.is_out, member.is_waiting = True, False
         if not self._is_over:
             self._look()
 
     def disband(self) -> None:
-        """The run is to end: nobody waits, and nobody is called off."""
+        """End all waiting without calling the run off: the run is ending."""
         self._is_over = True
-
-    # -- who is there ----------------------------------------------------------------------------------------------------
 
     @property
     def _coming(self) -> list[Member]:
@@ -112,7 +112,7 @@ class Barrier:
         self._is_over = self._step > START_STEPS
         for one in waiting:
             one.is_waiting = False
-            self._soon(one.waiting.go_on)
+            self._soon(one.waiting.resume)
 
     def _call_off(self) -> None:
         self._is_over = True
@@ -122,10 +122,8 @@ class Barrier:
                 one.is_waiting = False
                 self._throw_soon(one, NotStarted(names))
 
-    # -- who is not ------------------------------------------------------------------------------------------------------
-
     def _deadline(self) -> float | None:
-        """When those that are still coming have been silent for long enough; None where nobody is done yet."""
+        """When the sessions still coming have been silent for too long; None while nobody waits."""
         coming = self._coming
         if not coming or not any(one.is_waiting or one.failure for one in self._members):
             return None
@@ -147,7 +145,7 @@ class Barrier:
             return
         for one in self._coming:
             one.is_out = True
-            one.failure = f"it was silent for {SILENT_S:g} s in step {self._step} of the start, while the others waited"
+            one.failure = f"silent for {SILENT_S:g} s in step {self._step} of the start, while the others waited"
             self._throw_soon(one, LeftOut(one.failure))
         self._look()
 

@@ -1,7 +1,6 @@
-"""Sessions on a clock that jumps: an hour of faults in seconds, the same every time. For tests.
+"""Runs sessions on a virtual clock: an hour of faults in seconds, reproducibly. For tests and `replay --record`.
 
-Each session talks to a `Peer`, which says what it answers and when those bytes have arrived. The clock goes straight to
-the next moment at which anything happens.
+Each session talks to a `Peer`, which returns its answers and when they arrive. The clock jumps to the next event.
 """
 
 from __future__ import annotations
@@ -13,7 +12,7 @@ from typing import Protocol
 
 from jbclog.core.clock import VirtualClock
 from jbclog.core.errors import LinkError
-from jbclog.core.io_requests import Ask, Gather, Heard, Listen, Request, RunEnded, Steps, Wait
+from jbclog.core.io_requests import Ask, Gather, IoResult, Listen, Request, RunEnded, Steps, Wait
 from jbclog.transport.port import MOST_KEPT
 from jbclog.transport.start_barrier import Barrier
 
@@ -21,50 +20,50 @@ NEVER = float("inf")
 
 
 class Peer(Protocol):
-    """The other end of a wire."""
+    """The other end of a link."""
 
     def receive(self, data: bytes, now: float) -> Sequence[tuple[float, bytes]]:
-        """What comes back to `data` written at `now`: bytes, each with the moment at which they are there."""
+        """Return the answer to `data` written at `now`: bytes, each with the moment at which they arrive."""
 
-    def hung_up(self, now: float) -> bool:
-        """Whether the cable is out."""
+    def is_unplugged(self, now: float) -> bool:
+        """Whether the link is interrupted."""
 
 
 class VirtualDriver:
-    """Pulls sessions on `clock`, which it moves on. `goes_on`: those that start do so without the others."""
+    """Runs sessions on `clock` and advances it. `allow_missing`: sessions that are ready start without the others."""
 
-    def __init__(self, clock: VirtualClock, *, goes_on: bool = False) -> None:
+    def __init__(self, clock: VirtualClock, *, allow_missing: bool = False) -> None:
         self.clock = clock
         self._order = count()
         self._events: list[tuple[float, int, Callable[[], None]]] = []
-        self._wires: list[_Wire] = []
-        self.late_s = 0.0  # for how long the host stood still so far: time that passed while something was done
-        self.barrier = Barrier(clock.monotonic, self.at, goes_on=goes_on)
+        self._links: list[_VirtualLink] = []
+        self.late_s = 0.0  # total lateness of the host: time that passed during calls
+        self.barrier = Barrier(clock.monotonic, self.at, allow_missing=allow_missing)
 
     def add(self, session: Steps[object], peer: Peer, name: str = "") -> None:
-        wire = _Wire(self, session, peer, name)
-        self._wires.append(wire)
-        self.at(self.clock.monotonic(), wire.start)
+        link = _VirtualLink(self, session, peer, name)
+        self._links.append(link)
+        self.at(self.clock.monotonic(), link.start)
 
     def at(self, moment: float, call: Callable[[], None]) -> None:
-        """Do `call` at `moment` (monotonic seconds)."""
+        """Schedule `call` at `moment` (monotonic seconds)."""
         heapq.heappush(self._events, (moment, next(self._order), call))
 
     def say(self, name: str, data: bytes) -> None:
-        """Have `data` come now, unasked, to the session of that name."""
-        for wire in self._wires:
-            if wire.name == name:
-                wire.come(data)
+        """Send `data` now to the session of that name, without a request."""
+        for link in self._links:
+            if link.name == name:
+                link.come(data)
 
     def end(self, why: str) -> None:
         """End every session; each makes its tools safe before it returns."""
         self.barrier.disband()
-        for wire in self._wires:
-            wire.end(why)
+        for link in self._links:
+            link.end(why)
 
     def run(self) -> None:
-        """Go on until every session has ended."""
-        while self._events and not all(wire.is_ended for wire in self._wires):
+        """Run until every session has ended."""
+        while self._events and not all(link.is_ended for link in self._links):
             moment, _, call = heapq.heappop(self._events)
             self.clock.advance_to(moment)
             began = self.clock.monotonic()
@@ -73,17 +72,17 @@ class VirtualDriver:
 
 
 def _moment(coming: tuple[float, bytes]) -> float:
-    return coming[0]  # and not the bytes: what is there at one moment keeps its order
+    return coming[0]  # not the bytes: pieces of the same moment keep their order
 
 
 def _kept(pieces: Sequence[bytes]) -> Sequence[bytes]:
-    """As many as a driver of real ports keeps while nobody listens; the rest waits in the system."""
+    """Return what a real driver buffers while no session listens; the rest stays in the system."""
     so_far = accumulate(map(len, pieces))
     return pieces[: 1 + sum(size < MOST_KEPT for size in so_far)]
 
 
-class _Wire:
-    """One session, its peer, and the bytes under way to it."""
+class _VirtualLink:
+    """One session, its peer, and the bytes on their way to it."""
 
     def __init__(self, driver: VirtualDriver, session: Steps[object], peer: Peer, name: str) -> None:
         self.name = name
@@ -94,10 +93,10 @@ class _Wire:
         self._is_open = False
         self._listening = False
         self._sent = 0.0
-        self._turn = 0  # an alarm of an earlier wish is ignored
+        self._turn = 0  # alarms of earlier requests are ignored
         self._ending: RunEnded | None = None
-        self._heard = 0.0  # when bytes last came
-        self._late_s = 0.0  # by which the driver had been late when the session was last told something
+        self._heard = 0.0  # when bytes last arrived
+        self._late_s = 0.0  # the driver's total lateness at the last result
         self._is_gathered = False
         self._member = driver.barrier.join(name, self)
         self.is_ended = False
@@ -111,7 +110,7 @@ class _Wire:
             self._pull(lambda: self._session.throw(RunEnded(why)))
 
     def come(self, data: bytes) -> None:
-        """Bytes that nobody asked for; lost where the port is not open."""
+        """Receive bytes without a request; they are lost where the port is not open."""
         if self._is_open and not self.is_ended:
             now, turn = self._driver.clock.monotonic(), self._turn
             self._coming = sorted([*self._coming, (now, data)], key=_moment)
@@ -121,7 +120,7 @@ class _Wire:
     def heard_at(self) -> float:
         return self._heard
 
-    def go_on(self) -> None:
+    def resume(self) -> None:
         if self._is_gathered:
             self._wake(self._turn)
 
@@ -133,40 +132,40 @@ class _Wire:
         self._turn += 1
         self._is_gathered = False
         try:
-            wish = step()
+            request = step()
         except StopIteration:
             self.is_ended = True
             self._driver.barrier.ended(self._member)
             return
         try:
-            self._do(wish)
+            self._do(request)
         except LinkError as error:
             failure = error
             self._is_open = False
             self._pull(lambda: self._session.throw(failure))
 
-    def _do(self, wish: Request) -> None:
+    def _do(self, request: Request) -> None:
         now = self._driver.clock.monotonic()
-        if isinstance(wish, Ask):
+        if isinstance(request, Ask):
             self._check_link(now)
             self._sent = now
-            self._coming = sorted([*self._coming, *self._peer.receive(wish.data, now)], key=_moment)
-            self._await(now + wish.patience_s, listening=True)
-        elif isinstance(wish, Listen):
+            self._coming = sorted([*self._coming, *self._peer.receive(request.data, now)], key=_moment)
+            self._await(now + request.patience_s, listening=True)
+        elif isinstance(request, Listen):
             self._check_link(now)
-            self._await(wish.until, listening=True)
-        elif isinstance(wish, Wait):
-            self._await(wish.until, listening=False)
-        elif isinstance(wish, Gather):
+            self._await(request.until, listening=True)
+        elif isinstance(request, Wait):
+            self._await(request.until, listening=False)
+        elif isinstance(request, Gather):
             self._listening, self._is_gathered = False, True
-            self._driver.barrier.gather(self._member, wish)
+            self._driver.barrier.gather(self._member, request)
         else:
             self._is_open, self._coming = True, []
             self._check_link(now)
             self._await(now, listening=False)
 
     def _check_link(self, now: float) -> None:
-        if self._peer.hung_up(now) or not self._is_open:
+        if self._peer.is_unplugged(now) or not self._is_open:
             raise LinkError("the cable is out")
 
     def _await(self, until: float, *, listening: bool) -> None:
@@ -179,14 +178,14 @@ class _Wire:
         if turn != self._turn or self.is_ended:
             return
         now = self._driver.clock.monotonic()
-        if self._listening and self._peer.hung_up(now):
+        if self._listening and self._peer.is_unplugged(now):
             self._is_open = False
             self._pull(lambda: self._session.throw(LinkError("the cable was pulled out")))
             return
         due = [data for at, data in self._coming if at <= now]
-        taken = due[:1] if self._listening else _kept(due)  # a listener gets each piece as it comes
+        taken = due[:1] if self._listening else _kept(due)  # a listener gets each piece on arrival
         self._coming = self._coming[len(taken) :]
         self._heard = now if taken else self._heard
         late_s, self._late_s = self._driver.late_s - self._late_s, self._driver.late_s
-        heard = Heard(now, b"".join(taken), self._sent, late_s)
+        heard = IoResult(now, b"".join(taken), self._sent, late_s)
         self._pull(lambda: self._session.send(heard))

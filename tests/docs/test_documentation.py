@@ -81,7 +81,7 @@ def test_the_sizes_of_foreign_files_are_the_limits() -> None:
         "report.json": (Kind.REPORT,),
         "other files of a report": (Kind.OF_REPORT,),
         "lease": (Kind.LEASE,),
-        "guard's log, list of damage": (Kind.DIARY, Kind.DAMAGE),
+        "guard's log, list of damage": (Kind.ACTION_LOG, Kind.DAMAGE),
         "lock; line, recipe or jobs file": (Kind.LOCK, Kind.SETTINGS),
         "batch journal": (Kind.JOURNAL,),
         "audit ledger": (Kind.LEDGER,),

@@ -12,7 +12,7 @@ from jbclog.analysis.verdict.rule import Result
 from jbclog.analysis.verdict.versions import VERSIONS
 from jbclog.config.sim_spec import KEYS_OF_FAULT
 from jbclog.core.errors import Exit
-from jbclog.core.rows import OUTCOMES, QUALITIES
+from jbclog.core.rows import QUALITIES, SettingOutcome
 from jbclog.report.audit.files import COLUMNS as COLUMNS_OF_AUDIT
 from support.pages.all_pages import PAGES, REFERENCE
 from support.pages.configuration import FILES, keys
@@ -51,7 +51,7 @@ def test_every_column_has_a_meaning_and_nothing_else_has() -> None:
     described = {f"{name}.{field.name}" for name, schema in tables().items() for field in schema}
     assert set(COLUMNS) <= described
     assert all(meaning(name, field) for name, schema in tables().items() for field in schema)
-    assert (list(QUALITY), set(OUTCOME)) == (list(QUALITIES), set(OUTCOMES))
+    assert (list(QUALITY), set(OUTCOME)) == (list(QUALITIES), set(SettingOutcome))
 
 
 def test_every_key_of_the_manifest_has_a_meaning() -> None:

@@ -18,7 +18,7 @@ from jbclog.cli.app import app
 from jbclog.cli.replay import DOUBTFUL
 from jbclog.core.errors import RecordError
 from jbclog.core.rows import COLUMN
-from jbclog.core.wire import Passed, Row
+from jbclog.core.wire import CaptureRow, LinkRow
 from jbclog.record import capture_file
 from jbclog.record.capture import (
     WHOLE,
@@ -66,23 +66,23 @@ def path(tmp_path: Path) -> Path:
 # -- what holds, whatever was done -------------------------------------------------------------------------------------------
 
 
-def is_in_order(found: list[Row]) -> bool:
+def is_in_order(found: list[CaptureRow]) -> bool:
     """Whether these are rows of the file, each once and in their order."""
     left = iter(ROWS)
     return all(row in left for row in found)
 
 
-def pairs(rows: Iterator[Row]) -> Iterator[tuple[bytes, bytes]]:
+def pairs(rows: Iterator[CaptureRow]) -> Iterator[tuple[bytes, bytes]]:
     """Each question with what the tape has for it."""
     asked = b""
     for row in rows:
-        if isinstance(row, Passed) and row.what == "sent":
+        if isinstance(row, LinkRow) and row.what == "sent":
             asked = row.data
-        elif isinstance(row, Passed) and row.what == "heard":
+        elif isinstance(row, LinkRow) and row.what == "heard":
             yield asked, row.data
 
 
-def assert_holes_say_where(found: list[Row | Hole]) -> None:
+def assert_holes_say_where(found: list[CaptureRow | Hole]) -> None:
     """What is missing lies between the moments that a hole names."""
     last: float | None = None
     for one in found:
@@ -103,7 +103,7 @@ def head_of(path: Path) -> Head | None:
         return None
 
 
-def look(path: Path, one: Altered, count: Count) -> list[Row]:
+def look(path: Path, one: Altered, count: Count) -> list[CaptureRow]:
     """The rows that are left; nothing wrong among them, nothing missing without a word, no error but what a record's are."""
     path.write_bytes(one.data)
     found = list(rows_and_holes(path))

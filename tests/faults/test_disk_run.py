@@ -156,7 +156,7 @@ def test_a_folder_that_is_removed_while_the_run_goes_on(line: ServedLine, tmp_pa
         assert_made_safe(line)
         _, said = run.communicate(timeout=200)
     assert run.returncode == 4, said
-    assert "was removed while the run went on" in said
+    assert "was removed during the run" in said
     assert "if it was deleted, nothing of it is left" in said
     assert "tries again" not in said
     assert "Traceback" not in said

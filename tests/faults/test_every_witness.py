@@ -61,8 +61,8 @@ class Slow:
         self.last = max([self.last, *(at for at, _ in moved)])
         return moved
 
-    def hung_up(self, now: float) -> bool:
-        return self.cable.hung_up(now)
+    def is_unplugged(self, now: float) -> bool:
+        return self.cable.is_unplugged(now)
 
 
 def history(rng: Random) -> list[Phase]:

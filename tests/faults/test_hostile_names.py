@@ -213,8 +213,8 @@ class Liar:
     def receive(self, data: bytes, now: float) -> Sequence[tuple[float, bytes]]:
         return [(at, self._bent(answer)) for at, answer in self._station.receive(data, now)]
 
-    def hung_up(self, now: float) -> bool:
-        return self._station.hung_up(now)
+    def is_unplugged(self, now: float) -> bool:
+        return self._station.is_unplugged(now)
 
     def _bent(self, answer: bytes) -> bytes:
         if b"ASMN" in answer and self._model is not None:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import pytest
 
 from jbclog.core.errors import StationError
-from jbclog.core.io_requests import Heard
+from jbclog.core.io_requests import IoResult
 from jbclog.core.quantities import Value
 from jbclog.core.wire import LineFormat
 from jbclog.protocol.client.omega import OmegaStation
@@ -38,7 +38,7 @@ def taken(command: Command, wire: bytes) -> Value | None:
     asking = station.ask(station.question(command))
     next(asking)
     try:
-        asking.send(Heard(0.02, wire, 0.0))
+        asking.send(IoResult(0.02, wire, 0.0))
     except StopIteration as done:
         return done.value  # type: ignore[no-any-return]  # what the generator returns
     except StationError:

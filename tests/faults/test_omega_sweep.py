@@ -36,7 +36,7 @@ class Disturbed:
         self._free = 0.0
         self.said: list[tuple[str, int]] = []
 
-    def hung_up(self, now: float) -> bool:
+    def is_unplugged(self, now: float) -> bool:
         return False
 
     def receive(self, data: bytes, now: float) -> list[tuple[float, bytes]]:

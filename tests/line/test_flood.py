@@ -14,7 +14,7 @@ from jbclog.protocol.commands.status import STAND
 from jbclog.session.run.context import SessionContext, StationTask
 from jbclog.session.run.identify import LONGEST_AFTER_FLOOD_S
 from jbclog.session.run.station_run import run_station
-from jbclog.transport.session_history import Astray, Step, keeping, reliving
+from jbclog.transport.session_history import Divergence, ReplayStep, captured, replayed
 from jbclog.transport.virtual import Peer, VirtualDriver
 from support.links.flooding import FALSE_C, SHAPES, flood
 from support.oracles.account import assert_account_holds, reasons_in
@@ -150,7 +150,7 @@ def test_a_link_that_is_flooded_from_the_start_refuses_the_run_within_seconds() 
 
 
 def test_a_run_with_a_flood_is_lived_through_again_to_the_row() -> None:
-    tape: list[Step] = []
+    tape: list[ReplayStep] = []
 
     def noted(order: StationTask, session: Steps[StationFacts], cable: Peer) -> tuple[Steps[StationFacts], Peer]:
         return _noted(session, tape), cable
@@ -164,40 +164,40 @@ def test_a_run_with_a_flood_is_lived_through_again_to_the_row() -> None:
     assert again.events == run.memory.events
 
 
-def _noted(session: Steps[StationFacts], tape: list[Step]) -> Steps[StationFacts]:
+def _noted(session: Steps[StationFacts], tape: list[ReplayStep]) -> Steps[StationFacts]:
     """The session, with each thing that it is told put on the tape."""
     given: list[bytes] = [b""]
     asked: list[bytes] = [b""]
 
     def keep(told: object) -> None:
-        tape.append(Step(0, told, asked[0], given[0]))  # type: ignore[arg-type]
+        tape.append(ReplayStep(0, told, asked[0], given[0]))  # type: ignore[arg-type]
 
-    steps = keeping(session, keep, lambda: 0.0)
+    steps = captured(session, keep, lambda: 0.0)
     try:
-        wish = next(steps)
+        request = next(steps)
         while True:
-            asked[0] = getattr(wish, "data", b"")
+            asked[0] = getattr(request, "data", b"")
             try:
-                heard = yield wish
+                heard = yield request
             except Exception as error:
                 given[0] = b""
-                wish = steps.throw(error)
+                request = steps.throw(error)
             else:
                 given[0] = heard.data
-                wish = steps.send(heard)
+                request = steps.send(heard)
     except StopIteration as end:
         facts: StationFacts = end.value
         return facts
 
 
-def _relived(run: VirtualRun, tape: list[Step]) -> Memory:
+def _relived(run: VirtualRun, tape: list[ReplayStep]) -> Memory:
     clock = VirtualClock()
     memory, driver = Memory(), VirtualDriver(clock)
     context = SessionContext(next(iter(run.contexts.values())).order, memory, UtcOffset(clock))
 
-    def astray(where: Astray) -> tuple[float, str]:
+    def astray(where: Divergence) -> tuple[float, str]:
         raise AssertionError(str(where))
 
-    driver.add(reliving(run_station(context), tape, astray), run.taps["dde-1"])
+    driver.add(replayed(run_station(context), tape, astray), run.taps["dde-1"])
     driver.run()
     return memory

@@ -49,7 +49,7 @@ def pulled_out_with(run: VirtualRun, letter: str) -> None:
     def last(sent: bytes, now: float) -> list[Reply]:
         replies = receive(sent, now)
         if sent[1:2].decode() == letter:
-            run.omega.hung_up = lambda _now: True  # type: ignore[method-assign]
+            run.omega.is_unplugged = lambda _now: True  # type: ignore[method-assign]
         return replies
 
     run.omega.receive = last  # type: ignore[method-assign]

@@ -160,8 +160,8 @@ class Twice:
         self._count += 1
         return said + [Reply(reply.at + 0.004, reply.data) for reply in said if self._count % 7 == 0]
 
-    def hung_up(self, now: float) -> bool:
-        return self._station.hung_up(now)
+    def is_unplugged(self, now: float) -> bool:
+        return self._station.is_unplugged(now)
 
 
 def say_twice(run: VirtualRun) -> None:

@@ -7,7 +7,7 @@ from contextlib import suppress
 import pytest
 
 from jbclog.core.errors import LinkError
-from jbclog.core.io_requests import Ask, Heard, Listen, Reopen, Steps, Wait
+from jbclog.core.io_requests import Ask, IoResult, Listen, Reopen, Steps, Wait
 from jbclog.core.rows import COLUMN
 from jbclog.session.run.sampling import Standstill
 from support.oracles.account import assert_account_holds
@@ -167,7 +167,7 @@ def watched(*heard: tuple[float, bytes, float] | None) -> Standstill:
                 session = measure.watch(later(), 100.0)  # nobody has said when
                 next(session)
             else:
-                session.send(Heard(one[0], one[1], 100.0, one[2]))
+                session.send(IoResult(one[0], one[1], 100.0, one[2]))
     return measure
 
 

@@ -46,7 +46,7 @@ class Cable:
     pulled: bool = False
     since: float | None = field(default=None)
 
-    def hung_up(self, now: float) -> bool:
+    def is_unplugged(self, now: float) -> bool:
         return self.pulled and self.since is not None
 
     def receive(self, data: bytes, now: float) -> Sequence[tuple[float, bytes]]:
@@ -271,24 +271,24 @@ def hung(*, allow_missing: bool) -> VirtualRun:
     def late(session: Steps[StationFacts]) -> Steps[StationFacts]:
         from jbclog.core.io_requests import RunEnded, Wait
 
-        wish = next(session)
+        request = next(session)
         try:
             yield Wait(1060.0)
         except RunEnded as end:
-            wish = session.throw(end)
+            request = session.throw(end)
         while True:
             try:
-                heard = yield wish
+                heard = yield request
             except Exception as error:
                 step = error
                 try:
-                    wish = session.throw(step)
+                    request = session.throw(step)
                 except StopIteration as done:
                     facts: StationFacts = done.value
                     return facts
                 continue
             try:
-                wish = session.send(heard)
+                request = session.send(heard)
             except StopIteration as done:
                 facts = done.value
                 return facts

@@ -74,4 +74,4 @@ def test_a_run_holds_its_station_while_the_cable_is_out_too(leaving: Path, tmp_p
         run.terminate()
         run.communicate(timeout=200)
     ended = by_hand("write", "ucr-1", "status", "stand", "--line", leaving)
-    assert (ended.exit_code, "there is no such port; see that it is plugged in" in ended.stderr) == (3, True)
+    assert (ended.exit_code, "no such port; check that it is plugged in" in ended.stderr) == (3, True)

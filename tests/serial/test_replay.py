@@ -1,4 +1,4 @@
-"""A recorded run served again on pseudo-terminals: the same decoded tables at its own pace, and at a faster one."""
+"""A recorded run served again on pseudo-terminals: the same decoded tables."""
 
 from __future__ import annotations
 
@@ -208,10 +208,10 @@ def calm(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return only_run(place / "runs")
 
 
-@pytest.mark.parametrize("speed", [pytest.param(one, marks=pytest.mark.campaign) for one in (3, 10)])
-def test_recorded_again_faster_it_has_the_same_rows(calm: Path, tmp_path: Path, speed: int) -> None:
+@pytest.mark.campaign
+def test_recorded_again_it_has_the_same_rows(calm: Path, tmp_path: Path) -> None:
     """Each station as many rows as then, at its own rate, and where the host lost no tick the same values in them."""
-    with served(calm, tmp_path / "served", "--speed", str(speed)) as replaying:
+    with served(calm, tmp_path / "served") as replaying:
         assert replaying.stderr is not None
         replaying.stderr.readline()
         typed = shlex.split(replaying.stderr.readline())
@@ -226,7 +226,7 @@ def test_recorded_again_faster_it_has_the_same_rows(calm: Path, tmp_path: Path, 
         assert len(ours) == len(theirs)
         on_time = (ours["late_us"] < 10_000) & (theirs["late_us"] < 10_000)
         for column in FAST:
-            assert share_of_same(ours[on_time][column], theirs[on_time][column]) > (0.9 if speed < 10 else 0.5)
+            assert share_of_same(ours[on_time][column], theirs[on_time][column]) > 0.9
         assert set(kinds(open_run(calm), station)) <= set(kinds(open_run(again), station))
         assert open_run(again).counters(station)["raw"].to_list() == open_run(calm).counters(station)["raw"].to_list()
 
@@ -312,7 +312,7 @@ def test_wrong_usage(original: Path, tmp_path: Path, monkeypatch: pytest.MonkeyP
     monkeypatch.chdir(tmp_path)
     (tmp_path / "empty").mkdir()
     for arguments, why in (
-        ([str(original), "--record", "again", "--speed", "2"], "--record serves nothing: leave out --dir, --tcp and --speed"),
+        ([str(original), "--record", "again", "--dir", "x"], "--record serves nothing: leave out --dir and --tcp"),
         (["nowhere"], "there is no such folder"),
         (["empty"], "only a run with --wire can be replayed"),
         ([str(original), "--dir", str(original)], "would be overwritten"),

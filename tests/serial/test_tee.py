@@ -7,7 +7,7 @@ from collections import deque
 import pytest
 
 from jbclog.core.errors import LinkError
-from jbclog.core.wire import LineFormat, Passed
+from jbclog.core.wire import LineFormat, LinkRow
 from jbclog.transport.opening import open_port
 from jbclog.transport.port import Port, unread
 from jbclog.transport.session_history import Tee
@@ -16,7 +16,7 @@ from support.links.far_ends import terminal
 
 
 def test_every_byte_is_kept_in_order_with_its_moment() -> None:
-    kept: list[Passed] = []
+    kept: list[LinkRow] = []
     moments = iter((1.0, 2.0, 3.0, 4.0, 5.0, 6.0))
     with terminal() as far:
         port: Port = Tee.opened(lambda: open_port(far.url, LineFormat()), kept.append, lambda: next(moments))
@@ -44,7 +44,7 @@ def test_every_byte_is_kept_in_order_with_its_moment() -> None:
 
 
 def test_what_had_come_and_was_not_read_is_counted_when_the_port_is_closed() -> None:
-    kept: list[Passed] = []
+    kept: list[LinkRow] = []
     with terminal() as far:
         port = Tee.opened(lambda: open_port(far.url, LineFormat()), kept.append)
         far.say(b"x" * 3000)
@@ -56,7 +56,7 @@ def test_what_had_come_and_was_not_read_is_counted_when_the_port_is_closed() -> 
 
 
 def test_a_link_that_breaks_is_lost_once() -> None:
-    kept: list[Passed] = []
+    kept: list[LinkRow] = []
     with terminal() as far:
         port = Tee.opened(lambda: open_port(far.url, LineFormat()), kept.append)
         far.unplug()
@@ -69,14 +69,14 @@ def test_a_link_that_breaks_is_lost_once() -> None:
 
 
 def test_a_port_that_cannot_be_opened_is_noted_with_the_reason() -> None:
-    kept: list[Passed] = []
+    kept: list[LinkRow] = []
     with pytest.raises(LinkError) as told:
         Tee.opened(lambda: open_port("/nowhere/at-all", LineFormat()), kept.append)
     assert [(row.what, row.text) for row in kept] == [("failed", str(told.value))]
 
 
 def test_a_bounded_sink_holds_the_newest() -> None:
-    kept: deque[Passed] = deque(maxlen=2)
+    kept: deque[LinkRow] = deque(maxlen=2)
     with terminal() as far:
         port = Tee(open_port(far.url, LineFormat()), kept.append)
         for question in (b"one", b"two", b"three"):

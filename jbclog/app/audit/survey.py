@@ -22,15 +22,15 @@ from typing import Final
 
 from jbclog.app import connection
 from jbclog.app.audit.questions import SurveyTarget, harmless_for, look
-from jbclog.core.errors import LinkError, PortBusy, StartRefused, StationError, of_program
-from jbclog.core.io_requests import Heard, Request, RunEnded, Steps, relay
-from jbclog.core.wire import PortPlace, place_of
+from jbclog.core.errors import LinkError, PortBusy, StartRefused, StationError, unexpected_error_text
+from jbclog.core.io_requests import IoResult, Request, RunEnded, Steps, relay
+from jbclog.core.wire import PortAddress, port_address
 from jbclog.maintenance.counter_totals.observed import Observation
 from jbclog.record.port_owner import run_of, run_that_holds
 from jbclog.transport import blocking
-from jbclog.transport.blocking import Port
+from jbclog.transport.blocking import DriverPort
 from jbclog.transport.read_only import ReadOnly
-from jbclog.transport.system_ports import in_words_all, sharers_of
+from jbclog.transport.system_ports import processes_text, sharers_of
 
 AT_ONCE: Final = 8
 
@@ -88,7 +88,7 @@ class Looking:
         except RunEnded:
             raise
         except Exception as error:
-            return wanted.unseen(_text(_now()), f"internal error, {of_program(error)} (please report it)")
+            return wanted.unseen(_text(_now()), f"internal error, {unexpected_error_text(error)} (please report it)")
 
     def _look(self, wanted: SurveyTarget) -> Observation:
         run = run_that_holds(wanted.target.url)
@@ -110,17 +110,17 @@ class Looking:
         steps = relay(look(wanted, utc_of), self._unless_stopped)
         return blocking.run(steps, lambda: _open(wanted), sleep=connection.means.sleep, clock=connection.means.clock)
 
-    def _unless_stopped(self, wish: Request) -> Steps[Heard]:
+    def _unless_stopped(self, request: Request) -> Steps[IoResult]:
         if self.is_stopped:
             raise RunEnded("the audit was stopped")
-        return (yield wish)
+        return (yield request)
 
 
 def _by_wire(wanted: Sequence[SurveyTarget]) -> list[list[SurveyTarget]]:
     """Those behind one port together, in their order."""
-    wires: list[tuple[PortPlace, list[SurveyTarget]]] = []
+    wires: list[tuple[PortAddress, list[SurveyTarget]]] = []
     for one in wanted:
-        place = place_of(one.target.url)
+        place = port_address(one.target.url)
         found = next((wire for known, wire in wires if known.is_at(place)), None)
         if found is None:
             wires.append((place, [one]))
@@ -129,12 +129,12 @@ def _by_wire(wanted: Sequence[SurveyTarget]) -> list[list[SurveyTarget]]:
     return [wire for _, wire in wires]
 
 
-def _open(wanted: SurveyTarget) -> Port:
+def _open(wanted: SurveyTarget) -> DriverPort:
     """The port, for questions only. One that another program reads, too, is left alone: it would lose its answers."""
     target = wanted.target
     sharers = sharers_of(target.url)
     if sharers:
-        raise PortBusy(f"{target.url} is open in {in_words_all(sharers)}; end that first", sharers[0])
+        raise PortBusy(f"{target.url} is open in {processes_text(sharers)}; end that first", sharers[0])
     return ReadOnly(connection.means.open_port(target.url, target.line), harmless_for(target.family))
 
 

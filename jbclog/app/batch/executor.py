@@ -14,7 +14,7 @@ from jbclog.app.batch.journal import Journal
 from jbclog.app.batch.processes import ENDED_BY, Came, Processes
 from jbclog.app.batch.state import RECORDED, BatchState, Entry, JobState, Kind, Next, State, whats_next
 from jbclog.config.job_order import OnFailure, Turn
-from jbclog.core.errors import Exit, Finding, UsageError, exit_code
+from jbclog.core.errors import Exit, RunFinding, UsageError, exit_code
 
 LOOK_EVERY_S: Final = 0.2
 
@@ -216,15 +216,15 @@ class BatchExecutor:
         """The most severe of what came of the jobs, and of the batch that was cut short."""
         found = list(_findings(self.standing.jobs.values()))
         if self._signal is not None and self.standing.is_open():
-            found.append(Finding(ENDED_BY[self._signal], "the batch was cut short"))
+            found.append(RunFinding(ENDED_BY[self._signal], "the batch was cut short"))
         return exit_code(found)
 
 
-def _findings(jobs: Iterable[JobState]) -> Iterable[Finding]:
+def _findings(jobs: Iterable[JobState]) -> Iterable[RunFinding]:
     for job in jobs:
         if job.is_over and job.last is not None and job.last.exit_code is not None:
             code = Exit(job.last.exit_code) if job.last.exit_code in list(Exit) else Exit.RECORD
-            yield Finding(Exit.STATION if code is Exit.USAGE else code, job.last.text)
+            yield RunFinding(Exit.STATION if code is Exit.USAGE else code, job.last.text)
 
 
 def _attempt(job: JobState) -> tuple[str, int]:

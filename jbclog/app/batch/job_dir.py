@@ -20,7 +20,7 @@ from jbclog.core.foreign.files import Kind, open_foreign, read_foreign
 from jbclog.core.foreign.json_reader import Misfit, build, json_of, read_json
 from jbclog.core.locks import is_locked
 from jbclog.core.rows import EventRow, Severity
-from jbclog.transport.typed_lines import Source
+from jbclog.transport.typed_lines import LineSource
 
 # -- job dir ------------------------------------------------------------------------------------------------------------------
 
@@ -194,10 +194,10 @@ FEED: Final = (
 )
 
 
-class Carried(Source):
+class Carried(LineSource):
     """A source that first gives a serial which was read from it before."""
 
-    def __init__(self, source: Source, serial: str) -> None:
+    def __init__(self, source: LineSource, serial: str) -> None:
         self.name = source.name
         self.is_typed = source.is_typed
         self._source = source

@@ -21,7 +21,7 @@ from jbclog.app.batch.job_dir import NOTES, JobDir, carried
 from jbclog.app.batch.job_spec import JobSpec
 from jbclog.app.batch.state import State
 from jbclog.app.run.plan import Metadata
-from jbclog.core.errors import Exit, RecordError, Status, Unsafe, of_program
+from jbclog.core.errors import Exit, RecordError, Status, Unsafe, unexpected_error_text
 from jbclog.record.find_runs import Filter, Found, find
 from jbclog.record.manifest import Manifest, read_manifest
 from jbclog.record.recover import recover
@@ -150,7 +150,7 @@ class SystemProcesses:
         try:
             return future.result()
         except Exception as error:  # of this program: nothing is known of the tools, and the other jobs go on
-            text = f"what came of it could not be found out, {of_program(error)}"
+            text = f"what came of it could not be found out, {unexpected_error_text(error)}"
             return Came(State.HALF, Unsafe.exit_code, text, papers.run())
 
     def peek(self, name: str, attempt: int) -> str:

@@ -24,7 +24,7 @@ import pyarrow as pa
 
 from jbclog.analysis.run import open_run
 from jbclog.analysis.run_metrics import joint_count
-from jbclog.core.errors import RecordError, of_program
+from jbclog.core.errors import RecordError, unexpected_error_text
 
 ENDED_S: Final = 1.5
 LEAST_PAUSE_S, MOST_PAUSE_S = 1.0, 60.0
@@ -53,7 +53,7 @@ def main(arguments: list[str]) -> int:
         if asked:
             _say(f"= {joint_count(open_run(folder))}")
     except Exception as error:  # whatever it is, the recorder says it and goes on
-        _say(f"! {error}" if isinstance(error, RecordError) else f"! internal error, {of_program(error)}")
+        _say(f"! {error}" if isinstance(error, RecordError) else f"! internal error, {unexpected_error_text(error)}")
     return 0
 
 

@@ -25,7 +25,7 @@ from jbclog.analysis.verdict.evidence import Joints
 from jbclog.app.run.plan import PORTS, Plan, StationPlan, orders
 from jbclog.app.run.plan import Metadata as Told
 from jbclog.core.clock import Clock, UtcOffset
-from jbclog.core.errors import Exit, Finding, RecordError, exit_code, findings, of_program, status
+from jbclog.core.errors import Exit, RecordError, RunFinding, exit_code, findings, status, unexpected_error_text
 from jbclog.core.rows import COLUMN, CounterRow, EventRow, SampleRow, SettingRow, Severity, StationFacts, TipCheck
 from jbclog.maintenance.verification.verifications_file import cited
 from jbclog.record.chains import previous_run
@@ -62,7 +62,7 @@ class Result:
 
     folder: Path
     exit_code: Exit
-    findings: list[Finding]
+    findings: list[RunFinding]
     manifest: Manifest
 
 
@@ -186,7 +186,7 @@ class RunRecord:
         try:
             self.manifest = conclude(self.folder, manifest, self._store.lock)
         except RecordError as error:
-            found.append(Finding(Exit.RECORD, self._left(error)))
+            found.append(RunFinding(Exit.RECORD, self._left(error)))
         finally:
             self._store.release()
         return Result(self.folder, exit_code(found), found, self.manifest)
@@ -218,7 +218,7 @@ class RunRecord:
 
             return joint_evidence(self.folder, stations, self.manifest.t0_utc)
         except Exception as error:  # of this program; the record is concluded all the same
-            unknown = PortJoints(why=f"Its joints could not be looked for: {of_program(error)}.")
+            unknown = PortJoints(why=f"Its joints could not be looked for: {unexpected_error_text(error)}.")
             return {(facts.name, port): unknown for facts in stations for port in facts.ports}
 
 
@@ -259,7 +259,7 @@ class _Tap:
 
     def _without_alarms(self, row: SampleRow, error: Exception) -> None:
         self._alarms = None
-        text = f"Alarms on samples are no longer evaluated while this run goes on: internal error, {of_program(error)}."
+        text = f"Alarms on samples are no longer evaluated while this run goes on: internal error, {unexpected_error_text(error)}."
         time = row[COLUMN["time"]]
         assert isinstance(time, int)
         self._store.event(EventRow(time, "alarm.episode.failed", Severity.WARNING, text))

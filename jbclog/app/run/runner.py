@@ -24,8 +24,8 @@ from jbclog.app.run.plan import Plan, RunOptions, make_plan
 from jbclog.app.run.run_record import Observer, Result, RunRecord
 from jbclog.app.run.unit_feed import LOOK_EVERY_S as LOOK_FOR_UNITS_S
 from jbclog.app.run.unit_feed import UnitFeed
-from jbclog.core.clock import Clock, FastClock, SystemClock
-from jbclog.core.errors import Exit, JbclogError, RecordError, StartRefused, Unsafe, cause, of_program, tools_text
+from jbclog.core.clock import SystemClock
+from jbclog.core.errors import Exit, JbclogError, RecordError, StartRefused, Unsafe, cause, tools_text, unexpected_error_text
 from jbclog.core.locks import is_held
 from jbclog.core.rows import EventRow, Severity, StationFacts
 from jbclog.guard.open_leases import settle
@@ -45,9 +45,9 @@ from jbclog.transport.event_loop import Signals
 from jbclog.transport.opening import allow_ports, open_port
 from jbclog.transport.port import Port
 from jbclog.transport.reactor import Reactor
-from jbclog.transport.session_history import Tee, keeping
-from jbclog.transport.system_ports import Sharers
-from jbclog.transport.typed_lines import Source
+from jbclog.transport.session_history import Tee, captured
+from jbclog.transport.system_ports import SharedPortWatch
+from jbclog.transport.typed_lines import LineSource
 
 # -- runner -------------------------------------------------------------------------------------------------------------------
 
@@ -72,7 +72,7 @@ def conduct(
     seal_every_s: float = SEAL_S,
     missed: Callable[[], int] = lambda: 0,
     is_last: bool = False,
-    units: Source | None = None,
+    units: LineSource | None = None,
 ) -> Result:
     """Run `plan` and record it below `out`. `missed` gives how much of what `observer` was told nobody could see.
 
@@ -86,7 +86,7 @@ def conduct(
     A run that cannot be started, because another one holds a port or there is no process for its guard, is recorded as such.
     Raises `RecordError` where the record cannot even be begun.
     """
-    with Signals(heard(), FREEZING, for_good=is_last) as signals:
+    with Signals(heard(), FREEZING, stay_ignored=is_last) as signals:
         held = why_held({station.spec.name: station.spec.url for station in plan.stations})
         if held:
             return RunRecord(plan, out, observer, SystemClock()).refuse(held)
@@ -113,13 +113,6 @@ def heard() -> list[signal.Signals]:
     return [number for number in CUT_SHORT if not (has_nohup and number is signal.SIGHUP)]
 
 
-def _clock(plan: Plan) -> tuple[Clock, FastClock | None]:
-    """The run's clock: the host's, or one that goes as fast as that of a recorded run that is served."""
-    replay = plan.line.replay
-    fast = FastClock(replay.speed) if replay is not None and replay.speed != 1.0 else None
-    return fast or SystemClock(), fast
-
-
 class _Run:
     """The state of one run while it goes on."""
 
@@ -130,11 +123,11 @@ class _Run:
         observer: Observer,
         seal_every_s: float,
         missed: Callable[[], int],
-        units: Source | None,
+        units: LineSource | None,
     ) -> None:
         self._plan = plan
         self._missed = missed
-        self._clock, fast = _clock(plan)
+        self._clock = SystemClock()
         allow_ports(len(plan.stations))
         self._guarding = Guarding()
         self._left_over = settle(out, {station.spec.url for station in plan.stations}, is_held)
@@ -143,8 +136,8 @@ class _Run:
         )
         self._note = self._run_record.note
         self._contexts = self._run_record.contexts
-        self._reactor = Reactor(fast, goes_on=plan.goes_on_without)
-        self._sharers = Sharers(context.order.url for context in self._contexts)
+        self._reactor = Reactor(allow_missing=plan.goes_on_without)
+        self._sharers = SharedPortWatch(context.order.url for context in self._contexts)
         self._wires = WireRecorder(self._run_record.folder) if plan.wanted.wire else None
         wanted = plan.wanted
         refuses = any(one.recipe.units.repeat == "refuse" for one in plan.stations)
@@ -223,7 +216,7 @@ class _Run:
         try:
             self._reactor.run(self._guarding.end)
         except Exception as error:  # the record of what went before is closed all the same
-            text = f"internal error, {of_program(error)}"
+            text = f"internal error, {unexpected_error_text(error)}"
             self._note("run.failed", text, Severity.CRITICAL)
             self._have_guard_take_over()
             return text
@@ -248,7 +241,7 @@ class _Run:
             self._reactor.add(run_station(context), opened, order.name)
             return
         keep, now = self._wires.begin(self._head(context)), self._clock.monotonic
-        self._reactor.add(keeping(run_station(context), keep, now), lambda: Tee.opened(opened, keep, now), order.name)
+        self._reactor.add(captured(run_station(context), keep, now), lambda: Tee.opened(opened, keep, now), order.name)
 
     def _head(self, context: SessionContext) -> Head:
         order, manifest = context.order, self._run_record.manifest
@@ -378,7 +371,7 @@ def carry_out(
     job: Job,
     observer: Observer,
     *,
-    units: Source | None = None,
+    units: LineSource | None = None,
     missed: Callable[[], int] = lambda: 0,
     planned: Callable[[Plan], None] = lambda plan: None,
 ) -> Result:

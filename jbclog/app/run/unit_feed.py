@@ -28,7 +28,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from jbclog.core.rows import EventRow, Severity
-from jbclog.transport.typed_lines import Gone, Line, Source, Splitter
+from jbclog.transport.typed_lines import LineSource, LineSplitter, SourceLost, TypedLine
 
 LOOK_EVERY_S: Final = 0.1
 LOOKS_AT_END: Final = 64  # at what had come and was not read yet
@@ -55,7 +55,7 @@ class UnitFeed:
     """
 
     def __init__(
-        self, source: Source, keep: Keep, micros: Callable[[], int], wanted: int | None = None, *, refuses_repeats: bool = False
+        self, source: LineSource, keep: Keep, micros: Callable[[], int], wanted: int | None = None, *, refuses_repeats: bool = False
     ) -> None:
         self.unit: str | None = None
         self.on_bench_at_end: str | None = None
@@ -68,10 +68,10 @@ class UnitFeed:
         self._times_read: Counter[str] = Counter()
         self._first_read: dict[str, int] = {}
         self._began = 0
-        self._source: Source | None = source
+        self._source: LineSource | None = source
         self._keep = keep
         self._micros = micros
-        self._splitter = Splitter()
+        self._splitter = LineSplitter()
         self._now = self._looked = micros()
 
     def look(self) -> bool:
@@ -81,7 +81,7 @@ class UnitFeed:
         self._looked, self._now = self._now, self._micros()
         try:
             data = self._source.read()
-        except Gone as why:
+        except SourceLost as why:
             self._lose(self._source, str(why))
             return False
         if data is None:
@@ -109,7 +109,7 @@ class UnitFeed:
         """Whether all units that are wanted are finished."""
         return self._wanted is not None and len(self.finished) >= self._wanted
 
-    def _take(self, *lines: Line) -> None:
+    def _take(self, *lines: TypedLine) -> None:
         again = 0
         for line in lines:
             if line.is_whole and line.text in (self.unit, self._refused):
@@ -122,7 +122,7 @@ class UnitFeed:
         if self.is_done:
             self._give_up()
 
-    def _change(self, line: Line) -> None:
+    def _change(self, line: TypedLine) -> None:
         self._refused = None
         if not line.is_whole:
             text = f"A line of more than {len(line.text)} characters is no serial; whose joints follow is not known."
@@ -135,7 +135,7 @@ class UnitFeed:
         else:
             self._next_unit(line)
 
-    def _next_unit(self, line: Line) -> None:
+    def _next_unit(self, line: TypedLine) -> None:
         before = self._interrupted
         continues = before is not None and before.serial == line.text
         if continues:
@@ -214,14 +214,14 @@ class UnitFeed:
             self._tell("unit.end", f"Unit {self.unit} ends.", self.unit)
             self.unit = None
 
-    def _close_source(self, source: Source) -> None:
+    def _close_source(self, source: LineSource) -> None:
         self._take(*self._splitter.finish())
         going_on = f"unit {self.unit} goes on to the end of the run" if self.unit else "there is no unit from here on"
         text = f"No more serials come from {source.name}, which was closed: {going_on}.{self._too_few}"
         self._tell("unit.closed", text, None, Severity.WARNING)
         self._give_up()
 
-    def _lose(self, source: Source, why: str) -> None:
+    def _lose(self, source: LineSource, why: str) -> None:
         text = f"No more serials can be read from {source.name}: {why}. Whose joints follow is not known.{self._too_few}"
         self._tell("unit.lost", text, None, Severity.WARNING)
         self._end_unit()

@@ -1,4 +1,4 @@
-"""Open files that anybody may have written: never wait, never use more memory than the limit of their kind.
+"""Open untrusted files: without waiting, within a size limit for each kind of file.
 
 Start with `files.py`, then `json_reader.py` (JSON); `tables.py` loads pyarrow and `database.py` sqlite3.
 """

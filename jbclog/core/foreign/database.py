@@ -1,4 +1,4 @@
-"""SQLite files that may be anybody's: opened without trust in what their schema says, and never worked at without end."""
+"""Open untrusted SQLite files: the schema is not trusted, and no statement runs without a time limit."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from urllib.parse import quote
 from jbclog.core.foreign.files import Kind, expect_regular
 
 ENDINGS: Final = ("-wal", "-shm", "-journal")
-STATEMENT_S: Final = 60.0  # the longest that one statement may take; an hour of 250 stations takes below one second
-STEPS: Final = 100_000  # of SQLite's machine between two looks at the clock
+STATEMENT_S: Final = 60.0  # the maximum for one statement; an hour of 250 stations takes below one second
+STEPS: Final = 100_000  # instructions of SQLite's virtual machine between two checks of the time
 LIMITS: Final[Mapping[int, int]] = {
     sqlite3.SQLITE_LIMIT_LENGTH: 256 << 20,
     sqlite3.SQLITE_LIMIT_SQL_LENGTH: 100_000,
@@ -29,13 +29,13 @@ DEFENSIVE: Final = ("PRAGMA trusted_schema = OFF", "PRAGMA cell_size_check = ON"
 
 
 class NotAStore(sqlite3.DatabaseError):
-    """The file is a database, and not one that a recorder made."""
+    """The file is a database, but not one that a recorder made."""
 
 
 def open_database(path: Path, *, only_reads: bool, busy_s: float) -> Database:
-    """The database at `path`, its log and index regular files as well. Raises sqlite3.Error, OSError."""
+    """Open the database at `path`; its log and index must be regular files too. Raises sqlite3.Error, OSError."""
     for one in (path, *(path.with_name(path.name + ending) for ending in ENDINGS)):
-        if only_reads or one != path:  # the file itself may be one that is to be made
+        if only_reads or one != path:  # the file itself may have to be created
             _expect_regular(one, must_be_there=one == path)
     address = f"file:{quote(str(path))}?mode={'ro' if only_reads else 'rwc'}"
     connection = sqlite3.connect(
@@ -63,22 +63,22 @@ def _expect_regular(path: Path, *, must_be_there: bool) -> None:
 
 
 class Database(sqlite3.Connection):
-    """A connection whose statements end: one that takes too long is interrupted (sqlite3.OperationalError)."""
+    """A connection that interrupts statements that take too long (sqlite3.OperationalError)."""
 
     def execute(self, sql: str, parameters: Any = (), /) -> sqlite3.Cursor:
-        """As of any connection. Where SQLite's complaint quotes bytes of the file that are no text, Python cannot even tell it."""
+        """Execute a statement. SQLite's message may quote bytes of the file that are not text, which Python cannot decode."""
         try:
             return super().execute(sql, parameters)
         except UnicodeDecodeError as error:
-            raise NotAStore("malformed: SQLite's complaint quotes bytes of it that are no text") from error
+            raise NotAStore("malformed: SQLite's message quotes bytes that are not text") from error
 
     def within(self, seconds: float = STATEMENT_S) -> None:
-        """Give what is asked from now on so long."""
+        """Limit the time of the statements from now on."""
         until = time.monotonic() + seconds
         self.set_progress_handler(lambda: time.monotonic() > until, STEPS)
 
     def expect_tables(self, columns: Mapping[str, tuple[str, ...]]) -> bool:
-        """Whether these tables are there, and nothing else: no view, trigger or other table. False where nothing is there at all.
+        """Whether exactly these tables exist, without any view, trigger or other table. False for an empty database.
 
         Raises `NotAStore`, sqlite3.Error.
         """
@@ -88,7 +88,7 @@ class Database(sqlite3.Connection):
             return False
         strange = [f"{kind} {name}" for kind, name, sql in found if not _is_known(kind, name, sql, columns)]
         if strange:
-            raise NotAStore(f"it holds what no recorder makes: {strange[0]!r:.80}")
+            raise NotAStore(f"it contains something that no recorder makes: {strange[0]!r:.80}")
         if {name for kind, name, _ in found if kind == "table"} != {*columns}:
             raise NotAStore("it lacks a table of a live store")
         for table, names in columns.items():

@@ -1,7 +1,7 @@
-"""Open files and folders that somebody else may have put there, and never wait for them.
+"""Open untrusted files and folders without ever waiting for them.
 
-Only a regular file is opened, and only up to its kind's limit. A pipe, a socket or a device is refused before it is opened:
-opening one can wait without end, or do something. Inside a run's folder no link is followed; a path that the user names may
+Only regular files are opened, up to the size limit of their kind. A pipe, a socket or a device is refused before it is opened,
+because opening it can wait forever or have effects. Inside a run's folder no link is followed; a path that the user names may
 be a link.
 """
 
@@ -22,12 +22,8 @@ from typing import Final
 
 from jbclog.core.errors import RecordError
 
-# -- mounts -------------------------------------------------------------------------------------------------------------------
-# Folders on a network mount that may hang: asked by a child with a time limit, because who asks it waits without end.
-#
-# A call on such a folder cannot be interrupted, not by a signal either. So before the first look at a folder that the user names a
-# child looks, where the folder lies on a network mount; on a local disk nothing is asked. A mount that begins to hang later is not
-# found by this.
+# A call on a network mount that hangs cannot be interrupted, not even by a signal. So a child process looks first at a folder that
+# the user names, if it is on a network mount. A mount that begins to hang later is not detected.
 
 ANSWERS_S: Final = 5.0
 MOUNTS: Final = Path("/proc/self/mountinfo")
@@ -55,7 +51,7 @@ def expect_answer(folder: Path) -> None:
 
 
 def _is_remote(folder: Path) -> bool:
-    """Whether the path leads to or through a network mount; nothing below one is touched to find out."""
+    """Whether the path leads to or through a network mount; touches nothing below one."""
     mounts = _remote_mounts()
     left, links = [*folder.absolute().parts[1:]][::-1], 0
     here = Path("/")
@@ -76,27 +72,25 @@ def _is_remote(folder: Path) -> bool:
 
 
 def _remote_mounts() -> set[Path]:
-    """Where network mounts are; nowhere where the system does not say."""
+    """Return the mount points of network mounts; none where the system does not list them."""
     try:
         lines = MOUNTS.read_text(encoding="utf-8", errors="surrogateescape").splitlines()
     except OSError:
         return set()
-    told = (line.partition(" - ") for line in lines)
-    return {_place(before.split()[4]) for before, _, behind in told if REMOTE.fullmatch(behind.split(" ")[0])}
+    mounts = (line.partition(" - ") for line in lines)
+    return {_place(before.split()[4]) for before, _, behind in mounts if REMOTE.fullmatch(behind.split(" ")[0])}
 
 
 def _place(text: str) -> Path:
-    """A mount's place, in which blanks are written as octal numbers."""
+    """Decode a mount point, in which blanks are octal numbers."""
     return Path(re.sub(r"\\([0-7]{3})", lambda found: chr(int(found[1], 8)), text))
 
-
-# -- files --------------------------------------------------------------------------------------------------------------------
 
 KIB, MIB, GIB = 1 << 10, 1 << 20, 1 << 30
 
 
 class Kind(StrEnum):
-    """What a file is meant to be, in the words of a message."""
+    """What a file is meant to be, as messages name it."""
 
     MANIFEST = "a manifest"
     ANNOTATIONS = "a file of annotations"
@@ -104,7 +98,7 @@ class Kind(StrEnum):
     REPORT = "a report's data"
     OF_REPORT = "a file of a report"
     LEASE = "a lease"
-    DIARY = "a guard's diary"
+    ACTION_LOG = "a guard's action log"
     LOCK = "a lock"
     DAMAGE = "a list of damage"
     SETTINGS = "a line, recipe or jobs file"
@@ -119,31 +113,31 @@ class Kind(StrEnum):
 
 LIMITS: Final[Mapping[Kind, int]] = MappingProxyType(
     {
-        Kind.MANIFEST: 16 * MIB,  # 90 000 units in a run take 11 MB
+        Kind.MANIFEST: 16 * MIB,  # a run with 90 000 units takes 11 MB
         Kind.ANNOTATIONS: 16 * MIB,
         Kind.VERIFICATIONS: 16 * MIB,
         Kind.REPORT: 32 * MIB,
         Kind.OF_REPORT: 256 * MIB,
         Kind.LEASE: MIB,
-        Kind.DIARY: 4 * MIB,
+        Kind.ACTION_LOG: 4 * MIB,
         Kind.LOCK: 64 * KIB,
         Kind.DAMAGE: 4 * MIB,
         Kind.SETTINGS: 64 * KIB,
         Kind.JOURNAL: 64 * MIB,
         Kind.JOB: 16 * MIB,
-        Kind.LEDGER: 256 * MIB,  # 250 stations, asked daily, take 90 MB a year
+        Kind.LEDGER: 256 * MIB,  # 250 stations, audited daily, take 90 MB a year
         Kind.WIRE: 4 * GIB,  # a station's month takes some 500 MB
         Kind.PART: 4 * GIB,  # an hour of 256 ports at 10 Hz takes 50 MB
-        Kind.STORE: 16 * GIB,  # it holds an hour of rows, or all of a disk's where sealing fails
+        Kind.STORE: 16 * GIB,  # an hour of rows, or the whole disk where sealing fails
         Kind.RECORD: 16 * GIB,
     }
 )
-"""The greatest size of each kind in bytes. Text kinds are read whole, the others piece by piece."""
+"""The maximum size of each kind in bytes. Text kinds are read whole, the others in pieces."""
 
 LINES: Final[Mapping[Kind, int]] = MappingProxyType(
     {Kind.ANNOTATIONS: 20_000} | dict.fromkeys((Kind.VERIFICATIONS, Kind.DAMAGE, Kind.LEASE), 100_000)
 )
-"""The most lines of a kind: a file of nothing but line ends costs a hundred times its size."""
+"""The maximum number of lines of a kind: in memory, an empty line takes a hundred times its size."""
 
 _WHAT: Final = (
     (stat.S_ISFIFO, "a pipe"),
@@ -156,7 +150,7 @@ _WHAT: Final = (
 
 
 class NotReadable(OSError):
-    """A file that is not opened, or not read further; its text says why, without a number of the system."""
+    """A file that is not opened, or not read further; the text says why, without an error number."""
 
     def __init__(self, why: str) -> None:
         super().__init__(errno.EINVAL, why)
@@ -166,9 +160,9 @@ class NotReadable(OSError):
 
 
 def expect_regular(path: Path, kind: Kind, *, links: bool = False) -> int:
-    """The size of the regular file at `path`. Raises OSError where there is none, or `NotReadable` where it is no such file.
+    """Return the size of the regular file at `path`. Raises OSError where it is missing, `NotReadable` where it is another kind.
 
-    `links`: the user named the path, so that it may be a link; the file at its end is a regular one all the same.
+    `links`: the user named the path, so it may be a link to a regular file.
     """
     return _size(path.stat() if links else path.lstat(), kind)
 
@@ -183,14 +177,14 @@ def _size(there: os.stat_result, kind: Kind) -> int:
 
 
 def expect_opened(descriptor: int, kind: Kind) -> int:
-    """The same of a file that is open already, to be written."""
+    """Return the size of a file that is open for writing; raises as `expect_regular`."""
     return _size(os.fstat(descriptor), kind)
 
 
 def open_foreign(path: Path, kind: Kind, *, links: bool = False) -> BufferedReader:
-    """The regular file at `path`, open for reading. Raises OSError as `expect_regular` does.
+    """Open the regular file at `path` for reading. Raises OSError as `expect_regular` does.
 
-    It is looked at before it is opened and again after: what lies there may be changed in between, and then it is not waited for.
+    The file is checked before and after opening, because it may be replaced in between.
     """
     expect_regular(path, kind, links=links)
     flags = os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK | os.O_NOCTTY | (0 if links else os.O_NOFOLLOW)
@@ -204,7 +198,7 @@ def open_foreign(path: Path, kind: Kind, *, links: bool = False) -> BufferedRead
 
 
 def read_foreign(path: Path, kind: Kind, *, links: bool = False) -> bytes:
-    """All bytes of the regular file at `path`. Raises OSError as `expect_regular` does, also where it grows beyond its limit."""
+    """Read the regular file at `path`. Raises OSError as `expect_regular` does, also where it grows beyond its limit."""
     with open_foreign(path, kind, links=links) as file:
         data = file.read(LIMITS[kind] + 1)
     if len(data) > LIMITS[kind]:
@@ -215,7 +209,7 @@ def read_foreign(path: Path, kind: Kind, *, links: bool = False) -> bytes:
 
 
 def is_plain_folder(path: Path) -> bool:
-    """Whether there is a folder at `path` itself, not behind a link. What cannot be looked at is none."""
+    """Whether `path` itself is a folder, not a link to one. False where it cannot be examined."""
     try:
         return stat.S_ISDIR(path.lstat().st_mode)
     except (OSError, ValueError):

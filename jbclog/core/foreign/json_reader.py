@@ -1,4 +1,4 @@
-"""JSON that anybody may have written: within limits, and into dataclasses."""
+"""Read untrusted JSON within limits, and build dataclasses from it."""
 
 from __future__ import annotations
 
@@ -14,12 +14,8 @@ from typing import Any, Final, Union, cast, get_args, get_origin, get_type_hints
 
 from jbclog.core.foreign.files import Kind, read_foreign
 
-# -- numbers ------------------------------------------------------------------------------------------------------------------
-# JSON of somebody else's: numbers that can be reckoned with, and no more objects than a record has.
-#
-# JSON as Python reads it knows NaN, infinity and numbers of any length. Here a number is finite and a whole one fits 64 bits, so
-# that what is reckoned with it later does not fail there.
-
+# Python's JSON accepts NaN, infinity and numbers of any length. Here a number is finite and a whole number fits 64 bits, so that
+# later arithmetic does not fail.
 MOST_OBJECTS: Final = 400_000  # objects and lists; an empty one takes three bytes in the file and 64 in memory
 WHOLE: Final = 1 << 62
 LONGEST: Final = 20  # digits
@@ -30,9 +26,9 @@ YEARS: Final = range(1970, 2200)
 
 
 def json_of(data: bytes | str, *, in_utf8: bool = False) -> Any:
-    """What `data` says. Raises ValueError where it is no JSON, nested too deeply, or has a number that nobody can reckon with.
+    """Parse `data`. Raises ValueError for invalid JSON, too deep nesting, or a number out of range.
 
-    `in_utf8`: it was written without escapes. Then no text in it is one that cannot be written so again (half of a pair).
+    `in_utf8`: the writer used no escapes, so half a surrogate pair is invalid.
     """
     text = data if isinstance(data, str) else data.decode()
     if text.count("{") + text.count("[") > MOST_OBJECTS:
@@ -47,7 +43,7 @@ def json_of(data: bytes | str, *, in_utf8: bool = False) -> Any:
 
 
 def read_json(path: Path, kind: Kind, *, links: bool = False, in_utf8: bool = False) -> Any:
-    """What the file at `path` says. Raises OSError or ValueError."""
+    """Read and parse the file at `path`. Raises OSError or ValueError."""
     return json_of(read_foreign(path, kind, links=links), in_utf8=in_utf8)
 
 

@@ -1,4 +1,4 @@
-"""What a Parquet file declares of itself, read without the library. Start with `groups_in`."""
+"""Parse a Parquet file's footer without the library. Start with `groups_in`."""
 
 from __future__ import annotations
 
@@ -9,49 +9,47 @@ from typing import Final
 
 from jbclog.core.foreign.files import NotReadable
 
-# -- compact ------------------------------------------------------------------------------------------------------------------
-# Thrift's compact protocol, so far as Parquet's footer and page heads need it.
-#
-# Its description: https://github.com/apache/thrift/blob/master/doc/specs/thrift-compact-protocol.md; Parquet's structures:
+# Thrift's compact protocol, as far as Parquet's footer and page headers need it:
+# https://github.com/apache/thrift/blob/master/doc/specs/thrift-compact-protocol.md, and
 # https://github.com/apache/parquet-format/blob/master/src/main/thrift/parquet.thrift.
 #
-# The library reads the same bytes after this. Where it could take them otherwise than this does, a value is refused: a field that
-# stands twice, a number that is too large for its kind, a field's number beyond 16 bits.
+# The library parses the same bytes afterwards. Where it could read them differently, a value is refused: a duplicate field,
+# a number too large for its type, a field id beyond 16 bits.
 
 YES, NO, BYTE, I16, I32, I64, DOUBLE, BINARY, LIST, SET, STRUCT = 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 12
 BITS: Final = {I16: 16, I32: 32, I64: 64}
 SIGN: Final = 1
 DEPTH: Final = 8
 LONG_LIST: Final = 15
-KEPT, KEPT_BYTES = 16, 64 << 10  # footers, and the size of each
+KEPT, KEPT_BYTES = 16, 64 << 10  # cached footers, and the maximum size of each
 
 
-class Compact:
-    """Bytes, read from the beginning. All raise IndexError or ValueError where they are no such thing."""
+class ThriftReader:
+    """Reads Thrift values from bytes. Every method raises IndexError or ValueError for invalid data."""
 
     def __init__(self, data: bytes) -> None:
         self._data = data
         self.at = 0
 
-    def heads(self) -> Iterator[tuple[int, int]]:
-        """Number and kind of each field of a struct. Whoever asks reads its value before the next."""
+    def fields(self) -> Iterator[tuple[int, int]]:
+        """Return id and type of each field of a struct. The caller reads each value before the next field."""
         number, seen = 0, set()
         while head := self._byte():
             number = number + (head >> 4) if head >> 4 else self._signed(16)
             if number in seen or number >> 15:
-                raise ValueError(f"field {number} stands twice, or has no such number")
+                raise ValueError(f"field {number} is duplicate or out of range")
             seen.add(number)
             yield number, head & 0xF
 
     def integer(self, kind: int) -> int | None:
-        """A value of `kind`: a whole number, or None for one that is none."""
+        """Read a value of type `kind`: a whole number, or None for another type."""
         if kind in BITS:
             return self._signed(BITS[kind])
         self.skip(kind)
         return None
 
     def binary(self, kind: int) -> bytes | None:
-        """A value of `kind`: its bytes, or None for one that has none."""
+        """Read a value of type `kind`: bytes, or None for another type."""
         if kind != BINARY:
             self.skip(kind)
             return None
@@ -63,7 +61,7 @@ class Compact:
         return found
 
     def items(self, kind: int, of: int) -> Iterator[None]:
-        """The members of a list of `of`, each to be read before the next; of any other value none."""
+        """Iterate over a list of type `of`; the caller reads each item before the next. Another type has no items."""
         if kind != LIST:
             self.skip(kind)
             return
@@ -74,7 +72,7 @@ class Compact:
             yield
 
     def skip(self, kind: int, depth: int = 0) -> None:
-        """Go past a value of `kind`."""
+        """Skip a value of type `kind`."""
         if depth > DEPTH:
             raise ValueError("nested too deeply")
         if kind in BITS:
@@ -85,13 +83,13 @@ class Compact:
         elif kind in (BYTE, DOUBLE):
             self.at += 1 if kind == BYTE else 8
         elif kind == STRUCT:
-            for _, each in self.heads():
+            for _, each in self.fields():
                 self.skip(each, depth + 1)
         elif kind in (LIST, SET):
             count, each = self._list()
             for _ in range(count):
                 self.skip(BYTE if each in (YES, NO) else each, depth + 1)
-        elif kind not in (YES, NO):  # a flag of a struct is its kind
+        elif kind not in (YES, NO):  # a struct's flag has its value in the type
             raise ValueError(f"a value of kind {kind}")
         if self.at > len(self._data):
             raise ValueError("bytes beyond the end")
@@ -122,12 +120,8 @@ class Compact:
         return (value >> SIGN) ^ -(value & SIGN)
 
 
-# -- footer -------------------------------------------------------------------------------------------------------------------
-# What a Parquet file's footer says of its row groups, read without the library.
-#
-# The library's own view of a column ends the whole process where a footer contradicts itself (an exception that its binding for
-# Python does not catch, as pyarrow 26 has it), and one altered byte is enough for that.
-
+# The library's own metadata view aborts the process (pyarrow 26: an exception that its Python binding does not catch) where a
+# footer contradicts itself; one altered byte is enough.
 GROUPS = 4  # fields of FileMetaData,
 COLUMNS, ROWS = 1, 3  # of RowGroup,
 ABOUT, SECRET, SECRET_ABOUT = 3, 8, 9  # of ColumnChunk,
@@ -137,8 +131,8 @@ MOST_GROUPS = 8192
 
 
 @dataclass(frozen=True, slots=True)
-class Chunk:
-    """A column of a row group: its name, how many values it has, its bytes, where they begin, and its least and greatest value."""
+class ColumnChunk:
+    """A column of a row group: name, number of values, sizes in bytes, offsets, minimum and maximum."""
 
     name: str
     values: int
@@ -151,25 +145,25 @@ class Chunk:
 
 
 @dataclass(frozen=True, slots=True)
-class Group:
-    """A row group."""
+class RowGroup:
+    """A row group: its number of rows and its columns."""
 
     rows: int
-    chunks: tuple[Chunk, ...]
+    chunks: tuple[ColumnChunk, ...]
 
 
-def groups_in(footer: bytes) -> tuple[Group, ...]:
-    """The row groups of a footer. Raises `NotReadable`.
+def groups_in(footer: bytes) -> tuple[RowGroup, ...]:
+    """Parse the row groups of a footer. Raises `NotReadable`.
 
-    A report opens each part several times for each station, and most footers are small: the last few are kept.
+    A report opens each part several times for each station, so the last few small footers are cached.
     """
     return _kept(footer) if len(footer) <= KEPT_BYTES else _groups_in(footer)
 
 
-def _groups_in(footer: bytes) -> tuple[Group, ...]:
-    reader, found = Compact(footer), []
+def _groups_in(footer: bytes) -> tuple[RowGroup, ...]:
+    reader, found = ThriftReader(footer), []
     try:
-        for number, kind in reader.heads():
+        for number, kind in reader.fields():
             if number != GROUPS:
                 reader.skip(kind)
                 continue
@@ -178,17 +172,17 @@ def _groups_in(footer: bytes) -> tuple[Group, ...]:
                 if len(found) > MOST_GROUPS:
                     raise NotReadable(f"has more than {MOST_GROUPS} row groups")
     except (IndexError, ValueError):
-        raise NotReadable("has a footer that cannot be read") from None
+        raise NotReadable("has an unreadable footer") from None
     return tuple(found)
 
 
 _kept = lru_cache(maxsize=KEPT)(_groups_in)
 
 
-def _group(reader: Compact) -> Group:
-    chunks: list[Chunk] = []
+def _group(reader: ThriftReader) -> RowGroup:
+    chunks: list[ColumnChunk] = []
     rows = None
-    for number, kind in reader.heads():
+    for number, kind in reader.fields():
         if number == COLUMNS:
             chunks += [_chunk(reader) for _ in reader.items(kind, STRUCT)]
         elif number == ROWS:
@@ -197,12 +191,12 @@ def _group(reader: Compact) -> Group:
             reader.skip(kind)
     if rows is None:
         raise ValueError("a row group without a number of rows")
-    return Group(rows, tuple(chunks))
+    return RowGroup(rows, tuple(chunks))
 
 
-def _chunk(reader: Compact) -> Chunk:
+def _chunk(reader: ThriftReader) -> ColumnChunk:
     found = None
-    for number, kind in reader.heads():
+    for number, kind in reader.fields():
         if number == ABOUT and kind == STRUCT:
             found = _about(reader)
         elif number in (SECRET, SECRET_ABOUT):
@@ -210,15 +204,15 @@ def _chunk(reader: Compact) -> Chunk:
         else:
             reader.skip(kind)
     if found is None:
-        raise ValueError("a column of which nothing is said")
+        raise ValueError("a column without metadata")
     return found
 
 
-def _about(reader: Compact) -> Chunk:
+def _about(reader: ThriftReader) -> ColumnChunk:
     numbers: dict[int, int | None] = {}
     names: list[bytes | None] = []
     least = greatest = None
-    for number, kind in reader.heads():
+    for number, kind in reader.fields():
         if number in (VALUES, UNPACKED, PACKED, DATA_AT, DICTIONARY_AT):
             numbers[number] = reader.integer(kind)
         elif number == PATH:
@@ -231,12 +225,12 @@ def _about(reader: Compact) -> Chunk:
     if values is None or unpacked is None or packed is None or data_at is None:
         raise ValueError("a column without its lengths")
     name = ".".join((part or b"").decode() for part in names)  # what is no text raises ValueError
-    return Chunk(name, values, unpacked, packed, data_at, numbers.get(DICTIONARY_AT), least, greatest)
+    return ColumnChunk(name, values, unpacked, packed, data_at, numbers.get(DICTIONARY_AT), least, greatest)
 
 
-def _bounds(reader: Compact) -> tuple[bytes | None, bytes | None]:
+def _bounds(reader: ThriftReader) -> tuple[bytes | None, bytes | None]:
     found: dict[int, bytes | None] = {}
-    for number, kind in reader.heads():
+    for number, kind in reader.fields():
         if number in (GREATEST, LEAST):
             found[number] = reader.binary(kind)
         else:

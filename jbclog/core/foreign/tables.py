@@ -1,10 +1,10 @@
-"""Parquet that may be anybody's: read a row group at a time, and each only after what it declares was looked at.
+"""Read untrusted Parquet, one row group at a time, after checking what it declares.
 
-A file of 150 kB can declare, or really hold, rows that take gigabytes. Looked at are: the footer's length before it is parsed; rows
-by the file's size and by row group; the bytes that each column declares; the length of each page in its own head, which is what
-the library reserves before it unpacks; and how long the texts of a dictionary become, written out.
+A file of 150 kB can declare or contain rows that take gigabytes. Checked are: the footer's length before it is parsed; rows per
+file size and per row group; the bytes that each column declares; each page's size in its header, which is what the library
+allocates; and the length of a dictionary's texts when written out.
 
-A recorder's groups have some 33 000 rows and 9 MB; the limits are eight to sixteen times that.
+A recorder's row groups have some 33 000 rows and 9 MB; the limits are eight to sixteen times that.
 """
 
 from __future__ import annotations
@@ -22,15 +22,15 @@ import pyarrow.parquet as pq
 
 from jbclog.core.foreign.files import MIB, Kind, NotReadable, expect_regular, open_foreign
 from jbclog.core.foreign.json_reader import FIRST_S, LARGEST, LAST_S, WHOLE
-from jbclog.core.foreign.parquet_footer import Chunk, Compact, Group, groups_in
+from jbclog.core.foreign.parquet_footer import ColumnChunk, RowGroup, ThriftReader, groups_in
 
 MAGIC: Final = b"PAR1"
 TAIL: Final = struct.Struct("<I4s")
 FOOTER_BYTES: Final = 4 * MIB  # an hour of 256 ports at 10 Hz takes 1.4 MB
 FOOTER_LIST: Final = 8192  # entries of one of its lists
 GROUP_ROWS: Final = 262_144
-GROUP_BYTES: Final = 128 * MIB  # of the columns that are read, unpacked
-ROWS_A_BYTE: Final = 16  # rows in which nothing was read take a quarter of a byte each
+GROUP_BYTES: Final = 128 * MIB  # of the columns read, uncompressed
+ROWS_A_BYTE: Final = 16  # rows without any reading take a quarter of a byte each
 FREE_ROWS: Final = 1_000_000  # whatever the file's size
 COLUMNS: Final = 200
 PAGES: Final = 4096  # of one column of a row group
@@ -39,13 +39,13 @@ TEXTS: Final = (pa.types.is_string, pa.types.is_large_string, pa.types.is_binary
 
 
 @contextmanager
-def open_table(path: Path) -> Iterator[Table]:
-    """The Parquet file at `path`, its footer looked at. Raises OSError (`NotReadable`) or pa.ArrowException."""
+def open_table(path: Path) -> Iterator[ParquetTable]:
+    """Open the Parquet file at `path` and check its footer. Raises OSError (`NotReadable`) or pa.ArrowException."""
     with open_foreign(path, Kind.PART) as data, ExitStack() as opened:
         groups = groups_in(_footer(data))
         try:
             file = pq.ParquetFile(path, page_checksum_verification=True, thrift_container_size_limit=FOOTER_LIST)
-            table = Table(opened.enter_context(file), groups, data)
+            table = ParquetTable(opened.enter_context(file), groups, data)
         except UnicodeDecodeError as error:
             raise NotReadable("has a column whose name is no text") from error
         _expect_plausible(file.metadata, groups, expect_regular(path, Kind.PART))
@@ -53,13 +53,13 @@ def open_table(path: Path) -> Iterator[Table]:
 
 
 def metadata_of(path: Path) -> pq.FileMetaData:
-    """The footer of a Parquet file. Raises OSError (`NotReadable`) or pa.ArrowException."""
+    """Return the footer of a Parquet file. Raises OSError (`NotReadable`) or pa.ArrowException."""
     with open_table(path) as table:
         return table.metadata
 
 
 def bounds_of(path: Path, column: str) -> list[tuple[bytes, bytes] | None]:
-    """Least and greatest value of a column in each row group; None where the footer does not say. Raises as `metadata_of`."""
+    """Return a column's minimum and maximum in each row group; None where the footer has none. Raises as `metadata_of`."""
     with open_table(path) as table:
         chunks = [next((chunk for chunk in group.chunks if chunk.name == column), None) for group in table.row_groups]
     return [
@@ -69,7 +69,7 @@ def bounds_of(path: Path, column: str) -> list[tuple[bytes, bytes] | None]:
 
 
 def read_small(path: Path, columns: Sequence[str] | None = None) -> pa.Table:
-    """A whole file that is a small table, one group of rows at the most. Raises OSError (`NotReadable`) or pa.ArrowException."""
+    """Read a whole file of at most one row group's rows. Raises OSError (`NotReadable`) or pa.ArrowException."""
     with open_table(path) as table:
         if table.metadata.num_rows > GROUP_ROWS:
             raise NotReadable(f"has {table.metadata.num_rows} rows; at most {GROUP_ROWS} are read")
@@ -77,40 +77,39 @@ def read_small(path: Path, columns: Sequence[str] | None = None) -> pa.Table:
         return pa.concat_tables(groups) if groups else table.empty(columns)
 
 
-class Table:
-    """An open Parquet file: its footer, and its row groups, each looked at before it is read."""
+class ParquetTable:
+    """An open Parquet file: its footer, and its row groups, each checked before it is read."""
 
-    def __init__(self, file: pq.ParquetFile, groups: Sequence[Group], data: BinaryIO) -> None:
+    def __init__(self, file: pq.ParquetFile, groups: Sequence[RowGroup], data: BinaryIO) -> None:
         self._file = file
         self._data = data
         self.row_groups = groups
         self.metadata: pq.FileMetaData = file.metadata
         self.schema: pa.Schema = file.schema_arrow
-        self._looked_at: set[tuple[int, int]] = set()
 
     @property
     def num_row_groups(self) -> int:
         return int(self.metadata.num_row_groups)
 
     def empty(self, columns: Sequence[str] | None = None) -> pa.Table:
-        """No rows, with these columns."""
+        """Return a table with these columns and no rows."""
         table = self.schema.empty_table()
         return table if columns is None else table.select(list(columns))
 
     def groups(self, columns: Sequence[str] | None = None) -> Iterator[pa.Table]:
-        """All rows, a row group at a time."""
+        """Read all rows, one row group at a time."""
         return (self.group(index, columns) for index in range(self.num_row_groups))
 
     def group(self, index: int, columns: Sequence[str] | None = None) -> pa.Table:
-        """The rows of one group. Raises `NotReadable` where it is larger than one that a recorder writes."""
+        """Read one row group. Raises `NotReadable` where it exceeds a limit."""
         self._expect_sound(index, columns)
         rows = self._file.read_row_group(index, columns=None if columns is None else list(columns))
         _expect_values(rows, f"row group {index}")
         return rows
 
     def batches(self, rows: int, columns: Sequence[str] | None = None) -> Iterator[pa.RecordBatch]:
-        """All rows, some at a time. Raises as `group` does."""
-        for index in range(self.num_row_groups):  # over all of them at once it reads ahead
+        """Read all rows in batches. Raises as `group` does."""
+        for index in range(self.num_row_groups):  # over all at once the library reads ahead
             self._expect_sound(index, columns)
             for batch in self._file.iter_batches(rows, [index], None if columns is None else list(columns), use_threads=False):
                 _expect_values(batch, f"row group {index}")
@@ -129,8 +128,8 @@ class Table:
                 raise NotReadable(f"row group {index} has more than {GROUP_BYTES // MIB} MiB")
             self._expect_short_texts(index, chunk)
 
-    def _expect_short_texts(self, index: int, chunk: Chunk) -> None:
-        """A dictionary has each text once, however often it stands: written out, the texts may be far longer."""
+    def _expect_short_texts(self, index: int, chunk: ColumnChunk) -> None:
+        """A dictionary stores each text once; written out, the texts may be far longer."""
         kind = self.schema.field(chunk.name).type if chunk.name in self.schema.names else None
         if kind is None or not any(fits(kind) for fits in TEXTS):
             return
@@ -149,7 +148,7 @@ class Table:
 
 
 def _expect_values(rows: pa.Table | pa.RecordBatch, where: str) -> None:
-    """Texts are UTF-8, numbers finite and not beyond what a record has, times of these centuries: the library takes any bytes.
+    """Check that texts are UTF-8, numbers finite and in range, times between 1970 and 2200: the library accepts any bytes.
 
     Raises `NotReadable` or pa.ArrowException.
     """
@@ -158,7 +157,7 @@ def _expect_values(rows: pa.Table | pa.RecordBatch, where: str) -> None:
         if pa.types.is_floating(column.type):
             least, most = -LARGEST, LARGEST
             if pc.all(pc.is_finite(column)).as_py() is False:
-                raise NotReadable(f"{where}: {name} has a value that is no number")
+                raise NotReadable(f"{where}: {name} has a value that is not a number")
         elif pa.types.is_timestamp(column.type):
             a_second = A_SECOND[column.type.unit]
             column = column.cast(pa.int64())
@@ -173,7 +172,7 @@ def _expect_values(rows: pa.Table | pa.RecordBatch, where: str) -> None:
 
 
 def _own(data: BinaryIO) -> BinaryIO:
-    """The same file once more, to be closed apart."""
+    """Duplicate the descriptor, to be closed separately."""
     return os.fdopen(os.dup(data.fileno()), "rb")
 
 
@@ -184,27 +183,24 @@ def _written_out(column: pa.Array) -> int:
     return int(pc.sum(lengths.take(column.indices).cast(pa.int64())).as_py() or 0)
 
 
-# -- the footer -------------------------------------------------------------------------------------------------------------
-
-
 def _footer(data: BinaryIO) -> bytes:
-    """The bytes of the footer. Raises `NotReadable` where there is none, or one that is too long."""
+    """Return the footer's bytes. Raises `NotReadable` where it is missing or too long."""
     size = data.seek(0, 2)
     if size < TAIL.size + len(MAGIC):
-        raise NotReadable("is no Parquet file: it is too short")
+        raise NotReadable("is not a Parquet file: it is too short")
     data.seek(size - TAIL.size)
     length, magic = TAIL.unpack(data.read(TAIL.size))
     if magic != MAGIC:
-        raise NotReadable("is no Parquet file: it does not end as one")
+        raise NotReadable("is not a Parquet file: its end is wrong")
     if length > FOOTER_BYTES:
         raise NotReadable(f"has a footer of {length} bytes; at most {FOOTER_BYTES} are read")
     if length > size - TAIL.size - len(MAGIC):
-        raise NotReadable("is no Parquet file: its footer is longer than it")
+        raise NotReadable("is not a Parquet file: its footer is longer than the file")
     data.seek(size - TAIL.size - length)
     return data.read(length)
 
 
-def _expect_plausible(metadata: pq.FileMetaData, groups: Sequence[Group], size: int) -> None:
+def _expect_plausible(metadata: pq.FileMetaData, groups: Sequence[RowGroup], size: int) -> None:
     if metadata.num_columns > COLUMNS:
         raise NotReadable(f"has {metadata.num_columns} columns; at most {COLUMNS} are read")
     if not 0 <= metadata.num_rows <= max(FREE_ROWS, size * ROWS_A_BYTE):
@@ -213,29 +209,28 @@ def _expect_plausible(metadata: pq.FileMetaData, groups: Sequence[Group], size: 
     if most > GROUP_ROWS:
         raise NotReadable(f"has a row group of {most} rows; at most {GROUP_ROWS} are read")
     if sum(group.rows for group in groups) != metadata.num_rows or any(group.rows < 0 for group in groups):
-        raise NotReadable(f"declares {metadata.num_rows} rows, and its row groups have others")
+        raise NotReadable(f"declares {metadata.num_rows} rows, but its row groups have a different number")
     if len(groups) != metadata.num_row_groups or any(len(group.chunks) != metadata.num_columns for group in groups):
         raise NotReadable("has a footer that contradicts itself")
 
 
-# -- pages: their heads, as Parquet's format says (parquet.thrift, PageHeader) -----------------------------------------------
-
+# Page headers: struct PageHeader of https://github.com/apache/parquet-format/blob/master/src/main/thrift/parquet.thrift.
 HEAD_BYTES: Final = 16 << 10
-UNPACKED, PACKED = 2, 3  # fields of a page's head
+UNPACKED, PACKED = 2, 3  # fields of a page header
 
 
-def _unpacked(data: BinaryIO, chunk: Chunk) -> int:
-    """What the pages of a column say that they take, unpacked. Raises `NotReadable`."""
+def _unpacked(data: BinaryIO, chunk: ColumnChunk) -> int:
+    """Sum the uncompressed sizes that a column's pages declare. Raises `NotReadable`."""
     return sum(_pages(data, chunk))
 
 
-def _longest_text(data: BinaryIO, chunk: Chunk) -> int:
-    """No text of the column is longer: the dictionary's, and all of the pages that have texts themselves."""
+def _longest_text(data: BinaryIO, chunk: ColumnChunk) -> int:
+    """Return an upper bound for the length of the column's texts."""
     return max(_pages(data, chunk), default=0)
 
 
-def _pages(data: BinaryIO, chunk: Chunk) -> Iterator[int]:
-    """The bytes of each page of a column, unpacked."""
+def _pages(data: BinaryIO, chunk: ColumnChunk) -> Iterator[int]:
+    """Return each page's uncompressed size."""
     if not chunk.packed:
         return
     at = min((start for start in (chunk.data_at, chunk.dictionary_at) if start), default=0)
@@ -249,22 +244,22 @@ def _pages(data: BinaryIO, chunk: Chunk) -> Iterator[int]:
         fields, length = _head(data.read(min(HEAD_BYTES, end - at)))
         packed, unpacked = fields.get(PACKED), fields.get(UNPACKED)
         if packed is None or unpacked is None or packed < 0 or unpacked < 0:
-            raise NotReadable(f"{chunk.name} has a page without a length")
+            raise NotReadable(f"{chunk.name} has a page without a size")
         yield unpacked
         at += length + packed
     raise NotReadable(f"{chunk.name} has more than {PAGES} pages")
 
 
 def _head(data: bytes) -> tuple[dict[int, int | None], int]:
-    """The lengths among the fields of a page's head, and its own length in bytes."""
-    reader = Compact(data)
+    """Parse a page header; return its sizes and its own length in bytes."""
+    reader = ThriftReader(data)
     found: dict[int, int | None] = {}
     try:
-        for number, kind in reader.heads():
+        for number, kind in reader.fields():
             if number in (UNPACKED, PACKED):
                 found[number] = reader.integer(kind)
             else:
                 reader.skip(kind)
     except (IndexError, ValueError):
-        raise NotReadable("has a page whose head cannot be read") from None
+        raise NotReadable("has an unreadable page header") from None
     return found, reader.at

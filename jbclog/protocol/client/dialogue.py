@@ -1,21 +1,20 @@
-"""One question to a JBC station in Robot mode, and which answer to it is believed.
+"""One request to a JBC station in Robot mode, and which answer to it is accepted.
 
 The rules:
 
-1. One question is outstanding at a time. An answer is believed only when its check byte, addresses, header,
-   code, length and digits are those of the pending question; anything else on the line is counted and dropped.
-2. A frame with a wrong check byte is not the end: an answer may stand behind it. What is as long as the answer was the
-   answer, so only what is on its way behind that is waited for.
-3. Answers carry no sequence number, so a late one looks like a fresh one. Codes to which an answer may be under way are
-   in doubt until the station answers anything else; what is done about that is the client's business (`robot.py`).
-4. Other forms are taken where the manuals contradict each other, and counted (`protocol/commands/decisions.py`). Those that another
-   answer could be mistaken for are taken only while nothing is in doubt, and never right behind the question that they
-   would answer properly.
-5. How long an answer may take follows from the bytes, the line format and the turnaround of the reads seen on this station,
-   which is never stretched beyond `MOST_S`. A write is given longer, however quick reads are: what it is stored in may be
-   slow, and no manual prints how slow (docs/reference/contradictions.md, B-13).
+1. One request is outstanding at a time. An answer is accepted only if check byte, addresses, header, code, length and digits
+   match the pending request; every other frame is counted and dropped.
+2. After a frame with a wrong check byte the answer may still follow. A corrupt frame as long as the answer was the answer, so only
+   bytes already on their way are waited for.
+3. Answers carry no sequence number, so a late one looks like a fresh one. Codes whose answers may be on their way are in doubt
+   until the station answers anything else; `robot.py` handles that.
+4. Other forms are accepted where the manuals contradict each other, and counted (`protocol/commands/decisions.py`). A form that
+   another answer could have is accepted only while nothing is in doubt, and never right after the request that it would answer
+   properly.
+5. The time-out follows from the number of bytes, the line format and the response times of reads seen on this station, up to
+   `MOST_S`. A write gets longer: storing may be slow, and no manual prints how slow (docs/reference/contradictions.md, B-13).
 
-Everything here is a generator that does no I/O (`core.io_requests`).
+Everything here is a generator without I/O (`core.io_requests`).
 """
 
 from __future__ import annotations
@@ -36,33 +35,30 @@ from jbclog.core.errors import (
     RobotModeOff,
     StationError,
 )
-from jbclog.core.io_requests import Ask, Heard, Listen, Steps
+from jbclog.core.io_requests import Ask, IoResult, Listen, Steps
 from jbclog.core.quantities import Value
 from jbclog.core.wire import LineFormat
-from jbclog.protocol.client.interface import Anomalies, Flow
+from jbclog.protocol.client.interface import Anomalies, FloodDetector
 from jbclog.protocol.commands.command import Command, Effect, Scope
 from jbclog.protocol.commands.ranges import ACKNOWLEDGED_WITH_VALUE, READ_ANSWERED_AS, WRITE_ANSWERED_AS, odd_form
 from jbclog.protocol.commands.robot import COMMUNICATION_ERRORS
-from jbclog.protocol.frame import ETX, Corrupt, Frame, FrameReader, check_byte
+from jbclog.protocol.frame import ETX, CorruptFrame, Frame, FrameReader, check_byte
 
-# -- question -----------------------------------------------------------------------------------------------------------------
-# A question on the wire of a JBC station, and the shape that its answer must have.
-
-KNOWN_ANSWERS = 1024  # that are remembered for each question; stations say the same over and over
+KNOWN_ANSWERS = 1024  # cached for each request; stations repeat themselves
 KNOWN_QUESTIONS = 4096
 
 
 Known = tuple[dict[bytes, str], dict[str, Value], dict[str, int]]
-"""The data fields of whole answers, the values of data fields, and the rows of docs/reference/contradictions.md of odd ones."""
+"""Caches: complete answers to data fields, data fields to values, and odd data fields to their B-numbers."""
 
 
 @dataclass(slots=True)
 class Question:
-    """A frame to send and the shape that its answer must have.
+    """A frame to send and the shape of its answer.
 
-    `digits` are the characters of data that the answer carries; None: any number but none. `is_short` is R-TT, whose code
-    has two letters. `also` is another code under which some stations answer it, with its B-number; empty where
-    there is none. `repeated` is data that an acknowledgement may carry. `least_s` is the turnaround that is allowed at the least.
+    `digits` are the characters of data in the answer; None: any number above 0. `is_short` is R-TT, whose code has two
+    letters. `also` is another code under which some stations answer, with its B-number; "" for none. `repeated` is data that an
+    acknowledgement may carry. `least_s` is the minimum response time allowed for.
     """
 
     command: Command
@@ -73,20 +69,20 @@ class Question:
     answer_start: bytes  # STX, addresses, A and the code
     answer_length: int
     wire_s: float
-    tries: int  # how often it may go out
+    tries: int  # at most
     is_short: bool
     _texts: dict[bytes, str]
     _values: dict[str, Value]
-    odd: dict[str, int]  # the B-numbers by which data fields that mean something are odd
+    odd: dict[str, int]  # B-numbers of accepted data fields with an odd form
     also: str = ""
     also_number: int = 0
     repeated: str = ""
     least_s: float = 0.0
 
     def text_in(self, data: bytes) -> str | None:
-        """The data field where `data` is the whole answer in one piece and nothing else: nearly always so."""
+        """Return the data field if `data` is exactly the complete answer, as it nearly always is."""
         known = self._texts.get(data)
-        if known is not None:  # the very bytes of an answer that was checked before
+        if known is not None:  # an answer that was checked before
             return known
         if not self._is_whole_answer(data):
             return None
@@ -104,7 +100,7 @@ class Question:
         )
 
     def value_of(self, text: str) -> Value:
-        """What a data field means. Raises `ValueError` where it means nothing."""
+        """Decode a data field. Raises `ValueError` where it is invalid."""
         value = self._values.get(text)
         if value is None:
             value = self.command.quantity.decode(text)
@@ -119,37 +115,35 @@ class Question:
             self.odd[text] = row
 
     def odd_row(self, text: str) -> int | None:
-        """The B-number by which a data field that means something is odd; None where it is as recommended."""
+        """Return the B-number of an odd data field; None where it has the recommended form."""
         return self.odd.get(text) if len(self.odd) < KNOWN_ANSWERS else odd_form(self.command.name, text)
 
     @property
     def is_write(self) -> bool:
-        """Whether it changes something; it is allowed longer then."""
+        """Whether it is a write, which gets a longer time-out."""
         return self.least_s > 0
 
     def title(self) -> str:
-        """How messages name it: ``tip temperature of port 1``."""
+        """Name for messages: ``tip temperature of port 1``."""
         name = self.command.name.replace("_", " ")
         return name if self.port is None else f"{name} of port {self.port}"
 
 
 @lru_cache(KNOWN_QUESTIONS)
 def known_answers(frame: bytes, command: Command, answer_start: bytes) -> Known:
-    """What was answered to a question so far: one memory for all stations with the same address."""
+    """Return the caches of a request, shared by all stations with the same address."""
     return {}, {}, {}
 
 
-# -- dialogue -----------------------------------------------------------------------------------------------------------------
-
-REPEATS = 2  # a read goes out three times at most
-UNMEASURED_S = 0.3  # turnaround allowed before any was seen (docs/reference/contradictions.md, B-13)
-LEAST_S = 0.1  # turnaround allowed at the least: a busy host may well need that long to hand bytes over
-SETTING_S = 1.0  # and for the acknowledgement of a write, whatever reads took: a setting, a tool's state
-STORING_S = 2.0  # one that erases, stores, restarts, moves or changes the address
-MOST_S = 2.0  # and at the most: a station that answers ever later must not stretch every wait for a lost answer
-QUIET_S = 0.02  # a line that was silent this long after a bad answer is drained
-MOST_DOUBTED = 64  # questions of which an answer may still come; a station does not keep more for later
-UNEXPECTED_LENGTH = 20  # characters allowed for an answer of unprinted length, for its time-out
+REPEATS = 2  # a read is sent three times at most
+UNMEASURED_S = 0.3  # response time allowed for before any was measured (docs/reference/contradictions.md, B-13)
+LEAST_S = 0.1  # minimum response time allowed for: a busy host may need that long to pass bytes on
+SETTING_S = 1.0  # the minimum for a write: a setting, a tool's state
+STORING_S = 2.0  # the minimum for a write that erases, stores, restarts, moves or changes the address
+MOST_S = 2.0  # the maximum: an ever slower station must not stretch every time-out
+QUIET_S = 0.02  # silence after which a line counts as drained
+MOST_DOUBTED = 64  # requests whose answers may still come; no station queues more
+UNEXPECTED_LENGTH = 20  # characters assumed for an answer of unprinted length, for its time-out
 
 REFUSALS: dict[int, type[Refusal]] = {
     1: NotReceived,
@@ -161,11 +155,11 @@ REFUSALS: dict[int, type[Refusal]] = {
 }
 
 Pair = tuple[int | None, int | None]
-"""Source and target of a frame; both None where it has no addresses."""
+"""Source and target address of a frame; both None where it has none."""
 
 
-class AnsweredOtherwise(AnswerFormat):
-    """The answer has the letters of another command, as some stations may have it; `data` is its data field."""
+class AnsweredByOtherCode(AnswerFormat):
+    """The answer has the letters of another command, as from some stations; `data` is its data field."""
 
     def __init__(self, text: str, data: str) -> None:
         super().__init__(text)
@@ -173,13 +167,13 @@ class AnsweredOtherwise(AnswerFormat):
 
 
 def least_s(command: Command) -> float:
-    """The turnaround that a write of `command` is allowed at the least, in seconds."""
+    """Return the minimum response time allowed for a write of `command`, in seconds."""
     is_stored = command.effect in (Effect.ERASES, Effect.MOVES) or command.name == "address"
     return STORING_S if is_stored else SETTING_S
 
 
 class Dialogue:
-    """Who speaks to the station on a line, and what is known of how it answers. `robot.Station` is the public face."""
+    """Exchanges with one station, and what is known about its answers. `robot.Station` is the public class."""
 
     def __init__(self, line: LineFormat, address: int | None, host_address: int) -> None:
         self.line = line
@@ -189,24 +183,22 @@ class Dialogue:
         self.first_sent: float | None = None
         self.heard = 0.0
         self.now = 0.0
-        self.exchanges = 0  # questions sent
-        self.turnaround_s: float | None = None  # the longest seen lately
+        self.exchanges = 0  # requests sent
+        self.turnaround_s: float | None = None  # the longest recent response time
         self.strays: Counter[str] = Counter()
         self.anomalies = Anomalies()
-        self.flow = Flow()
+        self.flow = FloodDetector()
         self._reader = FrameReader()
-        self._doubted: list[str] = []  # codes of questions whose answers may be under way, oldest first
-        self._is_clear = True  # nothing was in doubt when the pending question left
-        self._pending = self._last = ""  # the codes of the question that is out, and of the one before it
-        self._is_overdue = False  # the time of the last question was over before its answer came
-        self._answer_from_station = True  # the order of addresses in answers is learnt (docs/reference/contradictions.md, B-6)
-        self._moving: tuple[Pair, ...] = ()  # addresses that the pending change of address may be acknowledged under
+        self._doubted: list[str] = []  # codes of requests whose answers may be on their way, oldest first
+        self._is_clear = True  # nothing was in doubt when the pending request left
+        self._pending = self._last = ""  # codes of the pending request and of the one before
+        self._is_overdue = False  # the last request timed out
+        self._answer_from_station = True  # the learnt order of addresses in answers (docs/reference/contradictions.md, B-6)
+        self._moving: tuple[Pair, ...] = ()  # addresses that may acknowledge the pending change of address
         self._questions: dict[tuple[str, int | None, int | None], Question] = {}
 
-    # -- questions -------------------------------------------------------------------------------------------------
-
     def question(self, command: Command, port: int | None = None, tool: int | None = None) -> Question:
-        """The read of `command`, made once and kept."""
+        """Prepare the read of `command`, once."""
         key = (command.name, port, tool)
         known = self._questions.get(key)
         if known is None:
@@ -214,14 +206,14 @@ class Dialogue:
         return known
 
     def _make(self, command: Command, header: str, port: int | None, tool: int | None, data: str = "") -> Question:
-        """The question of `command`: a read, which may have `data` as padding only, or a write of `data`."""
+        """Build a request: a read, whose `data` can only be padding, or a write of `data`."""
         code, is_write = command.code(port, tool), header == "W"
         digits = 0 if is_write else command.answer_digits
         frame = self._frame(header, code + data, sending=True)
         start = self._frame("A", code, sending=not self._answer_from_station)[:-2]
         length = len(start) + (UNEXPECTED_LENGTH if digits is None else digits) + 2
         wire_s = self.line.seconds(len(frame) + length)
-        tries = 1 if is_write or command.asked_once else 1 + REPEATS
+        tries = 1 if is_write or command.sent_once else 1 + REPEATS
         is_short = command.scope is Scope.STATION and len(code) == 2
         known = known_answers(frame, command, start)
         question = Question(command, port, frame, code, digits, start, length, wire_s, tries, is_short, *known)
@@ -239,23 +231,21 @@ class Dialogue:
         source, target = (self.host_address, self.address) if sending else (self.address, self.host_address)
         return Frame(header, text, source, target).encode()
 
-    # -- one exchange ----------------------------------------------------------------------------------------------
-
     def patience_s(self, question: Question) -> float:
-        """How long the answer may take from the moment the question is handed over."""
+        """Return the time-out of a request, from the moment it is sent."""
         seen = self.turnaround_s
         from_reads = UNMEASURED_S if seen is None else min(max(LEAST_S, 4 * seen), MOST_S)
         return question.wire_s + max(from_reads, question.least_s)
 
     def _exchange(self, question: Question) -> Steps[str]:
-        """Ask once; give the data field of the answer. On a flooded link nothing is asked, but a write goes out."""
+        """Send a request and return the data field of its answer. On a flooded link only writes are sent."""
         if not question.is_write:
             self._expect_no_flood()
-        self._reader.reset()  # what came before the question cannot answer it
+        self._reader.reset()  # earlier bytes cannot be the answer
         self._last = self._pending
         self._pending = question.code
         self._is_clear = not self._doubted
-        self._doubted.append(question.code)  # until that or any later one is answered
+        self._doubted.append(question.code)  # until this or a later request is answered
         if len(self._doubted) > MOST_DOUBTED:
             del self._doubted[0]
         patience_s = self._patience_s(question)
@@ -272,13 +262,13 @@ class Dialogue:
         return text
 
     def _patience_s(self, question: Question) -> float:
-        """The same at this moment: an acknowledgement is not found in a flood, and other tools wait to be told."""
+        """Return the time-out now: in a flood no acknowledgement can be found, and other tools wait for their orders."""
         if question.is_write and (self.flow.is_flooded or self.flow.is_suspect):
             return question.wire_s + LEAST_S
         return self.patience_s(question)
 
-    def _gather(self, question: Question, heard: Heard, end: float) -> Steps[str]:
-        """The answer out of whatever comes until `end`: in pieces, among garbage, after frames that answer nothing."""
+    def _gather(self, question: Question, heard: IoResult, end: float) -> Steps[str]:
+        """Find the answer in everything that arrives until `end`: in pieces, in garbage, after other frames."""
         until = end
         failure: StationError = AnswerTimeout(f"{question.title()}: no answer within {until - heard.sent:.3f} s")
         while heard.data:
@@ -289,7 +279,7 @@ class Dialogue:
                     self.strays["flood"] += 1
                     failure = AnswerFormat(f"{question.title()}: far more came than an answer, and none of it is believed")
                     continue
-                if isinstance(found, Corrupt):
+                if isinstance(found, CorruptFrame):
                     failure = AnswerCorrupt(f"{question.title()}: wrong check byte in {found.raw.hex(' ')}")
                     until = min(until, self._rest_of(question, found, end))
                     continue
@@ -307,12 +297,12 @@ class Dialogue:
         raise failure
 
     def _expect_no_flood(self) -> None:
-        """Raise `LinkFlooded` where far more has come over the last second than answers are."""
+        """Raise `LinkFlooded` where a flood was detected."""
         if self.flow.found is not None:
             raise self.flow.taken()
 
     def _why_no_answer(self, frame: Frame) -> str:
-        """What came in place of an answer, in words; of a frame from another address, which one."""
+        """Describe a frame that is not the answer, with its address if that is another one."""
         said, pair, own = f"{frame.header}{frame.text}", (frame.source, frame.target), (self.address, self.host_address)
         expected = [(None, None)] if self.address is None else [own, own[::-1], *self._moving]
         if pair in expected:
@@ -323,14 +313,14 @@ class Dialogue:
         asked = "though no address is used" if self.address is None else f"not {self.address:02d}"
         return f"{said} from address {other:02d}, {asked}"
 
-    def _rest_of(self, question: Question, corrupt: Corrupt, end: float) -> float:
-        """Until when to listen behind a corrupt frame: one as long as the answer was the answer."""
+    def _rest_of(self, question: Question, corrupt: CorruptFrame, end: float) -> float:
+        """Return until when to listen after a corrupt frame: one as long as the answer was the answer."""
         if question.digits is not None and len(corrupt.raw) < question.answer_length:
             return end
         return self.now + QUIET_S + self.line.seconds(question.answer_length)
 
     def _match(self, question: Question, frame: Frame) -> str | None:
-        """The data of `frame` if it answers `question`, None if it answers nothing; refusals and bad data raise."""
+        """Return the data if `frame` answers `question`, else None; refusals and invalid data raise."""
         if frame.header in "RW":
             self.strays["echo"] += 1
             return None
@@ -348,7 +338,7 @@ class Dialogue:
         return data
 
     def _data_in(self, question: Question, text: str) -> str | None:
-        """The data field of an answer to `question`; None of an answer to something else."""
+        """Return the data field of an answer to `question`; None for an answer to something else."""
         if text.startswith(question.code):
             data = text[len(question.code) :]
             return self._acknowledgement(question, data) if question.digits == 0 else self._value(question, data)
@@ -358,14 +348,14 @@ class Dialogue:
         return None
 
     def _acknowledgement(self, question: Question, data: str) -> str | None:
-        """Nothing is the data of an acknowledgement; the value that was written may be (docs/reference/contradictions.md, B-43)."""
+        """Accept an acknowledgement without data, or with the written value (docs/reference/contradictions.md, B-43)."""
         if data and data == question.repeated and self._is_clear:
             self._meet(ACKNOWLEDGED_WITH_VALUE[question.command.name], question, data)
             return ""
         return None if data else ""
 
     def _value(self, question: Question, data: str) -> str | None:
-        """No data is an acknowledgement; six characters are ATT1ddddd for RTT, or ATT0ddddd.
+        """Return the value's data. No data is an acknowledgement; six characters are ATT1ddddd for RTT, or ATT0ddddd.
 
         docs/reference/protocol.md, Similar codes; docs/reference/contradictions.md, B-10.
         """
@@ -375,13 +365,13 @@ class Dialogue:
         return None if not data or (question.digits == 5 and len(data) == 6) else data
 
     def _answered_otherwise(self, question: Question, text: str) -> None:
-        """The letters of another command's answer: enough for an acknowledgement, not for a value.
+        """Handle the letters of another command's answer: they acknowledge a write, but give no value.
 
         docs/reference/contradictions.md, B-36 and B-53.
         """
         data = text[len(question.also) :]
         if question.digits:
-            raise AnsweredOtherwise(f"{question.title()}: answered by A{text}", data)
+            raise AnsweredByOtherCode(f"{question.title()}: answered by A{text}", data)
         if data:
             raise AnswerFormat(f"{question.title()}: answered by A{text}, which is no acknowledgement")
         self._meet(question.also_number, question, text)
@@ -390,7 +380,7 @@ class Dialogue:
         self.anomalies.meet(number, question.title(), raw, question.port)
 
     def _addresses_fit(self, question: Question, frame: Frame) -> bool:
-        """Either order names this station (docs/reference/contradictions.md, B-6); the check byte cannot tell them apart."""
+        """Whether the addresses, in either order, are this station's; the check byte is the same for both orders (B-6)."""
         pair, ordered = (frame.source, frame.target), (self.address, None if self.address is None else self.host_address)
         if pair == ordered:
             return True
@@ -399,7 +389,7 @@ class Dialogue:
                 self._answer_from_station = False
                 self._questions.clear()
                 raw = f"{frame.source:02d}{frame.target:02d}{frame.header}{frame.text}"
-                self.anomalies.meet(6, question.title(), raw, times=0)  # each answer that is taken is counted
+                self.anomalies.meet(6, question.title(), raw, times=0)  # each accepted answer is counted
             return True
         if pair in self._moving:
             self._meet(9, question, f"{pair}{frame.header}{frame.text}")
@@ -407,8 +397,8 @@ class Dialogue:
         return False
 
     def _refused(self, question: Question, frame: Frame) -> None:
-        """Raise what an N frame says; one with another code answers something else, unless nothing can be read in it."""
-        code, digits = frame.text[:-5].rstrip(), frame.text[-5:]  # R-TT's may have a third character, a blank
+        """Raise the error of an N frame; ignore one with another code, unless the station did not understand its request."""
+        code, digits = frame.text[:-5].rstrip(), frame.text[-5:]  # R-TT's may have a blank as third character
         if not digits.isdigit():
             raise AnswerFormat(f"{question.title()}: N{frame.text} carries no error number")
         number = int(digits)
@@ -421,10 +411,8 @@ class Dialogue:
         meaning = COMMUNICATION_ERRORS.get(number, "unknown communication error")
         raise REFUSALS.get(number, Refusal)(number, f"{question.title()}: refused with N {number:05d}, {meaning}")
 
-    # -- the state of the line -------------------------------------------------------------------------------------
-
     def _note_time(self, now: float, question: Question, wire_s: float) -> None:
-        """An answer was whole at `now`. What a write took tells nothing of reads."""
+        """Note a complete answer at `now`. Only reads count for the response time."""
         self.now = self.heard = now
         self._settled()
         if not self._answer_from_station:
@@ -436,12 +424,12 @@ class Dialogue:
         if seen is None or took > seen:
             self.turnaround_s = took
         else:
-            self.turnaround_s = seen * 0.999 + took * 0.001  # forget a single late answer slowly
+            self.turnaround_s = seen * 0.999 + took * 0.001  # forget a late answer slowly
 
     def _settled(self) -> None:
-        """The station has answered: answers come in the order of questions, so none to an earlier one is under way.
+        """Note an answer: answers come in the order of requests, so none to an earlier request is on its way.
 
-        Where the code of the pending question is out more than once, it may have been an earlier one that was answered.
+        If the pending code is in doubt more than once, the answer may be to an earlier request.
         """
         if len(self._doubted) > 1:
             del self._doubted[: self._doubted.index(self._pending) + 1]
@@ -450,9 +438,9 @@ class Dialogue:
         self._is_overdue = bool(self._doubted)
 
     def _drain(self) -> Steps[None]:
-        """Listen until the line has been quiet long enough for any late answer to have come."""
+        """Listen until the line has been quiet long enough for any late answer."""
         quiet = max(QUIET_S, self.turnaround_s or 0.0) + self.line.seconds(4)
-        end = self.now + min(50 * quiet, 2 * MOST_S)  # a line that never falls silent makes the next question fail
+        end = self.now + min(50 * quiet, 2 * MOST_S)  # on a line that is never quiet the next request fails
         while self.now < end:
             heard = yield Listen(self.now + quiet)
             self.now = heard.now

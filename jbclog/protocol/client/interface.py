@@ -1,4 +1,4 @@
-"""What a session can ask of the client of a station, whatever its protocol, and what the client keeps count of."""
+"""The interface of a station's client, whatever its protocol, with its flood detector and its count of anomalies."""
 
 from __future__ import annotations
 
@@ -8,35 +8,31 @@ from dataclasses import dataclass
 from typing import Final, Protocol
 
 from jbclog.core.errors import LinkFlooded
-from jbclog.core.io_requests import Heard, Steps, Wait
+from jbclog.core.io_requests import IoResult, Steps, Wait
 from jbclog.core.quantities import Value
 from jbclog.protocol.commands.command import Command
 
-# -- flow ---------------------------------------------------------------------------------------------------------------------
-# How many bytes come over a link, held against those of the answers that are due: far more of them is a flood.
+# A flood is far more bytes on a link than answers are due. The rules:
 #
-# The rules:
+# 1. A link is flooded if in one second more than `MOST_TIMES` the bytes of the due answers arrive, whatever its baud rate. At least
+#    `LEAST_DUE` bytes a second count as due. A second begins with the first bytes after the last one; if nothing is reported for
+#    longer, as while a session waits, the rule applies to that whole time. Late answers stay due, because a station or a
+#    server that was stuck may send them all at once.
+# 2. In a flood any answer may be a copy of an old one. So once more than `SUSPECT` bytes and more than `MOST_TIMES` the due
+#    bytes have arrived, no answer is accepted, even before the second is over.
+# 3. A flooded link is quiet again if less than a flood arrives within `QUIET_S` of reopening it (`expect_quiet`).
 #
-# 1. A link is flooded when over one second more than `MOST_TIMES` the bytes of the answers that are due come over it, however fast
-#    it is. Where little or nothing is due, `LEAST_DUE` bytes a second are reckoned. A second begins with the first bytes that are
-#    told behind the last one; where nothing is told for longer, as while a session waits, the same holds for all of that time.
-#    Answers that are late stay due: a station or a server that was stuck may give them all at once, each of them once.
-# 2. Among so many bytes any answer may be a copy of an old one. So before the second is over already, from `SUSPECT` bytes on,
-#    no answer is believed while more than `MOST_TIMES` of what is due has come.
-#
-# 3. A link that was flooded is quiet again once `QUIET_S` behind its opening have brought less than a flood does (`expect_quiet`).
-#
-# It knows bytes and moments only, so a run that is lived through again comes to the same.
+# Only bytes and times count, so a replayed run behaves the same.
 
 SECOND: Final = 1.0
 MOST_TIMES: Final = 10
 LEAST_DUE: Final = 16  # bytes a second: one usual answer
-SUSPECT: Final = 512  # bytes: more than noise brings at once
+SUSPECT: Final = 512  # bytes; a burst of noise has less
 QUIET_S: Final = 0.25
 
 
-class Flow:
-    """The bytes of one link. `is_flooded`: the last second that was over brought a flood."""
+class FloodDetector:
+    """Detects floods on one link. `is_flooded`: the last complete second was a flood."""
 
     __slots__ = ("_begun", "_came", "_due", "_late", "found", "is_flooded")
 
@@ -44,12 +40,12 @@ class Flow:
         self._begun: float | None = None
         self._came = self._due = self._late = 0
         self.is_flooded = False
-        self.found: LinkFlooded | None = None  # a flood that nobody has been told of
+        self.found: LinkFlooded | None = None  # a flood not raised yet
 
     def came(self, now: float, size: int, due: int = 0) -> bool:
-        """`size` bytes were told at `now` (monotonic seconds), behind a question with an answer of `due` bytes.
+        """Count `size` bytes received at `now` (monotonic seconds) for a request with an answer of `due` bytes.
 
-        Whether no answer among them is to be believed.
+        Returns whether no answer among them may be accepted.
         """
         self._came += size
         self._due += due
@@ -62,11 +58,11 @@ class Flow:
 
     @property
     def is_suspect(self) -> bool:
-        """Whether so much has come since the second began that no answer is to be believed."""
+        """Whether too much has arrived in the current second to accept any answer."""
         return self._came > max(SUSPECT, MOST_TIMES * self._due + self._late) or self.found is not None
 
     def taken(self) -> LinkFlooded:
-        """The flood that was found, for whoever raises it; what comes from here on is counted anew."""
+        """Return the flood to raise, and start counting again."""
         found, self.found = self.found, None
         assert found is not None
         self._begun = None
@@ -74,7 +70,7 @@ class Flow:
         return found
 
     def calm(self) -> None:
-        """The link has been opened anew, and is quiet: what came before counts no more."""
+        """Start counting again: the link has been reopened and is quiet."""
         self.is_flooded, self.found, self._begun = False, None, None
         self._came = self._due = self._late = 0
 
@@ -90,7 +86,7 @@ class Flow:
 
 
 def expect_quiet(client: Client) -> Steps[None]:
-    """Ask nothing for a while on a link that was flooded and is open again. Raises `LinkFlooded` where it still is."""
+    """Listen for a while on a link that was flooded and reopened. Raises `LinkFlooded` where it still is."""
     began = client.now
     heard = yield Wait(began + QUIET_S)
     client.unasked(heard)
@@ -102,15 +98,12 @@ def expect_quiet(client: Client) -> Steps[None]:
         raise LinkFlooded(len(heard.data), 0, seconds, limit)
 
 
-# -- anomalies ----------------------------------------------------------------------------------------------------------------
-# What a station does otherwise than recommended, and is taken all the same: counted, and reported once.
-#
-# docs/reference/contradictions.md has every form.
+# Anomalies are answers that depart from the recommended form and are accepted (docs/reference/contradictions.md).
 
 
 @dataclass(frozen=True, slots=True)
 class Anomaly:
-    """The first of its kind. `number` is the B-number, `place` says where it was met, `raw` is what came."""
+    """The first anomaly of its kind. `number` is the B-number, `place` names the request, `raw` is the answer."""
 
     number: int
     place: str
@@ -119,38 +112,36 @@ class Anomaly:
 
 
 class Anomalies:
-    """All that one station was met with: `counts` by B-number, `untold` what nobody has been told of yet."""
+    """The anomalies of one station: `counts` by B-number, `pending` those not reported yet."""
 
     def __init__(self) -> None:
         self.counts: Counter[int] = Counter()
-        self.untold: list[Anomaly] = []
-        self._told: set[int] = set()
+        self.pending: list[Anomaly] = []
+        self._reported: set[int] = set()
 
     def meet(self, number: int, place: str, raw: str, port: int | None = None, *, times: int = 1) -> None:
-        """Count it `times` times, and put the first of its kind on the list of what is to be told."""
+        """Count it `times` times; the first of its kind is added to `pending`."""
         self.counts[number] += times
-        if number not in self._told:
-            self._told.add(number)
-            self.untold.append(Anomaly(number, place, raw, port))
+        if number not in self._reported:
+            self._reported.add(number)
+            self.pending.append(Anomaly(number, place, raw, port))
 
     def take(self) -> list[Anomaly]:
-        """What has not been told yet; it counts as told from now on."""
-        untold, self.untold = self.untold, []
-        return untold
+        """Return the anomalies not reported yet, and mark them reported."""
+        pending, self.pending = self.pending, []
+        return pending
 
-
-# -- interface ----------------------------------------------------------------------------------------------------------------
 
 Permit = Callable[[Command, Value, int | None, int | None], None]
-"""Asked before each write with its command, value, port and tool; raises `WriteForbidden`, and then nothing is sent."""
+"""Called before each write with command, value, port and tool; raises `WriteForbidden`, and then nothing is sent."""
 
 
-def anything(_command: Command, _value: Value, _port: int | None, _tool: int | None) -> None:
-    """Permits every write: a person who types one has said what is meant."""
+def permit_all(_command: Command, _value: Value, _port: int | None, _tool: int | None) -> None:
+    """Permit every write."""
 
 
-class Asking(Protocol):
-    """A read made once and asked often. Who made it knows its bytes; others its name and how long it takes."""
+class PreparedRead(Protocol):
+    """A read that is prepared once and sent often; opaque except for its command, its duration and its name."""
 
     @property
     def command(self) -> Command: ...
@@ -159,17 +150,16 @@ class Asking(Protocol):
     def wire_s(self) -> float: ...
 
     def title(self) -> str:
-        """How messages name it: ``tip temperature of port 1``."""
+        """Name for messages: ``tip temperature of port 1``."""
 
 
 class Client(Protocol):
-    """One client of one station, as generators that do no I/O (`core.io_requests`).
+    """A client of one station, as generators without I/O (`core.io_requests`).
 
-    Times are monotonic seconds. `sent` and `heard` are the moments at which the last question left and its answer was
-    whole; `now` is the last moment that anything was heard of, or not. `first_sent` is the first question sent since
-    somebody set it to None. `data` is the data field of the last answer that carried one, as it came. `strays` counts by
-    kind what was on the line and answered nothing, `anomalies` what was taken although it is not as recommended.
-    `permit` is asked before each write. `flow` is what came over the link against what was due: reads raise `LinkFlooded`.
+    Times are monotonic seconds: `sent` and `heard` are when the last request left and its answer was complete, `now` is the time of
+    the last result, `first_sent` that of the first request since the session set it to None. `data` is the raw data field of
+    the last answer that has one. `strays` counts frames without a request, by kind; `anomalies` accepted departures from the
+    recommended form. `permit` is called before each write. `flow` detects floods: reads raise `LinkFlooded`.
     """
 
     permit: Permit
@@ -182,20 +172,20 @@ class Client(Protocol):
     data: str
     strays: Counter[str]
     anomalies: Anomalies
-    flow: Flow
+    flow: FloodDetector
 
     @property
     def garbage_bytes(self) -> int:
-        """Bytes that belonged to no frame."""
+        """Bytes outside of any frame."""
 
-    def question(self, command: Command, port: int | None = None, tool: int | None = None) -> Asking:
-        """The read of `command`, made once and kept."""
+    def question(self, command: Command, port: int | None = None, tool: int | None = None) -> PreparedRead:
+        """Prepare the read of `command`, once."""
 
     def read(self, command: Command, port: int | None = None, tool: int | None = None) -> Steps[Value]:
-        """Read a value. Raises `StationError` when no try gave one; `StationSilent` when nothing answers any more."""
+        """Read a value. Raises `StationError` when no try succeeds; `StationSilent` when the station is silent."""
 
-    def ask(self, question: Asking) -> Steps[Value]:
-        """The same with a question that this client made before."""
+    def ask(self, question: PreparedRead) -> Steps[Value]:
+        """Read a value by a prepared read of this client."""
 
     def write(
         self,
@@ -207,11 +197,11 @@ class Client(Protocol):
         hurry: bool = False,
         once: bool = False,
     ) -> Steps[None]:
-        """Write a value. An acknowledgement is not proof: read back. In a `hurry` it is waited for as a read's answer is.
+        """Write a value. An acknowledgement proves nothing: read back. In a `hurry` wait for it no longer than for a read.
 
-        A setting that the station did not understand was not done and is sent again, unless it is to go out `once`, whatever
-        the station says. Raises what `permit` raises; then nothing is sent.
+        A setting that the station did not understand is sent again, unless `once`. Raises what `permit` raises; then nothing is
+        sent.
         """
 
-    def unasked(self, heard: Heard) -> None:
-        """Take note of the moment, and of bytes that came although nothing was asked."""
+    def unasked(self, heard: IoResult) -> None:
+        """Note the time and bytes received without a request."""

@@ -1,4 +1,4 @@
-"""How long a station takes: to answer, and to be back after a write."""
+"""Measures how fast a station answers, and waits for it after a write that interrupts the link."""
 
 from __future__ import annotations
 
@@ -9,36 +9,33 @@ from jbclog.core.errors import AnswerTimeout, NotSupported, Refusal, StationErro
 from jbclog.core.io_requests import Steps, Wait
 from jbclog.core.wire import LineFormat
 from jbclog.protocol.client.confirmed_reads import SETTLE_S
-from jbclog.protocol.client.interface import Asking, Client
+from jbclog.protocol.client.interface import Client, PreparedRead
 from jbclog.protocol.client.robot import Station
 from jbclog.protocol.commands.command import Command, Scope
 from jbclog.protocol.commands.family import Family
 from jbclog.protocol.commands.robot import COMMON
 
-# -- turnaround ---------------------------------------------------------------------------------------------------------------
-# How long a station itself takes to answer, measured with harmless reads.
-#
-# What is measured is from the question to the whole answer. What its bytes need at the stated line format is taken off; the rest
-# is the response time. Behind a network server, or where the stated rate is too low, an answer can be whole before its bytes could
-# have come at that rate: then the response time is 0, and the link is faster than stated.
+# Response time is the time from request to complete answer, minus what their bytes take at the stated line format. Behind a network
+# server, or where the stated rate is too low, an answer can be complete sooner than that: then the response time is 0, and
+# the link is faster than stated.
 
-READS = 12  # enough for a median that one late answer does not move
-LEAST_ANSWERED = READS // 2  # with fewer the link is too bad to run on
-TOLERANCE = 0.03  # by which a real line may be faster than its rate: the two ends of one may differ by that much
+READS = 12  # a median over these tolerates a late answer
+LEAST_ANSWERED = READS // 2  # with fewer the link is too bad for a run
+TOLERANCE = 0.03  # both ends of a real line may differ by this share of the rate
 
 
 @dataclass(frozen=True, slots=True)
 class ResponseTime:
-    """What `READS` harmless reads gave, all in µs; made of those that were answered, of which there is one at least.
+    """The result of up to `READS` harmless reads, in µs; at least one was answered.
 
-    `took` are the response times in order of size, none below 0. `whole` is the median from a question to its whole answer,
-    `wire` the median of what the bytes of both need at the stated line format.
+    `took` are the response times, sorted, none below 0. `whole` is the median time from request to complete answer, `wire` the
+    median time of their bytes at the stated line format.
     """
 
     took: tuple[float, ...]
     whole: float
     wire: float
-    ignored: tuple[str, ...] = ()  # the commands that are not taken here, and were not counted
+    ignored: tuple[str, ...] = ()  # commands that the station does not support; not counted
 
     @property
     def median(self) -> float:
@@ -50,24 +47,23 @@ class ResponseTime:
 
     @property
     def is_faster(self) -> bool:
-        """Whether answers come sooner than their bytes could at the stated line format."""
+        """Whether answers arrive sooner than their bytes can at the stated line format."""
         return self.whole < self.wire * (1 - TOLERANCE)
 
     def faster_text(self, line: LineFormat) -> str | None:
-        """The sentence's end that says so; None where the link is not faster than `line`, the stated format."""
+        """Describe that the link is faster than `line`, the stated format; None where it is not."""
         if not self.is_faster:
             return None
         return (
-            f"the link is faster than its stated {line}: a question and its answer take {self.whole / 1000:.2f} ms, "
+            f"the link is faster than its stated {line}: a request and its answer take {self.whole / 1000:.2f} ms, "
             f"{self.wire / 1000:.2f} ms at that rate"
         )
 
 
 def response_time(client: Client, family: Family, port: int) -> Steps[tuple[ResponseTime | None, int]]:
-    """Ask `READS` times what is harmless; give the response time and the number of answers. None where nothing was answered.
+    """Measure with `READS` harmless reads; return the response time, None without any answer, and the number of answers.
 
-    What the station does not take is no lost answer: it is left out and named. Once `LEAST_ANSWERED` can no more be reached,
-    nothing more is asked.
+    Commands that the station does not support are left out and named. Stops once `LEAST_ANSWERED` cannot be reached any more.
     """
     names, ignored = list(family.harmless), []
     heard: list[tuple[float, float]] = []
@@ -87,57 +83,53 @@ def response_time(client: Client, family: Family, port: int) -> Steps[tuple[Resp
             continue
         asked += 1
         heard.append(((client.heard - client.sent) * 1e6, question.wire_s * 1e6))
-    return _made_of(heard, ignored), len(heard)
+    return _response_time_of(heard, ignored), len(heard)
 
 
-def _made_of(heard: list[tuple[float, float]], ignored: list[str]) -> ResponseTime | None:
+def _response_time_of(heard: list[tuple[float, float]], ignored: list[str]) -> ResponseTime | None:
     if not heard:
         return None
     took = tuple(sorted(max(whole - wire, 0.0) for whole, wire in heard))
     return ResponseTime(took, median(whole for whole, _ in heard), median(wire for _, wire in heard), tuple(ignored))
 
 
-def _question(client: Client, family: Family, name: str, port: int) -> Asking:
+def _question(client: Client, family: Family, name: str, port: int) -> PreparedRead:
     command = family.commands[name]
     return client.question(command, None if command.scope is Scope.STATION else port)
 
 
-# -- after write --------------------------------------------------------------------------------------------------------------
-# After a write that takes the station away from its line: a restart, another address. Generators, no I/O.
-#
-# Both writes go out once, whatever comes of them. Nothing prints what the station answers
-# (docs/reference/contradictions.md, B-9, B-40), so an
-# acknowledgement and silence are taken alike, and what counts is who answers R-SMN afterwards.
+# W-RST and W-SAD interrupt the link. Both are sent once. No manual prints their answer (docs/reference/contradictions.md, B-9,
+# B-40), so an acknowledgement and silence count alike; what counts is who answers R-SMN afterwards.
 
 MODEL = next(command for command in COMMON if command.name == "model")
 NOT_ACKNOWLEDGED = 40  # B-number
-BACK_S = 30.0  # a station that is not back by then is gone
-SEEK_S = 0.5  # between two questions to a station that restarts
-STEADY = 4  # answers in a row: it may go on answering for a moment before it goes down
+BACK_S = 30.0  # a station that takes longer counts as gone
+SEEK_S = 0.5  # between two reads from a restarting station
+STEADY = 4  # answers in a row: it may answer for a moment before it restarts
 
 
 def restart(client: Client, command: Command) -> Steps[float]:
-    """Write W-RST once and wait until the station is back; give the seconds that took.
+    """Write W-RST once and wait until the station is back; return the seconds.
 
-    Raises `Refusal` where the station says no, and `StationSilent` where it does not come back.
+    Raises `Refusal` where the station refuses, and `StationSilent` where it does not come back.
     """
     began = client.now
     try:
         yield from client.write(command, 0)
     except Refusal:
         raise
-    except StationError:  # as good as an acknowledgement
+    except StationError:  # equivalent to an acknowledgement
         client.anomalies.meet(NOT_ACKNOWLEDGED, "restart", f"W{command.code()} without an answer")
     yield from settle_restart(client)
     return client.now - began
 
 
 def settle_restart(client: Client) -> Steps[None]:
-    """Wait until a station that was told to restart answers steadily. Raises `StationSilent` where it does not."""
+    """Wait until a restarting station answers steadily. Raises `StationSilent` where it does not."""
     end, steady = client.now + BACK_S, 0
     while steady < STEADY:
         if client.now > end:
-            raise StationSilent(f"the station was told to restart and did not answer again within {BACK_S:g} s")
+            raise StationSilent(f"no answer within {BACK_S:g} s of the restart")
         client.unasked((yield Wait(client.now + SEEK_S)))
         try:
             yield from client.read(MODEL)
@@ -147,27 +139,26 @@ def settle_restart(client: Client) -> Steps[None]:
 
 
 def change_address(station: Station, command: Command, address: int | None) -> Steps[None]:
-    """Write W-SAD once and speak to the station at its new address from then on; None is a line without addresses.
+    """Write W-SAD once and use the new address from then on; None is a line without addresses.
 
-    Raises `Refusal` where the station says no, and what `settle_address` raises.
+    Raises `Refusal` where the station refuses, and what `settle_address` raises.
     """
     try:
         yield from station.write(command, address or 0)
     except Refusal:
         raise
     except StationError:
-        pass  # who answers at which address is asked below
+        pass  # `settle_address` finds out
     yield from settle_address(station, address)
 
 
 def settle_address(station: Station, address: int | None) -> Steps[None]:
-    """Prove by R-SMN that the station answers at `address`.
+    """Confirm by R-SMN that the station answers at `address`.
 
-    Raises `AnswerTimeout` where it does not: either it still answers at its old address, to which `station` then speaks
-    again, or it answers at neither.
+    Raises `AnswerTimeout` where it does not: it answers at its old address, which `station` then uses again, or at neither.
     """
     old = station.address
-    for tried in (address, old, address, old):  # it may still be storing the new one
+    for tried in (address, old, address, old):  # it may still be storing the new address
         station.move_to(tried)
         try:
             yield from station.read(MODEL)

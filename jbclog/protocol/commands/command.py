@@ -1,10 +1,8 @@
 """One row of a command table.
 
-A control command is two letters and the port, one letter with port and tool, or three letters for the
-whole station (manual 002, "Commands"); RTT, the transformer, has two letters and nothing behind
-(docs/reference/contradictions.md, B-10).
-OMEGA's commands are one letter, for some with the number of a solder condition behind it
-(docs/reference/protocol.md, OMEGA).
+A code is two letters and the port, one letter with port and tool, or three letters for the whole station (manual 002,
+"Commands"); RTT, the transformer, has two letters alone (docs/reference/contradictions.md, B-10). OMEGA's codes are one letter, for
+some followed by the number of a solder condition (docs/reference/protocol.md, OMEGA).
 """
 
 from __future__ import annotations
@@ -15,11 +13,11 @@ from enum import Enum
 from jbclog.core.quantities import OFF, Quantity, Value, text_of
 
 TOOLS_WITH_A_PLACE = range(1, 10)
-"""Tools that a command can speak to: a control command has one character for the number (002, W-Axy)."""
+"""Tools that a command can address: a code has one character for the number (002, W-Axy)."""
 
 
 class Scope(Enum):
-    """What a command speaks to, and so what stands behind its letters."""
+    """What a command addresses, and so what follows its letters."""
 
     STATION = "station"
     PORT = "port"
@@ -28,21 +26,20 @@ class Scope(Enum):
 
 
 class Effect(Enum):
-    """What sending it does besides carrying a value; decides whether it may be sent twice."""
+    """Side effect of sending it; decides whether it may be sent twice."""
 
     NONE = "none"
     CLEARS = "reading clears it"
     MOVES = "moves the machine"
-    ERASES = "erases or stores for good"
+    ERASES = "erases or stores permanently"
     STOPS = "stops the machine"
 
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """The values that the manual of a family prints: beyond them nothing is sent.
+    """The values that a family's manual prints; others are not sent.
 
-    `printed=False` marks a range that this manual does not give: the station decides, with N 00003. `off` can be printed without
-    one.
+    `printed=False`: the manual prints no range, so the station decides, by N 00003. `off` can be printed without a range.
     """
 
     low: float | None = None
@@ -52,7 +49,7 @@ class Limits:
     printed: bool = True
 
     def problem(self, value: Value) -> str | None:
-        """Why `value` is not allowed, or None."""
+        """Describe why `value` is not allowed; None where it is."""
         if value is OFF:
             return None if self.off else "cannot be switched off"
         if not isinstance(value, int | float):
@@ -73,10 +70,10 @@ class Limits:
 
 
 @dataclass(frozen=True, slots=True)
-class Inferred:
-    """What the manual of a family does not print of a command, taken from `source`, another manual or section.
+class InferredLimits:
+    """Limits that the family's manual does not print, taken from `source`, another manual or section.
 
-    A value beyond `limits` is sent: a plan notes it, and the station decides. `unit`: the unit is taken from there, too.
+    A value beyond `limits` is sent: a plan notes it, and the station decides. `unit`: the unit is taken from there too.
     """
 
     source: str
@@ -86,11 +83,11 @@ class Inferred:
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """A command by its trade name, with everything that a driver, a page or a person needs of it.
+    """A command by its trade name, with everything that a driver, a page or a person needs to know.
 
-    `limits` are printed for every family that has this row, `inferred` are not. `within` are the commands that tell the lowest
-    and the highest value that the station itself allows; None where it sets no such end. `share_of` is the one
-    that tells what a number without a printed unit is a share of: recipes and samples hold it in per mille of that (B-33).
+    `limits` are printed for every family that has this row, `inferred` are not. `within` are the commands that read the
+    station's own minimum and maximum of the value; None where it has none. `share_of` reads the maximum of a number without a
+    printed unit: recipes and samples have it in per mille of that (B-33).
     """
 
     name: str
@@ -106,7 +103,7 @@ class Command:
     note: str = ""
     within: tuple[str | None, str] | None = None
     share_of: str | None = None
-    inferred: Inferred | None = None
+    inferred: InferredLimits | None = None
 
     @property
     def readable(self) -> bool:
@@ -121,16 +118,16 @@ class Command:
         return self.quantity.unit
 
     @property
-    def asked_once(self) -> bool:
-        """Whether a second sending would do something a second time."""
+    def sent_once(self) -> bool:
+        """Whether sending it twice would do something twice."""
         return self.effect in (Effect.CLEARS, Effect.MOVES, Effect.ERASES)
 
     def code(self, port: int | None = None, tool: int | None = None) -> str:
-        """The control command on the wire: ``TT1``, ``A12``, ``SMN``."""
+        """Return the code: ``TT1``, ``A12``, ``SMN``."""
         if self.scope is Scope.STATION:
             return self.letters
         if self.scope is Scope.CONDITION:
-            raise ValueError(f"{self.name} needs the number of a solder condition; ask for numbered(101)")
+            raise ValueError(f"{self.name} needs the number of a solder condition; use numbered(101)")
         if port is None or not 1 <= port <= 4:
             raise ValueError(f"{self.name} needs a port from 1 to 4, not {port}")
         if self.scope is Scope.PORT:
@@ -140,18 +137,18 @@ class Command:
         return f"{self.letters}{port}{tool}"
 
     def numbered(self, condition: int) -> Command:
-        """The command for one of OMEGA's solder conditions, which speaks to the station like any other: ``C0065``."""
+        """Return the command for one of OMEGA's solder conditions: ``C0065``."""
         if self.scope is not Scope.CONDITION:
             raise ValueError(f"{self.name} has no number behind its letters")
         return replace(self, letters=f"{self.letters}{condition:04X}", scope=Scope.STATION)
 
-    def as_it_came(self, data: str, value: Value) -> str:
-        """The characters by which `value` was told: `data`, those of the last answer, where they say it, else its usual form."""
+    def raw_text(self, data: str, value: Value) -> str:
+        """Return the raw characters of `value`: `data`, those of the last answer, if they decode to it, else the usual form."""
         try:
             return data if self.quantity.decode(data) == value else self.quantity.encode(value)
         except ValueError:
             return self.quantity.encode(value)
 
     def shown(self, value: Value) -> str:
-        """The value as text with its unit, for sentences."""
+        """Format the value with its unit, for messages."""
         return f"{text_of(value)} {self.unit}".rstrip() if value is not OFF else "off"

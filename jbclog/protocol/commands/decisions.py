@@ -1,7 +1,7 @@
-"""The contradictions, misprints and gaps of the manuals, each with what jbclog makes of it.
+"""The contradictions, misprints and gaps of the manuals, each with jbclog's interpretation.
 
-Read a row as: what is contradicted, what jbclog does, why; then how a virtual station plays the alternative, and what the
-event says when a station is met that does.
+Each row states the contradiction, what jbclog does, and why; then how a virtual station behaves in the alternative, and the
+event's text when a station does.
 """
 
 from __future__ import annotations
@@ -10,19 +10,15 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 
-# -- decision -----------------------------------------------------------------------------------------------------------------
-# One contradiction, misprint or gap of the manuals, and what jbclog makes of it.
-
 
 @dataclass(frozen=True, slots=True)
 class Decision:
     """A row of docs/reference/contradictions.md.
 
-    `reading` is what is sent and how what comes is read, `reason` why, and where nothing of it shows on the wire, why not.
-    `quirks` are the ways in which virtual stations play the alternative; the driver takes those, and `met` is what the event
-    ``protocol.anomaly`` says the first time, with `number` as its code; empty where a run cannot meet it. `doubtful` marks
-    those after which the value itself may not be what it seems, `usual` those that every station of its kind meets, so that
-    nobody need be warned. `families` are those that the row is about; none named: all that speak JBC's protocol.
+    `reading` is what is sent and how answers are read, `reason` why. `quirks` are the alternatives of virtual stations, all of
+    which the driver accepts; `met` is the text of the first event ``protocol.anomaly``, with `number` as its code; empty where
+    a run cannot meet it. `doubtful`: the value itself may be wrong; `usual`: every station of its kind does it, so nobody is
+    warned. `families` are those concerned; empty for all with JBC's protocol.
     """
 
     number: int
@@ -35,13 +31,6 @@ class Decision:
     usual: bool = False
     families: tuple[str, ...] = ()
 
-    @property
-    def shows_on_the_wire(self) -> bool:
-        return bool(self.quirks)
-
-
-# -- decisions elsewhere ------------------------------------------------------------------------------------------------------
-# Contradictions that concern hot air and OMEGA only, each with its decision.
 
 HOT_AIR = ("jtse",)
 OMEGA = ("omega",)
@@ -153,8 +142,6 @@ OMEGA_ROWS = (
 )
 
 
-# -- decisions ----------------------------------------------------------------------------------------------------------------
-
 LINK = (
     Decision(
         1,
@@ -224,7 +211,7 @@ LINK = (
         "sent bare; one try with a blank where it is refused or not answered, then counted as not supported",
         "ATT and six characters is the transformer only where the first is a blank or 0: no port has that number.",
         ("transformer_padded_with_blank", "transformer_padded_with_zero", "transformer_wants_blank"),
-        "The transformer's temperature is asked or told with a third character behind TT; it is left out.",
+        "The transformer's temperature has a third character after TT, in the request or the answer; it is ignored.",
     ),
     Decision(
         11,
@@ -232,7 +219,7 @@ LINK = (
         "with the question's code, without any, or, for N 1 and 2, with another: it refuses the one question that is out",
         "One question is out at a time; after a wrong check byte the station cannot know the code.",
         ("refusal_without_code",),
-        "A refusal does not repeat what it refuses; it is taken for the question that was out.",
+        "A refusal does not repeat the code that it refuses; it is taken for the pending request.",
     ),
     Decision(
         12,
@@ -287,7 +274,7 @@ STATUS = (
         "002 prints 00010 for W-PSx without a limit of family, 000 prints 00000 and 00001 only. Asked for by a recipe at the "
         "start, a refusal stops the station as that of any setting does.",
         ("extractor_refused",),
-        "The extractor state 00010 is refused; where it was to be the safe state, the tool is told to stand.",
+        "The extractor state 00010 is refused; if it was the safe state, the tool is put in stand.",
         families=("dde", "nae", "dme", "hde", "ucr", "ale"),
     ),
     Decision(

@@ -1,7 +1,6 @@
-"""What a station holds when it comes from the factory, as its manual prints it, and what is made of it where it does not.
+"""Factory settings as the manuals print them, and a choice where they print none.
 
-Virtual stations begin with these values, and a factory reset brings them back. A driver assumes none of them: it reads what
-the station holds.
+Virtual stations start with them, and a factory reset restores them. A driver assumes none: it reads the station's settings.
 """
 
 from __future__ import annotations
@@ -17,9 +16,9 @@ PRINTED_AT = "002 Factory Settings; 004 Factory Settings"
 
 @dataclass(frozen=True, slots=True)
 class Default:
-    """One setting's factory value. `printed` are the manual's words, empty where it prints none; then `value` is a choice.
+    """One setting's factory value. `printed` is the manual's text; if empty, `value` is a choice.
 
-    `model` is the beginning of the model names that it holds for, empty for all of the family.
+    `model` is the beginning of the model names that it applies to; empty for the whole family.
     """
 
     command: str
@@ -31,7 +30,7 @@ class Default:
 
 
 def values_of(defaults: Iterable[Default], model: str = "") -> dict[str, Value]:
-    """The values by command; a row for the model wins over one for all."""
+    """Return the values by command; a row for the model overrides one for all."""
     rows = [one for one in defaults if model.upper().startswith(one.model)]
     return {one.command: one.value for one in sorted(rows, key=lambda one: len(one.model))}
 
@@ -49,8 +48,8 @@ SOLDERING_DEFAULTS = (
     _printed("sleep_temperature", 150, "150 °C"),
     _printed("sleep_delay", 5, "10 sec. (general), 0 sec. (tool)", _DELAY_NOTE),
     _printed("hibernation_delay", 30, "10 sec.", _DELAY_NOTE),
-    _printed("alarm_high_limit", OFF, "not set", "B-23: no manual says how that is written; told as 99999"),
-    _printed("alarm_low_limit", OFF, "not set", "B-23: no manual says how that is written; told as 99999"),
+    _printed("alarm_high_limit", OFF, "not set", "B-23: no manual prints how to write it; read as 99999"),
+    _printed("alarm_low_limit", OFF, "not set", "B-23: no manual prints how to write it; read as 99999"),
     Default("alarm_high_delay", OFF),
     Default("alarm_low_delay", OFF),
     _printed("maximum_temperature", 500, "500 °C"),

@@ -1,4 +1,4 @@
-"""Families of stations, found by their model names. Start with `Family`."""
+"""Families of stations, recognized by their model names. Start with `Family`."""
 
 from __future__ import annotations
 
@@ -18,19 +18,17 @@ from jbclog.protocol.commands.signals import (
     FEEDER_SIGNALS,
     HOUR_COUNTERS,
     SOLDERING_SIGNALS,
-    Counter,
     Signal,
+    UsageCounter,
 )
 from jbclog.protocol.commands.status import NO_STATUS, SOLDERING_STATUS, StatusTable
-
-# -- family -------------------------------------------------------------------------------------------------------------------
 
 _MODEL = re.compile(r"[A-Za-z]+[A-Za-z0-9 _.-]*")
 ROBOT, OMEGA = "robot", "omega"
 """Protocols: JBC's Robot mode, and OMEGA's own."""
 
 NEEDS_A_TOOL = frozenset({"temperature_c", "power_permille", "delay_s"})
-"""Signals that mean nothing while there is no tool."""
+"""Signals that mean nothing without a tool."""
 NO_TOOL = "no_tool"
 
 
@@ -40,20 +38,16 @@ def _by_name(commands: Iterable[Command]) -> Mapping[str, Command]:
 
 @dataclass(frozen=True, slots=True)
 class Family:
-    """One family of control units. All of its tables are read-only data.
+    """One family of control units. All tables are read-only.
 
-    `models` are the beginnings of model names that prove the family. `ports` is None where the manual
-    does not say how many there are: then those that answer R-CT are meant. The first of `safe_states` is the usual one;
-    those in `proven_by_cooling` count only when the tool is seen to cool. `harmless` are reads that change nothing, with
-    which the turnaround is measured; `answered_by_kind` are reads whose letters only soldering stations, or only hot air, have:
-    with them a family is borne out where the model name cannot prove it. `plausible_c` are temperatures that its tools can
-    have, and `jump_c` is more than they change from one tick to the next. `defaults` are what a station of it holds fresh from
-    the factory.
-
-    Where `models` is empty the station does not say what it is; where `tools` is, it does not say what is connected.
-    `protocol` is how it is spoken to, `baudrate` and `rate_hz` are what holds where a file names none, and `turnaround_ms` is
-    what its manual prints of it, from least to most.
-    `hot_part` is what its temperature is the temperature of, in messages.
+    `models` are beginnings of model names that prove the family; empty where the station reports no model. `ports` is None
+    where the manual does not print their number: then it is those that answer R-CT. `tools` is empty where the station reports
+    none. The first of `safe_states` is the default; those in `proven_by_cooling` count only if the tool is seen to cool. `harmless`
+    are reads without effect, for measuring the response time; `answered_by_kind` are reads that only soldering stations, or
+    only hot air, have: they prove the kind where the model name cannot. `plausible_c` are possible temperatures of its tools,
+    and `jump_c` is more than they change within a tick. `defaults` are the factory settings. `baudrate` and `rate_hz` apply
+    where a file names none; `turnaround_ms` is the printed range of the response time. `hot_part` names in messages what the
+    temperature is of.
     """
 
     name: str
@@ -67,13 +61,13 @@ class Family:
     proven_by_cooling: frozenset[str] = frozenset({"extractor"})
     run_statuses: tuple[str, ...] = ("working", "stand")
     signals: tuple[Signal, ...] = SOLDERING_SIGNALS
-    counters: tuple[Counter, ...] = HOUR_COUNTERS
+    counters: tuple[UsageCounter, ...] = HOUR_COUNTERS
     harmless: tuple[str, ...] = ("station_error", "tip_temperature")
     answered_by_kind: tuple[str, ...] = ("tip_temperature", "transistor_temperature")
     port_errors: ErrorTable = robot.PORT_ERRORS
     station_errors: ErrorTable = robot.STATION_ERRORS
     plausible_c: range = range(601)  # no unit is made for more than 500 °C (manual 002, factory settings)
-    jump_c: int = 50  # the quickest cartridges make little more in half a second
+    jump_c: int = 50  # the fastest cartridges change little more in half a second
     hot_part: str = "tip"
     has_feeder: bool = False
     defaults: tuple[Default, ...] = SOLDERING_DEFAULTS
@@ -85,23 +79,23 @@ class Family:
     turnaround_ms: tuple[float, float] | None = None
 
     def may_stand_at_last(self, safe_state: str) -> bool:
-        """Whether a tool whose safe state is `safe_state` may end in stand, which cools by the station's own delays only."""
+        """Whether a tool whose safe state is `safe_state` may end in stand, where it cools by the station's own delays only."""
         return safe_state == "stand" or (safe_state in self.proven_by_cooling and "stand" in self.status.last_resorts)
 
     def tool_name(self, code: int) -> str:
-        """The tool's name; an unknown code is kept as ``tool_<n>``."""
+        """Return the tool's name; ``tool_<n>`` for an unknown code."""
         return self.tools.get(code, f"tool_{code}")
 
     def command_of(self, signal: str) -> Command | None:
-        """The command that fills the columns of `signal` (``temperature_c``, ``set_c``); None where it has none."""
+        """Return the command that fills the columns of `signal` (``temperature_c``, ``set_c``); None where there is none."""
         return next((self.commands[one.command] for one in self.signals if one.name == signal), None)
 
     def is_empty(self, tool: int | None, error: int | None) -> bool:
-        """Whether a port has no tool, by what it last said of its tool and its error; None is what it did not say."""
+        """Whether a port has no tool, by its last tool code and error; None where not known."""
         return bool(self.tools) and (tool == 0 or (error is not None and error == self.port_errors.no_tool))
 
     def void(self, signal: str, tool: int | None, error: int | None) -> str | None:
-        """Why what a port says as `signal` means nothing, as the word in the record; None where it counts.
+        """Return the reason for which `signal` of a port means nothing; None where it counts.
 
         docs/reference/contradictions.md, B-44.
         """
@@ -110,26 +104,26 @@ class Family:
         return self.port_errors.void(error, signal)
 
     def may_be_void(self, signal: str | None) -> bool:
-        """Whether there is anything for which `void` would say that `signal` means nothing."""
+        """Whether `void` can ever return a reason for `signal`."""
         return signal in NEEDS_A_TOOL or any(name == signal for _, name, _ in self.port_errors.voids)
 
     def signal_of(self, command: str) -> str | None:
-        """The signal that `command` fills; None where it fills none."""
+        """Return the signal that `command` fills; None where there is none."""
         return next((one.name for one in self.signals if one.command == command), None)
 
     @property
     def hours(self) -> str | None:
-        """The command that counts the hours since the station was made; None where there is none."""
+        """Return the command that counts the hours since manufacture; None where there is none."""
         return self.counters[0].command if self.counters else None
 
     def proves(self, model: str) -> bool:
-        """Whether a station that calls itself `model` is of this family. A name has letters and digits, nothing else odd."""
+        """Whether the model name `model` proves this family. A name contains letters, digits and a few separators."""
         return bool(_MODEL.fullmatch(model)) and model.upper().startswith(self.models)
 
 
 STAND_OR_EXTRACTOR = ("stand", "extractor")
 RUN_STATUSES_002 = ("working", *STAND_OR_EXTRACTOR)
-"""Manual 002 prints 00010 for W-PSx without a limit of family."""
+"""Manual 002 prints 00010 for W-PSx without restriction to a family."""
 
 _BENCH = _by_name(robot.BENCH)
 _OLD = _by_name(robot.OLD)
@@ -157,7 +151,7 @@ FAMILIES: Mapping[str, Family] = MappingProxyType(
             Family(
                 "soldering",
                 "older soldering stations (manual 000)",
-                # 000 prints "DDR" alone. The others are inferred, and whole: two letters would also take DDE for one of these
+                # 000 prints "DDR" alone. The others are inferred, as whole names: two letters would also match DDE
                 ("DDR", "DIR", "CDR", "HDR", "NAR", "DMR"),
                 _OLD,
                 None,
@@ -248,28 +242,25 @@ FAMILIES: Mapping[str, Family] = MappingProxyType(
 
 
 def family_of(model: str) -> Family | None:
-    """The family that a model name proves, newest tables first; None where none knows it."""
+    """Return the family that a model name proves, newest tables first; None where there is none."""
     named = [family for family in FAMILIES.values() if family.name != "soldering" and family.proves(model)]
     if named:
         return named[0]
     return FAMILIES["soldering"] if FAMILIES["soldering"].proves(model) else None
 
 
-# -- models -------------------------------------------------------------------------------------------------------------------
-# Model names: which the line file may accept, and what it must say where no table knows one.
-#
-# The manuals print two names, DDR (000) and JTSE (001); every other in `Family.models` is inferred. A station that calls itself
-# anything else is driven as the line file says with its key `model`, within these bounds: status 00001 is "stand" for a soldering
-# tool and "on" for hot air, so a name never makes a soldering station of a hot air station, nor the reverse.
+# The manuals print two model names, DDR (000) and JTSE (001); all others in `Family.models` are inferred. A station with
+# another name is driven as the line file says with its key `model`, with one restriction: status 00001 is "stand" for a
+# soldering tool and "on" for hot air, so a name never makes a soldering station of a hot air station, or the reverse.
 
 HOT_AIR: Final = "JT"
-"""How the model names of hot air stations begin (001, 4.9.18)."""
+"""Beginning of the model names of hot air stations (001, 4.9.18)."""
 
 
 def model_problem(family: Family, model: str) -> str | None:
-    """Why a station that calls itself `model` cannot be driven as `family`, or None."""
+    """Describe why a station with the name `model` cannot be driven as `family`; None where it can."""
     if not family.models:
-        return f"a station of family {family.name} does not say a model; leave it out"
+        return f"a station of family {family.name} reports no model; leave it out"
     is_hot_air, named_so = family.models == (HOT_AIR,), model.upper().startswith(HOT_AIR)
     if named_so and not is_hot_air:
         return f'"{model}" begins with {HOT_AIR}: it is a hot air station, which status 00001 switches on, and no {family.name}'
@@ -279,7 +270,7 @@ def model_problem(family: Family, model: str) -> str | None:
 
 
 def foreign_reads(family: Family) -> Iterator[Command]:
-    """Reads that only stations of another kind than this family's answer."""
+    """Yield reads that only stations of another kind answer."""
     kinds = {one.answered_by_kind: one for one in FAMILIES.values() if one.protocol != OMEGA}
     for names, one in kinds.items():
         if names != family.answered_by_kind:
@@ -287,28 +278,28 @@ def foreign_reads(family: Family) -> Iterator[Command]:
 
 
 def accept_line(model: str) -> str:
-    """The line of a line file that accepts this name: ``model = "DIE"``."""
+    """Return the key of a line file that accepts this name: ``model = "DIE"``."""
     return f'model = "{model}"'
 
 
-def unknown_model(model: str) -> str:
-    """What to write where the family is to be learnt from a name that no table has."""
+def unknown_model_text(model: str) -> str:
+    """Describe what to write in the line file for a name that no table has."""
     return (
         f"it says model {model!r}, which no table has. If you know what it is, name its family in the line file in place of "
         f'"auto", and add {accept_line(model)}'
     )
 
 
-def other_model(family: Family, model: str) -> str:
-    """What to write where the line file's family is not the one that the name proves."""
-    told = f"the line file says family {family.name}, the station says model {model}; nothing was written to it. "
+def other_model_text(family: Family, model: str) -> str:
+    """Describe what to write where the model name proves another family than the line file's."""
+    found = f"the line file says family {family.name}, the station says model {model}; nothing was written to it. "
     known = family_of(model)
     if model_problem(family, model) is not None:
         right = f' (family = "{known.name}")' if known is not None else ""
-        return f"{told}Correct `family`{right}, or the cable"
-    return f"{told}Correct `family`, or the cable; if it is a {family.name}, add {accept_line(model)}"
+        return f"{found}Correct `family`{right}, or the cable"
+    return f"{found}Correct `family`, or the cable; if it is a {family.name}, add {accept_line(model)}"
 
 
-def not_accepted(accepted: str, model: str) -> str:
-    """That the station's name is not the one that the line file accepts."""
+def model_not_accepted_text(accepted: str, model: str) -> str:
+    """Describe that the station's name is not the one that the line file accepts."""
     return f"the line file accepts model {accepted}, the station says model {model}"

@@ -1,16 +1,15 @@
-"""The hot air stations (JTSE): their whole table, manual 001, which shares little with the soldering stations' but the frame.
+"""The command table of hot air stations (JTSE, manual 001), which share the frame with soldering stations and little else.
 
-Manual 001 prints no range, no step and no factory setting: what a station allows it tells in R-MAT, R-MIT, R-MAF, R-MIF, R-MAE
-and R-MIE. It prints no unit of the flow either (docs/reference/contradictions.md, B-33), so the tables carry the number as it is
-on the wire.
-There are no sleep, hibernation, alarm, store, address, transistor and transformer commands.
+Manual 001 prints no range, no step and no factory setting: R-MAT, R-MIT, R-MAF, R-MIF, R-MAE and R-MIE read a station's own limits.
+It prints no unit of the flow (docs/reference/contradictions.md, B-33), so the tables have the raw number. There are no sleep,
+hibernation, alarm, store, address, transistor and transformer commands.
 """
 
 from __future__ import annotations
 
 from types import MappingProxyType
 
-from jbclog.core.quantities import Choice, Number, Quantity, Text, Unsigned, Word
+from jbclog.core.quantities import Choice, DigitWord, Number, Quantity, Text, Unsigned
 from jbclog.protocol.commands.command import Command, Effect, Limits, Scope
 from jbclog.protocol.commands.robot import (
     CELSIUS,
@@ -24,12 +23,12 @@ from jbclog.protocol.commands.robot import (
     per_port,
     setting,
 )
-from jbclog.protocol.commands.signals import STATUS, Counter, Pace, Signal
+from jbclog.protocol.commands.signals import STATUS, ReadInterval, Signal, UsageCounter
 from jbclog.protocol.commands.status import StatusTable
 
 FLOW = Unsigned("raw")  # no manual prints its unit
 MODES = Choice(("manual", "profile"))
-STATUS_WORD = Word((0, 0, 1, 1, 1))
+STATUS_WORD = DigitWord((0, 0, 1, 1, 1))
 
 
 def _selected(name: str, letters: str, quantity: Quantity, manual: str, note: str, share_of: str | None = None) -> Command:
@@ -117,7 +116,7 @@ PORT_ERRORS = ErrorTable(  # 001 4.3
         }
     ),
     states=frozenset({9, 10}),
-    warnings=frozenset({4}),  # nothing is broken: a sensor is not plugged in
+    warnings=frozenset({4}),  # a sensor is not connected; nothing is broken
     no_tool=9,
     voids=((4, "external_c", "no_thermocouple"),),  # docs/reference/contradictions.md, B-44
 )
@@ -139,7 +138,7 @@ STATION_ERRORS = ErrorTable(  # 001 4.4
     warnings=frozenset({7}),
 )
 
-# 001 4.6. On and cooling at once is not described; it counts as at work, because the heater may be.
+# 001 4.6. On and cooling at once is not described; it counts as at work, because the heater may be on.
 AIR_STATUS = StatusTable(
     names=("off", "on"),
     heating=frozenset({1}),
@@ -152,20 +151,20 @@ AIR_STATUS = StatusTable(
 )
 
 AIR_SIGNALS = (
-    Signal("air_temperature", ("temperature_c",), Pace.FAST),
-    Signal("power", ("power_permille",), Pace.FAST),
+    Signal("air_temperature", ("temperature_c",), ReadInterval.FAST),
+    Signal("power", ("power_permille",), ReadInterval.FAST),
     STATUS,
-    Signal("external_temperature", ("external_c",), Pace.FAST),
-    Signal("port_error", ("port_error",), Pace.ALARMS),
-    Signal("selected_air_temperature", ("set_c",), Pace.FIVE),
-    Signal("selected_air_flow", ("set_flow_permille",), Pace.FIVE),
-    Signal("tool", ("tool",), Pace.FIVE),
-    Signal("station_error", ("station_error",), Pace.FIVE),
+    Signal("external_temperature", ("external_c",), ReadInterval.FAST),
+    Signal("port_error", ("port_error",), ReadInterval.ALARMS),
+    Signal("selected_air_temperature", ("set_c",), ReadInterval.FIVE),
+    Signal("selected_air_flow", ("set_flow_permille",), ReadInterval.FIVE),
+    Signal("tool", ("tool",), ReadInterval.FIVE),
+    Signal("station_error", ("station_error",), ReadInterval.FIVE),
 )
 
 AIR_COUNTERS = (
-    Counter("plugged_hours", "on_h", "h"),
-    Counter("work_hours", "work_h", "h"),
-    Counter("tool_cycles", "tool_cycles", "count"),
-    Counter("suction_cycles", "suction_cycles", "count"),
+    UsageCounter("plugged_hours", "on_h", "h"),
+    UsageCounter("work_hours", "work_h", "h"),
+    UsageCounter("tool_cycles", "tool_cycles", "count"),
+    UsageCounter("suction_cycles", "suction_cycles", "count"),
 )

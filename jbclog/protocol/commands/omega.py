@@ -1,11 +1,10 @@
-"""Apollo Seiko OMEGA: what its controller can be asked and told, and what its answers carry.
+"""Apollo Seiko OMEGA: its commands, and the values in its answers.
 
-Manual 003, one page of it, has the frame, the sum and A, which is answered by a; it prints no digit behind that. The other
-commands stand on its pages 6 to 10, which are not here; they are taken from a public description of them
-(docs/reference/manuals.md), and are marked so. No row
-of its table is more certain than that. So a controller that answers A with a, and nothing else, is driven all the same.
+The page of manual 003 at hand has the frame, the sum and A, which is answered by a, without a digit. The other commands are on its
+pages 6 to 10, which are missing here; they are taken from a public description of them (docs/reference/manuals.md) and marked so.
+No row is more certain than that. So a controller that answers A with a, and nothing else, is driven too.
 
-It tells no temperature, no model and no error number, and refuses by saying nothing.
+OMEGA reports no temperature, no model and no error number, and refuses by silence.
 """
 
 from __future__ import annotations
@@ -15,16 +14,14 @@ from dataclasses import dataclass, fields
 from types import MappingProxyType
 from typing import Final
 
-from jbclog.core.quantities import Quantity, Record, Value
+from jbclog.core.quantities import CompoundValue, Quantity, Value
 from jbclog.protocol.commands.command import Command, Effect, Limits, Scope
 from jbclog.protocol.commands.robot import ErrorTable
-from jbclog.protocol.commands.signals import Pace, Signal
+from jbclog.protocol.commands.signals import ReadInterval, Signal
 
-# -- omega values -------------------------------------------------------------------------------------------------------------
-# What OMEGA's answers carry: a digit that stands for a word, the number of a solder condition, and the condition itself.
+# A condition is stored in the controller under its number and describes one joint: rise, three feeds of solder wire, each with a
+# way back, and the times between them. On the serial line (docs/reference/protocol.md, Condition record; not in manual 003)::
 #
-# A condition is stored in the controller under its number and says how one joint is made: rise, three feeds of wire, each with
-# a way back, and the times between them. On the wire (docs/reference/protocol.md, Condition record; not in manual 003)::
 #
 #     0065  0  023  01E 032 005 032  00A  014 ...
 #     │     │  │    └─ fourteen more fields of three hexadecimal digits, each ten times the value
@@ -46,12 +43,12 @@ HUNDREDS: Final = (1, 2, 3)
 CONDITIONS: Final = "101 to 199, 201 to 299 or 301 to 399"
 UNITS: Final = (("_mm_s", "mm/s"), ("_mm", "mm"), ("_s", "s"))
 MOST: Final = 0xFFF
-UNTOLD: Final = "answered without a digit"
+WITHOUT_DIGIT: Final = "answered without a digit"
 
 
 @dataclass(frozen=True, slots=True)
 class Digit:
-    """One digit that stands for a word. With `may_lack`, an answer without it is one, too, and tells no word: `UNTOLD`."""
+    """One digit that stands for a word. With `may_lack`, an answer without it is accepted as `WITHOUT_DIGIT`."""
 
     names: tuple[str, ...]
     unit: str = ""
@@ -59,7 +56,7 @@ class Digit:
 
     def decode(self, data: str) -> str:
         if self.may_lack and not data:
-            return UNTOLD
+            return WITHOUT_DIGIT
         if len(data) != 1 or data not in "0123456789"[: len(self.names)]:
             raise ValueError(f"{data!r} is no digit from 0 to {len(self.names) - 1}")
         return self.names[int(data)]
@@ -71,7 +68,7 @@ class Digit:
 
 
 def is_condition(number: int) -> bool:
-    """Whether a solder condition can have this number; 0, the cleaning, is not meant."""
+    """Whether a solder condition can have this number; 0, the cleaning, is excluded."""
     return number // 100 in HUNDREDS and number % 100 != 0
 
 
@@ -93,28 +90,28 @@ class ConditionNumber:
         return f"{value:04X}"
 
 
-class Stored(Record):
-    """What is stored under one number. Fields whose names end in a unit are carried as tenths of it."""
+class StoredRecord(CompoundValue):
+    """The record stored under one number. Fields whose names end in a unit are transmitted as tenths of it."""
 
     __slots__ = ()
     condition: int
     mode: int
 
     def values(self) -> Iterator[tuple[str, str, str]]:
-        """Name, unit and value as text of everything but the number."""
+        """Yield name, unit and value as text of everything but the number."""
         for one in fields(self):  # type: ignore[arg-type]  # each class below is a dataclass
             if one.name != "condition":
                 value = getattr(self, one.name)
                 yield one.name, _unit(one.name), f"{value:.1f}" if isinstance(value, float) else str(value)
 
     def __str__(self) -> str:
-        told = ", ".join(f"{name} {text}" for name, _, text in self.values())
-        return f"condition {self.condition}: {told}"
+        values = ", ".join(f"{name} {text}" for name, _, text in self.values())
+        return f"condition {self.condition}: {values}"
 
 
 @dataclass(frozen=True, slots=True)
-class ConditionRecord(Stored):
-    """How one joint is made: modes 0 to 4. Its fields are named as in a recipe's `[omega]`."""
+class ConditionRecord(StoredRecord):
+    """One joint: modes 0 to 4. The fields are named as in a recipe's `[omega]`."""
 
     condition: int
     mode: int
@@ -136,8 +133,8 @@ class ConditionRecord(Stored):
 
 
 @dataclass(frozen=True, slots=True)
-class SetTemperature(Stored):
-    """Mode 5. Whether its two numbers are tenths, as all others are, no document here says: they are kept raw.
+class SetTemperature(StoredRecord):
+    """Mode 5. No document says whether its two numbers are tenths, as all others are: they are kept raw.
 
     docs/reference/contradictions.md, B-51.
     """
@@ -149,8 +146,8 @@ class SetTemperature(Stored):
 
 
 @dataclass(frozen=True, slots=True)
-class Cleaning(Stored):
-    """Condition 0: how long air is blown. It has no mode; whether a digit for one stands there is not known."""
+class Cleaning(StoredRecord):
+    """Condition 0: how long air is blown. It has no mode; whether its record has a digit for one is not known."""
 
     air_blow_s: float
     condition: int = CLEANING
@@ -159,11 +156,11 @@ class Cleaning(Stored):
 
 @dataclass(frozen=True, slots=True)
 class StoredCondition:
-    """The record of C, c and D. What is read may have a mode in condition 0; what is written has none."""
+    """The record of C, c and D. When read, condition 0 may have a mode; when written, it has none."""
 
     unit: str = ""
 
-    def decode(self, data: str) -> Stored:
+    def decode(self, data: str) -> StoredRecord:
         number, rest = _hexadecimal(data[:4], 4), data[4:]
         if number == CLEANING:
             return Cleaning(_tenths(_parts(rest[1:] if len(rest) == 4 else rest, 1))[0])
@@ -194,7 +191,7 @@ def _unit(name: str) -> str:
     return next((unit for ending, unit in UNITS if name.endswith(ending)), "")
 
 
-def _head(value: Stored) -> str:
+def _head(value: StoredRecord) -> str:
     return f"{ConditionNumber().encode(value.condition)}{value.mode:X}"
 
 
@@ -205,7 +202,7 @@ def _hexadecimal(data: str, digits: int) -> int:
 
 
 def _parts(data: str, count: int) -> list[int]:
-    """So many fields of three hexadecimal digits, and nothing behind them."""
+    """Split into exactly `count` fields of three hexadecimal digits."""
     if len(data) != 3 * count:
         raise ValueError(f"{data!r} is not {count} fields of three digits")
     return [_hexadecimal(data[place : place + 3], 3) for place in range(0, len(data), 3)]
@@ -230,24 +227,22 @@ def _field(raw: int) -> str:
     return f"{raw:03X}"
 
 
-def differing(asked: Stored, found: Stored) -> list[tuple[str, str, str]]:
-    """Where two records of one number differ: the field's name and both values as text. Of two kinds only the mode is told."""
-    told = {name: text for name, _, text in found.values()}
-    return [(name, text, told[name]) for name, _, text in asked.values() if told.get(name, text) != text]
+def differing(asked: StoredRecord, found: StoredRecord) -> list[tuple[str, str, str]]:
+    """List the differences of two records of one number: the field's name and both values as text; of two kinds only the mode."""
+    values = {name: text for name, _, text in found.values()}
+    return [(name, text, values[name]) for name, _, text in asked.values() if values.get(name, text) != text]
 
 
-def difference(asked: Stored, found: Stored) -> str:
-    """The same in words: ``feed1_mm 2.0 instead of 3.0``."""
+def difference(asked: StoredRecord, found: StoredRecord) -> str:
+    """Describe the differences: ``feed1_mm 2.0 instead of 3.0``."""
     return ", ".join(f"{name} {there} instead of {wanted}" for name, wanted, there in differing(asked, found))
 
-
-# -- omega --------------------------------------------------------------------------------------------------------------------
 
 INFORMATION = Digit(("normal", "solder shortage", "solder clogged", "solder shortage and clogged"), may_lack=True)
 CONTROL = Digit(("ready", "preparing or error"))
 AT_TEMPERATURE = Digit(("in range", "out of range"))
 
-SAYS_YES = MappingProxyType(
+TRUE_ANSWERS = MappingProxyType(
     {
         "solder_shortage": frozenset((INFORMATION.names[1], INFORMATION.names[3])),
         "clogged": frozenset(INFORMATION.names[2:]),
@@ -262,7 +257,7 @@ def _unseen(section: str) -> str:
     return f"003 p. 6-10, not seen here: {section}"
 
 
-def _told(name: str, letters: str, quantity: Quantity, manual: str, note: str = "") -> Command:
+def _state(name: str, letters: str, quantity: Quantity, manual: str, note: str = "") -> Command:
     return Command(name, letters, Scope.STATION, quantity, "r", manual, answer_digits=1, note=note)
 
 
@@ -271,14 +266,16 @@ def _order(name: str, letters: str, quantity: Quantity, limits: Limits, note: st
 
 
 OMEGA = (
-    _told(
+    _state(
         "information",
         "A",
         INFORMATION,
         "003 11.3.1",
         "B-48: printed as 41H(''), and answered by a; its digit is of A.13",
     ),
-    _told("temperature_control", "B", CONTROL, _unseen("B"), "one digit for preparing and for errors: it cannot tell them apart"),
+    _state(
+        "temperature_control", "B", CONTROL, _unseen("B"), "one digit for preparing and for errors: it does not distinguish them"
+    ),
     Command(
         "condition",
         "C",
@@ -290,8 +287,8 @@ OMEGA = (
         note="B-49, B-50, B-51; an unknown number is ignored",
     ),
     _order("store_condition", "D", StoredCondition(), Limits(), "B-50, B-52; d only when it was taken, else silence"),
-    _told("set_temperature_state", "F", AT_TEMPERATURE, _unseen("F"), "whether it is within the alarm range"),
-    _told("mode", "G", Digit(MODES), _unseen("G"), "of the conditions 301 to 399"),
+    _state("set_temperature_state", "F", AT_TEMPERATURE, _unseen("F"), "whether it is within the alarm range"),
+    _state("mode", "G", Digit(MODES), _unseen("G"), "of the conditions 301 to 399"),
     _order(
         "run_condition",
         "H",
@@ -302,12 +299,12 @@ OMEGA = (
 )
 
 OMEGA_SIGNALS = (
-    Signal("information", ("solder_shortage", "clogged"), Pace.FAST),
-    Signal("temperature_control", ("preparing",), Pace.FAST),
-    Signal("set_temperature_state", ("in_range",), Pace.FAST),
+    Signal("information", ("solder_shortage", "clogged"), ReadInterval.FAST),
+    Signal("temperature_control", ("preparing",), ReadInterval.FAST),
+    Signal("set_temperature_state", ("in_range",), ReadInterval.FAST),
 )
 
-LATE = MappingProxyType({"h": "soldering a point is completed", "i": "the first stage of slide soldering is over"})
-"""What the controller says by itself once it is there, long after H."""
+COMPLETION_MESSAGES = MappingProxyType({"h": "soldering a point is completed", "i": "the first stage of slide soldering is over"})
+"""Unsolicited messages of the controller, long after H."""
 
 NO_ERRORS = ErrorTable("OMEGA", MappingProxyType({}))

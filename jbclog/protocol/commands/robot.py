@@ -1,6 +1,6 @@
 """The command tables of JBC soldering stations in Robot mode.
 
-Notes cite docs/reference/contradictions.md ("B-nn") where the manuals doubt or contradict themselves.
+Notes cite docs/reference/contradictions.md ("B-nn") where the manuals are in doubt or contradict each other.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from jbclog.core.quantities import (
     AlarmLimit,
     Choice,
     Delay,
+    DigitWord,
     Flags,
     HexLength,
     Number,
@@ -22,12 +23,10 @@ from jbclog.core.quantities import (
     Text,
     Unsigned,
     Whole,
-    Word,
 )
-from jbclog.protocol.commands.command import Command, Effect, Inferred, Limits, Scope
+from jbclog.protocol.commands.command import Command, Effect, InferredLimits, Limits, Scope
 
-# -- ucr ----------------------------------------------------------------------------------------------------------------------
-# What is printed for UCR alone (manuals 002 and 004).
+# Printed for UCR alone (manuals 002 and 004).
 
 FUSE = Choice(("absent", "present"))
 
@@ -48,8 +47,6 @@ UCR = (
 )
 
 
-# -- robot --------------------------------------------------------------------------------------------------------------------
-
 CELSIUS = Whole("°C")
 OFFSET = Whole("°C", minus="-.")  # manual 000, 3.1 prints "." for the sign (docs/reference/contradictions.md, B-3)
 HOURS = Unsigned("h")
@@ -58,26 +55,26 @@ NOTHING = Number()
 TOOL_CODE = Number()
 UNPRINTED = Limits(printed=False)
 STEPS_OF_5 = Limits(step=5)
-FACTORY_RANGE = Inferred("002 Factory Settings", Limits(90, 500))
-"""The temperatures between which a station of 002 lets itself be set, fresh from the factory: R-MIT and R-MAT tell its own."""
+FACTORY_RANGE = InferredLimits("002 Factory Settings", Limits(90, 500))
+"""The factory range of temperature settings of 002; R-MIT and R-MAT read a station's own."""
 TIP_WITHIN = ("minimum_temperature", "maximum_temperature")
 SLEEP_WITHIN = (None, "maximum_temperature")
-"""002 prints of R-MIT that it bounds W-STx, and of W-Sxy no bound: what is colder than R-MIT is the station's to refuse."""
-STATUS_WORD = Word((0, 2, 1, 1, 3))
+"""002 prints that R-MIT bounds W-STx, and no bound for W-Sxy: the station decides below R-MIT."""
+STATUS_WORD = DigitWord((0, 2, 1, 1, 3))
 ALARM_FLAGS = Flags((0, 0, 0, 1, 1))
 
 
 def per_port(
     name: str, letters: str, quantity: Quantity, manual: str, limits: Limits = UNPRINTED, note: str = "", **more: object
 ) -> Command:
-    """A command that is only read, on one port. What it may tell is printed for few."""
+    """Return a read-only command of one port. Ranges are printed for few."""
     return Command(name, letters, Scope.PORT, quantity, "r", manual, limits, note=note, **more)  # type: ignore[arg-type]  # table helper
 
 
 def setting(
     name: str, letters: str, scope: Scope, quantity: Quantity, manual: str, limits: Limits, note: str = "", **more: object
 ) -> Command:
-    """A command that is written and read back."""
+    """Return a command that is written and read back."""
     return Command(name, letters, scope, quantity, "rw", manual, limits, note=note, **more)  # type: ignore[arg-type]  # table helper
 
 
@@ -119,7 +116,7 @@ TIP_STATUS = Command(
 
 
 def _alarm_delay(name: str, letters: str, manual: str) -> Command:
-    """The form ss.cc is printed in both manuals, and it bounds the value."""
+    """Return an alarm delay; both manuals print the form ss.cc, which bounds the value."""
     return setting(name, letters, Scope.PORT, AlarmDelay(), manual, Limits(0, 99.99, 0.01, off=True), "B-21, B-22")
 
 
@@ -161,13 +158,13 @@ SETTINGS = (  # 002 and 004
     *ALARM_DELAYS,
 )
 _NO_RANGE = Limits(printed=False, off=True)
-OLD_SETTINGS = (  # 000 prints no range, no step and no unit of a delay; only the lowest number that can be sent (3.1)
+OLD_SETTINGS = (  # 000 prints no range, no step and no unit of a delay; only the lowest number (3.1)
     replace(
         SELECTED,
         manual="000 4.8.2",
         limits=UNPRINTED,
         note="B-27: whether it is volatile is not printed here",
-        inferred=Inferred("002 W-STx, Factory Settings", Limits(90, 500, 5)),
+        inferred=InferredLimits("002 W-STx, Factory Settings", Limits(90, 500, 5)),
     ),
     TIP_STATUS,
     setting(
@@ -178,7 +175,7 @@ OLD_SETTINGS = (  # 000 prints no range, no step and no unit of a delay; only th
         "000 3.1, 4.8.11",
         Limits(low=-50),
         "B-3: the sign is a dot here; B-4: the lowest is in 3.1",
-        inferred=Inferred("002 W-Axy", Limits(-50, 50, 1)),
+        inferred=InferredLimits("002 W-Axy", Limits(-50, 50, 1)),
     ),
     setting(
         "sleep_temperature",
@@ -188,7 +185,7 @@ OLD_SETTINGS = (  # 000 prints no range, no step and no unit of a delay; only th
         "000 4.8.13",
         UNPRINTED,
         within=SLEEP_WITHIN,
-        inferred=Inferred("002 W-Sxy, Factory Settings", Limits(90, 500, 5)),
+        inferred=InferredLimits("002 W-Sxy, Factory Settings", Limits(90, 500, 5)),
     ),
     setting(
         "sleep_delay",
@@ -198,7 +195,7 @@ OLD_SETTINGS = (  # 000 prints no range, no step and no unit of a delay; only th
         "000 4.8.15",
         _NO_RANGE,
         "B-20: no unit is printed here",
-        inferred=Inferred("002 W-Dxy", Limits(0, 9, 1, off=True), unit=True),
+        inferred=InferredLimits("002 W-Dxy", Limits(0, 9, 1, off=True), unit=True),
     ),
     setting(
         "hibernation_delay",
@@ -208,7 +205,7 @@ OLD_SETTINGS = (  # 000 prints no range, no step and no unit of a delay; only th
         "000 4.8.17",
         _NO_RANGE,
         "B-20: no unit is printed here",
-        inferred=Inferred("002 W-Hxy", Limits(0, 60, 5, off=True), unit=True),
+        inferred=InferredLimits("002 W-Hxy", Limits(0, 60, 5, off=True), unit=True),
     ),
     setting(
         "alarm_high_limit",
@@ -218,7 +215,7 @@ OLD_SETTINGS = (  # 000 prints no range, no step and no unit of a delay; only th
         "000 4.8.20",
         UNPRINTED,
         "B-23: not set is 99999 or 0",
-        inferred=Inferred("002 W-HAx", STEPS_OF_5),
+        inferred=InferredLimits("002 W-HAx", STEPS_OF_5),
     ),
     setting(
         "alarm_low_limit",
@@ -228,7 +225,7 @@ OLD_SETTINGS = (  # 000 prints no range, no step and no unit of a delay; only th
         "000 4.8.22",
         UNPRINTED,
         "B-23: not set is 99999 or 0",
-        inferred=Inferred("002 W-LAx", STEPS_OF_5),
+        inferred=InferredLimits("002 W-LAx", STEPS_OF_5),
     ),
     *ALARM_DELAYS,
 )
@@ -265,16 +262,16 @@ SOFTWARE_VERSION = Command(
 IGNORE_FUSE_ERROR = _order("ignore_fuse_error", "IFE", "002 W-IFE", Effect.ERASES, "B-37: data 00000")
 
 COMMON = (*READINGS, TIP_STATUS, *ALARM_DELAYS, *STATION_LIMITS, *COUNTERS, *ORDERS)
-"""What 000, 002 and 004 print alike."""
+"""Printed alike in 000, 002 and 004."""
 OLD = (*READINGS, *OLD_SETTINGS, *STATION_LIMITS, *COUNTERS, *ORDERS)
 BENCH = (*READINGS, *SETTINGS, *STATION_LIMITS, *COUNTERS, *ORDERS, STORE, SOFTWARE_VERSION, IGNORE_FUSE_ERROR)
-"""What 002 prints without saying which of its stations have it, or prints of all of them."""
+"""Printed in 002 for all stations, or without naming any."""
 
 TOOLS_000 = {0: "none", 1: "T210", 2: "T245/T470", 3: "PA", 4: "HT", 5: "DS", 6: "DR", 7: "NT105", 8: "NP105"}
 TOOLS_002 = {
     0: "none",
     1: "T210",
-    2: "T245/T470/TR245/TR470",  # printed in two rows; the number cannot tell them apart (docs/reference/contradictions.md, B-29)
+    2: "T245/T470/TR245/TR470",  # two rows with the same number (docs/reference/contradictions.md, B-29)
     3: "PA120/AM120",
     4: "HT420/AT420",
     5: "DS360",
@@ -288,9 +285,9 @@ TOOLS_004 = {0: "none", 2: "TR245/TR470", 9: "TRA245/TRA470"}
 
 @dataclass(frozen=True, slots=True)
 class ErrorTable:
-    """What error numbers mean. `states` are no faults; `no_tool` is the one that says that nothing is connected.
+    """What error numbers mean. `states` are not faults; `no_tool` is the number for an empty port.
 
-    `voids` are error, signal and reason: what the signal says while the error lasts means nothing.
+    `voids` are error, signal and reason: the signal means nothing during the error.
     """
 
     kind: str
@@ -301,11 +298,11 @@ class ErrorTable:
     voids: tuple[tuple[int, str, str], ...] = ()
 
     def text(self, code: int) -> str:
-        """What `code` means; an unknown one is kept as a number."""
+        """Return the meaning of `code`; an unknown one stays a number."""
         return self.texts.get(code, f"unknown {self.kind} error {code}")
 
     def void(self, code: int | None, signal: str) -> str | None:
-        """Why `signal` means nothing while the error is `code`, or None."""
+        """Return the reason for which `signal` means nothing during the error `code`; None where it counts."""
         return next((reason for error, name, reason in self.voids if (error, name) == (code, signal)), None)
 
 
@@ -358,7 +355,6 @@ COMMUNICATION_ERRORS = {
 }
 
 
-# -- ale ----------------------------------------------------------------------------------------------------------------------
 # The solder feeder of ALE, and the dispensing counters (manual 002). No manual prints their ranges.
 
 MODES = Choice(("continuous", "discontinuous", "program", "reload"))
@@ -366,7 +362,7 @@ SWITCH = Choice(("off", "on"))
 
 
 def _feeder(name: str, letters: str, quantity: Quantity, manual: str, access: str = "rw", note: str = "") -> Command:
-    limits = Limits() if isinstance(quantity, Choice) else UNPRINTED  # what a choice can be is printed
+    limits = Limits() if isinstance(quantity, Choice) else UNPRINTED  # choices are printed
     return Command(name, letters, Scope.STATION, quantity, access, manual, limits, note=note)
 
 
@@ -382,7 +378,7 @@ FEEDER = (
     _feeder("feeder_speed", "SPD", Scaled("mm/s", 10), "002 R-SPD, W-SPD", note="B-38; the wire carries dmm/s"),
     _feeder("feeder_diameter", "DIA", Scaled("mm", 100), "002 R-DIA, W-DIA", note="the wire carries cmm"),
     _feeder("feeder_backward", "BCK", Scaled("mm", 10), "002 R-BCK, W-BCK", note="the wire carries dmm"),
-    _feeder("clog_detection", "WCD", SWITCH, "002 R-WCD, W-WCD", note="tells whether detection is on, not a clog"),
+    _feeder("clog_detection", "WCD", SWITCH, "002 R-WCD, W-WCD", note="whether detection is on, not a clog"),
     _feeder("feeding", "FEE", Choice(("stopped", "running")), "002 R-FEE", "r"),
     _motor("start_feeding", "STR", "002 W-STR", Effect.MOVES),
     _motor("stop_feeding", "STP", "002 W-STP", Effect.STOPS),

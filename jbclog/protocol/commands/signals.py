@@ -1,4 +1,4 @@
-"""Which readings become columns of `samples` and rows of `counters`, and how often (docs/reference/configuration.md)."""
+"""Readings that become columns of `samples` and rows of `counters`, and how often (docs/reference/configuration.md)."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from enum import Enum
 
 
-class Pace(Enum):
-    """How often a signal is due. The seconds of ALARMS and COUNTERS come from the recipe."""
+class ReadInterval(Enum):
+    """How often a signal is due. The recipe sets the seconds of ALARMS and COUNTERS."""
 
     FAST = "every tick"
     ALARMS = "alarms_every_s"
@@ -22,7 +22,7 @@ class Signal:
 
     command: str
     columns: tuple[str, ...]
-    pace: Pace
+    interval: ReadInterval
 
     @property
     def name(self) -> str:
@@ -31,48 +31,48 @@ class Signal:
 
 STATUS_COLUMNS = ("status", "cooling", "desoldering", "motor")
 
-STATUS = Signal("status", STATUS_COLUMNS[:3], Pace.FAST)
-STATUS_WITH_MOTOR = Signal("status", STATUS_COLUMNS, Pace.FAST)
+STATUS = Signal("status", STATUS_COLUMNS[:3], ReadInterval.FAST)
+STATUS_WITH_MOTOR = Signal("status", STATUS_COLUMNS, ReadInterval.FAST)
 
 SOLDERING_SIGNALS = (
-    Signal("tip_temperature", ("temperature_c",), Pace.FAST),
-    Signal("power", ("power_permille",), Pace.FAST),
+    Signal("tip_temperature", ("temperature_c",), ReadInterval.FAST),
+    Signal("power", ("power_permille",), ReadInterval.FAST),
     STATUS,
-    Signal("alarm_flags", ("alarm_high", "alarm_low"), Pace.ALARMS),
-    Signal("port_error", ("port_error",), Pace.ALARMS),
-    Signal("selected_temperature", ("set_c",), Pace.FIVE),
-    Signal("tool", ("tool",), Pace.FIVE),
-    Signal("station_error", ("station_error",), Pace.FIVE),
-    Signal("transistor_temperature", ("transistor_c",), Pace.TEN),
-    Signal("transformer_temperature", ("transformer_c",), Pace.TEN),
-    Signal("time_to_sleep", ("delay_s",), Pace.TEN),
+    Signal("alarm_flags", ("alarm_high", "alarm_low"), ReadInterval.ALARMS),
+    Signal("port_error", ("port_error",), ReadInterval.ALARMS),
+    Signal("selected_temperature", ("set_c",), ReadInterval.FIVE),
+    Signal("tool", ("tool",), ReadInterval.FIVE),
+    Signal("station_error", ("station_error",), ReadInterval.FIVE),
+    Signal("transistor_temperature", ("transistor_c",), ReadInterval.TEN),
+    Signal("transformer_temperature", ("transformer_c",), ReadInterval.TEN),
+    Signal("time_to_sleep", ("delay_s",), ReadInterval.TEN),
 )
 FEEDER_SIGNALS = (
     *(STATUS_WITH_MOTOR if signal is STATUS else signal for signal in SOLDERING_SIGNALS),
-    Signal("feeding", ("feeding",), Pace.ALARMS),
+    Signal("feeding", ("feeding",), ReadInterval.ALARMS),
 )
 
 
 @dataclass(frozen=True, slots=True)
-class Counter:
-    """A counter's command, its name in `counters` and its unit there. It is due no less often than `pace` and COUNTERS say."""
+class UsageCounter:
+    """A counter's command, and its name and unit in `counters`. It is due as often as the shorter of `interval` and COUNTERS."""
 
     command: str
     name: str
     unit: str
-    pace: Pace = Pace.COUNTERS
+    interval: ReadInterval = ReadInterval.COUNTERS
 
 
 HOUR_COUNTERS = (
-    Counter("plugged_hours", "plugged_h", "h"),
-    Counter("no_tool_hours", "no_tool_h", "h"),
-    Counter("sleep_hours", "sleep_h", "h"),
-    Counter("hibernation_hours", "hibernation_h", "h"),
-    Counter("work_hours", "work_h", "h"),
-    Counter("sleep_cycles", "sleep_cycles", "count"),
-    Counter("desolder_cycles", "desolder_cycles", "count"),
+    UsageCounter("plugged_hours", "plugged_h", "h"),
+    UsageCounter("no_tool_hours", "no_tool_h", "h"),
+    UsageCounter("sleep_hours", "sleep_h", "h"),
+    UsageCounter("hibernation_hours", "hibernation_h", "h"),
+    UsageCounter("work_hours", "work_h", "h"),
+    UsageCounter("sleep_cycles", "sleep_cycles", "count"),
+    UsageCounter("desolder_cycles", "desolder_cycles", "count"),
 )
-_DISPENSED_MM = Counter("dispensed_length", "dispensed_mm", "mm")
-DISPENSING_COUNTERS = (Counter("dispensed_cycles", "dispensed_cycles", "count"), _DISPENSED_MM)
-FEEDER_COUNTERS = (Counter("dispensed_cycles", "dispensed_cycles", "count", Pace.ALARMS), _DISPENSED_MM)
-"""Each feed is evidence of a joint, so where there is a feeder its cycles are read as often as its state."""
+_DISPENSED_MM = UsageCounter("dispensed_length", "dispensed_mm", "mm")
+DISPENSING_COUNTERS = (UsageCounter("dispensed_cycles", "dispensed_cycles", "count"), _DISPENSED_MM)
+FEEDER_COUNTERS = (UsageCounter("dispensed_cycles", "dispensed_cycles", "count", ReadInterval.ALARMS), _DISPENSED_MM)
+"""Each feed is evidence of a joint, so a feeder's cycles are read as often as its state."""

@@ -9,7 +9,7 @@ from types import MappingProxyType
 from typing import TypeVar
 
 from jbclog.core.errors import LinkFlooded
-from jbclog.core.io_requests import Ask, Heard, Listen, Steps
+from jbclog.core.io_requests import Ask, IoResult, Listen, Steps
 from jbclog.protocol import frame, omega
 from jbclog.protocol.client.interface import MOST_TIMES, SECOND
 from jbclog.protocol.commands.command import Command, Effect, Scope
@@ -108,7 +108,7 @@ class Probe:
         heard = yield Listen(until)
         return (yield from self._collect(heard, until, b"", lambda _: None))
 
-    def _collect(self, heard: Heard, until: float, question: bytes, answer_in: Callable[[bytes], object | None]) -> Steps[Came]:
+    def _collect(self, heard: IoResult, until: float, question: bytes, answer_in: Callable[[bytes], object | None]) -> Steps[Came]:
         data = heard.data
         while heard.data and len(data) < MOST_KEPT and answer_in(_without(question, data)) is None:
             heard = yield Listen(until)

@@ -19,7 +19,7 @@ from jbclog.core.errors import ImplausibleAnswer, LinkError, NotSupported, OutOf
 from jbclog.core.io_requests import Reopen, Steps, Wait
 from jbclog.core.quantities import Value
 from jbclog.core.wire import LineFormat
-from jbclog.protocol.client.confirmed_reads import agreed
+from jbclog.protocol.client.confirmed_reads import read_confirmed
 from jbclog.protocol.client.interface import Client
 from jbclog.protocol.client.make import client_for
 from jbclog.protocol.client.timing import LEAST_ANSWERED, READS, ResponseTime, response_time
@@ -130,7 +130,7 @@ def _told(client: Client, table: Family, name: str) -> Steps[Value | None]:
     if name not in table.commands:
         return None
     try:
-        return (yield from agreed(client, table.commands[name]))
+        return (yield from read_confirmed(client, table.commands[name]))
     except (StationSilent, ImplausibleAnswer):
         raise
     except StationError:
@@ -144,7 +144,7 @@ def _learn_tools(client: Client, found: StationFound) -> Steps[None]:
         return
     for port in table.ports or PORTS:
         try:
-            tool = yield from agreed(client, table.commands["tool"], port)
+            tool = yield from read_confirmed(client, table.commands["tool"], port)
         except (NotSupported, OutOfRange):
             continue
         except (StationSilent, ImplausibleAnswer):

@@ -10,12 +10,12 @@ from jbclog.core.errors import NotSupported, OutOfRange, RobotModeOff, StartRefu
 from jbclog.core.io_requests import Reopen, Steps, Wait
 from jbclog.core.quantities import Value
 from jbclog.core.wire import LineFormat
-from jbclog.protocol.client.confirmed_reads import NOT_DRIVEN, agreed, why_not_borne_out
+from jbclog.protocol.client.confirmed_reads import NOT_DRIVEN, kind_problem, read_confirmed
 from jbclog.protocol.client.interface import Client
 from jbclog.protocol.client.make import client_for
 from jbclog.protocol.client.timing import MODEL
 from jbclog.protocol.commands.command import TOOLS_WITH_A_PLACE, Command, Scope
-from jbclog.protocol.commands.family import Family, family_of, not_accepted, other_model, unknown_model
+from jbclog.protocol.commands.family import Family, family_of, model_not_accepted_text, other_model_text, unknown_model_text
 from jbclog.protocol.commands.omega import CLEANING, is_condition
 
 PORTS = range(1, 5)
@@ -88,16 +88,16 @@ class Contact:
     def stranger(self) -> str:
         """In what the station and the line file differ."""
         if self.target.model is not None:
-            return f"{self.name}: {not_accepted(self.target.model, str(self.model))}"
+            return f"{self.name}: {model_not_accepted_text(self.target.model, str(self.model))}"
         return f"{self.name}: the line file says family {self.family.name}, the station says model {self.model}"
 
     def read(self, command: Command, place: Place) -> Steps[Value]:
         """Ask once (the client repeats what was lost). Raises `StationError` and `LinkError`."""
         return (yield from self.client.read(_numbered(command, place), place.port, place.tool))
 
-    def agreed(self, command: Command, place: Place, *, known: Value | None = None, grows: bool = False) -> Steps[Value]:
+    def read_confirmed(self, command: Command, place: Place, *, known: Value | None = None, grows: bool = False) -> Steps[Value]:
         """Ask until two answers are the same: what decides is not believed of one. Raises as `read` does."""
-        return (yield from agreed(self.client, _numbered(command, place), place.port, place.tool, known=known, grows=grows))
+        return (yield from read_confirmed(self.client, _numbered(command, place), place.port, place.tool, known=known, grows=grows))
 
 
 def _numbered(command: Command, place: Place) -> Command:
@@ -121,7 +121,7 @@ def meet(target: Target) -> Steps[Contact]:
 def _first_answer(target: Target, client: Client, command: Command, *, again: bool = False) -> Steps[Value]:
     """With `again` a first silence is not believed: what was on the line before can swallow an OMEGA's first question."""
     try:
-        return (yield from agreed(client, command))
+        return (yield from read_confirmed(client, command))
     except StationSilent as error:
         if not again:
             raise StartRefused(no_answer(target, error)) from error
@@ -145,7 +145,7 @@ def no_answer(target: Target, error: StationError) -> str:
 def _learnt(target: Target, model: str) -> Family:
     family = family_of(model)
     if family is None:
-        raise StartRefused(f"{target.name}: {unknown_model(model)}")
+        raise StartRefused(f"{target.name}: {unknown_model_text(model)}")
     return family
 
 
@@ -153,7 +153,7 @@ def expect_proven(contact: Contact) -> Steps[None]:
     """Raise `StartRefused` where the station is not of its family: nothing is written to a stranger."""
     if not contact.is_proven:
         if contact.target.model is None:
-            raise StartRefused(f"{contact.name}: {other_model(contact.family, str(contact.model))}")
+            raise StartRefused(f"{contact.name}: {other_model_text(contact.family, str(contact.model))}")
         raise StartRefused(f"{contact.stranger()}; nothing was written to it. Correct `model`, or the cable")
     yield from expect_borne_out(contact)
 
@@ -162,7 +162,7 @@ def expect_borne_out(contact: Contact) -> Steps[None]:
     """Raise `StartRefused` where a name that the line file accepts belongs to a station of another kind than its family's."""
     if contact.target.model is None:
         return
-    why = yield from why_not_borne_out(contact.client, contact.family, min(contact.ports or (1,)))
+    why = yield from kind_problem(contact.client, contact.family, min(contact.ports or (1,)))
     if why is not None:
         model, family = contact.model, contact.family.name
         raise StartRefused(f"{contact.name}: model {model} is driven as {family} by the line file, but {why}. {NOT_DRIVEN}")
@@ -187,7 +187,7 @@ def find_tool(contact: Contact, port: int) -> Steps[int | None]:
     if port not in contact.tools:
         command = contact.family.command_of("tool")
         try:
-            found = NO_TOOL if command is None else (yield from contact.agreed(command, Place(port)))
+            found = NO_TOOL if command is None else (yield from contact.read_confirmed(command, Place(port)))
         except (NotSupported, OutOfRange):
             return None
         contact.tools[port] = found if isinstance(found, int) else NO_TOOL

@@ -159,7 +159,7 @@ def _settings(contact: Contact) -> list[Command]:
 
 def _take(contact: Contact, command: Command, place: Place, taken: Snapshot) -> Steps[None]:
     try:
-        value = yield from contact.agreed(command, place)
+        value = yield from contact.read_confirmed(command, place)
     except NotSupported:
         taken.absent.append(title(command, place))
         return

@@ -118,7 +118,7 @@ def _remark(command: Command, kind: Kind) -> str:
 
 def why_only_by_name(command: Command) -> str:
     """Why this is not read among everything; nothing where it is."""
-    if command.asked_once:
+    if command.sent_once:
         return "reading clears it"
     return "needs --condition" if command.scope is Scope.CONDITION else ""
 

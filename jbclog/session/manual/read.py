@@ -26,8 +26,8 @@ from jbclog.core.quantities import Value
 from jbclog.protocol.client.confirmed_reads import ANSWERS
 from jbclog.protocol.commands.command import Command
 from jbclog.protocol.commands.family import Family
-from jbclog.protocol.commands.omega import UNTOLD
-from jbclog.protocol.commands.ranges import STILL_C, TEMPERATURES, Possible, is_share, possible_as
+from jbclog.protocol.commands.omega import WITHOUT_DIGIT
+from jbclog.protocol.commands.ranges import STILL_C, TEMPERATURES, Possible, is_share, plausibility_check
 from jbclog.session.manual.contact import (
     NOWHERE,
     Contact,
@@ -59,15 +59,15 @@ APART: Mapping[str, int] = MappingProxyType(
 
 def believed(contact: Contact, command: Command, place: Place) -> Steps[Value]:
     """Ask until an answer can be believed. Raises `ImplausibleAnswer` where none can, and what asking raises."""
-    if command.asked_once:
+    if command.sent_once:
         return (yield from contact.read(command, place))
     signal = contact.family.signal_of(command.name)
-    possible = possible_as(signal, contact.family)
+    possible = plausibility_check(signal, contact.family)
     if signal is not None and possible is not None:
         return (yield from _moving(contact, command, place, possible, APART[signal]))
     whole = yield from _whole(contact, command)
     is_counter = any(counter.command == command.name for counter in contact.family.counters)
-    value = yield from contact.agreed(command, place, grows=is_counter)
+    value = yield from contact.read_confirmed(command, place, grows=is_counter)
     if whole is not None and not is_share(value, whole):
         raise _cannot_be(command, place, [value])
     return value
@@ -77,7 +77,7 @@ def _whole(contact: Contact, command: Command) -> Steps[int | None]:
     """What the station tells as the greatest value of `command`; None where it tells none."""
     greatest = contact.family.commands.get(str(command.share_of))
     try:
-        whole = None if greatest is None else (yield from contact.agreed(greatest, NOWHERE))
+        whole = None if greatest is None else (yield from contact.read_confirmed(greatest, NOWHERE))
     except StationError:
         return None
     return whole if isinstance(whole, int) and whole > 0 else None
@@ -194,9 +194,9 @@ def _reading(contact: Contact, command: Command, place: Place) -> Steps[Reading]
         is_absent = isinstance(error, NotSupported)
         failed = Reading(command, place, None, said, client.now, error.reason, sentence(error), is_absent=is_absent)
         return (yield from _unless_void(contact, failed)) if isinstance(error, Refusal | ImplausibleAnswer) else failed
-    if value == UNTOLD:
-        return Reading(command, place, None, client.data, client.heard, "no_digit", UNTOLD, is_void=True)
-    return (yield from _unless_void(contact, Reading(command, place, value, command.as_it_came(client.data, value), client.heard)))
+    if value == WITHOUT_DIGIT:
+        return Reading(command, place, None, client.data, client.heard, "no_digit", WITHOUT_DIGIT, is_void=True)
+    return (yield from _unless_void(contact, Reading(command, place, value, command.raw_text(client.data, value), client.heard)))
 
 
 def _unless_void(contact: Contact, reading: Reading) -> Steps[Reading]:
@@ -220,7 +220,7 @@ def _unless_void(contact: Contact, reading: Reading) -> Steps[Reading]:
 def _error_of(contact: Contact, port: int) -> Steps[int | None]:
     """The error of `port`; None where it is not told."""
     try:
-        error = yield from contact.agreed(contact.family.commands["port_error"], Place(port))
+        error = yield from contact.read_confirmed(contact.family.commands["port_error"], Place(port))
     except (StationError, KeyError):
         return None
     return error if isinstance(error, int) else None
@@ -296,6 +296,6 @@ def _value(contact: Contact, name: str, place: Place) -> Steps[Value | None]:
     if command is None:
         return None
     try:
-        return (yield from contact.agreed(command, place))
+        return (yield from contact.read_confirmed(command, place))
     except StationError:
         return None

@@ -15,7 +15,7 @@ from typing import Final
 from jbclog.core.errors import LinkError, LinkFlooded, StartRefused, StationError
 from jbclog.core.io_requests import Steps, Wait
 from jbclog.core.quantities import OFF
-from jbclog.protocol.client.confirmed_reads import agreed
+from jbclog.protocol.client.confirmed_reads import read_confirmed
 from jbclog.protocol.client.make import client_for
 from jbclog.protocol.commands.command import TOOLS_WITH_A_PLACE
 from jbclog.protocol.commands.family import Family, family_of
@@ -88,7 +88,7 @@ def _never(contact: Contact, place: Place, follows: tuple[str, ...]) -> Steps[tu
     found = []
     try:
         for what in follows if place.tool is not None else ():
-            if (yield from contact.agreed(contact.family.commands[DELAYS[what]], place)) is OFF:
+            if (yield from contact.read_confirmed(contact.family.commands[DELAYS[what]], place)) is OFF:
                 found.append(what)
     except (StationError, LinkError):
         return None
@@ -229,7 +229,7 @@ def _order_over_flood(target: Target, family: Family, made: StationMadeSafe, flo
     ports = target.ports or family.ports or PORTS
 
     def prove() -> Steps[bool]:
-        model = str((yield from agreed(client, family.commands["model"])))
+        model = str((yield from read_confirmed(client, family.commands["model"])))
         return family.proves(model) if target.model is None else model == target.model
 
     tools = [Tool(port) for port in ports]

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import fields
 
 from jbclog.core.errors import UsageError
-from jbclog.core.quantities import OFF, AlarmLimit, Choice, Value, Word, text_of
+from jbclog.core.quantities import OFF, AlarmLimit, Choice, DigitWord, Value, text_of
 from jbclog.protocol.commands.command import Command
 from jbclog.protocol.commands.family import Family
 from jbclog.protocol.commands.omega import (
@@ -16,8 +16,8 @@ from jbclog.protocol.commands.omega import (
     Cleaning,
     ConditionRecord,
     SetTemperature,
-    Stored,
     StoredCondition,
+    StoredRecord,
 )
 from jbclog.protocol.commands.ranges import NO_COUNTDOWN, allowed, range_problem
 
@@ -27,7 +27,7 @@ from jbclog.protocol.commands.ranges import NO_COUNTDOWN, allowed, range_problem
 _PART = re.compile(r"\s*([a-z0-9_]+)[\s=]+(\d+(?:\.\d+)?)\s*", re.ASCII)
 
 
-def condition_in(text: str, command: Command) -> Stored:
+def condition_in(text: str, command: Command) -> StoredRecord:
     """``condition 101: mode 0, rise_s 3.5, ...`` with every field. Raises `UsageError` naming what is missing or foreign."""
     given = dict(_part(part, command) for part in re.split(r"[:,;]", text.strip()) if part.strip())
     kind = _kind(given)
@@ -56,7 +56,7 @@ def _kind(given: dict[str, float]) -> type[Cleaning] | type[SetTemperature] | ty
 
 def _checked(
     kind: type[Cleaning] | type[SetTemperature] | type[ConditionRecord], given: dict[str, float], command: Command
-) -> Stored:
+) -> StoredRecord:
     """The condition, as the controller will tell it back."""
     whole = {one.name for one in fields(kind) if one.type == "int"}
     broken = [name for name in whole if not given.get(name, 0.0).is_integer()]
@@ -68,7 +68,7 @@ def _checked(
         found = command.quantity.decode(command.quantity.encode(record))
     except ValueError as error:
         raise UsageError(f"{command.name}: {error}") from error
-    assert isinstance(found, Stored)
+    assert isinstance(found, StoredRecord)
     return found
 
 
@@ -85,7 +85,7 @@ def words_for(command: Command, family: Family) -> dict[str, Value]:
     quantity = command.quantity
     if isinstance(quantity, Choice):
         return {name: name for name in quantity.names}
-    if isinstance(quantity, Word):
+    if isinstance(quantity, DigitWord):
         orders = family.status.orders
         names = [name for name in dict.fromkeys((*family.run_statuses, *family.safe_states)) if name in orders]
         return {name: orders[name] for name in names} | _words_with_suction(family, names)
@@ -122,7 +122,7 @@ def value_in(text: str, command: Command, family: Family) -> Value:
 def _number(text: str, command: Command, words: Mapping[str, Value]) -> Value:
     """A number, whole where it is whole. Where the command takes words alone, no number is one."""
     found = _NUMBER.fullmatch(text.strip())
-    if found is None or isinstance(command.quantity, Choice | Word):
+    if found is None or isinstance(command.quantity, Choice | DigitWord):
         raise UsageError(_no_value(text, command, words))
     number = float(text)
     return int(number) if number.is_integer() else number
@@ -130,10 +130,10 @@ def _number(text: str, command: Command, words: Mapping[str, Value]) -> Value:
 
 def _no_value(text: str, command: Command, words: Mapping[str, Value]) -> str:
     shown = text if len(text) <= MOST_SHOWN else text[:MOST_SHOWN] + "..."
-    if isinstance(command.quantity, Choice | Word):
+    if isinstance(command.quantity, Choice | DigitWord):
         return f"{command.name}: {shown!r} is none of {', '.join(words)}"
     if isinstance(command.quantity, AlarmLimit) and text == "off":
-        return f"{command.name}: no manual prints how a limit is taken back; switch its delay off instead"
+        return f"{command.name}: no manual prints how to clear a limit; switch its delay off instead"
     hint = "; write the decimal point as a dot" if re.fullmatch(r"[+-]?\d+,\d+", shown) else ""
     return f"{command.name}: {shown!r} is not a number{' or off' if words else ''}; {allowed(command)}{hint}"
 

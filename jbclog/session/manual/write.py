@@ -18,7 +18,7 @@ from jbclog.protocol.client import timing
 from jbclog.protocol.client.robot import BADLY_FORMED, Station
 from jbclog.protocol.commands.command import Command, Effect, Scope
 from jbclog.protocol.commands.family import Family
-from jbclog.protocol.commands.omega import ConditionNumber, Stored
+from jbclog.protocol.commands.omega import ConditionNumber, StoredRecord
 from jbclog.protocol.commands.status import StatusWord
 from jbclog.session.manual.contact import NOWHERE, Contact, Place, Target, expect_proven, find_tool, meet, places, sentence, title
 from jbclog.session.manual.danger import ONLY_COLD, Keep, expect_cold, take_snapshot
@@ -147,7 +147,7 @@ def _expect_within(contact: Contact, command: Command, value: Value) -> Steps[No
 def _limit(contact: Contact, name: str) -> Steps[float | None]:
     command = contact.family.commands.get(name)
     try:
-        found = None if command is None else (yield from contact.agreed(command, NOWHERE))
+        found = None if command is None else (yield from contact.read_confirmed(command, NOWHERE))
     except NotSupported:
         return None
     except StationError as error:
@@ -163,7 +163,7 @@ def _prepare(contact: Contact, command: Command, value: Value, keep: Keep) -> St
 
 def _number_in(command: Command, value: Value) -> int | None:
     """The number of the solder condition that is written or run."""
-    if isinstance(value, Stored):
+    if isinstance(value, StoredRecord):
         return value.condition
     return value if isinstance(command.quantity, ConditionNumber) and isinstance(value, int) else None
 
@@ -172,7 +172,7 @@ def _mirror(contact: Contact, command: Command, value: Value, place: Place) -> M
     """By what a write is read back, and where; None where nothing shows it. What OMEGA is told with D it tells with C."""
     if command.readable:
         return command, place
-    if isinstance(value, Stored):
+    if isinstance(value, StoredRecord):
         return contact.family.commands["condition"], Place(condition=value.condition)
     return None
 
@@ -183,7 +183,7 @@ def _read_before(contact: Contact, command: Command, value: Value, written: Writ
     if mirror is None:
         return
     try:
-        written.before = yield from contact.agreed(*mirror)
+        written.before = yield from contact.read_confirmed(*mirror)
     except StationError as error:
         if not _is_status(contact, command):
             raise StartRefused(
@@ -217,7 +217,7 @@ def _write(contact: Contact, command: Command, value: Value, written: Written) -
 
 def _without_a_way(command: Command, error: Refusal) -> str:
     """Why an order that was refused for its form is not tried in another (docs/reference/contradictions.md, B-37)."""
-    if error.code != BADLY_FORMED or not (is_order(command) and command.asked_once):
+    if error.code != BADLY_FORMED or not (is_order(command) and command.sent_once):
         return ""
     return (
         "; it was not done. The manuals print no data for it, and what acts or erases is not tried in a second form, so jbclog "
@@ -270,7 +270,7 @@ def _lost(contact: Contact, command: Command, value: Value, written: Written) ->
 def _send_and_read(contact: Contact, command: Command, value: Value, mirror: Mirror, written: Written) -> Steps[None]:
     """A lost acknowledgement is settled by the reading."""
     yield from _lost(contact, command, value, written)
-    found = written.readback = yield from contact.agreed(*mirror, known=value)
+    found = written.readback = yield from contact.read_confirmed(*mirror, known=value)
     written.outcome = CONFIRMED if _is_same(contact, command, found, value) else MISMATCH
     if written.outcome == MISMATCH:
         written.problem = f"{shown(found, command, contact.family)} was read back"
@@ -288,7 +288,7 @@ def _send_and_look(contact: Contact, command: Command, written: Written) -> Step
     written.at_work = True  # as far as anybody knows
     lost = yield from _lost(contact, command, 0, written)
     expected = SHOWN_BY[command.name]
-    found = written.readback = yield from contact.agreed(contact.family.commands[FEEDING], NOWHERE, known=expected)
+    found = written.readback = yield from contact.read_confirmed(contact.family.commands[FEEDING], NOWHERE, known=expected)
     written.at_work = found != STOPPED
     if found == expected:
         written.outcome = CONFIRMED

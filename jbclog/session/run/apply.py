@@ -16,7 +16,7 @@ from jbclog.core.io_requests import Steps
 from jbclog.core.quantities import OFF, text_of
 from jbclog.core.rows import SettingRow, Severity
 from jbclog.protocol.commands.command import Command, Scope
-from jbclog.protocol.commands.omega import Stored
+from jbclog.protocol.commands.omega import StoredRecord
 from jbclog.session.run.context import PortState, SessionContext
 from jbclog.session.run.setting import keep_row, read_setting, title_of, touch, write_setting
 from jbclog.session.run.watch import compare_countdowns
@@ -79,7 +79,7 @@ def readable_settings(context: SessionContext, scope: Scope) -> Iterator[Command
         if command.access == "rw" and command.scope is scope and command.name != "status":
             yield command
     condition = context.held.get("condition")
-    if scope is Scope.STATION and isinstance(condition, Stored):
+    if scope is Scope.STATION and isinstance(condition, StoredRecord):
         yield context.command("condition").numbered(condition.condition)
 
 

@@ -11,7 +11,7 @@ from jbclog.config.recipe_settings import condition_of
 from jbclog.core.errors import Ignored, LinkError, NotSupported, StartRefused, StationError
 from jbclog.core.io_requests import RunEnded, Steps
 from jbclog.core.rows import SettingRow, Severity
-from jbclog.protocol.commands.omega import ConditionRecord, SetTemperature, Stored, difference, differing
+from jbclog.protocol.commands.omega import ConditionRecord, SetTemperature, StoredRecord, difference, differing
 from jbclog.session.run.context import SessionContext
 from jbclog.session.run.watch import tell_change
 
@@ -38,14 +38,14 @@ def bring_condition(context: SessionContext, wanted: ConditionRecord | None) -> 
     """Write the condition that `look_at_condition` gave. Raises `StartRefused` where it does not hold then."""
     if wanted is not None:
         held = context.held["condition"]
-        assert isinstance(held, Stored)
+        assert isinstance(held, StoredRecord)
         yield from _write(context, wanted, held)
 
 
 def check_condition(context: SessionContext) -> Steps[None]:
     """Read the condition once more at the end; say where somebody changed it meanwhile."""
     before = context.held.get("condition")
-    if not isinstance(before, Stored):
+    if not isinstance(before, StoredRecord):
         return
     try:
         found = yield from _read(context, before.condition)
@@ -59,13 +59,13 @@ def check_condition(context: SessionContext) -> Steps[None]:
         tell_change(context, None, f"condition_{before.condition}", was, now)
 
 
-def _read(context: SessionContext, number: int) -> Steps[Stored]:
-    found = yield from context.agreed(context.command("condition").numbered(number))
-    assert isinstance(found, Stored)
+def _read(context: SessionContext, number: int) -> Steps[StoredRecord]:
+    found = yield from context.read_confirmed(context.command("condition").numbered(number))
+    assert isinstance(found, StoredRecord)
     return found
 
 
-def _held(context: SessionContext, wanted: ConditionRecord) -> Steps[Stored]:
+def _held(context: SessionContext, wanted: ConditionRecord) -> Steps[StoredRecord]:
     """What the controller holds under the recipe's number, before anything is written."""
     try:
         held = yield from _read(context, wanted.condition)
@@ -87,7 +87,7 @@ def _tell_unresolved(context: SessionContext, held: SetTemperature) -> None:
     context.station.anomalies.meet(51, place, context.station.data)
 
 
-def _write(context: SessionContext, wanted: ConditionRecord, held: Stored) -> Steps[None]:
+def _write(context: SessionContext, wanted: ConditionRecord, held: StoredRecord) -> Steps[None]:
     """Write once, read back, compare. What is broken off in between may or may not have been done."""
     try:
         ignored = yield from _write_once(context, wanted)
@@ -121,7 +121,9 @@ def _asked(context: SessionContext, wanted: ConditionRecord) -> str:
     return f"{context.name}: condition {wanted.condition} was written"
 
 
-def _rows(context: SessionContext, wanted: ConditionRecord, found: Stored | None, outcome: str, *, written: bool = False) -> None:
+def _rows(
+    context: SessionContext, wanted: ConditionRecord, found: StoredRecord | None, outcome: str, *, written: bool = False
+) -> None:
     """A row for each field; where the outcome is bad, fields that hold all the same are unchanged."""
     told = {} if found is None else {name: text for name, _, text in found.values()}
     for name, unit, text in wanted.values():

@@ -13,7 +13,7 @@ from jbclog.core.io_requests import Steps
 from jbclog.core.quantities import Value
 from jbclog.core.rows import EventRow, Journal, Severity, StationFacts
 from jbclog.core.wire import LineFormat
-from jbclog.protocol.client.confirmed_reads import agreed, patiently
+from jbclog.protocol.client.confirmed_reads import read_confirmed, with_retries
 from jbclog.protocol.client.interface import Client
 from jbclog.protocol.client.make import client_for
 from jbclog.protocol.commands.command import TOOLS_WITH_A_PLACE, Command
@@ -216,7 +216,7 @@ class SessionContext:
     def command(self, name: str) -> Command:
         return self.family.commands[name]
 
-    def agreed(
+    def read_confirmed(
         self, command: Command, port: int | None = None, tool: int | None = None, *, known: Value | None = None, grows: bool = False
     ) -> Steps[Value]:
         """Read what something is decided by: two answers must say the same (`protocol/client/confirmed_reads.py`).
@@ -225,9 +225,9 @@ class SessionContext:
         """
 
         def ask() -> Steps[Value]:
-            return agreed(self.station, command, port, tool, known=known, grows=grows, doubted=self.doubted)
+            return read_confirmed(self.station, command, port, tool, known=known, grows=grows, doubted=self.doubted)
 
-        return patiently(self.station, ask, self.tries)
+        return with_retries(self.station, ask, self.tries)
 
     def note(
         self,

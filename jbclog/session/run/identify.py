@@ -19,10 +19,10 @@ from jbclog.core.errors import (
 from jbclog.core.io_requests import Reopen, Steps, Wait
 from jbclog.core.quantities import Value
 from jbclog.core.rows import Severity
-from jbclog.protocol.client.confirmed_reads import NOT_DRIVEN, START_TRIES, pause, why_not_answering, why_not_borne_out
+from jbclog.protocol.client.confirmed_reads import NOT_DRIVEN, START_TRIES, kind_problem, pause, unanswered_read
 from jbclog.protocol.client.interface import expect_quiet
 from jbclog.protocol.client.timing import LEAST_ANSWERED, READS, response_time
-from jbclog.protocol.commands.family import ROBOT, not_accepted, other_model, unknown_model
+from jbclog.protocol.commands.family import ROBOT, model_not_accepted_text, other_model_text, unknown_model_text
 from jbclog.session.run.context import PortState, SessionContext
 
 # -- loss ---------------------------------------------------------------------------------------------------------------------
@@ -145,7 +145,7 @@ def recognise(context: SessionContext, model: str | None) -> Steps[bool]:
 
 def _other_kind(context: SessionContext) -> Steps[str | None]:
     """Why a station with an accepted name is not of the kind that was borne out at the start; None where it is."""
-    why = yield from why_not_answering(context.station, context.family, min(context.ports))
+    why = yield from unanswered_read(context.station, context.family, min(context.ports))
     return None if why is None else f"a {context.facts.model} of another kind ({why})"
 
 
@@ -153,7 +153,7 @@ def _difference(context: SessionContext) -> Steps[str | None]:
     """How the station differs from this run's, of the same model; None where it does not."""
     model, software = context.facts.model, context.facts.software
     if software is not None:
-        found = yield from context.agreed(context.command("software_version"), known=software)
+        found = yield from context.read_confirmed(context.command("software_version"), known=software)
         if found != software:
             return f"a {model} with software {found}, not the one with {software}"
     for number, (before, then) in context.plugged_hours.items():
@@ -198,7 +198,7 @@ def _hours(context: SessionContext, number: int, known: int | None = None) -> St
     if counter is None:
         return None
     try:
-        hours = yield from context.agreed(context.command(counter), number, known=known, grows=True)
+        hours = yield from context.read_confirmed(context.command(counter), number, known=known, grows=True)
     except NotSupported:
         return None
     return hours if isinstance(hours, int) else None
@@ -260,7 +260,7 @@ def _answer(context: SessionContext, tries: int) -> Steps[str | None]:
                 return None
             # R-SMN is the same command in every family that has it, so it may be asked before the family is known
             command = next(iter(context.order.families.values())).commands["model"]
-            return str((yield from context.agreed(command, known=context.facts.model)))
+            return str((yield from context.read_confirmed(command, known=context.facts.model)))
         except RobotModeOff as error:
             raise StartRefused(f"{context.name}: Robot mode is off; switch it on in the station's menu") from error
         except StationError as error:
@@ -286,15 +286,15 @@ def _learn_family(context: SessionContext) -> Steps[None]:
     if context.order.model is not None:
         if model != context.order.model:
             raise StartRefused(
-                f"{context.name}: {not_accepted(context.order.model, model)}; nothing was written to it. {CORRECT_IT}"
+                f"{context.name}: {model_not_accepted_text(context.order.model, model)}; nothing was written to it. {CORRECT_IT}"
             )
     elif not context.family_known:
         proven = [family for family in context.order.families.values() if family.proves(model)]
         if not proven:
-            raise StartRefused(f"{context.name}: {unknown_model(model)}. Nothing was written to it")
+            raise StartRefused(f"{context.name}: {unknown_model_text(model)}. Nothing was written to it")
         context.family = max(proven, key=lambda family: family.name != "soldering")
     elif context.family.models and not context.family.proves(model):
-        raise StartRefused(f"{context.name}: {other_model(context.family, model)}")
+        raise StartRefused(f"{context.name}: {other_model_text(context.family, model)}")
     if context.family.name not in context.recipe.families:
         raise StartRefused(f"{context.name}: recipe {context.recipe.name} is not for family {context.family.name}")
     if "software_version" in context.family.commands:
@@ -307,7 +307,7 @@ def _accept_model(context: SessionContext) -> Steps[None]:
     if model is None:
         return
     port = next((one.number for one in context.ports.values() if one.has_tool), min(context.ports))
-    why = yield from why_not_borne_out(context.station, context.family, port)
+    why = yield from kind_problem(context.station, context.family, port)
     if why is not None:
         raise StartRefused(
             f"{context.name}: model {model} is driven as {context.family.name} by the line file, but {why}. {NOT_DRIVEN}"
@@ -322,7 +322,7 @@ def _software(context: SessionContext) -> Steps[str | None]:
     it could not be read. That is a warning, because what is not known identifies nobody.
     """
     try:
-        return str((yield from context.agreed(context.command("software_version"))))
+        return str((yield from context.read_confirmed(context.command("software_version"))))
     except StationError as error:
         if isinstance(error, Refusal) and not isinstance(error, NotReceived | RobotModeOff):
             context.not_supported.add("software_version")
@@ -341,7 +341,7 @@ def _learn_ports(context: SessionContext) -> Steps[None]:
         return
     for number in named or range(1, 5):
         try:
-            tool = yield from context.agreed(context.command("tool"), number)
+            tool = yield from context.read_confirmed(context.command("tool"), number)
         except (NotSupported, OutOfRange) as error:
             if named:
                 raise StartRefused(

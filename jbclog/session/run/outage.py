@@ -124,7 +124,7 @@ def _seek(context: SessionContext, *, reopen: bool) -> Steps[bool]:
 
 def _read_tools(context: SessionContext) -> Steps[None]:
     for port in context.ports.values() if context.family.tools else ():
-        tool = yield from context.agreed(context.command("tool"), port.number, known=port.tool)
+        tool = yield from context.read_confirmed(context.command("tool"), port.number, known=port.tool)
         if tool != port.tool and isinstance(tool, int):
             before, after = context.tool_text(port.tool), context.tool_text(tool)
             text = f"Port {port.number}: the tool changed from {before} to {after} during the outage."

@@ -9,12 +9,12 @@ from jbclog.core.errors import ImplausibleAnswer
 from jbclog.core.io_requests import Steps
 from jbclog.core.quantities import Value, permille_of
 from jbclog.core.rows import COLUMN, SampleRow, Severity
-from jbclog.protocol.client.confirmed_reads import borne_out
-from jbclog.protocol.client.interface import Asking
+from jbclog.protocol.client.confirmed_reads import confirmed_value
+from jbclog.protocol.client.interface import PreparedRead
 from jbclog.protocol.commands.command import Command
 from jbclog.protocol.commands.family import Family
-from jbclog.protocol.commands.omega import OMEGA_SIGNALS, SAYS_YES, UNTOLD
-from jbclog.protocol.commands.ranges import NO_COUNTDOWN, STILL_C, TEMPERATURES, Possible, is_share, possible_as
+from jbclog.protocol.commands.omega import OMEGA_SIGNALS, TRUE_ANSWERS, WITHOUT_DIGIT
+from jbclog.protocol.commands.ranges import NO_COUNTDOWN, STILL_C, TEMPERATURES, Possible, is_share, plausibility_check
 from jbclog.protocol.commands.signals import STATUS_COLUMNS
 from jbclog.session.run.context import PortState, SessionContext
 from jbclog.session.scheduler import Reading
@@ -61,7 +61,7 @@ def _feeding(row: SampleRow, mode: Value) -> None:
 
 def _flags(*columns: str) -> Fill:
     """OMEGA's states: each answer says yes or no to one column or more."""
-    places = [(COLUMN[column], SAYS_YES[column]) for column in columns]
+    places = [(COLUMN[column], TRUE_ANSWERS[column]) for column in columns]
 
     def fill(row: SampleRow, value: Value) -> None:
         for place, yes in places:
@@ -121,7 +121,7 @@ def unusable(reading: Reading, value: Value, port: PortState, context: SessionCo
     """
     if reading.name == "delay_s" and (value in NO_COUNTDOWN or (value == 0 and not _is_counting(port))):
         return NOT_COUNTING
-    if value == UNTOLD:
+    if value == WITHOUT_DIGIT:
         return NO_DIGIT
     if reading.command.share_of is not None and whole_of(reading.command, context) is None:
         return NO_MAXIMUM
@@ -146,7 +146,7 @@ def _is_counting(port: PortState) -> bool:
 
 def possible_of(context: SessionContext, reading: Reading) -> Possible | None:
     """What tells whether an answer to `reading` can be true; None where nothing is known to be impossible."""
-    possible = possible_as(reading.name, context.family)
+    possible = plausibility_check(reading.name, context.family)
     if possible is None and reading.command.share_of is not None:
         return _share_of(reading.command, context)
     return possible
@@ -182,7 +182,7 @@ class SecondLook:
 
     reading: Reading
     port: PortState
-    question: Asking
+    question: PreparedRead
     doubt: Doubt | None
     possible: Possible | None = None
     heard_at: float | None = None  # of the last answer that was believed
@@ -243,7 +243,7 @@ class SecondLook:
         if self._is_impossible(given[-1]):
             return None
         if not self._is_temperature:
-            return borne_out(given, grows=self._grows)
+            return confirmed_value(given, grows=self._grows)
         return given[-1] if self._is_near(given) else None
 
     def _is_near(self, given: Sequence[Value]) -> bool:

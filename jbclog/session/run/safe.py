@@ -69,7 +69,7 @@ def _put(context: SessionContext, ports: list[PortState], *, feeds: bool) -> Ste
 
 
 def _is_ours(context: SessionContext) -> Steps[bool]:
-    model = yield from context.agreed(context.command("model"), known=context.facts.model)
+    model = yield from context.read_confirmed(context.command("model"), known=context.facts.model)
     return (yield from recognise(context, str(model)))
 
 

@@ -14,7 +14,7 @@ from math import inf
 from typing import Final, NamedTuple
 
 from jbclog.core.errors import LinkError, RobotModeOff, StartRefused, StationError, StationSilent
-from jbclog.core.io_requests import Ask, Heard, Listen, Request, RunEnded, Steps, T, Wait, relay
+from jbclog.core.io_requests import Ask, IoResult, Listen, Request, RunEnded, Steps, T, Wait, relay
 from jbclog.core.quantities import OFF, text_of
 from jbclog.core.rows import SettingRow, Severity
 from jbclog.protocol.commands.command import Scope
@@ -155,7 +155,7 @@ class Standstill:
         """Do `steps` as they are, from `now` on, and note by how much their wishes came back too late."""
         self._due = max(self._due, now)
 
-        def timed(wish: Request) -> Steps[Heard]:
+        def timed(wish: Request) -> Steps[IoResult]:
             try:
                 heard = yield wish
             except Exception:  # nobody says when: what it may have taken is not the host's
@@ -188,7 +188,7 @@ def _latest(wish: Request, now: float) -> float:
             return inf
 
 
-def _held_up(wish: Request, heard: Heard) -> float:
+def _held_up(wish: Request, heard: IoResult) -> float:
     """Since when an answer may have been there, unheard. In any other wish the driver being late matters at its end only."""
     return heard.now - heard.late_s if isinstance(wish, Ask | Listen) and heard.data else inf
 

@@ -12,7 +12,7 @@ from jbclog.core.errors import ImplausibleAnswer, LinkError, NotSupported, Refus
 from jbclog.core.io_requests import Steps
 from jbclog.core.quantities import Value
 from jbclog.core.rows import COLUMN, SAMPLE_COLUMNS, CounterRow, SampleRow, Severity, quality_of, reasons_text
-from jbclog.protocol.client.interface import Asking
+from jbclog.protocol.client.interface import PreparedRead
 from jbclog.protocol.commands.family import NEEDS_A_TOOL
 from jbclog.session.run.alarms import AlarmWatch, bears_out
 from jbclog.session.run.context import PortState, SessionContext
@@ -92,7 +92,7 @@ class Probe:
     """A reading with everything that its answer needs, and how it fared so far."""
 
     reading: Reading
-    question: Asking
+    question: PreparedRead
     port: PortState
     fill: Fill | None
     observe: Observe | None
@@ -168,7 +168,7 @@ class Scanner:
             if isinstance(error, LinkError | StationSilent | RobotModeOff):
                 raise
         except BaseException:  # the run's end in mid-question: it may be asked once more, flags may not
-            if probe.reading.command.asked_once:
+            if probe.reading.command.sent_once:
                 self.unread(probe, scan, SKIPPED, sent=True)
             else:
                 probe.due -= 1
@@ -239,7 +239,7 @@ class Scanner:
     def _count(self, probe: Probe, value: Value) -> None:
         if isinstance(value, int | float) and probe.reading.counter is not None:
             probe.port.counted[probe.reading.counter.name] = value
-            self._counter_row(probe, float(value), probe.reading.command.as_it_came(self._context.station.data, value))
+            self._counter_row(probe, float(value), probe.reading.command.raw_text(self._context.station.data, value))
 
     def _counter_row(self, probe: Probe, value: float | None, raw: str) -> None:
         counter, context = probe.reading.counter, self._context
@@ -260,7 +260,7 @@ class Scanner:
         else:
             row[_QUALITY] = "ok"
         self._context.journal.sample(row)
-        if self._station.anomalies.untold:
+        if self._station.anomalies.pending:
             self._context.tell_anomalies()
 
     def _stamp(self, scan: Scan, due: float | None) -> None:

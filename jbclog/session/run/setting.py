@@ -142,7 +142,7 @@ def _is_meant(error: StationError | None) -> bool:
 
 
 def read_setting(context: SessionContext, command: Command, port: PortState | None, known: Value | None = None) -> Steps[Value]:
-    return context.agreed(command, *_place(command, port), known=known)
+    return context.read_confirmed(command, *_place(command, port), known=known)
 
 
 def _place(command: Command, port: PortState | None) -> tuple[int | None, int | None]:
@@ -243,7 +243,7 @@ def _may_repeat(context: SessionContext, command: Command, one: _Try, before: Va
     if command.name in CAN_HEAT or _is_meant(one.unread):
         return False
     try:
-        yield from context.agreed(context.command("model"), known=context.facts.model)
+        yield from context.read_confirmed(context.command("model"), known=context.facts.model)
     except StationError:
         return False
     return True

@@ -7,7 +7,7 @@
 
 from __future__ import annotations
 
-from jbclog.core.errors import JbclogError, LinkError, LinkFlooded, StartRefused, StationError, cause, of_program
+from jbclog.core.errors import JbclogError, LinkError, LinkFlooded, StartRefused, StationError, cause, unexpected_error_text
 from jbclog.core.io_requests import START_STEPS, Gather, LeftOut, NotStarted, RunEnded, Steps
 from jbclog.core.rows import Journal, NoJournal, Severity, StationFacts
 from jbclog.session.run.apply import apply, apply_status, examine
@@ -34,7 +34,7 @@ def learn_provisos(context: SessionContext) -> Steps[None]:
     if not context.family.port_errors.voids:
         return
     for port in context.ports.values():
-        error = yield from context.agreed(context.command("port_error"), port.number, known=port.error or 0)
+        error = yield from context.read_confirmed(context.command("port_error"), port.number, known=port.error or 0)
         OBSERVERS["port_error"](context, port, error)
 
 
@@ -232,7 +232,7 @@ def _fail(context: SessionContext, error: Exception) -> None:
     """A fault of this program, or of its record; it must not leave a tip hot."""
     known = isinstance(error, JbclogError)
     context.facts.outcome = "failed"
-    context.facts.reason = str(error) if known else f"{context.name}: internal error, {of_program(error)}"
+    context.facts.reason = str(error) if known else f"{context.name}: internal error, {unexpected_error_text(error)}"
 
 
 def _tell_end(context: SessionContext) -> None:

@@ -10,9 +10,9 @@ from jbclog.core.io_requests import Steps
 from jbclog.core.quantities import Value, text_of
 from jbclog.core.rows import CounterRow, Severity
 from jbclog.protocol.client.omega import OmegaStation
-from jbclog.protocol.commands.omega import CONTROL, INFORMATION, LATE, SAYS_YES, UNTOLD
+from jbclog.protocol.commands.omega import COMPLETION_MESSAGES, CONTROL, INFORMATION, TRUE_ANSWERS, WITHOUT_DIGIT
 from jbclog.protocol.commands.robot import ErrorTable
-from jbclog.protocol.commands.signals import Counter
+from jbclog.protocol.commands.signals import UsageCounter
 from jbclog.session.run.context import PortState, SessionContext
 
 # -- counters -----------------------------------------------------------------------------------------------------------------
@@ -30,10 +30,10 @@ def read_counters(context: SessionContext) -> Steps[None]:
                 yield from _read(context, port, counter)
 
 
-def _read(context: SessionContext, port: PortState, counter: Counter) -> Steps[None]:
+def _read(context: SessionContext, port: PortState, counter: UsageCounter) -> Steps[None]:
     command, known = context.command(counter.command), port.counted.get(counter.name)
     try:
-        found = yield from context.agreed(command, port.number, known=known, grows=True)
+        found = yield from context.read_confirmed(command, port.number, known=known, grows=True)
     except NotSupported:
         context.not_supported.add(counter.name)
     except (LinkError, StationError) as error:
@@ -47,11 +47,11 @@ def _read(context: SessionContext, port: PortState, counter: Counter) -> Steps[N
             port,
             counter,
             float(found) if isinstance(found, int | float) else None,
-            command.as_it_came(context.station.data, found),
+            command.raw_text(context.station.data, found),
         )
 
 
-def _keep(context: SessionContext, port: PortState, counter: Counter, value: float | None, raw: str) -> None:
+def _keep(context: SessionContext, port: PortState, counter: UsageCounter, value: float | None, raw: str) -> None:
     due = context.facts.due.setdefault(str(port.number), {})
     due[counter.name] = due.get(counter.name, 0) + 1
     time = context.utc.micros(context.now)
@@ -138,7 +138,7 @@ def _flags(signal: str, flags: Mapping[str, _State]) -> Callable[[SessionContext
         before = port.states.get(signal)
         port.states[signal] = (value, context.now)
         for column, state in flags.items():
-            was, is_now = before is not None and before[0] in SAYS_YES[column], value in SAYS_YES[column]
+            was, is_now = before is not None and before[0] in TRUE_ANSWERS[column], value in TRUE_ANSWERS[column]
             if was != is_now:
                 kind, severity, text = (
                     (state.begins, state.severity, state.begun) if is_now else (state.ends, Severity.INFO, state.ended)
@@ -151,7 +151,7 @@ def _flags(signal: str, flags: Mapping[str, _State]) -> Callable[[SessionContext
 def _in_range(context: SessionContext, port: PortState, value: Value) -> None:
     """A temperature that has been out of its range for `LASTING_S`; `states` holds since when it is as it is."""
     before = port.states.get("in_range")
-    is_in = value in SAYS_YES["in_range"]
+    is_in = value in TRUE_ANSWERS["in_range"]
     if before is None or before[0] != value:
         port.states["in_range"] = (value, context.now)
         if is_in and OUT_OF_RANGE in port.states:
@@ -179,7 +179,7 @@ def differs_from_last(name: str) -> Callable[[SessionContext, PortState, Value],
 
     def doubt(_context: SessionContext, port: PortState, value: Value) -> bool:
         last = port.states.get(name)
-        if value == UNTOLD and last is None:
+        if value == WITHOUT_DIGIT and last is None:
             return False
         return value != (USUAL[name] if last is None else last[0])
 
@@ -199,11 +199,11 @@ def tell_late(context: SessionContext) -> None:
     """Tell what the controller has said by itself: that a joint is done which somebody else, or an earlier order, began."""
     if not isinstance(context.station, OmegaStation):
         return
-    for said in context.station.by_itself:
+    for said in context.station.completions:
         kind = "omega.completed" if said.letter == "h" else "omega.first_stage"
-        text = f"It says that {LATE[said.letter]}; this run asked for no joint."
+        text = f"It says that {COMPLETION_MESSAGES[said.letter]}; this run asked for no joint."
         context.note(kind, Severity.INFO, text, raw=said.letter)
-    context.station.by_itself.clear()
+    context.station.completions.clear()
 
 
 # -- watch --------------------------------------------------------------------------------------------------------------------

@@ -11,9 +11,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from jbclog.core.errors import AnswerTimeout, LinkError, LinkFlooded, NotReceived, Refusal, RobotModeOff, StationError
-from jbclog.core.io_requests import Ask, Heard, Listen, Reopen, Request, Steps, T, Wait, relay
+from jbclog.core.io_requests import Ask, IoResult, Listen, Reopen, Request, Steps, T, Wait, relay
 from jbclog.core.quantities import Value
-from jbclog.protocol.client.confirmed_reads import agreed
+from jbclog.protocol.client.confirmed_reads import read_confirmed
 from jbclog.protocol.client.interface import expect_quiet
 from jbclog.protocol.commands.status import StatusWord
 from jbclog.session.safety.tools import FAILED, SENT, VERIFIED, Task, Tool
@@ -83,7 +83,7 @@ def status_now(task: Task, tool: Tool) -> Steps[StatusWord | None]:
         return None
     begun = task.client.now
     try:
-        found = yield from agreed(task.client, task.family.commands["status"], tool.port)
+        found = yield from read_confirmed(task.client, task.family.commands["status"], tool.port)
     except (LinkError, StationError) as error:
         yield from _reach_again(task, error)
         return None
@@ -97,7 +97,7 @@ def stop_feeder(task: Task) -> Steps[bool]:
         return False
     try:
         yield from task.client.write(task.family.commands["stop_feeding"], 0, hurry=task.is_silent)
-        feeding = yield from agreed(task.client, task.family.commands["feeding"])
+        feeding = yield from read_confirmed(task.client, task.family.commands["feeding"])
     except (LinkError, StationError) as error:
         yield from _reach_again(task, error)
         return False
@@ -110,7 +110,7 @@ def look_at_feeder(task: Task) -> Steps[None]:
     if not (yield from is_reachable(task)):
         return
     try:
-        task.feeds = (yield from agreed(task.client, task.family.commands["feeding"])) != STOPPED
+        task.feeds = (yield from read_confirmed(task.client, task.family.commands["feeding"])) != STOPPED
     except (LinkError, StationError) as error:
         yield from _reach_again(task, error)
     if task.feeds:
@@ -193,7 +193,7 @@ def in_time(steps: Steps[T], now: float, end: float) -> Steps[T]:
     A question that would leave later is not sent; to who asks it was not answered.
     """
 
-    def done_by_then(wish: Request) -> Steps[Heard]:
+    def done_by_then(wish: Request) -> Steps[IoResult]:
         nonlocal now
         if now >= end and isinstance(wish, Ask):
             raise AnswerTimeout("no time is left to ask")

@@ -6,10 +6,10 @@ from collections.abc import Iterator
 from itertools import combinations
 
 from jbclog.core.errors import StationError
-from jbclog.core.io_requests import Heard
+from jbclog.core.io_requests import IoResult
 from jbclog.core.quantities import Value
 from jbclog.core.wire import LineFormat
-from jbclog.protocol.client.interface import Asking, Client
+from jbclog.protocol.client.interface import Client, PreparedRead
 from jbclog.protocol.client.omega import OmegaStation
 from jbclog.protocol.client.robot import Station
 from jbclog.protocol.commands.command import Command
@@ -30,11 +30,11 @@ def taken_by_omega(command: Command, wire: bytes) -> Value | None:
     return _first_taken(station, station.question(command), wire)
 
 
-def _first_taken(client: Client, question: Asking, wire: bytes) -> Value | None:
+def _first_taken(client: Client, question: PreparedRead, wire: bytes) -> Value | None:
     asking = client.ask(question)
     next(asking)
     try:
-        asking.send(Heard(0.02, wire, 0.0))
+        asking.send(IoResult(0.02, wire, 0.0))
     except StopIteration as done:
         return done.value  # type: ignore[no-any-return]  # what a generator returns
     except StationError:

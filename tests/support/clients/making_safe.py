@@ -8,7 +8,7 @@ from pathlib import Path
 
 from jbclog.config.line import parse_line
 from jbclog.core.errors import LinkError
-from jbclog.core.io_requests import Ask, Heard, Listen, Reopen, Request, Steps, Wait
+from jbclog.core.io_requests import Ask, IoResult, Listen, Reopen, Request, Steps, Wait
 from jbclog.core.wire import LineFormat
 from jbclog.protocol.client.robot import Station
 from jbclog.protocol.commands.family import FAMILIES
@@ -48,7 +48,7 @@ class Silent:
         self.questions.setdefault(text_of(data), now)
         return []
 
-    def hung_up(self, now: float) -> bool:
+    def is_unplugged(self, now: float) -> bool:
         return False
 
 
@@ -71,43 +71,43 @@ class Cable:
     def pull(self, steps: Steps[None]) -> None:
         """Do as a driver does until they are over."""
         try:
-            wish = next(steps)
+            request = next(steps)
             while True:
                 try:
-                    heard = self._do(wish)
+                    heard = self._do(request)
                 except LinkError as error:
-                    wish = steps.throw(error)
+                    request = steps.throw(error)
                 else:
-                    wish = steps.send(heard)
+                    request = steps.send(heard)
         except StopIteration:
             return
 
-    def _do(self, wish: Request) -> Heard:
-        if isinstance(wish, Reopen):
+    def _do(self, request: Request) -> IoResult:
+        if isinstance(request, Reopen):
             self.coming = []
             self.opens()
-        if isinstance(wish, Ask):
-            self.before(text_of(wish.data))
-        if self.is_out and not isinstance(wish, Wait):
+        if isinstance(request, Ask):
+            self.before(text_of(request.data))
+        if self.is_out and not isinstance(request, Wait):
             raise LinkError("the cable is out")
-        if isinstance(wish, Reopen):
-            return Heard(self.now, b"", self.now)
-        if isinstance(wish, Ask):
-            self.coming = [(reply[0], reply[1]) for reply in self.end.receive(wish.data, self.now)]
-            return self._next(self.now + wish.patience_s)
-        return self._next(wish.until) if isinstance(wish, Listen) else self._waited(wish)
+        if isinstance(request, Reopen):
+            return IoResult(self.now, b"", self.now)
+        if isinstance(request, Ask):
+            self.coming = [(reply[0], reply[1]) for reply in self.end.receive(request.data, self.now)]
+            return self._next(self.now + request.patience_s)
+        return self._next(request.until) if isinstance(request, Listen) else self._waited(request)
 
-    def _next(self, until: float) -> Heard:
+    def _next(self, until: float) -> IoResult:
         sent = self.now
         if not self.coming or self.coming[0][0] > until:
             self.now = max(self.now, until)
-            return Heard(self.now, b"", sent)
+            return IoResult(self.now, b"", sent)
         self.now, data = self.coming.pop(0)
-        return Heard(self.now, data, sent)
+        return IoResult(self.now, data, sent)
 
-    def _waited(self, wish: Wait) -> Heard:
-        self.now = max(self.now, wish.until)
-        return Heard(self.now, b"", self.now)
+    def _waited(self, request: Wait) -> IoResult:
+        self.now = max(self.now, request.until)
+        return IoResult(self.now, b"", self.now)
 
 
 def task(

@@ -48,7 +48,7 @@ class Controller:
         assert text == expected
         return [self._at(now, answer) for answer in answers]
 
-    def hung_up(self, now: float) -> bool:
+    def is_unplugged(self, now: float) -> bool:
         return False
 
     def _at(self, now: float, answer: Answer) -> tuple[float, bytes]:

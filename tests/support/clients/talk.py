@@ -49,7 +49,7 @@ class OtherEnd:
         self.moments.append(now)
         return [self._at(now, answer) for answer in self._replies(text)]
 
-    def hung_up(self, now: float) -> bool:
+    def is_unplugged(self, now: float) -> bool:
         return False
 
     def _at(self, now: float, answer: Answer) -> tuple[float, bytes]:

@@ -21,10 +21,10 @@ WISHES = 40  # of sampling, by when it breaks
 def break_session_of(station: str) -> None:
     def breaking(context: SessionContext) -> Steps[StationFacts]:
         steps = run_station(context)
-        wish, left = next(steps), WISHES
+        request, left = next(steps), WISHES
         while left or context.name != station:
-            heard = yield wish
-            wish = steps.send(heard)
+            heard = yield request
+            request = steps.send(heard)
             left -= context.facts.first_tick is not None and left > 0
         raise RuntimeError("a fault of the program")
 

@@ -72,7 +72,7 @@ class Injector:
         done = self._do(deed, data, at, answer, before)
         return [(at, kept), *done] if kept else done
 
-    def hung_up(self, now: float) -> bool:
+    def is_unplugged(self, now: float) -> bool:
         return self.is_out(now)
 
     # -- the deeds --------------------------------------------------------------------------------------------------

@@ -31,8 +31,8 @@ class LossyWire:
     did: Counter[str] = field(default_factory=Counter)
     frames: int = 0
 
-    def hung_up(self, now: float) -> bool:
-        return self.tap.hung_up(now)
+    def is_unplugged(self, now: float) -> bool:
+        return self.tap.is_unplugged(now)
 
     def receive(self, data: bytes, now: float) -> Replies:
         self.frames += 1

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
-from jbclog.core.wire import Passed, Row, Told
+from jbclog.core.wire import CaptureRow, LinkRow, ResultRow
 from jbclog.record.capture import Head, wire_path
 from jbclog.record.capture_recorder import WireRecorder
 
@@ -21,20 +21,20 @@ def answer(number: int) -> bytes:
     return b"\x020100ATT%d%05d\x03" % (number, 300 + number)
 
 
-def rows_of(exchanges: range) -> Iterator[Row]:
+def rows_of(exchanges: range) -> Iterator[CaptureRow]:
     """Each question with its answer, both of which tell their number."""
     for number in exchanges:
         at_s = 8124.0 + number * 0.0147123
-        yield Passed(at_s, "sent", question(number))
-        yield Passed(at_s + 0.014, "heard", answer(number))
-        yield Told(at_s + 0.0140021, "told", "ask", len(answer(number)), at_s - 1.7e-6)
+        yield LinkRow(at_s, "sent", question(number))
+        yield LinkRow(at_s + 0.014, "heard", answer(number))
+        yield ResultRow(at_s + 0.0140021, "told", "ask", len(answer(number)), at_s - 1.7e-6)
 
 
-def pieces() -> Iterator[list[Row]]:
-    yield [Passed(8123.51, "opened", text="/dev/ttyUSB0")]
+def pieces() -> Iterator[list[CaptureRow]]:
+    yield [LinkRow(8123.51, "opened", text="/dev/ttyUSB0")]
     for number in range(BLOCKS - 3):
         yield list(rows_of(range(2 * number, 2 * number + 2)))
-    yield [Told(8200.0, "broke", "listen", text='the "port"\tis\ngone…'), Told(8201.0, "done", "wait")]
+    yield [ResultRow(8200.0, "broke", "listen", text='the "port"\tis\ngone…'), ResultRow(8201.0, "done", "wait")]
 
 
 ROWS = [row for piece in pieces() for row in piece]

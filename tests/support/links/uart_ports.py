@@ -94,7 +94,7 @@ class UartPort:
 
     def _check(self) -> None:
         if self._cable.breaks_at is not None and self._clock.monotonic() >= self._cable.breaks_at:
-            raise LinkError(f"{self.url}: it cannot be read; is it unplugged?")
+            raise LinkError(f"{self.url}: cannot be read; is it unplugged?")
 
 
 def means(cables: dict[str, Cable], clock: VirtualClock | None = None) -> Means:
@@ -103,7 +103,7 @@ def means(cables: dict[str, Cable], clock: VirtualClock | None = None) -> Means:
 
     def open_port(url: str, line: LineFormat) -> UartPort:
         if url not in cables:
-            raise PortMissing(f"{url}: there is no such port; see that it is plugged in")
+            raise PortMissing(f"{url}: no such port; check that it is plugged in")
         return UartPort(url, cables[url], line, clock)
 
     return Means(open_port, lambda seconds: clock.advance_to(clock.monotonic() + seconds), clock)

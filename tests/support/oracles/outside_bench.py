@@ -2,7 +2,7 @@
 
 `station` makes one of each family of manuals 000, 001 and 002, each with habits of its own where the manuals are silent. A `Cable`
 carries frames to one and back, has each of nine kinds of accident with probability `p`, and keeps a list of all
-that was asked, heard, done and said. It is a peer of the virtual clock (`receive`, `hung_up`); `Served` serves cables on real
+that was asked, heard, done and said. It is a peer of the virtual clock (`receive`, `is_unplugged`); `Served` serves cables on real
 pseudo-terminals and TCP ports instead, in a thread.
 """
 
@@ -480,7 +480,7 @@ class Cable:
     _byte_at: float = 0.0
     _busy_until: float = 0.0
 
-    def hung_up(self, now: float) -> bool:
+    def is_unplugged(self, now: float) -> bool:
         return False
 
     def receive(self, data: bytes, now: float) -> list[tuple[float, bytes]]:

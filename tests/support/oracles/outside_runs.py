@@ -81,18 +81,18 @@ class Outcome:
 
 
 def virtual(
-    cables: dict[str, Cable], *, duration_s: float = 2.0, recipe: str = TIP, goes_on: bool = False, keys: str = ""
+    cables: dict[str, Cable], *, duration_s: float = 2.0, recipe: str = TIP, allow_missing: bool = False, keys: str = ""
 ) -> Outcome:
     """One run on `cables`; hot air gets `AIR`."""
     clock = VirtualClock()
-    memory, driver = Memory(), VirtualDriver(clock, goes_on=goes_on)
+    memory, driver = Memory(), VirtualDriver(clock, allow_missing=allow_missing)
     recipes = {False: parse_recipe(recipe), True: parse_recipe(AIR)}
     families = {name: one.station.family for name, one in cables.items()}
     text = bench.line_file({name: name for name in cables}, families, more=dict.fromkeys(cables, keys))
     contexts = {}
     for spec in parse_line(text, Path("line.toml")).stations:
         order = order_for(spec, recipes[spec.family == "jtse"], clock, duration_s, None)
-        contexts[spec.name] = SessionContext(replace(order, may_be_missing=goes_on), memory, UtcOffset(clock))
+        contexts[spec.name] = SessionContext(replace(order, may_be_missing=allow_missing), memory, UtcOffset(clock))
         driver.add(run_station(contexts[spec.name]), cables[spec.name], spec.name)
     driver.run()
     return Outcome(memory, cables, contexts, driver)

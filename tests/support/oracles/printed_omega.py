@@ -39,7 +39,7 @@ class PageOmega:
         answer = self._framed()
         return [Reply(at + len(answer) * CHARACTER_S, answer) for byte in data if self._takes(byte) and not self.is_gone]
 
-    def hung_up(self, now: float) -> bool:
+    def is_unplugged(self, now: float) -> bool:
         return False
 
     def _framed(self) -> bytes:

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import pyarrow as pa
 
 from jbclog.analysis.joint_table import JOINTS_SCHEMA
-from jbclog.core.rows import OUTCOMES, QUALITIES
+from jbclog.core.rows import QUALITIES, SettingOutcome
 from jbclog.record.schema import SCHEMAS
 from support.pages.md_table import MADE, code, codes, table
 
@@ -160,5 +160,5 @@ def _extra(name: str) -> str:
         rows = [(code(one), QUALITY[one]) for one in QUALITIES]
         return f"\n\n`quality` is the first of these that applies:\n\n{table(('quality', 'means'), rows)}\n\n{OTHER_REASONS}"
     if name == "settings":
-        return "\n\n" + table(("outcome", "means"), [(code(one), OUTCOME[one]) for one in OUTCOMES])
+        return "\n\n" + table(("outcome", "means"), [(code(one), OUTCOME[one]) for one in SettingOutcome])
     return ""

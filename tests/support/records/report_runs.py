@@ -95,13 +95,13 @@ RUNS = {
 
 def recorded(name: str, out: Path) -> Path:
     """Record one of `RUNS` below `out`; give its folder."""
-    wish, home = RUNS[name], out / name
+    request, home = RUNS[name], out / name
     home.mkdir(parents=True)
     line, recipe = home / "line.toml", home / "tht.toml"
-    stations = [STATION.format(family=family, number=n, sim=sim) for n, (family, sim) in enumerate(wish.stations, 1)]
+    stations = [STATION.format(family=family, number=n, sim=sim) for n, (family, sim) in enumerate(request.stations, 1)]
     line.write_text('[line]\nname = "bench-3"\n' + "".join(stations))
     recipe.write_text(RECIPE)
-    plan = make_plan(RunOptions(line, recipe, duration_s=wish.seconds, rate=wish.hz, metadata=SAID))
+    plan = make_plan(RunOptions(line, recipe, duration_s=request.seconds, rate=request.hz, metadata=SAID))
     return RecordedRun(plan, home / "runs").result.folder
 
 

@@ -135,16 +135,16 @@ OMEGA_SIM = 'settings = { condition_101 = "0065 0  003 014 064 005 064  008 01E 
 
 def record(name: str, home: Path) -> Path:
     """Record one of `RUNS` below `home`; give its folder."""
-    wish = RUNS[name]
-    sim = wish.sim or (OMEGA_SIM if wish.family == "omega" else "")
+    request = RUNS[name]
+    sim = request.sim or (OMEGA_SIM if request.family == "omega" else "")
     line, recipe = home / "line.toml", home / f"{name}.toml"
-    line.write_text('[line]\nname = "bench"\n' + STATION.format(family=wish.family, sim=sim))
-    recipe.write_text(wish.recipe)
+    line.write_text('[line]\nname = "bench"\n' + STATION.format(family=request.family, sim=sim))
+    recipe.write_text(request.recipe)
     said = Metadata("M. Weber", "WO-88123", "PCB-4711 rev C", ("SN-001",), {"shift": "B"})
-    plan = make_plan(RunOptions(line, recipe, duration_s=wish.seconds, rate=wish.hz, metadata=said))
-    folder = RecordedRun(plan, home / "runs", StallingClock(wish.stalls_s, 0.6)).result.folder
+    plan = make_plan(RunOptions(line, recipe, duration_s=request.seconds, rate=request.hz, metadata=said))
+    folder = RecordedRun(plan, home / "runs", StallingClock(request.stalls_s, 0.6)).result.folder
     append(folder, who="A. Rossi", what="SN-001 was scrapped", why="cracked joint", utc_s=EPOCH_S + 1000)
-    if wish.has_report:
+    if request.has_report:
         write_report(folder)
     return folder
 

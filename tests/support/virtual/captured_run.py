@@ -12,14 +12,14 @@ from jbclog.app.run.plan import orders
 from jbclog.core.clock import UtcOffset, VirtualClock
 from jbclog.core.io_requests import Steps
 from jbclog.core.rows import StationFacts
-from jbclog.core.wire import Passed, Told
+from jbclog.core.wire import LinkRow, ResultRow
 from jbclog.record.capture import Head
 from jbclog.record.capture_recorder import Keep, WireRecorder
 from jbclog.record.manifest import Manifest, write_manifest
 from jbclog.session.run.context import SessionContext, StationTask
 from jbclog.session.run.station_run import run_station
 from jbclog.sim.replayed_station import TapeStation
-from jbclog.transport.session_history import Astray, keeping
+from jbclog.transport.session_history import Divergence, captured
 from jbclog.transport.virtual import Peer, VirtualDriver
 from support.virtual.virtual_run import RECIPE, Memory, VirtualRun, prepare
 
@@ -36,25 +36,25 @@ class TapedCable:
         self._coming: list[tuple[float, bytes]] = []
 
     def receive(self, data: bytes, now: float) -> Sequence[tuple[float, bytes]]:
-        self._keep(Passed(now, "sent", data))
+        self._keep(LinkRow(now, "sent", data))
         replies = self._cable.receive(data, now)
         self._coming = sorted([*self._coming, *replies], key=lambda reply: reply[0])
         return replies
 
-    def hung_up(self, now: float) -> bool:
-        return self._cable.hung_up(now)
+    def is_unplugged(self, now: float) -> bool:
+        return self._cable.is_unplugged(now)
 
-    def told(self, row: Told) -> None:
+    def told(self, row: ResultRow) -> None:
         """Note what came up to this moment, or became of the link; then what the session is told."""
-        now, reopened = row.at_s, row.wish == "reopen"
+        now, reopened = row.at_s, row.request == "reopen"
         if row.what == "broke":
-            self._keep(Passed(now, "failed" if reopened else "lost", text=row.text))
+            self._keep(LinkRow(now, "failed" if reopened else "lost", text=row.text))
         elif row.what == "told" and reopened:
             self._coming = []
-            self._keep(Passed(now, "opened"))
+            self._keep(LinkRow(now, "opened"))
         for at_s, data in self._coming:
             if at_s <= now:
-                self._keep(Passed(at_s, "heard", data))
+                self._keep(LinkRow(at_s, "heard", data))
         self._coming = [one for one in self._coming if one[0] > now]
         self._keep(row)
 
@@ -79,7 +79,7 @@ def recorded(
         given = order.duration_s, order.rate, order.allow_omega_write
         head = Head(order.name, order.url, RECIPE_FILE, order.t0, clock.utc(), *given)
         taped = TapedCable(cable, wires.begin(head))
-        return keeping(session, taped.told, lambda: run.driver.clock.monotonic()), taped
+        return captured(session, taped.told, lambda: run.driver.clock.monotonic()), taped
 
     def write() -> None:
         wires.write()
@@ -101,7 +101,7 @@ def kept(folder: Path, line: str, **keys: object) -> Memory:
     return run.memory
 
 
-def relived(folder: Path) -> tuple[Memory, dict[str, Astray]]:
+def relived(folder: Path) -> tuple[Memory, dict[str, Divergence]]:
     """A recorded run once more: what its sessions tell, and where they left the recording, if they did."""
     recording = open_recording(folder)
     memory, clock = Memory(), VirtualClock(recording.first.t0_mono, recording.first.t0_utc)
@@ -135,8 +135,8 @@ class Handing:
         number, rest = divmod(self._count, 100)
         return self._stalls[number % len(self._stalls)] if self._stalls and not rest else 0.0
 
-    def hung_up(self, now: float) -> bool:
-        return self.station.hung_up(now)
+    def is_unplugged(self, now: float) -> bool:
+        return self.station.is_unplugged(now)
 
 
 def recorded_again(

@@ -36,8 +36,8 @@ class Tapped:
         self._file.write(json.dumps([self.name, one.at, one.text, one.clean, one.sent]) + "\n")
         return replies  # type: ignore[return-value]  # what the station gave
 
-    def hung_up(self, now: float) -> bool:
-        return self._station.hung_up(now)
+    def is_unplugged(self, now: float) -> bool:
+        return self._station.is_unplugged(now)
 
     def next_plugging(self, now: float) -> float | None:
         return self._station.next_plugging(now)

@@ -130,8 +130,8 @@ class Tap:
         self.heard.append(Heard(now, _text(data), clean and _text(clean), sent and _text(sent)))
         return replies
 
-    def hung_up(self, now: float) -> bool:
-        return self._station.hung_up(now)
+    def is_unplugged(self, now: float) -> bool:
+        return self._station.is_unplugged(now)
 
 
 def _text(frame: bytes) -> str:
@@ -215,7 +215,7 @@ def prepare(
 ) -> VirtualRun:
     """A run that is ready to go: `prepare(line_text(sim=...)).go()`. `pulled` may put itself around session and cable."""
     clock = VirtualClock()
-    memory, driver = Memory(), VirtualDriver(clock, goes_on=allow_missing)
+    memory, driver = Memory(), VirtualDriver(clock, allow_missing=allow_missing)
     stations, contexts, taps, t0 = {}, {}, {}, clock.monotonic()
     loaded = parse_recipe(recipe)
     for spec in parse_line(line or line_text(), Path("line.toml")).stations:

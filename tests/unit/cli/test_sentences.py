@@ -70,4 +70,4 @@ def test_a_recipe_that_no_station_uses_is_refused(place: Path) -> None:
 def test_a_port_that_is_not_there_is_named_without_a_question(place: Path) -> None:
     told = planned(verb="run", code=3)
     assert not [line for line in told if "?." in line]
-    assert [line for line in told if "there is no such port; see that it is plugged in" in line]
+    assert [line for line in told if "no such port; check that it is plugged in" in line]

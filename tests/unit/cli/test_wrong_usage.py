@@ -82,7 +82,7 @@ def test_what_the_recipe_requires_is_asked_for_by_its_option(place: Path) -> Non
 
 @pytest.mark.parametrize(
     ("text", "why"),
-    [(b"SN-1\nSN\x1d2\n", "holds what does not show"), (b"X" * 201, "too long"), (b"SN\n" * 400_000, "no list of serials")],
+    [(b"SN-1\nSN\x1d2\n", "holds what does not show"), (b"X" * 201, "too long"), (b"SN\n" * 400_000, "not a list of serials")],
 )
 def test_a_list_of_serials_that_is_none(place: Path, text: bytes, why: str) -> None:
     (place / "serials.txt").write_bytes(text)

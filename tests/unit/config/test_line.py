@@ -266,7 +266,7 @@ def test_a_station_may_name_the_model_that_it_is_driven_under() -> None:
         ("soldering", "jtse", '"jtse" begins with JT: it is a hot air station, which status 00001 switches on, and no soldering'),
         ("jtse", "DIE", '"DIE" does not begin with JT, as the model names of hot air stations do: it is no jtse'),
         ("jtse", "DDE", '"DDE" does not begin with JT, as the model names of hot air stations do: it is no jtse'),
-        ("omega", "DIE", "a station of family omega does not say a model; leave it out"),
+        ("omega", "DIE", "a station of family omega reports no model; leave it out"),
         ("auto", "DIE", 'is driven as a family says: name that family in place of "auto"'),
         ("dde", "", '"" is not allowed; 1 to 16 printable characters, as the station gives its model'),
         ("dde", "DÏE", '"DÏE" is not allowed; 1 to 16 printable characters, as the station gives its model'),

@@ -192,7 +192,7 @@ on = true
         'job.toml:16: hibernation.delay_min: 12 min is not allowed; 0 to 60 min, in steps of 5, or "off"',
         "job.toml:19: alarm.high.limit_c: 340 °C must be above temperature.select_c (352 °C)",
         'job.toml:20: alarm.high.delay_s: 100 s is not allowed; 0 to 99.99 s, in steps of 0.01, or "off"',
-        'job.toml:23: alarm.low.limit_c: "off" is not allowed; no manual prints how a limit is taken back: use delay_s = "off"',
+        'job.toml:23: alarm.low.limit_c: "off" is not allowed; no manual prints how to clear a limit: use delay_s = "off"',
         "job.toml:26: port.2.temperature.select_c: 350.0 is not allowed; whole °C",
         "job.toml:29: port.2.alarm.low.limit_c: 355 °C must be below temperature.select_c (352 °C)",
         "job.toml:29: port.2.alarm.low.limit_c: 355 °C must be below alarm.high.limit_c (340 °C)",
@@ -280,7 +280,7 @@ def test_a_value_that_is_not_allowed_is_told_where_it_stands(section: str, key: 
 
 def test_an_alarm_limit_that_would_be_read_as_not_set_is_told_with_what_is_allowed() -> None:
     assert only_problem(HEAD + "[alarm.high]\nlimit_c = 3800\n") == (
-        "job.toml:6: alarm.high.limit_c: 3800 °C is not allowed, it would be read back as not set; 1 to 600 °C; steps of 5 °C"
+        "job.toml:6: alarm.high.limit_c: 3800 °C would be read back as not set; 1 to 600 °C; steps of 5 °C"
     )
 
 

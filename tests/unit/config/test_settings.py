@@ -116,7 +116,7 @@ def test_every_key_of_the_order_is_a_setting_that_can_be_read_back_and_none_is_d
     for name in COMMAND_OF.values():
         assert commands[name].access == "rw"
         assert not commands[name].dangerous
-        assert not commands[name].asked_once
+        assert not commands[name].sent_once
 
 
 def test_every_setting_of_a_port_or_tool_can_be_reached_from_a_recipe() -> None:

@@ -11,7 +11,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from jbclog.core.foreign.files import NotReadable
-from jbclog.core.foreign.parquet_footer import BINARY, BYTE, I16, I32, I64, LIST, STRUCT, YES, Compact, groups_in
+from jbclog.core.foreign.parquet_footer import BINARY, BYTE, I16, I32, I64, LIST, STRUCT, YES, ThriftReader, groups_in
 from jbclog.core.foreign.tables import TAIL, bounds_of, open_table, read_small
 
 ROWS = pa.table(
@@ -102,8 +102,8 @@ def test_a_number_that_the_library_would_take_otherwise() -> None:
     beyond = bytes([0x05, 0x84, 0x80, 0x08, 2, 0])  # field 65538
     large = bytes([0x15, 0x82, 0x80, 0x80, 0x80, 0x20, 0])  # beyond 32 bits
     for data in (twice, beyond, large):
-        reader = Compact(data)
-        with pytest.raises(ValueError, match=r"twice|bits"):
+        reader = ThriftReader(data)
+        with pytest.raises(ValueError, match=r"duplicate|bits"):
             [reader.integer(kind) for _, kind in reader.heads()]
 
 
@@ -121,6 +121,6 @@ def test_a_number_that_the_library_would_take_otherwise() -> None:
     ],
 )
 def test_what_is_skipped_is_skipped_whole(kind: int, data: bytes) -> None:
-    reader = Compact(data + b"\x7f")
+    reader = ThriftReader(data + b"\x7f")
     reader.skip(kind)
     assert reader.at == len(data)

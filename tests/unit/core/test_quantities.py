@@ -16,6 +16,7 @@ from jbclog.core.quantities import (
     AlarmLimit,
     Choice,
     Delay,
+    DigitWord,
     Flags,
     HexLength,
     Number,
@@ -25,7 +26,6 @@ from jbclog.core.quantities import (
     Unsigned,
     Value,
     Whole,
-    Word,
     text_of,
 )
 from support.campaigns.each_row import each_row
@@ -43,7 +43,7 @@ NAME = Text()
 MODE = Choice(("continuous", "discontinuous", "program", "reload"))
 CODE = Number()
 FLAGS = Flags((0, 0, 0, 1, 1))
-STATUS = Word((0, 2, 1, 1, 3))
+STATUS = DigitWord((0, 2, 1, 1, 3))
 
 OF_DIGITS = (CELSIUS, OFFSET, HOURS, MINUTES, SECONDS, LIMIT, LENGTH, DIAMETER, MODE, CODE, FLAGS, STATUS)
 
@@ -238,7 +238,7 @@ def test_what_is_written(quantity: Quantity, value: Value, field: str) -> None:
         (CODE, -1),
         *((MINUTES, value) for value in (-1, 5.0, "off", None, False)),
         *((SECONDS, value) for value in (-0.01, 100.0, 1.605, "1.60", None, True, math.nan, math.inf)),
-        *((LIMIT, value) for value in (OFF, -5, 380.0, None)),  # no manual prints how a limit is taken back
+        *((LIMIT, value) for value in (OFF, -5, 380.0, None)),  # no manual prints how to clear a limit
         *((LENGTH, value) for value in (OFF, 0.05, -1.0, 10_000.0, None, True, math.nan, math.inf)),
         *((DISPENSED, value) for value in (-0.1, "3E8", None, True, math.nan, math.inf)),
         *((NAME, value) for value in (5, None)),

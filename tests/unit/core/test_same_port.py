@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from jbclog.core.wire import is_one_port, place_of
+from jbclog.core.wire import is_one_port, port_address
 
 
 @pytest.mark.parametrize(
@@ -52,5 +52,5 @@ def test_links_to_devices_are_followed(tmp_path: Path) -> None:
 
 def test_no_host_is_resolved_for_another_number(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("socket.getaddrinfo", pytest.fail)
-    assert not place_of("socket://slow.example:1").is_at(place_of("socket://other.example:2"))
-    assert place_of("socket://slow.example:1").is_at(place_of("socket://slow.example:1"))
+    assert not port_address("socket://slow.example:1").is_at(port_address("socket://other.example:2"))
+    assert port_address("socket://slow.example:1").is_at(port_address("socket://slow.example:1"))

@@ -15,15 +15,15 @@ from hypothesis import strategies as st
 from jbclog.config.recipe_sections import Omega
 from jbclog.protocol.commands.omega import (
     OMEGA,
-    SAYS_YES,
-    UNTOLD,
+    TRUE_ANSWERS,
+    WITHOUT_DIGIT,
     Cleaning,
     ConditionNumber,
     ConditionRecord,
     Digit,
     SetTemperature,
-    Stored,
     StoredCondition,
+    StoredRecord,
     difference,
     differing,
     is_condition,
@@ -92,7 +92,7 @@ def test_what_is_no_record(data: str) -> None:
 
 
 @pytest.mark.parametrize("value", [ConditionRecord(101, 0, 0.05, *[0.0] * 14), ConditionRecord(101, 0, 409.6, *[0.0] * 14)])
-def test_what_three_digits_of_tenths_cannot_carry(value: Stored) -> None:
+def test_what_three_digits_of_tenths_cannot_carry(value: StoredRecord) -> None:
     with pytest.raises(ValueError, match=r"step of 0\.1|409\.6 is not within 0 to 409\.5"):
         RECORD.encode(value)
 
@@ -104,7 +104,7 @@ def test_what_is_no_condition(value: object) -> None:
 
 
 @given(STORED)
-def test_a_record_comes_back_as_it_went(value: Stored) -> None:
+def test_a_record_comes_back_as_it_went(value: StoredRecord) -> None:
     text = RECORD.encode(value)
     assert RECORD.decode(text) == value
     assert RECORD.decode(text.lower()) == value
@@ -131,7 +131,7 @@ def test_a_number_of_the_reference() -> None:
 
 def test_where_two_records_differ() -> None:
     other = RECORD.decode("007C0" + COUNTED_ON_WIRE[5:8] + "015" + COUNTED_ON_WIRE[11:])
-    assert isinstance(other, Stored)
+    assert isinstance(other, StoredRecord)
     assert differing(COUNTED, other) == [("mode", "1", "0"), ("feed1_mm", "2.0", "2.1")]
     assert difference(COUNTED, other) == "mode 0 instead of 1, feed1_mm 2.1 instead of 2.0"
     assert difference(COUNTED, SetTemperature(124, 0, 0)) == "mode 5 instead of 1"
@@ -149,7 +149,7 @@ def test_a_digit_is_one_word_of_its_command(command: object) -> None:
     for number, name in enumerate(quantity.names):
         assert quantity.decode(str(number)) == name
         assert quantity.encode(name) == str(number)
-    assert not quantity.may_lack or quantity.decode("") == UNTOLD
+    assert not quantity.may_lack or quantity.decode("") == WITHOUT_DIGIT
     for data in (*(() if quantity.may_lack else ("",)), "00", "-", str(len(quantity.names)), "²"):
         with pytest.raises(ValueError, match="no digit"):
             quantity.decode(data)
@@ -160,7 +160,7 @@ def test_a_digit_is_one_word_of_its_command(command: object) -> None:
 def test_what_the_digits_of_a_say() -> None:
     """0 normal, 1 solder shortage, 2 clogged, 3 both (003, 11.3.1; docs/reference/protocol.md)."""
     names = OMEGA[0].quantity.names  # type: ignore[attr-defined]  # digits
-    assert [[name in SAYS_YES[column] for column in ("solder_shortage", "clogged")] for name in names] == [
+    assert [[name in TRUE_ANSWERS[column] for column in ("solder_shortage", "clogged")] for name in names] == [
         [False, False],
         [True, False],
         [False, True],

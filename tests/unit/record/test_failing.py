@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from jbclog.core.errors import RecordError
-from jbclog.core.locks import FolderLock, Witness, witness
+from jbclog.core.locks import CommitStatus, FolderLock, commit_status
 from jbclog.record.batches import Batch
 from jbclog.record.check import check
 from jbclog.record.conclude import conclude
@@ -154,10 +154,10 @@ def test_places_that_cannot_be_read_any_more_are_damage(tmp_path: Path, monkeypa
 def test_what_was_at_risk_is_told_as_it_was(tmp_path: Path) -> None:
     """A disk or a machine that kept the last commit waiting: the guard saw when the recorder ended."""
     folder = few_rows.abandoned(tmp_path)
-    said = witness(folder)
+    said = commit_status(folder)
     assert said.since is not None
     lock = FolderLock.take(folder)
-    lock.testify(Witness(said.last, 1_790_000_000.0, 1.26))
+    lock.write_status(CommitStatus(said.last, 1_790_000_000.0, 1.26))
     lock.release()
     told = {
         "time": 1_790_000_003_410_000,
@@ -177,7 +177,7 @@ def test_what_was_at_risk_is_told_as_it_was(tmp_path: Path) -> None:
 def test_a_commit_that_waited_long_before_is_reckoned_with(tmp_path: Path) -> None:
     folder = few_rows.abandoned(tmp_path)
     lock = FolderLock.take(folder)
-    lock.testify(Witness(witness(folder).last, 1_790_000_000.0, 1.26))
+    lock.write_status(CommitStatus(commit_status(folder).last, 1_790_000_000.0, 1.26))
     lock.release()
     recover(folder)
     lost = read_manifest(folder).lost

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from jbclog.core.errors import RecordError
-from jbclog.core.locks import NAME, FolderLock, Witness, boot_id, is_held, witness
+from jbclog.core.locks import NAME, CommitStatus, FolderLock, boot_id, commit_status, is_held
 
 
 def test_the_second_is_refused_with_the_holders_number(tmp_path: Path) -> None:
@@ -72,13 +72,13 @@ def test_a_lock_whose_file_was_removed_meanwhile_is_not_taken_for_one(tmp_path: 
 
 def test_the_last_committed_number_outlives_its_holder(tmp_path: Path) -> None:
     lock = FolderLock.take(tmp_path)
-    said = Witness(99, 1.79e9, 0.9, 12)
-    lock.testify(Witness(1234567, 1.79e9 + 0.001, 1234.5, 123_456_789))
-    lock.testify(said)
+    said = CommitStatus(99, 1.79e9, 0.9, 12)
+    lock.write_status(CommitStatus(1234567, 1.79e9 + 0.001, 1234.5, 123_456_789))
+    lock.write_status(said)
     lock.release()
-    assert witness(tmp_path) == said
+    assert commit_status(tmp_path) == said
     FolderLock.take(tmp_path).release()  # whoever comes next keeps it
-    assert witness(tmp_path) == said
+    assert commit_status(tmp_path) == said
 
 
 def test_a_disk_that_gives_no_lock_is_told_of(tmp_path: Path) -> None:

@@ -67,7 +67,7 @@ def test_a_failure_that_cannot_even_be_worded_is_remembered_and_told_later(tmp_p
 
 
 def test_an_error_without_a_text_has_its_cause_in_words() -> None:
-    assert errors.of_program(MemoryError()) == "MemoryError: memory was refused"
-    assert errors.of_program(AssertionError()) == "AssertionError: it gives no reason"
-    assert errors.of_program(ValueError("too long")) == "ValueError: too long"
+    assert errors.unexpected_error_text(MemoryError()) == "MemoryError: memory was refused"
+    assert errors.unexpected_error_text(AssertionError()) == "AssertionError: it gives no reason"
+    assert errors.unexpected_error_text(ValueError("too long")) == "ValueError: too long"
     assert errors.cause(KeyError("x")) == "'x'"

@@ -10,11 +10,9 @@ import pyarrow.parquet as pq
 import pytest
 
 from jbclog.core.rows import (
-    FLAG_COLUMNS,
     SAMPLE_COLUMNS,
     SIGNAL_COLUMNS,
     SIGNAL_OF_COLUMN,
-    TEXT_COLUMNS,
     CounterRow,
     EventRow,
     SettingRow,
@@ -24,6 +22,18 @@ from jbclog.record.schema import FLAG, INT, SCHEMAS, TABLES, TEXT, TIME
 
 CONTRACT = "seq, time, earliest, station, port, kind, severity, code, text, value, limit, raw, prev_sha256"
 CONTRACT_EVENTS = CONTRACT.split(", ")
+FLAG_COLUMNS = [
+    "cooling",
+    "desoldering",
+    "alarm_high",
+    "alarm_low",
+    "feeding",
+    "solder_shortage",
+    "clogged",
+    "preparing",
+    "in_range",
+]
+TEXT_COLUMNS = ["station", "quality", "reasons", "status", "motor"]
 
 
 def test_columns_are_those_of_the_rows() -> None:

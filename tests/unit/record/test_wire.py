@@ -15,7 +15,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from jbclog.core.errors import RecordError
-from jbclog.core.wire import Passed, Row, Told
+from jbclog.core.wire import CaptureRow, LinkRow, ResultRow
 from jbclog.record import capture_recorder
 from jbclog.record.capture import Head, count_rows, is_done, mend, read_head, read_rows, read_to_hole, wire_path, wire_paths
 from jbclog.record.capture_file import FIXED, WINDOW, Gap, blocks, line_of, row_of
@@ -30,17 +30,17 @@ HEAD = Head("dde-1", "/dev/ttyUSB0", "tht.toml", 8123.480001251, 1_790_000_000.2
 QUESTION, ANSWER = b"\x020001RSMN\x03\x02", b"\x020100ASMN DDE\x03U"
 
 
-def some_rows(count: int) -> Iterator[Row]:
+def some_rows(count: int) -> Iterator[CaptureRow]:
     """What a session of so many exchanges leaves."""
-    yield Told(8123.5, "told", "wait")
-    yield Passed(8123.51, "opened", text="/dev/ttyUSB0")
+    yield ResultRow(8123.5, "told", "wait")
+    yield LinkRow(8123.51, "opened", text="/dev/ttyUSB0")
     for number in range(count):
         at_s = 8124.0 + number * 0.0147123
-        yield Passed(at_s, "sent", QUESTION)
-        yield Passed(at_s + 0.014, "heard", ANSWER)
-        yield Told(at_s + 0.0140021, "told", "ask", len(ANSWER), at_s - 1.7e-6)
-    yield Told(8200.0, "broke", "listen", text='the "port"\tis\ngone…')
-    yield Told(8201.0, "done", "wait")
+        yield LinkRow(at_s, "sent", QUESTION)
+        yield LinkRow(at_s + 0.014, "heard", ANSWER)
+        yield ResultRow(at_s + 0.0140021, "told", "ask", len(ANSWER), at_s - 1.7e-6)
+    yield ResultRow(8200.0, "broke", "listen", text='the "port"\tis\ngone…')
+    yield ResultRow(8201.0, "done", "wait")
 
 
 ROWS = list(some_rows(300))
@@ -48,7 +48,7 @@ ENDS_EARLY = "wire/dde-1.tsv.gz ends before its session did: at most its last 1 
 HEADS = 5  # of 11 blocks or so: in those of numbers 0, 1, 2, 4 and 8
 
 
-def written(folder: Path, rows: list[Row], *, writes: int = 10, close: bool = True) -> Path:
+def written(folder: Path, rows: list[CaptureRow], *, writes: int = 10, close: bool = True) -> Path:
     """The file of these rows, written in so many pieces."""
     folder.mkdir(exist_ok=True)
     recorder = WireRecorder(folder)
@@ -69,11 +69,11 @@ def written(folder: Path, rows: list[Row], *, writes: int = 10, close: bool = Tr
 moments = st.floats(0, 1e9)
 texts = st.text(max_size=40)
 rows_made_up = st.one_of(
-    st.builds(Passed, moments, st.sampled_from(["sent", "heard"]), st.binary(min_size=1, max_size=40), st.just("")),
-    st.builds(Passed, moments, st.sampled_from(["opened", "failed", "lost", "closed"]), st.just(b""), texts),
-    st.builds(Told, moments, st.just("told"), st.just("ask"), st.integers(0, 4096), moments, st.just(""), moments),
+    st.builds(LinkRow, moments, st.sampled_from(["sent", "heard"]), st.binary(min_size=1, max_size=40), st.just("")),
+    st.builds(LinkRow, moments, st.sampled_from(["opened", "failed", "lost", "closed"]), st.just(b""), texts),
+    st.builds(ResultRow, moments, st.just("told"), st.just("ask"), st.integers(0, 4096), moments, st.just(""), moments),
     st.builds(
-        Told,
+        ResultRow,
         moments,
         st.just("told"),
         st.sampled_from(["listen", "wait", "reopen"]),
@@ -83,7 +83,7 @@ rows_made_up = st.one_of(
         moments,
     ),
     st.builds(
-        Told,
+        ResultRow,
         moments,
         st.sampled_from(["broke", "stopped"]),
         st.sampled_from(["ask", "wait"]),
@@ -96,7 +96,7 @@ rows_made_up = st.one_of(
 
 
 @given(rows_made_up)
-def test_a_row_comes_back_to_the_bit(row: Row) -> None:
+def test_a_row_comes_back_to_the_bit(row: CaptureRow) -> None:
     line = line_of(row)
     assert line.count("\n") == 1
     assert line.count("\t") == 2
@@ -135,7 +135,7 @@ def test_what_was_kept_is_read_again(tmp_path: Path) -> None:
 
 
 def test_a_port_is_closed_behind_the_end_of_its_session(tmp_path: Path) -> None:
-    path = written(tmp_path, [*ROWS, Passed(8201.1, "closed")])
+    path = written(tmp_path, [*ROWS, LinkRow(8201.1, "closed")])
     assert is_done(path)
     path.write_bytes(path.read_bytes()[:-1])
     assert not is_done(path)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from jbclog.core.text import clean, harmless
+from jbclog.core.text import clean, csv_cell
 from jbclog.report.spreadsheet import TABLES
 from jbclog.report.write import write_report
 from support.records.sealed_run import alarm, samples, seal, station, table
@@ -54,7 +54,7 @@ FORMULAS = ["=1+1", "+1", "-1+1", "@SUM(A1)", "\t=1", "\r=1", " =1", "＝1+1"]
 
 @pytest.mark.parametrize("text", FORMULAS)
 def test_no_text_is_a_formula(tmp_path: Path, text: str) -> None:
-    assert harmless(text) == f"'{clean(text)}"
+    assert csv_cell(text) == f"'{clean(text)}"
     folder = seal(tmp_path, [station(rows=300)], table(samples(300)), [alarm(12, text=text)])
     write_report(folder)
     (event,) = rows(folder, "events")
@@ -63,4 +63,4 @@ def test_no_text_is_a_formula(tmp_path: Path, text: str) -> None:
 
 @pytest.mark.parametrize("value", [-1.5, 3, None, "dde-1", "350", ""])
 def test_numbers_and_plain_words_stay_what_they_are(value: object) -> None:
-    assert harmless(value) == value
+    assert csv_cell(value) == value

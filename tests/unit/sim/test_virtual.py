@@ -7,7 +7,7 @@ from pydantic import ValidationError
 
 from jbclog.config.line import StationSpec
 from jbclog.config.sim_spec import SimSpec
-from jbclog.protocol.frame import Corrupt, Frame, FrameReader
+from jbclog.protocol.frame import CorruptFrame, Frame, FrameReader
 from jbclog.sim.virtual import Reply, VirtualStation
 
 T0 = 1000.0
@@ -104,7 +104,7 @@ def test_noise_comes_before_the_answer_and_takes_its_time() -> None:
     assert reply.data.endswith(asked.log.struck[0].clean)
     assert len(reply.data) == 12 + 16
     assert reply.at - T0 == pytest.approx((11 + 12 + 16) * 10 / 19200)
-    assert all(isinstance(found, Frame | Corrupt) for found in FrameReader().feed(reply.data))
+    assert all(isinstance(found, Frame | CorruptFrame) for found in FrameReader().feed(reply.data))
 
 
 def test_late_is_late() -> None:
@@ -128,7 +128,7 @@ def test_a_pulled_cable_carries_nothing_and_the_station_goes_on() -> None:
     told(asked, WRITE, 10)
     heard = T0 + 10 + 16 * 10 / 19200
     assert asked.next_plugging(T0 + 10) == pytest.approx(heard + 2)
-    assert [asked.hung_up(T0 + at) for at in (11.9, 12.1, 14.9, 15.1)] == [False, True, True, False]
+    assert [asked.is_unplugged(T0 + at) for at in (11.9, 12.1, 14.9, 15.1)] == [False, True, True, False]
     assert asked.receive(READ, heard + 1.995) == []  # its answer would come into the outage
     assert asked.receive(WRITE, T0 + 13) == []
     assert asked.next_plugging(T0 + 13) == pytest.approx(heard + 5)

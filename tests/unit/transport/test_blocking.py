@@ -7,7 +7,7 @@ import time
 import pytest
 
 from jbclog.core.errors import LinkError
-from jbclog.core.io_requests import Ask, Heard, Listen, Reopen, Steps, Wait
+from jbclog.core.io_requests import Ask, IoResult, Listen, Reopen, Steps, Wait
 from jbclog.transport import blocking
 from support.links.near_ends import PairPort, ThreadedPort
 
@@ -27,7 +27,7 @@ def test_it_does_what_is_wished_and_gives_what_the_session_returns(kind: type[Pa
 
 
 def test_patience_ends() -> None:
-    def session() -> Steps[Heard]:
+    def session() -> Steps[IoResult]:
         yield Reopen()
         return (yield Ask(b"abc", 0.05))
 

@@ -10,7 +10,7 @@ from itertools import pairwise
 
 import pytest
 
-from jbclog.core.io_requests import Ask, Heard, Listen, Reopen, Steps, Wait
+from jbclog.core.io_requests import Ask, IoResult, Listen, Reopen, Steps, Wait
 from jbclog.transport import blocking
 from jbclog.transport.port import MOST_AT_ONCE, MOST_KEPT, MOST_READS, REST_S, Budget
 from jbclog.transport.reactor import Reactor
@@ -55,7 +55,7 @@ def test_answers_in_pieces_of_a_byte_are_never_made_to_rest() -> None:
 @every_kind
 @every_piece
 def test_what_comes_in_a_wait_is_bounded(kind: type[PairPort], piece: bytes) -> None:
-    port, heard = kind(lambda _: b""), list[Heard]()
+    port, heard = kind(lambda _: b""), list[IoResult]()
 
     def session() -> Steps[None]:
         now = (yield Reopen()).now

@@ -112,8 +112,8 @@ def test_a_link_that_breaks_while_it_is_asked(kind: type[PairPort]) -> None:
 
 
 @KINDS
-@pytest.mark.parametrize("wish", [Ask(b"abc", LONG_S), Listen(1e12)], ids=["ask", "listen"])
-def test_a_link_that_breaks_while_it_is_idle_is_told_at_the_next_wish(kind: type[PairPort], wish: Ask | Listen) -> None:
+@pytest.mark.parametrize("io_request", [Ask(b"abc", LONG_S), Listen(1e12)], ids=["ask", "listen"])
+def test_a_link_that_breaks_while_it_is_idle_is_told_at_the_next_wish(kind: type[PairPort], io_request: Ask | Listen) -> None:
     met, port = [], kind()
 
     def session() -> Steps[None]:
@@ -121,7 +121,7 @@ def test_a_link_that_breaks_while_it_is_idle_is_told_at_the_next_wish(kind: type
         port.unplug()
         met.append((yield Wait(soon(0.3))).data)
         try:
-            yield wish
+            yield io_request
         except LinkError as error:
             met.append(str(error).encode())
 
@@ -137,9 +137,9 @@ def test_a_port_that_cannot_be_opened(error: Exception) -> None:
         raise error
 
     def session() -> Steps[None]:
-        for wish in (Reopen(), Ask(b"abc", LONG_S)):
+        for io_request in (Reopen(), Ask(b"abc", LONG_S)):
             try:
-                yield wish
+                yield io_request
             except LinkError as failure:
                 met.append(str(failure))
 

@@ -27,7 +27,7 @@ def test_what_comes_before_there_is_anybody_to_tell_is_told_later() -> None:
 def test_for_good_nothing_comes_of_them_afterwards() -> None:
     before = signal.getsignal(HEARD)
     try:
-        with Signals([HEARD], for_good=True):
+        with Signals([HEARD], stay_ignored=True):
             pass
         assert signal.getsignal(HEARD) == signal.SIG_IGN
     finally:

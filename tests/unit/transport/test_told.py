@@ -9,9 +9,9 @@ from math import inf
 import pytest
 
 from jbclog.core.errors import LinkError
-from jbclog.core.io_requests import Ask, Heard, Listen, Reopen, Request, RunEnded, Steps, Wait
-from jbclog.core.wire import Passed, Row, Told
-from jbclog.transport.session_history import Astray, Step, keeping, reliving, steps_of
+from jbclog.core.io_requests import Ask, IoResult, Listen, Reopen, Request, RunEnded, Steps, Wait
+from jbclog.core.wire import CaptureRow, LinkRow, ResultRow
+from jbclog.transport.session_history import Divergence, ReplayStep, captured, replay_steps, replayed
 
 Story = list[object]
 
@@ -30,7 +30,7 @@ def session(story: Story) -> Steps[str]:
     return "the end"
 
 
-Answer = Heard | Exception
+Answer = IoResult | Exception
 
 
 def pulled(steps: Steps[object], answers: list[Answer]) -> tuple[list[Request], object]:
@@ -45,22 +45,22 @@ def pulled(steps: Steps[object], answers: list[Answer]) -> tuple[list[Request], 
 
 
 GOOD: list[Answer] = [
-    Heard(1.00002, b"", 0.0),
-    Heard(1.5, b"", 0.0),
-    Heard(2.1, b"ab", 2.0),
-    Heard(2.2, b"c", 2.0),
-    Heard(3.75, b"", 3.0),
+    IoResult(1.00002, b"", 0.0),
+    IoResult(1.5, b"", 0.0),
+    IoResult(2.1, b"ab", 2.0),
+    IoResult(2.2, b"c", 2.0),
+    IoResult(3.75, b"", 3.0),
 ]
-BYTES: dict[int, list[Row]] = {
-    2: [Passed(2.0, "sent", b"first"), Passed(2.1, "heard", b"ab"), Passed(2.15, "heard", b"c")],
-    4: [Passed(3.0, "sent", b"second")],
+BYTES: dict[int, list[CaptureRow]] = {
+    2: [LinkRow(2.0, "sent", b"first"), LinkRow(2.1, "heard", b"ab"), LinkRow(2.15, "heard", b"c")],
+    4: [LinkRow(3.0, "sent", b"second")],
 }
 
 
-def recording(answers: list[Answer]) -> tuple[list[Row], Story]:
+def recording(answers: list[Answer]) -> tuple[list[CaptureRow], Story]:
     """The tape of a session that was answered so, and what it was told."""
-    tape, story = list[Row](), list[object]()
-    steps = keeping(session(story), tape.append, lambda: 7.0)
+    tape, story = list[CaptureRow](), list[object]()
+    steps = captured(session(story), tape.append, lambda: 7.0)
     next(steps)
     for place, answer in enumerate(answers):
         tape.extend(BYTES.get(place, []))
@@ -70,16 +70,16 @@ def recording(answers: list[Answer]) -> tuple[list[Row], Story]:
 
 
 def lived_again(
-    tape: list[Row], made: Callable[[Story], Steps[str]] = session, answers: list[Answer] | None = None
-) -> tuple[Story, list[Request], object, list[Astray]]:
-    story, left = list[object](), list[Astray]()
+    tape: list[CaptureRow], made: Callable[[Story], Steps[str]] = session, answers: list[Answer] | None = None
+) -> tuple[Story, list[Request], object, list[Divergence]]:
+    story, left = list[object](), list[Divergence]()
 
-    def leave(astray: Astray) -> tuple[float, str]:
+    def leave(astray: Divergence) -> tuple[float, str]:
         left.append(astray)
         return inf, ""
 
-    steps = reliving(made(story), steps_of(tape), leave)
-    wishes, ended = pulled(steps, [Heard(0.0, b"the driver's", 0.0)] * 20 if answers is None else answers)
+    steps = replayed(made(story), replay_steps(tape), leave)
+    wishes, ended = pulled(steps, [IoResult(0.0, b"the driver's", 0.0)] * 20 if answers is None else answers)
     return story, wishes, ended, left
 
 
@@ -87,34 +87,34 @@ def lived_again(
     "answers",
     [
         GOOD,
-        [*GOOD[:3], LinkError("gone"), Heard(8.0, b"", 2.0)],
-        [*GOOD[:2], LinkError("gone at once"), Heard(8.0, b"", 2.0)],
-        [*GOOD[:4], RunEnded("Ctrl-C"), Heard(8.0, b"x", 3.0)],
+        [*GOOD[:3], LinkError("gone"), IoResult(8.0, b"", 2.0)],
+        [*GOOD[:2], LinkError("gone at once"), IoResult(8.0, b"", 2.0)],
+        [*GOOD[:4], RunEnded("Ctrl-C"), IoResult(8.0, b"x", 3.0)],
     ],
     ids=["good", "broken", "broken at once", "ended"],
 )
 def test_the_second_life_is_told_the_same(answers: list[Answer]) -> None:
-    if answers[-1] == Heard(8.0, b"x", 3.0):
-        BYTES[5] = [Passed(5.0, "heard", b"x")]
+    if answers[-1] == IoResult(8.0, b"x", 3.0):
+        BYTES[5] = [LinkRow(5.0, "heard", b"x")]
     tape, story = recording(answers)
     BYTES.pop(5, None)
     again, wishes, ended, left = lived_again(tape)
     assert again == story
     assert (ended, left) == ("the end", [])
-    assert all(isinstance(wish, Wait) for wish in wishes)  # the driver only hears of waits
-    moments = [wish.until for wish in wishes if isinstance(wish, Wait)]
-    assert moments == [row.at_s for row in tape if isinstance(row, Told) and row.what != "done"]
+    assert all(isinstance(io_request, Wait) for io_request in wishes)  # the driver only hears of waits
+    moments = [io_request.until for io_request in wishes if isinstance(io_request, Wait)]
+    assert moments == [row.at_s for row in tape if isinstance(row, ResultRow) and row.what != "done"]
 
 
 def test_what_is_kept() -> None:
     tape, _ = recording(GOOD)
-    assert [row for row in tape if isinstance(row, Told)] == [
-        Told(1.00002, "told", "wait", 0, 0.0),
-        Told(1.5, "told", "reopen", 0, 0.0),
-        Told(2.1, "told", "ask", 2, 2.0),
-        Told(2.2, "told", "listen", 1, 2.0),
-        Told(3.75, "told", "ask", 0, 3.0),
-        Told(7.0, "done", "wait"),
+    assert [row for row in tape if isinstance(row, ResultRow)] == [
+        ResultRow(1.00002, "told", "wait", 0, 0.0),
+        ResultRow(1.5, "told", "reopen", 0, 0.0),
+        ResultRow(2.1, "told", "ask", 2, 2.0),
+        ResultRow(2.2, "told", "listen", 1, 2.0),
+        ResultRow(3.75, "told", "ask", 0, 3.0),
+        ResultRow(7.0, "done", "wait"),
     ]
 
 
@@ -123,22 +123,25 @@ def test_a_session_that_breaks_is_not_held() -> None:
         yield Wait(0.0)
         raise ZeroDivisionError
 
-    for wrapped in (keeping(broken(), print, lambda: 0.0), reliving(broken(), steps_of(recording(GOOD)[0]), lambda _: (inf, ""))):
+    for wrapped in (
+        captured(broken(), print, lambda: 0.0),
+        replayed(broken(), replay_steps(recording(GOOD)[0]), lambda _: (inf, "")),
+    ):
         next(wrapped)
         with pytest.raises(ZeroDivisionError):
-            wrapped.send(Heard(0.0, b"", 0.0))
+            wrapped.send(IoResult(0.0, b"", 0.0))
 
 
 def test_bytes_are_told_to_the_wish_that_took_them_and_those_of_a_closed_port_to_none() -> None:
-    rows: list[Row] = [
-        Passed(1.0, "heard", b"left over"),
-        Passed(2.0, "opened"),
-        Passed(3.0, "sent", b"q"),
-        Passed(3.1, "heard", b"abc"),
-        Told(3.2, "told", "ask", 1, 3.0),
-        Told(3.3, "told", "listen", 2, 3.0),
+    rows: list[CaptureRow] = [
+        LinkRow(1.0, "heard", b"left over"),
+        LinkRow(2.0, "opened"),
+        LinkRow(3.0, "sent", b"q"),
+        LinkRow(3.1, "heard", b"abc"),
+        ResultRow(3.2, "told", "ask", 1, 3.0),
+        ResultRow(3.3, "told", "listen", 2, 3.0),
     ]
-    steps = list(steps_of(rows))
+    steps = list(replay_steps(rows))
     assert [(step.place, step.asked, step.data) for step in steps] == [(0, b"q", b"a"), (5, b"", b"bc")]
 
 
@@ -155,8 +158,8 @@ def another(story: Story) -> Steps[str]:
 
 def test_a_session_that_wishes_something_else_goes_on_by_itself() -> None:
     tape, story = recording(GOOD)
-    opened, first, second = Heard(1.5, b"", 0.0), Heard(1.6, b"new", 1.5), Heard(99.0, b"", 1.5)
-    pulled_along = [Heard(1.0, b"", 0.0), Heard(1.5, b"", 0.0)]
+    opened, first, second = IoResult(1.5, b"", 0.0), IoResult(1.6, b"new", 1.5), IoResult(99.0, b"", 1.5)
+    pulled_along = [IoResult(1.0, b"", 0.0), IoResult(1.5, b"", 0.0)]
     again, wishes, ended, (left,) = lived_again(tape, another, [*pulled_along, opened, first, second])
     assert again == [*story[:2], first, second]
     assert wishes[2:] == [Reopen(), Ask(b"something else", 0.5), Wait(99.0)]
@@ -167,12 +170,12 @@ def test_a_session_that_wishes_something_else_goes_on_by_itself() -> None:
 
 def test_a_session_on_its_own_is_ended_when_it_was_then() -> None:
     tape, _ = recording(GOOD)
-    steps = reliving(another([]), steps_of(tape), lambda _: (50.0, "the recording is over"))
+    steps = replayed(another([]), replay_steps(tape), lambda _: (50.0, "the recording is over"))
     next(steps)
     for moment in (1.0, 1.5, 1.5, 1.6):
-        steps.send(Heard(moment, b"", 0.0))
+        steps.send(IoResult(moment, b"", 0.0))
     with pytest.raises(RunEnded, match="the recording is over"):
-        steps.send(Heard(50.0, b"", 0.0))
+        steps.send(IoResult(50.0, b"", 0.0))
 
 
 def test_a_tape_without_its_end() -> None:
@@ -183,26 +186,26 @@ def test_a_tape_without_its_end() -> None:
 
 
 @pytest.mark.parametrize(
-    ("wish", "step", "fits"),
+    ("io_request", "step", "fits"),
     [
-        (Wait(2.0), Told(2.0, "told", "wait"), True),
-        (Wait(2.0), Told(2.5, "told", "wait"), True),  # the host was late
-        (Wait(2.0), Told(1.9, "told", "wait"), False),
-        (Listen(2.0), Told(1.9, "told", "listen"), False),
-        (Ask(b"q", 0.5), Told(2.5, "told", "ask", 0, 2.0), True),
-        (Ask(b"q", 0.5), Told(2.3, "told", "ask", 0, 2.0), False),  # it would wait longer now
-        (Ask(b"r", 0.5), Told(2.5, "told", "ask", 0, 2.0), False),
-        (Ask(b"r", 0.5), Told(2.5, "broke", "ask"), False),
-        (Wait(2.0), Told(2.5, "told", "listen"), False),
-        (Reopen(), Told(2.5, "broke", "reopen"), True),
-        (Wait(2.0), Told(2.5, "done", "wait"), False),
+        (Wait(2.0), ResultRow(2.0, "told", "wait"), True),
+        (Wait(2.0), ResultRow(2.5, "told", "wait"), True),  # the host was late
+        (Wait(2.0), ResultRow(1.9, "told", "wait"), False),
+        (Listen(2.0), ResultRow(1.9, "told", "listen"), False),
+        (Ask(b"q", 0.5), ResultRow(2.5, "told", "ask", 0, 2.0), True),
+        (Ask(b"q", 0.5), ResultRow(2.3, "told", "ask", 0, 2.0), False),  # it would wait longer now
+        (Ask(b"r", 0.5), ResultRow(2.5, "told", "ask", 0, 2.0), False),
+        (Ask(b"r", 0.5), ResultRow(2.5, "broke", "ask"), False),
+        (Wait(2.0), ResultRow(2.5, "told", "listen"), False),
+        (Reopen(), ResultRow(2.5, "broke", "reopen"), True),
+        (Wait(2.0), ResultRow(2.5, "done", "wait"), False),
     ],
 )
-def test_which_steps_answer_a_wish(wish: Request, step: Told, fits: bool) -> None:
-    asked = b"q" if step.wish == "ask" else b""
-    assert Step(0, step, asked, b"").answers(wish) is fits
+def test_which_steps_answer_a_wish(io_request: Request, step: ResultRow, fits: bool) -> None:
+    asked = b"q" if step.request == "ask" else b""
+    assert ReplayStep(0, step, asked, b"").answers(io_request) is fits
 
 
 def test_a_question_that_could_not_even_be_sent() -> None:
-    assert Step(0, Told(2.5, "broke", "ask"), b"", b"").answers(Ask(b"any", 0.5))
-    assert not Step(0, Told(2.5, "told", "ask"), b"", b"").answers(Ask(b"any", 0.5))
+    assert ReplayStep(0, ResultRow(2.5, "broke", "ask"), b"", b"").answers(Ask(b"any", 0.5))
+    assert not ReplayStep(0, ResultRow(2.5, "told", "ask"), b"", b"").answers(Ask(b"any", 0.5))

@@ -11,17 +11,26 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from jbclog.core.errors import UsageError
-from jbclog.transport.typed_lines import KEPT, Gone, Line, Source, Splitter, is_plain_file, lines_of_file, open_source
+from jbclog.transport.typed_lines import (
+    KEPT,
+    LineSource,
+    LineSplitter,
+    SourceLost,
+    TypedLine,
+    is_plain_file,
+    lines_of_file,
+    open_source,
+)
 
 
-def lines(*pieces: bytes) -> list[Line]:
-    splitter = Splitter()
+def lines(*pieces: bytes) -> list[TypedLine]:
+    splitter = LineSplitter()
     return [line for piece in pieces for line in splitter.feed(piece)]
 
 
 @pytest.mark.parametrize("end", [b"\n", b"\r", b"\r\n"])
 def test_a_reader_may_end_its_lines_as_it_is_set_up(end: bytes) -> None:
-    assert lines(b"SN-1" + end, b"SN", b"-2" + end) == [Line("SN-1"), Line("SN-2")]
+    assert lines(b"SN-1" + end, b"SN", b"-2" + end) == [TypedLine("SN-1"), TypedLine("SN-2")]
 
 
 @given(st.lists(st.sampled_from(["SN-1", "Ä 7", "", "\x1dA"])), st.data())
@@ -48,7 +57,7 @@ def test_an_empty_line_is_none(nothing: bytes) -> None:
     ],
 )
 def test_what_does_not_show_is_kept_as_an_escape_and_told(typed: bytes, kept: str) -> None:
-    assert lines(typed) == [Line(kept, is_clear=False)]
+    assert lines(typed) == [TypedLine(kept, is_clear=False)]
 
 
 def test_two_serials_that_differ_in_what_does_not_show_differ() -> None:
@@ -56,20 +65,20 @@ def test_two_serials_that_differ_in_what_does_not_show_differ() -> None:
 
 
 def test_the_mark_that_windows_puts_first_is_no_part_of_a_serial() -> None:
-    assert lines(b"\xef\xbb\xbfSN-1\n") == [Line("SN-1")]
+    assert lines(b"\xef\xbb\xbfSN-1\n") == [TypedLine("SN-1")]
 
 
 @pytest.mark.parametrize("length", [201, KEPT, KEPT + 1, 10 * KEPT])
 def test_a_line_that_is_too_long_is_told_as_such_and_the_next_one_counts(length: int) -> None:
     pieces = [b"X" * 256] * (length // 256) + [b"X" * (length % 256), b"\nSN-2\n"]
-    assert lines(*pieces) == [Line("X" * 200, is_whole=False), Line("SN-2")]
+    assert lines(*pieces) == [TypedLine("X" * 200, is_whole=False), TypedLine("SN-2")]
 
 
 def test_what_has_no_end_yet_is_not_lost() -> None:
-    splitter = Splitter()
+    splitter = LineSplitter()
     assert (list(splitter.feed(b"SN-1\nSN")), list(splitter.finish()), list(splitter.finish())) == (
-        [Line("SN-1")],
-        [Line("SN")],
+        [TypedLine("SN-1")],
+        [TypedLine("SN")],
         [],
     )
 
@@ -79,7 +88,7 @@ def test_what_has_no_end_yet_is_not_lost() -> None:
 
 def test_nothing_is_waited_for() -> None:
     reading, writing = os.pipe()
-    source = Source(reading, "stdin")
+    source = LineSource(reading, "stdin")
     assert source.read() == b""  # or it would wait for ever
     os.write(writing, b"SN-1\n")
     assert source.read() == b"SN-1\n"
@@ -91,7 +100,7 @@ def test_nothing_is_waited_for() -> None:
 def test_a_flood_stays_in_the_pipe() -> None:
     reading, writing = os.pipe()
     os.write(writing, b"y\n" * 20000)
-    source = Source(reading, "stdin")
+    source = LineSource(reading, "stdin")
     assert len(source.read() or b"") <= 256
     source.close()
     os.close(writing)
@@ -117,7 +126,7 @@ def test_a_reader_on_a_terminal_of_its_own_that_is_unplugged() -> None:
     assert source.is_typed
     assert source.read() == b"SN-1\n"
     os.close(ours)
-    with pytest.raises(Gone):
+    with pytest.raises(SourceLost):
         source.read()
     source.close()
 
@@ -132,6 +141,6 @@ def test_a_plain_file_is_a_list(tmp_path: Path) -> None:
     file = tmp_path / "serials.txt"
     file.write_bytes(b"\xef\xbb\xbfSN-1\r\n\r\nSN-2")
     assert is_plain_file(str(file))
-    assert lines_of_file(str(file), 100) == [Line("SN-1"), Line("SN-2")]
-    with pytest.raises(UsageError, match="no list of serials"):
+    assert lines_of_file(str(file), 100) == [TypedLine("SN-1"), TypedLine("SN-2")]
+    with pytest.raises(UsageError, match="not a list of serials"):
         lines_of_file(str(file), 5)

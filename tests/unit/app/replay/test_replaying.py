@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 
 import pytest
 
-from jbclog.app.replay import Recording, limits, open_recording, plan_of, serve
+from jbclog.app.replay import Recording, open_recording, plan_of, serve
 from jbclog.app.run.plan import RunOptions, make_plan, orders
 from jbclog.config.line import load_line
 from jbclog.core.clock import VirtualClock
@@ -58,20 +57,16 @@ def test_what_came_of_a_rate_and_of_a_run_that_was_ended(folder: Path) -> None:
     assert (told.operator, told.units, told.tags) == ("A. Rossi", ("1", "2"), {"shift": "3", "replay_of": "run"})
 
 
-@pytest.mark.parametrize("speed", [1.0, 2.0, 10.0, 0.5])
-def test_the_line_file_has_the_recipe_that_ran_the_rate_that_came_of_it_and_the_speed(
-    folder: Path, tmp_path: Path, speed: float
-) -> None:
-    """The recorder's clock goes as fast as the stations', so the line, whose rates it reckons with, is the same."""
+def test_the_line_file_has_the_recipe_and_the_rate_of_the_run(folder: Path, tmp_path: Path) -> None:
     recording = with_manifest(folder, facts("dde-1", 0.1, 25))
-    server, (station,) = serve(recording, tmp_path / "served", speed=speed)
+    server, (station,) = serve(recording, tmp_path / "served")
     server.close()
     line = load_line(tmp_path / "served" / "line.toml")
     (spec,) = line.stations
     assert spec.recipe == folder / "recipes" / "recipe.toml"
     assert (spec.name, spec.baudrate, spec.url) == ("dde-1", 19200, str(tmp_path / "served" / "dde-1"))
     assert line.replay is not None
-    assert (line.replay.speed, line.replay.rate_hz) == (speed, {"dde-1": 10.0})
+    assert line.replay.rate_hz == {"dde-1": 10.0}
     (plan,) = make_plan(RunOptions(line.path)).stations
     assert plan.rate == 10.0
     (order,) = orders(make_plan(RunOptions(line.path)), 0.0)
@@ -95,8 +90,7 @@ def test_the_line_file_has_the_recipe_that_ran_the_rate_that_came_of_it_and_the_
     ],
 )
 def test_no_real_station_is_asked_at_the_pace_of_a_recorded_one(folder: Path, tmp_path: Path, url: str, is_fine: bool) -> None:
-    """A table [replay] that somebody wrote by hand would make the recorder as impatient as it is fast."""
-    server, _ = serve(with_manifest(folder, facts("dde-1", 0.1, 25)), tmp_path / "served", speed=10.0)
+    server, _ = serve(with_manifest(folder, facts("dde-1", 0.1, 25)), tmp_path / "served")
     server.close()
     path = tmp_path / "served" / "line.toml"
     path.write_text(path.read_text().replace('url = "dde-1"', f'url = "{url}"'))
@@ -109,31 +103,17 @@ def test_no_real_station_is_asked_at_the_pace_of_a_recorded_one(folder: Path, tm
             make_plan(RunOptions(path))
 
 
-def test_a_speed_that_cannot_be_kept_is_refused_with_the_one_that_can(folder: Path, tmp_path: Path) -> None:
-    recording = with_manifest(folder, facts("dde-1", 0.1, 25))
-    with pytest.raises(UsageError) as refused:
-        serve(recording, tmp_path / "served", speed=500.0)
-    found = re.search(r"--speed 500 cannot be kept.* --speed ([\d.]+) is possible", str(refused.value))
-    assert found
-    assert not (tmp_path / "served").exists()
-    assert 10 < float(found[1]) < 500
-    server, _ = serve(recording, tmp_path / "served", speed=float(found[1]))
+def test_another_speed_than_one_is_refused(folder: Path, tmp_path: Path) -> None:
+    """Line files of releases 1 and 2 may have it."""
+    server, _ = serve(with_manifest(folder, facts("dde-1", 0.1, 25)), tmp_path / "served")
     server.close()
-
-
-def test_what_limits_a_speed(folder: Path) -> None:
-    """The shortest answers, and all questions of all stations together: a hundred a second and more on one of this wire."""
-    shortest, most = limits(open_recording(folder))
-    assert "dde-1 answered after" in shortest.why
-    assert re.search(r"the stations were asked \d+ times a second", most.why)
-    assert shortest.speed > most.speed > 10
-
-
-def test_a_run_without_a_grid_has_its_own_pace_only(tmp_path: Path) -> None:
-    recorded(tmp_path / "run", line_text(), duration_s=1.0, rate="max")
-    with pytest.raises(UsageError, match="recorded with --rate max"):
-        serve(open_recording(tmp_path / "run"), tmp_path / "served", speed=2.0)
-    serve(open_recording(tmp_path / "run"), tmp_path / "served")[0].close()
+    path = tmp_path / "served" / "line.toml"
+    text = path.read_text()
+    path.write_text(text.replace("[replay]\n", "[replay]\nspeed = 1.0\n"))
+    assert load_line(path).replay is not None
+    path.write_text(text.replace("[replay]\n", "[replay]\nspeed = 10.0\n"))
+    with pytest.raises(Problems, match=r"replay\.speed"):
+        load_line(path)
 
 
 def test_folders_that_are_no_recording(tmp_path: Path) -> None:

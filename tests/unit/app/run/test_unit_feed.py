@@ -11,7 +11,7 @@ import pytest
 from jbclog.app.run.unit_feed import UnitFeed
 from jbclog.cli.progress import Worth
 from jbclog.core.rows import EventRow
-from jbclog.transport.typed_lines import Source
+from jbclog.transport.typed_lines import LineSource
 
 
 @dataclass
@@ -52,7 +52,7 @@ class Feeding:
 def feeding() -> Iterator[Feeding]:
     reading, writing = os.pipe()
     context = Desk(writing)
-    yield Feeding(context, UnitFeed(Source(reading, "stdin"), context.events.append, context.micros))
+    yield Feeding(context, UnitFeed(LineSource(reading, "stdin"), context.events.append, context.micros))
     if context.writing >= 0:
         os.close(context.writing)
 
@@ -119,7 +119,7 @@ def test_a_pipe_that_was_closed_leaves_the_last_unit_and_says_so(feeding: Feedin
 def test_a_reader_that_is_gone_leaves_no_unit() -> None:
     reading, writing = os.pipe()
     context = Desk(writing)
-    feed = UnitFeed(Source(reading, "/dev/ttyACM0", ends=False), context.events.append, context.micros)
+    feed = UnitFeed(LineSource(reading, "/dev/ttyACM0", ends=False), context.events.append, context.micros)
     Feeding(context, feed).types(b"SN-1\n")
     os.close(writing)
     feed.look()
@@ -142,7 +142,7 @@ def test_the_end_of_the_run_takes_in_what_has_come(feeding: Feeding) -> None:
 def until_two() -> Iterator[Feeding]:
     reading, writing = os.pipe()
     context = Desk(writing)
-    yield Feeding(context, UnitFeed(Source(reading, "stdin"), context.events.append, context.micros, wanted=2))
+    yield Feeding(context, UnitFeed(LineSource(reading, "stdin"), context.events.append, context.micros, wanted=2))
     if context.writing >= 0:
         os.close(context.writing)
 
@@ -191,7 +191,7 @@ def refusing() -> Iterator[Feeding]:
     reading, writing = os.pipe()
     context = Desk(writing)
     yield Feeding(
-        context, UnitFeed(Source(reading, "stdin"), context.events.append, context.micros, wanted=3, refuses_repeats=True)
+        context, UnitFeed(LineSource(reading, "stdin"), context.events.append, context.micros, wanted=3, refuses_repeats=True)
     )
     if context.writing >= 0:
         os.close(context.writing)

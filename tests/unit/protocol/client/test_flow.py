@@ -5,15 +5,15 @@ from __future__ import annotations
 import pytest
 
 from jbclog.core.errors import LinkError, LinkFlooded
-from jbclog.core.io_requests import Heard, Steps, Wait
+from jbclog.core.io_requests import IoResult, Steps, Wait
 from jbclog.core.wire import LineFormat
-from jbclog.protocol.client.interface import LEAST_DUE, MOST_TIMES, QUIET_S, SUSPECT, Flow, expect_quiet
+from jbclog.protocol.client.interface import LEAST_DUE, MOST_TIMES, QUIET_S, SUSPECT, FloodDetector, expect_quiet
 from jbclog.protocol.client.robot import Station
 
 
-def fed(bytes_per_s: float, due_per_s: float, seconds: float = 3.0, every_s: float = 0.1) -> Flow:
+def fed(bytes_per_s: float, due_per_s: float, seconds: float = 3.0, every_s: float = 0.1) -> FloodDetector:
     """A flow that was told of so much, at even distances."""
-    flow = Flow()
+    flow = FloodDetector()
     for step in range(round(seconds / every_s) + 1):
         flow.came(100 + step * every_s, round(bytes_per_s * every_s), round(due_per_s * every_s))
         if flow.found is not None:
@@ -60,7 +60,7 @@ def test_it_is_taken_once_and_another_second_has_to_pass_for_the_next() -> None:
 def test_answers_that_are_late_may_come_all_at_once_and_no_more_than_they() -> None:
     """A station that was stuck answers forty questions of four seconds within one."""
     for more, is_flood in ((0, False), (MOST_TIMES * 200, True)):
-        flow = Flow()
+        flow = FloodDetector()
         for tenth in range(40):
             flow.came(100 + tenth / 10, 0, 16)
         flow.came(104.0, 0)
@@ -79,14 +79,14 @@ def test_a_quiet_second_ends_it() -> None:
 def test_a_long_wait_is_reckoned_by_its_length() -> None:
     """Nothing is told while a session waits: a hundred bytes a second for a minute are none, a thousand are."""
     for bytes_per_s, is_flood in ((100, False), (1000, True)):
-        flow = Flow()
+        flow = FloodDetector()
         flow.came(0.0, 0)
         flow.came(60.0, 60 * bytes_per_s)
         assert flow.is_flooded is is_flood
 
 
 def test_no_answer_is_believed_among_more_than_half_a_kilobyte_that_was_not_due() -> None:
-    flow = Flow()
+    flow = FloodDetector()
     assert not flow.came(0.0, SUSPECT, 15)
     assert flow.came(0.1, 1, 15)
     assert not flow.came(0.2, 0, SUSPECT // MOST_TIMES)
@@ -100,6 +100,6 @@ def test_a_link_that_was_flooded_is_listened_to_before_anything_is_asked(came: i
     steps: Steps[None] = expect_quiet(client)
     assert next(steps) == Wait(50.0 + QUIET_S)
     with pytest.raises(LinkFlooded if is_flooded else StopIteration):
-        steps.send(Heard(50.0 + QUIET_S, bytes(came), 0.0))
+        steps.send(IoResult(50.0 + QUIET_S, bytes(came), 0.0))
     assert client.flow.is_flooded is is_flooded
     assert client.flow.found is None

@@ -16,7 +16,7 @@ from jbclog.core.errors import (
     RobotModeOff,
     StationError,
 )
-from jbclog.core.io_requests import Heard, Steps
+from jbclog.core.io_requests import IoResult, Steps
 from jbclog.core.quantities import Value
 from jbclog.protocol.client.robot import Station
 from jbclog.protocol.commands.family import FAMILIES
@@ -306,7 +306,7 @@ def test_a_refused_write_names_command_and_port() -> None:
 @pytest.mark.parametrize("said", [framed("ATT100350"), framed("ATT100350")[:9]], ids=["whole", "begun"])
 def test_what_comes_unasked_is_counted_and_answers_nothing(said: bytes) -> None:
     talk = Talk(GOOD)
-    talk.station.unasked(Heard(0.0, said, 0.0))
-    talk.station.unasked(Heard(0.0, b"", 0.0))
+    talk.station.unasked(IoResult(0.0, said, 0.0))
+    talk.station.unasked(IoResult(0.0, b"", 0.0))
     assert talk.do(read_tip) == 183
     assert talk.station.strays == {"unasked": 1}

@@ -287,7 +287,7 @@ def _agree(table: Mapping[int, str], words: dict[int, str]) -> None:
 @pytest.mark.parametrize("name", FAMILIES)
 def test_reading_clears_nothing_but_the_alarm_flags(name: str) -> None:
     """ "Once you have read the flag this is deleted" (manual 000, 4.8.27)."""
-    cleared = [command.name for command in FAMILIES[name].commands.values() if command.readable and command.asked_once]
+    cleared = [command.name for command in FAMILIES[name].commands.values() if command.readable and command.sent_once]
     assert cleared == (["alarm_flags"] if name in SOLDERING else [])
 
 

@@ -28,7 +28,7 @@ def test_every_row_has_a_decision() -> None:
 def test_a_decision_says_what_is_done_and_why(decision: Decision) -> None:
     assert min(len(decision.title), len(decision.reason)) > 10
     assert decision.reading
-    told = decision.number in UNDECIDED or (decision.shows_on_the_wire and decision.number not in ONLY_SOUGHT)
+    told = decision.number in UNDECIDED or (bool(decision.quirks) and decision.number not in ONLY_SOUGHT)
     assert bool(decision.met) == told
     assert decision.doubtful or decision.number not in UNDECIDED
     assert decision.met == "" or decision.met.endswith(".")

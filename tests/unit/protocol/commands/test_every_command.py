@@ -16,7 +16,7 @@ import pytest
 
 from jbclog.core.errors import OutOfRange
 from jbclog.core.io_requests import Steps
-from jbclog.core.quantities import OFF, AlarmDelay, Choice, Delay, Number, Quantity, Text, Value, Word
+from jbclog.core.quantities import OFF, AlarmDelay, Choice, Delay, DigitWord, Number, Quantity, Text, Value
 from jbclog.protocol.client.interface import Client
 from jbclog.protocol.client.robot import Station
 from jbclog.protocol.client.timing import change_address, restart
@@ -46,7 +46,7 @@ every_order = _walk(*((family, command) for family, command in EVERY if command.
 
 UNITS = {"°C", "‰", "h", "count", "s", "min", "mm", "mm/s", "raw"}
 """``raw`` says that no manual prints the unit (docs/reference/contradictions.md, B-33)."""
-WITHOUT_UNIT = (Choice, ConditionNumber, Digit, Number, StoredCondition, Text, Word)
+WITHOUT_UNIT = (Choice, ConditionNumber, Digit, Number, StoredCondition, Text, DigitWord)
 """Names, words and numbers that stand for something else: what they can be is their range."""
 
 CITATION = re.compile(r"(00[0-4]) \S.*")
@@ -91,7 +91,7 @@ def test_what_acts_is_dangerous_and_sent_once(family: Family, command: Command) 
         assert command.dangerous
     if command.effect is Effect.CLEARS:
         assert command.access == "r"
-    assert command.asked_once == (command.effect in (Effect.MOVES, Effect.ERASES, Effect.CLEARS))
+    assert command.sent_once == (command.effect in (Effect.MOVES, Effect.ERASES, Effect.CLEARS))
 
 
 # -- its code ----------------------------------------------------------------------------------------------------------

@@ -11,7 +11,7 @@ from jbclog.protocol.commands.command import Effect
 from jbclog.protocol.commands.family import FAMILIES, Family, family_of
 from jbclog.protocol.commands.hotair import AIR_STATUS
 from jbclog.protocol.commands.robot import COMMUNICATION_ERRORS
-from jbclog.protocol.commands.signals import Pace
+from jbclog.protocol.commands.signals import ReadInterval
 from jbclog.protocol.commands.status import SOLDERING_STATUS
 
 families = pytest.mark.parametrize("family", FAMILIES.values(), ids=lambda family: family.name)
@@ -25,11 +25,11 @@ def test_signals_fill_columns_from_readable_commands(family: Family) -> None:
         assert family.commands[signal.command].readable
         assert set(signal.columns) <= set(SIGNAL_COLUMNS)
         assert {SIGNAL_OF_COLUMN[column] for column in signal.columns} == {signal.name}
-        assert signal.pace is not Pace.COUNTERS
+        assert signal.interval is not ReadInterval.COUNTERS
     fast = ["temperature_c", "power_permille", "status", *(["external_c"] if family.name == "jtse" else [])]
     if family.name == "omega":  # it tells its states and no temperature
         fast = ["solder_shortage", "preparing", "in_range"]
-    assert [signal.name for signal in family.signals if signal.pace is Pace.FAST] == fast
+    assert [signal.name for signal in family.signals if signal.interval is ReadInterval.FAST] == fast
 
 
 @families
@@ -39,7 +39,7 @@ def test_counters_are_readable_commands_in_their_unit(family: Family) -> None:
         assert command.access == "r"
         assert command.unit == counter.unit
     assert len({counter.name for counter in family.counters}) == len(family.counters)
-    often = {counter.name for counter in family.counters if counter.pace is not Pace.COUNTERS}
+    often = {counter.name for counter in family.counters if counter.interval is not ReadInterval.COUNTERS}
     assert often == ({"dispensed_cycles"} if family.has_feeder else set())  # each feed is evidence of a joint
 
 

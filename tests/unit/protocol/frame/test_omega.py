@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import pytest
 
-from jbclog.protocol.frame import Corrupt
+from jbclog.protocol.frame import CorruptFrame
 from jbclog.protocol.omega import OmegaReader
 from support.golden import manual_003
 
@@ -44,5 +44,5 @@ def test_a_flipped_bit_is_never_believed() -> None:
 
 def test_a_wrong_sum_is_counted_and_given_with_its_bytes() -> None:
     reader = OmegaReader()
-    assert reader.feed(b"?\x02a0\x0390\x02a1\x0392") == [Corrupt(b"\x02a0\x0390"), "a1"]
+    assert reader.feed(b"?\x02a0\x0390\x02a1\x0392") == [CorruptFrame(b"\x02a0\x0390"), "a1"]
     assert (reader.corrupt, reader.garbage) == (1, 1)

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from jbclog.protocol.frame import MOST_HELD, Corrupt, Frame, FrameReader
+from jbclog.protocol.frame import MOST_HELD, CorruptFrame, Frame, FrameReader
 from jbclog.protocol.omega import MOST_HELD as MOST_HELD_OF_OMEGA
 from jbclog.protocol.omega import OmegaReader
 from support.golden import summed, wire_of, with_check_byte
@@ -67,8 +67,8 @@ def _streams(system: System) -> st.SearchStrategy[bytes]:
     return st.lists(_pieces(system), max_size=8).map(b"".join)
 
 
-def _good(found: list[Frame | Corrupt] | list[str | Corrupt]) -> list[Told]:
-    return [one for one in found if not isinstance(one, Corrupt)]
+def _good(found: list[Frame | CorruptFrame] | list[str | CorruptFrame]) -> list[Told]:
+    return [one for one in found if not isinstance(one, CorruptFrame)]
 
 
 @both
@@ -111,7 +111,7 @@ def test_every_byte_is_accounted_for(system: System, data: st.DataObject) -> Non
     one = system.reader()
     found = one.feed(stream)
     in_frames = [system.wire(frame) for frame in _good(found)]
-    in_corrupt = sum(len(one.raw) - (one.raw[-1] == 0x02) for one in found if isinstance(one, Corrupt))  # STX: the next begins
+    in_corrupt = sum(len(one.raw) - (one.raw[-1] == 0x02) for one in found if isinstance(one, CorruptFrame))  # STX: the next begins
     held = one.reset()
     total = sum(len(wire) for wire in in_frames) + in_corrupt + one.garbage
     shared = sum(wire[-1] == 0x02 for wire in in_frames)  # may stand for the STX of the next frame as well

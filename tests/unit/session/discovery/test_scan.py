@@ -267,7 +267,7 @@ def test_no_port() -> None:
     (report,) = search([("elsewhere", ScanPlan())], means=means({}))
     assert isinstance(report.broken, PortMissing)
     assert kinds(report) == ["port.missing"]
-    assert diagnose(report)[0].what == "there is no such port"
+    assert diagnose(report)[0].what == "no such port"
     assert diagnose(report)[0].step == "see that it is plugged in"
 
 

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from jbclog.core.errors import AnswerTimeout, LinkError
-from jbclog.core.io_requests import Ask, Heard, Listen, Steps, Wait
+from jbclog.core.io_requests import Ask, IoResult, Listen, Steps, Wait
 from jbclog.protocol.commands.status import EXTRACTOR, STAND, StatusWord
 from jbclog.session.safety import cooling
 from jbclog.session.safety.orders import in_time
@@ -114,8 +114,8 @@ def test_what_is_over_neither_waits_nor_asks() -> None:
     given: list[object] = []
 
     def steps() -> Steps[str]:
-        for wish in (Ask(b"?", 5.0), Listen(20.0), Wait(30.0)):
-            given.append((yield wish))
+        for request in (Ask(b"?", 5.0), Listen(20.0), Wait(30.0)):
+            given.append((yield request))
         try:
             yield Ask(b"more", 1.0)
         except AnswerTimeout as error:
@@ -124,10 +124,10 @@ def test_what_is_over_neither_waits_nor_asks() -> None:
 
     pulled = in_time(steps(), 10.0, 12.0)
     assert next(pulled) == Ask(b"?", 2.0)
-    assert pulled.send(Heard(11.0, b"", 10.0)) == Listen(12.0)
-    assert pulled.send(Heard(11.5, b"", 10.0)) == Wait(12.0)
+    assert pulled.send(IoResult(11.0, b"", 10.0)) == Listen(12.0)
+    assert pulled.send(IoResult(11.5, b"", 10.0)) == Wait(12.0)
     with pytest.raises(StopIteration, match="no time is left to ask"):
-        pulled.send(Heard(12.0, b"", 10.0))
+        pulled.send(IoResult(12.0, b"", 10.0))
     assert len(given) == 3
 
 
@@ -412,8 +412,8 @@ class Drawing:
         body = answer[:9] + self._data + answer[14:15]
         return body + bytes([reduce(xor, body)])
 
-    def hung_up(self, now: float) -> bool:
-        return self._device.hung_up(now)
+    def is_unplugged(self, now: float) -> bool:
+        return self._device.is_unplugged(now)
 
 
 @pytest.mark.parametrize("only", ["read", "write"])
@@ -461,8 +461,8 @@ class Lossy:
         replies = [(reply[0], reply[1]) for reply in self._device.receive(data, now)]
         return [] if self._is_lost() else replies
 
-    def hung_up(self, now: float) -> bool:
-        return self._device.hung_up(now)
+    def is_unplugged(self, now: float) -> bool:
+        return self._device.is_unplugged(now)
 
 
 def test_one_order_that_is_lost_on_its_way_is_given_again_before_another_state_is() -> None:
@@ -561,19 +561,19 @@ class FloodedCable(Cable):
         """It floods from then on only."""
         self._next_at = at
 
-    def _next(self, until: float) -> Heard:
+    def _next(self, until: float) -> IoResult:
         copies_at = max(self._next_at, self.now)
         answer_at = self.coming[0][0] if self.coming else until
         if copies_at > min(answer_at, until, self._until):
             return super()._next(until)
         sent, self.now = self.now, copies_at
         self._next_at = copies_at + 0.05
-        return Heard(self.now, self._copies, sent)
+        return IoResult(self.now, self._copies, sent)
 
-    def _waited(self, wish: Wait) -> Heard:
-        begun, end = max(self._next_at, self.now), max(wish.until, self.now)
+    def _waited(self, request: Wait) -> IoResult:
+        begun, end = max(self._next_at, self.now), max(request.until, self.now)
         came = self._copies * (1 + int((end - begun) / 0.05)) if begun <= end < self._until else b""
-        return super()._waited(wish)._replace(data=came)
+        return super()._waited(request)._replace(data=came)
 
 
 def framed(text: str) -> bytes:
@@ -748,8 +748,8 @@ class WithoutPower:
         replies = [(reply[0], reply[1]) for reply in self._device.receive(data, now)]
         return [(at, framed("N00004")) for at, _ in replies] if b"RPP" in data else replies
 
-    def hung_up(self, now: float) -> bool:
-        return self._device.hung_up(now)
+    def is_unplugged(self, now: float) -> bool:
+        return self._device.is_unplugged(now)
 
 
 @pytest.mark.parametrize(("heats_on", "words"), [(False, [EXTRACTOR]), (True, [EXTRACTOR, STAND])])
