@@ -17,9 +17,9 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.compute as pc
 
+from jbclog.core.capture_rows import LinkRow
 from jbclog.core.errors import RecordError, UsageError
 from jbclog.core.foreign.tables import bounds_of
-from jbclog.core.wire import LinkRow
 from jbclog.record.annotations import BEGIN, END, late_serials, only_unit
 from jbclog.record.capture import Hole, read_head, rows_and_holes, wire_path
 from jbclog.record.find_runs import ending

@@ -23,7 +23,7 @@ from jbclog.core.clock import Clock, SystemClock
 from jbclog.core.durable_files import write_new
 from jbclog.core.errors import PortBusy, RecordError, UsageError
 from jbclog.core.io_requests import Steps
-from jbclog.core.wire import LineFormat
+from jbclog.core.serial_line import LineFormat
 from jbclog.protocol import frame, omega
 from jbclog.protocol.commands.family import FAMILIES, OMEGA, Family
 from jbclog.record.port_owner import run_of, run_that_holds

@@ -17,7 +17,7 @@ from jbclog.config.line import AUTO, Described, StationTable, is_path, line_comm
 from jbclog.config.schema import NAME_PATTERN
 from jbclog.core.clock import Clock, SystemClock
 from jbclog.core.errors import PortBusy
-from jbclog.core.wire import LineFormat
+from jbclog.core.serial_line import LineFormat
 from jbclog.record.port_owner import run_that_holds
 from jbclog.session.discovery.found import PortReport, ScanPlan, StationFound
 from jbclog.session.discovery.probe import is_harmless

@@ -13,11 +13,11 @@ from jbclog.app.run.plan import Metadata, Plan, RunOptions, StationPlan, station
 from jbclog.app.run.run_record import Observer, Result, RunRecord
 from jbclog.config.line import Line, Replay, StationSpec, load_line
 from jbclog.config.load_recipe import load_recipe
+from jbclog.core.capture_rows import CaptureRow, ResultRow
 from jbclog.core.clock import VirtualClock
 from jbclog.core.errors import UsageError
 from jbclog.core.io_requests import Steps
 from jbclog.core.rows import NoJournal, StationFacts
-from jbclog.core.wire import CaptureRow, ResultRow
 from jbclog.record import sealed_files
 from jbclog.record.capture import Head, read_exchanges, read_to_hole, wire_path, wire_paths
 from jbclog.record.compare import Compared, Comparison, compare_records

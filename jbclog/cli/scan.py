@@ -16,7 +16,7 @@ from jbclog.cli.output import ends_with_errors_told, note, tell, tell_json
 from jbclog.core.errors import UsageError
 
 if TYPE_CHECKING:
-    from jbclog.core.wire import LineFormat
+    from jbclog.core.serial_line import LineFormat
     from jbclog.session.discovery.found import PortReport, ScanPlan, StationFound, Turnaround
 
 # -- scan wording -------------------------------------------------------------------------------------------------------------

@@ -18,7 +18,7 @@ from jbclog.config.schema import NAME_ALLOWED, FromList, Name, Table, read_table
 from jbclog.config.sim_spec import SimSpec
 from jbclog.config.toml_reader import KeyPath, TomlText, hidden, parse, read_text, shortened
 from jbclog.core.errors import Problem, Problems
-from jbclog.core.wire import BAUDRATES, SCHEMES, LineFormat, scheme_of
+from jbclog.core.serial_line import BAUDRATES, SCHEMES, LineFormat, scheme_of
 from jbclog.protocol.commands.family import FAMILIES, OMEGA, Family, model_problem
 
 # -- port url -----------------------------------------------------------------------------------------------------------------

@@ -12,7 +12,7 @@ from typing import Final, cast
 
 from jbclog.core.foreign.files import Kind, read_foreign
 from jbclog.core.foreign.json_reader import Misfit, build, json_of
-from jbclog.core.wire import is_one_port
+from jbclog.core.serial_line import is_one_port
 from jbclog.guard import lease_registry
 
 NAME: Final = "lease.json"

@@ -14,7 +14,7 @@ from functools import partial
 
 from jbclog.core.errors import Refusal, UsageError, unexpected_error_text
 from jbclog.core.io_requests import Steps
-from jbclog.core.wire import LineFormat
+from jbclog.core.serial_line import LineFormat
 from jbclog.guard.action_log import ActionLog
 from jbclog.guard.lease import StationLease
 from jbclog.guard.messages import say

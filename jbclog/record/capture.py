@@ -34,10 +34,10 @@ from itertools import islice
 from pathlib import Path
 from typing import Final, cast
 
+from jbclog.core.capture_rows import CaptureRow
 from jbclog.core.errors import RecordError
 from jbclog.core.foreign.files import Kind, expect_regular, is_plain_folder, open_foreign
 from jbclog.core.foreign.json_reader import Misfit, build, expect_moment, json_of
-from jbclog.core.wire import CaptureRow
 from jbclog.record.capture_file import FIXED, Block, Gap, blocks, row_of
 
 FOLDER: Final = "wire"

@@ -12,8 +12,8 @@ from math import isfinite
 from pathlib import Path
 from typing import Final, cast, get_args
 
+from jbclog.core.capture_rows import CaptureRow, LinkRow, LinkRowKind, RequestName, ResultKind, ResultRow
 from jbclog.core.foreign.files import Kind, open_foreign
-from jbclog.core.wire import CaptureRow, LinkRow, LinkRowKind, RequestName, ResultKind, ResultRow
 
 # -- capture rows -------------------------------------------------------------------------------------------------------------
 # Rows of a wire as lines of its file, and back to the bit.

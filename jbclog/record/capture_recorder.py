@@ -21,8 +21,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Final
 
+from jbclog.core.capture_rows import CaptureRow
 from jbclog.core.durable_files import sync_folder
-from jbclog.core.wire import CaptureRow
 from jbclog.record.capture import COLUMNS, FOLDER, Head, head_line, wire_path
 from jbclog.record.capture_file import has_head, line_of, packed
 

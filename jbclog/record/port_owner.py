@@ -21,7 +21,7 @@ from jbclog.core.errors import RecordError
 from jbclog.core.foreign.files import NotReadable
 from jbclog.core.locks import NAME as LOCK
 from jbclog.core.locks import holder_pid, is_held
-from jbclog.core.wire import PortAddress, port_address
+from jbclog.core.serial_line import PortAddress, port_address
 
 RUNNING: Final = "running"
 

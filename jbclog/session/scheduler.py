@@ -20,7 +20,7 @@ from dataclasses import dataclass
 from heapq import heapify, heappop, heappush
 from itertools import count
 
-from jbclog.core.wire import ADDRESSES, FRAMING, LineFormat
+from jbclog.core.serial_line import ADDRESSES, FRAMING, LineFormat
 from jbclog.protocol.commands.command import Command, Scope
 from jbclog.protocol.commands.signals import ReadInterval, Signal, UsageCounter
 

@@ -16,7 +16,7 @@ from time import monotonic
 from typing import Protocol
 
 from jbclog.core.errors import UsageError
-from jbclog.core.wire import LineFormat
+from jbclog.core.serial_line import LineFormat
 
 # -- terminal line ------------------------------------------------------------------------------------------------------------
 # The line format that a client has set on a pseudo-terminal, which has no wire and passes bytes on at any.

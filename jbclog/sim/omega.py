@@ -16,7 +16,7 @@ from zlib import crc32
 from jbclog.config.line import StationSpec
 from jbclog.config.sim_spec import FaultSpec, SimSpec
 from jbclog.core.errors import UsageError
-from jbclog.core.wire import LineFormat
+from jbclog.core.serial_line import LineFormat
 from jbclog.protocol.commands.family import FAMILIES
 from jbclog.protocol.commands.omega import (
     AT_TEMPERATURE,

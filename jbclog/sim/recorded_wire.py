@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from math import floor, inf
 from typing import NamedTuple
 
-from jbclog.core.wire import CaptureRow, LinkRow
+from jbclog.core.capture_rows import CaptureRow, LinkRow
 from jbclog.protocol import frame, omega
 from jbclog.protocol.commands.command import Effect
 from jbclog.protocol.commands.robot import READINGS

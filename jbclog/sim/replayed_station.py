@@ -25,7 +25,7 @@ from collections.abc import Callable, Iterable, Iterator
 from math import inf
 from statistics import median_low
 
-from jbclog.core.wire import CaptureRow
+from jbclog.core.capture_rows import CaptureRow
 from jbclog.sim.recorded_wire import LOOK_S, Contents, Exchange, Looks, Ticks, exchanges, has_flags, is_write, looks
 from jbclog.sim.virtual import Reply
 

@@ -20,7 +20,7 @@ from jbclog.config.line import AUTO, StationSpec
 from jbclog.config.sim_spec import FaultSpec, SimSpec
 from jbclog.core.errors import UsageError
 from jbclog.core.quantities import OFF, Value
-from jbclog.core.wire import LineFormat
+from jbclog.core.serial_line import LineFormat
 from jbclog.protocol.commands.command import Scope
 from jbclog.protocol.commands.family import FAMILIES, Family, family_of
 from jbclog.protocol.commands.hotair import AIR_STATUS

@@ -17,7 +17,7 @@ from queue import Queue
 
 import serial
 from jbclog.core.errors import LinkError, PortBusy, PortForbidden, PortMissing, UsageError
-from jbclog.core.wire import SCHEMES, LineFormat, scheme_of
+from jbclog.core.serial_line import SCHEMES, LineFormat, scheme_of
 from jbclog.transport.port import BROKEN, SLICE_S, DescriptorPort, ObjectPort, Port, close_in_thread, link_lost
 from jbclog.transport.system_ports import holder_of, process_text
 

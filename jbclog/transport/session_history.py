@@ -12,9 +12,9 @@ from contextlib import suppress
 from math import inf
 from typing import Literal, NamedTuple, Self, TypeVar
 
+from jbclog.core.capture_rows import CaptureRow, LinkRow, RequestName, ResultKind, ResultRow
 from jbclog.core.errors import LinkError
 from jbclog.core.io_requests import Ask, Gather, IoResult, LeftOut, Listen, NotStarted, Reopen, Request, RunEnded, Steps, Wait
-from jbclog.core.wire import CaptureRow, LinkRow, RequestName, ResultKind, ResultRow
 from jbclog.transport.port import Port, unread
 
 KeepLinkRow = Callable[[LinkRow], object]

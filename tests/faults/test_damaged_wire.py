@@ -16,9 +16,9 @@ from typer.testing import CliRunner
 from jbclog.app.replay import open_recording
 from jbclog.cli.app import app
 from jbclog.cli.replay import DOUBTFUL
+from jbclog.core.capture_rows import CaptureRow, LinkRow
 from jbclog.core.errors import RecordError
 from jbclog.core.rows import COLUMN
-from jbclog.core.wire import CaptureRow, LinkRow
 from jbclog.record import capture_file
 from jbclog.record.capture import (
     WHOLE,

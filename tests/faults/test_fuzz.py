@@ -33,7 +33,7 @@ from jbclog.config.recipe_settings import settings_for, station_settings_for
 from jbclog.config.toml_reader import MAX_PROBLEMS
 from jbclog.core.errors import Problems, RecordError
 from jbclog.core.foreign.json_reader import json_of
-from jbclog.core.wire import BAUDRATES
+from jbclog.core.serial_line import BAUDRATES
 from jbclog.guard.lease import NAME as LEASE
 from jbclog.guard.lease import StationLease, kept, unreadable
 from jbclog.protocol import omega

@@ -11,7 +11,7 @@ import pytest
 from jbclog.core.errors import StationError
 from jbclog.core.io_requests import IoResult
 from jbclog.core.quantities import Value
-from jbclog.core.wire import LineFormat
+from jbclog.core.serial_line import LineFormat
 from jbclog.protocol.client.omega import OmegaStation
 from jbclog.protocol.commands.command import Command
 from jbclog.protocol.commands.family import FAMILIES

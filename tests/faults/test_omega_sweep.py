@@ -11,7 +11,7 @@ from jbclog.core.clock import VirtualClock
 from jbclog.core.errors import StationError
 from jbclog.core.io_requests import Reopen, Steps, Wait
 from jbclog.core.quantities import Value
-from jbclog.core.wire import LineFormat
+from jbclog.core.serial_line import LineFormat
 from jbclog.protocol.client.omega import OmegaStation
 from jbclog.protocol.commands.family import FAMILIES
 from jbclog.transport.virtual import VirtualDriver

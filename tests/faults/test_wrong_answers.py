@@ -22,7 +22,7 @@ from jbclog.core.clock import VirtualClock
 from jbclog.core.errors import StationError, StationSilent
 from jbclog.core.io_requests import Reopen, Steps
 from jbclog.core.quantities import Value
-from jbclog.core.wire import LineFormat
+from jbclog.core.serial_line import LineFormat
 from jbclog.protocol.client.robot import Station
 from jbclog.protocol.commands.family import FAMILIES
 from jbclog.transport.virtual import VirtualDriver

@@ -18,7 +18,7 @@ from jbclog.config.load_recipe import parse_recipe
 from jbclog.core.clock import UtcOffset, VirtualClock
 from jbclog.core.errors import StartRefused
 from jbclog.core.rows import NoJournal
-from jbclog.core.wire import LineFormat
+from jbclog.core.serial_line import LineFormat
 from jbclog.protocol.commands.family import FAMILIES
 from jbclog.session.run.context import PortState, SessionContext
 from jbclog.session.run.pace import choose_pace, readings_for

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from jbclog.core.wire import LineFormat
+from jbclog.core.serial_line import LineFormat
 from jbclog.protocol.commands.family import FAMILIES
 from jbclog.session.run.identify import SAID
 from jbclog.session.run.pace import readings_for

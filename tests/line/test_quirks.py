@@ -20,7 +20,7 @@ from jbclog.core.clock import VirtualClock
 from jbclog.core.errors import StationError
 from jbclog.core.io_requests import Reopen, Steps
 from jbclog.core.rows import COLUMN, SAMPLE_COLUMNS, SIGNAL_COLUMNS
-from jbclog.core.wire import LineFormat
+from jbclog.core.serial_line import LineFormat
 from jbclog.protocol.client.robot import Station
 from jbclog.protocol.client.timing import MODEL, change_address, restart
 from jbclog.protocol.commands.decisions import DECISIONS

@@ -142,7 +142,7 @@ def test_what_is_not_on_the_list_is_refused_and_the_tools_are_made_safe(
 
 
 def test_a_person_s_client_is_not_bound_by_it() -> None:
-    from jbclog.core.wire import LineFormat
+    from jbclog.core.serial_line import LineFormat
     from jbclog.protocol.client.robot import Station
 
     station = Station(LineFormat(19200, "8N1"))

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from jbclog.config.line import load_line
-from jbclog.core.wire import BAUDRATES, LineFormat
+from jbclog.core.serial_line import BAUDRATES, LineFormat
 from jbclog.sim.links import line_set
 from jbclog.sim.process import SimProcess
 from jbclog.transport.opening import open_port

@@ -20,7 +20,7 @@ import pytest
 
 import serial
 from jbclog.core.errors import LinkError, PortBusy, PortForbidden, PortMissing
-from jbclog.core.wire import LineFormat
+from jbclog.core.serial_line import LineFormat
 from jbclog.transport import opening
 from jbclog.transport.opening import MOST_WAITING, make_ready, open_port
 from jbclog.transport.port import ObjectPort, Port
@@ -244,7 +244,7 @@ def test_a_terminal_bears_no_mark_that_would_outlive_a_killed_recorder() -> None
 HOLD = """
 import sys
 from jbclog.transport.opening import open_port; from jbclog.transport import opening
-from jbclog.core.wire import LineFormat
+from jbclog.core.serial_line import LineFormat
 port = open_port(sys.argv[1], LineFormat())
 print("held", flush=True)
 sys.stdin.read()

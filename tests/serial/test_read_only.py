@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from jbclog.core.errors import WriteForbidden
-from jbclog.core.wire import LineFormat
+from jbclog.core.serial_line import LineFormat
 from jbclog.protocol.frame import only_reads
 from jbclog.transport.opening import open_port
 from jbclog.transport.port import Port

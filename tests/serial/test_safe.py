@@ -16,7 +16,7 @@ from typer.testing import CliRunner
 
 from jbclog.app import safe_state
 from jbclog.cli.app import app
-from jbclog.core.wire import LineFormat
+from jbclog.core.serial_line import LineFormat
 from jbclog.protocol.commands.status import STAND
 from jbclog.record.check import check
 from jbclog.record.manifest import read_manifest

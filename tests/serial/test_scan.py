@@ -19,7 +19,7 @@ import pytest
 
 from jbclog.app.discovery import search
 from jbclog.config.line import load_line
-from jbclog.core.wire import LineFormat
+from jbclog.core.serial_line import LineFormat
 from jbclog.session.discovery.diagnosis import diagnose
 from jbclog.session.discovery.found import PortReport, ScanPlan, Trial
 from jbclog.sim.process import SimProcess

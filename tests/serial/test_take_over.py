@@ -15,7 +15,7 @@ from pathlib import Path
 
 import pytest
 
-from jbclog.core.wire import LineFormat
+from jbclog.core.serial_line import LineFormat
 from jbclog.guard import __main__ as guard_itself
 from jbclog.guard import lease_registry
 from jbclog.guard.action_log import NAME as DIARY

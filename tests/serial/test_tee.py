@@ -6,8 +6,9 @@ from collections import deque
 
 import pytest
 
+from jbclog.core.capture_rows import LinkRow
 from jbclog.core.errors import LinkError
-from jbclog.core.wire import LineFormat, LinkRow
+from jbclog.core.serial_line import LineFormat
 from jbclog.transport.opening import open_port
 from jbclog.transport.port import Port, unread
 from jbclog.transport.session_history import Tee

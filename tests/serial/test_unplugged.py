@@ -15,7 +15,7 @@ import pytest
 
 import serial
 from jbclog.core.errors import LinkError
-from jbclog.core.wire import LineFormat
+from jbclog.core.serial_line import LineFormat
 from jbclog.transport.opening import open_port
 from jbclog.transport.port import BROKEN, CLOSE_S, DescriptorPort, ObjectPort, Port, give_back
 from support.links.far_ends import Terminal, open_descriptors, rfc2217_server, server, terminal

@@ -16,7 +16,7 @@ from jbclog.app.run.plan import Metadata, Plan, RunOptions, make_plan
 from jbclog.app.run.run_record import Result
 from jbclog.app.run.runner import conduct
 from jbclog.core.errors import RecordError, StartRefused
-from jbclog.core.wire import LineFormat
+from jbclog.core.serial_line import LineFormat
 from jbclog.guard.run_guard import Guarding
 from jbclog.record import port_owner
 from jbclog.record.check import check

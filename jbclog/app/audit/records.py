@@ -18,7 +18,7 @@ from jbclog.app.audit.questions import SurveyTarget, is_parameter, parameter_nam
 from jbclog.config.tasks_file import Task
 from jbclog.core.errors import JbclogError, RecordError
 from jbclog.core.rows import StationFacts
-from jbclog.core.wire import is_one_port
+from jbclog.core.serial_line import is_one_port
 from jbclog.maintenance.counter_totals.observed import Count, Errors, Fact, Identity, Observation, Standing
 from jbclog.maintenance.verification.verification import Verification
 from jbclog.maintenance.verification.verifications_file import NAME, Book, last_valid, places_of, read_book

@@ -24,7 +24,7 @@ from jbclog.app import connection
 from jbclog.app.audit.questions import SurveyTarget, harmless_for, look
 from jbclog.core.errors import LinkError, PortBusy, StartRefused, StationError, unexpected_error_text
 from jbclog.core.io_requests import IoResult, Request, RunEnded, Steps, relay
-from jbclog.core.wire import PortAddress, port_address
+from jbclog.core.serial_line import PortAddress, port_address
 from jbclog.maintenance.counter_totals.observed import Observation
 from jbclog.record.port_owner import run_of, run_that_holds
 from jbclog.transport import blocking

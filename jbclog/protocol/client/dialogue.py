@@ -37,7 +37,7 @@ from jbclog.core.errors import (
 )
 from jbclog.core.io_requests import Ask, IoResult, Listen, Steps
 from jbclog.core.quantities import Value
-from jbclog.core.wire import LineFormat
+from jbclog.core.serial_line import LineFormat
 from jbclog.protocol.client.interface import Anomalies, FloodDetector
 from jbclog.protocol.commands.command import Command, Effect, Scope
 from jbclog.protocol.commands.ranges import ACKNOWLEDGED_WITH_VALUE, READ_ANSWERED_AS, WRITE_ANSWERED_AS, odd_form

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from jbclog.core.wire import LineFormat
+from jbclog.core.serial_line import LineFormat
 from jbclog.protocol.client.interface import Client
 from jbclog.protocol.client.omega import OmegaStation
 from jbclog.protocol.client.robot import Station

@@ -28,7 +28,7 @@ from typing import NamedTuple
 from jbclog.core.errors import AnswerCorrupt, AnswerFormat, AnswerTimeout, Ignored, StationError, StationSilent
 from jbclog.core.io_requests import Ask, IoResult, Listen, Steps
 from jbclog.core.quantities import Value
-from jbclog.core.wire import FRAMING, LineFormat
+from jbclog.core.serial_line import FRAMING, LineFormat
 from jbclog.protocol.client.interface import Anomalies, FloodDetector, Permit, PreparedRead, permit_all
 from jbclog.protocol.commands.command import Command
 from jbclog.protocol.commands.omega import COMPLETION_MESSAGES, OMEGA, Digit

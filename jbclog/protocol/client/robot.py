@@ -34,7 +34,7 @@ from jbclog.core.errors import (
 )
 from jbclog.core.io_requests import IoResult, Steps
 from jbclog.core.quantities import Value
-from jbclog.core.wire import LineFormat
+from jbclog.core.serial_line import LineFormat
 from jbclog.protocol.client.dialogue import LEAST_S, REPEATS, AnsweredByOtherCode, Dialogue, Pair, Question
 from jbclog.protocol.client.interface import Permit, PreparedRead, permit_all
 from jbclog.protocol.commands.command import Command, Effect

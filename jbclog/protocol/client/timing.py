@@ -7,7 +7,7 @@ from statistics import median
 
 from jbclog.core.errors import AnswerTimeout, NotSupported, Refusal, StationError, StationSilent
 from jbclog.core.io_requests import Steps, Wait
-from jbclog.core.wire import LineFormat
+from jbclog.core.serial_line import LineFormat
 from jbclog.protocol.client.confirmed_reads import SETTLE_S
 from jbclog.protocol.client.interface import Client, PreparedRead
 from jbclog.protocol.client.robot import Station

@@ -6,7 +6,7 @@ import math
 from collections.abc import Collection, Iterator
 
 from jbclog.core.errors import LinkError, LinkFlooded, PortBusy, PortForbidden, PortMissing
-from jbclog.core.wire import LineFormat
+from jbclog.core.serial_line import LineFormat
 from jbclog.protocol.commands.family import FAMILIES, accept_line
 from jbclog.protocol.frame import Frame, FrameReader
 from jbclog.session.discovery.found import ADDRESSES, THOROUGH, Finding, PortReport, StationFound, plan_for

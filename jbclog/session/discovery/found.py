@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from jbclog.core.errors import LinkError, LinkFlooded
-from jbclog.core.wire import BAUDRATES, LineFormat
+from jbclog.core.serial_line import BAUDRATES, LineFormat
 from jbclog.protocol.commands.family import ROBOT, Family
 
 # -- finding ------------------------------------------------------------------------------------------------------------------

@@ -18,7 +18,7 @@ from itertools import cycle, islice
 from jbclog.core.errors import ImplausibleAnswer, LinkError, NotSupported, OutOfRange, StationError, StationSilent
 from jbclog.core.io_requests import Reopen, Steps, Wait
 from jbclog.core.quantities import Value
-from jbclog.core.wire import LineFormat
+from jbclog.core.serial_line import LineFormat
 from jbclog.protocol.client.confirmed_reads import read_confirmed
 from jbclog.protocol.client.interface import Client
 from jbclog.protocol.client.make import client_for

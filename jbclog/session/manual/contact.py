@@ -9,7 +9,7 @@ from typing import NamedTuple
 from jbclog.core.errors import NotSupported, OutOfRange, RobotModeOff, StartRefused, StationError, StationSilent, UsageError
 from jbclog.core.io_requests import Reopen, Steps, Wait
 from jbclog.core.quantities import Value
-from jbclog.core.wire import LineFormat
+from jbclog.core.serial_line import LineFormat
 from jbclog.protocol.client.confirmed_reads import NOT_DRIVEN, kind_problem, read_confirmed
 from jbclog.protocol.client.interface import Client
 from jbclog.protocol.client.make import client_for

@@ -12,7 +12,7 @@ from jbclog.core.clock import UtcOffset
 from jbclog.core.io_requests import Steps
 from jbclog.core.quantities import Value
 from jbclog.core.rows import EventRow, Journal, Severity, StationFacts
-from jbclog.core.wire import LineFormat
+from jbclog.core.serial_line import LineFormat
 from jbclog.protocol.client.confirmed_reads import read_confirmed, with_retries
 from jbclog.protocol.client.interface import Client
 from jbclog.protocol.client.make import client_for

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from jbclog.config.recipe import Recipe
 from jbclog.core.errors import StartRefused
 from jbclog.core.rows import StationFacts
-from jbclog.core.wire import LineFormat
+from jbclog.core.serial_line import LineFormat
 from jbclog.protocol.commands.family import Family
 from jbclog.session.run.context import AS_AUTO, AS_FAST_AS_POSSIBLE, AS_FIT, SessionContext
 from jbclog.session.run.identify import SAID

@@ -8,7 +8,7 @@ from itertools import combinations
 from jbclog.core.errors import StationError
 from jbclog.core.io_requests import IoResult
 from jbclog.core.quantities import Value
-from jbclog.core.wire import LineFormat
+from jbclog.core.serial_line import LineFormat
 from jbclog.protocol.client.interface import Client, PreparedRead
 from jbclog.protocol.client.omega import OmegaStation
 from jbclog.protocol.client.robot import Station

@@ -9,7 +9,7 @@ from pathlib import Path
 from jbclog.config.line import parse_line
 from jbclog.core.errors import LinkError
 from jbclog.core.io_requests import Ask, IoResult, Listen, Reopen, Request, Steps, Wait
-from jbclog.core.wire import LineFormat
+from jbclog.core.serial_line import LineFormat
 from jbclog.protocol.client.robot import Station
 from jbclog.protocol.commands.family import FAMILIES
 from jbclog.session.safety.tools import Task, Tool

@@ -12,7 +12,7 @@ from typing import TypeVar
 
 from jbclog.core.clock import VirtualClock
 from jbclog.core.io_requests import Reopen, Steps
-from jbclog.core.wire import LineFormat
+from jbclog.core.serial_line import LineFormat
 from jbclog.protocol.client.robot import Station
 from jbclog.transport.virtual import VirtualDriver
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
-from jbclog.core.wire import CaptureRow, LinkRow, ResultRow
+from jbclog.core.capture_rows import CaptureRow, LinkRow, ResultRow
 from jbclog.record.capture import Head, wire_path
 from jbclog.record.capture_recorder import WireRecorder
 

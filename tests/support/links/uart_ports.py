@@ -15,7 +15,7 @@ from jbclog.app.discovery import Means
 from jbclog.config.line import parse_line
 from jbclog.core.clock import VirtualClock
 from jbclog.core.errors import LinkError, PortMissing
-from jbclog.core.wire import LineFormat
+from jbclog.core.serial_line import LineFormat
 from jbclog.sim.links import heard
 from jbclog.sim.setup import virtual_station
 from support.virtual.answers import let_say

@@ -9,10 +9,10 @@ from random import Random
 
 from jbclog.app.replay import Recording, open_recording, plan_of, relive, station_of
 from jbclog.app.run.plan import orders
+from jbclog.core.capture_rows import LinkRow, ResultRow
 from jbclog.core.clock import UtcOffset, VirtualClock
 from jbclog.core.io_requests import Steps
 from jbclog.core.rows import StationFacts
-from jbclog.core.wire import LinkRow, ResultRow
 from jbclog.record.capture import Head
 from jbclog.record.capture_recorder import Keep, WireRecorder
 from jbclog.record.manifest import Manifest, write_manifest

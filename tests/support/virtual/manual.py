@@ -16,7 +16,7 @@ from jbclog.app import connection
 from jbclog.cli.app import app
 from jbclog.config.line import StationSpec, parse_line
 from jbclog.core.clock import VirtualClock
-from jbclog.core.wire import LineFormat
+from jbclog.core.serial_line import LineFormat
 from jbclog.session.manual.contact import Target
 from jbclog.sim.setup import virtual_station
 from support.clients.talk import framed

@@ -12,7 +12,7 @@ from jbclog.cli import progress
 from jbclog.config.load_recipe import parse_recipe
 from jbclog.core.clock import SystemClock, UtcOffset
 from jbclog.core.rows import EventRow, NoJournal, Severity
-from jbclog.core.wire import LineFormat
+from jbclog.core.serial_line import LineFormat
 from jbclog.protocol.commands.family import FAMILIES
 from jbclog.session.run.context import PortState, SessionContext, StationTask
 

@@ -10,7 +10,7 @@ import pytest
 
 from jbclog.app import connection
 from jbclog.core.errors import LinkError, PortBusy
-from jbclog.core.wire import LineFormat
+from jbclog.core.serial_line import LineFormat
 from jbclog.protocol.commands.family import FAMILIES
 from jbclog.transport.port import Port
 from support.virtual.manual import Bench, Ended, Make, station_text

@@ -9,7 +9,7 @@ from pydantic import ValidationError
 
 from jbclog.config.line import Line, load_line, parse_line
 from jbclog.core.errors import Problems
-from jbclog.core.wire import LineFormat
+from jbclog.core.serial_line import LineFormat
 from jbclog.protocol.commands.family import FAMILIES
 
 PATH = Path("/lines/bench.toml")

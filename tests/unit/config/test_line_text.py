@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from jbclog.config.line import StationTable, line_text, parse_line
-from jbclog.core.wire import BAUDRATES
+from jbclog.core.serial_line import BAUDRATES
 
 ANY_TEXT = st.text(st.characters(exclude_categories=["Cs"]), max_size=60)
 URLS = st.one_of(

@@ -10,7 +10,7 @@ from jbclog.config.line import StationSpec, load_line
 from jbclog.config.load_recipe import load_recipe
 from jbclog.config.recipe import Recipe
 from jbclog.config.recipe_settings import condition_of, settings_for
-from jbclog.core.wire import LineFormat
+from jbclog.core.serial_line import LineFormat
 from jbclog.protocol.commands.family import FAMILIES, Family
 from jbclog.session.run.pace import readings_for
 from jbclog.session.scheduler import Demand, readings_of

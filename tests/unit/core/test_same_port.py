@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from jbclog.core.wire import is_one_port, port_address
+from jbclog.core.serial_line import is_one_port, port_address
 
 
 @pytest.mark.parametrize(

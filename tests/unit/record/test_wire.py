@@ -14,8 +14,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from jbclog.core.capture_rows import CaptureRow, LinkRow, ResultRow
 from jbclog.core.errors import RecordError
-from jbclog.core.wire import CaptureRow, LinkRow, ResultRow
 from jbclog.record import capture_recorder
 from jbclog.record.capture import Head, count_rows, is_done, mend, read_head, read_rows, read_to_hole, wire_path, wire_paths
 from jbclog.record.capture_file import FIXED, WINDOW, Gap, blocks, line_of, row_of

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from jbclog.config.load_recipe import parse_recipe
 from jbclog.config.recipe import Recipe
-from jbclog.core.wire import BAUDRATES, LineFormat
+from jbclog.core.serial_line import BAUDRATES, LineFormat
 from jbclog.protocol.commands.family import FAMILIES
 from jbclog.session.run.pace import readings_for, too_fast
 from jbclog.session.scheduler import CEILING, Demand, Grid, Reading, SlowReadings, read_wire_s

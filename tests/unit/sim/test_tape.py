@@ -7,7 +7,7 @@ from math import inf
 
 import pytest
 
-from jbclog.core.wire import CaptureRow, LinkRow, LinkRowKind, ResultRow
+from jbclog.core.capture_rows import CaptureRow, LinkRow, LinkRowKind, ResultRow
 from jbclog.sim.recorded_wire import Ticks, exchanges
 from jbclog.sim.replayed_station import TapeStation
 

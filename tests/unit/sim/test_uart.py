@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from jbclog.core.wire import BAUDRATES, LineFormat
+from jbclog.core.serial_line import BAUDRATES, LineFormat
 from jbclog.sim.links import heard
 
 QUESTION = b"\x020001RSMN\x03\x02"  # manual 002, R-SMN; addressed 00 to 01

@@ -8,9 +8,9 @@ from math import inf
 
 import pytest
 
+from jbclog.core.capture_rows import CaptureRow, LinkRow, ResultRow
 from jbclog.core.errors import LinkError
 from jbclog.core.io_requests import Ask, IoResult, Listen, Reopen, Request, RunEnded, Steps, Wait
-from jbclog.core.wire import CaptureRow, LinkRow, ResultRow
 from jbclog.transport.session_history import Divergence, ReplayStep, captured, replay_steps, replayed
 
 Story = list[object]

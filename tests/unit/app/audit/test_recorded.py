@@ -14,7 +14,7 @@ from jbclog.app.audit import survey
 from jbclog.app.audit.questions import SurveyTarget
 from jbclog.app.audit.records import observed_in
 from jbclog.core.rows import COLUMN, SAMPLE_COLUMNS, CounterRow, EventRow, SettingRow, Severity, StationFacts
-from jbclog.core.wire import LineFormat
+from jbclog.core.serial_line import LineFormat
 from jbclog.maintenance.counter_totals.observed import Observation, Standing
 from jbclog.protocol.commands.family import FAMILIES
 from jbclog.record.conclude import conclude

@@ -8,7 +8,7 @@ import pytest
 
 from jbclog.app.discovery import text_of
 from jbclog.config.line import StationSpec, load_line
-from jbclog.core.wire import LineFormat
+from jbclog.core.serial_line import LineFormat
 from jbclog.protocol.commands.family import FAMILIES
 from jbclog.session.discovery.found import PortReport, StationFound, Turnaround
 

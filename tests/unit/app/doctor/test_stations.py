@@ -8,7 +8,7 @@ import pytest
 
 from jbclog.app.doctor import Fine, Looked, look_at_stations
 from jbclog.config.line import parse_line
-from jbclog.core.wire import LineFormat
+from jbclog.core.serial_line import LineFormat
 from jbclog.session.discovery.found import Finding
 from support.links.uart_ports import Cable, Echo, Silence, means, station_cable
 from support.oracles.printed_omega import PageOmega

@@ -6,7 +6,7 @@ import pytest
 
 from jbclog.core.errors import LinkError, LinkFlooded
 from jbclog.core.io_requests import IoResult, Steps, Wait
-from jbclog.core.wire import LineFormat
+from jbclog.core.serial_line import LineFormat
 from jbclog.protocol.client.interface import LEAST_DUE, MOST_TIMES, QUIET_S, SUSPECT, FloodDetector, expect_quiet
 from jbclog.protocol.client.robot import Station
 

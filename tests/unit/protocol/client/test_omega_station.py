@@ -7,7 +7,7 @@ import pytest
 from jbclog.core.errors import AnswerCorrupt, AnswerFormat, AnswerTimeout, Ignored, NotSupported, StationError, StationSilent
 from jbclog.core.io_requests import Steps, Wait
 from jbclog.core.quantities import Value
-from jbclog.core.wire import LineFormat
+from jbclog.core.serial_line import LineFormat
 from jbclog.protocol.client.make import client_for
 from jbclog.protocol.client.omega import ALLOWED_S, COMPLETION_S, GONE_S, OmegaStation
 from jbclog.protocol.commands.family import FAMILIES

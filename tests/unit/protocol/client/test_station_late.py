@@ -13,7 +13,7 @@ import pytest
 
 from jbclog.core.errors import LinkFlooded, StationError, StationSilent
 from jbclog.core.io_requests import Steps
-from jbclog.core.wire import LineFormat
+from jbclog.core.serial_line import LineFormat
 from jbclog.protocol.client.dialogue import LEAST_S, QUIET_S, UNMEASURED_S, least_s
 from jbclog.protocol.client.robot import Station
 from jbclog.protocol.commands.family import FAMILIES

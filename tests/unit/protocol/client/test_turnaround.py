@@ -7,7 +7,7 @@ from itertools import count
 import pytest
 
 from jbclog.core.io_requests import Steps
-from jbclog.core.wire import LineFormat
+from jbclog.core.serial_line import LineFormat
 from jbclog.protocol.client.robot import Station
 from jbclog.protocol.client.timing import LEAST_ANSWERED, READS, ResponseTime, response_time
 from jbclog.protocol.commands.family import FAMILIES

@@ -11,7 +11,7 @@ from jbclog.app.discovery import search, text_of
 from jbclog.config.line import parse_line
 from jbclog.core.clock import VirtualClock
 from jbclog.core.errors import PortMissing
-from jbclog.core.wire import BAUDRATES, LineFormat
+from jbclog.core.serial_line import BAUDRATES, LineFormat
 from jbclog.session.discovery.diagnosis import diagnose
 from jbclog.session.discovery.found import ADDRESSES, THOROUGH, USUAL, PortReport, ScanPlan, StationFound, Trial, plan_for
 from jbclog.session.discovery.probe import is_harmless
@@ -268,7 +268,7 @@ def test_no_port() -> None:
     assert isinstance(report.broken, PortMissing)
     assert kinds(report) == ["port.missing"]
     assert diagnose(report)[0].what == "no such port"
-    assert diagnose(report)[0].step == "see that it is plugged in"
+    assert diagnose(report)[0].step == "check that it is plugged in"
 
 
 def test_a_cable_that_is_pulled_meanwhile() -> None:

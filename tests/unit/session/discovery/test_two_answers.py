@@ -12,7 +12,7 @@ from jbclog.app import discovery
 from jbclog.app.doctor import Fine, look_at_stations
 from jbclog.cli.app import app
 from jbclog.config.line import load_line, parse_line
-from jbclog.core.wire import LineFormat
+from jbclog.core.serial_line import LineFormat
 from jbclog.session.discovery.diagnosis import diagnose
 from jbclog.session.discovery.found import LEARNING_S, PortReport, ScanPlan, StationFound
 from support.clients.talk import framed

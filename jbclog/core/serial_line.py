@@ -1,4 +1,4 @@
-"""Serial lines: URLs and formats, whether two URLs are the same port, and the rows of a serial capture."""
+"""Serial lines: formats, URLs, and whether two URLs lead to the same port."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import socket
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Final, Literal, NamedTuple
+from typing import Final, NamedTuple
 from urllib.parse import urlsplit
 
 BAUDRATES = (1200, 2400, 4800, 9600, 19200, 38400, 57600, 115200, 230400, 250000, 460800, 500000)
@@ -119,44 +119,3 @@ def _plain(address: str) -> str:
         known = getattr(known, "ipv4_mapped", None) or known
         return LOOPBACK if known.is_loopback or known.is_unspecified else str(known)
     return address
-
-
-# A session depends on nothing but the results of its requests (`core.io_requests`), so bytes on the link and results are enough to
-# reproduce a run exactly. `transport` notes both, `record` stores them. All moments are monotonic seconds of the recorder.
-
-RequestName = Literal["ask", "listen", "wait", "reopen", "gather"]
-LinkRowKind = Literal["sent", "heard", "opened", "failed", "lost", "closed"]
-ResultKind = Literal["told", "broke", "stopped", "not_started", "left_out", "done"]
-
-
-class LinkRow(NamedTuple):
-    """Bytes in one direction, or a change of the link.
-
-    ``sent``: `data` is about to be written. ``heard``: `data` was read. ``opened``, ``failed`` (opening), ``lost``, ``closed``:
-    `text` has details.
-    """
-
-    at_s: float
-    what: LinkRowKind
-    data: bytes = b""
-    text: str = ""
-
-
-class ResultRow(NamedTuple):
-    """The result of one of the session's requests.
-
-    ``told``: the next `size` bytes of those heard; `sent_s` is when the data of an ``ask`` left, `late_s` by how much the recorder
-    was late. ``broke``: link lost. ``stopped``: the run ends. ``not_started``: it does not start because of the stations in `text`;
-    ``left_out``: it starts without this one. ``done``: the session has ended. `text` has details.
-    """
-
-    at_s: float
-    what: ResultKind
-    request: RequestName
-    size: int = 0
-    sent_s: float = 0.0
-    text: str = ""
-    late_s: float = 0.0
-
-
-CaptureRow = LinkRow | ResultRow
