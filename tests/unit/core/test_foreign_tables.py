@@ -104,7 +104,7 @@ def test_a_number_that_the_library_would_take_otherwise() -> None:
     for data in (twice, beyond, large):
         reader = ThriftReader(data)
         with pytest.raises(ValueError, match=r"duplicate|bits"):
-            [reader.integer(kind) for _, kind in reader.heads()]
+            [reader.integer(kind) for _, kind in reader.fields()]
 
 
 @pytest.mark.parametrize(
