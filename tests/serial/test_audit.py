@@ -24,7 +24,7 @@ from jbclog.maintenance.verification import Given, keep, own_of, verify
 from jbclog.record.live import LiveStore
 from jbclog.record.manifest import LineFile, Manifest, write_manifest
 from jbclog.sim.process import SimProcess
-from jbclog.transport.blocking import Port
+from jbclog.transport.blocking import DriverPort
 from support.command import RECIPE, WireLog, is_sampling, started, until
 from support.faults.small_disk import small_disk
 
@@ -149,7 +149,7 @@ def _note_opened(monkeypatch: pytest.MonkeyPatch, opened: list[str]) -> None:
     """Keep which stations' ports the audits come to have."""
     real = survey._open
 
-    def noted(wanted: SurveyTarget) -> Port:
+    def noted(wanted: SurveyTarget) -> DriverPort:
         port = real(wanted)
         opened.append(wanted.target.name)
         return port
@@ -186,7 +186,7 @@ def test_what_some_stations_said_is_kept_when_others_do_not_answer(bench: Bench,
     ended = audit(lost, tmp_path / "counters.jsonl", "--csv", tmp_path / "a.csv", "--json")
     assert ended.exit_code == 3
     assert json.loads(ended.stdout)["exit_code"] == 3
-    assert "there is no such port; see that it is plugged in" in ended.stderr
+    assert "no such port; check that it is plugged in" in ended.stderr
     seen = observed(tmp_path / "counters.jsonl")
     assert {name: one.seen for name, one in seen.items()} == {"dde-1": True, "ucr-1": False, "jtse-1": True}
     assert "ucr-1" in (tmp_path / "a.csv").read_text(encoding="utf-8")

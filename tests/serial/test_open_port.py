@@ -24,7 +24,7 @@ from jbclog.core.serial_line import LineFormat
 from jbclog.transport import opening
 from jbclog.transport.opening import MOST_WAITING, make_ready, open_port
 from jbclog.transport.port import ObjectPort, Port
-from jbclog.transport.system_ports import holder_of, in_words
+from jbclog.transport.system_ports import holder_of, process_text
 from serial import rfc2217
 from support.command import until
 from support.links.far_ends import Server, Terminal, open_descriptors, rfc2217_server, server, terminal
@@ -281,7 +281,7 @@ def test_a_program_that_took_no_lock_is_found_by_its_open_files() -> None:
         assert other.stdout is not None
         assert other.stdout.readline() == b"open\n"
         assert holder_of(far.url) == other.pid
-        assert in_words(other.pid).startswith(f"process {other.pid} (")
+        assert process_text(other.pid).startswith(f"process {other.pid} (")
         other.kill()
         other.wait()
         assert holder_of(far.url) is None
@@ -301,13 +301,13 @@ def _holding(far: Terminal) -> subprocess.Popen[str]:
 @pytest.mark.parametrize(
     ("url", "sentence"),
     [
-        ("/dev/ttyNOWHERE", "there is no such port; see that it is plugged in"),
-        ("/dev/null", "it is no serial port; give a device such as /dev/ttyUSB0"),
+        ("/dev/ttyNOWHERE", "no such port; check that it is plugged in"),
+        ("/dev/null", "not a serial port; give a device such as /dev/ttyUSB0"),
         ("/", "cannot be opened"),
-        ("rfc4711://host:1", "it is no port that may be opened; give a device"),
+        ("rfc4711://host:1", "not a port that may be opened; give a device"),
         ("socket://nowhere", "cannot be opened"),
         ("hwgrep://no-such-adapter", "cannot be opened"),
-        ("", "there is no such port; see that it is plugged in"),
+        ("", "no such port; check that it is plugged in"),
     ],
 )
 def test_what_is_no_port_is_a_link_error_with_the_url(url: str, sentence: str) -> None:
@@ -321,7 +321,7 @@ def test_what_is_no_port_is_a_link_error_with_the_url(url: str, sentence: str) -
     ("number", "kind", "sentence"),
     [
         (errno.EACCES, PortForbidden, "no permission to open it; add the user to the group that owns the device"),
-        (errno.ENODEV, PortMissing, "there is no such port; see that it is plugged in"),
+        (errno.ENODEV, PortMissing, "no such port; check that it is plugged in"),
         (errno.EMFILE, LinkError, "may not open more files; raise the limit"),
     ],
 )
@@ -340,7 +340,7 @@ def test_what_the_system_refuses_has_its_own_error(
 def test_a_server_that_is_not_there() -> None:
     with server() as far:
         url = far.url
-    with pytest.raises(LinkError, match="nobody listens there"):
+    with pytest.raises(LinkError, match="connection refused"):
         open_port(url, LINE)
 
 

@@ -17,7 +17,7 @@ import serial
 from jbclog.core.errors import LinkError
 from jbclog.core.serial_line import LineFormat
 from jbclog.transport.opening import open_port
-from jbclog.transport.port import BROKEN, CLOSE_S, DescriptorPort, ObjectPort, Port, give_back
+from jbclog.transport.port import BROKEN, CLOSE_S, DescriptorPort, ObjectPort, Port, close_in_thread
 from support.links.far_ends import Terminal, open_descriptors, rfc2217_server, server, terminal
 
 LINE = LineFormat()
@@ -251,7 +251,7 @@ def test_an_rfc2217_port_is_closed_by_another_thread_while_it_is_read() -> None:
 def test_closing_never_waits_for_a_driver_that_hangs() -> None:
     release = threading.Event()
     began = time.monotonic()
-    give_back(lambda: release.wait(60))
+    close_in_thread(lambda: release.wait(60))
     assert time.monotonic() - began < CLOSE_S + 10
     release.set()
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from functools import partial
 from random import Random
 
-from jbclog.core.io_requests import Ask, Heard, Listen, Request, Steps
+from jbclog.core.io_requests import Ask, IoResult, Listen, Request, Steps
 from jbclog.core.rows import StationFacts
 from support.links.damage import DAMAGES, jbc_holds, omega_holds
 from support.links.injector import KINDS, Deed, Injector
@@ -93,7 +93,7 @@ class NoisyWire(Injector):
     """The wire. `is_omega` decides which frames are whole; put `kept` around the session."""
 
     def __init__(self, tap: Tap, tape: Tape, random: Random, *, is_omega: bool = False) -> None:
-        super().__init__(self._heard_by, {}, tap.hung_up)
+        super().__init__(self._heard_by, {}, tap.is_unplugged)
         self.books: list[Exchange] = []
         self.forgeries: list[Forgery] = []
         self.misled: list[str] = []
@@ -112,7 +112,7 @@ class NoisyWire(Injector):
             if isinstance(wish, Ask):
                 self.books.append(Exchange(0.0, self.text_of(wish.data)))
             try:
-                heard: Heard = yield wish
+                heard: IoResult = yield wish
             except Exception as error:
                 step = partial(session.throw, error)
                 continue
@@ -120,7 +120,7 @@ class NoisyWire(Injector):
                 self._given(self.books[-1], heard)
             step = partial(session.send, heard)
 
-    def _given(self, one: Exchange, heard: Heard) -> None:
+    def _given(self, one: Exchange, heard: IoResult) -> None:
         one.given.append((heard.now, heard.data))
         one.is_plain = len(one.given) == 1 and self._holds(heard.data) and self.text_of(heard.data) == one.truth
 

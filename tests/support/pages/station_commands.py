@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 
-from jbclog.core.quantities import Choice, Number, Text, Word, text_of
+from jbclog.core.quantities import Choice, DigitWord, Number, Text, text_of
 from jbclog.protocol.commands.command import Command, Scope
 from jbclog.protocol.commands.defaults import Default
 from jbclog.protocol.commands.family import FAMILIES, Family
@@ -141,7 +141,7 @@ def _holders() -> dict[Command, list[str]]:
 
 def _row(one: Command, names: list[str]) -> tuple[str, ...]:
     sent = ["dangerous"] if one.dangerous else []
-    sent += ["once"] if one.asked_once else []
+    sent += ["once"] if one.sent_once else []
     recorded = codes(dict.fromkeys(column for name in names for column in recorded_as(FAMILIES[name], one)))
     return (
         code(one.name),
@@ -178,7 +178,7 @@ def range_text(one: Command) -> str:
     if one.within:
         step, (lowest, highest) = f", step {one.limits.step:g}" if one.limits.step else "", one.within
         return f"{f'{code(lowest)} to' if lowest else 'up to'} {code(highest)}{step}"
-    if isinstance(one.quantity, Word):
+    if isinstance(one.quantity, DigitWord):
         return "digits up to " + "".join(map(str, one.quantity.highest))
     if one.limits.low is not None or one.limits.step is not None:
         return str(one.limits).replace("range not printed step", "range not printed, step") if one.limits.high != 0 else "00000"
@@ -292,4 +292,4 @@ def _defaults() -> str:
 
 
 def _value(command: Command, one: Default) -> str:
-    return command.shown(one.value) if not isinstance(command.quantity, Choice | Word) else text_of(one.value)
+    return command.shown(one.value) if not isinstance(command.quantity, Choice | DigitWord) else text_of(one.value)

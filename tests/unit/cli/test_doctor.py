@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 
 from jbclog.app import discovery, doctor
 from jbclog.cli.app import app
-from jbclog.core.wire import LineFormat
+from jbclog.core.serial_line import LineFormat
 from support.links.uart_ports import Cable, Silence, means, station_cable
 
 LINE = '[line]\nname = "x"\n[[station]]\nname = "s-1"\nurl = "/dev/ttyJBC"\nfamily = "dde"\n'

@@ -12,7 +12,7 @@ from jbclog.app import discovery
 from jbclog.cli.app import app
 from jbclog.cli.scan import _addresses, _ports
 from jbclog.core.errors import UsageError
-from jbclog.core.wire import LineFormat
+from jbclog.core.serial_line import LineFormat
 from support.links.uart_ports import Cable, Echo, Silence, means, station_cable
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from jbclog.analysis.verdict import Result, Rule
 from jbclog.cli.output import wrapped
 from jbclog.cli.run_wording import reasons_told
-from jbclog.core.errors import Exit, Finding, in_order, tools_text
+from jbclog.core.errors import Exit, RunFinding, in_order, tools_text
 from support.records.sealed_run import station
 
 
@@ -53,7 +53,7 @@ def test_equal_reasons_stand_once_the_gravest_first() -> None:
 
 def test_findings_come_by_severity() -> None:
     codes = [Exit.NOT_FINE, Exit.STATION, Exit.INTERRUPTED, Exit.UNSAFE, Exit.STATION, Exit.RECORD]
-    found = in_order(Finding(code, str(place)) for place, code in enumerate(codes))
+    found = in_order(RunFinding(code, str(place)) for place, code in enumerate(codes))
     assert [(one.code.value, one.text) for one in found] == [(5, "3"), (4, "5"), (3, "1"), (3, "4"), (130, "2"), (1, "0")]
 
 

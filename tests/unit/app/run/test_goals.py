@@ -16,7 +16,7 @@ from jbclog.app.run.plan import Metadata, RunOptions, make_plan
 from jbclog.app.run.unit_feed import LOOK_EVERY_S, UnitFeed
 from jbclog.core.errors import Exit, Problems, exit_code, findings
 from jbclog.core.rows import Goal, Severity
-from jbclog.transport.typed_lines import Source
+from jbclog.transport.typed_lines import LineSource
 from support.virtual.virtual_run import RECIPE, VirtualRun, line_text, prepare
 
 
@@ -41,7 +41,7 @@ class Typing:
         self.run: VirtualRun = prepare(line_text("joints_per_minute = 20"), duration_s=duration_s)
         reading, self.writing = os.pipe()
         clock, utc = self.run.driver.clock, next(iter(self.run.contexts.values())).utc
-        source = Source(reading, "stdin")
+        source = LineSource(reading, "stdin")
         self.feed = UnitFeed(
             source, self.run.memory.event, lambda: utc.micros(clock.monotonic()), wanted=2, refuses_repeats=refuses_repeats
         )

@@ -11,7 +11,7 @@ from jbclog.core.serial_line import LineFormat
 from jbclog.protocol.client.make import client_for
 from jbclog.protocol.client.omega import ALLOWED_S, COMPLETION_S, GONE_S, OmegaStation
 from jbclog.protocol.commands.family import FAMILIES
-from jbclog.protocol.commands.omega import UNTOLD, ConditionRecord
+from jbclog.protocol.commands.omega import WITHOUT_DIGIT, ConditionRecord
 from support.clients.omega_talk import PROMPT_S, OmegaTalk, Turn, framed
 
 COMMANDS = FAMILIES["omega"].commands
@@ -64,7 +64,7 @@ def test_it_is_the_client_of_its_family() -> None:
         (A, "A", "a1", "solder shortage"),
         (A, "A", "a2", "solder clogged"),
         (A, "A", "a3", "solder shortage and clogged"),
-        (A, "A", "a", UNTOLD),
+        (A, "A", "a", WITHOUT_DIGIT),
         (B, "B", "b0", "ready"),
         (B, "B", "b1", "preparing or error"),
         (F, "F", "f0", "in range"),
@@ -164,7 +164,7 @@ def test_an_answer_that_comes_while_nothing_is_asked_is_counted() -> None:
     talk = OmegaTalk(("A", "a0", (0.5, "a1"), (0.6, "h")))
     assert talk.each(ask_a, pause(1.0))[0] == "normal"  # type: ignore[arg-type]
     assert talk.station.strays == {"unasked": 1}
-    assert [said.letter for said in talk.station.by_itself] == ["h"]
+    assert [said.letter for said in talk.station.completions] == ["h"]
 
 
 def test_a_wrong_sum_is_counted_and_asked_for_again() -> None:
@@ -203,7 +203,7 @@ def test_a_controller_that_answers_nothing_else_is_waited_for_and_then_gone() ->
 
 def test_where_a_digit_comes_after_all_it_is_read() -> None:
     talk = OmegaTalk(("A", "a"), ("A", "a2"))
-    assert talk.each(ask_a, ask_a) == [UNTOLD, "solder clogged"]
+    assert talk.each(ask_a, ask_a) == [WITHOUT_DIGIT, "solder clogged"]
     assert talk.station.without_digit == {"a"}
 
 
@@ -238,14 +238,14 @@ def test_an_execution_is_over_when_the_controller_says_so(letter: str) -> None:
     """h when a point is done, i after the first stage of a slide; long after the 250 ms of other answers."""
     talk = OmegaTalk(("H0065", (3.3, letter)), ("A", "a0"), ("A", "a0"), ("A", "a0"))
     talk.do(run)
-    assert [said.letter for said in talk.station.by_itself] == [letter]
+    assert [said.letter for said in talk.station.completions] == [letter]
     assert talk.end.heard.count("H0065") == 1
 
 
 def test_an_execution_within_the_time_of_an_answer() -> None:
     talk = OmegaTalk(("H0065", (0.2, "h")))
     talk.do(run)
-    assert [said.letter for said in talk.station.by_itself] == ["h"]
+    assert [said.letter for said in talk.station.completions] == ["h"]
 
 
 def test_an_execution_that_is_never_told_of_is_not_known() -> None:
@@ -266,7 +266,7 @@ def test_an_execution_into_silence_goes_out_once() -> None:
 def test_what_is_said_late_is_kept_apart_and_answers_nothing() -> None:
     talk = OmegaTalk(("A", (0.05, "h"), "a0"), ("B", (0.3, "i"), (0.05, "b0")))
     assert talk.each(ask_a, ask_b, pause(1.0))[:2] == ["normal", "ready"]  # type: ignore[arg-type,comparison-overlap]
-    assert [said.letter for said in talk.station.by_itself] == ["h", "i"]
+    assert [said.letter for said in talk.station.completions] == ["h", "i"]
     assert talk.station.strays == {}
 
 

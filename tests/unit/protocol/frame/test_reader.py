@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from jbclog.protocol.frame import LONGEST, MOST_HELD, SHORTEST, Corrupt, Frame, FrameReader
+from jbclog.protocol.frame import LONGEST, MOST_HELD, SHORTEST, CorruptFrame, Frame, FrameReader
 from support.campaigns.each_row import each_row
 from support.golden import FRAMES as GOLDEN
 from support.golden import wire_of, with_check_byte
@@ -15,7 +15,7 @@ TIP = b"\x020100ATT100183\x03\x4a"
 TIP_FRAME = Frame("A", "TT100183", 1, 0)
 
 
-def _frames(found: list[Frame | Corrupt]) -> list[Frame]:
+def _frames(found: list[Frame | CorruptFrame]) -> list[Frame]:
     return [one for one in found if isinstance(one, Frame)]
 
 
@@ -106,7 +106,7 @@ def test_a_whole_frame_that_means_nothing_does_not_cost_the_next_one_its_stx() -
     nonsense = with_check_byte(b"\x02xy|~\x03")
     assert nonsense[-1] == 0x02
     found = FrameReader().feed(nonsense[:-1] + TIP)
-    assert found == [Corrupt(nonsense), TIP_FRAME]
+    assert found == [CorruptFrame(nonsense), TIP_FRAME]
 
 
 def test_garbage_is_counted_to_the_byte() -> None:
@@ -122,7 +122,7 @@ def test_garbage_is_counted_to_the_byte() -> None:
 def test_a_corrupt_frame_is_told_with_all_its_bytes() -> None:
     reader = FrameReader()
     wrong = TIP[:-1] + b"\x4b"
-    assert reader.feed(wrong + TIP) == [Corrupt(wrong), TIP_FRAME]
+    assert reader.feed(wrong + TIP) == [CorruptFrame(wrong), TIP_FRAME]
     assert reader.garbage == 0
 
 
