@@ -35,7 +35,7 @@ from jbclog.cli.trend import trend
 from jbclog.cli.verify import verify
 from jbclog.cli.where_used import where_used
 from jbclog.cli.write import write
-from jbclog.core.errors import Exit
+from jbclog.core.outcome import Exit
 
 NO_MEMORY: Final = b"jbclog: memory was refused; `jbclog recover` finishes the record\n"
 

@@ -13,7 +13,7 @@ from jbclog.cli.output import ends_with_errors_told, note, tell, tell_json
 from jbclog.cli.run_wording import reasons_told
 from jbclog.cli.streams import never_wait
 from jbclog.cli.unit_lines import listed, source_of, unshown
-from jbclog.core.errors import Exit, in_order, tools_text
+from jbclog.core.outcome import Exit, in_order, tools_text
 
 if TYPE_CHECKING:
     from jbclog.app.run.plan import Plan, RunOptions

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Final, NamedTuple, Protocol
 
-from jbclog.core.errors import StationOutcome
+from jbclog.core.states import StationOutcome
 
 SampleRow = list[object]
 """One tick of one port, in the order of `SAMPLE_COLUMNS`."""

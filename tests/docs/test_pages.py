@@ -11,7 +11,7 @@ from jbclog.analysis.verdict.acceptance import LIMIT_NAMES
 from jbclog.analysis.verdict.rule import Result
 from jbclog.analysis.verdict.versions import VERSIONS
 from jbclog.config.sim_spec import KEYS_OF_FAULT
-from jbclog.core.errors import Exit
+from jbclog.core.outcome import Exit
 from jbclog.core.rows import QUALITIES, SettingOutcome
 from jbclog.report.audit.files import COLUMNS as COLUMNS_OF_AUDIT
 from support.pages.all_pages import PAGES, REFERENCE

@@ -10,7 +10,7 @@ from jbclog.analysis.run import open_run
 from jbclog.app.run.plan import RunOptions, make_plan
 from jbclog.app.run.run_record import Result
 from jbclog.app.run.runner import conduct
-from jbclog.core.errors import Exit
+from jbclog.core.outcome import Exit
 from jbclog.core.rows import EventRow
 from jbclog.record import capture_recorder
 from jbclog.record.check import check

@@ -10,8 +10,8 @@ from dataclasses import dataclass, field
 
 import pytest
 
-from jbclog.core.errors import Exit, exit_code, findings
 from jbclog.core.io_requests import Steps
+from jbclog.core.outcome import Exit, exit_code, findings
 from jbclog.core.rows import StationFacts
 from jbclog.protocol.commands.status import STAND, WORKING
 from jbclog.session.run.context import StationTask

@@ -22,7 +22,8 @@ from jbclog.app.batch.job_dir import Carried, JobDir, Now, PortNow, Said
 from jbclog.app.batch.job_spec import JobSpec
 from jbclog.app.run.run_record import Result
 from jbclog.app.run.runner import carry_out
-from jbclog.core.errors import Exit, JbclogError, in_order
+from jbclog.core.errors import JbclogError
+from jbclog.core.outcome import Exit, in_order
 from jbclog.core.rows import EventRow
 from jbclog.session.run.context import SessionContext
 from jbclog.transport.typed_lines import open_source

@@ -14,7 +14,8 @@ from jbclog.app.batch.journal import Journal
 from jbclog.app.batch.processes import ENDED_BY, Came, Processes
 from jbclog.app.batch.state import RECORDED, BatchState, Entry, JobState, Kind, Next, State, whats_next
 from jbclog.config.job_order import OnFailure, Turn
-from jbclog.core.errors import Exit, RunFinding, UsageError, exit_code
+from jbclog.core.errors import UsageError
+from jbclog.core.outcome import Exit, RunFinding, exit_code
 
 LOOK_EVERY_S: Final = 0.2
 

@@ -21,7 +21,8 @@ from jbclog.app.batch.job_dir import NOTES, JobDir, carried
 from jbclog.app.batch.job_spec import JobSpec
 from jbclog.app.batch.state import State
 from jbclog.app.run.plan import Metadata
-from jbclog.core.errors import Exit, RecordError, Status, Unsafe, unexpected_error_text
+from jbclog.core.errors import RecordError, Unsafe, unexpected_error_text
+from jbclog.core.outcome import Exit, Status
 from jbclog.record.find_runs import Filter, Found, find
 from jbclog.record.manifest import Manifest, read_manifest
 from jbclog.record.recover import recover

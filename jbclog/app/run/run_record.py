@@ -25,7 +25,8 @@ from jbclog.analysis.verdict.evidence import Joints
 from jbclog.app.run.plan import PORTS, Plan, StationPlan, orders
 from jbclog.app.run.plan import Metadata as Told
 from jbclog.core.clock import Clock, UtcOffset
-from jbclog.core.errors import Exit, RecordError, RunFinding, exit_code, findings, status, unexpected_error_text
+from jbclog.core.errors import RecordError, unexpected_error_text
+from jbclog.core.outcome import Exit, RunFinding, exit_code, findings, status
 from jbclog.core.rows import COLUMN, CounterRow, EventRow, SampleRow, SettingRow, Severity, StationFacts, TipCheck
 from jbclog.maintenance.verification.verifications_file import cited
 from jbclog.record.chains import previous_run

@@ -25,8 +25,9 @@ from jbclog.app.run.run_record import Observer, Result, RunRecord
 from jbclog.app.run.unit_feed import LOOK_EVERY_S as LOOK_FOR_UNITS_S
 from jbclog.app.run.unit_feed import UnitFeed
 from jbclog.core.clock import SystemClock
-from jbclog.core.errors import Exit, JbclogError, RecordError, StartRefused, Unsafe, cause, tools_text, unexpected_error_text
+from jbclog.core.errors import JbclogError, RecordError, StartRefused, Unsafe, cause, unexpected_error_text
 from jbclog.core.locks import is_held
+from jbclog.core.outcome import Exit, tools_text
 from jbclog.core.rows import EventRow, Severity, StationFacts
 from jbclog.guard.open_leases import settle
 from jbclog.guard.run_guard import Guarding

@@ -17,7 +17,7 @@ from jbclog.app.batch.journal import Journal, iso
 from jbclog.app.batch.processes import Came
 from jbclog.app.batch.state import Entry, Kind, State, standing_of
 from jbclog.config.job_order import Turn, due_times, in_turn
-from jbclog.core.errors import Exit
+from jbclog.core.outcome import Exit
 
 NIGHT = 1_790_000_000.0
 CRASH = "crash"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from jbclog.core.errors import SEVEREST_FIRST, Exit
+from jbclog.core.outcome import SEVEREST_FIRST, Exit
 from support.pages.md_table import MADE, table
 
 MEANINGS: Mapping[Exit, str] = {

@@ -5,7 +5,7 @@ from __future__ import annotations
 from jbclog.analysis.verdict import Result, Rule
 from jbclog.cli.output import wrapped
 from jbclog.cli.run_wording import reasons_told
-from jbclog.core.errors import Exit, RunFinding, in_order, tools_text
+from jbclog.core.outcome import Exit, RunFinding, in_order, tools_text
 from support.records.sealed_run import station
 
 

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from jbclog.app.batch.executor import BatchExecutor
 from jbclog.app.batch.state import RECORDED, BatchState, Kind, State, standing_of, whats_next
 from jbclog.config.job_order import At, OnFailure, Turn, circle, in_turn, read_at
-from jbclog.core.errors import Exit
+from jbclog.core.outcome import Exit
 from support.faults.batch_world import CRASH, NIGHT, STILLBORN, Fate, Killed, World
 
 STOP, SKIP, CONTINUE = OnFailure.STOP, OnFailure.SKIP, OnFailure.CONTINUE

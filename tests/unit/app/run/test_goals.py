@@ -14,7 +14,8 @@ from jbclog.app.run.goals import Goals, JointCount, Uncounted
 from jbclog.app.run.joint_counter import LEAST_PAUSE_S, MOST_PAUSE_S, pause_s
 from jbclog.app.run.plan import Metadata, RunOptions, make_plan
 from jbclog.app.run.unit_feed import LOOK_EVERY_S, UnitFeed
-from jbclog.core.errors import Exit, Problems, exit_code, findings
+from jbclog.core.errors import Problems
+from jbclog.core.outcome import Exit, exit_code, findings
 from jbclog.core.rows import Goal, Severity
 from jbclog.transport.typed_lines import LineSource
 from support.virtual.virtual_run import RECIPE, VirtualRun, line_text, prepare

@@ -1,0 +1,26 @@
+"""States of a station and of a tool at the end of a run; values as in the manifest."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+
+
+class StationOutcome(StrEnum):
+    """How a station's part of a run ended."""
+
+    RUNNING = "running"  # not ended, or the record does not contain the end
+    COMPLETED = "completed"
+    STOPPED = "stopped"  # a setting had changed during the run
+    REFUSED = "refused"  # before sampling
+    GONE = "gone"  # no answer at the start or at the end
+    NOT_STARTED = "not_started"  # it was ready, another station was not
+    LEFT_OUT = "left_out"  # it was not ready, and the run was allowed to start without it
+    FAILED = "failed"
+
+
+class SafetyResult(StrEnum):
+    """Whether a touched tool is in its safe state."""
+
+    VERIFIED = "verified"  # read back
+    SENT = "sent"  # not read back
+    FAILED = "failed"
