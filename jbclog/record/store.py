@@ -274,7 +274,7 @@ class StoreWriter:
         if self._segment is None:
             return Kept(False, "the store is not open")
         if not self._is_there(self._segment.path):  # SQLite would go on writing to a file that nobody can open any more
-            return Kept(False, f"{self._segment.path} was removed while the run went on")
+            return Kept(False, f"{self._segment.path} was removed during the run")
         try:
             self._segment.add(batches, fresh)
         except sqlite3.Error as error:

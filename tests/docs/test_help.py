@@ -77,7 +77,7 @@ def test_help_loads_no_more_than_what_prints_it() -> None:
     packages = {package for package, *_ in loaded} - sys.stdlib_module_names
     assert packages <= {"jbclog", "typer", "click", "shellingham", "annotated_doc"}
     own = {".".join(rest) for package, *rest in loaded if package == "jbclog" and rest and rest[0] != "cli"}
-    assert own == {"core", "core.errors", "core.text"}
+    assert own == {"core", "core.errors", "core.outcome", "core.states", "core.text"}
 
 
 @pytest.mark.parametrize("arguments", [("frobnicate",), ("run",), ("run", "--line"), ("demo", "--seconds", "1"), ("check",)])

@@ -14,7 +14,15 @@ HERE = Path(__file__).parent
 FRAMES = Path(golden.__file__).parent
 FILES = sorted([*HERE.glob("*.py"), *FRAMES.glob("*.py")])
 READERS = {
-    "jbclog.protocol.frame": {"Corrupt", "Frame", "FrameReader", "LONGEST", "MOST_HELD", "SHORTEST", "parse"},  # and what it gives
+    "jbclog.protocol.frame": {
+        "CorruptFrame",
+        "Frame",
+        "FrameReader",
+        "LONGEST",
+        "MOST_HELD",
+        "SHORTEST",
+        "parse",
+    },  # and what it gives
     "jbclog.protocol.omega": {"LONGEST", "MOST_HELD", "OmegaReader"},
 }
 
