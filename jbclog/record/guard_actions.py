@@ -83,7 +83,7 @@ def tidy(folder: Path) -> None:
 def action_log(folder: Path) -> list[EventRow]:
     """The lines of the guard's diary that can be read, as events; nothing where no guard took over."""
     try:
-        lines = read_foreign(folder / DIARY, Kind.ACTION_LOG).decode(errors="replace").splitlines()
+        lines = read_foreign(folder / DIARY, Kind.ACTION_LOG).rstrip(BLANK).decode(errors="replace").splitlines()
     except FileNotFoundError:
         return []
     return [event for line in lines if (event := _event(line)) is not None]

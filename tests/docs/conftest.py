@@ -1,5 +1,9 @@
 from __future__ import annotations
 
+import fcntl
+import os
+from pathlib import Path
+
 import pytest
 
 from support.command import jbclog
@@ -8,9 +12,14 @@ from support.readers.texts import Demo
 
 @pytest.fixture(scope="session")
 def demo(tmp_path_factory: pytest.TempPathFactory) -> Demo:
-    """One demo for all tests that only look at it."""
-    place = tmp_path_factory.mktemp("newcomer")
-    said = jbclog("demo", "--seconds", "14", cwd=place)
-    assert said.returncode == 0, said.stderr
+    """One demo for all tests that only look at it, whichever worker they run in."""
+    place = tmp_path_factory.getbasetemp().parent / f"newcomer-{os.environ.get('PYTEST_XDIST_TESTRUNUID', os.getpid())}"
+    with Path(f"{place}.lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)  # the first worker makes it, the others wait for it
+        if not place.exists():
+            place.mkdir()
+            made = jbclog("demo", "--seconds", "14", cwd=place)
+            assert made.returncode == 0, made.stderr
+            (place / "said.txt").write_text(made.stdout, encoding="utf-8")
     (run,) = (place / "demo-runs").iterdir()
-    return Demo(place, said, run)
+    return Demo(place, (place / "said.txt").read_text(encoding="utf-8"), run)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-import nbformat
 import pytest
 
 from support.readers.notebook_runs import NOTEBOOKS, executed, has_picture, shown
@@ -24,6 +23,8 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_notebooks_are_kept_without_outputs(notebook: Path) -> None:
     data = json.loads(notebook.read_text("utf-8"))
     assert all(not cell.get("outputs") and cell.get("execution_count") is None for cell in data["cells"])
+    import nbformat
+
     nbformat.validate(nbformat.reads(notebook.read_text("utf-8"), as_version=4))
 
 

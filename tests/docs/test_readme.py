@@ -41,7 +41,7 @@ def test_what_they_install_exists() -> None:
 
 
 def test_the_demo_says_what_happened_and_where_everything_is(demo: Demo) -> None:
-    said = demo.said.stdout
+    said = demo.said
     assert "dde-2 dropped out for three seconds and came back" in said
     assert "ucr-1 raised its high-temperature alarm" in said
     assert "would have ended with exit code 1" in said

@@ -45,7 +45,7 @@ def assert_nothing_is_wrong(found: list[dict[str, object]]) -> int:
 
 
 @pytest.mark.parametrize(
-    ("scenario", "fault", "stride"), [("run", FAULTS[1], 90), ("recover", FAULTS[0], 60)], ids=["run", "recover"]
+    ("scenario", "fault", "stride"), [("run", FAULTS[1], 140), ("recover", FAULTS[0], 100)], ids=["run", "recover"]
 )
 def test_some_things_fail(failing_library: Path, tmp_path: Path, scenario: str, fault: tuple[str, int], stride: int) -> None:
     first = 1 + SEED % stride

@@ -23,10 +23,11 @@ Bomb = Callable[[Path], None]
 MANY: Final = 40_000_000
 
 
-def _columns(table: str, rows: int) -> dict[str, pa.Array]:
+def _columns(table: str, rows: int, first: int | None = None) -> dict[str, pa.Array]:
+    """The first columns of a table, or all."""
     zeros = np.zeros(rows, dtype=np.int64)
     made = {}
-    for field in SCHEMAS[table]:
+    for field in list(SCHEMAS[table])[:first]:
         text = pa.types.is_string(field.type)
         made[field.name] = pa.array([""]).take(pa.array(zeros)) if text else pa.array(zeros).cast(field.type)
     return made
@@ -35,10 +36,7 @@ def _columns(table: str, rows: int) -> dict[str, pa.Array]:
 def many_rows(path: Path) -> None:
     """Rows that take next to nothing in the file and gigabytes in memory, in one group."""
     table = path.parent.name
-    names = SCHEMAS[table].names[:3]
-    columns = _columns(table, MANY // 10)
-    few = pa.table({name: columns[name] for name in names})
-    pq.write_table(few, path, row_group_size=MANY, compression="zstd")
+    pq.write_table(pa.table(_columns(table, MANY // 10, 3)), path, row_group_size=MANY, compression="zstd")
 
 
 def many_groups(path: Path) -> None:
@@ -47,7 +45,7 @@ def many_groups(path: Path) -> None:
     rows = 200_000
     one = pa.table(_columns(table, rows), schema=SCHEMAS[table])
     with pq.ParquetWriter(path, SCHEMAS[table], compression="zstd") as writer:
-        for _ in range(40):
+        for _ in range(12):
             writer.write_table(one, row_group_size=rows)
         writer.add_key_value_metadata({"jbclog.through": "1"})
 
@@ -60,7 +58,7 @@ def long_pages(path: Path) -> None:
         for field in SCHEMAS[table]:
             row[field.name] = False if pa.types.is_boolean(field.type) else 0
             if pa.types.is_string(field.type):
-                row[field.name] = " " * 100_000_000 if field.name in ("station", "text") else "x"
+                row[field.name] = " " * 100_000_000 if field.name == "station" else "x"
     pq.write_table(pa.Table.from_pylist(rows, SCHEMAS[table]), path, compression="zstd", use_dictionary=False)
 
 
@@ -113,8 +111,9 @@ def _told(**changes: object) -> Bomb:
     return made
 
 
-def _text(text: str) -> Bomb:
-    return lambda path: path.write_text(text) and None
+def _text(text: str, piece: str = "", times: int = 0, end: str = "") -> Bomb:
+    """A text with a piece many times in it, which is made when it is written."""
+    return lambda path: path.write_text(text + piece * times + end) and None
 
 
 NUMBERS: Final[dict[str, object]] = {
@@ -153,10 +152,10 @@ MANIFESTS: Final[dict[str, Bomb]] = {
         for place in ("started", "ended")
         for year in ("0001", "9999", "2262")
     },
-    "15 MB of lists": _text('{"run": "x", "stations": [' + "[]," * 5_000_000 + "[]]}"),
-    "15 MB of texts": _text('{"run": "x", "units": [' + '"a",' * 3_700_000 + '"a"]}'),
-    "nested": _text("[" * 2_000_000),
-    "20 MB": _text('{"run": "' + "x" * 20_000_000 + '"}'),
+    "15 MB of lists": _text('{"run": "x", "stations": [', "[],", 5_000_000, "[]]}"),
+    "15 MB of texts": _text('{"run": "x", "units": [', '"a",', 3_700_000, '"a"]}'),
+    "nested": _text("", "[", 2_000_000),
+    "20 MB": _text('{"run": "', "x", 20_000_000, '"}'),
     "a list": _text("[]"),
     "a number": _text("1e999"),
     "noise": lambda path: path.write_bytes(np.random.default_rng(1).bytes(100_000)) and None,
@@ -218,13 +217,13 @@ STORES: Final[dict[str, Bomb]] = {
 }
 
 
-def _packed(data: bytes) -> Bomb:
-    return lambda path: path.write_bytes(gzip.compress(data)) and None
+def _packed(byte: bytes, times: int) -> Bomb:
+    return lambda path: path.write_bytes(gzip.compress(byte * times)) and None
 
 
 WIRES: Final[dict[str, Bomb]] = {
-    "300 MB of blanks, packed": _packed(b" " * 300_000_000),
-    "300 MB of lines, packed": _packed(b"\n" * 300_000_000),
+    "300 MB of blanks, packed": _packed(b" ", 300_000_000),
+    "300 MB of lines, packed": _packed(b"\n", 300_000_000),
     "noise": lambda path: path.write_bytes(np.random.default_rng(1).bytes(100_000)) and None,
 }
 

@@ -30,8 +30,8 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import lfilter
 
+from support.plants.filters import filtered
 from support.plants.third_plant import Floats, Range, Script, Touch, Trial, Truth
 
 STEP_S = 0.01
@@ -472,7 +472,7 @@ def _wander(rng: np.random.Generator, ticks: int, memory_s: float, spread: float
     kept = float(np.exp(-EVERY * STEP_S / memory_s))
     pushes = rng.standard_normal(ticks) * spread
     pushes[1:] *= np.sqrt(1 - kept**2)
-    wandered: Floats = lfilter([1.0], [1.0, -kept], pushes)
+    wandered: Floats = filtered(1.0, [1.0, -kept], pushes)
     return wandered
 
 
@@ -503,7 +503,7 @@ def _published(lived: Lived, n: int) -> tuple[Floats, Floats]:
     period, first, plants = EVERY * STEP_S, round(BEFORE_S / STEP_S / EVERY), lived.plants
     kept = float(np.exp(-period / plants.shown_s[n]))
     felt = lived.felt_c[n]
-    shown: Floats = lfilter([1 - kept], [1.0, -kept], felt, zi=np.array([kept * felt[0]]))[0]
+    shown: Floats = filtered(1 - kept, [1.0, -kept], felt, kept * felt[0])
     window = max(round(float(plants.mean_s[n]) / period), 1)
     totals = np.concatenate([np.zeros(window), np.cumsum(lived.power[n])])
     mean = (totals[window:] - totals[:-window]) / window

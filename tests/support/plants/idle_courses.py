@@ -6,10 +6,10 @@ from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import signal
 
 from jbclog.analysis.verdict.bounds import Known
 from jbclog.analysis.verdict.idle import IdleError
+from support.plants.filters import filtered
 
 Floats = NDArray[np.float64]
 Course = Callable[[np.random.Generator, float, float], Floats]
@@ -23,7 +23,7 @@ def slow(tau_s: float) -> Course:
         alike = float(np.exp(-1 / (hz * tau_s)))
         steps = rng.standard_normal(round(seconds * hz)) * np.sqrt(1 - alike**2)
         steps[0] = rng.standard_normal()
-        return np.asarray(signal.lfilter([1], [1, -alike], steps), dtype=np.float64)
+        return filtered(1, [1, -alike], steps)
 
     return course
 
@@ -47,7 +47,7 @@ def ringing(period_s: float, tau_s: float) -> Course:
         variance = (1 - second) / ((1 + second) * ((1 - second) ** 2 - first**2))
         rows, lead = round(seconds * hz), round(8 * tau_s * hz)
         steps = rng.standard_normal(rows + lead) / np.sqrt(variance)
-        return np.asarray(signal.lfilter([1], [1, -first, -second], steps)[lead:], dtype=np.float64)
+        return filtered(1, [1, -first, -second], steps)[lead:]
 
     return course
 

@@ -4,20 +4,20 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-import matplotlib as mpl
-import nbformat
-from matplotlib import pyplot
-from nbclient import NotebookClient
-from nbformat import NotebookNode
+if TYPE_CHECKING:  # imported where they are needed: nbformat takes two seconds, in each worker
+    from nbformat import NotebookNode
 
-mpl.use("agg")
 HOME = Path(__file__).parents[3] / "notebooks"
 NOTEBOOKS = sorted(HOME.glob("*.ipynb"))
 
 
 def executed(notebook: Path, folder: Path = HOME) -> NotebookNode:
     """The notebook after all of its cells ran in `folder`. Raises where one fails."""
+    import nbformat
+    from nbclient import NotebookClient
+
     node = nbformat.read(notebook, as_version=4)
     NotebookClient(node, timeout=250, resources={"metadata": {"path": str(folder)}}).execute()
     return node
@@ -25,6 +25,10 @@ def executed(notebook: Path, folder: Path = HOME) -> NotebookNode:
 
 def run_here(notebook: Path) -> None:
     """Its cells in this process, which is quicker and takes warnings for errors; nothing that they show is kept."""
+    import matplotlib as mpl
+    from matplotlib import pyplot
+
+    mpl.use("agg")
     cells = json.loads(notebook.read_text("utf-8"))["cells"]
     known: dict[str, object] = {"display": print}
     for cell in (one for one in cells if one["cell_type"] == "code"):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import subprocess
 from pathlib import Path
 from typing import NamedTuple
 
@@ -47,5 +46,5 @@ class Demo(NamedTuple):
     """A demo that was run: where it was started, what it said, and the run's folder."""
 
     place: Path
-    said: subprocess.CompletedProcess[str]
+    said: str
     run: Path
