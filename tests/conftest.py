@@ -17,6 +17,7 @@ import sys
 import tempfile
 from collections import Counter, defaultdict
 from collections.abc import Callable, Generator
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -96,13 +97,36 @@ def pytest_collection_finish() -> None:
     gc.set_threshold(10_000, 20, 20)
 
 
+FAST = ("app", "cli", "config", "core", "maintenance", "protocol", "session", "sim", "transport")
+"""Packages whose tests are fast."""
+NOT_FAST = {  # files that take more than a second: large inputs, child processes, slices of campaigns
+    *("test_foreign_kinds.py", "test_foreign_opened.py", "test_jobs_file.py", "test_hands.py"),
+    *("test_streams.py", "test_wrong_usage.py", "test_audit_fleet.py", "test_exchanges.py"),
+    *("test_every_command.py", "test_reader_properties.py", "test_scan.py"),
+}
+UNIT = Path(__file__).parent / "unit"
+
+
+def is_fast(path: Path) -> bool:
+    return path.is_relative_to(UNIT) and path.relative_to(UNIT).parts[0] in FAST and path.name not in NOT_FAST
+
+
+def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
+    """With ``-m fast`` no other file is even imported."""
+    wanted = config.option.markexpr == "fast" and collection_path.suffix == ".py"
+    return True if wanted and not is_fast(collection_path) else None
+
+
 WAITING = "serial"
 """The tests in it wait for real lines most of the time."""
 
 
-@pytest.hookimpl(trylast=True)
+@pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Spread the files that wait among those that compute, so that the workers do both at any time; the small ones come last."""
+    for item in items:
+        if is_fast(item.path) and not any(map(item.get_closest_marker, ("campaign", "bench", "soak"))):
+            item.add_marker(pytest.mark.fast)
     files = list(dict.fromkeys(item.path for item in items))
     waiting = [path for path in files if path.parent.name == WAITING]
     computing = [path for path in files if path.parent.name != WAITING]
