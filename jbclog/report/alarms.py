@@ -1,7 +1,6 @@
-"""What a report says of the run's alarms: episodes as the three witnesses have them, what was acknowledged since, and figures.
+"""The alarms of a report: incidents with their episodes by source, acknowledgements, and alarm figures.
 
-From the same functions as `jbclog alarms` (`analysis/run_alarms.py`); acknowledgements stand in annotations.jsonl, whose head is
-named.
+They come from the same functions as `jbclog alarms` (`analysis/run_alarms.py`); acknowledgements are in annotations.jsonl.
 """
 
 from __future__ import annotations
@@ -22,10 +21,10 @@ Row = dict[str, object]
 
 @dataclass(slots=True)
 class AlarmFacts:
-    """Incidents with their episodes, the figures of each station by each witness, and on what the witnesses do not agree.
+    """Incidents with their episodes, the figures of each station by source, and where the sources disagree.
 
-    `waiting`: how many alarms of the station or of our samples nobody has acknowledged; `excursions`: incidents that only the
-    samples afterwards show, which are no alarms.
+    `waiting`: how many alarms (of the station or of samples) are not acknowledged; `excursions`: incidents that only the samples
+    show afterwards, which are no alarms.
     """
 
     incidents: list[Row]
@@ -36,12 +35,12 @@ class AlarmFacts:
 
     @property
     def rows(self) -> list[Row]:
-        """A row for each episode, with the columns of `Run.alarms()`."""
+        """One row per episode, with the columns of `Run.alarms()`."""
         return [row for incident in self.incidents for row in _episodes(incident)]
 
 
 def alarm_facts(run: Run) -> AlarmFacts:
-    """The alarms of a sealed run. Raises `RecordError`."""
+    """Return the alarms of a sealed run. Raises `RecordError`."""
     found = run.alarm_findings()
     incidents = _incidents(found)
     return AlarmFacts(
@@ -61,14 +60,14 @@ def _incidents(found: Alarms) -> list[Row]:
 
 
 def _incident(episodes: Sequence[Row], name: str, *, waiting: bool) -> Row:
-    """An incident by the episode that stands for it."""
+    """Return an incident by the episode that it is named after."""
     chosen = next(row for row in episodes if row["episode"] == name)
-    told = ("station", "port", "side", "onset_earliest", "onset", "end_earliest", "end", "end_reason", "seconds", "finding")
-    said = ("acknowledged_by", "acknowledged_at", "acknowledged_why")
+    shown = ("station", "port", "side", "onset_earliest", "onset", "end_earliest", "end", "end_reason", "seconds", "finding")
+    acknowledged = ("acknowledged_by", "acknowledged_at", "acknowledged_why")
     return {
         "number": chosen["incident"],
         "name": name,
-        **{key: chosen[key] for key in (*told, *said)},
+        **{key: chosen[key] for key in (*shown, *acknowledged)},
         "limit_c": next((row["limit_c"] for row in episodes if row["limit_c"] is not None), None),
         "peak_c": next((row["peak_c"] for row in (chosen, *episodes) if row["peak_c"] is not None), None),
         "state": _state(episodes),
@@ -91,6 +90,6 @@ def _state(episodes: Sequence[Row]) -> str:
 
 
 def _witnesses(episodes: Sequence[Row]) -> str:
-    """``A, B ×2``."""
+    """Return ``A, B ×2``."""
     counts = {letter: sum(row["detector"] == letter for row in episodes) for letter in WITNESSES}
     return ", ".join(f"{letter} ×{count}" if count > 1 else letter for letter, count in counts.items() if count)

@@ -64,7 +64,7 @@ def caption(trace: Trace) -> str:
 def closer_caption(part: Trace, why: str) -> str:
     """Return which minute it is and why that one."""
     joints = f" {joints_marked(part)}" if part.joints else ""
-    return f"Closer: {_clock(part, part.start)} to {_clock(part, part.end)}, around {why}.{joints}"
+    return f"Detail: {_clock(part, part.start)} to {_clock(part, part.end)}, around {why}.{joints}"
 
 
 def joints_marked(trace: Trace) -> str:

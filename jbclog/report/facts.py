@@ -1,6 +1,6 @@
-"""Everything that a report says, as plain data: `report.json` is this, and the page is drawn from nothing else.
+"""The content of a report as plain data: `report.json` is this, and page and paper are made from nothing else.
 
-Times are ISO 8601 in UTC, None is "not known", units stand in the names.
+Times are ISO 8601 in UTC, None is "not known", names end with their unit.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ SCHEMA = 1
 
 @dataclass(slots=True)
 class Reason:
-    """A sentence under the verdict, and the result of the rules that it speaks of."""
+    """A sentence under the verdict, and the result of its rules."""
 
     result: str
     text: str
@@ -25,8 +25,8 @@ class Reason:
 class VerdictFacts:
     """`decided`: ``"with the run"`` (it stands in the manifest), ``"by recovery"`` (the run was cut off) or ``"by this report"``.
 
-    Reasons: what kept it from ACCEPT. `version` is that of the rules that it was given by. Where that is not the latest, `by_rules`
-    says so in a sentence with what the latest would say, and `by_latest` has that verdict with its reasons; it changes nothing.
+    `reasons`: why it is not ACCEPT. `version`: that of its rules. Where it is not the latest, `by_rules` is a sentence with the
+    verdict of the latest rules, and `by_latest` that verdict with its reasons; neither changes the verdict.
     """
 
     word: str
@@ -41,7 +41,7 @@ class VerdictFacts:
 
 @dataclass(slots=True)
 class Figure:
-    """A figure beside the report: file and what it shows; not in the JSON: two sizes as SVG, and data of the interactive view."""
+    """A figure: its file and texts; not in the JSON: two sizes as SVG, and the data of the interactive view."""
 
     file: str
     caption: str
@@ -96,7 +96,7 @@ class PowerFacts:
 
 @dataclass(slots=True)
 class StatesFacts:
-    """For how many seconds a station without a temperature told what should not be; None: never read."""
+    """The seconds of each unwanted state of a station without a temperature; None: never read."""
 
     shortage_s: float | None
     clogged_s: float | None
@@ -106,7 +106,7 @@ class StatesFacts:
 
 @dataclass(slots=True)
 class AirFacts:
-    """Of hot air: the flow last read, as a share of the station's greatest, and the thermocouple on the work. None: never read."""
+    """Hot air: the last flow as a share of the maximum, and the thermocouple on the work. None: never read."""
 
     flow_permille: float | None
     external_least_c: float | None
@@ -118,9 +118,9 @@ class AirFacts:
 class JointFacts:
     """The joints of a port: `figures` are metrics with n, coverage, resolution and `why` there is no value (`features`).
 
-    `taken`: what they were found with, the recipe's `[joints]` and what the run told. `never_back` says that the line hardly
-    lets the tip recover, where that is so. `signals`: points of the chart that are out of the ordinary; None where it has no
-    limits, `refused` then says why, and `refused_kind` in a word.
+    `taken`: the criteria, from the recipe's `[joints]` and from the run. `never_back`: a sentence where the tip seldom recovers.
+    `signals`: points of the chart that are out of the ordinary; None where it has no limits, with the reason in `refused` and in a
+    word in `refused_kind`.
     """
 
     figures: dict[str, dict[str, object]]
@@ -135,14 +135,14 @@ class JointFacts:
 
 @dataclass(slots=True)
 class PortFacts:
-    """One port: what was in it, what was measured, how it was left (`safety.py`); `late_p99_ms` grows with a port's place."""
+    """One port: its tool, its figures, the state in which the run left it (`safety.py`)."""
 
     port: int
     tool: str | None
     recorded: RecordedFacts
     tip: TipFacts
     power: PowerFacts
-    states: StatesFacts | None  # of a station that tells states and no temperature
+    states: StatesFacts | None  # of a station without a temperature
     air: AirFacts | None  # of hot air, whose temperatures are in `tip` like those of any tool
     alarms: int
     doubtful_alarms: int
@@ -154,8 +154,8 @@ class PortFacts:
     left_means: str
     left_warns: bool
     figures: list[Figure]
-    joints: JointFacts | None = None  # of what makes none
-    verification: dict[str, object] | None = None  # the tip verification that it stood on when the run began
+    joints: JointFacts | None = None  # None for tools that make no joints
+    verification: dict[str, object] | None = None  # the tip verification that was valid when the run began
 
 
 @dataclass(slots=True)
@@ -185,7 +185,7 @@ class StationReport:
 
 @dataclass(slots=True)
 class Left:
-    """Rows that a table of the report does not repeat, and why."""
+    """Rows that a table of the report leaves out, and why."""
 
     rows: int
     text: str
@@ -196,7 +196,7 @@ class Facts:
     """One run."""
 
     schema: int
-    rules: int  # the version of the rules and methods by which this report was made
+    rules: int  # the version of the rules and methods of this report
     run: str
     manifest_sha256: str
     head: str
@@ -219,7 +219,7 @@ class Facts:
     overview: Figure | None  # where there are several ports
     stations: list[StationReport]
     alarms: AlarmFacts
-    units: list[dict[str, object]]  # joints and recovery of each; empty where nobody named a unit
+    units: list[dict[str, object]]  # joints and recovery of each; empty without units
     metrics: list[dict[str, object]]
     events: list[dict[str, object]]
     events_left: Left | None
@@ -230,9 +230,9 @@ class Facts:
     ledger_reasons: list[str]
     files: list[dict[str, object]]
     data_sha256: str  # of the lines "SHA-256  path" of these files, as `sha256sum` prints them
-    annotations: list[dict[str, object]]  # what was said since it was sealed
+    annotations: list[dict[str, object]]  # added after the run was sealed
     annotations_head: str
-    annotations_wrong: list[str]  # where that file was changed or cut, a sentence each
+    annotations_wrong: list[str]  # a sentence for each damaged or changed part of that file
     not_claimed: list[str]
     not_claimed_short: list[str]
     to_sign: list[dict[str, str]]
@@ -247,26 +247,25 @@ CROWD = 12  # with more ports than these each has one figure, and a closer one o
 
 NOT_CLAIMED = (
     "That a solder joint is good: joints are found in temperatures and powers, which do not show the solder.",
-    "The temperature of the tip's surface, or of the air at the work: it is what the station's own sensor in the tool reports. "
-    "A calibrated thermometer has to do with it only where a tip verification is cited, and then for the moment of that.",
+    "The temperature of the tip's surface, or of the air at the work: values are those of the station's own sensor in the tool. "
+    "A calibrated thermometer confirms them only where a tip verification is cited, for the time of that verification.",
     "Energy at the tip or in the air: power is in per mille of the station's nominal maximum; "
     "watts appear only where the line file states a rated power.",
     "What happened between two readings: an excursion shorter than the period is seen only if it raised the station's own alarm.",
-    "That every byte was right: the stations' check byte cannot see some double errors. "
-    "What could be checked was checked; what failed is in the ledger.",
-    "That the host's clock was right: times are UTC as the host believed; durations are from a clock that cannot be set.",
+    "That every byte was right: the stations' check byte misses some double errors. Failed checks are in the accounting.",
+    "That the host's clock was right: times are UTC of the host; durations are from a monotonic clock.",
 )
 
 NOT_CLAIMED_SHORT = (
     "that any solder joint is good",
-    "the true temperature of tip or air, which is what the station's own sensor reports",
+    "the true temperature of tip or air: values are those of the station's own sensor",
     "what happened between two readings",
-    "that limits kept here were kept at any other time",
+    "that limits kept here hold at any other time",
 )
 
 TO_SIGN = (
     {"role": "Reviewed", "meaning": "Meaning: review of this record and its deviations."},
-    {"role": "Approved", "meaning": "Meaning: approval of what it is about, or its refusal."},
+    {"role": "Approved", "meaning": "Meaning: approval or refusal, based on this record."},
 )
 
 REPRODUCE = "jbclog report --verify RUN"

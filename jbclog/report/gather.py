@@ -1,4 +1,4 @@
-"""From a sealed run to the facts of its report."""
+"""Collect the facts of a report from a sealed run."""
 
 from __future__ import annotations
 
@@ -53,18 +53,18 @@ COLUMNS = ("time", "tick", "port", "late_us", "quality", "reasons", "temperature
 
 
 def gather(run: Run, joints: Joints) -> Facts:
-    """Everything that the report of `run` says. Raises `RecordError`."""
+    """Return the facts of the report of `run`. Raises `RecordError`."""
     manifest, folder = run.manifest, run.folder
     events, settings_left = event_rows(run.events()), setting_rows(run.settings())
     ledger, reasons = ledger_rows(manifest.ledger)
     head = manifest_sha256(folder)
     overview = Overview(round((manifest.t0_utc or 0.0) * 1e6))
-    verdict, said = verdict_facts(folder, manifest), read_annotations(folder)
+    verdict, annotations = verdict_facts(folder, manifest), read_annotations(folder)
     stations = list(_stations(run, joints, overview, verdict))
     names = [facts.name for facts in manifest.stations]
     rows = jointed({"stations": [asdict(station) for station in stations]})
-    said_first = 1 if is_cut_off(manifest) else 0
-    verdict.reasons[said_first:said_first] = [Reason("none", text) for text in never_back_at(rows)]
+    first = 1 if is_cut_off(manifest) else 0
+    verdict.reasons[first:first] = [Reason("none", text) for text in never_back_at(rows)]
     if is_cut_off(manifest):
         verdict.reasons[1:1] = list(_not_made_safe(stations))
     return Facts(
@@ -103,9 +103,9 @@ def gather(run: Run, joints: Joints) -> Facts:
         ledger_reasons=reasons,
         files=[asdict(file) for file in manifest.files],
         data_sha256=_data_sha256(manifest),
-        annotations=[asdict(one) for one in said.said],
-        annotations_head=said.head,
-        annotations_wrong=said.complaints(),
+        annotations=[asdict(one) for one in annotations.said],
+        annotations_head=annotations.head,
+        annotations_wrong=annotations.complaints(),
         not_claimed=list(NOT_CLAIMED),
         not_claimed_short=list(NOT_CLAIMED_SHORT),
         to_sign=[dict(one) for one in TO_SIGN],
@@ -114,7 +114,7 @@ def gather(run: Run, joints: Joints) -> Facts:
 
 
 def _stations(run: Run, joints: Joints, overview: Overview, verdict: VerdictFacts) -> Iterator[StationReport]:
-    """One station after the other."""
+    """Yield one station after the other."""
     manifest, folder = run.manifest, run.folder
     t0_utc_us = round((manifest.t0_utc or 0.0) * 1e6)
     ports = sum(len(facts.ports) for facts in manifest.stations)
@@ -138,7 +138,7 @@ def _stations(run: Run, joints: Joints, overview: Overview, verdict: VerdictFact
 
 
 def _samples(run: Run) -> Iterator[tuple[StationFacts, pd.DataFrame]]:
-    """The samples of each station: from one pass over a short run, in one for each station of a long one."""
+    """Yield the samples of each station, from one pass over a short run, from a pass for each station of a long one."""
     stations = run.manifest.stations
     columns = {facts.name: _columns(facts) for facts in stations}
     if sum(map(_rows, stations)) > MOST_ROWS:
@@ -151,7 +151,7 @@ def _samples(run: Run) -> Iterator[tuple[StationFacts, pd.DataFrame]]:
 
 
 def _rows(facts: StationFacts) -> float:
-    """Infinite where the record does not say."""
+    """Return the number of rows, infinite where it is not known."""
     if facts.first_tick is None or facts.last_tick is None:
         return inf
     return (facts.last_tick - facts.first_tick + 1) * len(facts.ports)
@@ -166,11 +166,11 @@ def _overview(overview: Overview) -> Figure | None:
     if not overview.is_worth_it:
         return None
     text, (wide, narrow) = overview.caption, (svg_text(overview.draw(form)) for form in (WIDE, NARROW))
-    return Figure("figures/overview.svg", text, f"The run at a glance. {text}", wide, narrow)
+    return Figure("figures/overview.svg", text, f"Overview of the run. {text}", wide, narrow)
 
 
 def _not_made_safe(stations: list[StationReport]) -> Iterator[Reason]:
-    """After a crash nobody has told the operator: a sentence for each tool that may still be hot."""
+    """Yield a sentence for each tool that may still be hot: after a crash the operator has had no message."""
     for station in stations:
         for port in station.ports:
             if port.left_warns:
@@ -178,15 +178,15 @@ def _not_made_safe(stations: list[StationReport]) -> Iterator[Reason]:
 
 
 def _previous(manifest: Manifest) -> str:
-    """The run that this one carries the head of, or why there is none."""
+    """Return the previous run with its fingerprint, or why there is none."""
     found = manifest.previous
     if found is None:
         return "not known"
-    return f"{found.run} (head {short_head(found.sha256)})" if found.run and found.sha256 else found.text
+    return f"{found.run} (fingerprint {short_head(found.sha256)})" if found.run and found.sha256 else found.text
 
 
 def _metadata(manifest: Manifest) -> dict[str, object]:
-    """What people said of the run, without what they did not say."""
+    """Return the metadata of the run that people entered."""
     return {**replace(manifest.metadata, units=manifest.serials()).said()}
 
 
@@ -202,7 +202,7 @@ def _duration_s(manifest: Manifest) -> float | None:
 
 
 def _rate(manifest: Manifest) -> str:
-    """What was asked for, and what came of it on each station where the record says so."""
+    """Return the requested rate, and the actual rate of each station where it is recorded."""
     if isinstance(manifest.rate, float):
         return f"{manifest.rate:g} Hz"
     known = {facts.name: facts for facts in manifest.stations if facts.asked_rate is not None}

@@ -1,9 +1,9 @@
-"""Joint after joint as small multiples: how far below its setpoint the tip begins, and how long it takes to be back.
+"""Deficit and recovery joint by joint: how far below its setpoint the tip begins, and how long it takes to be back.
 
-The recovery has individuals and moving ranges with limits where `spc` allows them. Where it refuses (too few, alike to their
-neighbours, a spread below the resolution), and where too many joints were followed by the next before the tip was back, the points
-are drawn without limits, and the caption says why. A joint that was followed so stands at the time that it had, with an arrow: its
-recovery is longer. Of more joints than can be told apart each stretch has its least and greatest; points that signal always are.
+Recoveries are individuals and moving ranges, with limits where `spc` allows them. Where it refuses (too few values,
+autocorrelation, a spread below the resolution), or where the next joint too often began before the tip was back, there are no
+limits, and the caption states why. Such a joint has an arrow at the time until the next joint: its recovery is longer. Of more
+joints than are seen apart, each stretch shows its least and greatest; points with a signal are always drawn.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from jbclog.analysis.spc import Chart, Refused, control_chart
 
 LEFT, RIGHT, TOP, BOTTOM, BETWEEN = 38.0, 62.0, 12.0, 19.0, 15.0
 UPPER_PT, LOWER_PT = 74.0, 34.0  # the heights of individuals, and of deficits and moving ranges
-FEWEST: Final = 5  # joints from which on a chart says more than a row of numbers
+FEWEST: Final = 5  # joints from which on a chart is drawn
 MOST_DOTS: Final = 300
 ARROW_PT: Final = 5.0
 LIMIT: Final[Look] = {"color": style.ALARM, "linewidth": 0.9, "dashes": (4.4, 1.7)}
@@ -37,7 +37,7 @@ ARROW: Final[Look] = {"color": style.ALARM, "linewidth": 0.9}
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Charted:
-    """The recovery of those joints that have one, by their number; the chart, or why it has no limits.
+    """The recoveries by the number of their joint; the chart, or why it has no limits.
 
     `deficits`: setpoint minus temperature at the start, of every joint (NaN: not known). `late`: the numbers of the joints that the
     next one followed before the tip was back, and the time in s that each had.
@@ -75,19 +75,19 @@ class Charted:
 
     @property
     def caption(self) -> str:
-        """What it shows, and what it refuses to."""
-        said = f"Deficit and recovery of one joint after the other. {self._have}"
+        """The content of the chart, and why it has no limits."""
+        shown = f"Deficit and recovery, joint by joint. {self._have}"
         if self.chart is None:
-            return f"{said} Without limits: {self.why[0]}"
+            return f"{shown} Without limits: {self.why[0]}"
         tests = list(dict.fromkeys(one.text for one in self.chart[0].signals))
         found = "No point is out of the ordinary" if not tests else f"{_points(len(self.signalling))} ({'; '.join(tests)})"
         chart = self.chart[0]
         limits = "three sigma" if chart.distribution == "normal" else f"percentiles 0.135 and 99.865 ({chart.distribution})"
-        return f"{said} Individuals and moving ranges with limits at {limits} (I-MR, Nelson's tests 1, 2, 3 and 5). {found}."
+        return f"{shown} Individuals and moving ranges with limits at {limits} (I-MR, Nelson's tests 1, 2, 3 and 5). {found}."
 
     @property
     def _have(self) -> str:
-        """How many joints have a recovery, and what the arrows are."""
+        """How many joints have a recovery, and the meaning of the arrows."""
         back, late = len(self.seconds), len(self.late[0])
         have = "All joints have a recovery." if back == self.joints else f"{back} of {self.joints} joints have a recovery."
         return f"{have}{' Arrows: longer, as the next joint came before the tip was back.' if late else ''}"
@@ -98,7 +98,7 @@ def _points(count: int) -> str:
 
 
 def charted(recovery: Floats, resolution: float | None, deficits: Floats | None = None, had: Floats | None = None) -> Charted:
-    """The chart of these recoveries (NaN: none) in the order of their joints.
+    """Return the chart of these recoveries (NaN: none) in the order of their joints.
 
     `had`: the time in s until the next joint, where that came before the tip was back; NaN elsewhere.
     """

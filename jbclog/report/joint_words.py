@@ -1,4 +1,4 @@
-"""The joints of a report's ports in rows and words, from the facts as plain data: for the page and for paper."""
+"""The joints of a report in rows and sentences, from the facts as plain data, for page and paper."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from jbclog.report.text import measured, number
 Row = Mapping[str, object]
 
 NEVER, SELDOM = 0.95, 0.5  # the share of the joints that the next one followed before the tip was back
-ENOUGH: Final = 5  # joints of which that is said
+ENOUGH: Final = 5  # joints, below which no share is stated
 REFUSED: Final = {
     "too_few": "too few joints",
     "unresolved": "their spread is that of the resolution",
@@ -26,7 +26,7 @@ NOTE: Final = (
 
 
 def jointed(report: Mapping[str, object]) -> list[Row]:
-    """A row for each port whose joints were looked for: `station`, `port` and `joints`."""
+    """Return a row for each port whose joints were looked for: `station`, `port` and `joints`."""
     return [
         {"station": station["name"], "port": port["port"], "joints": port["joints"]}
         for station in _rows(report["stations"])
@@ -35,24 +35,24 @@ def jointed(report: Mapping[str, object]) -> list[Row]:
     ]
 
 
-def never_back(late: int, told: int, deficit_c: float | None) -> str | None:
-    """A sentence where the next joint mostly begins before the tip is back; `late` of the `told` joints whose recovery was seen."""
-    if told < ENOUGH or late < SELDOM * told:
+def never_back(late: int, seen: int, deficit_c: float | None) -> str | None:
+    """Return a sentence where most joints begin before the tip is back; `late`: how many of the `seen` recoveries."""
+    if seen < ENOUGH or late < SELDOM * seen:
         return None
-    how = "never lets the tip recover" if late == told else "hardly ever lets the tip recover"
-    how = how if late >= NEVER * told else "seldom lets the tip recover"
+    how = "never lets the tip recover" if late == seen else "hardly ever lets the tip recover"
+    how = how if late >= NEVER * seen else "seldom lets the tip recover"
     begins = "" if deficit_c is None or deficit_c < 0.5 else f"; joints begin {deficit_c:.0f} °C below the setpoint (median)"
-    return f"This line {how}: after {late} of {told} joints the next one began before the tip was back{begins}."
+    return f"This line {how}: after {late} of {seen} joints the next one began before the tip was back{begins}."
 
 
 def never_back_at(rows: Sequence[Row]) -> list[str]:
-    """The same of every port where it is so, each sentence with its place."""
-    said = [(row, _mapping(row["joints"]).get("never_back")) for row in rows]
-    return [f"{row['station']} port {row['port']}: {text}" for row, text in said if text is not None]
+    """Return these sentences of all ports, each with its place."""
+    found = [(row, _mapping(row["joints"]).get("never_back")) for row in rows]
+    return [f"{row['station']} port {row['port']}: {text}" for row, text in found if text is not None]
 
 
 def found_with(rows: Sequence[Row]) -> list[str]:
-    """What counted as a joint, what of that the run told, and whose feeder decides: a sentence each."""
+    """Return what counts as a joint, what of it was learned from the run, and where the feeder decides: a sentence each."""
     texts: dict[str, list[str]] = {}
     fed: list[str] = []
     for row in rows:
@@ -60,12 +60,12 @@ def found_with(rows: Sequence[Row]) -> list[str]:
         if taken:
             texts.setdefault(_found_with(taken), []).append(place)
             fed += [place] if taken["wire_decides"] else []
-    said = list(texts) if len(texts) == 1 else [f"{', '.join(places)}: {text}" for text, places in texts.items()]
-    return [*said, *_regular(rows), *([f"Each feed of the feeder is a joint: {', '.join(fed)}."] if fed else [])]
+    criteria = list(texts) if len(texts) == 1 else [f"{', '.join(places)}: {text}" for text, places in texts.items()]
+    return [*criteria, *_regular(rows), *([f"Each feed of the feeder is a joint: {', '.join(fed)}."] if fed else [])]
 
 
 def _regular(rows: Sequence[Row]) -> list[str]:
-    """The time from one joint to the next that the run shows, where the recipe states none."""
+    """Return the time between joint starts that the run shows, where the recipe states none."""
     places: dict[str, list[str]] = {}
     for row in rows:
         taken = _mapping(_mapping(row["joints"]).get("taken"))
@@ -76,8 +76,8 @@ def _regular(rows: Sequence[Row]) -> list[str]:
     if not places:
         return []
     parts = list(places) if len(places) == 1 else [f"{text} ({', '.join(ports)})" for text, ports in places.items()]
-    text = "From the start of one joint to the next, learnt from the run (the recipe sets no expected_every_s)"
-    return [f"{text}: {'; '.join(parts)}. It is shown and is not used to find joints."]
+    text = "Time between joint starts, learned from the run (the recipe sets no expected_every_s)"
+    return [f"{text}: {'; '.join(parts)}. Not used to find joints."]
 
 
 def _found_with(taken: Row) -> str:
@@ -89,12 +89,12 @@ def _found_with(taken: Row) -> str:
         f"the tip is back within {measured(taken['recovered_within_c'], '°C')}",
         *([] if expected is None else [f"one is expected every {measured(expected, 's')}"]),
     ]
-    told = f" Learnt from the run, because the recipe's [joints] does not set them: {', '.join(learnt)}." if learnt else ""
-    return f"{'; '.join(parts)}.{told}"
+    by_run = f" Learned from the run, as the recipe's [joints] does not set them: {', '.join(learnt)}." if learnt else ""
+    return f"{'; '.join(parts)}.{by_run}"
 
 
 def heat(row: Row) -> str:
-    """The median heat of a joint: in joules where watts are known."""
+    """Return the median heat of a joint, in joules where watts are known."""
     figures = _mapping(_mapping(row["joints"])["figures"])
     joules, relative = (_mapping(figures[name])["value"] for name in ("joint_heat_j", "joint_heat_permille_s"))
     if joules is not None:
@@ -103,20 +103,20 @@ def heat(row: Row) -> str:
 
 
 def idle(row: Row) -> str:
-    """The port's idle error."""
+    """Return the idle error of the port."""
     error = _mapping(_mapping(_mapping(row["joints"])["figures"]).get("idle_error_c")).get("value")
     return "not known" if not isinstance(error, float) else f"{number(round(error, 1), 1)} °C"
 
 
 def count(row: Row) -> str:
-    """How many joints; not known where the record cannot say."""
+    """Return the number of joints; not known where the record has gaps."""
     joints = _mapping(row["joints"])
     known = _mapping(_mapping(joints["figures"])["joints"])["value"]
     return number(joints["found"]) if known is not None else "not known"
 
 
 def remark(row: Row) -> str:
-    """Why the count is not known, what the line does to the tip, what may be no joint, and what the chart says in short."""
+    """Return why the count is not known, whether the tip recovers, what may be no joint, and the result of the chart."""
     joints = _mapping(row["joints"])
     figures = _mapping(joints["figures"])
     parts = [_not_known(joints), joints["never_back"], _kind(figures), *_feeds(figures), _chart(joints)]
@@ -139,7 +139,7 @@ def _kind(figures: Row) -> str | None:
 
 
 def _feeds(figures: Row) -> list[str]:
-    """What heat and the feeder tell apart; nothing without a feeder."""
+    """Return how joints by heat and feeds compare; nothing without a feeder."""
     feeds, alone = _value(figures, "joints_by_feeder"), _value(figures, "joints_fed_alone")
     if feeds is None:
         return []

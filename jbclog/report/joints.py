@@ -1,4 +1,4 @@
-"""What a report says of the joints: `joints.parquet` as `Run.joints` finds them, their figures by port and by unit, their chart."""
+"""The joints of a report: `joints.parquet` as `Run.joints` finds them, figures by port and by unit, and their chart."""
 
 from __future__ import annotations
 
@@ -38,16 +38,16 @@ METRICS: Final[tuple[str, ...]] = (
     *("joints_by_heat", "joints_by_feeder", "joints_fed_alone", "feeds_without_draw", "draws_without_feed"),
 )
 OF_JOINTS: Final = "joints"
-AT_WORK: Final = "power_mean_permille"  # a port whose tool never worked makes none, and there is nothing to say of them
+AT_WORK: Final = "power_mean_permille"  # without it the tool never worked and made no joints
 
 Row = dict[str, object]
-Told = tuple[float | None, float | None, bool | None]
-"""Of a joint: its recovery, the time that it had, and whether the tip was back before the next."""
+Recovery = tuple[float | None, float | None, bool | None]
+"""The recovery of a joint in s, the time until the next joint, and whether the tip was back before it."""
 
 
 @dataclass(frozen=True, slots=True)
 class Joints:
-    """All joints of a run: the table, its file, the run's metrics, and the unit that was on the bench at each."""
+    """All joints of a run: the table, its file, the metrics of the run, and the unit of each joint."""
 
     table: pa.Table
     parquet: bytes
@@ -56,15 +56,15 @@ class Joints:
     taken: list[Row]
 
     def of_port(self, station: str, port: int) -> pa.Table:
-        """The joints of one port."""
+        """Return the joints of one port."""
         return self.table.filter(pc.and_(pc.equal(self.table["station"], station), pc.equal(self.table["port"], port)))
 
-    def told(self, station: str, port: int) -> dict[str, Row]:
-        """The metrics of one port by their names."""
+    def metrics_of(self, station: str, port: int) -> dict[str, Row]:
+        """Return the metrics of one port by their names."""
         return {str(row["metric"]): row for row in self.metrics if row["station"] == station and row["port"] == port}
 
     def spans(self, station: str, port: int) -> list[Span]:
-        """The joints of one port, each with the word for whether the tip was back before the next."""
+        """Return the joints of one port, each with the word for whether the tip was back before the next."""
         joints = self.of_port(station, port)
         names = ("start_s", "end_s", "recovered")
         return [
@@ -73,13 +73,13 @@ class Joints:
         ]
 
     def rows(self) -> list[Row]:
-        """A row for each with its unit: for spreadsheets."""
+        """Return a row for each joint with its unit, for spreadsheets."""
         plain = self.table.to_pylist()
         return [{**row, UNIT: unit, **_times(row)} for row, unit in zip(plain, self.units, strict=True)]
 
 
 def joints_of(run: Run) -> Joints:
-    """Found anew from the samples; the same run gives the same bytes. Raises `RecordError`."""
+    """Find the joints in the samples; the same run gives the same bytes. Raises `RecordError`."""
     table, metrics, taken = joints_and_metrics(run)
     units = run.unit_at(pd.Series(table["start"].to_pandas())).tolist() if table.num_rows else []
     serials = [None if pd.isna(serial) else str(serial) for serial in units]
@@ -88,19 +88,19 @@ def joints_of(run: Run) -> Joints:
 
 def joint_facts(found: Joints, station: str, port: int, file: str, *, crowded: bool = False) -> JointFacts | None:
     """Return the figures of one port and its chart, whose file begins with `file`; None for what makes no joints."""
-    told, joints = found.told(station, port), found.of_port(station, port)
-    if OF_JOINTS not in told or not told[AT_WORK]["n"]:
+    metrics, joints = found.metrics_of(station, port), found.of_port(station, port)
+    if OF_JOINTS not in metrics or not metrics[AT_WORK]["n"]:
         return None
     recovery, deficits, had = (_floats(joints[name]) for name in ("recovery_s", "deficit_c", "had_s"))
     late = _floats(pc.equal(joints["recovered"], False).cast(pa.float64())) == 1
-    resolution = told["recovery_s"]["resolution"]
+    resolution = metrics["recovery_s"]["resolution"]
     chart = charted(recovery, resolution if isinstance(resolution, float) else None, deficits, np.where(late, had, np.nan))
     figure = None
     if chart.is_worth_it:
         wide = svg_text(draw_chart(chart, WIDE))
         narrow = wide if crowded else svg_text(draw_chart(chart, NARROW))
         figure = Figure(f"figures/{file}-joints.svg", chart.caption, f"{station}, port {port}: {chart.caption}", wide, narrow)
-    figures = {name: told[name] for name in METRICS if name in told}
+    figures = {name: metrics[name] for name in METRICS if name in metrics}
     taken = next(({**row} for row in found.taken if row["station"] == station and row["port"] == port), {})
     never = never_back(
         int(late.sum()), int(np.count_nonzero(~joints["recovered"].is_null().to_numpy())), _value(figures, "joint_deficit_c")
@@ -114,23 +114,23 @@ def _value(figures: Mapping[str, Row], name: str) -> float | None:
 
 
 def _floats(column: pa.ChunkedArray) -> Floats:
-    """With NaN for null."""
+    """Return the values with NaN for null."""
     return np.asarray(column.to_numpy(), dtype=np.float64)
 
 
 def unit_rows(found: Joints) -> list[Row]:
-    """For each unit of which joints are known, in the order in which they came: how many, and their recovery."""
-    told = zip(*(found.table[name].to_pylist() for name in ("recovery_s", "had_s", "recovered")), strict=True)
-    by_unit: dict[str | None, list[Told]] = {}
-    for unit, joint in zip(found.units, told, strict=True):
+    """Return joints and recovery of each unit of which joints are known, in the order in which they came."""
+    joints = zip(*(found.table[name].to_pylist() for name in ("recovery_s", "had_s", "recovered")), strict=True)
+    by_unit: dict[str | None, list[Recovery]] = {}
+    for unit, joint in zip(found.units, joints, strict=True):
         by_unit.setdefault(unit, []).append(joint)
-    if not any(by_unit):  # nobody named a unit
+    if not any(by_unit):  # no unit was named
         return []
     return [{UNIT: unit, "joints": len(these), **_recovery(these)} for unit, these in by_unit.items()]
 
 
-def _recovery(joints: Sequence[Told]) -> Row:
-    """Of one unit: its median, and its slowest where every recovery was seen; one that the next joint cut short was longer."""
+def _recovery(joints: Sequence[Recovery]) -> Row:
+    """Return the median recovery of one unit, and its slowest where all were seen: one that the next joint cut short was longer."""
     known = [seconds for seconds, _, _ in joints if seconds is not None]
     late = sum(back is False for _, _, back in joints)
     times = [(had, False) if seconds is None else (seconds, True) for seconds, had, _ in joints]

@@ -1,8 +1,8 @@
-"""The run at a glance: a strip for each port on one time axis, so that what stands out is seen from across the room.
+"""The overview of a run: a strip for each port on one time axis.
 
-Each strip shows how far the tip was from its setting, at most `REACH_C` either way, between its least and its greatest. Where it
-was further away for `FAR_S`, no curve is drawn but a field with its temperature: a cold tip is no level line. What was not read
-is hatched, alarms and errors are bars. Collected while the samples of a port are there; thinned curves are kept.
+A strip shows how far the tip was from its setpoint, between its least and its greatest, up to `REACH_C`. Where it was further away
+for `FAR_S`, a field has its temperature instead: a cold tip is no level line. Missing data are hatched, alarms and errors are bars.
+Strips are added port by port and hold thinned curves only.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ FAR_S = 10.0
 FAR_TINT = "#d9dde8"
 STRETCHES = 400
 STRIP_IN, ALL_IN, LEAST_IN, SHEET_IN = 0.24, 4.6, 0.12, 9.4  # a strip's height; that of all of them; where they are many
-FEWEST = 2  # strips from which on a glance is worth more than the figures themselves
+FEWEST = 2  # strips from which on there is an overview
 FIGURES_PT, TOP_PT, AXIS_PT = 72.0, 3.6, 17.3
 LETTER_PT = 4.5  # the width of a letter of a strip's name
 LONGEST_NAME = 16
@@ -37,7 +37,7 @@ LONGEST_NAME = 16
 
 @dataclass(frozen=True, slots=True)
 class Strip:
-    """One port: its curve as °C from the setting, what is hatched and marked, and some words on its right."""
+    """One port: its curve as °C from the setpoint, what is hatched and marked, and the text on its right."""
 
     name: str
     curve: Envelope
@@ -47,8 +47,8 @@ class Strip:
     end: float
     words: str
     is_bad: bool
-    far: list[Span]  # with what to write into the field
-    is_cold: bool  # it never came to its setting
+    far: list[Span]  # with the text of the field
+    is_cold: bool  # it never reached its setpoint
 
 
 @dataclass(slots=True)
@@ -59,7 +59,7 @@ class Overview:
     strips: list[Strip] = field(default_factory=list)
 
     def add(self, name: str, trace: Trace, coverage_percent: float | None, cold: str | None = None) -> None:
-        """One more port. `cold`: in a word or two how it never came to its setting; None where it did."""
+        """Add a port. `cold`: how it never reached its setpoint, in a word or two; None where it did."""
         away = trace.temperature - setting_in_force(trace.seconds, trace.setting) if len(trace.seconds) else trace.temperature
         far = _far(trace, away)
         for span in far:
@@ -89,16 +89,16 @@ class Overview:
 
     @property
     def caption(self) -> str:
-        """What the strips show."""
+        """The content of the strips."""
         length = duration_text(max(strip.end for strip in self.strips) - min(strip.start for strip in self.strips))
         further = (
             f"; shaded: more than {REACH_C:g} °C away, with the temperature" if any(strip.far for strip in self.strips) else ""
         )
         cold = [strip.name for strip in self.strips if strip.is_cold]
-        never = f" Never at its setting: {', '.join(cold)}." if cold else ""
+        never = f" Never at the setpoint: {', '.join(cold)}." if cold else ""
         return (
-            f"{length}. Each strip: a tip's distance from its setting (grey), {REACH_C:g} °C up and down at most. "
-            f"Hatched: not read; red: alarm; violet: error{further}. On the right: readings that are there.{never}"
+            f"{length}. Each strip: deviation from the setpoint (grey), ±{REACH_C:g} °C. "
+            f"Hatched: no data; red: alarm; violet: error{further}. Right: coverage.{never}"
         )
 
     def draw(self, form: Format) -> Figure:
@@ -186,7 +186,7 @@ class _Row:
 
 
 def _far(trace: Trace, away: Floats) -> list[Span]:
-    """Where the tip was out of the strip's reach for long, each with its temperatures in words."""
+    """Return where the tip was outside the strip for long, each with its temperatures as text."""
     words = np.array(["far" if abs(one) > REACH_C else None for one in away], dtype=np.object_)
     spans = [span for span in runs(trace.seconds, words, trace.period_s) if span.seconds >= FAR_S]
     return [replace(span, word=_celsius(trace, span)) for span in spans]

@@ -1,8 +1,7 @@
-"""The page: one HTML file that needs nothing but itself, drawn from the facts by a template.
+"""The page: one HTML file without links to other hosts, made from the facts by a template.
 
-Everything is escaped by the template engine; figures are images in the page, in which no script can run; a content policy forbids
-every request and every script but two, which it knows by their hashes: uPlot and what makes the interactive view with it. Without
-them all is there.
+The template engine escapes all text; figures are images, in which no script can run; a content security policy forbids every
+request and every script but two, named by their hashes: uPlot and the interactive view. The page is complete without them.
 """
 
 from __future__ import annotations
@@ -41,15 +40,15 @@ SCRIPTS: Final = ((*UPLOT, "uPlot.iife.min.js"), ("templates", "interactive.js")
 RESULT_SIGNS = {"pass": "✓", "fail": "✕", "missing": "?", "deviation": "△", "not applicable": "–", "none": "–"}
 
 ENDINGS = {
-    "success": "recorded to the end",
-    "aborted": "ended before its stated end",
+    "success": "complete",
+    "aborted": "stopped before its stated end",
     "failed": "ended with an error",
     "lost": "cut off",
 }
 
 
 def render(document: Mapping[str, object], figures: Mapping[str, tuple[str, str]], zooms: Mapping[str, str]) -> str:
-    """The page of a report.
+    """Return the page of a report.
 
     `figures` gives for a figure's file name its wide and its narrow SVG, `zooms` the data of its interactive view.
     """
@@ -61,7 +60,7 @@ def render(document: Mapping[str, object], figures: Mapping[str, tuple[str, str]
 
 @cache
 def _interactive() -> dict[str, object]:
-    """What the interactive view needs in the page: uPlot with its style and licence, our script, and the hashes of both scripts."""
+    """Return what the interactive view needs: uPlot with its style and licence, our script, and the hashes of both."""
     here = files("jbclog.report")
     scripts = [here.joinpath(*path).read_bytes().decode() for path in SCRIPTS]
     hashes = [base64.b64encode(sha256(script.encode()).digest()).decode() for script in scripts]
@@ -77,12 +76,12 @@ def _interactive() -> dict[str, object]:
 
 
 def data_uri(svg: str) -> str:
-    """An SVG document as an address that holds it; only what an address or an attribute could mistake is written otherwise."""
+    """Return an SVG document as a data URI; only characters that a URI or an attribute reserves are escaped."""
     return "data:image/svg+xml," + " ".join(svg.split()).translate(_IN_ADDRESS)
 
 
 class _Quoted(dict[int, str]):
-    """What stands for a character in an address, worked out once for each."""
+    """The escape of a character in a data URI, computed once for each."""
 
     def __missing__(self, code: int) -> str:
         return self.setdefault(code, quote(chr(code), safe=PLAIN_IN_ADDRESS))
@@ -117,18 +116,20 @@ def _environment() -> Environment:
     )
     environment.globals.update(signs=SIGNS, result_signs=RESULT_SIGNS, endings=ENDINGS)
     environment.globals.update(
-        witnesses=WITNESSES, most_alarms=MOST_ALARMS, most_units=MOST_UNITS, joint_note=joint_words.NOTE, kept_by=kept_by
+        witnesses=WITNESSES, most_alarms=MOST_ALARMS, most_units=MOST_UNITS, joint_note=joint_words.NOTE, when_passed=when_passed
     )
     return environment
 
 
-KEPT: Final = "An estimated figure keeps its limit when the figure and its bound keep it; without a bound it is not known to."
+PASSES: Final = (
+    "An estimated figure passes when the figure and its bound are within the limit; without a bound the result is not known."
+)
 
 
-def kept_by(rules: Sequence[Mapping[str, object]]) -> str:
-    """When an estimated figure keeps its limit, and where a recipe says otherwise."""
+def when_passed(rules: Sequence[Mapping[str, object]]) -> str:
+    """Return when an estimated figure passes, and on which stations a recipe judges otherwise."""
     bare = list(dict.fromkeys(str(rule["station"]) for rule in rules if rule.get("name") == CONFIDENCE))
-    return f"{KEPT} Not so on {', '.join(bare)}: its recipe judges bare figures." if bare else KEPT
+    return f"{PASSES} Except on {', '.join(bare)}: its recipe judges figures without bounds." if bare else PASSES
 
 
 def _duration(seconds: float | None) -> str:
@@ -136,12 +137,12 @@ def _duration(seconds: float | None) -> str:
 
 
 def _own(text: str, station: str) -> str:
-    """A station's reason without the station's name before it, as a sentence."""
+    """Return the reason of a station without its name, as a sentence."""
     bare = text.removeprefix(f"{station}: ").rstrip(".")
     return f"{bare[:1].upper()}{bare[1:]}."
 
 
 def place(row: Mapping[str, object]) -> str:
-    """``dde-1 · port 2``; empty for what concerns the run as a whole."""
+    """Return ``dde-1 · port 2``; empty for the run as a whole."""
     parts = [str(row["station"])] if row.get("station") is not None else []
     return " · ".join([*parts, f"port {row['port']}"] if row.get("port") is not None else parts)

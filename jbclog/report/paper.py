@@ -1,6 +1,6 @@
-"""`report.pdf`: what its sheets say, in the order of the page; `templates/report.typ` says how it looks.
+"""The content of `report.pdf`, in the order of the page; `templates/report.typ` has its look.
 
-Made of the same facts as the page. What is too long for paper is left to the tables, and a line says how much.
+It comes from the same facts as the page. Rows too many for paper are in the tables, and a line states how many.
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ from jbclog.report import joint_words
 from jbclog.report.alarms import WITNESSES
 from jbclog.report.facts import Facts, Figure, PortFacts, StationReport
 from jbclog.report.joint_words import jointed, remark
-from jbclog.report.page import ENDINGS, RESULT_SIGNS, SIGNS, kept_by, place
-from jbclog.report.repeated_events import told_once
+from jbclog.report.page import ENDINGS, RESULT_SIGNS, SIGNS, place, when_passed
+from jbclog.report.repeated_events import merge_repeated
 from jbclog.report.safety import short
 from jbclog.report.text import bound_text, clock, interval, measured, number, stamp, together
 from jbclog.report.typeset import LACKING, LACKING_MEANS, drawable, pdf_of
@@ -26,18 +26,16 @@ MOST_REASONS: Final = 6
 MOST_ROWS: Final = 120  # of rules, events, settings
 MOST_INCIDENTS, MOST_UNITS = 60, 60
 UNKNOWN: Final = datetime(1970, 1, 1, tzinfo=UTC)
-BOUNDS: Final = (
-    "Bound: how well an estimated figure is known, with 95 % confidence, corrected for autocorrelation; counts need none."
-)
-WITNESSED: Final = (
-    "A the station's flag, B our samples with the alarm's delay and a dead band, C every sample beyond the limit, which alone is "
-    "no alarm. Began: between two readings."
+BOUNDS: Final = "Bound: 95 % confidence bound of an estimated figure, corrected for autocorrelation; counts have none."
+SOURCES: Final = (
+    "Sources: A, the station's flag; B, samples with the alarm's delay and a deadband; C, any sample beyond the limit, which alone "
+    "is no alarm. Began: between two readings."
 )
 FOUND: Final = f"{joint_words.NOTE} All joints are in tables/joints.csv and joints.parquet."
 
 # Heads of tables; ">" sets a column to the right.
-SUMMARY = ("Rule", ">Limit", ">Kept by", ">Worst", ">95 % bound", "Where", "Result")
-RULES = ("Rule", "Where", ">Limit", ">Observed", ">95 % bound", "Result", "In words")
+SUMMARY = ("Rule", ">Limit", ">Passed", ">Worst", ">95 % bound", "Where", "Result")
+RULES = ("Rule", "Where", ">Limit", ">Observed", ">95 % bound", "Result", "Description")
 STATIONS = (
     *("Station", "Model", "Port", ">Readings", ">Longest gap", ">Idle error", ">Idle sd", ">Alarms"),
     *("Tip verified", "Safe state", "Tool"),
@@ -50,9 +48,9 @@ BEFORE_IDLE = (("recovered_before_next_percent", "%"), ("joint_deficit_c", "°C"
 BEHIND_IDLE = (("joint_depth_c", "°C"), ("joint_dwell_s", "s"))
 UNITS = (">Joints", ">Median recovery", ">Slowest", ">n", ">Not back before next", "Unit")
 ALARMS = ("No.", "Where", "What", "Began, UTC", ">Lasted", ">Peak", "Source", "Acknowledged")
-FIGURES = ("Station", "Witness", ">Alarms", ">Most in 10 min", ">Floods", ">Fleeting", ">Stale", ">Apart", "Chattering")
-EVENTS = ("UTC", "Not before", "Where", "Severity", "Kind", "In words")
-SETTINGS = ("Where", "Setting", "Tool", ">Asked", ">Written", ">Read back", "Unit", "Outcome")
+FIGURES = ("Station", "Source", ">Alarms", ">Most in 10 min", ">Floods", ">Fleeting", ">Stale", ">Apart", "Chattering")
+EVENTS = ("UTC", "Not before", "Where", "Severity", "Kind", "Description")
+SETTINGS = ("Where", "Setting", "Tool", ">Requested", ">Written", ">Read back", "Unit", "Outcome")
 COUNTERS = ("Where", "Counter", ">At the start", ">At the end", ">Difference", "Unit", "")
 SAFE = ("Where", "Outcome", ">Last temperature", "Meaning")
 ANNOTATIONS = ("UTC", "Who", "Kind", "What and why")
@@ -62,13 +60,13 @@ Part = dict[str, object]
 
 
 def report_pdf(facts: Facts) -> bytes:
-    """The whole document. The same run gives the same bytes: no time of making, no random names. Raises `RecordError`."""
+    """Return the document. The same run gives the same bytes: no creation time, no random names. Raises `RecordError`."""
     ended = facts.ended or facts.started
     return pdf_of(_data(facts), UNKNOWN if ended is None else datetime.fromisoformat(ended))
 
 
 def _data(facts: Facts) -> dict[str, object]:
-    """All that the template needs: texts that are clean and can be drawn, and the figures' SVG by their files."""
+    """Return the input of the template: clean texts in letters of its fonts, and the SVG of each figure by its file."""
     shown = _drawable(cleaned(_content(facts)))
     assert isinstance(shown, dict)
     drawings = {figure.file: drawable(figure.wide) for figure in _figures(facts)}
@@ -86,7 +84,7 @@ def _drawable(value: object) -> object:
 
 
 def _content(facts: Facts) -> dict[str, object]:
-    """`front`: sections of the first sheet, left out from the first on where they leave no space to sign; they follow then."""
+    """Return the content. `front`: sections of the first sheet; those that leave no space to sign follow on the next."""
     ended = facts.ended or facts.started
     dated = UNKNOWN if ended is None else datetime.fromisoformat(ended).astimezone(UTC)
     reasons = [[RESULT_SIGNS.get(one.result, ""), together(one.text)] for one in facts.verdict.reasons[:MOST_REASONS]]
@@ -95,7 +93,7 @@ def _content(facts: Facts) -> dict[str, object]:
     return {
         "title": f"{facts.verdict.word} · {facts.run}",
         "dated": [dated.year, dated.month, dated.day, dated.hour, dated.minute, dated.second],
-        "foot": f"{facts.run} · head {facts.head} · {facts.verdict.word}",
+        "foot": f"{facts.run} · fingerprint {facts.head} · {facts.verdict.word}",
         "run": facts.run,
         "word": facts.verdict.word,
         "sign": SIGNS.get(facts.verdict.word, ("", ""))[1],
@@ -104,22 +102,22 @@ def _content(facts: Facts) -> dict[str, object]:
         "head": _head(facts),
         "claims": "; ".join(facts.not_claimed_short),
         "to_sign": facts.to_sign,
-        "front": [*_glance(facts), *_rests_on(facts)],
+        "front": [*_overview(facts), *_rests_on(facts)],
         "sections": [one for one in _sections(facts) if one["parts"]],
     }
 
 
 def _head(facts: Facts) -> list[list[str]]:
-    """Who, what and when."""
+    """Return who, what and when."""
     recipes = [
         [f"Recipe {one['name']}", f"revision {one['revision']}, SHA-256 {str(one['sha256'])[:24]}…"] for one in facts.recipes
     ]
-    said = [[str(name).replace("_", " ").capitalize(), str(value)] for name, value in facts.metadata.items()]
+    metadata = [[str(name).replace("_", " ").capitalize(), str(value)] for name, value in facts.metadata.items()]
     length = "not known" if facts.duration_s is None else duration_text(facts.duration_s)
     return [
         ["Line", str(facts.line.get("name", "not known"))],
         *recipes,
-        *said,
+        *metadata,
         ["Start, UTC", stamp(facts.started)],
         ["End, UTC", stamp(facts.ended)],
         ["Duration", f"{length}, {ENDINGS.get(facts.exit_status or '', 'end not known')}"],
@@ -127,26 +125,26 @@ def _head(facts: Facts) -> list[list[str]]:
 
 
 def _sections(facts: Facts) -> Iterator[Part]:
-    """What follows the first sheet, in the order of the page."""
+    """Yield the sections after the first sheet, in the order of the page."""
     yield _section("Stations", _table(STATIONS, [_port(station, port) for station in facts.stations for port in station.ports]))
     yield _section("Joints", *_joints(facts))
     yield _section("Alarms", *_alarms(facts))
     for station in facts.stations:
         yield _section(f"{station.name}: {_model(station)}", *_drawn(facts, station))
-    yield _section("Every rule that was not kept", *_unkept(facts))
-    graver = [_event(one) for one in told_once([event for event in facts.events if event["severity"] != "info"])]
-    yield _section("What happened", *_some(EVENTS, graver, MOST_ROWS, "tables/events.csv"))
-    asked = [_setting(row) for row in facts.settings if row["requested"] is not None]
-    yield _section("Settings that were asked for", *_some(SETTINGS, asked, MOST_ROWS, "tables/settings.csv"))
+    yield _section("Rules not passed", *_unkept(facts))
+    graver = [_event(one) for one in merge_repeated([event for event in facts.events if event["severity"] != "info"])]
+    yield _section("Events", *_some(EVENTS, graver, MOST_ROWS, "tables/events.csv"))
+    requested = [_setting(row) for row in facts.settings if row["requested"] is not None]
+    yield _section("Requested settings", *_some(SETTINGS, requested, MOST_ROWS, "tables/settings.csv"))
     moved = [_counter(row) for row in facts.counters if row["difference"] != 0]
-    yield _section("Counters that moved or were not read twice", *_some(COUNTERS, moved, MOST_ROWS, "tables/counters.csv"))
-    yield _section("Readings that were not all read", *_lost(facts))
+    yield _section("Counters that changed or are not known", *_some(COUNTERS, moved, MOST_ROWS, "tables/counters.csv"))
+    yield _section("Incomplete readings", *_lost(facts))
     yield _section("Safe state at the end", _table(SAFE, [_left(one, port) for one in facts.stations for port in one.ports]))
-    said = [
+    annotations = [
         _row([stamp(str(one["time"])), str(one["who"]), str(one["kind"]), f"{one['what']} ({one['why']})"])
         for one in facts.annotations
     ]
-    yield _section("Said since", *_some(ANNOTATIONS, said, len(said), ""))
+    yield _section("Annotations", *_some(ANNOTATIONS, annotations, len(annotations), ""))
     yield _section("What this record does not claim", _list(facts.not_claimed))
     yield _section("Provenance", *map(_text, _provenance(facts)))
 
@@ -155,7 +153,7 @@ def _provenance(facts: Facts) -> list[str]:
     return [
         f"Manifest SHA-256 {facts.manifest_sha256}",
         f"Data SHA-256 {facts.data_sha256}",
-        f"Run before on this line: {facts.previous}",
+        f"Previous run on this line: {facts.previous}",
         f"Made by jbclog {facts.jbclog}. Reproduce: {facts.reproduce}",
         f"Compare: jbclog check RUN --head {facts.head}",
     ]
@@ -164,23 +162,23 @@ def _provenance(facts: Facts) -> list[str]:
 # -- the verdict ----------------------------------------------------------------------------------------------------------------
 
 
-def _glance(facts: Facts) -> list[Part]:
-    return [] if facts.overview is None else [_section("At a glance", _figure(facts.overview))]
+def _overview(facts: Facts) -> list[Part]:
+    return [] if facts.overview is None else [_section("Overview", _figure(facts.overview))]
 
 
 def _rests_on(facts: Facts) -> list[Part]:
-    """All rules where they are few, else one line for each limit."""
+    """Return all rules where they are few, else one line for each limit."""
     rules, lines = facts.verdict.rules, facts.verdict.summary
     if not rules:
         return []
     table = _table(SUMMARY, [_line(one) for one in lines]) if lines else _table(RULES, [_rule(one) for one in rules])
-    kept = sum(rule["result"] == "pass" for rule in rules)
-    note = f"{kept} of {len(rules)} rules kept. {BOUNDS} {kept_by(rules)}"
+    passed = sum(rule["result"] == "pass" for rule in rules)
+    note = f"{passed} of {len(rules)} rules passed. {BOUNDS} {when_passed(rules)}"
     return [_section("What the verdict rests on", table, _text(note, "quiet"))]
 
 
 def _unkept(facts: Facts) -> list[Part]:
-    """In full what a summary has in a line."""
+    """Return in full the rules that did not pass and that the summary has in a line."""
     unkept = [_rule(one) for one in facts.verdict.rules if one["result"] not in ("pass", "not applicable")]
     return _some(RULES, unkept, MOST_ROWS, "tables/rules.csv") if facts.verdict.summary else []
 
@@ -218,7 +216,7 @@ def _port(station: StationReport, port: PortFacts) -> Part:
 
 
 def _count(port: PortFacts) -> str:
-    """How many alarms; none are claimed where nothing was read, or nothing that has alarms."""
+    """Return the number of alarms; a dash where nothing was read, or nothing that has alarms."""
     counts = port.states is None and port.air is None and port.recorded.coverage_percent is not None
     return str(port.alarms) if counts or port.alarms else "–"
 
@@ -229,7 +227,7 @@ def _left(station: StationReport, port: PortFacts) -> Part:
 
 
 def _drawn(facts: Facts, station: StationReport) -> list[Part]:
-    """The figures of a station, each port's first below its name."""
+    """Return the figures of a station, the first of each port below its name."""
     parts: list[Part] = []
     for port in station.ports:
         figures = _of_port(facts, port)
@@ -238,13 +236,13 @@ def _drawn(facts: Facts, station: StationReport) -> list[Part]:
 
 
 def _figures(facts: Facts) -> list[Figure]:
-    """Every figure on paper."""
+    """Return every figure on paper."""
     ports = [figure for station in facts.stations for port in station.ports for figure in _of_port(facts, port)]
     return ports if facts.overview is None else [facts.overview, *ports]
 
 
 def _of_port(facts: Facts, port: PortFacts) -> list[Figure]:
-    """Those of a port; of a crowd only charts on which something stands out."""
+    """Return the figures of a port; in a crowd only charts on which something stands out."""
     joints = port.joints
     if joints is None or joints.chart is None or not (joints.signals or joints.never_back or not facts.is_crowd):
         return port.figures
@@ -255,7 +253,7 @@ def _of_port(facts: Facts, port: PortFacts) -> list[Figure]:
 
 
 def _joints(facts: Facts) -> list[Part]:
-    """The joints by port and by unit; nothing where no tool makes any."""
+    """Return the joints by port and by unit; nothing where no tool makes any."""
     rows = jointed({"stations": [asdict(station) for station in facts.stations]})
     if not rows:
         return []
@@ -278,20 +276,20 @@ def _joint(row: Row) -> Part:
 
 def _unit(row: Row) -> Part:
     seconds = [measured(row[name], "s") for name in ("recovery_p50_s", "recovery_slowest_s")]
-    unit = str(row["unit"] or "none on the bench, or not known")
+    unit = str(row["unit"] or "none or not known")
     return _row([number(row["joints"]), *seconds, number(row["recovery_n"]), number(row["not_recovered"]), unit])
 
 
 def _alarms(facts: Facts) -> Iterator[Part]:
-    """Episodes, on what the witnesses do not agree, and the figures."""
+    """Yield the alarms, where their sources disagree, and the alarm figures."""
     alarms = facts.alarms
     for text in facts.annotations_wrong:
-        yield _text(f"{text}. What was said since is not vouched for.", "fail")
+        yield _text(f"{text}. Annotations from there on are not verified.", "fail")
     if not alarms.incidents:
-        yield _text("No temperature that was read is beyond a limit, and no flag counts.")
+        yield _text("No alarm: no reading beyond a limit and no alarm flag.")
         return
-    head = f"Acknowledged as of head {facts.annotations_head[:24]} of annotations.jsonl."
-    yield _text(f"{WITNESSED} {head if facts.annotations else 'Nothing was acknowledged.'}", "quiet")
+    state = f"Acknowledged as of hash {facts.annotations_head[:24]} of annotations.jsonl."
+    yield _text(f"{SOURCES} {state if facts.annotations else 'No alarm is acknowledged.'}", "quiet")
     ordered = [_alarm(one) for one in sorted(alarms.incidents, key=lambda one: not one["is_alarm"])]
     yield from _some(ALARMS, ordered, MOST_INCIDENTS, "tables/alarms.csv")
     yield from [_list(alarms.findings[:MOST_INCIDENTS])] if alarms.findings else []
@@ -348,7 +346,7 @@ def _counter(row: Row) -> Part:
 
 
 def _lost(facts: Facts) -> list[Part]:
-    """Due = read + each reason, of the signals that lack a reading."""
+    """Return due = read + each reason, for signals that lack a reading."""
     reasons = facts.ledger_reasons
     head = ("Where", "Reading", ">Due", ">Read", *(f">{reason.replace('_', ' ')}" for reason in reasons))
     rows = []
@@ -377,7 +375,7 @@ def _list(items: Sequence[str]) -> Part:
 
 
 def _figure(figure: Figure, heading: str | None = None) -> Part:
-    """`heading` stands above the first figure of a port, is empty above its others, and None for one of the whole run."""
+    """Return a figure. `heading`: that of the first figure of a port, empty for its others, None for a figure of the whole run."""
     return {"kind": "figure", "file": figure.file, "caption": figure.caption, "alt": figure.alt, "heading": heading}
 
 
@@ -387,13 +385,13 @@ def _table(head: Sequence[str], rows: Sequence[Part]) -> Part:
 
 
 def _some(head: Sequence[str], rows: Sequence[Part], most: int, file: str) -> list[Part]:
-    """The first rows in a table, and where the others are; nothing where there is none."""
+    """Return the first rows as a table, and where the others are; nothing without rows."""
     more = [_text(f"{len(rows) - most} more are in {file}.", "quiet")] if len(rows) > most else []
     return [_table(head, rows[:most]), *more] if rows else []
 
 
 def _row(words: Sequence[str], look: str = "") -> Part:
-    """Cells of a table; `look` names a colour of the template, such as a rule's result."""
+    """Return the cells of a row; `look` names a colour of the template, such as the result of a rule."""
     return {"look": look, "cells": [together(word).replace(" port ", " port\u00a0") for word in words]}
 
 

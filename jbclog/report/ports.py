@@ -1,4 +1,4 @@
-"""The ports of a report: what was recorded, what the tip did, what it drew, and the figures of it."""
+"""The ports of a report: readings, temperatures, power, and their figures."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ PortLedger = Mapping[str, Mapping[str, int]]
 
 @dataclass(frozen=True, slots=True)
 class Context:
-    """What all ports of a run share."""
+    """The data that all ports of a run share."""
 
     t0_utc_us: int
     happenings: list[Happening]
@@ -66,7 +66,7 @@ class Context:
 
 
 def port_facts(facts: StationFacts, port: int, file: str, rows: pd.DataFrame, context: Context) -> PortFacts:
-    """One port, from its rows of `samples`; its figures' files begin with `file`."""
+    """Return one port from its rows of `samples`; the files of its figures begin with `file`."""
     signals, grid = judged_signals(facts), Grid(context.t0_utc_us, facts.period_s, context.steps)
     drawn = replace(
         trace(rows, grid, of_states="temperature_c" not in signals, of_air=has_air(facts)),
@@ -87,7 +87,7 @@ def port_facts(facts: StationFacts, port: int, file: str, rows: pd.DataFrame, co
         tool=facts.tools.get(port),
         recorded=recorded,
         tip=_tip(drawn, measure),
-        power=_power(drawn, context.joints.told(facts.name, port)),
+        power=_power(drawn, context.joints.metrics_of(facts.name, port)),
         states=_states_facts(drawn.states) if drawn.states else None,
         air=None if drawn.air is None else _air_facts(drawn.air),
         alarms=sum(mark.kind == "alarm" for mark in drawn.marks),
@@ -106,7 +106,7 @@ def port_facts(facts: StationFacts, port: int, file: str, rows: pd.DataFrame, co
 
 
 def _cold(drawn: Trace, measure: PortMeasure | None) -> str | None:
-    """How a tool that has a setting never came to it, in a word or two."""
+    """Return in a word or two how a tool with a setpoint never reached it."""
     if measure is None or measure.heat.arrived_s is not None or not np.any(~np.isnan(drawn.setting)):
         return None
     return "not reached" if measure.heat.stretches else "not at work"
@@ -175,10 +175,10 @@ def _tip(drawn: Trace, measure: PortMeasure | None) -> TipFacts:
     )
 
 
-def _power(drawn: Trace, told: Mapping[str, Mapping[str, object]]) -> PowerFacts:
-    """The energies are the metrics': there is one of each."""
-    whole, recorded, joules = (told.get(name, {}).get("value") for name in ENERGIES)
-    why = told.get(ENERGIES[0], {}).get("why")
+def _power(drawn: Trace, metrics: Mapping[str, Mapping[str, object]]) -> PowerFacts:
+    """Return the power figures; energies are those of the metrics."""
+    whole, recorded, joules = (metrics.get(name, {}).get("value") for name in ENERGIES)
+    why = metrics.get(ENERGIES[0], {}).get("why")
     highest = _extreme(drawn.power, np.max)
     return PowerFacts(
         highest,
@@ -214,7 +214,7 @@ def _limit(limits: Sequence[Limit], side: str) -> float | None:
 
 
 def _figures(file: str, place: str, drawn: Trace, context: Context) -> list[Figure]:
-    """The whole run of a port and, where that is long, one minute of it."""
+    """Return the figure of the whole run and, where that is long, one of a minute of it."""
     figures = [_figure(f"figures/{file}.svg", caption(drawn), description(place, drawn), drawn, context.crowded)]
     figures[0].zoom = zoom_of(drawn, context.zoom)
     near = closer(drawn) if drawn.marks or not context.crowded else None
@@ -226,6 +226,6 @@ def _figures(file: str, place: str, drawn: Trace, context: Context) -> list[Figu
 
 
 def _figure(file: str, text: str, alt: str, drawn: Trace, crowded: bool) -> Figure:
-    """In both sizes, or in the wide one alone, which a phone scrolls."""
+    """Return a figure in both sizes, or in the wide one alone, which a phone scrolls."""
     wide = svg_text(draw(drawn, WIDE))
     return Figure(file, text, alt, wide, wide if crowded else svg_text(draw(drawn, NARROW)))

@@ -1,4 +1,4 @@
-"""What happened again and again, told once on paper: the same event of the same place with how often and until when."""
+"""Repeated events as one row on paper, with their number and the time of the last."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from typing import Final
 Row = Mapping[str, object]
 
 GRAVE: Final = ("error", "critical")
-OFTEN: Final = 3  # from so many on
+OFTEN: Final = 3  # repetitions from which on they are merged
 
 
-def told_once(events: Sequence[Row]) -> list[Row]:
-    """The events in their order; of warnings that came often the first, with `times` and `until`."""
+def merge_repeated(events: Sequence[Row]) -> list[Row]:
+    """Return the events in their order; of repeated warnings only the first, with `times` and `until`."""
     alike: dict[tuple[object, ...], list[Row]] = {}
     for event in events:
         alike.setdefault(_kind(event), []).append(event)

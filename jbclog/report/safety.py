@@ -1,4 +1,4 @@
-"""How a tool was left, and the tip verification that its port stood on, in sentences."""
+"""The state in which the run left a tool, and the tip verification of its port, in sentences."""
 
 from __future__ import annotations
 
@@ -9,22 +9,20 @@ from typing import Final
 from jbclog.core.rows import StationFacts, TipCheck
 from jbclog.protocol.commands.family import FAMILIES
 
-# -- safety -------------------------------------------------------------------------------------------------------------------
-
 MEANINGS = {
-    "verified": "The order was read back.",
-    "sent": "The order was sent and could not be read back.",
-    "failed": "The tool could not be put in its safe state.",
+    "verified": "The safe state was confirmed.",
+    "sent": "The safe state was ordered and could not be confirmed.",
+    "failed": "The safe state could not be set.",
 }
-UNSAFE = "The run put this tool to work, and nothing in the record says that it was put in its safe state. It may still be hot."
-NO_SAFE_STATE = "It has no safe state that could be ordered; the run left it as it was."
+UNSAFE = "The run used this tool, and the record shows no safe state afterwards. It may still be hot."
+NO_SAFE_STATE = "It has no safe state that can be set; the run left it as it was."
 UNTOUCHED = "The run changed nothing at this port."
-UNTOUCHED_AS_FAR = "Nothing in the record says that the run changed anything at this port; the record's end is missing."
+UNTOUCHED_AS_FAR = "The record shows no change at this port; its end is missing."
 
 
 @dataclass(frozen=True, slots=True)
 class Left:
-    """The word for it, what it means, and whether it calls for somebody to go and look."""
+    """The state in a word, its meaning, and whether somebody has to check the tool."""
 
     word: str
     meaning: str
@@ -32,7 +30,7 @@ class Left:
 
 
 def left(facts: StationFacts, port: int, celsius: float | None, status: str | None, cut_off: bool) -> Left:
-    """How the tool in `port` was left; `celsius` and `status` are the last that were read of it."""
+    """Return how the run left the tool in `port`; `celsius` and `status` are its last readings."""
     order = facts.safe_state.get(port)
     if order is not None:
         return Left(order, MEANINGS.get(order, ""), order not in ("verified", "sent"))
@@ -46,9 +44,6 @@ def left(facts: StationFacts, port: int, celsius: float | None, status: str | No
     return Left(f"not made safe: last seen {', '.join(seen)}" if seen else "not made safe, never read", UNSAFE, True)
 
 
-# -- verified -----------------------------------------------------------------------------------------------------------------
-# The tip verification that a port stood on when its run began, in a sentence (`verifying`, `manifest.verifications`).
-
 RULE: Final = "verification"
 NONE: Final = "none"
 NOT_CITED: Final = "This record cites no verification of its tip."
@@ -57,7 +52,7 @@ Row = dict[str, object]
 
 
 def verification_facts(check: TipCheck | None, rules: Sequence[Mapping[str, object]], station: str, port: int) -> Row:
-    """What the manifest cites, its `state` as the verdict took it (``expired``, ``adjusted since``), and a sentence."""
+    """Return the tip verification in the manifest, its `state` in the verdict (``expired``, ``adjusted since``), a sentence."""
     if check is None:
         return {"state": NONE, "text": NOT_CITED}
     judged = next((rule for rule in rules if (rule["name"], rule["station"], rule["port"]) == (RULE, station, port)), None)
@@ -68,7 +63,7 @@ def verification_facts(check: TipCheck | None, rules: Sequence[Mapping[str, obje
 
 
 def _sentence(check: TipCheck) -> str:
-    """Which one it was, where it is one."""
+    """Return which verification it was, where there is one."""
     if check.time is None or check.days is None:
         return check.text
     offset = "" if check.offset_c is None else f", {check.offset_c:+.1f} °C from the station's own reading"
@@ -78,12 +73,12 @@ def _sentence(check: TipCheck) -> str:
 
 
 def age(days: float) -> str:
-    """``11.0 d``, or ``3.2 h``."""
+    """Return ``11.0 d``, or ``3.2 h``."""
     return f"{days:.1f} d" if days >= 1 else f"{days * 24:.1f} h"
 
 
 def short(facts: Mapping[str, object] | None) -> str:
-    """For a table: ``pass, 11.0 d``; a dash for a port without a tip."""
+    """Return ``pass, 11.0 d`` for a table; a dash for a port without a tip."""
     if facts is None:
         return "–"
     days, state = facts.get("days"), str(facts["state"])

@@ -51,7 +51,7 @@ TABLES: Final[Mapping[str, Sequence[str]]] = {
 
 
 def csv_tables(document: Mapping[str, object], joints: Sequence[Row] = ()) -> dict[str, str]:
-    """Each table's text by its name, from the facts as plain data and a row for each joint."""
+    """Return the text of each table by its name, from the facts as plain data and a row for each joint."""
     rows = {name: _listed(document.get(name)) for name in ("events", "settings", "counters", "metrics", "units")}
     incidents = _listed(_mapping(document.get("alarms")).get("incidents"))
     rows["alarms"] = [row for incident in incidents for row in _listed(incident["episodes"])]

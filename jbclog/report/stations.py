@@ -1,4 +1,4 @@
-"""The stations of a report: what each is and how its run went."""
+"""The stations of a report: what each is and how its run ended."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from jbclog.report.ports import Context, port_facts
 
 NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9._-]{0,63}")  # docs/reference/configuration.md
 CUT_OFF = "cut off"
-BROKE_OFF = "The record breaks off while this station was still being driven."
+BROKE_OFF = "The record ends while this station was still active."
 
 
 def station_report(facts: StationFacts, number: int, samples: pd.DataFrame, context: Context) -> StationReport:
-    """The run's station `number`, from what the manifest knows of it and all of its rows."""
-    stem = facts.name if NAME.fullmatch(facts.name) else f"station-{number}"  # a manifest is a file, and can say anything
+    """Return station `number` of the run, from its part of the manifest and all of its rows."""
+    stem = facts.name if NAME.fullmatch(facts.name) else f"station-{number}"  # the name in a manifest can be any text
     ports = sorted({*facts.ports, *(int(port) for port in samples["port"].unique())})
     broke_off = context.cut_off and facts.outcome == "running"
     turnaround = facts.turnaround_us.get("median")

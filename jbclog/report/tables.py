@@ -1,4 +1,4 @@
-"""The tables of a report as plain rows: events, settings, counters and the ledger, with what is left out said."""
+"""The tables of a report as rows of plain values, with the number of rows left out."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ Row = dict[str, object]
 
 
 def plain_rows(table: pd.DataFrame, columns: Iterable[str]) -> list[Row]:
-    """The table's rows with Python's own values: ISO times, None for what is missing."""
-    kept = table[list(columns)]
-    return [{str(name): _plain(value) for name, value in row.items()} for row in kept.to_dict("records")]
+    """Return the rows of a table with Python values: ISO times, None where a value is missing."""
+    rows = table[list(columns)].to_dict("records")
+    return [{str(name): _plain(value) for name, value in row.items()} for row in rows]
 
 
 def _plain(value: object) -> object:
@@ -30,7 +30,7 @@ def _plain(value: object) -> object:
 
 
 def by_station(rows: Iterable[Row], stations: Sequence[str]) -> list[Row]:
-    """The rows in the order of `stations`, of each the ports in theirs, what concerns the whole station behind them."""
+    """Return the rows in the order of `stations` and ports; rows of a whole station come after those of its ports."""
     place = {name: number for number, name in enumerate(stations)}
     return sorted(
         rows, key=lambda row: (place.get(str(row["station"]), len(place)), str(row["station"]), _last_if_none(row["port"]))
@@ -42,7 +42,7 @@ def _last_if_none(port: object) -> tuple[bool, int]:
 
 
 def event_rows(events: pd.DataFrame) -> tuple[list[Row], Left | None]:
-    """The events in their order; of more than `MOST_EVENTS` the gravest."""
+    """Return the events in their order; of more than `MOST_EVENTS` the gravest."""
     columns = ["seq", "time", "earliest", "station", "port", "kind", "severity", "code", "text", "value", "limit", "raw"]
     left = None
     if len(events) > MOST_EVENTS:
@@ -54,7 +54,7 @@ def event_rows(events: pd.DataFrame) -> tuple[list[Row], Left | None]:
 
 
 def setting_rows(settings: pd.DataFrame) -> tuple[list[Row], Left | None]:
-    """What was asked, and each reading that differs from the one before it; equal ones are left out."""
+    """Return requested settings, and each reading that differs from the one before it."""
     columns = ["time", "station", "port", "tool", "setting", "unit", "requested", "written", "readback", "nak", "outcome"]
     rows, kept = plain_rows(settings, columns), []
     last: dict[tuple[object, ...], object] = {}
@@ -64,11 +64,11 @@ def setting_rows(settings: pd.DataFrame) -> tuple[list[Row], Left | None]:
             kept.append(row)
         last[key] = row["readback"]
     left = len(rows) - len(kept)
-    return kept, Left(left, "further readings of settings, equal to the ones before, are in settings/.") if left else None
+    return kept, Left(left, "further readings, equal to the ones before, are in settings/.") if left else None
 
 
 def counter_rows(counters: pd.DataFrame) -> list[Row]:
-    """First and last reading of each counter and what lies between; unknown where either failed or the counter fell."""
+    """Return first and last reading of each counter and their difference; unknown where a reading failed or the counter fell."""
     found: dict[tuple[object, ...], list[Row]] = {}
     for row in plain_rows(counters, ["station", "port", "counter", "value", "unit", "raw"]):
         found.setdefault((row["station"], row["port"], row["counter"], row["unit"]), []).append(row)
@@ -84,7 +84,7 @@ def _counter(key: tuple[object, ...], rows: list[Row]) -> Row:
     elif len(rows) == 1:
         last, note = None, "Read once only."
     elif last < first:
-        note = "It fell: reset, rolled over, or another station."
+        note = "Decreased: reset, rolled over, or another station."
     else:
         difference = last - first
     place = {"station": station, "port": port, "counter": counter, "unit": unit}
@@ -92,7 +92,7 @@ def _counter(key: tuple[object, ...], rows: list[Row]) -> Row:
 
 
 def ledger_rows(ledger: Ledger) -> tuple[list[Row], list[str]]:
-    """A row for each signal of each port, and all reasons that occur, the commonest first."""
+    """Return a row for each signal of each port, and all reasons that occur, the most frequent first."""
     rows: list[Row] = []
     totals: dict[str, int] = {}
     for station, ports in ledger.items():

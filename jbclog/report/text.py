@@ -1,4 +1,4 @@
-"""What a report shows of times and figures; with it what every page shows of them (`jbclog/core/text.py`)."""
+"""Times and figures as a report shows them, beside what every page shows (`jbclog/core/text.py`)."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ __all__ = ["bound_text", "clean", "cleaned", "clock", "interval", "iso", "measur
 
 
 def iso(moment: datetime | None) -> str | None:
-    """``2026-11-21T01:30:00.123456Z``."""
+    """Return ``2026-11-21T01:30:00.123456Z``."""
     return None if moment is None else moment.astimezone(UTC).strftime("%Y-%m-%dT%H:%M:%S.%fZ")
 
 
 def clock(text: str | None, *, with_day: bool = False) -> str:
-    """``01:30:00.123``, from `iso`; with the day ``11-21 01:30:00.123``."""
+    """Return ``01:30:00.123`` from `iso`, with the day ``11-21 01:30:00.123``."""
     if text is None:
         return ""
     return f"{text[5:10]} {text[11:23]}" if with_day else text[11:23]
 
 
 def interval(row: Mapping[str, object], earliest: str, latest: str) -> str:
-    """``14:15:30.372 to 30.478``: between two readings; a dash for what has not been."""
+    """Return ``14:15:30.372 to 30.478``, the times of two readings; a dash where there is none."""
     first, last = (None if row.get(name) is None else clock(str(row[name])) for name in (earliest, latest))
     if last is None:
         return "–"
@@ -34,14 +34,14 @@ def interval(row: Mapping[str, object], earliest: str, latest: str) -> str:
 
 
 def measured(value: object, unit: str) -> str:
-    """A figure with its unit. Per cent are never rounded up: 99.996 % of the readings are not all of them."""
+    """Return a figure with its unit. Per cent are never rounded up: 99.996 % of the readings are not all of them."""
     if isinstance(value, float) and unit == "%":
         value = floor(value * 100 + 1e-9) / 100
     return number(value) if value is None or isinstance(value, str) or not unit else f"{number(value)} {unit}"
 
 
 def bound_text(bound: object, unit: str) -> str:
-    """A rule's 95 % bound: ``−0.1 to 0.5 °C``, ``up to 0.9 °C``; a dash where there is none."""
+    """Return the 95 % bound of a rule: ``−0.1 to 0.5 °C``, ``up to 0.9 °C``; a dash where there is none."""
     if not isinstance(bound, Mapping) or not isinstance(bound.get("high"), int | float):
         return "–"
     low, high = bound.get("low"), round(float(bound["high"]), 2)

@@ -1,7 +1,7 @@
-"""Sets `report.pdf` with typst: `templates/report.typ` says how it looks, what it says comes as JSON.
+"""Set `report.pdf` with typst: `templates/report.typ` is its look, its content comes as JSON.
 
-Text from outside stays data: the template never evaluates it. The fonts are in the package and no other is used, so the same data
-give the same bytes on every machine. PDF/A-2a: tagged, and readable without this machine's fonts for as long as it has to be kept.
+Text from outside stays data: the template never evaluates it. Only the fonts in the package are used, so the same data give the
+same bytes on every machine. PDF/A-2a: tagged, with all fonts embedded, for archives.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ FULL_UNICODE: Final = (3, 10)  # platform and encoding of a font's table of 32-b
 
 
 def pdf_of(data: Mapping[str, object], dated: datetime) -> bytes:
-    """The document that the template makes of `data`. Raises `RecordError`."""
+    """Return the document that the template makes of `data`. Raises `RecordError`."""
     inputs = {"data": json.dumps(data, ensure_ascii=False)}
     compiler = typst.Compiler(_template(), str(_home()), _fonts(), sys_inputs=inputs)
     try:
@@ -43,12 +43,12 @@ def pdf_of(data: Mapping[str, object], dated: datetime) -> bytes:
 
 @cache
 def typesetter() -> str:
-    """What sets the paper, with its version, by which the bytes may differ."""
+    """Return the name and version of what sets the paper: another version may give other bytes."""
     return f"typst {version('typst')}"
 
 
 def drawable(text: str) -> str:
-    """The text with `LACKING` for each letter that the fonts lack."""
+    """Return the text with `LACKING` for each letter that the fonts lack."""
     lacking = () if text.isascii() else set(text) - _letters()
     return text.translate(dict.fromkeys(map(ord, lacking), LACKING)) if lacking else text
 
@@ -69,13 +69,13 @@ def _fonts() -> typst.Fonts:
 
 @cache
 def _letters() -> frozenset[str]:
-    """What both weights can show, and the end of a line, which a figure's SVG has."""
+    """Return the letters of both weights, and the end of a line, which the SVG of a figure has."""
     regular, bold = (_in_font(_home() / name) for name in FONTS)
     return (regular & bold) | {"\n"}
 
 
 def _in_font(path: Path) -> frozenset[str]:
-    """What a font has of what `clean` lets through, by its table of 32-bit characters (OpenType: cmap, format 12)."""
+    """Return the letters of a font that `clean` lets pass, by its table of 32-bit characters (OpenType: cmap, format 12)."""
     data = path.read_bytes()
     tables = {data[at : at + 4]: struct.unpack_from(">I", data, at + 8)[0] for at in range(12, 12 + 16 * data[5], 16)}
     cmap = tables[b"cmap"]

@@ -1,4 +1,4 @@
-"""The verdict as the report states it, and in short."""
+"""The verdict of a report with its reasons, and its rules in short."""
 
 from __future__ import annotations
 
@@ -14,11 +14,8 @@ from jbclog.analysis.verdict.versions import is_known
 from jbclog.record.manifest import Manifest
 from jbclog.report.facts import Reason, VerdictFacts
 
-# -- summary ------------------------------------------------------------------------------------------------------------------
-# The rules of a verdict in short: one line for each limit, how many kept it, and who was worst.
-
 NOT_APPLICABLE = "not applicable"
-FEW = 12  # so many rules are read at a glance and need no summary
+FEW = 12  # rules that need no summary
 
 LEAST_IS_WORST = ("coverage", "reached", "recovered_before_next")
 
@@ -26,7 +23,7 @@ PlainRule = Mapping[str, object]
 
 
 def summary(rules: Sequence[PlainRule]) -> list[dict[str, object]]:
-    """Rules of the same name, limit and unit as one line; none where there are only a `FEW` rules."""
+    """Return one line for the rules of one limit: how many passed, and the worst; nothing where there are only a `FEW` rules."""
     if len(rules) <= FEW:
         return []
     alike: dict[tuple[object, ...], list[PlainRule]] = {}
@@ -40,7 +37,7 @@ def _line(rules: Sequence[PlainRule]) -> dict[str, object]:
     results = [str(rule["result"]) for rule in rules if rule["result"] != NOT_APPLICABLE]
     usual = "pass" if results else NOT_APPLICABLE
     result = next((one for one in ("fail", "missing", "deviation") if one in results), usual)
-    alike = len(rules) > 1 and len({rule["observed"] for rule in rules}) == 1  # nobody stands out
+    alike = len(rules) > 1 and len({rule["observed"] for rule in rules}) == 1  # none stands out
     named = None if alike else worst
     place = {"station": named["station"], "port": named["port"]} if named is not None else {"station": None, "port": None}
     observed = None if worst is None else worst["observed"]
@@ -59,7 +56,7 @@ def _line(rules: Sequence[PlainRule]) -> dict[str, object]:
 
 
 def _worst(rules: Sequence[PlainRule]) -> PlainRule | None:
-    """The one furthest on the wrong side; None where nothing is a number, or a word for having none at all."""
+    """Return the rule furthest on the wrong side, or one without any value; None where nothing is measured."""
     if rules[0]["name"] in LEAST_IS_WORST and (without := [rule for rule in rules if isinstance(rule["observed"], str)]):
         return min(without, key=lambda rule: rule["result"] != "fail")
     measured = [rule for rule in rules if isinstance(rule["observed"], int | float)]
@@ -75,18 +72,16 @@ def _reading(rule: PlainRule) -> float:
     return float(observed) if isinstance(observed, int | float) else 0.0
 
 
-# -- verdict ------------------------------------------------------------------------------------------------------------------
-
 EMPTY_RULE = Rule("", None, None, None, None, "", Result.MISSING, "").as_dict()
-FINE = "Every limit was kept."
-NO_RULES = "The manifest states this verdict and no rule that it rests on."
-CUT_OFF = "The recorder was cut off before it had judged the run."
-JUDGED_HERE = "The limits are compared here with what is there; that cannot make up for what is missing."
-NOTHING_ASKED = "The recipes state no limits to judge by; this is a record, not a release."
+FINE = "All limits passed."
+NO_RULES = "The manifest has this verdict without any rule."
+CUT_OFF = "The recording was cut off before the run was judged."
+JUDGED_HERE = "Limits are checked against the recorded part only; the missing part stays unknown."
+NO_LIMITS = "The recipes state no limits; this is a record, not a release."
 
 
 def verdict_facts(folder: Path, manifest: Manifest) -> VerdictFacts:
-    """The verdict with its reasons, the gravest first."""
+    """Return the verdict with its reasons, the gravest first."""
     if is_cut_off(manifest):
         return _cut_off(folder, manifest)
     if manifest.verdict is not None:
@@ -99,18 +94,18 @@ def verdict_facts(folder: Path, manifest: Manifest) -> VerdictFacts:
 
 
 def _cut_off(folder: Path, manifest: Manifest) -> VerdictFacts:
-    """What is there, judged now, below a verdict that stays what `recover` said: a cut-off run is never accepted."""
+    """Return the verdict that `recover` gave, with the rules judged now on what is there: a cut-off run is never accepted."""
     judgement = judge_again(folder, manifest)
     lost = [] if manifest.lost is None else [manifest.lost.text]
     judged = judgement.verdict is not Verdict.NOT_JUDGED
-    told = Reason("missing", " ".join([CUT_OFF, *lost, *([JUDGED_HERE] if judged else [])]))
+    first = Reason("missing", " ".join([CUT_OFF, *lost, *([JUDGED_HERE] if judged else [])]))
     found = _facts(manifest, manifest.verdict or judgement.verdict.value, "by recovery", judgement.rules_as_dicts())
     others = [reason for reason in found.reasons if reason.text not in lost]
-    return replace(found, reasons=[told, *others])
+    return replace(found, reasons=[first, *others])
 
 
 def _of_rules(folder: Path, manifest: Manifest) -> tuple[str | None, dict[str, object] | None]:
-    """By which version of the rules the sealed verdict was given where that is not the latest, and what that one would say."""
+    """Return the version of the rules of a sealed verdict where it is not the latest, and the verdict of the latest."""
     if manifest.rules == RULES or manifest.verdict in (None, Verdict.NOT_JUDGED):
         return None, None
     if not is_known(manifest.rules):
@@ -118,8 +113,8 @@ def _of_rules(folder: Path, manifest: Manifest) -> tuple[str | None, dict[str, o
     judgement = judge_again(folder, manifest, RULES)
     reasons = [reason.text for reason in _reasons(judgement.verdict, judgement.rules_as_dicts())]
     text = f"Judged by rules {manifest.rules}. By rules {RULES} it would be {judgement.verdict}"
-    told = f": {reasons[0]}" if judgement.verdict != manifest.verdict and reasons else ", too."
-    return f"{text}{told}", {"rules": RULES, "verdict": judgement.verdict.value, "reasons": reasons}
+    result = f": {reasons[0]}" if judgement.verdict != manifest.verdict and reasons else ", too."
+    return f"{text}{result}", {"rules": RULES, "verdict": judgement.verdict.value, "reasons": reasons}
 
 
 def _facts(manifest: Manifest, word: str, decided: str, rules: list[dict[str, object]]) -> VerdictFacts:
@@ -129,7 +124,7 @@ def _facts(manifest: Manifest, word: str, decided: str, rules: list[dict[str, ob
 
 
 def without_urls(text: str, urls: Sequence[str]) -> str:
-    """A sentence that names its station without the station's device; that stands in the station's part and in the events."""
+    """Return a sentence without the device of its station, which the station's part and the events name."""
     for url in sorted(urls, key=len, reverse=True):
         if "/" in url:  # not a word that could stand anywhere
             text = re.sub(rf"(?: (?:on|at))? {re.escape(url)}(?=[ .,;]|$)|(?<= ){re.escape(url)}: ", "", text)
@@ -137,14 +132,14 @@ def without_urls(text: str, urls: Sequence[str]) -> str:
 
 
 def _reasons(word: str, rules: list[dict[str, object]]) -> Iterator[Reason]:
-    """A sentence for each rule that was not passed, failures first; one that says why there is none.
+    """Yield a sentence for each rule that did not pass, failures first; without any, one that says so.
 
-    Before all of them, that figures were judged without their bounds, where a recipe asks for that.
+    The first one states where a recipe has figures judged without their bounds.
     """
     if word == Verdict.NOT_JUDGED:
-        yield Reason("none", NOTHING_ASKED)
+        yield Reason("none", NO_LIMITS)
         return
-    said = {
+    sentences = {
         (result, _sentence(rule)): places
         for result in ("fail", "missing", "deviation")
         for rule in rules
@@ -153,14 +148,14 @@ def _reasons(word: str, rules: list[dict[str, object]]) -> Iterator[Reason]:
     }
     if bare := [str(rule["station"]) for rule in rules if rule.get("name") == CONFIDENCE]:
         yield Reason("none", f"{', '.join(bare)}: {JUDGED_BARE}")
-    for (result, sentence), places in said.items():
+    for (result, sentence), places in sentences.items():
         yield Reason(result, f"{places}: {sentence}" if places else sentence)
-    if not said:
+    if not sentences:
         yield Reason("pass", FINE) if rules else Reason("missing", NO_RULES)
 
 
 def _sentence(rule: dict[str, object]) -> str:
-    """The rule's sentence without its place, and how often a deviation happened."""
+    """Return the sentence of a rule without its place, with the number of its deviations."""
     text, observed = str(rule["text"]), rule.get("observed")
     bare = text.removeprefix(f"Port {rule.get('port')}: ")
     text = text if bare == text else bare[:1].upper() + bare[1:]
@@ -169,7 +164,7 @@ def _sentence(rule: dict[str, object]) -> str:
 
 
 def _places(rules: list[dict[str, object]], result: str, sentence: str) -> str:
-    """Every station and port of which the sentence holds: ``dde-1 ports 1, 2; ucr-1``."""
+    """Return every station and port of which the sentence holds: ``dde-1 ports 1, 2; ucr-1``."""
     ports: dict[str, list[str]] = {}
     for rule in rules:
         if rule.get("result") == result and rule.get("station") is not None and _sentence(rule) == sentence:

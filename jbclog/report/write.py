@@ -1,7 +1,7 @@
-"""Writes `report.html`, `report.pdf`, `report.json`, `joints.parquet`, figures and tables into a run's folder, each whole.
+"""Write `report.html`, `report.pdf`, `report.json`, `joints.parquet`, figures and tables into the folder of a run, each atomically.
 
-The same run gives the same bytes: no time of making, no random names, everything in order. So a report can be made
-again at any time and compared (`verify_report`).
+The same run gives the same bytes: no creation time, no random names, everything in order. So a report can be made again at any time
+and compared (`verify_report`).
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ PAGE, DATA, PAPER, TABLES = "report.html", "report.json", "report.pdf", "tables"
 
 
 def write_report(folder: Path | str) -> Path:
-    """Write the report of the sealed run in `folder`; give the page's path. Raises `RecordError`."""
+    """Write the report of the sealed run in `folder`; return the path of its page. Raises `RecordError`."""
     folder = Path(folder)
     expect_no_links(folder)
     for name, content in _vouched_for(folder).items():
@@ -50,43 +50,44 @@ def write_report(folder: Path | str) -> Path:
 
 
 def _vouched_for(folder: Path) -> dict[str, bytes]:
-    """Every file of a report, after a line of the annotations has the hash of the one that has all others'. Raises `RecordError`.
+    """Return every file of a report, after a line of the annotations has the hash of `report.json`, which has those of all others.
 
-    The line stands first: what a crash leaves then is a report that is called changed, never a changed one that is not.
+    The line comes first: after a crash an unchanged report may count as changed, never a changed one as unchanged. Raises
+    `RecordError`.
     """
     files = report_files(folder)
     wrong = read_annotations(folder).wrong
     vouch(folder, hashlib.sha256(files[DATA]).hexdigest())
     if read_annotations(folder).wrong == wrong:
         return files
-    files = report_files(folder)  # the line has the hash of one that was cut off: nothing is wrong with that any more
+    files = report_files(folder)  # the line replaces one that was cut off: that complaint is gone
     vouch(folder, hashlib.sha256(files[DATA]).hexdigest())
     return files
 
 
 def verify_report(folder: Path | str) -> list[str]:
-    """What `verified` finds to differ."""
+    """Return what `verified` finds to differ."""
     return verified(folder).differing
 
 
 def verified(folder: Path | str) -> Held:
-    """Make the report and the verdict again and compare: what differs, and what could not be compared; a sentence each.
+    """Make the report and the verdict again and return what differs, and what could not be compared; a sentence each.
 
-    What it is judged by (recipes, line file) and what was said since is held against manifest and chain, too. A report that
-    another version of jbclog or of its rules made has other bytes: it is held against the hashes that were written with it.
+    Recipes, line file and annotations are compared with manifest and chain. A report of another version of jbclog, of its rules or
+    of its tools has other bytes: it is compared with the hashes that were written with it.
     """
     folder = Path(folder)
     expect_no_links(folder)
     manifest = open_run(folder).manifest
     files = [text for name, content in report_files(folder).items() if (text := _difference(folder / name, content))]
-    said, notes = _said_since(folder), list[str]()
+    annotated, notes = _annotated_since(folder), list[str]()
     maker = _other_maker(folder) if files else None
     if maker is not None:
-        notes = [f"{folder / PAGE}: made by {maker}, not made again here; `jbclog report {folder}` makes a new one"]
+        notes = [f"{folder / PAGE}: made by {maker}, not compared byte for byte; run `jbclog report {folder}` to make it again"]
         found = report_disagreements(folder, manifest, read_annotations(folder))
         files = [f"{folder}/{name}: {text}" for name, text in found]
     verdict = held(folder, manifest)
-    return Held([*said, *files, *_changed(folder, manifest), *verdict.differing], [*notes, *verdict.notes])
+    return Held([*annotated, *files, *_changed(folder, manifest), *verdict.differing], [*notes, *verdict.notes])
 
 
 def _other_maker(folder: Path) -> str | None:
@@ -108,13 +109,13 @@ def _tools() -> dict[str, str]:
 
 
 def _changed(folder: Path, manifest: Manifest) -> list[str]:
-    """What is not as it was sealed, or as it was said."""
+    """Return the sealed files and the annotations that were changed."""
     sealed = [f"{folder / one.file}: {one.text}" for one in changed_files(folder, manifest)]
     return [*sealed, *(f"{folder}/{text}" for text in read_annotations(folder).complaints())]
 
 
-def _said_since(folder: Path) -> list[str]:
-    """Why all of it differs, where something was acknowledged or told after the report was made."""
+def _annotated_since(folder: Path) -> list[str]:
+    """Return why the whole report differs, where annotations are newer than it."""
     try:
         before = read_json(folder / DATA, Kind.REPORT)
         made_from, head = before["manifest_sha256"], before["annotations_head"]
@@ -122,14 +123,16 @@ def _said_since(folder: Path) -> list[str]:
         return []
     if made_from != manifest_sha256(folder) or head == read_annotations(folder).head:
         return []
-    return [f"{folder / ANNOTATIONS}: something was said since this report was made; `jbclog report {folder}` takes it in"]
+    return [f"{folder / ANNOTATIONS}: annotations are newer than this report; run `jbclog report {folder}` to include them"]
 
 
 def report_files(folder: Path) -> dict[str, bytes]:
-    """Every file of a report by its name, as bytes. Raises `RecordError`, also for a run that is still open."""
+    """Return every file of a report by its name. Raises `RecordError`, also for a run that is still open."""
     run = open_run(folder)
     if run.manifest.state != "sealed":
-        raise RecordError(f"{folder} is still open: it is being recorded, or a crash left it so; `jbclog recover` finishes it")
+        raise RecordError(
+            f"{folder} is still open: it is being recorded, or a crash left it open; run `jbclog recover` to finish it"
+        )
     joints = joints_of(run)
     facts = gather(run, joints)
     document, figures = as_document(facts), figures_of(facts)
@@ -148,21 +151,21 @@ def report_files(folder: Path) -> dict[str, bytes]:
 
 
 def figures_of(facts: Facts) -> list[Figure]:
-    """Every figure of a report."""
+    """Return every figure of a report."""
     ports = [port for station in facts.stations for port in station.ports]
     charts = [port.joints.chart for port in ports if port.joints is not None]
     return [one for one in (facts.overview, *(one for port in ports for one in port.figures), *charts) if one is not None]
 
 
 def as_document(facts: Facts) -> Mapping[str, object]:
-    """The facts as plain data without the drawings, every text cleaned; `report.json` and the page are made of it."""
+    """Return the facts as plain data without drawings, every text cleaned: the source of `report.json` and the page."""
     plain = cleaned(_without_drawings(asdict(facts)))
     assert isinstance(plain, dict)
     return plain
 
 
 def _without_drawings(value: object) -> object:
-    """Where a figure stands in it, its file and what it says."""
+    """Return the value with only file and texts of each figure."""
     if isinstance(value, dict):
         is_figure = {"file", "wide", "narrow"} <= value.keys()
         return {key: _without_drawings(one) for key, one in value.items() if not (is_figure and key in DRAWINGS)}
@@ -174,7 +177,7 @@ def _difference(path: Path, content: bytes) -> str | None:
         same = read_foreign(path, Kind.OF_REPORT) == content
     except OSError as error:
         return f"{path}: {error.strerror}"
-    return None if same else f"{path}: not what this record gives when the report is made again"
+    return None if same else f"{path}: differs from the report that this record gives"
 
 
 def _write(path: Path, content: bytes) -> None:

@@ -1,9 +1,9 @@
-"""The data of the page's interactive view: a port's readings, or the least and greatest of equal stretches where they are too many.
+"""The data of the interactive view: the readings of a port, or the least and greatest of equal stretches where they are too many.
 
-A page holds at most `MOST_READINGS` of all ports. A port with more rows than its share has the band of the whole run and, of its
-share, the readings around what went wrong. Numbers are integers: in a stream of zigzag varints (as in Protocol Buffers, signed),
-after a JSON header; all of it is base64. `templates/interactive.js` reads it. No general compression: its bytes differ between
-builds of zlib, and the same record must give the same page.
+A page holds at most `MOST_READINGS` of all ports. A port with more rows than its share has the band of the whole run and single
+readings around alarms, errors, gaps and joints. The data are a JSON header and a stream of zigzag varints (as in Protocol Buffers,
+signed), in base64, for `templates/interactive.js`. They are not compressed: builds of zlib give different bytes, and the same
+record must give the same page.
 """
 
 from __future__ import annotations
@@ -29,19 +29,19 @@ LEAST_SPANS: Final = 8_000  # of each lane of one port
 BAND_SHARE: Final = 8  # a stretch costs more than a row: this part of a port's share
 AROUND_S: Final = {"alarm": 30.0, "unconfirmed": 30.0, "error": 30.0, "gap": 10.0, "joint": 15.0}
 LONG_GAP_S: Final = 1.0
-FARTHEST: Final = 2**40  # no number of a sound record comes near it; a browser's numbers are exact to 2^53
+BOUND: Final = 2**40  # no number of a sound record comes near it; a browser's numbers are exact to 2^53
 LONGEST_WORD: Final = 140  # three reasons with their columns fit
 LONGEST_REASON: Final = 20
 MARKS: Final = {"alarm": "alarm", "doubtful": "unconfirmed", "error": "error"}
 
 
 def share(ports: int) -> int:
-    """How many rows each of so many ports may have in the page."""
+    """Return how many rows each of so many ports may have in the page."""
     return MOST_READINGS // max(ports, 1)
 
 
 def zoom_of(trace: Trace, most: int) -> str | None:
-    """The interactive view's data of a port, of at most `most` rows; None where there is no temperature to look at."""
+    """Return the data of a port with at most `most` rows; None where there is no temperature."""
     if trace.states or np.isnan(trace.temperature).all():
         return None
     columns = {"temperature_c": trace.temperature, "power_permille": trace.power}
@@ -97,7 +97,7 @@ class _Words:
         return self._numbers[text]
 
     def reasons(self, texts: NDArray[np.object_], columns: Iterable[str]) -> Ints:
-        """A number for each row's reasons: ``;power_permille=timeout``, for each of these columns that has one."""
+        """Return a number for the reasons of each row: ``;power_permille=timeout``, for each of these columns that has one."""
         known = {text: self.code(_reasons(text, columns)) for text in dict.fromkeys(texts)}
         return np.array([known[text] for text in texts], dtype=np.int64)
 
@@ -108,7 +108,7 @@ def _reasons(text: str | None, columns: Iterable[str]) -> str | None:
 
 
 def varints(values: Ints) -> bytes:
-    """Each number as a zigzag varint: seven bits a byte, the lowest first, the highest bit set where more follow."""
+    """Return each number as a zigzag varint: seven bits a byte, the lowest first, the highest bit set where more follow."""
     folded = (values << 1) ^ (values >> 63)
     groups = np.stack([folded >> shift for shift in range(0, 49, 7)], axis=1)
     more = np.concatenate([groups[:, 1:] > 0, np.zeros((len(values), 1), dtype=np.bool_)], axis=1)
@@ -117,20 +117,20 @@ def varints(values: Ints) -> bytes:
 
 
 def _whole(value: float) -> int:
-    return int(np.clip(round(value), -FARTHEST, FARTHEST))
+    return int(np.clip(round(value), -BOUND, BOUND))
 
 
 def _integers(values: Floats) -> Ints:
-    return np.clip(np.round(values), -FARTHEST, FARTHEST).astype(np.int64)
+    return np.clip(np.round(values), -BOUND, BOUND).astype(np.int64)
 
 
 def _steps(values: Ints) -> Ints:
-    """Each as the difference to the one before it."""
+    """Return each value as the difference to the one before it."""
     return np.diff(values, prepend=0)
 
 
 def _runs(values: Ints) -> Ints:
-    """How many runs of equal values there are, then of each the value and the length."""
+    """Return the number of runs of equal values, then value and length of each."""
     if not len(values):
         return np.array([0], dtype=np.int64)
     first = np.append(0, np.flatnonzero(np.diff(values)) + 1)
@@ -139,24 +139,24 @@ def _runs(values: Ints) -> Ints:
 
 
 def _known(values: Floats) -> list[Ints]:
-    """Which of them are known, and those as steps."""
+    """Return which values are known, and those as steps."""
     there = ~np.isnan(values)
     return [_runs(there.astype(np.int64)), _steps(_integers(values[there]))]
 
 
 def _rows(places: Floats, columns: Iterable[Floats]) -> list[Ints]:
-    """The rows' places in units of time as runs of equal steps, then each column."""
+    """Return the places of the rows in units of time as runs of equal steps, then each column."""
     return [_runs(_steps(_integers(places))), *(part for values in columns for part in _known(values))]
 
 
 def _stretch_of(trace: Trace, count: int) -> Ints:
-    """In which of `count` equal stretches of the run each row lies."""
+    """Return in which of `count` equal stretches of the run each row lies."""
     share_of_run = (trace.seconds - trace.start) / (trace.end - trace.start)
     return np.minimum((share_of_run * count + 1e-6).astype(np.int64), max(count - 1, 0))
 
 
 def _band(values: Floats, place: Ints, count: int) -> list[Ints]:
-    """Least value of each stretch, and how far above it the greatest is."""
+    """Return the least value of each stretch, and how far above it the greatest is."""
     there = ~np.isnan(values)
     low, high = np.full(count, np.inf), np.full(count, -np.inf)
     np.minimum.at(low, place[there], values[there])
@@ -166,7 +166,7 @@ def _band(values: Floats, place: Ints, count: int) -> list[Ints]:
 
 
 def _kept(trace: Trace, most: int) -> NDArray[np.bool_]:
-    """The rows that are in the page: all, or those around what went wrong."""
+    """Return the rows that are in the page: all, or those around alarms, errors, gaps and joints."""
     if len(trace.seconds) <= most:
         return np.ones(len(trace.seconds), dtype=np.bool_)
     kept, budget = np.zeros(len(trace.seconds), dtype=np.bool_), most // 2
@@ -181,7 +181,7 @@ def _kept(trace: Trace, most: int) -> NDArray[np.bool_]:
 
 
 def _moments(trace: Trace) -> Iterator[tuple[float, float]]:
-    """Stretches that are worth single readings, the gravest first."""
+    """Yield the stretches that keep single readings, the gravest first."""
     for kind in MARKS.values():
         for mark in trace.marks:
             if mark.kind == kind:
@@ -199,7 +199,7 @@ def _moments(trace: Trace) -> Iterator[tuple[float, float]]:
 
 
 def _parts(trace: Trace, kept: NDArray[np.bool_]) -> list[list[float]]:
-    """From when to when, in seconds since the start, the rows are in the page."""
+    """Return from when to when, in seconds since the start, the rows are in the page."""
     edges = np.flatnonzero(np.diff(kept.astype(np.int8), prepend=0, append=0)).reshape(-1, 2)
     seconds = trace.seconds - trace.start
     return [
@@ -208,21 +208,21 @@ def _parts(trace: Trace, kept: NDArray[np.bool_]) -> list[list[float]]:
 
 
 def _lanes(trace: Trace) -> dict[str, Sequence[Span]]:
-    """What held when: the lanes of the static figure, and the joints."""
+    """Return the lanes of the static figure, and the joints."""
     states = {"status": trace.status} | ({} if trace.air is None else trace.air.lanes)
     marks = {name: [mark.span for mark in trace.marks if mark.kind == kind] for name, kind in MARKS.items()}
     return {**states, "no data": trace.gaps, **{name: spans for name, spans in marks.items() if spans}, "joints": trace.joints}
 
 
 def _spans(trace: Trace, spans: Sequence[Span], thirds: Sequence[int]) -> Ints:
-    """Of each its start as a step from the one before it, its length, both in ms, and a third number."""
+    """Return the start of each as a step from the one before it, its length, both in ms, and a third number."""
     starts = _integers(1000 * (np.array([span.start for span in spans], dtype=np.float64) - trace.start))
     lengths = _integers(1000 * np.array([span.seconds for span in spans], dtype=np.float64))
     return np.stack([_steps(starts), lengths, np.array(thirds, dtype=np.int64)], axis=1).ravel()
 
 
 def held_settings(trace: Trace) -> list[tuple[Span, float]]:
-    """From the first to the last of readings of the setting that are equal and not parted by an outage, with its °C."""
+    """Return runs of equal readings of the setting without an outage between them, each with its °C."""
     known = np.flatnonzero(~np.isnan(trace.setting))
     at, celsius = trace.seconds[known], trace.setting[known]
     if not len(at):

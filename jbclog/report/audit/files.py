@@ -1,4 +1,10 @@
-"""An audit as CSV and as one JSON object."""
+"""An audit as CSV, with a row for each thing that is known or not known, and as one JSON object.
+
+Each CSV row names its audit, line and station. `kind` is what it is about: a `station` (its state is that of its worst task), a
+`counter` (`value` as read, `low` and `high` the work since `since`, `state` the kind of the last difference), a `task` (`value` its
+service interval, `low` and `high` the used per cent), a `use` figure, an `error` as read now, a `parameter` that drifted, a `note`.
+Times are UTC in ISO 8601. Without an upper end `high` is empty, as is what is not known; JSON has null there.
+"""
 
 from __future__ import annotations
 
@@ -12,14 +18,6 @@ from jbclog.core.text import csv_text
 from jbclog.maintenance.counter_totals.span import Interval
 from jbclog.maintenance.due import TaskState
 from jbclog.maintenance.fleet import FleetAudit, Meter, StationAudit, findings
-
-# -- csv table ----------------------------------------------------------------------------------------------------------------
-# An audit as CSV: a row for each thing that is known, or that is not known and why. The columns stay as they are.
-#
-# Each row says of which audit, line and station it is. `kind` says what the row is of: a `station` (its state is that of its worst
-# task), a `counter` (`value` as read, `low` and `high` what was worked since `since`, `state` what the last difference was), a
-# `task` (`value` its life, `low` and `high` the percent that are used), a `use` figure, an `error` as read now, a `parameter`
-# that drifted, a `note`. Times are UTC in ISO 8601. What has no upper end leaves `high` empty, as does what is not known.
 
 SCHEMA: Final = 1
 COLUMNS: Final = (
@@ -113,9 +111,6 @@ def _range(found: Interval | None) -> Row:
 def _yes(is_so: bool) -> str:
     return "yes" if is_so else "no"
 
-
-# -- json object --------------------------------------------------------------------------------------------------------------
-# An audit as one JSON object. What has no upper end, and what is not known, is null: JSON has no infinity.
 
 Plain = dict[str, object]
 

@@ -1,7 +1,7 @@
-"""What an audit comes to at a glance, and how ranges, dates and states are written.
+"""The overview of an audit, and how ranges, dates and states are written.
 
-What is used up stands by how far it is, the rest by how soon it is due. A station that did not answer stands with what its last
-readings say; where it has nothing worse, between tasks that are due soon and those that are not known.
+Used-up service intervals are ordered by their use, the others by their due date. A station that did not answer has the state of its
+last readings; without a worse one it stands between tasks that are due soon and those that are not known.
 """
 
 from __future__ import annotations
@@ -17,9 +17,6 @@ from jbclog.maintenance.counter_totals.span import Interval
 from jbclog.maintenance.due import Due, State, TaskState
 from jbclog.maintenance.fleet import FleetAudit, StationAudit
 
-# -- wording ------------------------------------------------------------------------------------------------------------------
-# How ranges, dates and states are said on the page of an audit.
-
 STATES: Final = {
     State.OVERDUE: ("overdue", "✕", "overdue"),
     State.DUE: ("due", "✕", "due"),
@@ -27,10 +24,10 @@ STATES: Final = {
     State.UNKNOWN: ("unknown", "?", "not known"),
     State.FINE: ("fine", "✓", "fine"),
 }
-"""Of each state its class on the page, a sign that needs no colour, and a word."""
+"""The class on the page, a sign that needs no colour, and a word for each state."""
 
-OFF_SCALE: Final = 1000  # per cent, from which on it matters no more how many
-USED_UP: Final = "its life is used up"
+OFF_SCALE: Final = 1000  # per cent; beyond it the exact share does not matter
+USED_UP: Final = "service interval used up"
 
 COUNTERS: Final = {
     "plugged_h": "plugged in",
@@ -49,7 +46,7 @@ COUNTERS: Final = {
 
 
 def span(value: Interval | None, digits: int = 0) -> str:
-    """``40 to 42``; one number where both ends look alike; ``40 or more`` without a bound; a dash for nothing known."""
+    """Return ``40 to 42``; one number where both ends read alike; ``40 or more`` without a bound; a dash for not known."""
     if value is None:
         return "–"
     low, high = number(round(value.low, digits)), number(round(value.high, digits)) if isfinite(value.high) else None
@@ -57,7 +54,7 @@ def span(value: Interval | None, digits: int = 0) -> str:
 
 
 def percent(value: Interval | None) -> str:
-    """``81 to 84 %``. Never rounded up: 99.9 % of a life is not all of it."""
+    """Return ``81 to 84 %``. Never rounded up: 99.9 % of an interval is not all of it."""
     if value is None:
         return "–"
     low = floor(value.low + 1e-9)
@@ -67,14 +64,14 @@ def percent(value: Interval | None) -> str:
 
 
 def of_life(task: TaskState) -> str:
-    """``1 640 to 1 642 of 2 000 h``; millimetres as metres."""
+    """Return ``1 640 to 1 642 of 2 000 h``; millimetres as metres."""
     scale, unit = (1000.0, "m") if task.unit == "mm" else (1.0, "" if task.unit == "count" else task.unit)
     life = f"{number(task.life / scale)} {unit}".rstrip()
     return f"not known, of {life}" if task.used is None else f"{span(task.used.per(scale))} of {life}"
 
 
 def window(task: TaskState) -> str:
-    """``2027-03-12 to 2027-06-04``: one day only where the calendar says so. Where there is no range, why."""
+    """Return ``2027-03-12 to 2027-06-04``; one day only for tasks by calendar; the reason where there is no range."""
     if task.due is not None:
         return _by_calendar(task) if task.counter == DAYS else _range(task.due)
     return USED_UP if task.state in (State.DUE, State.OVERDUE) else task.why or "not known"
@@ -95,27 +92,25 @@ def _range(due: Due) -> str:
 
 
 def day(time: str | None) -> str:
-    """``2026-11-21``, of an ISO time."""
+    """Return the day of an ISO time."""
     return "never" if time is None else time[:10]
 
 
 def place(station: str, port: int | None) -> str:
-    """``dde-1 · port 2``."""
+    """Return ``dde-1 · port 2``."""
     return station if port is None else f"{station} · port {port}"
 
 
 def counted(number_of: int, one: str, many: str | None = None) -> str:
-    """``1 station``, ``3 stations``."""
+    """Return ``1 station``, ``3 stations``."""
     return f"{number_of} {one if number_of == 1 else many or one + 's'}"
 
 
 def listed(words: Iterable[str]) -> str:
-    """``a, b and c``."""
+    """Return ``a, b and c``."""
     all_of_it = list(words)
     return " and ".join([", ".join(all_of_it[:-1]), all_of_it[-1]]) if len(all_of_it) > 1 else "".join(all_of_it)
 
-
-# -- overview -----------------------------------------------------------------------------------------------------------------
 
 NOT_SEEN: Final = ("unseen", "–", "not seen")
 WORST_FIRST: Final = (State.OVERDUE, State.DUE, State.SOON, State.UNKNOWN, State.FINE)
@@ -137,7 +132,7 @@ class Row:
 
     @property
     def others(self) -> tuple[TaskState, ...]:
-        """Those behind the worst that somebody has to think of."""
+        """The other tasks that are overdue, due or due soon."""
         return tuple(task for task in self.tasks[1:] if task.state in (State.OVERDUE, State.DUE, State.SOON))
 
     @property
@@ -166,13 +161,13 @@ class Glance:
 
 
 def at_a_glance(audit: FleetAudit) -> Glance:
-    """All of it, from the value of a fleet."""
+    """Return the overview of an audit."""
     rows = sorted((_row(at, station) for at, station in enumerate(audit.stations)), key=lambda row: row.rank)
     order = [*(STATES[state] for state in WORST_FIRST[:3]), NOT_SEEN, STATES[State.UNKNOWN], ("unknown", "–", "no task")]
     order.append(STATES[State.FINE])
     counts = [(*state, sum(row.state == state for row in rows)) for state in order]
-    told = tuple(one for one in counts if one[3])
-    return Glance(_headline(audit, told), told, tuple(_reasons(audit, rows)), tuple(rows))
+    present = tuple(one for one in counts if one[3])
+    return Glance(_headline(audit, present), present, tuple(_reasons(audit, rows)), tuple(rows))
 
 
 def _row(at: int, station: StationAudit) -> Row:
@@ -181,7 +176,7 @@ def _row(at: int, station: StationAudit) -> Row:
 
 
 def _urgency(task: TaskState) -> tuple[float, str, float]:
-    """Less is worse: by state, by the day by which it is first due, by how much is used."""
+    """Return the order of a task, less is worse: by state, by its first due day, by its use."""
     first = NEVER if task.due is None or task.due.p10 is None else task.due.p10
     is_used_up = task.state in (State.OVERDUE, State.DUE)
     return WORST_FIRST.index(task.state), "" if is_used_up else first, -_reached(task)
@@ -203,14 +198,14 @@ def _headline(audit: FleetAudit, counts: Sequence[tuple[str, str, str, int]]) ->
 
 
 def _reasons(audit: FleetAudit, rows: Sequence[Row]) -> list[str]:
-    """What the headline rests on, the worst first."""
+    """Return the reasons of the headline, the worst first."""
     found = [_reason(row.station, task) for row in rows for task in row.tasks if task.state in (State.OVERDUE, State.DUE)]
     found += [f"{row.station.station}: not seen, last on {day(row.station.last_seen)}" for row in rows if not row.station.seen]
     doubts = sum(len(station.doubts) for station in audit.stations)
     if doubts:
-        found.append(f"{counted(doubts, 'counter')} went as no counter can: the odometer says what it could not know")
+        found.append(f"{counted(doubts, 'counter')} changed in a way that no counter can; see counter changes")
     if audit.wrong:
-        found.append(f"The ledger is damaged: {counted(len(audit.wrong), 'line')} of it count for nothing")
+        found.append(f"The ledger is damaged: {counted(len(audit.wrong), 'line')} ignored")
     found += [_reason(row.station, task) for row in rows for task in row.tasks if task.state is State.SOON]
     found += [
         f"{place(row.station.station, task.port)}: {task.title}, {task.why or 'not known'}"
@@ -223,7 +218,7 @@ def _reasons(audit: FleetAudit, rows: Sequence[Row]) -> list[str]:
 
 def _reason(station: StationAudit, task: TaskState) -> str:
     when = f", due {window(task)}" if task.state is State.SOON else ""
-    return f"{place(station.station, task.port)}: {task.title}, {percent(task.percent)} of its life{when}"
+    return f"{place(station.station, task.port)}: {task.title}, {percent(task.percent)} of its service interval{when}"
 
 
 def _calm(audit: FleetAudit) -> str:
@@ -231,5 +226,6 @@ def _calm(audit: FleetAudit) -> str:
     if audits == 0:
         return "Nothing has been read yet."
     if audits < FEW + 1:
-        return f"This is audit {audits}. A due date is given from four audits on, in which a pace can be seen."
-    return "Every station answered, and no task has reached 80 % of its life." if audit.is_whole else "No task has reached 80 %."
+        return f"This is audit {audits}. Due dates need at least four audits."
+    reached = "o task has reached 80 % of its service interval."
+    return f"Every station answered, and n{reached}" if audit.is_whole else f"N{reached}"

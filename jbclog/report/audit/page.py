@@ -1,7 +1,7 @@
-"""The page of an audit: one HTML file that needs nothing but itself.
+"""The page of an audit: one HTML file without links to other files. The same audit gives the same bytes.
 
-Everything that comes from outside is cleaned and escaped by the template engine; the drawings are of numbers only; a content policy
-forbids every request and every script. The same audit gives the same bytes.
+The template engine cleans and escapes all text from outside; drawings hold numbers only; a content security policy forbids every
+request and every script.
 """
 
 from __future__ import annotations
@@ -22,9 +22,6 @@ from jbclog.maintenance.fleet import ABSENT, FLEET, TITLES, FleetAudit, Meter, S
 from jbclog.report.audit import overview, plots
 from jbclog.report.audit.overview import at_a_glance, listed, span
 
-# -- table rows ---------------------------------------------------------------------------------------------------------------
-# The rows of the page's tables below what is due: use, drift, what the odometer could not know, counters, errors.
-
 MOST_MARKS: Final = 200
 SUPERSCRIPTS: Final = str.maketrans("0123456789", "⁰¹²³⁴⁵⁶⁷⁸⁹")
 OK: Final = "ok"
@@ -32,12 +29,12 @@ OK: Final = "ok"
 
 @dataclass(slots=True)
 class Notes:
-    """Reasons why something is not known, each numbered once, in the order in which they come."""
+    """Reasons why something is not known, numbered in the order of their first use."""
 
     texts: list[str] = field(default_factory=list)
 
     def sign(self, why: str) -> str:
-        """``–¹``: a dash, and the number of the reason."""
+        """Return ``–¹``: a dash and the number of the reason."""
         if not why:
             return "–"
         if why not in self.texts:
@@ -47,24 +44,24 @@ class Notes:
 
 @dataclass(frozen=True, slots=True)
 class UseRow:
-    """A station's use: its figures by name, of all ports together."""
+    """The use of a station: its figures by name, of all ports together."""
 
     station: StationAudit
     figures: dict[str, UseFigure]
     notes: Notes
 
-    def told(self, name: str, digits: int = 0) -> str:
-        """A figure's range in words, or the number of the reason why there is none."""
+    def text(self, name: str, digits: int = 0) -> str:
+        """Return the range of a figure in words, or the number of the reason why there is none."""
         figure = self.figures.get(name)
         if figure is None or figure.range is None:
-            return self.notes.sign("not reckoned" if figure is None else figure.why)
+            return self.notes.sign("not computed" if figure is None else figure.why)
         return span(figure.range, digits)
 
     def bound(self, name: str, digits: int = 0) -> str:
-        """As `told`, of a figure of which one bound is what is meant."""
+        """Return as `text` does, for a figure that is a bound itself."""
         figure = self.figures.get(name)
         if figure is None or figure.value is None:
-            return self.told(name, digits)
+            return self.text(name, digits)
         return span(replace(NOTHING, low=figure.value, high=figure.value), digits)
 
     def has(self, name: str) -> bool:
@@ -81,7 +78,7 @@ class UseRow:
 
 
 def use_rows(audit: FleetAudit, notes: Notes) -> list[UseRow]:
-    """Each station's, the most used first; those of which nothing is known last."""
+    """Return the use of each station, the most used first; those without data last."""
     rows = [
         UseRow(station, {one.name: one for one in station.use if one.port is None}, notes)
         for station in audit.stations
@@ -93,12 +90,12 @@ def use_rows(audit: FleetAudit, notes: Notes) -> list[UseRow]:
 
 
 def courses(audit: FleetAudit) -> list[tuple[Week, ...]]:
-    """The years of the stations of which any week is known."""
+    """Return the years of the stations of which any week is known."""
     return [station.weeks for station in audit.stations if any(week.per_day for week in station.weeks)]
 
 
 def fleet_weeks(audit: FleetAudit) -> list[tuple[Week, int]]:
-    """The sum of all stations that are known in a week, with how many those are."""
+    """Return the sum of all stations that are known in a week, with their number."""
     return [_together(weeks) for weeks in zip(*courses(audit), strict=False)]
 
 
@@ -107,9 +104,6 @@ def _together(weeks: Sequence[Week]) -> tuple[Week, int]:
     hours = sum(known, NOTHING) if known else None
     spread = sum(week.is_spread for week in weeks)
     return Week(weeks[0].begin, hours, spread > len(known) / 4), len(known)
-
-
-# -- drift -------------------------------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,7 +117,7 @@ class DriftRow:
 
 
 def drift_rows(audit: FleetAudit) -> list[DriftRow]:
-    """What drifted, what differs from the fleet first; stations with the same on one row."""
+    """Return the drifts, differences from the fleet first; stations with the same drift share a row."""
     found: dict[tuple[bool, str, str], list[str]] = {}
     for station in audit.stations:
         for drift in station.drifts:
@@ -138,12 +132,9 @@ def _setting(name: str) -> str:
     return f"port {port}: {words}" if port else words
 
 
-# -- the odometer ------------------------------------------------------------------------------------------------------------
-
-
 @dataclass(frozen=True, slots=True)
 class Mark:
-    """Differences of one port that are no plain ones and of which the same is said; each with its unit."""
+    """Unusual changes of counters of one port that have the same interpretation, each with its unit."""
 
     station: str
     port: int
@@ -157,30 +148,30 @@ class Mark:
 
 
 def marks(audit: FleetAudit) -> list[Mark]:
-    """All of them, the latest first; without roll-overs that left no doubt (`turns`)."""
+    """Return all of them, the latest first, without certain roll-overs (`turns`)."""
     found: dict[tuple[str, int, str, str, str, str, str, bool], list[tuple[str, Difference]]] = {}
     for station in audit.stations:
         for meter in station.meters:
-            for one in filter(_is_told, meter.odometer.marks):
+            for one in filter(_is_shown, meter.odometer.marks):
                 kind = one.kind.value.replace("_", "-")
-                said = (station.station, one.port, one.begin, one.end, kind, one.text, one.rule.replace("_", " "), one.is_doubtful)
-                found.setdefault(said, []).append(("" if meter.unit == "count" else meter.unit, one))
-    together = [Mark(*said, tuple(counters)) for said, counters in found.items()]
+                mark = (station.station, one.port, one.begin, one.end, kind, one.text, one.rule.replace("_", " "), one.is_doubtful)
+                found.setdefault(mark, []).append(("" if meter.unit == "count" else meter.unit, one))
+    together = [Mark(*mark, tuple(counters)) for mark, counters in found.items()]
     return sorted(together, key=lambda one: (one.end, one.station, one.port), reverse=True)
 
 
-def _is_told(one: Difference) -> bool:
+def _is_shown(one: Difference) -> bool:
     return one.kind is not Kind.ROLL_OVER or not one.is_known
 
 
 def turns(audit: FleetAudit) -> list[tuple[StationAudit, Meter, int]]:
-    """Counters that ran over after their last number and left no doubt about it, with how often."""
-    every = [(station, meter, [one for one in meter.odometer.marks if not _is_told(one)]) for station, meter in meters(audit)]
+    """Return counters that certainly rolled over, with how often."""
+    every = [(station, meter, [one for one in meter.odometer.marks if not _is_shown(one)]) for station, meter in meters(audit)]
     return [(station, meter, len(over)) for station, meter, over in every if over]
 
 
 def meters(audit: FleetAudit) -> Iterator[tuple[StationAudit, Meter]]:
-    """Each counter that ever counted."""
+    """Yield each counter that ever counted."""
     for station in audit.stations:
         for meter in station.meters:
             if meter.odometer.first or meter.odometer.total.high > 1 or meter.read is None or meter.read.value is None:
@@ -188,19 +179,16 @@ def meters(audit: FleetAudit) -> Iterator[tuple[StationAudit, Meter]]:
 
 
 def unread(audit: FleetAudit) -> Iterator[tuple[StationAudit, Meter]]:
-    """Each counter that a station has and did not tell, or on which no two reads agreed."""
+    """Yield each counter that a station has but did not return, or of which no two reads agreed."""
     for station in audit.stations:
         for meter in station.meters:
             if meter.read is not None and meter.read.value is None and meter.read.why != ABSENT:
                 yield station, meter
 
 
-# -- errors ------------------------------------------------------------------------------------------------------------------
-
-
 @dataclass(frozen=True, slots=True)
 class ErrorRow:
-    """What is wrong at a place now, or what runs saw since last time."""
+    """An error now, or events of runs since the previous audit."""
 
     station: str
     port: int | None
@@ -209,7 +197,7 @@ class ErrorRow:
 
 
 def error_rows(audit: FleetAudit) -> Iterator[ErrorRow]:
-    """Errors as they were read, and events of runs since the audit before."""
+    """Yield errors as read, and events of runs since the previous audit."""
     for station in audit.stations:
         errors = station.errors
         if errors is None:
@@ -222,13 +210,11 @@ def error_rows(audit: FleetAudit) -> Iterator[ErrorRow]:
         )
 
 
-# -- page ---------------------------------------------------------------------------------------------------------------------
-
 COUNTS_MOST: Final = 10  # stations up to which their counters stand open on the page
 
 
 def page_of(audit: FleetAudit) -> str:
-    """The page of an audit, as HTML; its bytes follow from `audit` alone."""
+    """Return the page of an audit as HTML; its bytes follow from `audit` alone."""
     notes = Notes()
     rows = use_rows(audit, notes)
     weeks = fleet_weeks(audit)
@@ -265,7 +251,7 @@ def page_of(audit: FleetAudit) -> str:
 
 
 def _shown(value: object) -> object:
-    """What a template writes: text from outside without anything that steers."""
+    """Return what a template writes: text from outside without control characters."""
     return clean(value) if isinstance(value, str) and not isinstance(value, Markup) else value
 
 

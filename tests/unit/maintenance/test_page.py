@@ -79,7 +79,7 @@ def test_a_due_range_is_a_range_and_never_one_day() -> None:
 
 def test_the_first_audit_ever_promises_nothing() -> None:
     page = words(page_of(fleets.first_ever()))
-    assert "This is audit 1. A due date is given from four audits on" in page
+    assert "This is audit 1. Due dates need at least four audits." in page
     assert "not enough data: 1 of 4 audits" in page
     assert "Not counted here, or not read twice yet." in page
 
@@ -92,10 +92,10 @@ def test_what_is_not_known_is_a_dash_with_its_reason_and_never_zero() -> None:
 
 def test_marks_stand_with_their_rule_and_what_was_worked_at_least_and_at_most() -> None:
     page = words(page_of(fleets.trouble()))
-    found = page[page.index("What the odometer could not know", page.index("Not seen Station")) :]
+    found = page[page.index("Counter changes that are not explained", page.index("Not seen Station")) :]
     for said in ("working: 941, 12; 12 to 121 h", "fell together", "impossible", "31 or more", "nothing tells why"):
         assert said in found, said
-    assert "left no doubt: line3-ale · port 1, feeds, 1 time." in found
+    assert "Rolled over as expected: line3-ale · port 1, feeds, 1 time." in found
     assert "line 41 is no observation or fact, or was changed" in page
 
 

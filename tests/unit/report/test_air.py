@@ -22,7 +22,7 @@ from jbclog.report.write import verify_report, write_report
 from support.readers.drawn import artists, corners, panel, texts
 from support.records.sealed_run import RECIPE, lose, micros, samples, seal, station, table
 
-HEAD = [("Set", "320 °C"), ("Air, min–max", "320 to 320 °C"), ("Idle error ± sd", "0.0 ± 0.0 °C")]
+HEAD = [("Setpoint", "320 °C"), ("Air min–max", "320 to 320 °C"), ("Idle error ± sd", "0.0 ± 0.0 °C")]
 
 
 def jtse(rows: int) -> StationFacts:
@@ -116,10 +116,10 @@ def folder(tmp_path: Path) -> Path:
 
 def test_the_page_speaks_of_air_and_not_of_tips_and_alarms(folder: Path) -> None:
     html = write_report(folder).read_text("utf-8")
-    for words in ("Air, min–max", "Work, min–max", "60 to 160 °C", "400 ‰", "2 times"):
+    for words in ("Air min–max", "Work min–max", "60 to 160 °C", "400 ‰", "2 times"):
         assert words in html
     assert "<dt>Alarms" not in html
-    assert "Tip, least" not in html
+    assert "Tip min–max" not in html
     assert "600 of 600 readings of the air are there" in html
     assert "It tells no alarm flags; the limit is not about it." in html
     verify_report(folder)

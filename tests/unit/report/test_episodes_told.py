@@ -19,7 +19,7 @@ from jbclog.core.rows import EventRow, Severity, TipCheck
 from jbclog.record.annotations import append
 from jbclog.record.manifest import Metadata, read_manifest, write_manifest
 from jbclog.report.joint_chart import charted, draw_chart
-from jbclog.report.repeated_events import told_once
+from jbclog.report.repeated_events import merge_repeated
 from jbclog.report.safety import short, verification_facts
 from jbclog.report.write import verify_report, write_report
 from support.readers.drawn import boxes, parts, texts
@@ -65,7 +65,7 @@ def test_alarms_are_those_of_their_command_with_what_was_acknowledged_since(tmp_
     assert verify_report(folder) == []
     assert facts["alarms"]["waiting"] == 0
     assert "A. Rossi, 2026-09-21 14:28:20: door open" in html
-    assert f"head <code>{facts['annotations_head'][:24]}</code>" in html
+    assert f"hash <code>{facts['annotations_head'][:24]}</code>" in html
     assert facts["annotations_head"] in html.split("<footer>")[1]
     assert "not acknowledged" not in html
 
@@ -80,7 +80,7 @@ def test_acknowledgements_that_were_changed_are_named_on_the_page_and_by_verify(
     wrong = "annotations.jsonl: line 1 is no annotation, or was changed"
     assert facts["annotations_wrong"] == [wrong]
     assert facts["alarms"]["waiting"] == 1
-    assert html.count(f"{wrong}. What was said since is not vouched for.") == 1
+    assert html.count(f"{wrong}. Annotations from there on are not verified.") == 1
     assert verify_report(folder) == [f"{folder}/{wrong}"]
 
 
@@ -207,10 +207,12 @@ def test_what_would_mislead_has_no_limits_and_says_why(recovery: Callable[[], np
     assert not any(word.startswith("limit") for word in texts(draw_chart(chart, WIDE)))
 
 
-def test_what_came_often_is_told_once_on_paper_and_grave_events_each_time() -> None:
+def test_repeated_warnings_are_one_row_on_paper_and_grave_events_a_row_each() -> None:
     def event(n: int, severity: str, text: str = "lost") -> dict[str, object]:
         return {"station": "a", "port": 1, "kind": "k", "severity": severity, "text": text, "time": n}
 
-    told_ = told_once([event(1, "warning"), event(2, "critical"), event(3, "warning"), event(4, "warning"), event(5, "critical")])
-    assert [(one["time"], one.get("times"), one.get("until")) for one in told_] == [(1, 3, 4), (2, None, None), (5, None, None)]
-    assert len(told_once([event(1, "warning"), event(2, "warning")])) == 2
+    merged = merge_repeated(
+        [event(1, "warning"), event(2, "critical"), event(3, "warning"), event(4, "warning"), event(5, "critical")]
+    )
+    assert [(one["time"], one.get("times"), one.get("until")) for one in merged] == [(1, 3, 4), (2, None, None), (5, None, None)]
+    assert len(merge_repeated([event(1, "warning"), event(2, "warning")])) == 2

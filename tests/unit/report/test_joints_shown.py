@@ -25,7 +25,7 @@ from jbclog.record.manifest import read_manifest
 from jbclog.report.joint_chart import charted, draw_chart
 from jbclog.report.joint_words import never_back
 from jbclog.report.joints import Joints, unit_rows
-from jbclog.report.page import KEPT, kept_by
+from jbclog.report.page import PASSES, when_passed
 from jbclog.report.verdict import summary
 from jbclog.report.write import write_report
 from support.plants.scripted_tip import Contact, soldered
@@ -206,7 +206,7 @@ def test_idle_error_stands_beside_recovery_and_what_was_found_with_is_said(calm:
     port = calm.port
     assert "A joint lasts 0.25\u00a0s or more" in page
     assert (
-        "Learnt from the run, because the recipe's [joints] does not set them: least_dwell_s, merge_gap_s, wire_decides."
+        "Learned from the run, as the recipe's [joints] does not set them: least_dwell_s, merge_gap_s, wire_decides."
         in page.replace("&#39;", "'")
     )
     head = page[page.index("Back before next") : page.index("Heat</tr>")]
@@ -215,9 +215,9 @@ def test_idle_error_stands_beside_recovery_and_what_was_found_with_is_said(calm:
 
 
 def test_the_regular_time_between_joints_is_learnt_and_shown(calm: Told, tmp_path: Path) -> None:
-    said = "From the start of one joint to the next, learnt from the run (the recipe sets no expected_every_s)"
+    said = "Time between joint starts, learned from the run (the recipe sets no expected_every_s)"
     assert calm.port["joints"]["taken"]["every_s"] == pytest.approx(6.0, abs=0.05)
-    assert f"{said}: 6 s. It is shown and is not used to find joints." in calm.page.replace("\u00a0", " ")
+    assert f"{said}: 6 s. Not used to find joints." in calm.page.replace("\u00a0", " ")
     uneven = [(15.0 + 2 * number + 0.3 * number**2, 15.9 + 2 * number + 0.3 * number**2) for number in range(12)]
     page, port = both(sealed(tmp_path, soldered(uneven, 90.0)))
     assert port["joints"]["taken"]["every_s"] is None
@@ -292,8 +292,8 @@ def test_page_and_paper_say_in_the_verdict_that_bare_figures_were_judged(tmp_pat
     one = told(sealed(tmp_path, soldered(CALM, 90.0), recipe=RECIPE.replace("idle_error_c", 'confidence = "none"\nidle_error_c')))
     assert one.data["verdict"]["reasons"][0]["text"] == f"dde-1: {JUDGED_BARE}"
     assert JUDGED_BARE in html.unescape(one.page[: one.page.index("What the verdict rests on")])
-    assert "Not so on dde-1: its recipe judges bare figures." in one.page
-    assert kept_by([]) == KEPT
+    assert "Except on dde-1: its recipe judges figures without bounds." in one.page
+    assert when_passed([]) == PASSES
 
 
 def test_the_worst_share_of_recovered_joints_is_the_least() -> None:

@@ -51,8 +51,8 @@ def test_it_is_said_in_the_figure(report: Path) -> None:
 def test_it_is_said_in_words(report: Path) -> None:
     caption = json.loads((report / "report.json").read_text())["overview"]["caption"]
     assert "shaded: more than 40 °C away, with the temperature" in caption
-    assert caption.endswith("Never at its setting: dde-1 · 1, dde-1 · 2, dde-2 · 1.")
-    assert "Never at its setting" in (report / "report.html").read_text("utf-8")
+    assert caption.endswith("Never at the setpoint: dde-1 · 1, dde-1 · 2, dde-2 · 1.")
+    assert "Never at the setpoint" in (report / "report.html").read_text("utf-8")
 
 
 def test_what_is_cold_has_no_curve(report: Path) -> None:

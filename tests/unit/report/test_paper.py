@@ -214,10 +214,10 @@ def test_who_signs_has_the_verdict_its_rules_and_the_places_on_the_first_sheet(t
     for text in ("REJECT", "What the verdict rests on", "Reviewed", "Approved", "Signature"):
         assert text in sheets[0], text
     own = [re.sub(r"(?m)^.*(\. ){3}.*$", "", sheet) for sheet in sheets]  # without the lines of the contents
-    assert sum(sheet.count("At a glance\n") for sheet in own) == 1
+    assert sum(sheet.count("Overview\n") for sheet in own) == 1
     assert sum(sheet.count("What the verdict rests on\n") for sheet in own) == 1
     assert sum(sheet.count("Reviewed") for sheet in own) == 1
-    assert ("At a glance" in own[0]) == (stations == 1)
+    assert ("Overview" in own[0]) == (stations == 1)
 
 
 @pytest.mark.parametrize(

@@ -70,7 +70,7 @@ def test_counters_at_start_and_end(tmp_path: Path) -> None:
     }
     assert (rows["work_h"]["first"], rows["work_h"]["last"], rows["work_h"]["difference"]) == (811, 813, 2)
     assert rows["plugged_h"]["difference"] is None
-    assert "fell" in str(rows["plugged_h"]["note"])
+    assert "Decreased" in str(rows["plugged_h"]["note"])
     assert (rows["sleep_h"]["last"], rows["sleep_h"]["difference"]) == (None, None)
     assert rows["sleep_h"]["note"] == "Not read: <timeout>."
     assert (rows["hibernation_h"]["last"], rows["hibernation_h"]["difference"]) == (None, None)

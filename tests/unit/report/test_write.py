@@ -114,7 +114,7 @@ def test_both_name_the_manifest_that_they_were_made_from_and_change_nothing(reco
     assert digest in page.text
     assert data["head"] == short_head(digest)
     assert f"jbclog check RUN --head {data['head']}" in page.text
-    assert "The run before on this line: not known" in page.text
+    assert "Previous run on this line: not known" in page.text
     assert (recorded / "manifest.json").read_bytes() == before
     assert check(recorded) == []
     for file in data["files"]:
@@ -173,7 +173,7 @@ def test_a_model_that_the_line_file_accepts_is_told_as_such(tmp_path: Path) -> N
     facts = station(rows=300)
     facts.model, facts.model_accepted = "DIE", True
     page, told = report(seal(tmp_path, [facts], table(samples(300))))
-    assert "DIE, family dde (this model name is accepted by the line file's key model)" in " ".join(page.text.split())
+    assert "DIE, family dde (model name accepted by the line file)" in " ".join(page.text.split())
     assert (told["stations"][0]["model"], told["stations"][0]["model_accepted"]) == ("DIE", True)
 
 
@@ -240,7 +240,7 @@ def test_a_run_without_limits_is_not_judged(tmp_path: Path) -> None:
 def test_a_run_that_ended_without_a_verdict_is_judged_by_its_recipes(tmp_path: Path) -> None:
     page, data = report(sealed(tmp_path))
     assert (data["verdict"]["word"], data["verdict"]["decided"]) == ("ACCEPT", "by this report")
-    assert "Every limit was kept." in page.text
+    assert "All limits passed." in page.text
 
 
 def test_a_lost_run_is_never_accepted_and_says_what_is_missing(tmp_path: Path) -> None:
@@ -267,9 +267,9 @@ def test_a_recovered_run_claims_nothing_that_nobody_saw(tmp_path: Path) -> None:
     page, data = report(recovered(tmp_path))
     assert (data["verdict"]["word"], data["verdict"]["decided"]) == ("INCONCLUSIVE", "by recovery")
     first, second = (reason["text"] for reason in data["verdict"]["reasons"][:2])
-    assert first.startswith("The recorder was cut off before it had judged the run. At most the last 1 s is missing.")
+    assert first.startswith("The recording was cut off before the run was judged. At most the last 1 s is missing.")
     assert second == "dde-1 port 1: not made safe: last seen 345 °C, working."
-    assert "Every limit was kept." not in page.text
+    assert "All limits passed." not in page.text
     assert "not touched" not in page.text
     assert (data["stations"][0]["outcome"], data["stations"][0]["ports"][0]["left_warns"]) == ("cut off", True)
     assert "running" not in page.text.split("What this record does not claim")[0]
@@ -286,7 +286,7 @@ def test_a_recovered_run_that_lost_a_part_since_is_not_told(tmp_path: Path) -> N
 def test_a_recovered_run_without_limits_says_so_and_that_it_was_cut_off(tmp_path: Path) -> None:
     page, data = report(recovered(tmp_path, recipe=RECIPE.split("[acceptance]")[0], verdict="NOT JUDGED"))
     assert data["verdict"]["word"] == "NOT JUDGED"
-    assert "The recorder was cut off" in page.text
+    assert "The recording was cut off" in page.text
     assert "state no limits" in page.text
 
 
@@ -330,7 +330,7 @@ def test_a_station_that_never_answered_is_there_with_its_reason(tmp_path: Path) 
     assert data["verdict"]["word"] == "INCONCLUSIVE"
     assert data["stations"][1]["ports"] == []
     assert "Gone: No answer within 3 s. " in page.text
-    assert "Nothing was recorded of this station." in page.text
+    assert "No data from this station." in page.text
 
 
 def test_a_run_in_which_nobody_answered(tmp_path: Path) -> None:
@@ -338,7 +338,7 @@ def test_a_run_in_which_nobody_answered(tmp_path: Path) -> None:
     silent.outcome, silent.touched, silent.safe_state = "refused", [], {}
     page, data = report(seal(tmp_path, [silent], table()))
     assert data["verdict"]["word"] == "INCONCLUSIVE"
-    assert "Nothing was recorded at this port." in page.text
+    assert "No data from this port." in page.text
     assert "No events." in page.text
     assert "No counter was read." in page.text
     assert data["stations"][0]["ports"][0]["recorded"]["coverage_percent"] is None

@@ -21,7 +21,7 @@ from jbclog.analysis.figures.from_samples import trace
 from jbclog.analysis.figures.trace import BACK, CUT_OFF, LATE, Grid, Mark, Trace
 from jbclog.report import zoom
 from jbclog.report.write import write_report
-from jbclog.report.zoom import FARTHEST, LEAST_SPANS, LONGEST_WORD, MOST_READINGS, share, varints, zoom_of
+from jbclog.report.zoom import BOUND, LEAST_SPANS, LONGEST_WORD, MOST_READINGS, share, varints, zoom_of
 from support.readers.texts import ROOT
 from support.readers.zoom_data import Numbers, ZoomData, zoom_data
 from support.records.sealed_run import alarm, limit, lose, samples, seal, station, table
@@ -179,7 +179,7 @@ def test_nothing_read_is_nothing_to_look_at() -> None:
     assert zoom_of(replace(drawn, temperature=np.full(50, np.nan)), 100) is None
 
 
-@given(st.lists(st.integers(-FARTHEST, FARTHEST), max_size=50))
+@given(st.lists(st.integers(-BOUND, BOUND), max_size=50))
 def test_every_number_comes_back(numbers: list[int]) -> None:
     read = Numbers(varints(np.array(numbers, dtype=np.int64)))
     assert [read.next() for _ in numbers] == numbers
