@@ -18,6 +18,7 @@ from support.pages.all_pages import PAGES, REFERENCE
 from support.pages.configuration import FILES, keys
 from support.pages.configuration_words import FAULTS, MEANINGS
 from support.pages.exit_codes import MEANINGS as CODES
+from support.pages.main_path import files as files_of_main_path
 from support.pages.manifest import MEANINGS as MANIFEST
 from support.pages.manifest import keys as manifest_keys
 from support.pages.other_files import CSV
@@ -35,6 +36,13 @@ MAKE = "python tests/support pages"
 def test_a_page_is_what_the_code_makes(path: Path) -> None:
     assert path.read_text(encoding="utf-8") == PAGES[path](), f"the code has changed: {MAKE} writes the pages anew"
     assert MAKE in path.read_text(encoding="utf-8")
+
+
+def test_the_main_path_is_read_in_the_order_of_its_picture() -> None:
+    text = (ROOT / "docs" / "explanation" / "architecture.md").read_text(encoding="utf-8")
+    listed = re.findall(r"^\d\. \[[\w/]+\.py\]\(../../([\w/.]+)\)", text, re.MULTILINE)
+    assert listed == [path.as_posix() for path in files_of_main_path()]
+    assert all((ROOT / path).is_file() for path in listed)
 
 
 @pytest.mark.parametrize("title", FILES)

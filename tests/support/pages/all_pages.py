@@ -10,6 +10,7 @@ from support.pages import (
     configuration,
     contradictions,
     exit_codes,
+    main_path,
     manifest,
     other_files,
     python,
@@ -31,6 +32,7 @@ PAGES: Mapping[Path, Callable[[], str]] = {
     REFERENCE / "verdict.md": verdict.page,
     REFERENCE / "station-commands.md": station_commands.page,
     REFERENCE / "contradictions.md": contradictions.page,
+    ROOT / "docs" / "pictures" / "main-path.svg": main_path.svg,
 }
 
 
