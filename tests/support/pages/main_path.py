@@ -70,8 +70,7 @@ def svg() -> str:
         f"<title>The main path</title><style>{STYLE}</style>"
         '<defs><marker id="a" viewBox="0 0 8 8" refX="8" refY="4" markerWidth="8" markerHeight="8" orient="auto">'
         '<path d="M0 0L8 4L0 8z" style="fill:#555;stroke:none;marker-end:none"/></marker></defs>\n'
-        + "\n".join(lines)
-        + "\n</svg>\n"
+        f"{drawn}\n</svg>\n"
     )
 
 
