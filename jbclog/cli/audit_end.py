@@ -17,7 +17,7 @@ from jbclog.maintenance.counter_totals.observed import Standing
 from jbclog.maintenance.due import State, TaskState
 from jbclog.maintenance.fleet import ABSENT, Finding, FleetAudit, Meter, StationAudit, exit_code
 from jbclog.report.audit.files import plain_audit, sheet_of
-from jbclog.report.audit.overview import STATES, Row, at_a_glance, day, of_life, percent, window
+from jbclog.report.audit.overview import STATES, DueRow, at_a_glance, day, of_life, percent, window
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -46,11 +46,11 @@ def _lines(audit: FleetAudit) -> Iterator[str]:
         yield from (f"{'':{WIDE}} {word:{WIDE}} {text}" for word, text in _below(row))
 
 
-def _is_bad(row: Row) -> bool:
+def _is_bad(row: DueRow) -> bool:
     return not row.station.seen or (row.worst is not None and row.worst.state in (State.OVERDUE, State.DUE))
 
 
-def _told(row: Row) -> str:
+def _told(row: DueRow) -> str:
     one, who = row.station, row.station.identity
     if not one.seen:
         return f"{one.why} (last seen: {day(one.last_seen)})"
@@ -64,7 +64,7 @@ def _read(meter: Meter) -> str:
     return "?" if meter.read is None or meter.read.value is None else f"{meter.read.value:g}"
 
 
-def _below(row: Row) -> Iterator[tuple[str, str]]:
+def _below(row: DueRow) -> Iterator[tuple[str, str]]:
     """A word and a sentence for what is to be done, then for what is to be looked at."""
     one = row.station
     yield from ((STATES[task.state][2], _task(task)) for task in row.tasks if task.state is not State.FINE or task.told_by)

@@ -8,11 +8,16 @@ import numpy as np
 
 from jbclog.analysis.figures.style import WIDE
 from jbclog.analysis.figures.ticks import duration_text, moment
-from jbclog.analysis.figures.trace import LATE, Trace
+from jbclog.analysis.figures.trace import JointEnd, MarkKind, Trace
 
 WINDOW_S: Final = 60.0
 LONG_S: Final = 180.0  # single joints are seen in the first figure of a shorter run
 MOST_GAPS_NAMED: Final = 3
+WORTH_A_LOOK: Final = {
+    MarkKind.ALARM: "the first alarm",
+    MarkKind.UNCONFIRMED: "the first doubtful alarm",
+    MarkKind.ERROR: "the first error",
+}
 
 
 def closer(trace: Trace) -> tuple[Trace, str] | None:
@@ -25,8 +30,8 @@ def closer(trace: Trace) -> tuple[Trace, str] | None:
 
 
 def _moment(trace: Trace) -> tuple[float, str]:
-    for kind, why in (("alarm", "the first alarm"), ("unconfirmed", "the first doubtful alarm"), ("error", "the first error")):
-        first = next((mark for mark in trace.marks if mark.kind == kind), None)
+    for kind, why in WORTH_A_LOOK.items():
+        first = next((mark for mark in trace.marks if mark.kind is kind), None)
         if first is not None:
             return (first.span.start + first.span.end) / 2, why
     hottest = _hottest(trace)
@@ -69,7 +74,7 @@ def closer_caption(part: Trace, why: str) -> str:
 
 def joints_marked(trace: Trace) -> str:
     """Return what the bars at the foot of the temperature are."""
-    count, late = len(trace.joints), sum(one.word == LATE for one in trace.joints)
+    count, late = len(trace.joints), sum(one.word == JointEnd.LATE for one in trace.joints)
     bars = f"Bars at the foot: {count} joint{'s' * (count != 1)}"
     return f"{bars}; high and red: {late} after which the next one came before the tip was back." if late else f"{bars}."
 
@@ -80,7 +85,7 @@ def description(place: str, trace: Trace) -> str:
         return f"{place}: its states over {duration_text(trace.end - trace.start)}, {len(trace.gaps)} gaps."
     known = trace.temperature[~np.isnan(trace.temperature)]
     seen = f"from {known.min():g} to {known.max():g} °C" if len(known) else "never read"
-    alarms = sum(mark.kind == "alarm" for mark in trace.marks)
+    alarms = sum(mark.kind is MarkKind.ALARM for mark in trace.marks)
     length = duration_text(trace.end - trace.start)
     what = "tip" if trace.air is None else "air"
     joints = f"{len(trace.joints)} joints, " if trace.joints else ""

@@ -40,7 +40,7 @@ class VerdictFacts:
 
 
 @dataclass(slots=True)
-class Figure:
+class FigureFacts:
     """A figure: its file and texts; not in the JSON: two sizes as SVG, and the data of the interactive view."""
 
     file: str
@@ -130,7 +130,7 @@ class JointFacts:
     signals: int | None
     refused: str | None
     refused_kind: str | None
-    chart: Figure | None
+    chart: FigureFacts | None
 
 
 @dataclass(slots=True)
@@ -153,7 +153,7 @@ class PortFacts:
     left: str
     left_means: str
     left_warns: bool
-    figures: list[Figure]
+    figures: list[FigureFacts]
     joints: JointFacts | None = None  # None for tools that make no joints
     verification: dict[str, object] | None = None  # the tip verification that was valid when the run began
 
@@ -184,7 +184,7 @@ class StationReport:
 
 
 @dataclass(slots=True)
-class Left:
+class Omitted:
     """Rows that a table of the report leaves out, and why."""
 
     rows: int
@@ -216,15 +216,15 @@ class Facts:
     recipes: list[dict[str, object]]
     metadata: dict[str, object]
     host: dict[str, object]
-    overview: Figure | None  # where there are several ports
+    overview: FigureFacts | None  # where there are several ports
     stations: list[StationReport]
     alarms: AlarmFacts
     units: list[dict[str, object]]  # joints and recovery of each; empty without units
     metrics: list[dict[str, object]]
     events: list[dict[str, object]]
-    events_left: Left | None
+    events_left: Omitted | None
     settings: list[dict[str, object]]
-    settings_left: Left | None
+    settings_left: Omitted | None
     counters: list[dict[str, object]]
     ledger: list[dict[str, object]]
     ledger_reasons: list[str]

@@ -34,7 +34,7 @@ from jbclog.report.facts import (
     SCHEMA,
     TO_SIGN,
     Facts,
-    Figure,
+    FigureFacts,
     Reason,
     StationReport,
     VerdictFacts,
@@ -162,11 +162,11 @@ def _columns(facts: StationFacts) -> tuple[str, ...]:
     return (*columns, *AIR) if has_air(facts) else columns
 
 
-def _overview(overview: Overview) -> Figure | None:
+def _overview(overview: Overview) -> FigureFacts | None:
     if not overview.is_worth_it:
         return None
     text, (wide, narrow) = overview.caption, (svg_text(overview.draw(form)) for form in (WIDE, NARROW))
-    return Figure("figures/overview.svg", text, f"Overview of the run. {text}", wide, narrow)
+    return FigureFacts("figures/overview.svg", text, f"Overview of the run. {text}", wide, narrow)
 
 
 def _not_made_safe(stations: list[StationReport]) -> Iterator[Reason]:

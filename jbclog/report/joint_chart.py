@@ -36,7 +36,7 @@ ARROW: Final[Look] = {"color": style.ALARM, "linewidth": 0.9}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Charted:
+class RecoveryChart:
     """The recoveries by the number of their joint; the chart, or why it has no limits.
 
     `deficits`: setpoint minus temperature at the start, of every joint (NaN: not known). `late`: the numbers of the joints that the
@@ -97,7 +97,9 @@ def _points(count: int) -> str:
     return f"{count} point{'s' * (count > 1)} out of the ordinary"
 
 
-def charted(recovery: Floats, resolution: float | None, deficits: Floats | None = None, had: Floats | None = None) -> Charted:
+def recovery_chart(
+    recovery: Floats, resolution: float | None, deficits: Floats | None = None, had: Floats | None = None
+) -> RecoveryChart:
     """Return the chart of these recoveries (NaN: none) in the order of their joints.
 
     `had`: the time in s until the next joint, where that came before the tip was back; NaN elsewhere.
@@ -108,10 +110,10 @@ def charted(recovery: Floats, resolution: float | None, deficits: Floats | None 
     late = ~np.isnan(had)
     waited = (np.flatnonzero(late).astype(np.float64) + 1, had[late])
     found = too_many_late(len(waited[0]), len(seconds)) or control_chart(seconds, resolution=resolution)
-    return Charted(numbers, seconds, len(recovery), found, none if deficits is None else deficits, waited)
+    return RecoveryChart(numbers, seconds, len(recovery), found, none if deficits is None else deficits, waited)
 
 
-def draw_chart(one: Charted, form: Format) -> Figure:
+def draw_chart(one: RecoveryChart, form: Format) -> Figure:
     """Return the deficits where they are known, the recoveries, and where these have limits their moving ranges."""
     deficits = np.flatnonzero(~np.isnan(one.deficits))
     heights = [*([LOWER_PT] if len(deficits) else []), UPPER_PT, *([] if one.chart is None else [LOWER_PT])]
@@ -147,7 +149,7 @@ def _deficits(axes: Axes, numbers: Floats, celsius: Floats, form: Format) -> Non
     axes.set_title("Below the setpoint at the start in °C")
 
 
-def _recoveries(axes: Axes, one: Charted, form: Format) -> None:
+def _recoveries(axes: Axes, one: RecoveryChart, form: Format) -> None:
     limits = None if one.chart is None else one.chart[0]
     late = one.late[1]
     arrows = late + (1.5 * ARROW_PT / size_pt(axes)[1] * float(np.ptp(late)) if len(late) else 0.0)
@@ -160,7 +162,7 @@ def _recoveries(axes: Axes, one: Charted, form: Format) -> None:
     axes.set_title("Recovery in s, by number of the joint")
 
 
-def _ranges(axes: Axes, one: Charted, chart: Chart, form: Format) -> None:
+def _ranges(axes: Axes, one: RecoveryChart, chart: Chart, form: Format) -> None:
     _scale(axes, np.concatenate([chart.points, _edges(chart)]))
     _lines(axes, chart.points, chart, form)
     _points_of(axes, one.numbers[1:], chart.points, "recovery")

@@ -15,15 +15,15 @@ import pyarrow.compute as pc
 from jbclog.analysis.figures.canvas import svg_text
 from jbclog.analysis.figures.curves import Floats, Span
 from jbclog.analysis.figures.style import NARROW, WIDE
-from jbclog.analysis.figures.trace import BACK, CUT_OFF, LATE
+from jbclog.analysis.figures.trace import JointEnd
 from jbclog.analysis.joint_table import FILE as JOINTS
 from jbclog.analysis.joint_table import JOINTS_SCHEMA, as_bytes
 from jbclog.analysis.run import Run
 from jbclog.analysis.run_metrics import joints_and_metrics
 from jbclog.analysis.verdict.bounds import censored_quantile
 from jbclog.record.manifest import manifest_sha256
-from jbclog.report.facts import Figure, JointFacts
-from jbclog.report.joint_chart import charted, draw_chart
+from jbclog.report.facts import FigureFacts, JointFacts
+from jbclog.report.joint_chart import draw_chart, recovery_chart
 from jbclog.report.joint_words import never_back
 from jbclog.report.text import iso
 
@@ -68,7 +68,7 @@ class Joints:
         joints = self.of_port(station, port)
         names = ("start_s", "end_s", "recovered")
         return [
-            Span(start, end, BACK if back else CUT_OFF if back is None else LATE)
+            Span(start, end, JointEnd.BACK if back else JointEnd.CUT_OFF if back is None else JointEnd.LATE)
             for start, end, back in zip(*(joints[name].to_pylist() for name in names), strict=True)
         ]
 
@@ -94,12 +94,12 @@ def joint_facts(found: Joints, station: str, port: int, file: str, *, crowded: b
     recovery, deficits, had = (_floats(joints[name]) for name in ("recovery_s", "deficit_c", "had_s"))
     late = _floats(pc.equal(joints["recovered"], False).cast(pa.float64())) == 1
     resolution = metrics["recovery_s"]["resolution"]
-    chart = charted(recovery, resolution if isinstance(resolution, float) else None, deficits, np.where(late, had, np.nan))
+    chart = recovery_chart(recovery, resolution if isinstance(resolution, float) else None, deficits, np.where(late, had, np.nan))
     figure = None
     if chart.is_worth_it:
         wide = svg_text(draw_chart(chart, WIDE))
         narrow = wide if crowded else svg_text(draw_chart(chart, NARROW))
-        figure = Figure(f"figures/{file}-joints.svg", chart.caption, f"{station}, port {port}: {chart.caption}", wide, narrow)
+        figure = FigureFacts(f"figures/{file}-joints.svg", chart.caption, f"{station}, port {port}: {chart.caption}", wide, narrow)
     figures = {name: metrics[name] for name in METRICS if name in metrics}
     taken = next(({**row} for row in found.taken if row["station"] == station and row["port"] == port), {})
     never = never_back(

@@ -21,7 +21,7 @@ from jbclog.analysis.figures.canvas import new_figure, styled
 from jbclog.analysis.figures.curves import Envelope, Floats, Span, dates, envelope, merged, runs, widened
 from jbclog.analysis.figures.style import Format, Look
 from jbclog.analysis.figures.ticks import duration_text, time_marks
-from jbclog.analysis.figures.trace import JOINED_PERIODS, Mark, Trace
+from jbclog.analysis.figures.trace import JOINED_PERIODS, Mark, MarkKind, Trace
 from jbclog.analysis.verdict.idle import setting_in_force
 
 REACH_C = 40.0
@@ -65,7 +65,7 @@ class Overview:
         for span in far:
             away = np.where((trace.seconds >= span.start) & (trace.seconds < span.end), np.nan, away)
         curve = envelope(trace.seconds, np.clip(away, -REACH_C, REACH_C), STRETCHES, JOINED_PERIODS * trace.period_s)
-        alarms = sum(mark.kind == "alarm" for mark in trace.marks)
+        alarms = sum(mark.kind is MarkKind.ALARM for mark in trace.marks)
         read = "–" if coverage_percent is None else f"{np.floor(coverage_percent * 10) / 10:g} %"
         words = cold or (f"{read}, {alarms} alarm{'s' * (alarms > 1)}" if alarms else read)
         shown = name if len(name) <= LONGEST_NAME else f"{name[: LONGEST_NAME - 7]}…{name[-6:]}"

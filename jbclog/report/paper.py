@@ -14,7 +14,7 @@ from jbclog.analysis.figures.ticks import duration_text
 from jbclog.core.text import cleaned
 from jbclog.report import joint_words
 from jbclog.report.alarms import WITNESSES
-from jbclog.report.facts import Facts, Figure, PortFacts, StationReport
+from jbclog.report.facts import Facts, FigureFacts, PortFacts, StationReport
 from jbclog.report.joint_words import jointed, remark
 from jbclog.report.page import ENDINGS, RESULT_SIGNS, SIGNS, place, when_passed
 from jbclog.report.repeated_events import merge_repeated
@@ -235,13 +235,13 @@ def _drawn(facts: Facts, station: StationReport) -> list[Part]:
     return parts
 
 
-def _figures(facts: Facts) -> list[Figure]:
+def _figures(facts: Facts) -> list[FigureFacts]:
     """Return every figure on paper."""
     ports = [figure for station in facts.stations for port in station.ports for figure in _of_port(facts, port)]
     return ports if facts.overview is None else [facts.overview, *ports]
 
 
-def _of_port(facts: Facts, port: PortFacts) -> list[Figure]:
+def _of_port(facts: Facts, port: PortFacts) -> list[FigureFacts]:
     """Return the figures of a port; in a crowd only charts on which something stands out."""
     joints = port.joints
     if joints is None or joints.chart is None or not (joints.signals or joints.never_back or not facts.is_crowd):
@@ -374,7 +374,7 @@ def _list(items: Sequence[str]) -> Part:
     return {"kind": "list", "items": [together(item) for item in items]}
 
 
-def _figure(figure: Figure, heading: str | None = None) -> Part:
+def _figure(figure: FigureFacts, heading: str | None = None) -> Part:
     """Return a figure. `heading`: that of the first figure of a port, empty for its others, None for a figure of the whole run."""
     return {"kind": "figure", "file": figure.file, "caption": figure.caption, "alt": figure.alt, "heading": heading}
 

@@ -28,15 +28,15 @@ from jbclog.analysis.figures.marks import Happening, limits_of, marks_of
 from jbclog.analysis.figures.port import draw
 from jbclog.analysis.figures.style import NARROW, WIDE
 from jbclog.analysis.figures.ticks import moment
-from jbclog.analysis.figures.trace import Air, Grid, Limit, Trace
+from jbclog.analysis.figures.trace import Air, Grid, Limit, MarkKind, Trace
 from jbclog.analysis.verdict import PortMeasure, judged_signals
 from jbclog.analysis.verdict.samples import Step
 from jbclog.core.rows import StationFacts, TipCheck
 from jbclog.report.captions import caption, closer, closer_caption, description
-from jbclog.report.facts import AirFacts, Figure, PortFacts, PowerFacts, RecordedFacts, StatesFacts, TipFacts
+from jbclog.report.facts import AirFacts, FigureFacts, PortFacts, PowerFacts, RecordedFacts, StatesFacts, TipFacts
 from jbclog.report.joints import Joints, joint_facts
 from jbclog.report.overview import Overview
-from jbclog.report.safety import left, verification_facts
+from jbclog.report.safety import end_state, verification_facts
 from jbclog.report.text import clean, iso
 from jbclog.report.zoom import MOST_READINGS, zoom_of
 
@@ -77,7 +77,7 @@ def port_facts(facts: StationFacts, port: int, file: str, rows: pd.DataFrame, co
     measure = context.measures.get((facts.name, port))
     ledger = context.ledger.get(facts.name, {}).get(str(port), {})
     celsius, status = facts.last_temperature_c.get(port, _last(drawn.temperature)), _last_word(rows["status"])
-    how, recorded = left(facts, port, celsius, status, context.cut_off), _recorded(rows, drawn, measure, ledger, signals)
+    how, recorded = end_state(facts, port, celsius, status, context.cut_off), _recorded(rows, drawn, measure, ledger, signals)
     if len(rows):
         context.overview.add(clean(f"{facts.name} · {port}"), drawn, recorded.coverage_percent, _cold(drawn, measure))
     check, has_tip = context.checks.get((facts.name, port)), not drawn.states and drawn.air is None
@@ -90,8 +90,8 @@ def port_facts(facts: StationFacts, port: int, file: str, rows: pd.DataFrame, co
         power=_power(drawn, context.joints.metrics_of(facts.name, port)),
         states=_states_facts(drawn.states) if drawn.states else None,
         air=None if drawn.air is None else _air_facts(drawn.air),
-        alarms=sum(mark.kind == "alarm" for mark in drawn.marks),
-        doubtful_alarms=sum(mark.kind == "unconfirmed" for mark in drawn.marks),
+        alarms=sum(mark.kind is MarkKind.ALARM for mark in drawn.marks),
+        doubtful_alarms=sum(mark.kind is MarkKind.UNCONFIRMED for mark in drawn.marks),
         safe_state=facts.safe_state.get(port),
         touched=port in facts.touched,
         last_temperature_c=celsius,
@@ -213,7 +213,7 @@ def _limit(limits: Sequence[Limit], side: str) -> float | None:
     return next((_last(np.array(limit.celsius)) for limit in limits if limit.side == side), None)
 
 
-def _figures(file: str, place: str, drawn: Trace, context: Context) -> list[Figure]:
+def _figures(file: str, place: str, drawn: Trace, context: Context) -> list[FigureFacts]:
     """Return the figure of the whole run and, where that is long, one of a minute of it."""
     figures = [_figure(f"figures/{file}.svg", caption(drawn), description(place, drawn), drawn, context.crowded)]
     figures[0].zoom = zoom_of(drawn, context.zoom)
@@ -225,7 +225,7 @@ def _figures(file: str, place: str, drawn: Trace, context: Context) -> list[Figu
     return figures
 
 
-def _figure(file: str, text: str, alt: str, drawn: Trace, crowded: bool) -> Figure:
+def _figure(file: str, text: str, alt: str, drawn: Trace, crowded: bool) -> FigureFacts:
     """Return a figure in both sizes, or in the wide one alone, which a phone scrolls."""
     wide = svg_text(draw(drawn, WIDE))
-    return Figure(file, text, alt, wide, wide if crowded else svg_text(draw(drawn, NARROW)))
+    return FigureFacts(file, text, alt, wide, wide if crowded else svg_text(draw(drawn, NARROW)))

@@ -21,7 +21,7 @@ UNTOUCHED_AS_FAR = "The record shows no change at this port; its end is missing.
 
 
 @dataclass(frozen=True, slots=True)
-class Left:
+class EndState:
     """The state in a word, its meaning, and whether somebody has to check the tool."""
 
     word: str
@@ -29,19 +29,19 @@ class Left:
     warn: bool
 
 
-def left(facts: StationFacts, port: int, celsius: float | None, status: str | None, cut_off: bool) -> Left:
+def end_state(facts: StationFacts, port: int, celsius: float | None, status: str | None, cut_off: bool) -> EndState:
     """Return how the run left the tool in `port`; `celsius` and `status` are its last readings."""
     order = facts.safe_state.get(port)
     if order is not None:
-        return Left(order, MEANINGS.get(order, ""), order not in ("verified", "sent"))
+        return EndState(order, MEANINGS.get(order, ""), order not in ("verified", "sent"))
     family = FAMILIES.get(facts.family)
     if family is not None and not family.safe_states:
-        return Left("has none", NO_SAFE_STATE, False)
+        return EndState("has none", NO_SAFE_STATE, False)
     if port not in facts.touched:
-        return Left("not touched", UNTOUCHED_AS_FAR if cut_off else UNTOUCHED, False)
+        return EndState("not touched", UNTOUCHED_AS_FAR if cut_off else UNTOUCHED, False)
     seen = [f"{celsius:.0f} °C"] if celsius is not None else []
     seen += [status] if status is not None else []
-    return Left(f"not made safe: last seen {', '.join(seen)}" if seen else "not made safe, never read", UNSAFE, True)
+    return EndState(f"not made safe: last seen {', '.join(seen)}" if seen else "not made safe, never read", UNSAFE, True)
 
 
 RULE: Final = "verification"

@@ -8,7 +8,7 @@ from datetime import datetime
 import pandas as pd
 
 from jbclog.record.manifest import Ledger
-from jbclog.report.facts import Left
+from jbclog.report.facts import Omitted
 from jbclog.report.text import iso
 
 MOST_EVENTS = 1000
@@ -41,19 +41,19 @@ def _last_if_none(port: object) -> tuple[bool, int]:
     return (False, port) if isinstance(port, int) else (True, 0)
 
 
-def event_rows(events: pd.DataFrame) -> tuple[list[Row], Left | None]:
+def event_rows(events: pd.DataFrame) -> tuple[list[Row], Omitted | None]:
     """Return the events in their order; of more than `MOST_EVENTS` the gravest."""
     columns = ["seq", "time", "earliest", "station", "port", "kind", "severity", "code", "text", "value", "limit", "raw"]
     left = None
     if len(events) > MOST_EVENTS:
         gravity = events["severity"].map(SEVERITIES.index)
         kept = gravity.sort_values(kind="stable").index[:MOST_EVENTS]
-        left = Left(len(events) - MOST_EVENTS, "further events, none graver than these, are in events/.")
+        left = Omitted(len(events) - MOST_EVENTS, "further events, none graver than these, are in events/.")
         events = events.loc[kept.sort_values()]
     return plain_rows(events, columns), left
 
 
-def setting_rows(settings: pd.DataFrame) -> tuple[list[Row], Left | None]:
+def setting_rows(settings: pd.DataFrame) -> tuple[list[Row], Omitted | None]:
     """Return requested settings, and each reading that differs from the one before it."""
     columns = ["time", "station", "port", "tool", "setting", "unit", "requested", "written", "readback", "nak", "outcome"]
     rows, kept = plain_rows(settings, columns), []
@@ -64,7 +64,7 @@ def setting_rows(settings: pd.DataFrame) -> tuple[list[Row], Left | None]:
             kept.append(row)
         last[key] = row["readback"]
     left = len(rows) - len(kept)
-    return kept, Left(left, "further readings, equal to the ones before, are in settings/.") if left else None
+    return kept, Omitted(left, "further readings, equal to the ones before, are in settings/.") if left else None
 
 
 def counter_rows(counters: pd.DataFrame) -> list[Row]:

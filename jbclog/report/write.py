@@ -27,7 +27,7 @@ from jbclog.record.annotations import vouch
 from jbclog.record.check import changed_files, report_disagreements
 from jbclog.record.folder import expect_no_links
 from jbclog.record.manifest import Manifest, manifest_sha256
-from jbclog.report.facts import Facts, Figure
+from jbclog.report.facts import Facts, FigureFacts
 from jbclog.report.gather import gather
 from jbclog.report.joints import JOINTS, joints_of
 from jbclog.report.page import render
@@ -150,7 +150,7 @@ def report_files(folder: Path) -> dict[str, bytes]:
     return {**files, DATA: (json.dumps(vouched, indent=1, ensure_ascii=False, allow_nan=False) + "\n").encode()}
 
 
-def figures_of(facts: Facts) -> list[Figure]:
+def figures_of(facts: Facts) -> list[FigureFacts]:
     """Return every figure of a report."""
     ports = [port for station in facts.stations for port in station.ports]
     charts = [port.joints.chart for port in ports if port.joints is not None]

@@ -17,7 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jbclog.analysis.figures.curves import Floats, Span
-from jbclog.analysis.figures.trace import JOINED_PERIODS, LATE, SETTING_JOINED_S, Limit, Trace
+from jbclog.analysis.figures.lanes import MARKS
+from jbclog.analysis.figures.trace import JOINED_PERIODS, SETTING_JOINED_S, JointEnd, Limit, Trace
 from jbclog.core.text import clean
 from jbclog.report.captions import closer
 
@@ -27,12 +28,11 @@ MOST_READINGS: Final = 1_200_000  # rows of all ports together, some 3 bytes eac
 MOST_SPANS: Final = 120_000  # of each lane, of all ports together
 LEAST_SPANS: Final = 8_000  # of each lane of one port
 BAND_SHARE: Final = 8  # a stretch costs more than a row: this part of a port's share
-AROUND_S: Final = {"alarm": 30.0, "unconfirmed": 30.0, "error": 30.0, "gap": 10.0, "joint": 15.0}
+AROUND_MARK_S, AROUND_GAP_S, AROUND_JOINT_S = 30.0, 10.0, 15.0
 LONG_GAP_S: Final = 1.0
 BOUND: Final = 2**40  # no number of a sound record comes near it; a browser's numbers are exact to 2^53
 LONGEST_WORD: Final = 140  # three reasons with their columns fit
 LONGEST_REASON: Final = 20
-MARKS: Final = {"alarm": "alarm", "doubtful": "unconfirmed", "error": "error"}
 
 
 def share(ports: int) -> int:
@@ -184,18 +184,18 @@ def _moments(trace: Trace) -> Iterator[tuple[float, float]]:
     """Yield the stretches that keep single readings, the gravest first."""
     for kind in MARKS.values():
         for mark in trace.marks:
-            if mark.kind == kind:
-                yield mark.span.start - AROUND_S[kind], min(mark.span.end, mark.span.start + AROUND_S[kind]) + AROUND_S[kind]
+            if mark.kind is kind:
+                yield mark.span.start - AROUND_MARK_S, min(mark.span.end, mark.span.start + AROUND_MARK_S) + AROUND_MARK_S
     near = closer(trace)
     if near is not None:
         yield near[0].start, near[0].end
     for gap in sorted(trace.gaps, key=lambda gap: (-round(gap.seconds, 6), gap.start)):
         if gap.seconds >= LONG_GAP_S:
-            yield gap.start - AROUND_S["gap"], gap.start + AROUND_S["gap"]
-            yield gap.end - AROUND_S["gap"], gap.end + AROUND_S["gap"]
+            yield gap.start - AROUND_GAP_S, gap.start + AROUND_GAP_S
+            yield gap.end - AROUND_GAP_S, gap.end + AROUND_GAP_S
     for joint in trace.joints:
-        if joint.word == LATE:
-            yield joint.start - AROUND_S["joint"], joint.end + AROUND_S["joint"]
+        if joint.word == JointEnd.LATE:
+            yield joint.start - AROUND_JOINT_S, joint.end + AROUND_JOINT_S
 
 
 def _parts(trace: Trace, kept: NDArray[np.bool_]) -> list[list[float]]:
@@ -210,7 +210,7 @@ def _parts(trace: Trace, kept: NDArray[np.bool_]) -> list[list[float]]:
 def _lanes(trace: Trace) -> dict[str, Sequence[Span]]:
     """Return the lanes of the static figure, and the joints."""
     states = {"status": trace.status} | ({} if trace.air is None else trace.air.lanes)
-    marks = {name: [mark.span for mark in trace.marks if mark.kind == kind] for name, kind in MARKS.items()}
+    marks = {name: [mark.span for mark in trace.marks if mark.kind is kind] for name, kind in MARKS.items()}
     return {**states, "no data": trace.gaps, **{name: spans for name, spans in marks.items() if spans}, "joints": trace.joints}
 
 

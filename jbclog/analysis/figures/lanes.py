@@ -13,12 +13,12 @@ from jbclog.analysis.figures.axes import LETTER, rectangles, size_pt
 from jbclog.analysis.figures.curves import Span, merged, widened, within
 from jbclog.analysis.figures.style import Format, Look
 from jbclog.analysis.figures.ticks import duration_text
-from jbclog.analysis.figures.trace import Trace
+from jbclog.analysis.figures.trace import MarkKind, Trace
 
 LANE_PT: Final = 11.2
-LANES: Final = (("no data", None), ("alarm", "alarm"), ("doubtful", "unconfirmed"), ("error", "error"))
-MARKED: Final = frozenset(name for name, _ in LANES)
 NO_DATA: Final = "no data"
+MARKS: Final = {"alarm": MarkKind.ALARM, "doubtful": MarkKind.UNCONFIRMED, "error": MarkKind.ERROR}
+"""The kind of marks in each lane by its name."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,8 +39,8 @@ def lanes_of(trace: Trace, form: Format) -> list[Lane]:
     least = least_seen_s(trace, form)
     states = trace.states or {"status": trace.status} | ({} if trace.air is None else trace.air.lanes)
     lanes = [Lane(name, _seen(spans, least)) for name, spans in states.items()]
-    for name, kind in LANES:
-        spans = trace.gaps if kind is None else [mark.span for mark in trace.marks if mark.kind == kind]
+    marks = {name: [mark.span for mark in trace.marks if mark.kind is kind] for name, kind in MARKS.items()}
+    for name, spans in {NO_DATA: trace.gaps, **marks}.items():
         seen = within((widened(span, least) for span in merged(spans, least)), trace.start, trace.end)
         if seen:
             lanes.append(Lane(name, seen))
@@ -80,11 +80,9 @@ def _bars(axes: Axes, row: int, lane: Lane, trace: Trace, form: Format) -> None:
 def _face(name: str, word: str, hatch: str | None) -> str:
     if word in style.GRAVE_STATES:
         return style.ERROR
-    if name not in MARKED:
-        return style.STATUS_SHADES.get(word, style.OTHER_SHADE)
     if name == NO_DATA:
         return style.NO_DATA_TINT if hatch else style.NO_DATA
-    return style.MARK_COLOURS["unconfirmed" if name == "doubtful" else name]
+    return style.MARK_COLOURS[MARKS[name]] if name in MARKS else style.STATUS_SHADES.get(word, style.OTHER_SHADE)
 
 
 def _word(axes: Axes, row: int, name: str, span: Span, trace: Trace, form: Format) -> None:
@@ -95,7 +93,7 @@ def _word(axes: Axes, row: int, name: str, span: Span, trace: Trace, form: Forma
     text = next((text for text in texts if (len(text) + 1) * LETTER * points <= width), None)
     if text is None:
         return
-    is_light = (name in MARKED and not is_gap) or span.word in style.DARK_STATUS
+    is_light = name in MARKS or span.word in style.DARK_STATUS
     middle = float(trace.dates((span.start + span.end) / 2))
     box = {"facecolor": "white", "edgecolor": "none", "pad": 1.0} if is_gap else None
     look: Look = {"fontsize": points, "color": "white" if is_light else style.INK, "bbox": box}

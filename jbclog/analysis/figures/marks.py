@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 
 from jbclog.analysis.figures.curves import Span
-from jbclog.analysis.figures.trace import Limit, Mark
+from jbclog.analysis.figures.trace import Limit, Mark, MarkKind
 
 COUNTED = ("error", "critical")
 ERRORS = ("station.error", "port.error", "robot.off")
@@ -46,8 +46,10 @@ def happenings(events: pd.DataFrame, t0_utc_us: int) -> list[Happening]:
 def marks_of(all_of_run: Iterable[Happening], station: str, port: int) -> list[Mark]:
     """Return alarms (earliest to latest moment) and errors (until they were gone) of one port and of its station."""
     own = [one for one in all_of_run if one.station == station and one.port in (None, port)]
-    alarms = [Mark(Span(one.start, one.end, one.kind.removeprefix("alarm.")), "alarm") for one in own if is_alarm(one)]
-    doubtful = [Mark(Span(one.start, one.end, one.raw or ""), "unconfirmed") for one in own if one.kind == "alarm.unconfirmed"]
+    alarms = [Mark(Span(one.start, one.end, one.kind.removeprefix("alarm.")), MarkKind.ALARM) for one in own if is_alarm(one)]
+    doubtful = [
+        Mark(Span(one.start, one.end, one.raw or ""), MarkKind.UNCONFIRMED) for one in own if one.kind == "alarm.unconfirmed"
+    ]
     errors = [_error(one, own[i + 1 :]) for i, one in enumerate(own) if one.kind in ERRORS and one.code != 0]
     return [*alarms, *doubtful, *errors]
 
@@ -62,7 +64,7 @@ def _error(one: Happening, later: Sequence[Happening]) -> Mark:
     following = (one.kind, ENDS[one.kind])
     end = next((other.end for other in later if other.kind in following and other.port == one.port), one.end)
     word = one.kind.replace(".", " ") if one.code is None else f"{one.kind.replace('.', ' ')} {one.code}"
-    return Mark(Span(one.start, end, word), "error")
+    return Mark(Span(one.start, end, word), MarkKind.ERROR)
 
 
 def limits_of(settings: pd.DataFrame, station: str, port: int, t0_utc_us: int) -> list[Limit]:

@@ -9,6 +9,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, Final
 
+from jbclog.analysis.figures.trace import JointEnd, MarkKind
+
 Look = dict[str, Any]
 """How an artist is drawn, as matplotlib takes it."""
 
@@ -64,10 +66,14 @@ def hatch(word: str, wide: bool) -> str | None:
     return HATCHES.get(word, HATCH_ELSE) if wide else None
 
 
-MARK_COLOURS: Final = {"alarm": ALARM, "unconfirmed": UNCONFIRMED, "error": ERROR}
-MARK_TINTS: Final = {"alarm": "#f6ded3", "unconfirmed": "#f3e8d3", "error": "#ece0e9"}  # behind the curves
-JOINT_COLOURS: Final = {"back": TEMPERATURE, "cut off": NO_DATA, "late": ALARM}  # in the order in which they lie
-JOINT_HEIGHTS: Final = {"back": 4.0, "cut off": 4.0, "late": 7.0}
+MARK_COLOURS: Final = {MarkKind.ALARM: ALARM, MarkKind.UNCONFIRMED: UNCONFIRMED, MarkKind.ERROR: ERROR}
+MARK_TINTS: Final = {MarkKind.ALARM: "#f6ded3", MarkKind.UNCONFIRMED: "#f3e8d3", MarkKind.ERROR: "#ece0e9"}  # behind the curves
+JOINT_COLOURS: Final = {
+    JointEnd.BACK: TEMPERATURE,
+    JointEnd.CUT_OFF: NO_DATA,
+    JointEnd.LATE: ALARM,
+}  # in the order in which they lie
+JOINT_HEIGHTS: Final = {JointEnd.BACK: 4.0, JointEnd.CUT_OFF: 4.0, JointEnd.LATE: 7.0}
 JOINT_TINT: Final = "#eaf1f8"
 COARSER_TINT: Final = "#f1f3f5"
 

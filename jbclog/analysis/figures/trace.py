@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from enum import StrEnum
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,8 +13,23 @@ from jbclog.analysis.figures.curves import Floats, Span, dates, within
 from jbclog.analysis.verdict.samples import Step, Unstepped
 
 JOINED_PERIODS = 1.5  # samples further apart than this are not joined by a line
-BACK, LATE, CUT_OFF = "back", "late", "cut off"  # whether the tip was back before the next joint
 SETTING_JOINED_S = 15.0  # the setting is due each 5 s; two losses are bridged in the drawing, and only there
+
+
+class JointEnd(StrEnum):
+    """Whether the tip was back before the next joint."""
+
+    BACK = "back"
+    CUT_OFF = "cut off"
+    LATE = "late"
+
+
+class MarkKind(StrEnum):
+    """What a mark stands for."""
+
+    ALARM = "alarm"
+    UNCONFIRMED = "unconfirmed"
+    ERROR = "error"
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +63,7 @@ class Mark:
     """An alarm, an unconfirmed alarm or an error, from its earliest possible moment on."""
 
     span: Span
-    kind: str
+    kind: MarkKind
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,7 +95,7 @@ class Trace:
     marks: Sequence[Mark] = field(default_factory=tuple)
     states: Mapping[str, list[Span]] = field(default_factory=dict)  # lanes of a station without a temperature
     air: Air | None = None  # of hot air
-    joints: Sequence[Span] = ()  # their words are `BACK`, `LATE`, `CUT_OFF`
+    joints: Sequence[Span] = ()  # their words are those of `JointEnd`
     reasons: NDArray[np.object_] = field(default_factory=lambda: np.empty(0, dtype=object))  # of each row, or None
 
     @property

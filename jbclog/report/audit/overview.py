@@ -119,7 +119,7 @@ NEVER: Final = "9999"
 
 
 @dataclass(frozen=True, slots=True)
-class Row:
+class DueRow:
     """A station with its worst task and the others that are not fine, each worst first."""
 
     anchor: str
@@ -157,7 +157,7 @@ class Glance:
     headline: tuple[str, str, str]
     counts: tuple[tuple[str, str, str, int], ...]
     reasons: tuple[str, ...]
-    rows: tuple[Row, ...]
+    rows: tuple[DueRow, ...]
 
 
 def at_a_glance(audit: FleetAudit) -> Glance:
@@ -170,9 +170,9 @@ def at_a_glance(audit: FleetAudit) -> Glance:
     return Glance(_headline(audit, present), present, tuple(_reasons(audit, rows)), tuple(rows))
 
 
-def _row(at: int, station: StationAudit) -> Row:
+def _row(at: int, station: StationAudit) -> DueRow:
     tasks = sorted(station.tasks, key=lambda task: (*_urgency(task), task.task, task.port or 0))
-    return Row(f"s{at}", station, tuple(tasks))
+    return DueRow(f"s{at}", station, tuple(tasks))
 
 
 def _urgency(task: TaskState) -> tuple[float, str, float]:
@@ -197,7 +197,7 @@ def _headline(audit: FleetAudit, counts: Sequence[tuple[str, str, str, int]]) ->
     return (style, sign, f"{number} {word.upper()}")
 
 
-def _reasons(audit: FleetAudit, rows: Sequence[Row]) -> list[str]:
+def _reasons(audit: FleetAudit, rows: Sequence[DueRow]) -> list[str]:
     """Return the reasons of the headline, the worst first."""
     found = [_reason(row.station, task) for row in rows for task in row.tasks if task.state in (State.OVERDUE, State.DUE)]
     found += [f"{row.station.station}: not seen, last on {day(row.station.last_seen)}" for row in rows if not row.station.seen]

@@ -133,7 +133,7 @@ def _setting(name: str) -> str:
 
 
 @dataclass(frozen=True, slots=True)
-class Mark:
+class CounterChange:
     """Unusual changes of counters of one port that have the same interpretation, each with its unit."""
 
     station: str
@@ -147,7 +147,7 @@ class Mark:
     counters: tuple[tuple[str, Difference], ...]
 
 
-def marks(audit: FleetAudit) -> list[Mark]:
+def marks(audit: FleetAudit) -> list[CounterChange]:
     """Return all of them, the latest first, without certain roll-overs (`turns`)."""
     found: dict[tuple[str, int, str, str, str, str, str, bool], list[tuple[str, Difference]]] = {}
     for station in audit.stations:
@@ -156,7 +156,7 @@ def marks(audit: FleetAudit) -> list[Mark]:
                 kind = one.kind.value.replace("_", "-")
                 mark = (station.station, one.port, one.begin, one.end, kind, one.text, one.rule.replace("_", " "), one.is_doubtful)
                 found.setdefault(mark, []).append(("" if meter.unit == "count" else meter.unit, one))
-    together = [Mark(*mark, tuple(counters)) for mark, counters in found.items()]
+    together = [CounterChange(*mark, tuple(counters)) for mark, counters in found.items()]
     return sorted(together, key=lambda one: (one.end, one.station, one.port), reverse=True)
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from jbclog.analysis.figures.curves import Span
 from jbclog.analysis.figures.from_samples import trace
-from jbclog.analysis.figures.trace import Grid, Mark, Trace
+from jbclog.analysis.figures.trace import Grid, Mark, MarkKind, Trace
 from jbclog.report.captions import closer
 from support.records import sealed_run
 
@@ -20,7 +20,7 @@ def port(rows: int = 600, **columns: object) -> Trace:
 
 
 def test_a_long_run_gets_a_closer_look_at_its_first_alarm() -> None:
-    long = replace(port(6000), marks=[Mark(Span(300, 302, "high"), "alarm")])
+    long = replace(port(6000), marks=[Mark(Span(300, 302, "high"), MarkKind.ALARM)])
     near = closer(long)
     assert near is not None
     assert near[1] == "the first alarm"

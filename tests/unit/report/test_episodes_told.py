@@ -18,7 +18,7 @@ from jbclog.analysis.run_alarms import ACKNOWLEDGED
 from jbclog.core.rows import EventRow, Severity, TipCheck
 from jbclog.record.annotations import append
 from jbclog.record.manifest import Metadata, read_manifest, write_manifest
-from jbclog.report.joint_chart import charted, draw_chart
+from jbclog.report.joint_chart import draw_chart, recovery_chart
 from jbclog.report.repeated_events import merge_repeated
 from jbclog.report.safety import short, verification_facts
 from jbclog.report.write import verify_report, write_report
@@ -169,7 +169,7 @@ def course(count: int, seed: int = 3) -> np.ndarray:
 @pytest.mark.parametrize("form", [WIDE, NARROW])
 @pytest.mark.parametrize("count", [5, 40, 5000])
 def test_the_chart_of_the_recovery_has_its_labels_apart_and_inside(form: Any, count: int) -> None:
-    drawing = draw_chart(charted(course(count), 0.01), form)
+    drawing = draw_chart(recovery_chart(course(count), 0.01), form)
     placed = boxes(drawing)
     assert all(box.left >= 0 and box.right <= form.width_pt and box.bottom >= 0 for box in placed)
     for number, one in enumerate(placed):
@@ -185,7 +185,7 @@ def test_the_chart_of_the_recovery_has_its_labels_apart_and_inside(form: Any, co
 def test_a_point_out_of_the_ordinary_is_marked_and_counted() -> None:
     recovery = course(60)
     recovery[30] = 2.6
-    chart = charted(recovery, 0.01)
+    chart = recovery_chart(recovery, 0.01)
     assert chart.signals is not None
     assert 30 in chart.signalling
     assert len(parts(draw_chart(chart, WIDE), "signal")) >= chart.signals
@@ -201,7 +201,7 @@ CASES: list[tuple[Callable[[], np.ndarray], float, str]] = [
 
 @pytest.mark.parametrize(("recovery", "resolution", "why"), CASES)
 def test_what_would_mislead_has_no_limits_and_says_why(recovery: Callable[[], np.ndarray], resolution: float, why: str) -> None:
-    chart = charted(recovery(), resolution)
+    chart = recovery_chart(recovery(), resolution)
     assert chart.signals is None
     assert why in chart.caption
     assert not any(word.startswith("limit") for word in texts(draw_chart(chart, WIDE)))

@@ -17,12 +17,12 @@ from jbclog.analysis.figures import style
 from jbclog.analysis.figures.curves import Span
 from jbclog.analysis.figures.port import draw
 from jbclog.analysis.figures.style import WIDE
-from jbclog.analysis.figures.trace import BACK, CUT_OFF, LATE, Grid, Trace
+from jbclog.analysis.figures.trace import Grid, JointEnd, Trace
 from jbclog.analysis.joints.series import Series
 from jbclog.analysis.rejudge import judge_again
 from jbclog.analysis.verdict.rules import JUDGED_BARE
 from jbclog.record.manifest import read_manifest
-from jbclog.report.joint_chart import charted, draw_chart
+from jbclog.report.joint_chart import draw_chart, recovery_chart
 from jbclog.report.joint_words import never_back
 from jbclog.report.joints import Joints, unit_rows
 from jbclog.report.page import PASSES, when_passed
@@ -167,7 +167,7 @@ def test_joints_without_recovery_are_marked_apart(dense: Told) -> None:
 
 def test_the_marks_lie_where_the_joints_are() -> None:
     ticks = np.arange(600) / HZ
-    joints = [Span(10.0, 11.0, BACK), Span(20.0, 22.0, LATE), Span(30.0, 31.0, CUT_OFF)]
+    joints = [Span(10.0, 11.0, JointEnd.BACK), Span(20.0, 22.0, JointEnd.LATE), Span(30.0, 31.0, JointEnd.CUT_OFF)]
     level = np.full(600, 350.0)
     one = Trace(Grid(0, 1 / HZ), 1 / HZ, ticks, level, level, level, [Span(0.0, 60.0, "working")], [], joints=joints)
     drawing = draw(one, WIDE)
@@ -175,8 +175,8 @@ def test_the_marks_lie_where_the_joints_are() -> None:
         (bar,) = parts(drawing, f"joint {joint.word}")
         assert sorted({*seconds(0, bar[:, 0]).round(3)}) == pytest.approx([joint.start, joint.end])
         assert bar[:, 1].min() == 0  # at the foot
-    heights = {word: style.JOINT_HEIGHTS[word] for word in (BACK, LATE)}
-    assert heights[LATE] > heights[BACK]  # also on a grey printer
+    heights = {word: style.JOINT_HEIGHTS[word] for word in (JointEnd.BACK, JointEnd.LATE)}
+    assert heights[JointEnd.LATE] > heights[JointEnd.BACK]  # also on a grey printer
     assert one.between(15.0, 25.0).joints == [joints[1]]
 
 
@@ -186,7 +186,7 @@ def test_deficit_and_recovery_stand_one_below_the_other_and_a_joint_that_was_fol
     assert "Below the setpoint at the start in °C" in chart
     assert "Recovery in s" in chart
     deficits, had = np.full(8, 20.0), np.where(np.arange(8) < 6, 1.8, np.nan)
-    drawing = draw_chart(charted(np.where(np.isnan(had), 1.2, np.nan), 0.1, deficits, had), WIDE)
+    drawing = draw_chart(recovery_chart(np.where(np.isnan(had), 1.2, np.nan), 0.1, deficits, had), WIDE)
     assert len(parts(drawing, "late")) == 6 + 6  # a stem and a head each
     assert len(parts(drawing, "deficit")) == 8
 
@@ -194,9 +194,9 @@ def test_deficit_and_recovery_stand_one_below_the_other_and_a_joint_that_was_fol
 def test_no_limits_where_too_many_joints_have_no_recovery() -> None:
     recovery = np.random.default_rng(3).normal(1.6, 0.1, 60)
     had = np.full(60, np.nan)
-    assert charted(recovery, 0.01, None, had).signals is not None
+    assert recovery_chart(recovery, 0.01, None, had).signals is not None
     recovery[:6], had[:6] = np.nan, 1.8
-    chart = charted(recovery, 0.01, None, had)
+    chart = recovery_chart(recovery, 0.01, None, had)
     assert chart.signals is None
     assert "After 6 of 60 joints the next one came before the tip was back" in chart.caption
 

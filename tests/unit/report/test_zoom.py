@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 
 from jbclog.analysis.figures.curves import Span
 from jbclog.analysis.figures.from_samples import trace
-from jbclog.analysis.figures.trace import BACK, CUT_OFF, LATE, Grid, Mark, Trace
+from jbclog.analysis.figures.trace import Grid, JointEnd, Mark, MarkKind, Trace
 from jbclog.report import zoom
 from jbclog.report.write import write_report
 from jbclog.report.zoom import BOUND, LEAST_SPANS, LONGEST_WORD, MOST_READINGS, share, varints, zoom_of
@@ -137,8 +137,10 @@ def test_a_single_reading_is_seen_in_eight_hours() -> None:
 
 
 def test_the_readings_around_what_is_gravest_come_first() -> None:
-    quiet = replace(traced(20_000), gaps=[Span(1500.0, 1510.0, "disconnected")], joints=[Span(100.0, 101.0, LATE)])
-    marked = replace(quiet, marks=[Mark(Span(300.0, 301.0, "high"), "alarm"), Mark(Span(900.0, 900.0, ""), "unconfirmed")])
+    quiet = replace(traced(20_000), gaps=[Span(1500.0, 1510.0, "disconnected")], joints=[Span(100.0, 101.0, JointEnd.LATE)])
+    marked = replace(
+        quiet, marks=[Mark(Span(300.0, 301.0, "high"), MarkKind.ALARM), Mark(Span(900.0, 900.0, ""), MarkKind.UNCONFIRMED)]
+    )
     assert [[round(a), round(b)] for a, b in data(marked, 1300).head["parts"]] == [[270, 331]]
     assert [[round(a), round(b)] for a, b in data(marked, 2600).head["parts"]] == [[270, 331], [870, 930]]
     wide = [(round(a), round(b)) for a, b in data(marked, 8000).head["parts"]]
@@ -146,13 +148,13 @@ def test_the_readings_around_what_is_gravest_come_first() -> None:
 
 
 def test_the_joints_are_there_and_those_without_recovery_apart() -> None:
-    joints = [Span(10.0, 11.04, BACK), Span(20.0, 20.8, LATE), Span(30.0, 45.0, CUT_OFF)]
+    joints = [Span(10.0, 11.04, JointEnd.BACK), Span(20.0, 20.8, JointEnd.LATE), Span(30.0, 45.0, JointEnd.CUT_OFF)]
     found = data(replace(traced(500), joints=joints))
-    assert found.lanes["joints"] == [(10.0, 11.04, BACK), (20.0, 20.8, LATE), (30.0, 45.0, CUT_OFF)]
+    assert found.lanes["joints"] == [(10.0, 11.04, JointEnd.BACK), (20.0, 20.8, JointEnd.LATE), (30.0, 45.0, JointEnd.CUT_OFF)]
 
 
 def test_spans_that_are_too_many_are_left_out_and_counted() -> None:
-    drawn = replace(traced(500), joints=[Span(one / 100, one / 100 + 0.005, BACK) for one in range(LEAST_SPANS + 1)])
+    drawn = replace(traced(500), joints=[Span(one / 100, one / 100 + 0.005, JointEnd.BACK) for one in range(LEAST_SPANS + 1)])
     found = data(drawn, 600)
     assert found.head["left"] == [["joints", LEAST_SPANS + 1]]
     assert "joints" not in found.lanes
@@ -160,7 +162,7 @@ def test_spans_that_are_too_many_are_left_out_and_counted() -> None:
 
 
 def test_words_from_a_record_are_cleaned_and_cut() -> None:
-    drawn = replace(traced(50), marks=[Mark(Span(1.0, 2.0, "</script>\x1b[2J\u202e" + "x" * 500), "unconfirmed")])
+    drawn = replace(traced(50), marks=[Mark(Span(1.0, 2.0, "</script>\x1b[2J\u202e" + "x" * 500), MarkKind.UNCONFIRMED)])
     word = data(drawn).lanes["doubtful"][0][2]
     assert word.startswith("</script>")
     assert word.isprintable()

@@ -17,7 +17,7 @@ from jbclog.analysis.figures.from_samples import trace
 from jbclog.analysis.figures.port import draw
 from jbclog.analysis.figures.style import HATCHES, NARROW, WIDE, Format
 from jbclog.analysis.figures.ticks import round_values, spread
-from jbclog.analysis.figures.trace import Grid, Limit, Mark, Trace
+from jbclog.analysis.figures.trace import Grid, Limit, Mark, MarkKind, Trace
 from support.readers.drawn import boxes, corners, panel, parts, seconds, texts
 from support.records import sealed_run
 
@@ -80,7 +80,11 @@ def test_the_setting_is_drawn_where_it_was_read_and_joined_only_where_it_stood_s
 @pytest.mark.parametrize("rows", [1, 2, 30, 600, 20_000, 60_000])
 def test_no_label_covers_another(form: Format, rows: int) -> None:
     limits = [Limit("high", (-1.0,), (352.0,)), Limit("low", (-1.0,), (349.0,))]
-    marks = [Mark(Span(1, 2, "high"), "alarm"), Mark(Span(5, 9, "port error 9"), "error"), Mark(Span(1, 1, "low"), "unconfirmed")]
+    marks = [
+        Mark(Span(1, 2, "high"), MarkKind.ALARM),
+        Mark(Span(5, 9, "port error 9"), MarkKind.ERROR),
+        Mark(Span(1, 1, "low"), MarkKind.UNCONFIRMED),
+    ]
     gaps = [Span(20, 24, "disconnected"), Span(24.1, 24.2, "timeout")]
     figure = draw(replace(port(rows), limits=limits, marks=marks, gaps=gaps), form)
     placed = boxes(figure)
@@ -150,7 +154,7 @@ def test_rows_without_a_grid_are_placed_by_their_times() -> None:
 
 
 def test_an_alarm_is_drawn_in_its_lane_and_behind_the_curves_where_it_was() -> None:
-    figure = draw(replace(port(), marks=[Mark(Span(20.0, 24.0, "high"), "alarm")]), WIDE)
+    figure = draw(replace(port(), marks=[Mark(Span(20.0, 24.0, "high"), MarkKind.ALARM)]), WIDE)
     (lane,), shaded = parts(figure, "alarm"), parts(figure, "mark")
     assert len(shaded) == 2  # over the temperature and over the power
     for part in (lane, *shaded):
